@@ -22,6 +22,7 @@ from gplfd_env.envs.reinforcement import for_learners
 from gplfd_env.envs.vector import DoorOpeningImpedanceVectorEnv
 from gplfd_env.envs.warp import make_warp
 from gplfd_env.simulation.command import COMMANDS
+from gplfd_env.simulation.loads import NO_DEMANDS
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.wrappers import action_of
 from gplfd_experiments.speed.machine import load
@@ -202,7 +203,7 @@ def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
         }.items():
             advance = envs.unwrapped._batch.advance
             ways[name] = _periods(envs, partial(envs.step, still), n)
-            physics = partial(advance, rest, None, {}, {}, {})
+            physics = partial(advance, rest, None, NO_DEMANDS)
             ways[f"{name}, physics"] = _periods(envs, physics, n)
         times = measure(ways, repeats, least_operations=2 * n * _PERIODS)
         for name, time in times.items():

@@ -47,51 +47,47 @@ ENVIRONMENT_IDS: Final[Mapping[Control, str]] = MappingProxyType(
 TIME_LIMIT = 1500
 """Control periods after which an episode is truncated."""
 
-gymnasium.register(
-    id=ENVIRONMENT_ID,
-    entry_point="gplfd_env.envs.door_opening:DoorOpeningEnv",
-    vector_entry_point="gplfd_env.envs.vector:DoorOpeningVectorEnv",
-    max_episode_steps=TIME_LIMIT,
+
+def _register(id: str, one: str, many: str) -> None:
+    gymnasium.register(
+        id=id,
+        entry_point=f"gplfd_env.envs.{one}",
+        vector_entry_point=f"gplfd_env.envs.{many}",
+        max_episode_steps=TIME_LIMIT,
+    )
+
+
+_register(ENVIRONMENT_ID, "door_opening:DoorOpeningEnv", "vector:DoorOpeningVectorEnv")
+_register(
+    IMPEDANCE_ENVIRONMENT_ID,
+    "door_opening:DoorOpeningImpedanceEnv",
+    "vector:DoorOpeningImpedanceVectorEnv",
 )
-gymnasium.register(
-    id=IMPEDANCE_ENVIRONMENT_ID,
-    entry_point="gplfd_env.envs.door_opening:DoorOpeningImpedanceEnv",
-    vector_entry_point="gplfd_env.envs.vector:DoorOpeningImpedanceVectorEnv",
-    max_episode_steps=TIME_LIMIT,
+_register(
+    MOBILE_ENVIRONMENT_ID,
+    "door_opening:DoorOpeningMobileEnv",
+    "vector:DoorOpeningMobileVectorEnv",
 )
-gymnasium.register(
-    id=MOBILE_ENVIRONMENT_ID,
-    entry_point="gplfd_env.envs.door_opening:DoorOpeningMobileEnv",
-    vector_entry_point="gplfd_env.envs.vector:DoorOpeningMobileVectorEnv",
-    max_episode_steps=TIME_LIMIT,
+_register(
+    GRIPPER_ENVIRONMENT_ID,
+    "gripper:DoorOpeningGripperEnv",
+    "gripper:DoorOpeningGripperVectorEnv",
 )
-gymnasium.register(
-    id=GRIPPER_ENVIRONMENT_ID,
-    entry_point="gplfd_env.envs.gripper:DoorOpeningGripperEnv",
-    vector_entry_point="gplfd_env.envs.gripper:DoorOpeningGripperVectorEnv",
-    max_episode_steps=TIME_LIMIT,
-)
-gymnasium.register(
-    id=RL_ENVIRONMENT_ID,
-    entry_point="gplfd_env.envs.reinforcement:door_opening_rl",
-    vector_entry_point="gplfd_env.envs.reinforcement:door_opening_rl_vector",
-    max_episode_steps=TIME_LIMIT,
+_register(
+    RL_ENVIRONMENT_ID,
+    "reinforcement:door_opening_rl",
+    "reinforcement:door_opening_rl_vector",
 )
 
 # Version 0 let a base exceed its drive's limits. Before a base that stands still it is
 # the same, bit for bit, and can still be made.
 for _id, _name in (
-    (ENVIRONMENT_ID, "door_opening"),
-    (IMPEDANCE_ENVIRONMENT_ID, "impedance"),
-    (GRIPPER_ENVIRONMENT_ID, "gripper"),
-    (RL_ENVIRONMENT_ID, "rl"),
+    (ENVIRONMENT_ID, "version_0:door_opening"),
+    (IMPEDANCE_ENVIRONMENT_ID, "version_0:impedance"),
+    (GRIPPER_ENVIRONMENT_ID, "version_0:gripper"),
+    (RL_ENVIRONMENT_ID, "version_0:rl"),
 ):
-    gymnasium.register(
-        id=_id.replace("-v1", "-v0"),
-        entry_point=f"gplfd_env.envs.version_0:{_name}",
-        vector_entry_point=f"gplfd_env.envs.version_0:{_name}_vector",
-        max_episode_steps=TIME_LIMIT,
-    )
+    _register(_id.replace("-v1", "-v0"), _name, f"{_name}_vector")
 del _id, _name
 
 __all__ = [

@@ -6,14 +6,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def asset_path(name: str) -> Path:
-    """Return the path of an asset file.
-
-    Args:
-        name: File name inside ``assets/``, e.g. ``"tiago_like.urdf"``.
-
-    Raises:
-        FileNotFoundError: Neither the wheel's nor the checkout's folder has it.
-    """
+    """Return the path of a file in ``assets/``, or raise a FileNotFoundError."""
     for folder in (_PACKAGE / "assets", _PACKAGE.parent / "assets"):
         if (folder / name).is_file():
             return folder / name

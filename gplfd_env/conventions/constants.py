@@ -1,6 +1,13 @@
-"""Constants and choices that every part of the environment shares."""
+"""Constants, choices and types that every part of the environment shares."""
 
-from typing import Final, Literal
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Info = dict[str, Any]
 
 Control = Literal["pose", "impedance"]
 """What commands the servo: poses, or poses and stiffnesses."""
@@ -17,3 +24,9 @@ GRIPPER_WIDTH: Final = 0.09
 
 CONTROL_PERIOD: Final = 0.01
 """Time between two commands [s]."""
+
+INTANGIBLE: Final[dict[str, Any]] = {"contype": 0, "conaffinity": 0}
+"""Attributes of a geom that touches nothing."""
+
+UNDRAWN: Final[dict[str, Any]] = {"size": [0.005] * 3, "rgba": [0, 0, 0, 0]}
+"""Attributes of a site that only marks a frame."""

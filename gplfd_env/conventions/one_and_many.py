@@ -73,12 +73,7 @@ atan2, hypot = _by_element(math.atan2), _by_element(math.hypot)
 
 
 def columns(components: Sequence[Number], n: int | None) -> NDArray[np.float64]:
-    """Return a vector as an array of its own, (k,) or (n, k).
-
-    Args:
-        components: Its k components.
-        n: Number of simulations; None for one without the axis.
-    """
+    """Return a vector as an array of its own, (k,), or (n, k) of n simulations."""
     if n is None:
         return np.array(components)
     result = np.empty((n, len(components)))

@@ -7,7 +7,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Mask = NDArray[np.bool_]
+from gplfd_env.conventions.constants import Mask
+
 Record = TypeVar("Record")
 
 Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
@@ -15,14 +16,9 @@ Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 
 
 def checked_options(options: object, allowed: Mapping[str, str]) -> dict[str, Any]:
-    """Return the options that a reset is given; None is as good as nothing.
+    """Return the options of a reset without those that are None.
 
-    Args:
-        options: As a caller gave them.
-        allowed: What each option may be, for messages.
-
-    Raises:
-        ValueError: It is no mapping or has an unknown key.
+    Raises a ValueError with what each option may be if one is unknown.
     """
     if not isinstance(options, Mapping | None):
         raise ValueError(
@@ -64,21 +60,14 @@ def unmasked(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def each(
-    name: str, given: Any, n: int, resolve: Callable[[Any], Record]
+    name: str, given: Any, n: int | None, resolve: Callable[[Any], Record]
 ) -> list[Record]:
-    """Return what holds for every simulation.
+    """Return what holds for each of n simulations, given one for all or a sequence.
 
-    Args:
-        name: What messages call it.
-        given: One for all simulations, or a sequence of n.
-        n: Number of simulations.
-        resolve: Makes a record of one.
-
-    Raises:
-        ValueError: A sequence of another length, or what `resolve` refuses.
+    For one, n is None, and what is given may be no sequence.
     """
-    if not isinstance(given, list | tuple):
-        return [resolve(given)] * n
+    if n is None or not isinstance(given, list | tuple):
+        return [resolve(given)] * (1 if n is None else n)
     if len(given) != n:
         raise ValueError(
             f"{name} must be one for all simulations or a sequence of {n}, got "
@@ -88,11 +77,7 @@ def each(
 
 
 def each_seed(seed: Seeds, n: int) -> list[int | None]:
-    """Return the seed of every simulation.
-
-    Raises:
-        ValueError: A sequence of another length.
-    """
+    """Return the seed of every simulation, or raise a ValueError."""
     given = seed.tolist() if isinstance(seed, np.ndarray | np.generic) else seed
     if given is None:
         return [None] * n
@@ -106,12 +91,7 @@ def each_seed(seed: Seeds, n: int) -> list[int | None]:
 
 
 def chosen_rows(mask: Any, n: int, *, begun: bool) -> Mask:
-    """Return which simulations to reset.
-
-    Raises:
-        ValueError: The mask is not (n,) bool, selects none, or leaves simulations out
-            of the first reset.
-    """
+    """Return which simulations to reset, (n,); the first time all must be."""
     if mask is None:
         return np.ones(n, dtype=bool)
     array = np.asarray(mask)

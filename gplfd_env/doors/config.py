@@ -65,114 +65,81 @@ class DoorConfig:
         0.50, unit="m", low=0.30, high=0.95, reason="the radii the robot can open"
     )
     """Distance from hinge axis to handle axis."""
-
     hinge_friction: float = quantity(0.5, unit="N m", low=0.0, high=50.0)
     """Coulomb friction of the hinge."""
-
     hinge_damping: float = quantity(0.5, unit="N m s/rad", low=0.0, high=50.0)
     """Viscous friction of the hinge."""
-
     closer_stiffness: float = quantity(0.0, unit="N m/rad", low=0.0, high=50.0)
     """Door closer: closing torque that grows with the angle."""
-
     closer_preload: float = quantity(0.0, unit="N m", low=0.0, high=50.0)
     """Door closer: closing torque at every angle, also when closed."""
-
     panel_mass: float = quantity(12.0, unit="kg", low=1.0, high=100.0)
     """Mass of the door leaf."""
-
     handle_height: float = quantity(
         0.85, unit="m", low=0.50, high=1.22, reason="what torso and arm can serve"
     )
     """Height of the grasped point above the floor."""
-
     handle_standoff: float = quantity(0.07, unit="m", low=0.06, high=0.12)
     """Distance between the handle's axis and the leaf's mid-plane."""
-
     handle: Handle = "bar"
     """What the hand holds."""
-
     latch: Latch = "none"
     """What holds the closed door."""
-
     swing: Swing = "pull"
     """Which way it opens."""
-
     hinge_side: HingeSide = "right"
     """Where its hinge is."""
-
     leaf_width: float | None = quantity(None, unit="m", low=0.35, high=1.05)
     """Width of the leaf; None: 1 cm more than `radius` and `backset`."""
-
     backset: float = quantity(0.08, unit="m", low=0.04, high=0.13)
     """From the leaf's free edge to the handle's axis."""
-
     leaf_thickness: float = quantity(0.04, unit="m", low=0.015, high=0.08)
     """Thickness of the leaf."""
-
     stop_angle: float = quantity(
         math.radians(100.0), unit="rad", low=math.radians(30.0), high=math.pi
     )
     """Angle at which the leaf meets its stop."""
-
     stiction: float = quantity(0.0, unit="N m", low=0.0, high=50.0)
     """Torque that keeps the door closed; faded when it is open by 0.5°."""
-
     seal: float = quantity(0.0, unit="N m", low=0.0, high=20.0)
     """Closing torque of the seal at the closed door."""
-
     seal_angle: float = quantity(
         math.radians(4.0), unit="rad", low=math.radians(0.5), high=math.radians(15.0)
     )
     """Where the seal's torque has faded to nothing, linearly."""
-
     closer_boost: float = quantity(0.0, unit="N m", low=0.0, high=50.0)
     """Door closer: additional closing torque at the closed door (latch boost)."""
-
     closer_boost_angle: float = quantity(
         math.radians(30.0), unit="rad", low=math.radians(5.0), high=math.radians(90.0)
     )
     """Where that has faded to nothing, linearly."""
-
     closer_friction: float = quantity(0.0, unit="N m", low=0.0, high=30.0)
     """Door closer: half of opening minus closing moment."""
-
     closer_damping: float = quantity(0.0, unit="N m s/rad", low=0.0, high=50.0)
     """Door closer: damping while the door moves."""
-
     closing_damping: float = quantity(0.0, unit="N m s/rad", low=0.0, high=200.0)
     """Door closer: additional damping while the door closes."""
-
     backcheck_damping: float = quantity(0.0, unit="N m s/rad", low=0.0, high=200.0)
     """Door closer: additional damping while the door opens beyond `backcheck_angle`."""
-
     backcheck_angle: float = quantity(
         math.radians(70.0), unit="rad", low=math.radians(30.0), high=math.pi
     )
     """Where that begins."""
-
     handle_length: float = quantity(0.12, unit="m", low=0.10, high=0.15)
     """Lever: from the axis about which it turns to its end."""
-
     handle_preload: float | None = quantity(None, unit="N m", low=0.0, high=2.0)
     """Lever, knob: torque of the return spring at rest; None: 0.5 of a lever, 0.175 of
     a knob: fingers hold a third of what a lever takes."""
-
     handle_stiffness: float | None = quantity(None, unit="N m/rad", low=0.1, high=5.0)
     """Lever, knob: what the return spring adds per angle; None: 1.2 and 0.2."""
-
     handle_travel: float = quantity(0.80, unit="rad", low=0.3, high=1.2)
     """Lever, knob: angle at which it meets its stop."""
-
     dead_travel: float = quantity(0.06, unit="rad", low=0.0, high=0.2)
     """Lever, knob: angle at which it begins to retract the bolt."""
-
     bolt_throw: float = quantity(0.0127, unit="m", low=0.010, high=0.020)
     """Latch: how far the bolt stands out; the handle's whole travel draws it in."""
-
     bolt_preload: float = quantity(4.0, unit="N", low=1.0, high=20.0)
     """Latch: force of the bolt's spring where it stands out."""
-
     bolt_stiffness: float = quantity(300.0, unit="N/m", low=50.0, high=2000.0)
     """Latch: what the bolt's spring adds per length."""
 
@@ -180,7 +147,23 @@ class DoorConfig:
         for name, allowed in _CHOICES.items():
             check_choice(f"DoorConfig.{name}", getattr(self, name), get_args(allowed))
         check_quantities(self)
-        problem = _disagreement(self)
+        problem = ""
+        if self.latch == "spring" and self.handle == "bar":
+            problem = (
+                "latch = 'spring' with handle = 'bar', which does not turn and could "
+                "not retract the bolt; choose handle = 'lever' or 'knob'"
+            )
+        elif abs(self.overhang) > _DISAGREEMENT:
+            problem = (
+                f"leaf_width = {self.leaf_width:g} minus backset = {self.backset:g} is "
+                f"not radius = {self.radius:g} within {_DISAGREEMENT:g} m; leave "
+                "leaf_width None to have it follow"
+            )
+        elif self.dead_travel > 0.5 * self.handle_travel:
+            problem = (
+                f"dead_travel = {self.dead_travel:g} is more than half of "
+                f"handle_travel = {self.handle_travel:g}"
+            )
         if problem:
             raise ValueError(f"no such door: {problem}")
 
@@ -268,30 +251,6 @@ _CHOICES: Final = {
 }
 
 
-def _disagreement(door: DoorConfig) -> str:
-    """Return which fields contradict each other; "" if none do."""
-    if door.latch == "spring" and door.handle == "bar":
-        return (
-            "latch = 'spring' with handle = 'bar', which does not turn and could not "
-            "retract the bolt; choose handle = 'lever' or 'knob'"
-        )
-    if abs(door.overhang) > _DISAGREEMENT:
-        return (
-            f"leaf_width = {door.leaf_width:g} minus backset = {door.backset:g} is not "
-            f"radius = {door.radius:g} within {_DISAGREEMENT:g} m; leave leaf_width "
-            "None to have it follow"
-        )
-    if door.dead_travel > 0.5 * door.handle_travel:
-        return (
-            f"dead_travel = {door.dead_travel:g} is more than half of handle_travel = "
-            f"{door.handle_travel:g}"
-        )
-    return ""
-
-
-_RADII: Final = allowed_range(DoorConfig, "radius")
-
-
 def _room(
     width: float, construction: str = "tubular-strips", **more: Any
 ) -> DoorConfig:
@@ -350,23 +309,12 @@ DoorSpec = str | float | Mapping[str, Any] | DoorConfig
 def door_config(door: DoorSpec) -> DoorConfig:
     """Resolve a door's name, radius, mapping or configuration.
 
-    Args:
-        door: A preset's name (``"medium"``), a radius [m] (``0.42``), a mapping of
-            `DoorConfig` fields with an optional ``"preset"`` to start from
-            (``{"preset": "medium", "hinge_friction": 2.0}``), or a `DoorConfig`.
-
-    Raises:
-        ValueError: An unknown preset or field, or a value outside its range.
-        TypeError: Anything else.
+    A preset's name (``"medium"``), a radius [m] (``0.42``), a mapping of `DoorConfig`
+    fields with an optional ``"preset"`` to start from (``{"preset": "medium",
+    "hinge_friction": 2.0}``), or a `DoorConfig`. Raises a ValueError for an unknown
+    preset or field, or a value outside its range, a TypeError for anything else.
     """
-    if isinstance(door, DoorConfig):
-        return door
     if isinstance(door, numbers.Real) and not isinstance(door, bool):
         return DoorConfig(radius=float(door))
-    if isinstance(door, str | Mapping):
-        hint = f"a radius in metres within {_RADII}"
-        return preset(door, DOORS, "medium", "door", hint)
-    raise TypeError(
-        "door must be a preset's name, a radius in metres, a mapping of DoorConfig "
-        f"fields or a DoorConfig, got {door!r} ({type(door).__name__})"
-    )
+    radii = allowed_range(DoorConfig, "radius")
+    return preset(door, DOORS, "medium", "door", "a radius in metres", radii)

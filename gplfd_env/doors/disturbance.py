@@ -17,6 +17,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 
 from gplfd_env.validation.fields import (
+    Ranges,
     check_choice,
     check_ranges,
     draw_ranges,
@@ -36,7 +37,6 @@ Held = Literal["hand", "door"]
 Profile = Literal["half_sine", "constant"]
 """How a push grows and fades."""
 
-
 _ANGLES: Final[Any] = {"unit": "rad", "low": 0.0, "high": math.radians(95.0)}
 _TIMES: Final[Any] = {"unit": "s", "low": 0.0, "high": 1000.0}
 _DURATIONS: Final[Any] = {"unit": "s", "above": 0.0, "high": 1000.0}
@@ -44,13 +44,7 @@ _DURATIONS: Final[Any] = {"unit": "s", "above": 0.0, "high": 1000.0}
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Push:
-    """A force on hand, forearm or leaf, in the axes of the handle's circle.
-
-    Raises:
-        ValueError: A number is not finite or not allowed, or there is no such target
-            or profile.
-        TypeError: A value is neither a number nor a pair of numbers.
-    """
+    """A force on hand, forearm or leaf, in the axes of the handle's circle."""
 
     on: Target = "hand"
     """Where it acts: ``"hand"`` and ``"forearm"`` at their centres of mass; ``"door"``
@@ -84,10 +78,6 @@ class Person:
     ISO/TS 15066 (hands and fingers: 0.6 kg, 75 N/mm) and hangs on a softer
     spring-damper, the arm, at where it was when it took hold. It moves along the
     handle's circle only.
-
-    Raises:
-        ValueError: A number is not finite or not allowed, or there is no such target.
-        TypeError: A value is neither a number nor a pair of numbers.
     """
 
     on: Held = "hand"
@@ -118,34 +108,22 @@ class Person:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Stop:
-    """The door does not open further, because somebody is behind it or it is locked.
-
-    Raises:
-        ValueError: A number is not finite or not allowed.
-        TypeError: A value is neither a number nor a pair of numbers.
-    """
+class Stop(Ranges):
+    """The door does not open further, because somebody is behind it or it is locked."""
 
     angle: Number = quantity(0.0, unit="rad", low=0.0, high=math.radians(95.0))
     """Greatest opening angle meanwhile; 0 is a locked door."""
     duration: Number = quantity(1000.0, **_DURATIONS)
     """From the door's first touch (within half a degree) until it is free."""
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Bump:
+class Bump(Ranges):
     """The robot's base is moved, and its task frame with it; the robot does not know.
 
     What it commands happens beside the door by the displacement, and what it observes
     is off by as much: position of the hand and its velocity. The arm's change of
     posture and the inertia of the push are left out.
-
-    Raises:
-        ValueError: A number is not finite or not allowed.
-        TypeError: A value is neither a number nor a pair of numbers.
     """
 
     forward: Number = quantity(0.0, unit="m", low=-0.05, high=0.05)
@@ -159,18 +137,10 @@ class Bump:
     duration: Number = quantity(0.3, **_DURATIONS)
     """How long the base moves (a minimum-jerk motion)."""
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Breakaway:
-    """A hinge that sticks before it first moves, and a seal near the frame.
-
-    Raises:
-        ValueError: A number is not finite or not allowed.
-        TypeError: A value is neither a number nor a pair of numbers.
-    """
+class Breakaway(Ranges):
+    """A hinge that sticks before it first moves, and a seal near the frame."""
 
     stiction: Number = quantity(0.0, unit="N m", low=0.0, high=50.0)
     """Friction of the hinge in addition to the door's own, until it has moved by half
@@ -183,17 +153,18 @@ class Breakaway:
     )
     """Where the leaf leaves the seal."""
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Disturbance:
     """External events of an episode; None: there is none of this kind.
 
+    A field may be given as a mapping of its record's fields.
+
     Raises:
-        ValueError: A field's mapping has an unknown key or a value not allowed.
-        TypeError: A field is neither its record, a mapping, nor None.
+        ValueError: A field's mapping has an unknown key, or a number that is not finite
+            or not allowed, or there is no such choice.
+        TypeError: A field is neither its record, a mapping, nor None, or a value is
+            neither a number nor a pair of numbers.
     """
 
     push: Push | None = None
@@ -226,9 +197,8 @@ class Disturbance:
     def drawn(self, rng: np.random.Generator) -> Disturbance:
         """Return the disturbance of one episode, each pair replaced by a draw from it.
 
-        Args:
-            rng: One uniform number per number of each record, whether it is drawn or
-                not, so that disturbances that differ in one range share all others.
+        One uniform number per number of each record, whether it is drawn or not, so
+        that disturbances that differ in one range share all others.
         """
         return dataclasses.replace(
             self,
@@ -250,16 +220,9 @@ class Disturbance:
 
 
 CAUSES: Final[Mapping[str, Any]] = MappingProxyType(
-    {
-        "push": Push,
-        "person": Person,
-        "stop": Stop,
-        "bump": Bump,
-        "breakaway": Breakaway,
-    }
+    {"push": Push, "person": Person, "stop": Stop, "bump": Bump, "breakaway": Breakaway}
 )
 """Record of each field of `Disturbance`, by its name."""
-
 
 DISTURBANCES: Final[Mapping[str, Disturbance]] = MappingProxyType(
     {
@@ -292,36 +255,19 @@ DisturbanceSpec = str | Mapping[str, Any] | Disturbance
 def disturbance_named(spec: DisturbanceSpec) -> Disturbance:
     """Resolve a disturbance's name, mapping or record.
 
-    Args:
-        spec: A preset's name (``"person"``), a mapping of `Disturbance` fields with an
-            optional ``"preset"`` to start from, also within its records
-            (``{"preset": "push", "push": {"duration": 0.5}}``), or a `Disturbance`.
-
-    Raises:
-        ValueError: An unknown preset or field, or a value not allowed.
-        TypeError: Anything else.
+    A preset's name (``"person"``), a mapping of `Disturbance` fields with an optional
+    ``"preset"`` to start from, also within its records (``{"preset": "push", "push":
+    {"duration": 0.5}}``), or a `Disturbance`. Raises a ValueError for an unknown preset
+    or field, or a value not allowed, a TypeError for anything else.
     """
-    if isinstance(spec, Disturbance):
-        return spec
-    if isinstance(spec, str | Mapping):
-        hint = "a mapping of Disturbance fields"
-        given = spec if isinstance(spec, str) else _upon_preset(spec)
-        return preset(given, DISTURBANCES, "none", "disturbance", hint)
-    raise TypeError(
-        "disturbance must be a preset's name, a mapping of Disturbance fields or a "
-        f"Disturbance, got {spec!r} ({type(spec).__name__})"
-    )
-
-
-def _upon_preset(spec: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a mapping whose records have what the preset's have and it leaves out."""
-    name = spec.get("preset", "none")
-    start = DISTURBANCES.get(name) if isinstance(name, str) else None
-    return {
-        key: with_fields(begun, value, key)
-        if isinstance(value, Mapping)
-        and key in CAUSES
-        and (begun := getattr(start, key, None))
-        else value
-        for key, value in spec.items()
-    }
+    given: Any = spec
+    if isinstance(spec, Mapping):
+        # Records of the mapping have what those of its preset have and they leave out.
+        name = spec.get("preset", "none")
+        start = DISTURBANCES.get(name) if isinstance(name, str) else None
+        given = dict(spec)
+        for cause in CAUSES:
+            begun, value = getattr(start, cause, None), spec.get(cause)
+            if begun and isinstance(value, Mapping):
+                given[cause] = with_fields(begun, value, cause)
+    return preset(given, DISTURBANCES, "none", "disturbance")

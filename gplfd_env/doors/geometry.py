@@ -7,18 +7,19 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gplfd_env.conventions.constants import Array
 from gplfd_env.doors.config import DoorConfig, HingeSide, Swing
 from gplfd_env.spatial.se3 import compose_rotvecs
-
-Array = NDArray[np.float64]
 
 _TURN: Final = 0.5
 """Share of the leaf's turn that a hand takes where it pushes something round."""
 
+_NOT_TURNED: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
 _ROUND: Final = 0.03
-"""Who holds a handle nearer to its axis than this holds a knob [m]."""
+"""Below this distance from its axis a handle counts as a knob [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,25 +34,19 @@ class DoorGeometry:
     hinge: Array
     """The point of the hinge axis nearest to the origin [m], (3,); given as any point
     of the axis."""
-
     axis: Array
     """Its direction, (3,), a unit vector; given with any length. A positive turn about
     it opens the door."""
-
     spindle: Array | None = None
     """A point of the axis about which the handle turns in the leaf [m], (3,), while the
     door is closed; None if the handle does not turn."""
-
     turn: Array | None = None
     """That axis's direction, (3,), a unit vector; given with any length. A positive
     turn about it draws the bolt."""
-
     travel: float = 0.0
     """How far the handle can be turned [rad]; 0 if it does not turn."""
-
     radius: float = field(init=False)
     """Distance of the hand from the hinge axis [m]."""
-
     pull: Array = field(init=False)
     """Direction in which the closed handle begins to move, (3,), a unit vector."""
 
@@ -86,13 +81,7 @@ class DoorGeometry:
     def nominal(
         cls, radius: float, swing: Swing = "pull", hinge_side: HingeSide = "right"
     ) -> DoorGeometry:
-        """Return a door before a robot that stands right.
-
-        Args:
-            radius: Distance of the hand from the hinge axis [m].
-            swing: Which way it opens.
-            hinge_side: Where its hinge is.
-        """
+        """Return a door of a radius [m] before a robot that stands right."""
         side = 1.0 if hinge_side == "right" else -1.0
         way = 1.0 if swing == "pull" else -1.0
         return cls(
@@ -101,14 +90,28 @@ class DoorGeometry:
         )
 
     @classmethod
-    def of(cls, door: DoorConfig) -> DoorGeometry:
-        """Return a door before a robot that stands and grasps right."""
+    def of(
+        cls,
+        door: DoorConfig,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        rotation: ArrayLike = _NOT_TURNED,
+    ) -> DoorGeometry:
+        """Return a door, by default before a robot that stands and grasps right.
+
+        Args:
+            door: The door.
+            position: Where the hand takes hold, door frame, (3,) [m].
+            rotation: Axes of the task frame in the door frame, (3, 3).
+        """
+        to_task, origin = np.asarray(rotation, float).T, np.asarray(position, float)
         side, turns = door.side, door.handle != "bar"
+        hinge = np.array([0.0, 0.0, -side * door.hand_radius])
+        spindle = np.array([0.0, 0.0, side * door.grip])
         return cls(
-            hinge=np.array([0.0, 0.0, -side * door.hand_radius]),
-            axis=np.array([0.0, side * door.way, 0.0]),
-            spindle=np.array([0.0, 0.0, side * door.grip]) if turns else None,
-            turn=np.array([-side, 0.0, 0.0]) if turns else None,
+            hinge=to_task @ (hinge - origin),
+            axis=to_task @ np.array([0.0, side * door.way, 0.0]),
+            spindle=to_task @ (spindle - origin) if turns else None,
+            turn=to_task @ np.array([-side, 0.0, 0.0]) if turns else None,
             travel=door.handle_travel if turns else 0.0,
         )
 
@@ -150,18 +153,14 @@ class DoorGeometry:
 
         A bar or a knob can be held from any side: where it is pushed, the hand turns by
         half as much as the leaf, so that the arm goes through the frame and not into
-        the jamb beside the lock. Everything else is held rigidly. Arguments, result and
-        errors are those of `hand_poses`.
+        the jamb beside the lock. Everything else is held rigidly, as in `hand_poses`.
         """
         poses = self.hand_poses(angle, turn)
-        if self.pull[0] < 0.0 and self._is_round:
+        spindle = self.spindle
+        is_round = spindle is None or float(spindle @ spindle) < _ROUND**2
+        if self.pull[0] < 0.0 and is_round:
             poses[..., 3:] = self.hand_poses(_TURN * np.asarray(angle), turn)[..., 3:]
         return poses
-
-    @property
-    def _is_round(self) -> bool:
-        spindle = self.spindle
-        return spindle is None or float(spindle @ spindle) < _ROUND**2
 
     def direction(self, angle: float) -> Array:
         """Return where the hand moves at an angle [rad]: a unit vector, (3,)."""

@@ -13,23 +13,14 @@ GRAVITY: Final = 9.81
 
 
 class CloserSize(NamedTuple):
-    """A row of EN 1154, table 1, for a power size.
+    """A row of EN 1154, table 1, for a power size."""
 
-    Attributes:
-        closing: Closing moment between 0 and 4°, least and greatest [N m].
-        closing_open: Least closing moment between 88 and 92° [N m].
-        opening: Greatest opening moment between 0 and 60° [N m].
-        efficiency: Least ratio of closing to opening moment between 0 and 4°.
-        widest: Greatest width of the leaf [m].
-        heaviest: Greatest mass of the leaf [kg].
-    """
-
-    closing: tuple[float, float]
-    closing_open: float
-    opening: float
-    efficiency: float
-    widest: float
-    heaviest: float
+    closing: tuple[float, float]  # Moment from 0 to 4°, least and greatest [N m].
+    closing_open: float  # Least moment from 88 to 92° [N m].
+    opening: float  # Greatest moment from 0 to 60° [N m].
+    efficiency: float  # Least ratio of closing to opening moment from 0 to 4°.
+    widest: float  # Greatest width of the leaf [m].
+    heaviest: float  # Greatest mass of the leaf [kg].
 
 
 EN_1154: Final = MappingProxyType(
@@ -111,8 +102,7 @@ def en1154(size: int, efficiency: float | None = None) -> dict[str, float]:
 def spring_hinge(moment: float = 6.0) -> dict[str, float]:
     """Return the fields of a spring hinge without a damper.
 
-    Args:
-        moment: Closing moment at the closed door [N m]; it doubles over 90°.
+    The closing moment at the closed door [N m] doubles over 90°.
     """
     return {
         "closer_preload": moment,
@@ -126,18 +116,10 @@ def spring_hinge(moment: float = 6.0) -> dict[str, float]:
 
 
 def bearing_friction(mass: float, width: float, bearing: str = "ball") -> float:
-    """Return the Coulomb friction of a leaf's hinges [N m].
+    """Return the Coulomb friction of the hinges of a leaf [N m], by its mass and width.
 
     μ (m g r_thrust + 2 F r_pin) with the horizontal load F = m g (W / 2) / span: the
-    bearing model of DoorBench's docs/PHYSICS.md.
-
-    Args:
-        mass: Of the leaf [kg].
-        width: Of the leaf [m].
-        bearing: A key of `BEARINGS`.
-
-    Raises:
-        ValueError: An unknown bearing.
+    bearing model of DoorBench's docs/PHYSICS.md. The bearing is a key of `BEARINGS`.
     """
     check_choice("bearing", bearing, BEARINGS)
     weight = mass * GRAVITY
@@ -154,14 +136,9 @@ def leaf(
 ) -> dict[str, float]:
     """Return the fields of an unrebated leaf of `LEAF_HEIGHT`.
 
-    Args:
-        width: Of the leaf [m].
-        construction: A key of `CONSTRUCTIONS`.
-        backset: From the lock's edge to the axis of the handle [m].
-        bearing: A key of `BEARINGS`.
-
-    Raises:
-        ValueError: An unknown construction or bearing.
+    From its width [m], a key of `CONSTRUCTIONS`, the distance from the lock's edge to
+    the axis of the handle [m], and a key of `BEARINGS`. Raises a ValueError for an
+    unknown construction or bearing.
     """
     check_choice("construction", construction, CONSTRUCTIONS)
     mass = CONSTRUCTIONS[construction] * width * LEAF_HEIGHT

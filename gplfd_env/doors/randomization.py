@@ -54,54 +54,39 @@ class DoorRandomization:
 
     radius: Pair | None = None
     """Handle-to-hinge distance [m]."""
-
     hinge_friction: Pair | None = None
     """Coulomb friction of the hinge [N m]."""
-
     hinge_damping: Pair | None = None
     """Viscous friction of the hinge [N m s/rad]."""
-
     closer_stiffness: Pair | None = None
     """Closing torque that grows with the angle [N m/rad]."""
-
     closer_preload: Pair | None = None
     """Constant closing torque [N m]."""
-
     panel_mass: Pair | None = None
     """Mass of the leaf [kg]."""
-
     handle_height: Pair | None = None
     """Height of the handle above the floor [m]."""
-
     base_position: float = _half_width("base_x")
     """Placement error of the base in x and y, each within ± this [m]."""
-
     base_yaw: float = _half_width("base_yaw")
     """Heading error of the base within ± this [rad]."""
-
     grasp_height: float = _half_width("grasp_height")
     """Grasped point along the bar within ± this [m]."""
-
     grasp_depth: float = _half_width("grasp_depth")
     """Bar between the finger pads within ± this [m]."""
-
     pose_noise: Pair = (0.0, 0.0)
     """Standard deviation of the observed position [m] and rotation vector [rad]."""
-
     wrench_noise: Pair = (0.0, 0.0)
     """Standard deviation of the observed force [N] and torque [N m]."""
-
     shortest_delay: int = quantity(
         0, unit="control periods", low=0, high=allowed_range(Variation, "delay").high
     )
     """Commands take effect after this many control periods or more, at most
     `longest_delay`."""
-
     longest_delay: int = quantity(
         0, unit="control periods", low=0, high=allowed_range(Variation, "delay").high
     )
     """Commands take effect after `shortest_delay` to this many control periods."""
-
     doors: Doors = "given"
     """``"given"``: the door that the environment is told, but for the ranges above;
     ``"standard"``: one drawn by `gplfd_env.doors.standard` instead."""
@@ -157,10 +142,8 @@ class DoorRandomization:
     def sample(self, door: DoorConfig, rng: np.random.Generator) -> Variation:
         """Draw one episode.
 
-        Args:
-            door: Gives every value that is not varied.
-            rng: Where the draws come from; always the same number of them, and one more
-                where doors are drawn by the standards.
+        Always the same number of draws, and one more where doors are drawn by the
+        standards.
         """
         draws = iter(rng.random(len(_DOOR_FIELDS) + 6).tolist())
         if self.doors == "standard":
@@ -212,23 +195,12 @@ RandomizationSpec = str | Mapping[str, Any] | DoorRandomization
 def door_randomization(spec: RandomizationSpec) -> DoorRandomization:
     """Resolve a randomisation's name, mapping or record.
 
-    Args:
-        spec: A preset's name (``"mild"``), a mapping of `DoorRandomization` fields with
-            an optional ``"preset"`` to start from, or a `DoorRandomization`.
-
-    Raises:
-        ValueError: An unknown preset or field, or an impossible range.
-        TypeError: Anything else.
+    A preset's name (``"mild"``), a mapping of `DoorRandomization` fields with an
+    optional ``"preset"`` to start from, or a `DoorRandomization`. Raises a ValueError
+    for an unknown preset or field, or an impossible range, a TypeError for anything
+    else.
     """
-    if isinstance(spec, DoorRandomization):
-        return spec
-    if isinstance(spec, str | Mapping):
-        hint = "a mapping of DoorRandomization fields"
-        return preset(spec, RANDOMIZATIONS, "none", "randomization", hint)
-    raise TypeError(
-        "randomization must be a preset's name, a mapping of DoorRandomization "
-        f"fields or a DoorRandomization, got {spec!r} ({type(spec).__name__})"
-    )
+    return preset(spec, RANDOMIZATIONS, "none", "randomization")
 
 
 RANDOMIZATIONS: Final[Mapping[str, DoorRandomization]] = MappingProxyType(

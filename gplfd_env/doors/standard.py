@@ -26,11 +26,7 @@ _LARGEST: Final = 2
 
 
 def standard_door(rng: np.random.Generator) -> DoorConfig:
-    """Draw a door of a building: its structure, leaf, handle, latch and closer.
-
-    Args:
-        rng: Where the draws come from; their number differs from door to door.
-    """
+    """Draw a door of a building: its structure, leaf, handle, latch and closer."""
     width, backset = LEAVES[rng.integers(len(LEAVES))]
     construction = _CONSTRUCTIONS[rng.integers(len(_CONSTRUCTIONS))]
     fields: dict[str, Any] = leaf(
@@ -48,44 +44,32 @@ def standard_door(rng: np.random.Generator) -> DoorConfig:
         "seal": rng.uniform(0.0, 3.0),
         "seal_angle": math.radians(rng.uniform(2.0, 5.0)),
     }
-    fields |= _handle(handle, rng)
-    fields |= _closer(_choice(_CLOSERS, rng), width, fields["panel_mass"], rng)
-    return DoorConfig(**fields)
-
-
-def _handle(handle: str, rng: np.random.Generator) -> dict[str, float]:
-    """Return the fields of a handle and its bolt."""
-    bolt = {
-        "bolt_throw": (0.0127, 0.019)[rng.integers(2)],
-        "bolt_preload": rng.uniform(2.5, 8.0),
-    }
+    fields["bolt_throw"] = (0.0127, 0.019)[rng.integers(2)]
+    fields["bolt_preload"] = rng.uniform(2.5, 8.0)
     if handle == "lever":
-        return bolt | {
-            "handle_length": rng.uniform(0.105, 0.125),
-            "handle_preload": rng.uniform(0.35, 0.70),
-            "handle_stiffness": rng.uniform(0.9, 1.4),
-            "handle_travel": rng.uniform(0.65, 0.96),
-        }
-    return bolt | {
-        "handle_preload": rng.uniform(0.10, 0.25),
-        "handle_stiffness": rng.uniform(0.1, 0.3),
-        "handle_travel": rng.uniform(math.radians(45.0), math.radians(60.0)),
-    }
-
-
-def _closer(
-    kind: str, width: float, mass: float, rng: np.random.Generator
-) -> dict[str, float]:
-    """Return the fields of a closer; none where the leaf asks for a larger one."""
+        fields["handle_length"] = rng.uniform(0.105, 0.125)
+        fields["handle_preload"] = rng.uniform(0.35, 0.70)
+        fields["handle_stiffness"] = rng.uniform(0.9, 1.4)
+        fields["handle_travel"] = rng.uniform(0.65, 0.96)
+    else:
+        fields["handle_preload"] = rng.uniform(0.10, 0.25)
+        fields["handle_stiffness"] = rng.uniform(0.1, 0.3)
+        fields["handle_travel"] = rng.uniform(math.radians(45.0), math.radians(60.0))
+    # There is no closer where the leaf asks for a larger one than is drawn.
+    closer = _choice(_CLOSERS, rng)
     sizes = [
         size
         for size, row in EN_1154.items()
-        if size <= _LARGEST and width <= row.widest and mass <= row.heaviest
+        if size <= _LARGEST
+        and width <= row.widest
+        and fields["panel_mass"] <= row.heaviest
     ]
-    if kind == "EN 1154" and sizes:
+    if closer == "EN 1154" and sizes:
         least = EN_1154[sizes[0]].efficiency
-        return en1154(sizes[0], rng.uniform(least + 0.1, 0.9))
-    return spring_hinge(rng.uniform(3.0, 8.0)) if kind == "spring hinge" else {}
+        fields |= en1154(sizes[0], rng.uniform(least + 0.1, 0.9))
+    elif closer == "spring hinge":
+        fields |= spring_hinge(rng.uniform(3.0, 8.0))
+    return DoorConfig(**fields)
 
 
 def _choice(shares: dict[str, float], rng: np.random.Generator) -> str:

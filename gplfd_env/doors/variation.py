@@ -10,63 +10,43 @@ import numpy as np
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.disturbance import Disturbance
-from gplfd_env.validation.fields import allowed_range, check_quantities, quantity
+from gplfd_env.validation.fields import Quantities, allowed_range, quantity
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Placement:
+class Placement(Quantities):
     """Placement error of the robot and of its grasp.
 
     The robot does not know this error. The task frame's origin is the pose of the hand
     at the grasp, and its x axis is the direction that the robot believes the door to
     face. A heading error therefore turns the door's true arc in the task frame.
-
-    Raises:
-        ValueError: A field is not finite or outside its range.
-        TypeError: A field is not a number.
     """
 
     base_x: float = quantity(0.0, unit="m", low=-0.05, high=0.05)
     """The base is this far ahead of where it should be."""
-
     base_y: float = quantity(0.0, unit="m", low=-0.05, high=0.05)
     """The base is this far to the left of where it should be."""
-
     base_yaw: float = quantity(0.0, unit="rad", low=-0.1, high=0.1)
     """The base is turned this far to the left."""
-
     grasp_height: float = quantity(0.0, unit="m", low=-0.05, high=0.05)
     """The hand holds the bar this far above its middle."""
-
     grasp_depth: float = quantity(0.0, unit="m", low=-0.008, high=0.008)
     """The bar lies this far towards the finger tips."""
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Standoff:
+class Standoff(Quantities):
     """Initial position of the open hand in front of the handle.
 
     Its orientation is that of the grasp.
-
-    Raises:
-        ValueError: A field is not finite or outside its range.
-        TypeError: A field is not a number.
     """
 
     distance: float = quantity(0.15, unit="m", low=0.10, high=0.20)
     """Distance from the grasp."""
-
     aside: float = quantity(0.0, unit="rad", low=-0.25, high=0.25)
     """Direction from the grasp: angle to the left of straight back."""
-
     above: float = quantity(0.0, unit="rad", low=-0.25, high=0.25)
     """Direction from the grasp: angle above straight back."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Standoff:
@@ -78,28 +58,17 @@ class Standoff:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class SensorNoise:
-    """Standard deviations of white Gaussian noise on what the robot observes.
-
-    Raises:
-        ValueError: A field is negative, too large or not finite.
-        TypeError: A field is not a number.
-    """
+class SensorNoise(Quantities):
+    """Standard deviations of white Gaussian noise on what the robot observes."""
 
     position: float = quantity(0.0, unit="m", low=0.0, high=0.01)
     """On the hand's position."""
-
     rotation: float = quantity(0.0, unit="rad", low=0.0, high=0.1)
     """On the hand's rotation vector."""
-
     force: float = quantity(0.0, unit="N", low=0.0, high=10.0)
     """On the wrist's force."""
-
     torque: float = quantity(0.0, unit="N m", low=0.0, high=1.0)
     """On the wrist's torque."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     @property
     def silent(self) -> bool:
@@ -108,7 +77,7 @@ class SensorNoise:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Variation:
+class Variation(Quantities):
     """One episode's door and circumstances.
 
     Raises:
@@ -117,24 +86,16 @@ class Variation:
 
     door: DoorConfig = field(default_factory=DoorConfig)
     """The door."""
-
     placement: Placement = field(default_factory=Placement)
     """How the robot stands and grasps."""
-
     noise: SensorNoise = field(default_factory=SensorNoise)
     """Sensor noise."""
-
     delay: int = quantity(0, unit="control periods", low=0, high=10)
     """Delay from a command to its effect."""
-
     disturbance: Disturbance = field(default_factory=Disturbance)
     """External events."""
-
     standoff: Standoff | None = None
     """Initial position of the hand; None if it holds the handle."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def as_dict(self) -> dict[str, Any]:
         """Every number by name, e.g. for logs."""

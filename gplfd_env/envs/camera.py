@@ -16,17 +16,8 @@ _EFFECTS: Final = (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLE
 class Camera:
     """Draws the state of a model; a renderer is made when it is first needed.
 
-    A deep or unpickled copy makes a renderer of its own.
-
-    Args:
-        model: A scene; a picture of another makes another renderer.
-        width: Of the picture [px].
-        height: Of the picture [px].
-        name: Of a camera in the model.
-        effects: Shadows, reflections and smooth edges in pictures.
-
-    Raises:
-        ValueError: An impossible size or an unknown camera.
+    A deep or unpickled copy makes a renderer of its own, and so does a picture of
+    another model. Raises a ValueError for an impossible size [px] or an unknown camera.
     """
 
     _without_opengl: ClassVar[str] = ""
@@ -56,20 +47,21 @@ class Camera:
     def picture(self, mode: str, data: mujoco.MjData) -> Any:
         """Return a picture in one of the environment's render modes.
 
-        Args:
-            mode: Which.
-            data: The state to draw, the same object as long as its model is.
-
-        Raises:
-            RuntimeError: OpenGL is not to be had; the message says what to install.
+        `data` is the same object as long as its model is. Raises a RuntimeError that
+        says what to install where OpenGL is not to be had.
         """
         if mode == "human":
-            return self._show(data)
-        if mode == "rgb_array":
-            return self._draw(data, depth=False)
-        if mode == "depth_array":
-            return self._draw(data, depth=True)
-        return self._draw(data, depth=False), self._draw(data, depth=True)
+            if self._window is None or self._drawn is not data.model:
+                self.close()
+                self._drawn, size = data.model, (self._width, self._height)
+                self._window = MujocoRenderer(
+                    data.model, data, None, *size, camera_name=self._name
+                )
+            self._window.render("human")
+            return None
+        if mode == "rgbd_tuple":
+            return self._draw(data, depth=False), self._draw(data, depth=True)
+        return self._draw(data, depth=mode == "depth_array")
 
     def close(self) -> None:
         """Free window and renderer; may be called more than once."""
@@ -79,20 +71,6 @@ class Camera:
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-    def _show(self, data: mujoco.MjData) -> None:
-        if self._window is None or self._drawn is not data.model:
-            self.close()
-            self._drawn = data.model
-            self._window = MujocoRenderer(
-                data.model,
-                data,
-                None,
-                self._width,
-                self._height,
-                camera_name=self._name,
-            )
-        self._window.render("human")
 
     def _draw(self, data: mujoco.MjData, *, depth: bool) -> Any:
         if self._renderer is None or self._drawn is not data.model:
@@ -133,11 +111,7 @@ class Camera:
 
 
 def require_display() -> None:
-    """Raise where a window would have no display.
-
-    Raises:
-        RuntimeError: There is none; opening the window would abort Python.
-    """
+    """Raise a RuntimeError where a window would have no display and abort Python."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of GLFW, about what the error says
         found = glfw.init() and glfw.get_primary_monitor()

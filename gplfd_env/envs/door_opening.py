@@ -7,9 +7,8 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Info
 from gplfd_env.doors.config import DoorConfig, DoorSpec
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.variation import Variation
@@ -21,9 +20,6 @@ from gplfd_env.task.episode import Episode
 from gplfd_env.task.info import info_of
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import check_choice
-
-Array = NDArray[np.float64]
-Info = dict[str, Any]
 
 
 class DoorOpeningEnv(gym.Env[Observation, Array]):
@@ -66,14 +62,12 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._settings, self.render_mode = settings, settings.render_mode
         self._sources = Sources.of(settings)
         (door,) = self._sources.doors
-        hold = settings.hold(self.command)
-        self._simulation = DoorSimulation(door, hold, self.command, settings.base)
+        self._robot = settings.robot(self.command)
+        self._simulation = DoorSimulation(self._robot, Variation(door=door))
         self._camera = settings.camera(self.model)
         self._sensed = np.empty(0)
         self._episode: Episode | None = None
-        self.observation_space = observation_space(
-            tells_base=self.command.drives, tells_gripper=self.command.grips
-        )
+        self.observation_space = observation_space(self.command)
         self.action_space: spaces.Space[Any] = self.command.space
 
     @property
@@ -128,16 +122,11 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         """
         sources, _ = self._sources.changed(options)
         super().reset(seed=seed)
-        self._sources, settings = sources, self._settings
+        self._sources = sources
         drawn = sources.draw(0, self.np_random)
-        variation = drawn.variation
-        self._simulation.restart(variation)
+        self._simulation.restart(drawn.variation)
         self._episode = episode = Episode.begin(
-            drawn,
-            settings.reader(self.command, variation.door),
-            settings.reward,
-            self._sense(),
-            self.command.resting(variation, settings.base),
+            drawn, self._robot, self._settings.reward, self._sense()
         )
         if self.render_mode == "human":
             self.render()
@@ -164,13 +153,8 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         if self._settings.base == "mobile":
             # MuJoCo clamps what the servo is told, but the base follows it, too.
             command = self.command.clamped(command)
-        loads, rates, widths = episode.demand(
-            command[None], drives=self.command.drives, grips=self.command.grips
-        )
-        diverged = self._simulation.advance(
-            command, loads.get(0), rates.get(0), widths.get(0)
-        )
-        if diverged:
+        demands = episode.demand(command[None])
+        if self._simulation.advance(command, demands):
             episode.break_off()
         else:
             episode.advance(self._sense())

@@ -19,12 +19,8 @@ from gplfd_env.wrappers import (
 def door_opening_rl(**arguments: Any) -> gym.Env[Any, Any]:
     """Return one door in `RelativeAction`, `GentleReward` and `FlatObservation`.
 
-    Args:
-        arguments: Those of `gplfd_env.envs.door_opening.DoorOpeningEnv` except
-            `reward`.
-
-    Raises:
-        ValueError: As there, and for a reward.
+    The arguments are those of `gplfd_env.envs.door_opening.DoorOpeningEnv` except
+    `reward`. Raises a ValueError as there, and for a reward.
     """
     refuse_reward(arguments)
     return FlatObservation(GentleReward(RelativeAction(DoorOpeningEnv(**arguments))))
@@ -39,12 +35,8 @@ def door_opening_rl_vector(
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
     """Return n of them: `DoorOpeningVectorEnv` in the same wrappers.
 
-    Args:
-        num_envs: Number of simulations n.
-        arguments: Those of the vector environment, but for `reward`.
-
-    Raises:
-        ValueError: As there, and for a reward.
+    The arguments are those of the vector environment, but for `reward`. Raises a
+    ValueError as there, and for a reward.
     """
     refuse_reward(arguments)
     return for_learners(DoorOpeningVectorEnv(num_envs, **arguments))

@@ -9,24 +9,22 @@ from typing import Any, ClassVar, Concatenate, Final, ParamSpec, TypeVar, get_ar
 import mujoco
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import Base, Start
+from gplfd_env.conventions.constants import Base, Mask, Start
 from gplfd_env.conventions.resets import checked_options, chosen_rows, each
 from gplfd_env.doors.config import DoorConfig, DoorSpec, door_config
 from gplfd_env.doors.disturbance import DisturbanceSpec, disturbance_named
 from gplfd_env.doors.randomization import RandomizationSpec, door_randomization
 from gplfd_env.envs.camera import Camera, require_display
 from gplfd_env.robot.gripper import hold_of
-from gplfd_env.robot.model import Grasp, Hold
+from gplfd_env.robot.model import Grasp
 from gplfd_env.robot.stance import check_reach
 from gplfd_env.simulation.command import Command
+from gplfd_env.simulation.single import Robot
 from gplfd_env.task.draw import Drawn, draw_episode
 from gplfd_env.task.episode import REWARDS, Reward
-from gplfd_env.task.observation import Reader
 from gplfd_env.validation.fields import Range, check_choice, checked_count
 
-Mask = NDArray[np.bool_]
 Self = TypeVar("Self")
 Arguments = ParamSpec("Arguments")
 
@@ -82,32 +80,13 @@ class Common:
         if self.render_mode == "human":
             require_display()
 
-    def hold(self, command: Command) -> Hold:
-        """Return how a scene holds the handle.
-
-        Raises:
-            ValueError: A rigid grasp of a hand that has to take hold.
-        """
-        return hold_of(self.grasp, self.start, commanded=command.grips)
-
-    def reader(self, command: Command, door: DoorConfig) -> Reader:
-        """Return what reads the sensors before a door."""
-        return Reader.of(
-            self.hold(command),
-            command.control,
-            self.base,
-            door.handle,
-            door.swing,
-            tells_base=command.drives,
-            tells_gripper=command.grips,
-        )
+    def robot(self, command: Command) -> Robot:
+        """Return the robot; raise a ValueError for a weld of a hand to take hold."""
+        hold = hold_of(self.grasp, self.start, commanded=command.grips)
+        return Robot(hold, command, self.base)
 
     def camera(self, model: mujoco.MjModel) -> Camera:
-        """Return what draws a model.
-
-        Raises:
-            ValueError: An impossible size or an unknown camera.
-        """
+        """Return what draws a model; raise a ValueError if it cannot."""
         return Camera(
             model, self.width, self.height, self.camera_name, effects=self.effects
         )
@@ -126,11 +105,7 @@ class Settings(Common):
 
 @dataclass(frozen=True)
 class VectorSettings(Common):
-    """What an environment of n doors is made with.
-
-    Raises:
-        ValueError: A value that there is not, or a number out of range.
-    """
+    """What an environment of n doors is made with."""
 
     num_envs: int = 1
     """Number of simulations n."""
@@ -170,11 +145,7 @@ def made_with(
 ) -> Callable[
     [Callable[[Self, Any], None]], Callable[Concatenate[Self, Arguments], None]
 ]:
-    """Let a constructor that takes a record take the record's fields instead.
-
-    Args:
-        record: `Settings` or `VectorSettings`.
-    """
+    """Let a constructor that takes a record take the record's fields instead."""
 
     def decorate(
         initialise: Callable[[Self, Any], None],
@@ -213,14 +184,8 @@ _RESOLVE: Final[Mapping[str, tuple[Callable[[Any], Any], str]]] = {
 class Sources:
     """A door, a randomization and a disturbance for each of n simulations.
 
-    Args:
-        n: Number of simulations; None for one, for which nothing may be a sequence.
-        base: Whose reach decides which doors there may be.
-        start: What episodes begin with.
-        values: By name, what holds for every simulation.
-
-    Raises:
-        ValueError: A door that is out of reach.
+    `n` is None for one, for which nothing may be a sequence. Raises a ValueError for a
+    door that the robot with this base and start cannot reach.
     """
 
     def __init__(
@@ -233,14 +198,11 @@ class Sources:
 
     @classmethod
     def of(cls, settings: Settings | VectorSettings) -> "Sources":
-        """Return those that settings name.
-
-        Raises:
-            ValueError: One that there is not, or a door that is out of reach.
-        """
+        """Return those that settings name, or raise a ValueError."""
         n = settings.num_envs if isinstance(settings, VectorSettings) else None
         values = {
-            name: _resolved(name, getattr(settings, name), n) for name in _RESOLVE
+            name: each(name, getattr(settings, name), n, resolve)
+            for name, (resolve, _) in _RESOLVE.items()
         }
         return cls(n, settings.base, settings.start, values)
 
@@ -252,26 +214,17 @@ class Sources:
     def changed(
         self, options: Mapping[str, Any] | None, *, begun: bool = True
     ) -> tuple["Sources", Mask]:
-        """Return what the options of a reset make of them, and the reset's mask.
-
-        Args:
-            options: As for the environment's `reset`.
-            begun: Whether there was a reset before.
-
-        Raises:
-            ValueError: An option that there is not, or a door that is out of reach.
-        """
+        """Return what the options of a reset make of them, and the reset's mask."""
         allowed = {name: meaning for name, (_, meaning) in _RESOLVE.items()}
         if self._n is not None:
             same = "as for the single environment, or a sequence of num_envs"
             allowed = dict.fromkeys(_RESOLVE, same)
             allowed["reset_mask"] = "an array of num_envs booleans"
         given = checked_options(options, allowed)
-        n = len(self.doors)
-        rows = chosen_rows(given.get("reset_mask"), n, begun=begun)
-        values = {name: list(each) for name, each in self._values.items()}
+        rows = chosen_rows(given.get("reset_mask"), len(self.doors), begun=begun)
+        values = {name: list(own) for name, own in self._values.items()}
         for name in [name for name in _RESOLVE if name in given]:
-            new = _resolved(name, given[name], self._n)
+            new = each(name, given[name], self._n, _RESOLVE[name][0])
             for row in np.flatnonzero(rows):
                 values[name][row] = new[row]
         return Sources(self._n, self._base, self._start, values), rows
@@ -280,9 +233,3 @@ class Sources:
         """Draw an episode of a simulation."""
         door, randomization, disturbance = (one[row] for one in self._values.values())
         return draw_episode(door, randomization, disturbance, random, self._start)
-
-
-def _resolved(name: str, given: Any, n: int | None) -> list[Any]:
-    """Return the record of every simulation."""
-    resolve, _ = _RESOLVE[name]
-    return [resolve(given)] if n is None else each(name, given, n, resolve)

@@ -9,9 +9,8 @@ import numpy as np
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Info, Mask
 from gplfd_env.conventions.resets import Seeds, each_seed, masked, unmasked
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.variation import Variation
@@ -23,10 +22,6 @@ from gplfd_env.task.episode import Episode
 from gplfd_env.task.episodes import Episodes
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import check_choice
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Info = dict[str, Any]
 
 
 class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
@@ -62,19 +57,16 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             "render_fps": round(1 / CONTROL_PERIOD),
             "autoreset_mode": self.autoreset_mode,
         }
-        self.single_observation_space = observation_space(
-            tells_base=self.command.drives, tells_gripper=self.command.grips
-        )
+        self.single_observation_space = observation_space(self.command)
         self.single_action_space = self.command.space
         self.observation_space = batch_space(self.single_observation_space, n)
         self.action_space = batch_space(self.single_action_space, n)
         self._sources = Sources.of(settings)
+        self._robot = settings.robot(self.command)
         self._batch = DoorBatch(
+            self._robot,
             [Variation(door=door) for door in self._sources.doors],
-            settings.hold(self.command),
-            self.command,
             settings.num_threads,
-            settings.base,
             self.physics,
         )
         self._camera = settings.camera(self.models[0])
@@ -172,8 +164,15 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         commands = self.command.check(actions, shape, resting)
         if self._settings.base == "mobile":
             commands = self.command.clamped(commands)
-        episodes = self._episodes
-        self._advance(episodes, commands, resting)
+        episodes, stepped = self._episodes, None if resting is None else ~resting
+        demands = episodes.demand(commands, stepped)
+        rows = None if stepped is None else np.flatnonzero(stepped).tolist()
+        diverged = self._batch.advance(commands, rows, demands)
+        if diverged is not None:
+            stepped = ~diverged if stepped is None else stepped & ~diverged
+            rows = np.flatnonzero(stepped).tolist()
+        self._sensed = self._batch.read(rows, self._sensed)
+        episodes.advance(self._sensed, stepped, diverged)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and resting is not None:
             self._restart(resting)
         rewards, terminations, truncations = episodes.outcome(self._settings.limit)
@@ -203,21 +202,15 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     def _restart(self, rows: Mask) -> Episodes:
         """Draw new episodes for some simulations and begin them."""
-        settings, command = self._settings, self.command
         chosen = np.flatnonzero(rows).tolist()
         drawn = {row: self._sources.draw(row, self._random[row][0]) for row in chosen}
         for row in chosen:
             self._batch.load(row, drawn[row].variation)
         self._batch.restart(chosen)
         self._sensed = self._batch.read(chosen, self._sensed)
+        reward, values = self._settings.reward, self._sensed
         begun = {
-            row: Episode.begin(
-                each,
-                settings.reader(command, each.variation.door),
-                settings.reward,
-                self._sensed[row].tolist(),
-                command.resting(each.variation, settings.base),
-            )
+            row: Episode.begin(each, self._robot, reward, values[row].tolist())
             for row, each in drawn.items()
         }
         if self._episodes is None:
@@ -226,22 +219,6 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             self._episodes.replace(begun)
         self._ended = self._ended & ~rows
         return self._episodes
-
-    def _advance(
-        self, episodes: Episodes, commands: Array, resting: Mask | None
-    ) -> None:
-        """Step what does not rest by one control period."""
-        stepped = None if resting is None else ~resting
-        demands = episodes.demand(
-            commands, stepped, drives=self.command.drives, grips=self.command.grips
-        )
-        rows = None if stepped is None else np.flatnonzero(stepped).tolist()
-        diverged = self._batch.advance(commands, rows, *demands)
-        if diverged is not None:
-            stepped = ~diverged if stepped is None else stepped & ~diverged
-            rows = np.flatnonzero(stepped).tolist()
-        self._sensed = self._batch.read(rows, self._sensed)
-        episodes.advance(self._sensed, stepped, diverged)
 
     def _reset_at_once(self, episodes: Episodes, infos: Info) -> Info:
         """Reset ended simulations in the step that ended them; return its infos."""

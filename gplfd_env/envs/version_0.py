@@ -20,12 +20,7 @@ from gplfd_env.envs.vector import DoorOpeningImpedanceVectorEnv, DoorOpeningVect
 
 
 def _standing(make: Callable[..., Any], successor: str) -> Callable[..., Any]:
-    """Return an entry point that refuses a driving base.
-
-    Args:
-        make: The entry point of version 1.
-        successor: Its id.
-    """
+    """Return version 1's entry point, which here refuses a driving base."""
 
     def refusing_mobile_base(**arguments: Any) -> Any:
         if arguments.get("base") == "mobile":

@@ -22,13 +22,9 @@ def make_warp(
 ) -> gym.vector.VectorEnv[NDArray[np.float32], Any, Any]:
     """Return n doors on Warp's default device, as ``gplfd/DoorOpeningRL-v1`` has them.
 
-    Args:
-        num_envs: Number of simulations n.
-        arguments: Those of `DoorOpeningWarpVectorEnv`, but for `reward`; without
-            ``max_episode_steps`` episodes are as long as those of the id.
-
-    Raises:
-        ValueError: As there, and for a reward.
+    The arguments are those of `DoorOpeningWarpVectorEnv`, but for `reward`; without
+    ``max_episode_steps`` episodes are as long as those of the id. Raises a ValueError
+    as there, and for a reward.
     """
     refuse_reward(arguments)
     arguments.setdefault("max_episode_steps", TIME_LIMIT)

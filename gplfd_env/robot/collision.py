@@ -10,8 +10,7 @@ from typing import Final
 
 import mujoco
 
-from gplfd_env.conventions.constants import Base
-from gplfd_env.conventions.geoms import INTANGIBLE
+from gplfd_env.conventions.constants import INTANGIBLE, Base
 from gplfd_env.doors.config import DoorConfig
 
 OBSTACLES: Final = ("leaf", "jamb_hinge", "jamb_lock", "lintel")
@@ -39,11 +38,7 @@ _CAPSULES: Final[dict[str, tuple[str, tuple[float, ...], float]]] = {
 
 
 def add_collisions(spec: mujoco.MjSpec) -> None:
-    """Add the robot's collision geometry and enable contact with door and walls.
-
-    Args:
-        spec: The scene, with robot, door and walls; edited in place.
-    """
+    """Add the robot's collision geometry and enable contact with door and walls."""
     for name, (body, ends, radius) in _CAPSULES.items():
         spec.body(body).add_geom(
             name=name,
@@ -63,11 +58,8 @@ def add_collisions(spec: mujoco.MjSpec) -> None:
 def add_walls(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
     """Add the walls on both sides of the frame, without contact.
 
-    Args:
-        spec: The scene, with the door; edited in place.
-        door: Geometry.
-        base: With a fixed base that pushes, the arm passes beside the lock, where a
-            wall would hide it: there the wall ends at the frame.
+    With a fixed base that pushes, the arm passes beside the lock, where a wall would
+    hide it: there the wall ends at the frame.
     """
     for side in ("hinge", "lock"):
         jamb, other = spec.geom(f"jamb_{side}"), spec.geom("lintel")

@@ -17,16 +17,7 @@ the closed grasp [m, rad]."""
 
 
 def hold_of(grasp: Grasp, start: Start, *, commanded: bool) -> Hold:
-    """Return how a scene holds the handle.
-
-    Args:
-        grasp: What the caller asks for.
-        start: What episodes begin with.
-        commanded: Whether actions command the gripper.
-
-    Raises:
-        ValueError: A weld where the gripper has to open and close.
-    """
+    """Return how a scene holds the handle; no weld where fingers open and close."""
     if start == "grasped" and not commanded:
         return grasp
     if grasp == "weld":
@@ -39,15 +30,7 @@ def hold_of(grasp: Grasp, start: Start, *, commanded: bool) -> Hold:
 
 
 class Gripper:
-    """Commanded width of the fingers during an episode.
-
-    Args:
-        door: Determines the thickness of the handle.
-        width: Commanded width at the start [m].
-
-    Attributes:
-        width: Commanded width after the limit of the speed [m].
-    """
+    """Width of the fingers during an episode, commanded at a limited rate [m]."""
 
     def __init__(self, door: DoorConfig, width: float) -> None:
         self._thickness = 2.0 * held_radius(door.handle)
@@ -65,12 +48,7 @@ class Gripper:
         self.width += min(max(change, -step), step)
 
     def close_at_handle(self, hand: Sequence[float], *, taken: bool) -> None:
-        """Close if the hand is at the handle or has grasped it, else open.
-
-        Args:
-            hand: Its pose, task frame, (6,) [m, rad].
-            taken: Whether it has grasped the handle and not released it.
-        """
+        """Close if the hand (6,) [m, rad] is at the handle or holds it, else open."""
         near = math.hypot(*hand[:3]) <= AT_HANDLE[0]
         aligned = math.hypot(*hand[3:]) <= AT_HANDLE[1]
         self.obey(0.0 if taken or (near and aligned) else GRIPPER_WIDTH)

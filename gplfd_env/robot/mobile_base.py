@@ -51,11 +51,7 @@ at most 1 cm."""
 
 
 def add_mobile_base(spec: mujoco.MjSpec) -> None:
-    """Give the robot planar joints, and wheels that are driven at a commanded rate.
-
-    Args:
-        spec: The robot; edited in place.
-    """
+    """Give the robot planar joints, and wheels that are driven at a commanded rate."""
     root = spec.body("base_footprint")
     motors = spec.worldbody.add_body(
         name="motors", explicitinertial=True, mass=1.0, inertia=[1.0, 1.0, 1.0]
@@ -74,9 +70,7 @@ def add_mobile_base(spec: mujoco.MjSpec) -> None:
         )
         motors.add_joint(name=f"{drive}_joint", type=kind, axis=axis, armature=inertia)
         servo = spec.add_actuator(
-            name=drive,
-            target=f"{drive}_joint",
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            name=drive, target=f"{drive}_joint", trntype=mujoco.mjtTrn.mjTRN_JOINT
         )
         servo.set_to_velocity(kv=_TRACKING)
     for side in ("right", "left"):

@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 
 from gplfd_env.conventions.assets import asset_path
-from gplfd_env.conventions.constants import GRIPPER_WIDTH, Base, Control
-from gplfd_env.conventions.geoms import UNDRAWN
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, UNDRAWN, Base, Control
 from gplfd_env.doors.config import DoorConfig, held_radius
 from gplfd_env.robot.mobile_base import add_mobile_base
 from gplfd_env.robot.placement import (
@@ -78,45 +77,17 @@ FINGER_STROKE: Final = GRIPPER_WIDTH / 2.0
 """How far a finger opens from the middle [m]."""
 
 
-def load_robot(
-    control: Control = "pose", door: DoorConfig | None = None, base: Base = "fixed"
-) -> mujoco.MjSpec:
-    """Read the arm's URDF and add gravity compensation, servo and sensor sites.
+def load_robot(control: Control, door: DoorConfig, base: Base) -> mujoco.MjSpec:
+    """Read the arm's URDF and add gravity compensation, servos, sites and cameras.
 
     The hand site's axes coincide with the task frame when the door is closed, so the
     orientation servo's exponential-map input *is* θu (Eq. 8) without a conversion.
-
-    Args:
-        control: ``"pose"`` turns the hand by one servo on the whole orientation;
-            ``"impedance"`` by one per axis of θu, so that each can have its stiffness.
-        door: What the hand holds; by default one with a bar that is pulled.
-        base: Whether the base is fixed or mobile.
-
-    Returns:
-        A specification that compiles once a ``task_frame`` site has been added.
+    Control by ``"pose"`` turns the hand by one servo on the whole orientation, by
+    ``"impedance"`` by one per axis of θu. The result compiles once a ``task_frame``
+    site has been added.
     """
-    door = DoorConfig() if door is None else door
     spec = mujoco.MjSpec.from_file(str(asset_path("tiago_like.urdf")))
     spec.modelname = "gplfd door opening"
-    _set_joints(spec)
-    _add_sites(spec, door, base)
-    _add_cameras(spec)
-    _add_axis_servos(spec, TRANSLATION_SERVOS, first=0)
-    if control == "pose":
-        servo = _hand_servo(spec, "servo_rotation", COMMAND_LIMITS[1])
-        servo.set_to_orientation(kp=SERVO_STIFFNESS[1], kv=SERVO_DAMPING[1])
-    else:
-        _add_axis_servos(spec, ROTATION_SERVOS, first=3)
-    _add_torso_servo(spec)
-    _add_grip(spec)
-    if door.handle != "bar":
-        _add_hooks(spec, held_radius(door.handle))
-    if base == "mobile":
-        add_mobile_base(spec)
-    return spec
-
-
-def _set_joints(spec: mujoco.MjSpec) -> None:
     for body in spec.bodies:
         body.gravcomp = 1.0
     for name, armature in zip(ARM_JOINTS, _ARMATURE, strict=True):
@@ -129,28 +100,18 @@ def _set_joints(spec: mujoco.MjSpec) -> None:
     (coupling,) = spec.equalities
     coupling.name = "finger_coupling"
 
-
-def _add_sites(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
-    gripper_to_task = gripper_rotation_w(door, base).T @ task_rotation_w(
-        door, base=base
-    )
-    spec.body("gripper_link").add_site(
+    gripper, wrist = spec.body("gripper_link"), spec.body("wrist_ft_link")
+    to_task = gripper_rotation_w(door, base).T @ task_rotation_w(door, base=base)
+    gripper.add_site(
         name="hand",
         pos=[0, 0, -HAND_BEYOND_GRIPPER],
-        quat=quaternion(gripper_to_task),
+        quat=quaternion(to_task),
         **UNDRAWN,
     )
     # wrist_ft_link is turned by half a turn about x against gripper_link, whatever
     # the joint angles; the sensor site takes the hand site's axes.
-    wrist_to_gripper = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    spec.body("wrist_ft_link").add_site(
-        name="wrist_ft",
-        quat=quaternion(wrist_to_gripper @ gripper_to_task),
-        **UNDRAWN,
-    )
-
-
-def _add_cameras(spec: mujoco.MjSpec) -> None:
+    to_gripper = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    wrist.add_site(name="wrist_ft", quat=quaternion(to_gripper @ to_task), **UNDRAWN)
     # A head with pan and tilt keeps the hand in the middle of its picture.
     spec.body("head_link").add_camera(
         name="head",
@@ -159,12 +120,37 @@ def _add_cameras(spec: mujoco.MjSpec) -> None:
         targetbody="gripper_link",
         fovy=60.0,
     )
-    spec.body("gripper_link").add_camera(
+    gripper.add_camera(
         name="hand_camera",
         pos=[0, -0.12, -0.01],
         xyaxes=[-1, 0, 0, 0, -0.83, -0.56],
         fovy=60.0,
     )
+
+    _add_axis_servos(spec, TRANSLATION_SERVOS, first=0)
+    if control == "pose":
+        servo = _hand_servo(spec, "servo_rotation", COMMAND_LIMITS[1])
+        servo.set_to_orientation(kp=SERVO_STIFFNESS[1], kv=SERVO_DAMPING[1])
+    else:
+        _add_axis_servos(spec, ROTATION_SERVOS, first=3)
+    on_joint = mujoco.mjtTrn.mjTRN_JOINT
+    torso = spec.add_actuator(
+        name="torso_hold", target="torso_lift_joint", trntype=on_joint
+    )
+    torso.set_to_position(kp=_TORSO_STIFFNESS[0], kv=_TORSO_STIFFNESS[1])
+    for side, name in zip(("right", "left"), GRIPS, strict=True):
+        finger = spec.add_actuator(
+            name=name, target=f"gripper_{side}_finger_joint", trntype=on_joint
+        )
+        finger.set_to_position(kp=_FINGER_STIFFNESS)
+        pad = spec.geom(f"{side}_finger_pad")
+        pad.rgba = _RUBBER
+        pad.contype, pad.conaffinity = 1, 0
+    if door.handle != "bar":
+        _add_hooks(spec, held_radius(door.handle))
+    if base == "mobile":
+        add_mobile_base(spec)
+    return spec
 
 
 def _add_axis_servos(spec: mujoco.MjSpec, names: Sequence[str], first: int) -> None:
@@ -193,10 +179,6 @@ def _add_hooks(spec: mujoco.MjSpec, radius: float) -> None:
 
     The grasp of a lever or knob is then form-closed, with 2 mm of play along the
     approach.
-
-    Args:
-        spec: The robot; edited in place.
-        radius: Radius of the handle [m].
     """
     waist = radius - _RIDGE_HEIGHT
     reach = math.sqrt(radius**2 - waist**2) + _RIDGE_PLAY / 2 + _RIDGE_HALF_THICKNESS
@@ -213,25 +195,3 @@ def _add_hooks(spec: mujoco.MjSpec, radius: float) -> None:
                 contype=1,
                 conaffinity=0,
             )
-
-
-def _add_torso_servo(spec: mujoco.MjSpec) -> None:
-    torso = spec.add_actuator(
-        name="torso_hold",
-        target="torso_lift_joint",
-        trntype=mujoco.mjtTrn.mjTRN_JOINT,
-    )
-    torso.set_to_position(kp=_TORSO_STIFFNESS[0], kv=_TORSO_STIFFNESS[1])
-
-
-def _add_grip(spec: mujoco.MjSpec) -> None:
-    for side, name in zip(("right", "left"), GRIPS, strict=True):
-        finger = spec.add_actuator(
-            name=name,
-            target=f"gripper_{side}_finger_joint",
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-        )
-        finger.set_to_position(kp=_FINGER_STIFFNESS)
-        pad = spec.geom(f"{side}_finger_pad")
-        pad.rgba = _RUBBER
-        pad.contype, pad.conaffinity = 1, 0

@@ -11,9 +11,8 @@ from typing import Final
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import Base
+from gplfd_env.conventions.constants import Array, Base
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.variation import Placement, Standoff, Variation
@@ -21,27 +20,22 @@ from gplfd_env.robot.stance import stance_of
 
 ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
 
-_STEPS_BACK: Final = 10
 
-Matrix = NDArray[np.float64]
-
-
-def hand_position_w(door: DoorConfig, placement: Placement, base: Base) -> Matrix:
+def hand_position_w(door: DoorConfig, placement: Placement, base: Base) -> Array:
     """Return where the hand takes hold in the world frame, (3,) [m]."""
-    position, _ = _task_in_door_frame(door, placement, base)
+    position, _ = task_in_door_frame(door, placement, base)
     middle = handle_position_w(door, placement, base)
     axes = task_rotation_w(door, placement.base_yaw, base)
-    held: Matrix = middle + axes @ position
+    held: Array = middle + axes @ position
     return held
 
 
 def handle_position_w(
     door: DoorConfig, placement: Placement, base: Base = "fixed"
-) -> Matrix:
+) -> Array:
     """Return the middle of the closed handle in the world frame, (3,) [m].
 
-    The world frame is the base's at the reset, so an error of the base displaces the
-    door.
+    The world frame is the base's at the reset, so an error of the base displaces it.
     """
     handle = stance_of(door, base).handle_xy_w
     x, y = handle[0] - placement.base_x, handle[1] - placement.base_y
@@ -51,13 +45,10 @@ def handle_position_w(
 
 def task_rotation_w(
     door: DoorConfig | None = None, yaw: float = 0.0, base: Base = "fixed"
-) -> Matrix:
+) -> Array:
     """Return the task frame's axes as columns in the world frame, (3, 3).
 
-    Args:
-        door: Decides how the robot stands; by default one with a bar that is pulled.
-        yaw: Heading error of the base [rad]: with it, the axes of the true door.
-        base: Whose stance it is.
+    With a heading error `yaw` of the base [rad] they are those of the true door.
     """
     door = DoorConfig() if door is None else door
     heading = stance_of(door, base).door_yaw - yaw
@@ -67,7 +58,7 @@ def task_rotation_w(
     return np.column_stack([pull, up, np.cross(pull, up)])
 
 
-def gripper_rotation_w(door: DoorConfig, base: Base = "fixed") -> Matrix:
+def gripper_rotation_w(door: DoorConfig, base: Base = "fixed") -> Array:
     """Return ``gripper_link``'s axes at the closed grasp in the world frame, (3, 3).
 
     The gripper approaches along its -z axis; its fingers close along x. On a bar y runs
@@ -85,53 +76,21 @@ def gripper_rotation_w(door: DoorConfig, base: Base = "fixed") -> Matrix:
     return np.column_stack([-arm_7_y, -arm_7_x, -approach])
 
 
-def quaternion(rotation: Matrix) -> Matrix:
+def quaternion(rotation: Array) -> Array:
     """Return the quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
     result = np.zeros(4)
     mujoco.mju_mat2Quat(result, rotation.reshape(9))
     return result
 
 
-def grasp_in_door_frame(
-    door: DoorConfig, placement: Placement, base: Base
-) -> tuple[Matrix, Matrix]:
-    """Return the task frame in the door frame: position (3,) [m], quaternion (4,).
-
-    It is where the hand takes hold, in the heading that the robot believes in.
-    """
-    position, rotation = _task_in_door_frame(door, placement, base)
-    return position, quaternion(rotation)
-
-
 def door_geometry(variation: Variation, base: Base) -> DoorGeometry:
-    """Return where the hinge and the handle's axis are in an episode's task frame.
-
-    Args:
-        variation: The episode's door and where the robot stands and grasps.
-        base: Whose stance before the door it is.
-    """
-    door = variation.door
-    position, rotation = _task_in_door_frame(door, variation.placement, base)
-    hinge = np.array([0.0, 0.0, -door.side * door.hand_radius])
-    spindle = np.array([0.0, 0.0, door.side * door.grip])
-    turns = door.handle != "bar"
-    return DoorGeometry(
-        hinge=rotation.T @ (hinge - position),
-        axis=rotation.T @ np.array([0.0, door.side * door.way, 0.0]),
-        spindle=rotation.T @ (spindle - position) if turns else None,
-        turn=rotation.T @ np.array([-door.side, 0.0, 0.0]) if turns else None,
-        travel=door.handle_travel if turns else 0.0,
-    )
+    """Return where the hinge and the handle's axis are in an episode's task frame."""
+    door, placement = variation.door, variation.placement
+    return DoorGeometry.of(door, *task_in_door_frame(door, placement, base))
 
 
-def standoff_pose(door: DoorConfig, standoff: Standoff, base: Base) -> Matrix:
-    """Return the pose of a hand before the handle, task frame, (6,) [m, rad].
-
-    Args:
-        door: Decides how the robot stands.
-        standoff: Where the hand is.
-        base: Whose stance it is.
-    """
+def standoff_pose(door: DoorConfig, standoff: Standoff, base: Base) -> Array:
+    """Return the pose of a hand before the handle, task frame, (6,) [m, rad]."""
     to_task = task_rotation_w(door, base=base).T
     back, up = to_task @ gripper_rotation_w(door, base)[:, 2], np.array([0.0, 1.0, 0.0])
     level = math.cos(standoff.aside) * back
@@ -141,16 +100,13 @@ def standoff_pose(door: DoorConfig, standoff: Standoff, base: Base) -> Matrix:
 
 
 def grasp_height(door: DoorConfig, placement: Placement) -> float:
-    """Return how far above the handle's middle the hand holds it [m].
-
-    On a lever or knob not at all: the fingers close from above and below.
-    """
+    """Return how far above the middle of a bar the hand holds it [m]."""
     return placement.grasp_height if door.handle == "bar" else 0.0
 
 
-def _task_in_door_frame(
+def task_in_door_frame(
     door: DoorConfig, placement: Placement, base: Base
-) -> tuple[Matrix, Matrix]:
+) -> tuple[Array, Array]:
     """Return the task frame in the door frame: position (3,) [m], axes (3, 3)."""
     depth = np.array([0.0, 0.0, placement.grasp_depth])
     back = gripper_rotation_w(door, base) @ depth
@@ -165,26 +121,13 @@ def solve_closed_posture(
     door: DoorConfig,
     placement: Placement,
     base: Base = "fixed",
-) -> Matrix:
-    """Return the configuration in which the hand site holds the closed handle.
+) -> Array:
+    """Return all joint positions, (nq,) [m, rad], that hold the closed handle.
 
-    Newton's method on the 6-D pose error between the sites ``hand`` and
-    ``task_frame`` with the pseudo-inverse of the arm's Jacobian, started at
-    the stance's posture (so it ends at the nearest posture of the arm's self-motion).
-
-    Args:
-        model: The compiled scene.
-        data: Of the same model; left in the configuration found.
-        door: Its handle height and
-        placement: its height of the grasp set the torso's lift, as far as that goes;
-            the rest is left to the arm.
-        base: Whose stance it is.
-
-    Returns:
-        All joint positions, ``(nq,)`` [m, rad]; fingers, hinge and base at zero.
-
-    Raises:
-        ValueError: The pose is out of reach.
+    Newton's method on the 6-D pose error between the sites ``hand`` and ``task_frame``,
+    with the pseudo-inverse of the arm's Jacobian from the stance's posture. The torso
+    is lifted as far as that goes; fingers, hinge and base are at zero. Raises a
+    ValueError if the pose is out of reach.
     """
     mujoco.mj_resetData(model, data)
     stance = stance_of(door, base)
@@ -193,38 +136,30 @@ def solve_closed_posture(
     lowest, highest = model.joint("torso_lift_joint").range
     data.joint("torso_lift_joint").qpos = min(max(lift, lowest), highest)
     data.qpos[_arm(model)] = stance.closed_posture
-    error = _bring_hand(model, data)
-    if error > 1e-9 or not _within_limits(model, data):
+    error, there = _bring_hand(model, data)
+    if not there:
         raise ValueError(
             "the arm cannot hold the closed handle from where the robot stands "
             f"(pose error {error:.2g}); move the base back towards its "
             "nominal placement or choose another handle height"
         )
-    configuration: Matrix = data.qpos.copy()
+    configuration: Array = data.qpos.copy()
     return configuration
 
 
 def solve_standoff_posture(
-    model: mujoco.MjModel, data: mujoco.MjData, pose: Matrix
+    model: mujoco.MjModel, data: mujoco.MjData, pose: Array
 ) -> None:
-    """Draw the hand back from the closed handle to a pose before it.
+    """Draw the hand back from the closed handle to a pose (6,) before it.
 
     In small steps, which keeps the arm on its way where its elbow is nearly stretched.
-
-    Args:
-        model: The scene.
-        data: Of the same model, holding the closed handle; left in the configuration
-            found.
-        pose: Of the hand, task frame, (6,) [m, rad]; of its orientation at the handle.
-
-    Raises:
-        ValueError: The pose is out of reach.
+    Raises a ValueError if the pose is out of reach.
     """
     axes = data.site_xmat[model.site("task_frame").id].reshape(3, 3)
     away = axes @ pose[:3]
-    for share in np.linspace(0.0, 1.0, _STEPS_BACK + 1)[1:]:
-        error = _bring_hand(model, data, share * away)
-    if error > 1e-9 or not _within_limits(model, data):
+    for share in np.linspace(0.0, 1.0, 11)[1:]:
+        _, there = _bring_hand(model, data, share * away)
+    if not there:
         raise ValueError(
             "the arm cannot draw the hand back from the handle by "
             f"{np.linalg.norm(away):.2f} m from where the robot stands; choose another "
@@ -233,52 +168,32 @@ def solve_standoff_posture(
 
 
 def _arm(model: mujoco.MjModel) -> list[int]:
-    """Return the addresses of the arm's joints.
-
-    Every joint is a hinge or a slide, so qpos and qvel share them.
-    """
+    """Return the addresses of the arm's joints, the same in qpos and qvel."""
     return [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
 
 
-def _within_limits(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
-    arm = _arm(model)
-    low, high = model.jnt_range[arm].T
-    return bool(np.all((low <= data.qpos[arm]) & (data.qpos[arm] <= high)))
-
-
 def _bring_hand(
-    model: mujoco.MjModel, data: mujoco.MjData, away: Matrix | None = None
-) -> float:
-    """Bring the arm to where its hand is at the task frame; return the error left.
-
-    Args:
-        model: The scene.
-        data: Of the same model; the arm's joints are moved.
-        away: From the task frame, world frame, (3,) [m]; nothing by default.
-    """
+    model: mujoco.MjModel, data: mujoco.MjData, away: Array | None = None
+) -> tuple[float, bool]:
+    """Bring the hand to the task frame, or `away` from it; return error and success."""
     arm = _arm(model)
     hand, target = model.site("hand").id, model.site("task_frame").id
-    jacobian = np.zeros((6, model.nv))
+    jacobian, rotation = np.zeros((6, model.nv)), np.zeros(3)
+    inverse, relative = np.zeros(4), np.zeros(4)
     for _ in range(20):
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        error = _pose_error(data, hand, target)
-        if away is not None:
-            error[:3] += away
+        mujoco.mju_negQuat(inverse, quaternion(data.site_xmat[hand]))
+        mujoco.mju_mulQuat(relative, quaternion(data.site_xmat[target]), inverse)
+        mujoco.mju_quat2Vel(rotation, relative, 1.0)
+        shift = data.site_xpos[target] - data.site_xpos[hand]
+        error = np.concatenate([shift if away is None else shift + away, rotation])
         if np.abs(error).max() < 1e-12:
             break
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], hand)
         step, *_ = np.linalg.lstsq(jacobian[:, arm], error, rcond=None)
         data.qpos[arm] += step
-    return float(np.abs(error).max())
-
-
-def _pose_error(data: mujoco.MjData, site: int, target: int) -> Matrix:
-    current, wanted, inverse, relative = (np.zeros(4) for _ in range(4))
-    rotation = np.zeros(3)
-    mujoco.mju_mat2Quat(current, data.site_xmat[site])
-    mujoco.mju_mat2Quat(wanted, data.site_xmat[target])
-    mujoco.mju_negQuat(inverse, current)
-    mujoco.mju_mulQuat(relative, wanted, inverse)
-    mujoco.mju_quat2Vel(rotation, relative, 1.0)
-    return np.concatenate([data.site_xpos[target] - data.site_xpos[site], rotation])
+    most = float(np.abs(error).max())
+    low, high = model.jnt_range[arm].T
+    within = np.all((low <= data.qpos[arm]) & (data.qpos[arm] <= high))
+    return most, bool(most <= 1e-9 and within)

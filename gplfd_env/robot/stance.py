@@ -12,36 +12,26 @@ from gplfd_env.doors.config import DoorConfig, Swing
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Stance:
-    """Pose of the robot in front of a closed door.
-
-    assets/README.md describes how each was found.
-    """
+    """Pose of the robot in front of a closed door; assets/README.md tells how found."""
 
     handle_xy_w: tuple[float, float]
     """Closed handle in the base frame, without placement error [m]."""
-
     door_yaw: float
     """Heading of "straight into the closed door" in the base frame [rad]."""
-
     grasp_yaw: float
     """Constant yaw of the hand on the handle, counter-clockwise from above [rad]. It is
     zero for a lever or knob, whose axis is the hand's: there it would turn a wrist
     that is nearly at its limit."""
-
     torso_below_handle: float
     """Height of the grasped point minus torso lift [m]."""
-
     closed_posture: tuple[float, ...]
     """Arm joints that hold the closed handle, to 1 mrad [rad]; refined at build
     time."""
-
     roll: float = 0.0
     """Roll of the wrist relative to the grasp of a vertical bar [rad]: a quarter turn
     for a lever or knob, which the fingers grasp from above and below."""
-
     radius: float
     """Greatest handle-to-hinge distance that is opened to the task's angle [m]."""
-
     height: float
     """Greatest height at which the handle can be held all the way [m]."""
 
@@ -159,12 +149,10 @@ def base_for(door: DoorConfig) -> Base:
 
 
 def check_reach(door: DoorConfig, base: Base, start: Start = "grasped") -> None:
-    """Check that a door is within the reach of the robot.
+    """Raise a ValueError if a door is beyond the reach of the robot.
 
-    Raises:
-        ValueError: The handle is too far from the hinge or too high, or the episode
-            starts in front of a handle at which the robot stands too near to draw back
-            its arm.
+    The handle is too far from the hinge or too high, or the episode starts in front of
+    a handle at which the robot stands too near to draw back its arm.
     """
     if (start, base, door.swing) == ("approach", "fixed", "push"):
         raise ValueError(

@@ -62,29 +62,21 @@ BLOCKED_TIME: Final = 0.5
 class BaseDrive:
     """Commands the base of one simulation and detects that it is blocked.
 
-    Args:
-        hand: Where the hand holds the closed handle, world frame [m].
-        door: Determines the stance of the robot.
-
-    Attributes:
-        rate: Commanded rate of the base's pose, world frame [m/s, rad/s].
+    The hand holds the closed handle at `hand`, world frame [m]; `rate` is the commanded
+    rate of the base's pose, world frame [m/s, rad/s].
     """
 
     def __init__(
         self, hand: tuple[float, float], door: DoorConfig | None = None
     ) -> None:
-        self._hand, self._axes = hand, _axes(door)
+        self._hand = hand
+        self._axes: Axes = task_rotation_w(door, base="mobile").T.tolist()
         self._dragged: Planar = (0.0, 0.0, 0.0)
         self.rate: Planar = (0.0, 0.0, 0.0)
         self._slowed = 0.0
 
     def follow(self, hand: list[float], base: Planar) -> None:
-        """Command by the whole-body rule.
-
-        Args:
-            hand: Commanded pose, task frame, (6,) [m, rad].
-            base: Pose of the base [m, rad].
-        """
+        """Command by the whole-body rule for a commanded pose of the hand, (6,)."""
         last = self._dragged
         x, y, yaw = self._dragged = _dragged(last, led_by(hand, self._hand, self._axes))
         dx, dy, turn = x - base[0], y - base[1], yaw - base[2]
@@ -100,12 +92,7 @@ class BaseDrive:
         )
 
     def obey(self, twist: list[float], base: Planar) -> None:
-        """Command by a twist in the base's own axes.
-
-        Args:
-            twist: Forward, to the left and turning to the left [m/s, rad/s].
-            base: Pose of the base [m, rad].
-        """
+        """Command by a twist ahead, to the left and turning left [m/s, rad/s]."""
         forward, left, turning = twist
         cosine, sine = math.cos(base[2]), math.sin(base[2])
         self._accelerate(
@@ -145,21 +132,20 @@ class BaseDrive:
 def led_by(
     hand: list[float], closed: tuple[float, float], axes: Axes | None = None
 ) -> Planar:
-    """Return the target pose of the base for a pose of the hand.
+    """Return the target pose of the base, world frame, for a pose of the hand (6,).
 
-    Args:
-        hand: Pose of the hand, task frame, (6,) [m, rad].
-        closed: Its position at the closed grasp, world frame [m].
-        axes: Axes of the task frame in the world frame; by default those of a bar.
-
-    Returns:
-        Pose of the base relative to its pose at the closed grasp, world frame
-        [m, rad].
+    Relative to its pose at the closed grasp, where the hand is at `closed` [m]. The
+    axes of the task frame are by default those of a bar.
     """
-    x, y, z, *rotation = hand
+    x, y, z, rx, ry, rz = hand
     coming = min(max(x / _COMING, -1.0), 1.0)
     share = 0.5 * (TURN[0] + TURN[1] + coming * (TURN[1] - TURN[0]))
-    yaw = share * _twist_about_y(*rotation)
+    # The twist of the rotation vector about y: swing and twist.
+    angle, twist = math.sqrt(rx * rx + ry * ry + rz * rz), 0.0
+    if angle > 0.0:
+        half = 0.5 * angle
+        twist = 2.0 * math.atan2(math.sin(half) * ry / angle, math.cos(half))
+    yaw = share * twist
     cosine, sine = math.cos(yaw), math.sin(yaw)
     hx, hy = closed
     pull, up, left = _BAR_AXES if axes is None else axes
@@ -168,15 +154,6 @@ def led_by(
         hy + pull[1] * x + up[1] * y + left[1] * z - (sine * hx + cosine * hy),
         yaw,
     )
-
-
-def _twist_about_y(x: float, y: float, z: float) -> float:
-    """Return the twist of a rotation vector about y [rad]: swing and twist."""
-    angle = math.sqrt(x * x + y * y + z * z)
-    if angle == 0.0:
-        return 0.0
-    half = 0.5 * angle
-    return 2.0 * math.atan2(math.sin(half) * y / angle, math.cos(half))
 
 
 def _dragged(pose: Planar, by: Planar) -> Planar:
@@ -204,10 +181,4 @@ def _shortened(x: float, y: float, most: float) -> tuple[float, float]:
     return x * (most / length), y * (most / length)
 
 
-def _axes(door: DoorConfig | None) -> Axes:
-    """Return the task frame's axes in the world frame, a row each."""
-    rows: Axes = task_rotation_w(door, base="mobile").T.tolist()
-    return rows
-
-
-_BAR_AXES: Final = _axes(None)
+_BAR_AXES: Final[Axes] = task_rotation_w(base="mobile").T.tolist()

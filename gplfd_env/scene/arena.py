@@ -5,15 +5,11 @@ from typing import Final
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import Base
-from gplfd_env.conventions.geoms import INTANGIBLE
+from gplfd_env.conventions.constants import INTANGIBLE, Array, Base
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.placement import handle_position_w, task_rotation_w
-
-Matrix = NDArray[np.float64]
 
 PHYSICS_STEP: Final = 0.002
 """Physics time step [s]."""
@@ -37,16 +33,11 @@ _HEAD_SIZE: Final = (0.18, 1.55)
 """Radius and height of upright cylinders around the robot's base and head [m]."""
 
 
-def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base = "fixed") -> None:
+def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
     """Set the physics options and add light, floor and two fixed cameras.
 
     An elliptic cone with a large ``impratio`` prevents creep of a friction grasp: with
     MuJoCo's defaults the bar is lost under a sustained pull.
-
-    Args:
-        spec: The scene; edited in place. World frame = the robot's base_footprint.
-        door: The cameras show its motion and the robot.
-        base: Whether the base is fixed or mobile.
     """
     spec.option.timestep = PHYSICS_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -62,7 +53,33 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base = "fixed") -> No
     spec.visual.map.znear = 0.02
     # Surfaces near the border of the area with shadows would be speckled.
     spec.visual.map.shadowclip = 2.5
-    _add_floor(spec)
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.92, 0.95, 0.98],
+        rgb2=[0.70, 0.78, 0.86],
+        width=64,
+        height=384,
+    )
+    spec.add_texture(
+        name="tiles",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[0.80, 0.80, 0.79],
+        rgb2=[0.74, 0.74, 0.73],
+        width=128,
+        height=128,
+    )
+    material = spec.add_material(name="tiles", texrepeat=[8, 8], reflectance=0.0)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[4, 4, 0.1],
+        material="tiles",
+        **INTANGIBLE,
+    )
     spec.worldbody.add_light(
         name="window",
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
@@ -71,14 +88,17 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base = "fixed") -> No
         diffuse=[0.4] * 3,
         specular=[0.1] * 3,
     )
-    _add_cameras(spec, door, base)
 
-
-def _add_cameras(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
-    """Add "overview" and "top", which show the motion of leaf and robot."""
+    # The turn of "overview" from straight into the door, and its elevation: found by
+    # counting the visible pixels of hand and handle at the closed, the half and the
+    # fully open door, in steps of 15° and 10°.
+    turn, elevation = -door.side * math.radians(45.0), math.radians(-27.0)
+    if door.swing == "push":
+        turn, elevation = math.radians(30.0), math.radians(-32.0)
+    elif base == "fixed" and (door.handle, door.hinge_side) != ("bar", "right"):
+        turn = door.side * math.radians(75.0)
     shown = _shown_points(door, base)
     into_door = -task_rotation_w(door, base=base)[:, 0]
-    turn, elevation = _viewing_direction(door, base)
     heading = math.atan2(into_door[1], into_door[0]) + turn
     level = np.array([math.cos(heading), math.sin(heading), 0.0])
     upward = np.array([0.0, 0.0, 1.0])
@@ -98,29 +118,12 @@ def _add_cameras(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
         )
 
 
-def _viewing_direction(door: DoorConfig, base: Base) -> tuple[float, float]:
-    """Return the direction of "overview": turn from straight into the door, elevation.
+def _camera_position(points: Array) -> Array:
+    """Return the nearest camera position that shows all points, in its axes [m].
 
-    Found by counting the visible pixels of hand and handle at the closed, the half and
-    the fully open door, in steps of 15° and 10° [rad].
-    """
-    if door.swing == "push":
-        return math.radians(30.0), math.radians(-32.0)
-    if base == "fixed" and (door.handle, door.hinge_side) != ("bar", "right"):
-        return door.side * math.radians(75.0), math.radians(-27.0)
-    return -door.side * math.radians(45.0), math.radians(-27.0)
-
-
-def _camera_position(points: Matrix) -> Matrix:
-    """Return the nearest camera position that shows all points, camera axes (3,) [m].
-
-    A point (x, y, z) is in the picture of a camera at c if |x - c_x| <= (c_z - z) t
-    with the tangent t of half the field of view, and likewise in y. Each of these
-    inequalities is linear in c.
-
-    Args:
-        points: Points to be shown, in the camera's axes (right, up, backward), (N, 3)
-            [m].
+    A point (x, y, z), its axes right, up and backward, is in the picture of a camera at
+    c if |x - c_x| <= (c_z - z) t with the tangent t of half the field of view, and
+    likewise in y. Each of these inequalities is linear in c.
     """
     vertical = math.tan(_FIELD_OF_VIEW / 2.0) / _MARGIN
     tangents = np.array([_ASPECT * vertical, vertical])
@@ -131,7 +134,7 @@ def _camera_position(points: Matrix) -> Matrix:
     return np.array([*((greatest + least) / 2.0), distance])
 
 
-def _shown_points(door: DoorConfig, base: Base) -> Matrix:
+def _shown_points(door: DoorConfig, base: Base) -> Array:
     """Return corners of the leaf and the robot while the door opens, world (N, 3) [m].
 
     A mobile base turns with the leaf about the hinge while it pulls, and moves straight
@@ -166,35 +169,5 @@ def _shown_points(door: DoorConfig, base: Base) -> Matrix:
         elif base == "mobile":
             robot.append(door.hand_radius * (along - to_lock) + outline)
     high = (DOOR_HEIGHT + CASING) * axes[:, 1]
-    points: Matrix = np.concatenate([leaf, leaf + high, *robot])
+    points: Array = np.concatenate([leaf, leaf + high, *robot])
     return points
-
-
-def _add_floor(spec: mujoco.MjSpec) -> None:
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.92, 0.95, 0.98],
-        rgb2=[0.70, 0.78, 0.86],
-        width=64,
-        height=384,
-    )
-    spec.add_texture(
-        name="tiles",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.80, 0.80, 0.79],
-        rgb2=[0.74, 0.74, 0.73],
-        width=128,
-        height=128,
-    )
-    material = spec.add_material(name="tiles", texrepeat=[8, 8], reflectance=0.0)
-    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
-    spec.worldbody.add_geom(
-        name="floor",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[4, 4, 0.1],
-        material="tiles",
-        **INTANGIBLE,
-    )

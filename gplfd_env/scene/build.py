@@ -13,10 +13,8 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import Base, Control
+from gplfd_env.conventions.constants import Array, Base, Control
 from gplfd_env.doors.config import DoorConfig, Latch, held_radius
 from gplfd_env.doors.variation import Placement, Standoff
 from gplfd_env.robot.collision import add_collisions, add_walls
@@ -68,13 +66,9 @@ _WRITTEN: Final = (
 """Fields of a door that `set_door_physics` writes; all others are its geometry."""
 
 _NOMINAL: Final[dict[str, Any]] = {
-    field.name: NOMINAL_MASS if field.name == "panel_mass" else field.default
-    for field in dataclasses.fields(DoorConfig)
-    if field.name in _WRITTEN
-}
+    name: DoorConfig.__dataclass_fields__[name].default for name in _WRITTEN
+} | {"panel_mass": NOMINAL_MASS}
 """Their values in a compiled scene."""
-
-Array = NDArray[np.float64]
 
 
 def build_spec(
@@ -88,21 +82,15 @@ def build_spec(
 ) -> mujoco.MjSpec:
     """Assemble arena, robot, door and sensors without compiling them.
 
-    Args:
-        door: Geometry and hinge of the door.
-        grasp: ``"contact"`` holds the bar by friction between the finger pads;
-            ``"weld"`` adds a rigid joint between hand and bar; ``"gripper"`` is
-            friction of fingers that open and close.
-        placement: Where the robot stands and grasps; without error by default.
-        control: See `gplfd_env.robot.model.load_robot`.
-        structure: Of the scene; by default the door's.
-        base: Whether it drives.
+    A ``"weld"`` adds a rigid joint between hand and handle. The structure is by default
+    the door's.
     """
     structure = structure_of(door) if structure is None else structure
+    placement = Placement() if placement is None else placement
     spec = load_robot(control, door, base)
     add_arena(spec, door, base)
     add_door(spec, door, placement, structure, base)
-    add_sensors(spec, structure, control, base, gripper=grasp == "gripper")
+    add_sensors(spec, structure, control, base, grasp)
     add_walls(spec, door, base)
     if base == "mobile":
         add_collisions(spec)
@@ -130,11 +118,8 @@ def build_scene(
 ) -> mujoco.MjModel:
     """Return a model of a scene with a settled grasp, which callers may edit.
 
-    Its keyframe `GRASP_KEY` is the state after a reset. The arguments are those of
-    `build_spec`, and a ``standoff`` of the hand, which by default holds the handle.
-
-    Raises:
-        ValueError: The closed handle is out of reach.
+    Its keyframe `GRASP_KEY` is the state after a reset: the hand holds the handle, or
+    is before it by a `standoff`. Raises a ValueError if that is out of reach.
     """
     model = _template(structure_of(door), grasp, control, base).__copy__()
     data = mujoco.MjData(model)
@@ -162,25 +147,11 @@ def load_scene(
     control: Control = "pose",
     base: Base = "fixed",
 ) -> None:
-    """Write another door into a scene's model, in place.
+    """Write another door of the same structure into a scene's model, in place.
 
     The result depends on the arguments alone, not on the door before: it is that of
-    `build_scene`, bit for bit.
-
-    Args:
-        model: Made by `build_scene` for a door of the same structure, with the same
-            grasp, control and base.
-        data: Of the same model; reset it to the keyframe afterwards.
-        door: The new door.
-        grasp: As the model was made.
-        placement: Pose of the robot and its grasp; without error by default.
-        standoff: Initial pose of the hand; by default it holds the handle.
-        control: As the model was made.
-        base: As the model was made.
-
-    Raises:
-        ValueError: The closed handle is out of reach, or the hand's place before it;
-            the model is unchanged.
+    `build_scene`, bit for bit. Raises a ValueError, and leaves the model unchanged, if
+    the handle is out of reach. Reset `data` to the keyframe afterwards.
     """
     check_reach(door, base, "grasped" if standoff is None else "approach")
     placement = Placement() if placement is None else placement
@@ -213,50 +184,39 @@ def _settled(
     base: Base,
 ) -> Mapping[str, Array]:
     """Compile a scene, settle the grasp and return its `SCENE_FIELDS`."""
-    spec = build_spec(
+    model = build_spec(
         geometry,
         grasp,
         placement=placement,
         control=control,
         structure=structure,
         base=base,
-    )
-    model = spec.compile()
-    _settle(model, geometry, placement, base)
-    if standoff is not None:
-        _draw_back(model, standoff_pose(geometry, standoff, base))
-    return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})
-
-
-def _settle(
-    model: mujoco.MjModel, door: DoorConfig, placement: Placement, base: Base
-) -> None:
-    """Close the fingers on the bar and store the state at rest as the keyframe."""
-    data = mujoco.MjData(model)
-    configuration = solve_closed_posture(model, data, door, placement, base)
+    ).compile()
+    data, fingers = mujoco.MjData(model), ("right", "left")
+    configuration = solve_closed_posture(model, data, geometry, placement, base)
+    # Close the fingers on the handle and store the state at rest as the keyframe.
     mujoco.mj_resetData(model, data)
     data.qpos[:] = configuration
     arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
     model.qpos_spring[arm] = data.qpos[arm]
-    for side in ("right", "left"):
+    for side in fingers:
         finger = data.joint(f"gripper_{side}_finger_joint")
-        finger.qpos = held_radius(door.handle) - _BAR_INDENTATION
+        finger.qpos = held_radius(geometry.handle) - _BAR_INDENTATION
     data.actuator("torso_hold").ctrl = data.joint("torso_lift_joint").qpos
     mujoco.mj_step(model, data, nstep=round(_SETTLING_TIME / model.opt.timestep))
     model.key_qpos[GRASP_KEY] = data.qpos
     model.key_qvel[GRASP_KEY] = 0.0
     model.key_ctrl[GRASP_KEY] = data.ctrl
-
-
-def _draw_back(model: mujoco.MjModel, pose: Array) -> None:
-    """Make the keyframe start with the open hand at a pose in front of the handle."""
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
-    mujoco.mj_kinematics(model, data)
-    solve_standoff_posture(model, data, pose)
-    for side, grip in zip(("right", "left"), GRIPS, strict=True):
-        data.joint(f"gripper_{side}_finger_joint").qpos = FINGER_STROKE
-        data.actuator(grip).ctrl = FINGER_STROKE
-    data.ctrl[:6] = pose
-    model.key_qpos[GRASP_KEY] = data.qpos
-    model.key_ctrl[GRASP_KEY] = data.ctrl
+    if standoff is not None:
+        # Or let it start with the open hand at a pose in front of the handle.
+        pose = standoff_pose(geometry, standoff, base)
+        mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
+        mujoco.mj_kinematics(model, data)
+        solve_standoff_posture(model, data, pose)
+        for side, grip in zip(fingers, GRIPS, strict=True):
+            data.joint(f"gripper_{side}_finger_joint").qpos = FINGER_STROKE
+            data.actuator(grip).ctrl = FINGER_STROKE
+        data.ctrl[:6] = pose
+        model.key_qpos[GRASP_KEY] = data.qpos
+        model.key_ctrl[GRASP_KEY] = data.ctrl
+    return MappingProxyType({n: getattr(model, n).copy() for n in SCENE_FIELDS})

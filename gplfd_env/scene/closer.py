@@ -98,12 +98,7 @@ class CloserLaw:
         )
 
     def torque(self, angle: Number, velocity: Number) -> Number:
-        """Return it [N m].
-
-        Args:
-            angle: Opening angle φ [rad].
-            velocity: Its rate [rad/s].
-        """
+        """Return it [N m] at an opening angle [rad] and its rate [rad/s]."""
         opened = where(angle > 0.0, angle, 0.0)
         torque = self.preload + self.stiffness * opened
         if not anywhere(negated(self.springs_alone)):
@@ -120,11 +115,7 @@ class CloserLaw:
 def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:
     """Add the actuator ``door_closer`` to the joint ``hinge``, and its tendons.
 
-    Args:
-        spec: The scene; edited in place.
-        door: Its numbers; those of one-way dampers need the compiled leaf's inertia and
-            are left to `set_closer`.
-        tendons: Whether there are any.
+    One-way dampers need the compiled leaf's inertia and are left to `set_closer`.
     """
     # A pure bias force, -(preload + stiffness * angle): a spring's reference angle
     # could not give a preload without a stiffness. Its control input has no gain.
@@ -157,12 +148,7 @@ def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:
 
 
 def set_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
-    """Write a closer's parameters into a compiled scene, after the leaf's mass.
-
-    Args:
-        model: The scene; edited in place.
-        door: With `has_tendons` as the scene was compiled.
-    """
+    """Write a closer's parameters into a compiled scene, after the leaf's mass."""
     if has_tendons(door):
         for name, (torque, faded) in zip(_FADING, fading_torques(door), strict=True):
             tendon = model.tendon(name).id

@@ -1,26 +1,24 @@
 """The door as MuJoCo bodies: frame, leaf, hinge, and what is mounted on them."""
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import Base
-from gplfd_env.conventions.geoms import INTANGIBLE, UNDRAWN
+from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array, Base
 from gplfd_env.doors.config import DoorConfig, Handle
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.mobile_base import HARD_STOP, SOFT_STOP
 from gplfd_env.robot.placement import (
-    grasp_in_door_frame,
     handle_position_w,
     quaternion,
+    task_in_door_frame,
     task_rotation_w,
 )
 from gplfd_env.scene.arena import DOOR_HEIGHT
 from gplfd_env.scene.closer import add_closer, has_tendons, set_closer
-from gplfd_env.scene.handle import STEEL, add_bar, add_turning_handle, set_handle
-from gplfd_env.scene.latch import add_latch, set_latch
+from gplfd_env.scene.handle import STEEL, add_bar, add_turning_handle, set_spring
+from gplfd_env.scene.latch import add_latch
 from gplfd_env.scene.visuals import (
     add_casing,
     add_closer_visuals,
@@ -37,20 +35,12 @@ _JAMB: Final = 0.05
 _WOOD: Final = (0.78, 0.63, 0.46, 1.0)
 _FRAME: Final = (0.88, 0.87, 0.85, 1.0)
 
-Matrix = NDArray[np.float64]
-
 _BOX: Final = mujoco.mjtGeom.mjGEOM_BOX
 _CYLINDER: Final = mujoco.mjtGeom.mjGEOM_CYLINDER
 
 
 class Structure(NamedTuple):
-    """Parts of a door. Scenes of one structure differ in numbers only.
-
-    Attributes:
-        handle: Kind of handle.
-        latched: Whether there is a bolt.
-        closer: Whether the closer has tendons.
-    """
+    """Parts of a door. Scenes of one structure differ in numbers only."""
 
     handle: Handle
     latched: bool
@@ -65,9 +55,9 @@ def structure_of(door: DoorConfig) -> Structure:
 def add_door(
     spec: mujoco.MjSpec,
     door: DoorConfig,
-    placement: Placement | None = None,
-    structure: Structure | None = None,
-    base: Base = "fixed",
+    placement: Placement,
+    structure: Structure,
+    base: Base,
 ) -> None:
     """Add a door to a scene.
 
@@ -77,24 +67,20 @@ def add_door(
     ``handle_bar`` (the only one that touches the hand), the site ``handle`` that moves
     with it, beside a handle that turns the site ``leaf_axes`` that does not turn with
     it, the latch, and the actuator ``door_closer``.
-
-    Args:
-        spec: The scene, with the robot in it; edited in place.
-        door: Geometry and hinge.
-        placement: Where the robot stands and grasps; without error by default.
-        structure: Parts to add; by default those of the door.
-        base: Whether the base is fixed or mobile.
     """
-    structure = structure_of(door) if structure is None else structure
-    placement = Placement() if placement is None else placement
     frame = spec.worldbody.add_body(
         name="door_frame",
         pos=handle_position_w(door, placement, base),
         quat=quaternion(task_rotation_w(door, placement.base_yaw, base)),
     )
-    grasp, turn = grasp_in_door_frame(door, placement, base)
-    frame.add_site(name="task_frame", pos=grasp, quat=turn, **UNDRAWN)
-    _add_frame(frame, door)
+    grasp, axes = task_in_door_frame(door, placement, base)
+    frame.add_site(name="task_frame", pos=grasp, quat=quaternion(axes), **UNDRAWN)
+    # Where the leaf ends towards hinge and lock: from the handle's axis, and in the
+    # frame's z [m].
+    edges = -door.radius - door.overhang, door.backset
+    hinge_z, lock_z = (door.side * (edge + door.grip) for edge in edges)
+    _add_frame(frame, door, hinge_z, lock_z)
+
     leaf = frame.add_body(name="door", pos=[0.0, 0.0, -door.side * door.hand_radius])
     hinge = leaf.add_joint(
         name="hinge",
@@ -119,83 +105,54 @@ def add_door(
             solref_limit=HARD_STOP,
         )
         end.wrap_joint("hinge", 1.0)
-    _add_leaf(leaf, door)
+    _add_leaf(leaf, door, *edges)
     foot = -door.handle_standoff + door.leaf_thickness / 2
     if door.handle == "bar":
         add_bar(leaf, door, foot, placement.grasp_height)
     else:
         add_turning_handle(leaf, door, foot)
     if structure.latched:
-        add_latch(spec, frame, leaf, door, _edges_in_frame(door)[1], base)
+        add_latch(spec, frame, leaf, door, lock_z, base)
     add_closer(spec, door, tendons=structure.closer)
-    _add_visuals(spec, frame, leaf, door, structure)
 
-
-def _add_visuals(
-    spec: mujoco.MjSpec,
-    frame: mujoco.MjsBody,
-    leaf: mujoco.MjsBody,
-    door: DoorConfig,
-    structure: Structure,
-) -> None:
     top = DOOR_HEIGHT - door.handle_height
     if structure.closer:
         add_closer_visuals(spec, frame, leaf, door, top)
     if structure.latched:
         add_lock_plate(leaf, door)
     if door.handle != "bar":
-        hinge_edge, lock_edge = _edges(door)
-        add_casing(frame, door, _edges_in_frame(door), top)
-        add_panels(leaf, door, lock_edge - hinge_edge)
+        add_casing(frame, door, (hinge_z, lock_z), top)
+        add_panels(leaf, door, edges[1] - edges[0])
         add_far_handle(leaf, spec.body("handle"), door)
 
 
-def _add_frame(frame: mujoco.MjsBody, door: DoorConfig) -> None:
-    floor, side = -door.handle_height, door.side
-    hinge_edge, lock_edge = _edges_in_frame(door)
-    middle = floor + DOOR_HEIGHT / 2
-    for name, edge in (
-        ("jamb_hinge", hinge_edge - side * _JAMB / 2),
-        ("jamb_lock", lock_edge + side * _JAMB / 2),
+def _add_frame(
+    frame: mujoco.MjsBody, door: DoorConfig, hinge_z: float, lock_z: float
+) -> None:
+    """Add jambs and lintel around the leaf's edges, task-frame z [m]."""
+    across = (hinge_z + lock_z) / 2
+    upright = [0.06, DOOR_HEIGHT / 2, _JAMB / 2]
+    level = [0.06, _JAMB / 2, abs(lock_z - hinge_z) / 2 + _JAMB]
+    middle, out = -door.handle_height + DOOR_HEIGHT / 2, door.side * _JAMB / 2
+    for name, y, z, size in (
+        ("jamb_hinge", middle, hinge_z - out, upright),
+        ("jamb_lock", middle, lock_z + out, upright),
+        ("lintel", -door.handle_height + DOOR_HEIGHT + _JAMB / 2, across, level),
     ):
         frame.add_geom(
             name=name,
             type=_BOX,
-            pos=[-door.handle_standoff, middle, edge],
-            size=[0.06, DOOR_HEIGHT / 2, _JAMB / 2],
+            pos=[-door.handle_standoff, y, z],
+            size=size,
             rgba=_FRAME,
             **INTANGIBLE,
         )
-    frame.add_geom(
-        name="lintel",
-        type=_BOX,
-        pos=[
-            -door.handle_standoff,
-            floor + DOOR_HEIGHT + _JAMB / 2,
-            (hinge_edge + lock_edge) / 2,
-        ],
-        size=[0.06, _JAMB / 2, abs(lock_edge - hinge_edge) / 2 + _JAMB],
-        rgba=_FRAME,
-        **INTANGIBLE,
-    )
 
 
-def _edges(door: DoorConfig) -> tuple[float, float]:
-    """Return where the leaf ends towards hinge and lock [m].
-
-    Counted from the handle's axis, away from the hinge.
-    """
-    return -door.radius - door.overhang, door.backset
-
-
-def _edges_in_frame(door: DoorConfig) -> tuple[float, float]:
-    """Return where the leaf ends towards hinge and lock, task-frame z [m]."""
-    hinge_edge, lock_edge = _edges(door)
-    return door.side * (hinge_edge + door.grip), door.side * (lock_edge + door.grip)
-
-
-def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
-    hinge_edge, lock_edge = _edges(door)
+def _add_leaf(
+    leaf: mujoco.MjsBody, door: DoorConfig, hinge_edge: float, lock_edge: float
+) -> None:
+    """Add the leaf between its edges, from the handle's axis [m], and its hinges."""
     leaf.add_geom(
         name="leaf",
         type=_BOX,
@@ -209,35 +166,26 @@ def _add_leaf(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
         mass=door.panel_mass,
         **INTANGIBLE,
     )
+    steel: dict[str, Any] = {"rgba": STEEL, "mass": 0.0, **INTANGIBLE}
     for name, height in (("hinge_upper", 0.55), ("hinge_lower", -0.55)):
         leaf.add_geom(
             name=name,
             type=_CYLINDER,
             fromto=[0, height - 0.05, 0, 0, height + 0.05, 0],
             size=[0.012, 0, 0],
-            rgba=STEEL,
-            mass=0.0,
-            **INTANGIBLE,
+            **steel,
         )
         leaf.add_geom(
             name=f"{name}_arm",
             type=_BOX,
             pos=[-door.handle_standoff / 2, height, 0],
             size=[door.handle_standoff / 2, 0.03, 0.004],
-            rgba=STEEL,
-            mass=0.0,
-            **INTANGIBLE,
+            **steel,
         )
 
 
 def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
-    """Set stop and friction of the hinge; return whether they changed.
-
-    Args:
-        model: The scene; edited in place.
-        stop: Angle at which the leaf meets its stop [rad].
-        friction: Coulomb friction [N m].
-    """
+    """Set stop [rad] and friction [N m] of the hinge; return whether they changed."""
     joint = model.joint("hinge")
     dof = int(joint.dofadr[0])
     now = model.jnt_range[joint.id, 1], model.dof_frictionloss[dof]
@@ -250,20 +198,14 @@ def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
 def set_door_physics(
     model: mujoco.MjModel, data: mujoco.MjData, door: DoorConfig
 ) -> None:
-    """Give a compiled door, of `NOMINAL_MASS`, its mass, hinge, springs and closer.
-
-    Args:
-        model: The scene; edited in place.
-        data: Of the same model; left in its reference configuration.
-        door: Of the geometry that the scene was compiled with.
-    """
+    """Give a compiled door, of `NOMINAL_MASS`, its mass, hinge, springs and closer."""
     hinge = int(model.joint("hinge").dofadr[0])
     model.dof_frictionloss[hinge] = door.friction
     model.dof_damping[hinge] = door.hinge_damping + door.closer_damping
     if door.handle != "bar":
-        set_handle(model, door)
+        set_spring(model, "handle", *door.handle_spring)
     if door.latch == "spring":
-        set_latch(model, door)
+        set_spring(model, "bolt", door.bolt_preload, door.bolt_stiffness)
     _add_leaf_mass(model, door.panel_mass - NOMINAL_MASS)
     mujoco.mj_setConst(model, data)
     set_closer(model, door)
@@ -272,10 +214,7 @@ def set_door_physics(
 
 
 def _add_leaf_mass(model: mujoco.MjModel, mass: float) -> None:
-    """Add mass to the leaf: the body's mass, centre and inertia by Steiner's theorem.
-
-    Inertias are collected about the body's origin, (3, 3) [kg m²].
-    """
+    """Add mass to the leaf: the body's mass, centre and inertia (Steiner's theorem)."""
     body, leaf = model.body("door").id, model.geom("leaf").id
     centre, size = model.geom_pos[leaf], model.geom_size[leaf]
     solid = np.diag(size @ size - size**2) / 3.0
@@ -297,6 +236,6 @@ def _add_leaf_mass(model: mujoco.MjModel, mass: float) -> None:
     model.body_inertia[body], model.body_iquat[body] = principal, quaternion
 
 
-def _steiner(offset: Matrix) -> Matrix:
+def _steiner(offset: Array) -> Array:
     """Return the inertia of a unit mass at an offset, |c|² 1 - c cᵀ [m²]."""
     return np.asarray((offset @ offset) * np.eye(3) - np.outer(offset, offset))

@@ -1,10 +1,11 @@
 """The handle as MuJoCo geoms: a bar on the leaf, or a lever or knob that turns."""
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import mujoco
 
-from gplfd_env.conventions.geoms import INTANGIBLE, UNDRAWN
+from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN
 from gplfd_env.doors.config import BAR_RADIUS, KNOB_RADIUS, DoorConfig
 
 BAR_HALF_LENGTH: Final = 0.10
@@ -30,11 +31,8 @@ exceed two physics steps."""
 def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) -> None:
     """Add a vertical bar: the geom ``handle_bar`` and the site ``handle``.
 
-    Args:
-        leaf: The leaf's body, its origin on the hinge's axis.
-        door: Geometry.
-        foot: Where the leaf's surface is along x [m].
-        height: Of the grasped point above the bar's middle [m].
+    The leaf's surface is at `foot` along x, the grasped point `height` above the middle
+    [m].
     """
     reach = door.side * door.radius
     leaf.add_geom(
@@ -47,15 +45,7 @@ def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) 
         ("handle_post_upper", BAR_HALF_LENGTH),
         ("handle_post_lower", -BAR_HALF_LENGTH),
     ):
-        leaf.add_geom(
-            name=name,
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            fromto=[0.0, end, reach, foot, end, reach],
-            size=[0.009, 0, 0],
-            rgba=STEEL,
-            mass=0.05,
-            **INTANGIBLE,
-        )
+        _add_rod(leaf, name, [0.0, end, reach, foot, end, reach], 0.009)
     leaf.add_site(name="handle", pos=[0.0, height, reach], **UNDRAWN)
 
 
@@ -65,11 +55,6 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
     A positive angle presses the lever down; a knob turns the same way. The return
     spring holds it at zero. The site ``handle`` turns with it; ``leaf_axes`` at the
     same place does not.
-
-    Args:
-        leaf: The leaf's body, its origin on the hinge's axis.
-        door: Geometry and spring.
-        foot: Where the leaf's surface is along x [m].
     """
     reach, grip = door.side * door.radius, door.side * door.grip
     preload, stiffness = door.handle_spring
@@ -93,36 +78,25 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
     else:
         ball = {**_HELD, "type": mujoco.mjtGeom.mjGEOM_SPHERE}
         body.add_geom(size=[KNOB_RADIUS, 0, 0], mass=0.3, **ball)
-    body.add_geom(
-        name="handle_neck",
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        fromto=[0.0, 0.0, 0.0, foot, 0.0, 0.0],
-        size=[0.009, 0, 0],
-        rgba=STEEL,
-        mass=0.05,
-        **INTANGIBLE,
-    )
+    _add_rod(body, "handle_neck", [0.0, 0.0, 0.0, foot, 0.0, 0.0], 0.009)
     body.add_site(name="handle", pos=[0.0, 0.0, -grip], **UNDRAWN)
     leaf.add_site(name="leaf_axes", pos=[0.0, 0.0, reach - grip], **UNDRAWN)
-    leaf.add_geom(
-        name="handle_rose",
+    rose = [foot, 0.0, reach, foot + 0.008, 0.0, reach]
+    _add_rod(leaf, "handle_rose", rose, 0.026)
+
+
+def _add_rod(
+    body: mujoco.MjsBody, name: str, ends: Sequence[float], radius: float
+) -> None:
+    body.add_geom(
+        name=name,
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        fromto=[foot, 0.0, reach, foot + 0.008, 0.0, reach],
-        size=[0.026, 0, 0],
+        fromto=ends,
+        size=[radius, 0, 0],
         rgba=STEEL,
         mass=0.05,
         **INTANGIBLE,
     )
-
-
-def set_handle(model: mujoco.MjModel, door: DoorConfig) -> None:
-    """Write the parameters of the handle's return spring into a compiled scene.
-
-    Args:
-        model: The scene; edited in place.
-        door: Of the geometry that the scene was compiled with.
-    """
-    set_spring(model, "handle", *door.handle_spring)
 
 
 def set_spring(

@@ -12,11 +12,10 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from gplfd_env.conventions.constants import Base
-from gplfd_env.conventions.geoms import INTANGIBLE
+from gplfd_env.conventions.constants import INTANGIBLE, Base
 from gplfd_env.conventions.one_and_many import Flag, Number
 from gplfd_env.doors.config import DoorConfig
-from gplfd_env.scene.handle import STEEL, set_spring
+from gplfd_env.scene.handle import STEEL
 
 _NOSE: Final = 0.003
 """Radius of the bolt's nose [m]."""
@@ -54,19 +53,14 @@ _MIRRORED: Final = {
 
 _BOLT_MASS: Final = 0.1
 
-
 _PLAY: Final = math.radians(1.0)
 """A latched door opens by less than this [rad]."""
 
 
 def latch_holds(sprung: Flag, throw: Number, angle: Number, bolt: Number) -> Flag:
-    """Return whether the bolt stands before the strike.
+    """Return whether a sprung bolt with a throw [m] stands before the strike.
 
-    Args:
-        sprung: Whether there is a bolt.
-        throw: How far it stands out [m].
-        angle: Opening angle [rad].
-        bolt: How far the bolt is drawn in [m].
+    At an opening angle [rad] and with the bolt drawn in by `bolt` [m].
     """
     return sprung & (angle < _PLAY) & (bolt < throw - GAP)
 
@@ -77,23 +71,59 @@ def add_latch(
     leaf: mujoco.MjsBody,
     door: DoorConfig,
     lock_edge: float,
-    base: Base = "fixed",
+    base: Base,
 ) -> None:
     """Add bolt, strike and the tendon that retracts the bolt.
 
-    Adds the joint ``bolt``, the geoms ``bolt_nose`` and ``strike``, and the tendon
-    ``retraction`` between the joints ``handle`` and ``bolt``.
-
-    Args:
-        spec: The scene; edited in place.
-        frame: The door's frame.
-        leaf: The leaf's body, its origin on the hinge's axis.
-        door: Geometry and spring.
-        lock_edge: The leaf's free edge, task-frame z [m].
-        base: Whether the base is fixed or mobile.
+    The joint ``bolt``, the geoms ``bolt_nose`` and ``strike``, and the tendon
+    ``retraction`` between the joints ``handle`` and ``bolt``. The leaf's free edge is
+    at `lock_edge`, task-frame z [m].
     """
-    _add_bolt(leaf, door)
-    _add_strike(spec, frame, door, lock_edge, _UNDERCUT[base])
+    side = door.side
+    edge = side * (door.radius + door.backset)
+    bolt = leaf.add_body(name="bolt", pos=[-door.handle_standoff, 0.0, edge])
+    bolt.add_joint(
+        name="bolt",
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=[0, 0, -side],
+        range=[0.0, door.bolt_throw],
+        limited=True,
+        solref_limit=[0.005, 1.0],
+        stiffness=[door.bolt_stiffness, 0, 0],
+        springref=-door.bolt_preload / door.bolt_stiffness,
+        damping=[2.0, 0, 0],
+    )
+    tip = side * (door.bolt_throw - _NOSE)
+    bolt.add_geom(
+        name="bolt_nose",
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[0.0, 0.0, tip - side * 0.03, 0.0, 0.0, tip],
+        size=[_NOSE, 0, 0],
+        rgba=STEEL,
+        mass=_BOLT_MASS,
+        **INTANGIBLE,
+    )
+    # The strike is a wedge, in the plane of the leaf's motion.
+    corners = [
+        (0.0, 0.0),
+        (1.5 * _BEVEL * math.tan(_UNDERCUT[base]), 1.5 * _BEVEL),
+        (_BEVEL, _BEVEL),
+        (_BEVEL, 1.5 * _BEVEL),
+    ]
+    mesh = spec.add_mesh(name="strike")
+    mesh.uservert = np.array(
+        [(x, y, z) for y in (-_HALF_HEIGHT, _HALF_HEIGHT) for x, z in corners]
+    ).ravel()
+    face = -door.handle_standoff + door.way * (_NOSE + _CLEARANCE)
+    frame.add_geom(
+        name="strike",
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname="strike",
+        pos=[face, 0.0, lock_edge + side * GAP],
+        quat=_MIRRORED[door.swing, door.hinge_side],
+        rgba=STEEL,
+        **INTANGIBLE,
+    )
     spec.add_pair(
         name="latch",
         geomname1="bolt_nose",
@@ -112,69 +142,3 @@ def add_latch(
     )
     retraction.wrap_joint("bolt", 1.0)
     retraction.wrap_joint("handle", -ratio)
-
-
-def _add_bolt(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
-    edge = door.side * (door.radius + door.backset)
-    bolt = leaf.add_body(name="bolt", pos=[-door.handle_standoff, 0.0, edge])
-    bolt.add_joint(
-        name="bolt",
-        type=mujoco.mjtJoint.mjJNT_SLIDE,
-        axis=[0, 0, -door.side],
-        range=[0.0, door.bolt_throw],
-        limited=True,
-        solref_limit=[0.005, 1.0],
-        stiffness=[door.bolt_stiffness, 0, 0],
-        springref=-door.bolt_preload / door.bolt_stiffness,
-        damping=[2.0, 0, 0],
-    )
-    tip = door.side * (door.bolt_throw - _NOSE)
-    bolt.add_geom(
-        name="bolt_nose",
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=[0.0, 0.0, tip - door.side * 0.03, 0.0, 0.0, tip],
-        size=[_NOSE, 0, 0],
-        rgba=STEEL,
-        mass=_BOLT_MASS,
-        **INTANGIBLE,
-    )
-
-
-def _add_strike(
-    spec: mujoco.MjSpec,
-    frame: mujoco.MjsBody,
-    door: DoorConfig,
-    lock_edge: float,
-    undercut: float,
-) -> None:
-    """Add the wedge, in the plane of the leaf's motion."""
-    corners = [
-        (0.0, 0.0),
-        (1.5 * _BEVEL * math.tan(undercut), 1.5 * _BEVEL),
-        (_BEVEL, _BEVEL),
-        (_BEVEL, 1.5 * _BEVEL),
-    ]
-    mesh = spec.add_mesh(name="strike")
-    mesh.uservert = np.array(
-        [(x, y, z) for y in (-_HALF_HEIGHT, _HALF_HEIGHT) for x, z in corners]
-    ).ravel()
-    face = -door.handle_standoff + door.way * (_NOSE + _CLEARANCE)
-    frame.add_geom(
-        name="strike",
-        type=mujoco.mjtGeom.mjGEOM_MESH,
-        meshname="strike",
-        pos=[face, 0.0, lock_edge + door.side * GAP],
-        quat=_MIRRORED[door.swing, door.hinge_side],
-        rgba=STEEL,
-        **INTANGIBLE,
-    )
-
-
-def set_latch(model: mujoco.MjModel, door: DoorConfig) -> None:
-    """Write the parameters of the bolt's spring into a compiled scene.
-
-    Args:
-        model: The scene; edited in place.
-        door: Of the geometry that the scene was compiled with.
-    """
-    set_spring(model, "bolt", door.bolt_preload, door.bolt_stiffness)

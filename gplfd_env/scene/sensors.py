@@ -1,12 +1,19 @@
 """The sensors that let MuJoCo itself compute what observation and info need."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import mujoco
 
 from gplfd_env.conventions.constants import Base, Control
 from gplfd_env.robot.mobile_base import BASE_JOINTS
-from gplfd_env.robot.model import FINGER, ROTATION_SERVOS, WRENCH_LIMITS
+from gplfd_env.robot.model import (
+    FINGER,
+    ROTATION_SERVOS,
+    TRANSLATION_SERVOS,
+    WRENCH_LIMITS,
+    Hold,
+)
 from gplfd_env.robot.placement import ARM_JOINTS
 from gplfd_env.scene.door import Structure
 
@@ -17,104 +24,87 @@ _GEOM: Final = mujoco.mjtObj.mjOBJ_GEOM
 _ACTUATOR: Final = mujoco.mjtObj.mjOBJ_ACTUATOR
 _TENDON: Final = mujoco.mjtObj.mjOBJ_TENDON
 
+_AXES: Final = {
+    "x": _SENSOR.mjSENS_FRAMEXAXIS,
+    "y": _SENSOR.mjSENS_FRAMEYAXIS,
+    "z": _SENSOR.mjSENS_FRAMEZAXIS,
+}
+
 _CONTACT_FOUND: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND)
 _CONTACT_FORCE: Final = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
 _NET_FORCE: Final = 3
 
 
 def add_sensors(
-    spec: mujoco.MjSpec,
-    structure: Structure,
-    control: Control = "pose",
-    base: Base = "fixed",
-    *,
-    gripper: bool = False,
+    spec: mujoco.MjSpec, structure: Structure, control: Control, base: Base, grasp: Hold
 ) -> None:
     """Add every sensor, in the order in which `gplfd_env.task.observation` reads them.
 
-    Poses and twists of the hand are measured in the task frame; wrist force and
-    torque in the sensor site's frame (the hand's axes); the leaf's axes and the
-    contact force on the handle in the world frame. Handle and bolt come last, where
-    there are any.
-
-    Args:
-        spec: The scene with robot and door; edited in place.
-        structure: What the door consists of.
-        control: What the robot was loaded with.
-        base: The same.
-        gripper: Whether the fingers open and close.
+    Poses and twists of the hand are measured in the task frame; wrist force and torque
+    in the sensor site's frame (the hand's axes); the leaf's axes and the contact force
+    on the handle in the world frame. Handle and bolt come last, where there are any.
     """
-    for axis in ("x", "y", "z"):
-        _add(
-            spec, f"hand_{axis}", _SENSOR.mjSENS_ACTUATORPOS, _ACTUATOR, f"servo_{axis}"
-        )
-    rotation = ("servo_rotation",) if control == "pose" else ROTATION_SERVOS
-    for name in rotation:
-        sensor = name.replace("servo_rotation", "hand_rotvec")
-        _add(spec, sensor, _SENSOR.mjSENS_ACTUATORPOS, _ACTUATOR, name)
-    _add(spec, "hand_linvel", _SENSOR.mjSENS_FRAMELINVEL, _SITE, "hand", "task_frame")
-    _add(spec, "hand_angvel", _SENSOR.mjSENS_FRAMEANGVEL, _SITE, "hand", "task_frame")
-    for name in ARM_JOINTS:
-        _add(spec, f"{name}_pos", _SENSOR.mjSENS_JOINTPOS, _JOINT, name)
-    for name in ARM_JOINTS:
-        _add(spec, f"{name}_vel", _SENSOR.mjSENS_JOINTVEL, _JOINT, name)
-    force = _add(spec, "wrist_force", _SENSOR.mjSENS_FORCE, _SITE, "wrist_ft")
-    force.cutoff = WRENCH_LIMITS[0]
-    torque = _add(spec, "wrist_torque", _SENSOR.mjSENS_TORQUE, _SITE, "wrist_ft")
-    torque.cutoff = WRENCH_LIMITS[1]
-    for axis in ("X", "Y", "Z"):
-        kind = getattr(_SENSOR, f"mjSENS_FRAME{axis}AXIS")
-        _add(spec, f"wrist_{axis.lower()}axis", kind, _SITE, "wrist_ft", "task_frame")
-    for name in BASE_JOINTS if base == "mobile" else ():
-        _add(spec, f"{name}_pos", _SENSOR.mjSENS_JOINTPOS, _JOINT, name)
-    for name in BASE_JOINTS if base == "mobile" else ():
-        _add(spec, f"{name}_vel", _SENSOR.mjSENS_JOINTVEL, _JOINT, name)
-    if gripper:
-        _add(spec, "finger", _SENSOR.mjSENS_JOINTPOS, _JOINT, FINGER)
+
+    def add(
+        name: str,
+        kind: mujoco.mjtSensor,
+        of: mujoco.mjtObj,
+        target: str,
+        reference: str | None = None,
+    ) -> mujoco.MjsSensor:
+        sensor = spec.add_sensor(name=name, type=kind, objtype=of, objname=target)
+        if reference is not None:
+            sensor.reftype, sensor.refname = _SITE, reference
+        return sensor
+
+    def add_joints(names: Sequence[str]) -> None:
+        for name in names:
+            add(f"{name}_pos", _SENSOR.mjSENS_JOINTPOS, _JOINT, name)
+        for name in names:
+            add(f"{name}_vel", _SENSOR.mjSENS_JOINTVEL, _JOINT, name)
+
+    def add_axes(first: str, site: str, reference: str | None = None) -> None:
+        for axis, kind in _AXES.items():
+            add(f"{first}_{axis}axis", kind, _SITE, site, reference)
+
+    servos = ("servo_rotation",) if control == "pose" else ROTATION_SERVOS
+    for name in (*TRANSLATION_SERVOS, *servos):
+        sensor = name.replace("servo_rotation", "hand_rotvec").replace("servo", "hand")
+        add(sensor, _SENSOR.mjSENS_ACTUATORPOS, _ACTUATOR, name)
+    add("hand_linvel", _SENSOR.mjSENS_FRAMELINVEL, _SITE, "hand", "task_frame")
+    add("hand_angvel", _SENSOR.mjSENS_FRAMEANGVEL, _SITE, "hand", "task_frame")
+    add_joints(ARM_JOINTS)
+    force = add("wrist_force", _SENSOR.mjSENS_FORCE, _SITE, "wrist_ft")
+    torque = add("wrist_torque", _SENSOR.mjSENS_TORQUE, _SITE, "wrist_ft")
+    force.cutoff, torque.cutoff = WRENCH_LIMITS
+    add_axes("wrist", "wrist_ft", "task_frame")
     if base == "mobile":
-        _add(spec, "hinge_end", _SENSOR.mjSENS_TENDONLIMITFRC, _TENDON, "hinge_end")
-    _add(spec, "hinge_angle", _SENSOR.mjSENS_JOINTPOS, _JOINT, "hinge")
-    _add(spec, "hinge_velocity", _SENSOR.mjSENS_JOINTVEL, _JOINT, "hinge")
-    _add(spec, "handle_pos", _SENSOR.mjSENS_FRAMEPOS, _SITE, "handle", "task_frame")
-    _add(spec, "hand_on_handle", _SENSOR.mjSENS_FRAMEPOS, _SITE, "hand", "handle")
+        add_joints(BASE_JOINTS)
+    if grasp == "gripper":
+        add("finger", _SENSOR.mjSENS_JOINTPOS, _JOINT, FINGER)
+    if base == "mobile":
+        add("hinge_end", _SENSOR.mjSENS_TENDONLIMITFRC, _TENDON, "hinge_end")
+    add("hinge_angle", _SENSOR.mjSENS_JOINTPOS, _JOINT, "hinge")
+    add("hinge_velocity", _SENSOR.mjSENS_JOINTVEL, _JOINT, "hinge")
+    add("handle_pos", _SENSOR.mjSENS_FRAMEPOS, _SITE, "handle", "task_frame")
+    add("hand_on_handle", _SENSOR.mjSENS_FRAMEPOS, _SITE, "hand", "handle")
     turning = structure.handle != "bar"
-    axes = "leaf_axes" if turning else "handle"
-    for axis in ("X", "Y", "Z"):
-        kind = getattr(_SENSOR, f"mjSENS_FRAME{axis}AXIS")
-        _add(spec, f"handle_{axis.lower()}axis", kind, _SITE, axes)
+    add_axes("handle", "leaf_axes" if turning else "handle")
     for side in ("right", "left"):
-        pad = _GEOM, f"{side}_finger_pad"
-        finger = mujoco.mjtObj.mjOBJ_BODY, f"gripper_{side}_finger_link"
-        touching = finger if turning else pad
+        touching = _GEOM, f"{side}_finger_pad"
+        if turning:
+            touching = mujoco.mjtObj.mjOBJ_BODY, f"gripper_{side}_finger_link"
         _add_contact(spec, f"{side}_pad_contact", touching, _CONTACT_FOUND)
     _add_contact(spec, "bar_force", None, _CONTACT_FORCE)
-    _add(spec, "hinge_stop", _SENSOR.mjSENS_JOINTLIMITFRC, _JOINT, "hinge")
+    add("hinge_stop", _SENSOR.mjSENS_JOINTLIMITFRC, _JOINT, "hinge")
     if turning:
-        _add(spec, "handle_angle", _SENSOR.mjSENS_JOINTPOS, _JOINT, "handle")
+        add("handle_angle", _SENSOR.mjSENS_JOINTPOS, _JOINT, "handle")
     if structure.latched:
-        _add(spec, "bolt", _SENSOR.mjSENS_JOINTPOS, _JOINT, "bolt")
-
-
-def _add(
-    spec: mujoco.MjSpec,
-    name: str,
-    kind: mujoco.mjtSensor,
-    object_type: mujoco.mjtObj,
-    target: str,
-    reference: str | None = None,
-) -> mujoco.MjsSensor:
-    sensor = spec.add_sensor(name=name, type=kind, objtype=object_type, objname=target)
-    if reference is not None:
-        sensor.reftype = _SITE
-        sensor.refname = reference
-    return sensor
+        add("bolt", _SENSOR.mjSENS_JOINTPOS, _JOINT, "bolt")
 
 
 def _add_contact(
-    spec: mujoco.MjSpec,
-    name: str,
-    other: tuple[mujoco.mjtObj, str] | None,
-    fields: int,
+    spec: mujoco.MjSpec, name: str, other: tuple[mujoco.mjtObj, str] | None, fields: int
 ) -> None:
     """Add a contact sensor of the handle: with a pad or finger, or with all at once."""
     sensor = spec.add_sensor(

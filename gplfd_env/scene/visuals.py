@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import mujoco
 
-from gplfd_env.conventions.geoms import INTANGIBLE, UNDRAWN
+from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN
 from gplfd_env.doors.config import BAR_RADIUS, KNOB_RADIUS, DoorConfig
 from gplfd_env.scene.handle import STEEL
 
@@ -37,14 +37,7 @@ _SPHERE: Final = mujoco.mjtGeom.mjGEOM_SPHERE
 def add_casing(
     frame: mujoco.MjsBody, door: DoorConfig, edges: tuple[float, float], top: float
 ) -> None:
-    """Add the flat boards around the opening, on both sides of the wall.
-
-    Args:
-        frame: The door's frame.
-        door: Geometry.
-        edges: Where the leaf ends towards hinge and lock, task-frame z [m].
-        top: Where it ends above, task-frame y [m].
-    """
+    """Add the flat boards around the opening, on both sides of the wall."""
     wide, gap, deep, side = 0.035, 0.013, 0.072, door.side
     hinge, lock = edges[0] - side * (gap + wide), edges[1] + side * (gap + wide)
     floor = -door.handle_height
@@ -58,13 +51,7 @@ def add_casing(
 
 
 def add_panels(leaf: mujoco.MjsBody, door: DoorConfig, width: float) -> None:
-    """Add two raised panels, seen on both sides of the leaf, and the lock.
-
-    Args:
-        leaf: The leaf's body, its origin on the hinge's axis.
-        door: Geometry.
-        width: Of the leaf [m].
-    """
+    """Add two raised panels, seen on both sides of the leaf, and the lock."""
     stile, floor, x = 0.11, -door.handle_height, -door.handle_standoff
     free_edge = door.radius + door.backset
     thick = door.leaf_thickness / 2.0
@@ -77,38 +64,22 @@ def add_panels(leaf: mujoco.MjsBody, door: DoorConfig, width: float) -> None:
         size[1] = (high - low) / 2.0
         _add_box(leaf, name, [x, (low + high) / 2.0, place], size, _PANEL)
     reach = door.side * door.radius
-    _add_rod(
-        leaf,
-        "lock_cylinder",
-        _through(door, thick + 0.006, -0.09, reach),
-        0.014,
-        _BRASS,
-    )
+    near, far = x - (thick + 0.006), x + (thick + 0.006)
+    through = [near, -0.09, reach, far, -0.09, reach]
+    _add_rod(leaf, "lock_cylinder", through, 0.014, _BRASS)
 
 
 def add_far_handle(
     leaf: mujoco.MjsBody, handle: mujoco.MjsBody, door: DoorConfig
 ) -> None:
-    """Add the mirrored handle on the other side of the leaf.
-
-    Args:
-        leaf: The leaf's body, its origin on the hinge's axis.
-        handle: The body that turns.
-        door: Geometry.
-    """
+    """Add the mirrored handle on the other side of the leaf."""
     far, surface = -2.0 * door.handle_standoff, door.leaf_thickness / 2.0
     foot = -door.handle_standoff - surface
     _add_rod(handle, "far_neck", [foot, 0.0, 0.0, far, 0.0, 0.0], 0.009, STEEL)
     if door.handle == "lever":
         end = -door.side * (door.handle_length - BAR_RADIUS)
-        handle.add_geom(
-            name="far_handle",
-            type=_CAPSULE,
-            fromto=[far, 0.0, 0.0, far, 0.0, end],
-            size=[BAR_RADIUS, 0, 0],
-            rgba=STEEL,
-            **_SEEN,
-        )
+        ends = [far, 0.0, 0.0, far, 0.0, end]
+        _add_rod(handle, "far_handle", ends, BAR_RADIUS, STEEL, _CAPSULE)
     else:
         handle.add_geom(
             name="far_handle",
@@ -141,17 +112,10 @@ def add_closer_visuals(
     """Add a closer's box on the leaf, its shoe on the frame, and the arm between.
 
     The arm is one straight tendon without force; two links would need bodies and joints
-    of their own. Doors without a visible closer (`has_box`) have the same parts,
-    transparent.
-
-    Args:
-        spec: The scene; edited in place.
-        frame: The door's frame.
-        leaf: The leaf's body, its origin on the hinge's axis.
-        door: Geometry and closer.
-        top: Where the leaf ends above, task-frame y [m].
+    of their own. Doors without a visible closer have the same parts, transparent.
     """
-    colour, side = (*_ALUMINIUM, _opacity(door)), door.side
+    opacity, radius = _looks_of_closer(door)
+    colour, side = (*_ALUMINIUM, opacity), door.side
     x = -door.handle_standoff + door.leaf_thickness / 2.0 + 0.022
     box = [x, top - 0.065, side * 0.20]
     _add_box(leaf, "closer_box", box, [0.022, 0.027, 0.125], colour)
@@ -160,47 +124,29 @@ def add_closer_visuals(
     shoe = [foot, top + 0.03, side * (0.42 - door.hand_radius)]
     _add_box(frame, "closer_shoe", shoe, [0.012, 0.012, 0.03], colour)
     frame.add_site(name="closer_foot", pos=shoe, **UNDRAWN)
-    width = _arm_radius(door)
     # Without it the resting length would be that of the compiled door.
     arm = spec.add_tendon(
-        name=CLOSER_ARM, width=width, rgba=colour, springlength=[0.0, 0.0]
+        name=CLOSER_ARM, width=radius, rgba=colour, springlength=[0.0, 0.0]
     )
     arm.wrap_site("closer_spindle")
     arm.wrap_site("closer_foot")
 
 
-def has_box(door: DoorConfig) -> bool:
-    """Return whether a door's closer is a hydraulic one, and not a spring or a seal."""
-    return door.closing_damping + door.backcheck_damping > 0.0
-
-
 def show_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
-    """Show or hide the closer of a compiled scene.
-
-    Args:
-        model: The scene, with the parts of `add_closer_visuals`; edited in place.
-        door: Determines whether there is a closer.
-    """
+    """Show or hide the closer of a compiled scene."""
+    opacity, radius = _looks_of_closer(door)
     for part in CLOSER_PARTS:
-        model.geom_rgba[model.geom(part).id, 3] = _opacity(door)
+        model.geom_rgba[model.geom(part).id, 3] = opacity
     arm = model.tendon(CLOSER_ARM).id
-    model.tendon_rgba[arm, 3] = _opacity(door)
-    model.tendon_width[arm] = _arm_radius(door)
+    model.tendon_rgba[arm, 3], model.tendon_width[arm] = opacity, radius
 
 
-def _opacity(door: DoorConfig) -> float:
-    return 1.0 if has_box(door) else 0.0
-
-
-def _arm_radius(door: DoorConfig) -> float:
+def _looks_of_closer(door: DoorConfig) -> tuple[float, float]:
+    """Return its opacity and its arm's radius [m]; only a hydraulic one is seen."""
+    if door.closing_damping + door.backcheck_damping > 0.0:
+        return 1.0, _ARM_RADIUS
     # A tendon without colour would still cast a shadow, and MuJoCo refuses zero.
-    return _ARM_RADIUS if has_box(door) else 1e-5
-
-
-def _through(door: DoorConfig, half: float, height: float, reach: float) -> list[float]:
-    """Ends of a rod through the leaf, as far to both sides of its mid-plane [m]."""
-    x = -door.handle_standoff
-    return [x - half, height, reach, x + half, height, reach]
+    return 0.0, 1e-5
 
 
 def _add_box(
@@ -219,8 +165,7 @@ def _add_rod(
     ends: Sequence[float],
     radius: float,
     colour: Sequence[float],
+    kind: mujoco.mjtGeom = _CYLINDER,
 ) -> None:
     size = [radius, 0, 0]
-    body.add_geom(
-        name=name, type=_CYLINDER, fromto=ends, size=size, rgba=colour, **_SEEN
-    )
+    body.add_geom(name=name, type=kind, fromto=ends, size=size, rgba=colour, **_SEEN)

@@ -3,20 +3,18 @@
 import math
 import reprlib
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from gplfd_env.conventions.constants import GRIPPER_WIDTH, Base, Control
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, Array, Base, Control
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.model import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS
 from gplfd_env.robot.placement import standoff_pose
 from gplfd_env.robot.whole_body import SPEED
-
-Array = NDArray[np.float64]
 
 STIFFNESS_RANGES: Final = ((20.0, SERVO_STIFFNESS[0]), (1.0, SERVO_STIFFNESS[1]))
 """Commanded stiffness: translation [N/m], rotation [N m/rad]."""
@@ -29,16 +27,10 @@ _DAMPING_OF_ROOT: Final = -np.repeat(SERVO_DAMPING, 3) / np.sqrt(_STIFFEST)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Command:
-    """The meaning of an action.
+    """The meaning of an action: its bounds, and the one that holds the closed handle.
 
-    Attributes:
-        control: What the robot was loaded with.
-        low: Least action.
-        high: Greatest action.
-        rest: The action that holds the closed handle.
-        meaning: Of the action's entries, for messages.
-        drives: Whether its last three entries are the base's twist.
-        grips: Whether its last entry is the gripper's width.
+    If it `drives`, the last three entries are the base's twist; if it `grips`, the last
+    one is the gripper's width. Messages tell the `meaning` of the entries.
     """
 
     control: Control
@@ -55,12 +47,7 @@ class Command:
         return spaces.Box(self.low, self.high, dtype=np.float64)
 
     def resting(self, variation: Variation, base: Base) -> Array:
-        """Return the action that holds the hand where an episode begins.
-
-        Args:
-            variation: The episode's circumstances.
-            base: Whether the robot drives.
-        """
+        """Return the action that holds the hand where an episode begins."""
         if variation.standoff is None:
             return self.rest
         action = self.rest.copy()
@@ -75,15 +62,9 @@ class Command:
         shape: tuple[int, ...],
         ignored: NDArray[np.bool_] | None = None,
     ) -> Array:
-        """Return the action as an array of its own.
+        """Return an action as an array of its own, `ignored` rows set to `rest`.
 
-        Args:
-            action: As a caller gave it.
-            shape: What it must have.
-            ignored: Rows to replace by `rest`, whatever they hold.
-
-        Raises:
-            ValueError: It is not an array of numbers of that shape, or not finite.
+        Raises a ValueError if it is not finite numbers of the shape.
         """
         try:
             command = np.array(action, dtype=np.float64)
@@ -113,89 +94,61 @@ class Command:
         return np.minimum(np.maximum(commands, self.low), self.high)
 
 
+def _command(control: Control, further: str, extra: ArrayLike, **more: Any) -> Command:
+    """Return the meaning of a pose and further entries with least, greatest, rest."""
+    low, high, rest = np.reshape(extra, (-1, 3)).T
+    hand = (
+        "commanded position [m] and rotation vector [rad] of the hand in the task frame"
+    )
+    return Command(
+        control=control,
+        low=np.concatenate([-_POSE_LIMIT, low]),
+        high=np.concatenate([_POSE_LIMIT, high]),
+        rest=np.concatenate([np.zeros(6), rest]),
+        meaning=hand + further,
+        **more,
+    )
+
+
 COMMANDS: Final[dict[Control, Command]] = {
-    "pose": Command(
-        control="pose",
-        low=-_POSE_LIMIT,
-        high=_POSE_LIMIT,
-        rest=np.zeros(6),
-        meaning=(
-            "commanded position [m] and rotation vector [rad] of the hand in the task "
-            "frame"
-        ),
-    ),
-    "impedance": Command(
-        control="impedance",
-        low=np.concatenate([-_POSE_LIMIT, _SOFTEST]),
-        high=np.concatenate([_POSE_LIMIT, _STIFFEST]),
-        rest=np.concatenate([np.zeros(6), _STIFFEST]),
-        meaning=(
-            "commanded position [m] and rotation vector [rad] of the hand in the task "
-            "frame, and its stiffness on these axes [N/m, N m/rad]"
-        ),
+    "pose": _command("pose", "", []),
+    "impedance": _command(
+        "impedance",
+        ", and its stiffness on these axes [N/m, N m/rad]",
+        np.column_stack([_SOFTEST, _STIFFEST, _STIFFEST]),
     ),
 }
 """By kind of control."""
 
-_BASE_SPEED: Final = np.array([SPEED[0], SPEED[0], SPEED[1]])
-
-DRIVEN: Final = Command(
-    control="pose",
-    low=np.concatenate([-_POSE_LIMIT, -_BASE_SPEED]),
-    high=np.concatenate([_POSE_LIMIT, _BASE_SPEED]),
-    rest=np.zeros(9),
-    meaning=(
-        "commanded position [m] and rotation vector [rad] of the hand in the task "
-        "frame, and twist of the base in its own axes [m/s, rad/s]"
-    ),
+DRIVEN: Final = _command(
+    "pose",
+    ", and twist of the base in its own axes [m/s, rad/s]",
+    [(-limit, limit, 0.0) for limit in (SPEED[0], SPEED[0], SPEED[1])],
     drives=True,
 )
 """The pose of the hand and the twist of the base."""
 
-GRIPPING: Final = Command(
-    control="pose",
-    low=np.concatenate([-_POSE_LIMIT, [0.0]]),
-    high=np.concatenate([_POSE_LIMIT, [GRIPPER_WIDTH]]),
-    rest=np.zeros(7),
-    meaning=(
-        "commanded position [m] and rotation vector [rad] of the hand in the task "
-        "frame, and width of the gripper between its fingers [m]"
-    ),
+GRIPPING: Final = _command(
+    "pose",
+    ", and width of the gripper between its fingers [m]",
+    (0.0, GRIPPER_WIDTH, 0.0),
     grips=True,
 )
 """The pose of the hand and the width of the gripper."""
 
 
 class ServoGains:
-    """Writes a stiffness into the gains of a model's six servos.
+    """Sets the gains of a model's six servos.
 
-    The force on axis i is k_i (command - pose)_i - d_i velocity_i, with the damping
-    d = d₀ √(k/k₀) that keeps the damping ratio of the stiffest servo: 2√(m k) for the
-    4 kg and 0.15 kg m² that the arm shows at the hand.
-
-    Args:
-        model: Of a robot under impedance control; its gains are written in place.
+    The force on axis i is k_i (command - pose)_i - d_i velocity_i, with the damping d =
+    d₀ √(k/k₀) that keeps the damping ratio of the stiffest servo: 2√(m k) for the 4 kg
+    and 0.15 kg m² that the arm shows at the hand.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._gain = model.actuator_gainprm[:6, 0]
         self._spring = model.actuator_biasprm[:6, 1]
         self._damper = model.actuator_biasprm[:6, 2]
-        self._root = np.empty(6)
-
-    def write(self, stiffness: Array) -> None:
-        """Set stiffness and damping, clamped to `STIFFNESS_RANGES`.
-
-        Args:
-            stiffness: (6,) [N/m, N m/rad].
-        """
-        # The arithmetic of `servo_gains`, straight into the model.
-        gain = self._gain
-        np.maximum(stiffness, _SOFTEST, out=gain)
-        np.minimum(gain, _STIFFEST, out=gain)
-        np.negative(gain, out=self._spring)
-        np.sqrt(gain, out=self._root)
-        np.multiply(self._root, _DAMPING_OF_ROOT, out=self._damper)
 
     def set(self, gain: Array, spring: Array, damper: Array) -> None:
         """Set what `servo_gains` gave, each (6,)."""
@@ -205,10 +158,6 @@ class ServoGains:
 
 
 def servo_gains(stiffness: Array) -> tuple[Array, Array, Array]:
-    """Return gain, and bias per metre and per metre a second, for a stiffness.
-
-    Args:
-        stiffness: (..., 6) [N/m, N m/rad], clamped to `STIFFNESS_RANGES`.
-    """
+    """Return gain, bias per metre and bias per metre a second of a stiffness."""
     clamped = np.minimum(np.maximum(stiffness, _SOFTEST), _STIFFEST)
     return clamped, -clamped, np.sqrt(clamped) * _DAMPING_OF_ROOT

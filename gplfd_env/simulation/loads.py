@@ -1,26 +1,21 @@
-"""External loads on the bodies of a simulation during one control period."""
+"""What acts on simulations during one control period, besides the hand's commands."""
 
-from typing import NamedTuple
+from collections.abc import Collection
+from typing import Any, Final, NamedTuple
+
+from gplfd_env.robot.whole_body import Planar
 
 Vector = tuple[float, float, float]
 
 
 class Loads(NamedTuple):
-    """What acts on the bodies of a simulation during a control period.
+    """What acts on the bodies of a simulation from outside."""
 
-    Attributes:
-        hand: Force on the gripper [N], world frame.
-        forearm: Force on the forearm [N], world frame.
-        hinge: Torque on the leaf about the upward axis [N m].
-        stop: Angle at which the leaf meets a stop [rad].
-        friction: Coulomb friction of the hinge [N m].
-    """
-
-    hand: Vector
-    forearm: Vector
-    hinge: float
-    stop: float
-    friction: float
+    hand: Vector  # Force on the gripper, world frame [N].
+    forearm: Vector  # Force on the forearm, world frame [N].
+    hinge: float  # Torque on the leaf about the upward axis [N m].
+    stop: float  # Angle at which the leaf meets a stop [rad].
+    friction: float  # Coulomb friction of the hinge [N m].
 
     @property
     def wrenches(self) -> tuple[tuple[float, ...], ...]:
@@ -31,3 +26,19 @@ class Loads(NamedTuple):
             (*self.forearm, *still),
             (*still, 0.0, 0.0, self.hinge),
         )
+
+
+class Demands(NamedTuple):
+    """What acts on simulations, by row."""
+
+    loads: dict[int, Loads]  # From outside, where there is ever anything.
+    base_rates: dict[int, Planar]  # Commanded, of bases that move.
+    gripper_widths: dict[int, float]  # Commanded, of fingers that move [m].
+
+    def of(self, rows: Collection[int]) -> "Demands":
+        """Return those of some simulations."""
+        parts: Any = [{row: own[row] for row in rows if row in own} for own in self]
+        return Demands(*parts)
+
+
+NO_DEMANDS: Final = Demands({}, {}, {})

@@ -4,21 +4,19 @@ Its results are compared with those of MuJoCo on Warp's CPU backend; on a GPU it
 been tried. Needs the extra ``warp``; nothing else of this package does.
 """
 
-from collections.abc import Mapping
 from typing import Any, Final
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Mask
 from gplfd_env.doors.variation import Variation
-from gplfd_env.robot.whole_body import Planar
 from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.scene.door import set_hinge, structure_of
-from gplfd_env.simulation.batch import Alike, Array, Mask, Rows
-from gplfd_env.simulation.loads import Loads
-from gplfd_env.simulation.single import loaded_bodies
+from gplfd_env.simulation.batch import Alike, Rows
+from gplfd_env.simulation.loads import Demands
+from gplfd_env.simulation.single import Robot, loaded_bodies
 
 try:
     import mujoco_warp as mjw
@@ -48,21 +46,20 @@ _STATE: Final = ("qpos", "qvel", "qacc_warmstart", "xfrc_applied")
 class WarpPhysics(Alike):
     """n simulations before doors of one structure, stepped by MuJoCo Warp in float32.
 
-    Models, and the state that an episode begins with, are MuJoCo's own. The arguments
-    are those of `gplfd_env.simulation.batch.Alike`.
-
-    Raises:
-        ValueError: The door has a latch.
+    Models, and the state that an episode begins with, are MuJoCo's own. Raises a
+    ValueError for a door with a latch.
     """
 
-    def __init__(self, n: int, begin: Variation, *robot: Any) -> None:
+    def __init__(
+        self, n: int, robot: Robot, begin: Variation, num_threads: int
+    ) -> None:
         if structure_of(begin.door).latched:
             raise ValueError(
                 "no latch on MuJoCo Warp, which has one ratio of bolt to handle for "
                 "all simulations: give a door with latch='none', such as 'cabinet', or "
                 f"make gplfd/DoorOpeningRL-v1; got latch={begin.door.latch!r}"
             )
-        super().__init__(n, begin, *robot)
+        super().__init__(n, robot, begin, num_threads)
 
     def _bind(self) -> None:
         """Make model and data on the device, and record what a control period does."""
@@ -105,24 +102,23 @@ class WarpPhysics(Alike):
             _put(getattr(self._data, name), rows, np.array(values))
 
     def advance(
-        self,
-        commands: Array,
-        rows: Rows | None,
-        loads: Mapping[int, Loads],
-        drives: Mapping[int, Planar],
-        widths: Mapping[int, float],
+        self, commands: Array, rows: Rows | None, demands: Demands
     ) -> Mask | None:
         """See `gplfd_env.simulation.batch.DoorBatch.advance`."""
         stepped = range(len(self.models)) if rows is None else rows
         self._ctrl[stepped, :6] = commands[stepped, :6]
         self._data.ctrl.assign(self._ctrl)
-        for row, load in loads.items():
+        for row, load in demands.loads.items():
             self._applied[row, self._bodies] = load.wrenches
             if set_hinge(self.models[row], load.stop, load.friction):
                 self._changed.add(row)
-        if loads:
+        if demands.loads:
             self._data.xfrc_applied.assign(self._applied)
-        self._send_models()
+        changed = sorted(self._changed)
+        for name in WORLD_FIELDS if changed else ():
+            values = [getattr(self.models[row], name) for row in changed]
+            _put(getattr(self._model, name), changed, np.array(values))
+        self._changed.clear()
         # It also steps those that are to rest. Nobody reads their state, and it is
         # written anew before they are stepped again.
         wp.capture_launch(self._period)
@@ -136,18 +132,10 @@ class WarpPhysics(Alike):
         self.restart(np.flatnonzero(diverged).tolist())
         return diverged
 
-    def _send_models(self) -> None:
-        """Bring to the device what changed in models."""
-        rows = sorted(self._changed)
-        for name in WORLD_FIELDS if rows else ():
-            values = [getattr(self.models[row], name) for row in rows]
-            _put(getattr(self._model, name), rows, np.array(values))
-        self._changed.clear()
-
     def state_of(self, row: int) -> mujoco.MjData:
         """See `gplfd_env.simulation.batch.DoorBatch.state_of`."""
         state = self._scratch
-        self._bring(state.model, self.loaded[row])
+        self._robot.load(state.model, state, self.loaded[row])
         state.qpos[:] = self.qpos[row]
         mujoco.mj_forward(state.model, state)
         return state

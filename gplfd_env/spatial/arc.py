@@ -7,16 +7,9 @@ Array = NDArray[np.float64]
 
 
 def handle_pose_on_arc(radius: ArrayLike, angle: ArrayLike) -> Array:
-    """Return the handle's pose at opening angles, in the task frame.
+    """Return the handle's poses (..., 6) at opening angles, task frame [m, rad].
 
-    x = R sin φ, z = -R (1 - cos φ), rotation +φ about y.
-
-    Args:
-        radius: Distance of the handle from the hinge axis [m], (...).
-        angle: Opening angle φ [rad], broadcast against `radius`.
-
-    Returns:
-        (..., 6) position [m] and rotation vector [rad].
+    x = R sin φ, z = -R (1 - cos φ), rotation +φ about y; radii and angles broadcast.
     """
     radii, angles = np.broadcast_arrays(radius, angle)
     poses = np.zeros((*angles.shape, 6))

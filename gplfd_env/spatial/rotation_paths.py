@@ -21,42 +21,18 @@ _QUATERNION_NORM_TOLERANCE = 0.05
 
 
 def unwrap_rotvecs(rotvecs: npt.ArrayLike) -> Array:
-    """Make a path of rotation vectors continuous.
+    """Make a path of rotation vectors (N, 3) [rad] continuous.
 
-    The first vector is kept; each later one is replaced by the equivalent
-    ``(θ + 2πk) u`` nearest to its predecessor, so that the path runs through π
-    without a jump and through 2π as long as the axis is the same on both sides.
+    The first vector is kept; each later one is replaced by the equivalent ``(θ + 2πk)
+    u`` nearest to its predecessor, so that the path runs through π without a jump and
+    through 2π as long as the axis is the same on both sides.
 
-    Note:
-        The exponential map is singular at angles 2π, 4π, ...: a path that passes there
-        while its axis changes has no continuous rotation vectors at all. Express
-        rotations relative to the first one
-        (`gplfd_env.spatial.se3.relative_poses`) to stay far from it.
-
-    Args:
-        rotvecs: Rotation vectors [rad] in the order of the path, (N, 3).
-
-    Returns:
-        Continuous rotation vectors of the same rotations [rad], (N, 3).
-
-    Raises:
-        ValueError: If the shape is not (N, 3) or an entry is not finite.
+    The exponential map is singular at angles 2π, 4π, ...: a path that passes there
+    while its axis changes has no continuous rotation vectors at all. Express rotations
+    relative to the first one (`gplfd_env.spatial.se3.relative_poses`) to stay far from
+    it. Raises a ValueError for another shape or an entry that is not finite.
     """
     rotvecs = checked_rows(rotvecs, 3, "rotvecs")
-    jump = _first_jump(rotvecs)
-    unwrapped = rotvecs.copy()
-    if jump < len(rotvecs):
-        # From here on each vector depends on the one before it, which no array
-        # operation expresses.
-        path = rotvecs[jump - 1 :].tolist()
-        for index in range(1, len(path)):
-            path[index] = _nearest_equivalent(path[index], path[index - 1])
-        unwrapped[jump:] = path[1:]
-    return unwrapped
-
-
-def _first_jump(rotvecs: Array) -> int:
-    """Return the first index whose vector unwrapping may change; N if there is none."""
     angles = np.sqrt(np.einsum("ij,ij->i", rotvecs, rotvecs))
     angle, previous = angles[1:], angles[:-1]
     overlap = np.einsum("ij,ij->i", rotvecs[1:], rotvecs[:-1])
@@ -64,7 +40,16 @@ def _first_jump(rotvecs: Array) -> int:
     # angle); at the identity, which has no axis, where the predecessor is.
     kept = np.abs(overlap - angle**2) < np.pi * angle
     kept = np.where(angle < _IDENTITY_ANGLE, previous < np.pi, kept)
-    return len(rotvecs) if kept.all() else int(np.argmin(kept)) + 1
+    unwrapped = rotvecs.copy()
+    if not kept.all():
+        # From the first jump on each vector depends on the one before it, which no
+        # array operation expresses.
+        jump = int(np.argmin(kept)) + 1
+        path = rotvecs[jump - 1 :].tolist()
+        for index in range(1, len(path)):
+            path[index] = _nearest_equivalent(path[index], path[index - 1])
+        unwrapped[jump:] = path[1:]
+    return unwrapped
 
 
 def _nearest_equivalent(rotvec: list[float], target: list[float]) -> list[float]:
@@ -93,20 +78,11 @@ def _nearest_equivalent(rotvec: list[float], target: list[float]) -> list[float]
 def rotvecs_from_quaternions(
     quaternions: npt.ArrayLike, order: Literal["wxyz", "xyzw"] = "wxyz"
 ) -> Array:
-    """Convert a path of quaternions to continuous rotation vectors.
+    """Convert a path of quaternions (N, 4) to continuous rotation vectors [rad].
 
-    Neither the sign (q and -q are the same rotation) nor the norm matters.
-
-    Args:
-        quaternions: One quaternion per sample, (N, 4).
-        order: Where the scalar part w stands: first ("wxyz") or last ("xyzw").
-
-    Returns:
-        Unwrapped rotation vectors [rad], (N, 3); the first has an angle of at most π.
-
-    Raises:
-        ValueError: If the order is unknown, the shape is not (N, 4), an entry is not
-            finite, or a norm is further than 0.05 from one.
+    Neither the sign (q and -q are the same rotation) nor the norm matters. `order`
+    tells where the scalar part w stands. Raises a ValueError for another shape or
+    order, an entry that is not finite, or a norm further than 0.05 from one.
     """
     if order not in ("wxyz", "xyzw"):
         raise ValueError(
@@ -127,14 +103,9 @@ def rotvecs_from_quaternions(
 
 
 def rotvec_from_quaternion(w: Array, vec: Array) -> Array:
-    """Return the shortest rotation vectors of quaternions of any norm but zero.
+    """Return the shortest rotation vectors (..., 3) of quaternions of any norm but 0.
 
-    Args:
-        w: Scalar parts, (...).
-        vec: Vector parts, (..., 3).
-
-    Returns:
-        Rotation vectors [rad] with angle at most π, (..., 3).
+    From scalar parts (...) and vector parts (..., 3); the angle is at most π.
     """
     length = np.sqrt(np.add.reduce(vec * vec, axis=-1))
     angle = 2.0 * np.arctan2(length, np.abs(w))
@@ -147,16 +118,7 @@ def rotvec_from_quaternion(w: Array, vec: Array) -> Array:
 
 
 def checked_rows(values: npt.ArrayLike, width: int, name: str) -> Array:
-    """Return the samples of a path as finite float64 rows.
-
-    Args:
-        values: One row per sample, (N, width).
-        width: Number of entries that each row must have.
-        name: What an error message calls the values.
-
-    Raises:
-        ValueError: If the shape is not (N, width) or an entry is not finite.
-    """
+    """Return a path (N, width) as float64; raise a ValueError if not finite rows."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != width:
         raise ValueError(f"{name} must have shape (N, {width}), got {array.shape}")

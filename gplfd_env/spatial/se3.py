@@ -26,18 +26,12 @@ _ROUNDING = 1e-12
 
 
 def canonical_rotvec(rotvec: npt.ArrayLike) -> Array:
-    """Return the unique rotation vector of the same rotation, Eqs. (8) and (9).
+    """Return the unique rotation vector (..., 3) of a rotation, Eqs. (8) and (9).
 
-    Its angle lies in [0, π]. At π, where u and -u are the same rotation, the axis
-    whose last non-zero component is positive is taken, in the order z, y, x. Do not
-    feed the result to a regression: it jumps from +π to -π along a path; see
+    Its angle lies in [0, π]. At π, where u and -u are the same rotation, the axis whose
+    last non-zero component is positive is taken, in the order z, y, x. Do not feed the
+    result to a regression: it jumps from +π to -π along a path; see
     `gplfd_env.spatial.rotation_paths.unwrap_rotvecs`.
-
-    Args:
-        rotvec: Rotation vectors [rad], (..., 3).
-
-    Returns:
-        Canonical rotation vectors [rad], (..., 3).
     """
     rotvec = np.asarray(rotvec, dtype=np.float64)
     angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
@@ -55,19 +49,11 @@ def canonical_rotvec(rotvec: npt.ArrayLike) -> Array:
 
 
 def rotation_distance(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
-    """Return the angle between rotations, Eq. (18), without its cancellation.
+    """Return the angle in [0, π] between rotations (..., 3), Eq. (18).
 
-    Note:
-        The printed arccos returns 0 or rounding noise of 3e-8 for angles below
-        1e-8 rad. The same number is 2 atan2(‖vec‖, |w|) of the relative quaternion,
-        accurate for every angle: `test_eq18_resolves_angles_where_arccos_cannot`.
-
-    Args:
-        a: Rotation vectors [rad], (..., 3).
-        b: Rotation vectors [rad], broadcast against `a`.
-
-    Returns:
-        Angles [rad] in [0, π], (...).
+    The printed arccos returns 0 or rounding noise of 3e-8 for angles below 1e-8 rad.
+    The same number is 2 atan2(‖vec‖, |w|) of the relative quaternion, accurate for
+    every angle: `test_eq18_resolves_angles_where_arccos_cannot`.
     """
     w_a, vec_a = _quaternion(a)
     w_b, vec_b = _quaternion(b)
@@ -79,19 +65,10 @@ def rotation_distance(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
 def pose_distance(
     a: npt.ArrayLike, b: npt.ArrayLike, rotation_weight: float = 0.5
 ) -> Array:
-    """Return the distance on SE(3), Eq. (17).
+    """Return the distance between poses (..., 6) on SE(3), Eq. (17).
 
-    Args:
-        a: Poses [m, rad], (..., 6).
-        b: Poses [m, rad], broadcast against `a`.
-        rotation_weight: ω₁ of Eq. (17), the weight of the squared angle; the squared
-            translation has ω₂ = 1 - ω₁.
-
-    Returns:
-        Distances, (...), in metres and radians mixed by the weights.
-
-    Raises:
-        ValueError: If the weight is outside [0, 1].
+    `rotation_weight` is ω₁, the weight of the squared angle; the squared translation
+    has ω₂ = 1 - ω₁. Raises a ValueError if it is outside [0, 1].
     """
     _check_weight(rotation_weight)
     a = np.asarray(a, dtype=np.float64)
@@ -105,19 +82,9 @@ def pose_distance(
 
 
 def pose_steps(poses: npt.ArrayLike, rotation_weight: float = 0.5) -> Array:
-    """Return the distances between successive poses, Eq. (17).
+    """Return the distances (N - 1,) between successive poses (N, 6), Eq. (17).
 
     The same as ``pose_distance(poses[1:], poses[:-1])`` in a quarter of the time.
-
-    Args:
-        poses: Poses along a path [m, rad], (N, 6).
-        rotation_weight: ω₁ of Eq. (17), within [0, 1].
-
-    Returns:
-        Distances, (N - 1,).
-
-    Raises:
-        ValueError: If the weight is outside [0, 1].
     """
     # One coordinate per row, contiguous: arithmetic on rows of 3 numbers is slow.
     columns = np.ascontiguousarray(np.asarray(poses, dtype=np.float64).T)
@@ -144,12 +111,7 @@ def pose_steps(poses: npt.ArrayLike, rotation_weight: float = 0.5) -> Array:
 def compose_rotvecs(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
     """Return log(exp(a) exp(b)): first rotate by `b`, then by `a`, in fixed axes.
 
-    Args:
-        a: Rotation vectors [rad], (..., 3).
-        b: Rotation vectors [rad], broadcast against `a`.
-
-    Returns:
-        Rotation vectors [rad] with angle at most π, (..., 3).
+    Rotation vectors [rad], (..., 3), with angle at most π.
     """
     return rotvec_from_quaternion(
         *_quaternion_product(*_quaternion(a), *_quaternion(b))
@@ -157,17 +119,10 @@ def compose_rotvecs(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
 
 
 def relative_poses(poses: npt.ArrayLike, reference: npt.ArrayLike) -> Array:
-    """Express poses in the frame of a reference pose: T_ref⁻¹ T.
+    """Express poses (N, 6) in the frame of a reference pose (6,): T_ref⁻¹ T.
 
-    Args:
-        poses: Poses along a path [m, rad], (N, 6).
-        reference: The pose [m, rad] that becomes zero, (6,).
-
-    Returns:
-        Poses in the reference's axes [m, rad], (N, 6), rotation vectors unwrapped.
-
-    Raises:
-        ValueError: If a shape is wrong or an entry is not finite.
+    Rotation vectors are unwrapped. Raises a ValueError for a wrong shape or an entry
+    that is not finite.
     """
     path = checked_rows(poses, 6, "poses")
     origin = checked_rows(np.atleast_2d(reference), 6, "reference")[0]

@@ -5,26 +5,21 @@ from collections import deque
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import Start
+from gplfd_env.conventions.constants import Array, Start
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.disturbance import Disturbance
 from gplfd_env.doors.randomization import DoorRandomization
 from gplfd_env.doors.variation import SensorNoise, Standoff, Variation
 
-Array = NDArray[np.float64]
-
 _BLOCK: Final = 128
 
 
 class NoiseSource:
-    """White Gaussian noise on pose and wrench, drawn in blocks.
+    """White Gaussian noise on pose [m, rad] and wrench [N, N m], drawn in blocks.
 
-    Args:
-        noise: Standard deviations.
-        seed: Of a generator that serves this episode alone, so that the number of
-            steps does not change the next episode.
+    Its generator serves one episode alone, so that the number of steps does not change
+    the next episode.
     """
 
     def __init__(self, noise: SensorNoise, seed: int) -> None:
@@ -34,47 +29,32 @@ class NoiseSource:
         self._rng = np.random.default_rng(seed)
         self._next = _BLOCK
         self._rows = np.empty((0, 12))
+        self.sample = np.zeros(12)
 
-    def draw(self) -> Array:
-        """Return the next sample, (12,): pose [m, rad] and wrench [N, N m]."""
+    def draw(self) -> None:
+        """Draw the next `sample`."""
         if self._next == _BLOCK:
             self._rows = self._std * self._rng.standard_normal((_BLOCK, 12))
             self._next = 0
-        row: Array = self._rows[self._next]
+        self.sample = self._rows[self._next]
         self._next += 1
-        return row
 
 
 class DelayLine:
-    """Commands come out some control periods after they went in.
-
-    Args:
-        delay: In control periods.
-    """
+    """Commands come out some control periods after they went in."""
 
     def __init__(self, delay: int) -> None:
         self._delay = delay
         self._waiting: deque[Array] = deque()
 
     def pass_on(self, command: Array, rest: Array) -> Array:
-        """Put a command in and take out the one that is due.
-
-        Args:
-            command: The new one.
-            rest: What comes out before the first one is due.
-        """
+        """Put a command in; take out the one that is due, before the first `rest`."""
         self._waiting.append(command.copy())
         return self._waiting.popleft() if len(self._waiting) > self._delay else rest
 
 
 class Drawn(NamedTuple):
-    """An episode as drawn, and what makes its noise and its delay.
-
-    Attributes:
-        variation: Every value.
-        noise: None for perfect sensors.
-        delay: None if commands take effect at once.
-    """
+    """An episode as drawn, and what makes its noise and its delay, if any."""
 
     variation: Variation
     noise: NoiseSource | None
@@ -90,15 +70,9 @@ def draw_episode(
 ) -> Drawn:
     """Draw an episode.
 
-    Args:
-        door: Gives what is not varied.
-        randomization: Where door and circumstances are drawn from.
-        disturbance: What happens, and where its numbers are drawn from.
-        rng: The environment's generator; the number of draws depends only on which of
-            the two are idle and on the start, and neither a disturbance nor the start
-            changes anything that is drawn for the rest of the same episode.
-        start: What the episode begins with. The hand's place before the handle is
-            drawn unless the randomization is idle.
+    The number of draws depends only on which of randomization and disturbance are idle
+    and on the start, and neither a disturbance nor the start changes anything that is
+    drawn for the rest of the same episode.
     """
     variation, noise = Variation(door=door), None
     if not randomization.idle:

@@ -2,12 +2,12 @@
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final, Literal, TypeVar
+from dataclasses import dataclass
+from typing import Any, Final, Literal, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH
+from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH, Array, Mask
 from gplfd_env.conventions.one_and_many import (
     Flag,
     Number,
@@ -28,12 +28,20 @@ from gplfd_env.robot.placement import hand_position_w
 from gplfd_env.robot.whole_body import BaseDrive
 from gplfd_env.scene.closer import CloserLaw
 from gplfd_env.scene.latch import latch_holds
-from gplfd_env.task.draw import Drawn
+from gplfd_env.simulation.command import Command
+from gplfd_env.simulation.loads import NO_DEMANDS, Demands
+from gplfd_env.simulation.single import Robot
+from gplfd_env.task.draw import DelayLine, Drawn, NoiseSource
 from gplfd_env.task.intervention import Intervention
 from gplfd_env.task.observation import (
+    BaseState,
+    DoorReading,
+    Hand,
     Observation,
     Reader,
     Values,
+    Vector,
+    Wrench,
 )
 from gplfd_env.task.opening import (
     GRASP_LOST,
@@ -44,18 +52,8 @@ from gplfd_env.task.opening import (
     reward_terms,
     sparse_reward_terms,
 )
-from gplfd_env.task.records import (
-    Companions,
-    Constants,
-    Demands,
-    Outside,
-    Progress,
-    Readings,
-)
 from gplfd_env.task.stages import Diagnosis, stage_after, turned_angle
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Reward = Literal["dense", "sparse"]
 Thing = TypeVar("Thing")
 
@@ -66,22 +64,72 @@ _CLOSED: Final = [0.0] * 6
 """Pose of a hand that holds the closed handle."""
 
 
-_NO_DEMANDS: Final = Demands({}, {}, {})
+class Constants(NamedTuple):
+    """Values that are constant during an episode: numbers, or arrays (n,)."""
+
+    hand: Hand
+    way: Number  # `DoorConfig.way`; likewise the next three.
+    side: Number
+    radius: Number
+    hand_radius: Number
+    closer: CloserLaw
+    latched: Flag  # It has a bolt,
+    bolt_throw: Number  # which stands out by this [m].
+    turned: Number  # Angle from which the handle counts as turned [rad].
+    stopped: Flag  # A disturbance stops the door.
+
+
+class Readings(NamedTuple):
+    """Sensor readings without noise: numbers, or arrays (n,)."""
+
+    time: Number  # Since the reset [s].
+    wrench: Wrench  # On the hand [N, N m].
+    hand: tuple[Number, ...]  # Its pose where a gripper opens and closes [m, rad].
+    base: BaseState
+    door: DoorReading
+    latched: Flag  # The bolt holds the door.
+
+
+@dataclass(slots=True)
+class Progress:
+    """How far an episode has come: numbers, or arrays (n,)."""
+
+    steps: Number  # Control periods so far.
+    opening: OpeningMonitor
+    stage: Number  # The furthest one, a place in `gplfd_env.task.stages.STAGES`.
+    diagnosis: Diagnosis
+    grasp_point: Vector  # Where the hand took hold, in the handle's frame [m].
+    terms: dict[str, Number]  # Of the last step's reward.
+    simulation_error: Flag  # MuJoCo has reset a diverged state.
+
+
+class Companions(NamedTuple):
+    """What only some episodes have; each computes with numbers of one simulation."""
+
+    variation: Variation
+    rest: Array  # The action that holds the hand where it begins.
+    noise: NoiseSource | None
+    delay: DelayLine | None
+    intervention: Intervention | None
+    drive: BaseDrive | None
+    gripper: Gripper | None
+
+
+class Outside(NamedTuple):
+    """What a disturbance does, see `Intervention`: numbers, or arrays (n,)."""
+
+    push_force: Number = 0.0
+    person_force: Number = 0.0
+    person_energy: Number = 0.0
+    base_shift: Vector = (0.0, 0.0, 0.0)
+    base_distance: Number = 0.0
 
 
 class Episode:
     """State of one episode, or of n, besides the state in MuJoCo.
 
-    Of one simulation, 0, numbers are Python's; `together` makes one episode of n whose
-    numbers are arrays (n,). Both compute the same bits.
-
-    Attributes:
-        n: Number of simulations; None for one without the axis.
-        reader: Reads the sensors.
-        constants: Values that stay constant.
-        readings: The last ones.
-        progress: Progress of the episodes.
-        outside: Effects of the disturbances.
+    Of one simulation, 0, numbers are Python's and `n` is None; `together` makes one
+    episode of n whose numbers are arrays (n,). Both compute the same bits.
     """
 
     readings: Readings
@@ -90,33 +138,28 @@ class Episode:
     def __init__(
         self,
         n: int | None,
+        command: Command,
         reader: Reader,
         reward: Reward,
         companions: Sequence[Companions],
         constants: Constants,
     ) -> None:
-        self.n, self.constants = n, constants
+        self.n, self.command, self.constants = n, command, constants
         self.reader = dataclasses.replace(reader, hand=constants.hand)
         self._reward, self._terms = reward, REWARDS[reward]
         self._companions = list(companions)
-        self._blur: dict[int, Array] = {}
         self._index()
 
     @classmethod
     def begin(
-        cls, drawn: Drawn, reader: Reader, reward: Reward, values: Values, rest: Array
+        cls, drawn: Drawn, robot: Robot, reward: Reward, values: Values
     ) -> "Episode":
-        """Return an episode of one simulation at rest.
-
-        Args:
-            drawn: Its circumstances.
-            reader: Reads the simulation's sensors.
-            reward: A key of `REWARDS`.
-            values: Of the sensors.
-            rest: The action that holds the hand where it begins.
-        """
+        """Return an episode of one simulation at rest, with values of its sensors."""
         variation, noise, delay = drawn
         door, disturbance = variation.door, variation.disturbance
+        hold, command, base = robot
+        reader = Reader.of(hold, command.control, base, door.handle, door.swing)
+        rest = command.resting(variation, base)
         holds = variation.standoff is None
         drive = gripper = None
         if reader.odometry is not None:
@@ -141,7 +184,7 @@ class Episode:
         companions = Companions(
             variation, rest, noise, delay, intervention, drive, gripper
         )
-        episode = cls(None, reader, reward, [companions], constants)
+        episode = cls(None, command, reader, reward, [companions], constants)
         readings = episode.readings = episode._read(values, 0, None)
         episode.progress = Progress(
             steps=0,
@@ -162,6 +205,7 @@ class Episode:
         first = episodes[0]
         many = cls(
             len(episodes),
+            first.command,
             first.reader,
             first._reward,
             [episode._companions[0] for episode in episodes],
@@ -169,11 +213,6 @@ class Episode:
         )
         many.readings = stacked([episode.readings for episode in episodes])
         many.progress = stacked([episode.progress for episode in episodes])
-        many._blur = {
-            row: episode._blur[0]
-            for row, episode in enumerate(episodes)
-            if episode._blur
-        }
         return many
 
     def replace(self, begun: Mapping[int, "Episode"]) -> None:
@@ -187,20 +226,17 @@ class Episode:
         self.reader = dataclasses.replace(self.reader, hand=self.constants.hand)
         for row, one in begun.items():
             self._companions[row] = one._companions[0]
-            self._blur.pop(row, None)
-            if one._blur:
-                self._blur[row] = one._blur[0]
         self._index()
 
     def _index(self) -> None:
         """Collect the simulations that have noise, a delay, a drive and so on."""
-        rows = list(enumerate(self._companions))
-        self._noises = {row: own.noise for row, own in rows if own.noise}
-        self._delays = {row: own.delay for row, own in rows if own.delay}
-        self._drives = {row: own.drive for row, own in rows if own.drive}
-        self._grippers = {row: own.gripper for row, own in rows if own.gripper}
+        own = list(enumerate(self._companions))
+        self._noises = {row: one.noise for row, one in own if one.noise}
+        self._delays = {row: one.delay for row, one in own if one.delay}
+        self._drives = {row: one.drive for row, one in own if one.drive}
+        self._grippers = {row: one.gripper for row, one in own if one.gripper}
         self._interventions = {
-            row: own.intervention for row, own in rows if own.intervention
+            row: one.intervention for row, one in own if one.intervention
         }
         rare = self._delays, self._drives, self._grippers, self._interventions
         self._commands_alone = not any(rare)
@@ -217,24 +253,10 @@ class Episode:
         """Door and circumstances of every simulation."""
         return tuple(own.variation for own in self._companions)
 
-    def demand(
-        self,
-        commands: Array,
-        stepped: Mask | None = None,
-        *,
-        drives: bool,
-        grips: bool,
-    ) -> Demands:
-        """Delay commands, in place, and return what else acts in the next period.
-
-        Args:
-            commands: Of the simulations, (n, ...), also of one.
-            stepped: Which of them are stepped; None for all.
-            drives: Whether the last three entries of a command are the base's twist.
-            grips: Whether its last entry is the gripper's width.
-        """
+    def demand(self, commands: Array, stepped: Mask | None = None) -> Demands:
+        """Delay commands (n, ...), in place; return what else acts in the period."""
         if self._commands_alone:
-            return _NO_DEMANDS
+            return NO_DEMANDS
         demands, readings, progress = Demands({}, {}, {}), self.readings, self.progress
         for row, intervention in _chosen(self._interventions, stepped):
             time, door = self._of(row, (readings.time, readings.door))
@@ -251,11 +273,11 @@ class Episode:
         if self._drives:
             bases = by_row((*readings.base.pose, progress.stage))
         for row, drive in _chosen(self._drives, stepped):
-            command, (x, y, yaw, stage) = commands[row].tolist(), bases[row]
-            if drives:
-                drive.obey(command[-3:], (x, y, yaw))
+            hand, (x, y, yaw, stage) = commands[row].tolist(), bases[row]
+            if self.command.drives:
+                drive.obey(hand[-3:], (x, y, yaw))
             elif self._companions[row].variation.standoff is None or stage > 0:
-                drive.follow(command[:6], (x, y, yaw))
+                drive.follow(hand[:6], (x, y, yaw))
             else:
                 # Only the arm reaches: the base is where it will stand for the grasp.
                 drive.follow(_CLOSED, (x, y, yaw))
@@ -263,21 +285,19 @@ class Episode:
         if self._grippers:
             hands = by_row((progress.opening.taken, *readings.hand))
         for row, gripper in _chosen(self._grippers, stepped):
-            if grips:
+            if self.command.grips:
                 gripper.obey(float(commands[row, -1]))
             else:
-                taken, *hand = hands[row]
-                gripper.close_at_handle(hand, taken=taken)
+                taken, *pose = hands[row]
+                gripper.close_at_handle(pose, taken=taken)
             demands.gripper_widths[row] = gripper.width
         return demands
 
     def advance(self, values: Values, stepped: Mask | None = None) -> None:
         """Take in the sensors' values after one control period.
 
-        Args:
-            values: Of one simulation a list, of n an array (number of values, n).
-            stepped: Which of n were stepped; the others earn nothing and stay as they
-                are. None for all.
+        Of one simulation a list, of n an array (number of values, n). Those of n that
+        were not `stepped` earn nothing and stay as they are.
         """
         progress, opening = self.progress, self.progress.opening
         before = self.readings
@@ -341,41 +361,36 @@ class Episode:
         self.progress.terms = self._terms(0.0, 0.0, False)
 
     def observation(self, sensordata: Array) -> Observation:
-        """Return what is observed, with noise and the error of a moved base.
-
-        Args:
-            sensordata: MuJoCo's sensor array, (n, ...) of many.
-        """
+        """Return what is observed, with noise and the error of a moved base."""
         readings = self.readings
         wrench = columns(readings.wrench, self.n)
         time = columns((readings.time,), self.n)
-        observation = self.reader.observation(sensordata, wrench, time)
+        observation = self.reader.observation(sensordata, wrench, time, self.command)
         self.add_errors(observation)
         return observation
 
     def add_errors(self, observation: Observation, place: Any = ...) -> None:
         """Add noise, and the error of a moved base, to what is observed, in place.
 
-        Args:
-            observation: Of these simulations, or of more.
-            place: Where in it the one simulation is.
+        One simulation is at `place` in the observation.
         """
         for row, intervention in self._interventions.items():
             at = place if self.n is None else row
             observation["ee_pose"][at][..., :3] -= intervention.base_shift
             observation["ee_twist"][at][..., :3] -= intervention.base_velocity
-        if self._blur:
-            at = place if self.n is None else list(self._blur)
-            blur = self._blur[0] if self.n is None else np.array([*self._blur.values()])
-            observation["ee_pose"][at] += blur[..., :6]
-            observation["wrench"][at] += blur[..., 6:]
+        if self._noises:
+            samples = [noise.sample for noise in self._noises.values()]
+            at = place if self.n is None else list(self._noises)
+            noise = samples[0] if self.n is None else np.array(samples)
+            observation["ee_pose"][at] += noise[..., :6]
+            observation["wrench"][at] += noise[..., 6:]
 
     def _read(self, values: Values, steps: Number, stepped: Mask | None) -> Readings:
         """Return what the sensors say, and draw the noise of what is observed."""
         constants, reader = self.constants, self.reader
         if self._noises:
-            for row, noise in _chosen(self._noises, stepped):
-                self._blur[row] = noise.draw()
+            for _, noise in _chosen(self._noises, stepped):
+                noise.draw()
         door = reader.door_reading(values, constants.way, constants.side)
         return Readings(
             steps * CONTROL_PERIOD,
@@ -391,10 +406,7 @@ class Episode:
         return record if self.n is None else row_of(record, row)
 
     def _each(self, things: Mapping[int, Any], name: str, default: Any) -> Any:
-        """Return an attribute of what only some simulations have.
-
-        A number, or an array of them; of a vector a tuple of such.
-        """
+        """Return an attribute of what only some simulations have, for all of them."""
         if not things:
             return default
         if self.n is None:

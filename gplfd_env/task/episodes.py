@@ -4,28 +4,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gplfd_env.conventions.constants import Array, Mask
 from gplfd_env.conventions.resets import masked
 from gplfd_env.doors.variation import Variation
+from gplfd_env.simulation.loads import NO_DEMANDS, Demands
 from gplfd_env.task.episode import Episode
 from gplfd_env.task.info import infos_of
 from gplfd_env.task.observation import Observation
-from gplfd_env.task.records import Demands
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MANY: Final = 12
 """From this number of simulations on, arrays are faster than Python's floats."""
 
 
 class Episodes:
-    """Episodes of n simulations, each with the bits of an `Episode` of one.
-
-    Args:
-        begun: All n, each of one simulation.
-    """
+    """Episodes of n simulations, each with the bits of an `Episode` of one."""
 
     def __init__(self, begun: Sequence[Episode]) -> None:
         self._n = len(begun)
@@ -40,34 +33,28 @@ class Episodes:
         for row, one in begun.items():
             self._ones[row] = one
 
-    def demand(
-        self, commands: Array, stepped: Mask | None, *, drives: bool, grips: bool
-    ) -> Demands:
+    def demand(self, commands: Array, stepped: Mask | None) -> Demands:
         """See `Episode.demand`."""
         if self._many is not None:
-            return self._many.demand(commands, stepped, drives=drives, grips=grips)
+            return self._many.demand(commands, stepped)
         total = Demands({}, {}, {})
         for row, one in enumerate(self._ones):
             if stepped is None or stepped[row]:
-                own = one.demand(commands[row : row + 1], drives=drives, grips=grips)
-                if own.loads:
-                    total.loads[row] = own.loads[0]
-                if own.base_rates:
-                    total.base_rates[row] = own.base_rates[0]
-                if own.gripper_widths:
-                    total.gripper_widths[row] = own.gripper_widths[0]
+                own = one.demand(commands[row : row + 1])
+                if own is not NO_DEMANDS:
+                    pairs: Any = zip(total, own, strict=True)
+                    for every, alone in pairs:
+                        if alone:
+                            every[row] = alone[0]
         return total
 
     def advance(
         self, sensordata: Array, stepped: Mask | None, diverged: Mask | None
     ) -> None:
-        """Take in a control period.
+        """Take in a control period and the sensor arrays (n, number of values).
 
-        Args:
-            sensordata: MuJoCo's sensor arrays, (n, number of values).
-            stepped: Which simulations were stepped and are well; None for all. The
-                others earn nothing and stay as they are.
-            diverged: Which ones MuJoCo has reset; None for none.
+        Simulations that were not `stepped`, or have `diverged`, earn nothing and stay
+        as they are.
         """
         if self._many is not None:
             self._many.advance(np.ascontiguousarray(sensordata.T), stepped)
@@ -90,26 +77,19 @@ class Episodes:
         ones = self._ones
         wrench = np.array([one.readings.wrench for one in ones])
         time = np.array([[one.readings.time] for one in ones])
-        observation = ones[0].reader.observation(sensordata, wrench, time)
+        first = ones[0]
+        observation = first.reader.observation(sensordata, wrench, time, first.command)
         for row, one in enumerate(ones):
             one.add_errors(observation, row)
         return observation
 
     def infos(self, rows: Mask) -> dict[str, Any]:
-        """Return infos with masks; arrays are the caller's own.
-
-        Args:
-            rows: Which simulations they are about, (n,).
-        """
+        """Return infos with masks of the `rows` that they are about; arrays are new."""
         episodes = self._ones if self._many is None else [self._many]
         return masked(infos_of(episodes), rows)
 
     def outcome(self, limit: float) -> tuple[Array, Mask, Mask]:
-        """Return rewards, terminations and truncations, (n,).
-
-        Args:
-            limit: Control periods after which an episode is truncated.
-        """
+        """Return rewards, terminations and truncations, (n,)."""
         if self._many is not None:
             many, progress = self._many, self._many.progress
             late = progress.simulation_error | (progress.steps >= limit)

@@ -13,22 +13,13 @@ from gplfd_env.task.stages import REASONS, STAGES
 
 
 class Entry(NamedTuple):
-    """A key of an info.
+    """A key of an info."""
 
-    Attributes:
-        kind: Its type: of a vector an array, of text ``str``.
-        source: Attribute of an episode: a number, of n an array (n,); of a vector a
-            tuple of them; of text its place in `texts`.
-        meaning: In a few words.
-        unit: Empty if it has none.
-        texts: What a text may be.
-    """
-
-    kind: type
-    source: str
-    meaning: str
-    unit: str = ""
-    texts: tuple[str, ...] = ()
+    kind: type  # Of its value: of a vector an array, of text ``str``.
+    source: str  # Attribute of an episode; of text its place in `texts`.
+    meaning: str  # In a few words.
+    unit: str = ""  # Empty if it has none.
+    texts: tuple[str, ...] = ()  # What a text may be.
 
 
 _ARRAY: Final = np.ndarray
@@ -110,8 +101,7 @@ def info_of(episode: Episode) -> dict[str, Any]:
 def infos_of(episodes: Sequence[Episode]) -> dict[str, Any]:
     """Return the infos of n simulations, arrays (n, ...) of the caller's own.
 
-    Args:
-        episodes: All of one simulation each, or one of n.
+    From all episodes of one simulation each, or from one of n.
     """
     n = episodes[0].n
     if n is None:

@@ -8,8 +8,7 @@ import math
 from typing import Final
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.doors.config import DoorConfig
-from gplfd_env.doors.disturbance import Bump, Disturbance, Person, Push, Stop
+from gplfd_env.doors.disturbance import Person, Push
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.simulation.loads import Loads, Vector
@@ -29,129 +28,120 @@ _NOTHING: Final = (0.0, 0.0, 0.0)
 class Intervention:
     """Carries out the disturbance of an episode.
 
-    Args:
-        variation: The episode's circumstances.
+    Attributes:
+        push_force: Of the last period's push [N].
+        person_force: Greatest force between person and robot or door in it [N].
+        person_energy: Work done on the person since the reset [J].
+        base_shift: Displacement of the base so far, task frame [m].
+        base_distance: Its magnitude [m].
+        base_velocity: Its rate [m/s].
     """
 
     def __init__(self, variation: Variation) -> None:
-        disturbance: Disturbance = variation.disturbance
-        door = variation.door
-        self._door, self._breakaway = door, disturbance.breakaway
-        self._stuck = self._breakaway is not None
-        self._push = disturbance.push and _PushInTime(disturbance.push)
-        self._person = disturbance.person and PersonHand(
-            disturbance.person, door.hand_radius
-        )
-        self._stop = disturbance.stop and _StopInTime(disturbance.stop)
-        self._bump = disturbance.bump and _BumpInTime(disturbance.bump, door)
-        self.push_force = 0.0
-        """Of the last period's push [N]."""
-
-    @property
-    def person_force(self) -> float:
-        """Greatest force between person and robot or door in the last period [N]."""
-        return self._person.peak if self._person else 0.0
-
-    @property
-    def person_energy(self) -> float:
-        """Work done on the person since the reset [J]."""
-        return self._person.energy if self._person else 0.0
-
-    @property
-    def base_shift(self) -> Vector:
-        """Displacement of the base so far, task frame [m]."""
-        return self._bump.shift if self._bump else _NOTHING
-
-    @property
-    def base_distance(self) -> float:
-        """Its magnitude [m]."""
-        return math.hypot(*self.base_shift)
-
-    @property
-    def base_velocity(self) -> Vector:
-        """Rate of that displacement [m/s]."""
-        return self._bump.velocity if self._bump else _NOTHING
+        self._cause = cause = variation.disturbance
+        self._door = door = variation.door
+        self._stuck = cause.breakaway is not None
+        self._person = cause.person and PersonHand(cause.person, door.hand_radius)
+        if cause.push:
+            self._push_start = _Start(cause.push.start_angle, cause.push.start_time)
+        if cause.stop:
+            self._stop_start = _Start(max(cause.stop.angle - _TOUCH, 0.0), 0.0)
+        if cause.bump:
+            self._bump_start = _Start(cause.bump.start_angle, cause.bump.start_time)
+            # The world frame is the base's.
+            shift = (cause.bump.forward, cause.bump.left, 0.0)
+            self._whole_shift = tuple((task_rotation_w(door).T @ shift).tolist())
+        self.push_force = self.person_force = self.person_energy = 0.0
+        self.base_distance = 0.0
+        self.base_shift: Vector = _NOTHING
+        self.base_velocity: Vector = _NOTHING
 
     def loads(self, time: float, reading: DoorReading, slip: float) -> Loads:
         """Return what acts in the control period that begins now.
 
-        Args:
-            time: Since the reset [s].
-            reading: Of door and grasp.
-            slip: How far the hand has slipped along the opening motion [m].
+        The hand has slipped along the opening motion by `slip` [m].
         """
-        along, upward, outward = reading.axes
-        hand, forearm, hinge = _NOTHING, _NOTHING, self._seal(reading.angle)
-        if self._push:
-            sizes = self._push.forces(time, reading.angle)
+        cause, door, angle = self._cause, self._door, reading.angle
+        hand, forearm, hinge = _NOTHING, _NOTHING, 0.0
+        if cause.breakaway and angle < cause.breakaway.seal_angle:
+            closed = 1.0 - max(angle, 0.0) / cause.breakaway.seal_angle
+            hinge = -cause.breakaway.seal * closed
+        if cause.push:
+            sizes = _push_forces(cause.push, self._push_start.since(time, angle))
             self.push_force = math.hypot(*sizes)
-            force = _combined(sizes, (along, upward, outward))
-            if self._push.on == "hand":
-                hand = force
-            elif self._push.on == "forearm":
-                forearm = force
+            if cause.push.on == "hand":
+                hand = self._in_world(sizes, reading)
+            elif cause.push.on == "forearm":
+                forearm = self._in_world(sizes, reading)
             else:
-                hinge += sizes[0] * self._door.hand_radius
+                hinge += sizes[0] * door.hand_radius
         if self._person:
-            resistance = self._person.resistance(time, reading.angle, slip)
+            resistance = self._person.resistance(time, angle, slip)
+            self.person_force = self._person.peak
+            self.person_energy = self._person.energy
             if self._person.on == "door":
-                hinge -= resistance * self._door.hand_radius
+                hinge -= resistance * door.hand_radius
             else:
-                held = _combined((-resistance, 0.0, 0.0), (along, upward, outward))
+                held = self._in_world((-resistance, 0.0, 0.0), reading)
                 hand = (hand[0] + held[0], hand[1] + held[1], hand[2] + held[2])
-        if self._bump:
-            self._bump.move(time, reading.angle)
-        stop = self._door.stop_angle
-        if self._stop:
-            stop = min(stop, self._stop.angle(time, reading.angle))
-        about_up = self._door.side * self._door.way * hinge
-        return Loads(hand, forearm, about_up, stop, self._friction(reading.angle))
-
-    def _seal(self, angle: float) -> float:
-        seal = self._breakaway
-        if seal is None or angle >= seal.seal_angle:
-            return 0.0
-        torque: float = seal.seal * (1.0 - max(angle, 0.0) / seal.seal_angle)
-        return -torque
-
-    def _friction(self, angle: float) -> float:
+        if cause.bump:
+            self._move_base(self._bump_start.since(time, angle), cause.bump.duration)
+        stop, friction = door.stop_angle, door.friction
+        if cause.stop:
+            since = self._stop_start.since(time, angle)
+            if since is None or since < cause.stop.duration - 1e-9:
+                stop = min(stop, cause.stop.angle)
         self._stuck = self._stuck and angle < _TOUCH
-        if self._breakaway is None or not self._stuck:
-            return self._door.friction
-        stuck: float = self._door.friction + self._breakaway.stiction
-        return stuck
+        if cause.breakaway and self._stuck:
+            friction += cause.breakaway.stiction
+        return Loads(hand, forearm, door.side * door.way * hinge, stop, friction)
+
+    def _in_world(self, sizes: Vector, reading: DoorReading) -> Vector:
+        """Return a force [N] along the motion, upwards and outwards in world axes."""
+        a, b, c = self._door.way * sizes[0], sizes[1], self._door.side * sizes[2]
+        x, y, z = zip(*reading.axes, strict=True)
+        return (
+            a * x[0] + b * x[1] + c * x[2],
+            a * y[0] + b * y[1] + c * y[2],
+            a * z[0] + b * z[1] + c * z[2],
+        )
+
+    def _move_base(self, since: float | None, duration: float) -> None:
+        """Bring the base's displacement to the end of the period that begins now."""
+        if since is None:
+            return
+        s = min((since + CONTROL_PERIOD) / duration, 1.0)
+        share = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+        rate = 30.0 * s * s * (1.0 - s) ** 2 / duration
+        x, y, z = self._whole_shift
+        self.base_shift = share * x, share * y, share * z
+        self.base_distance = math.hypot(*self.base_shift)
+        self.base_velocity = rate * x, rate * y, rate * z
 
 
 class _Start:
-    """Notes when angle and time have both been reached."""
+    """Notes when an angle [rad] and a time [s] have both been reached."""
 
-    def __init__(self, start_angle: float, start_time: float) -> None:
-        self._angle, self._time = start_angle, start_time
-        self.at: float | None = None
+    def __init__(self, angle: float, time: float) -> None:
+        self._angle, self._time = angle, time
+        self._at: float | None = None
 
     def since(self, time: float, angle: float) -> float | None:
         """Return the time since the start [s]; None before it."""
-        if self.at is None and time >= self._time and max(angle, 0.0) >= self._angle:
-            self.at = time
-        return None if self.at is None else time - self.at
+        if self._at is None and time >= self._time and max(angle, 0.0) >= self._angle:
+            self._at = time
+        return None if self._at is None else time - self._at
 
 
-class _PushInTime:
-    def __init__(self, push: Push) -> None:
-        self._push, self.on = push, push.on
-        self._start = _Start(push.start_angle, push.start_time)
-
-    def forces(self, time: float, angle: float) -> Vector:
-        """Return the force along, upwards and outwards in the period from now [N]."""
-        push = self._push
-        since = self._start.since(time, angle)
-        if since is None or since >= push.duration:
-            return _NOTHING
-        share = 1.0
-        if push.profile == "half_sine":
-            middle = min(since + 0.5 * CONTROL_PERIOD, push.duration)
-            share = math.sin(math.pi * middle / push.duration)
-        return share * push.along, share * push.upward, share * push.outward
+def _push_forces(push: Push, since: float | None) -> Vector:
+    """Return the force along, upwards and outwards in the period from now [N]."""
+    if since is None or since >= push.duration:
+        return _NOTHING
+    share = 1.0
+    if push.profile == "half_sine":
+        middle = min(since + 0.5 * CONTROL_PERIOD, push.duration)
+        share = math.sin(math.pi * middle / push.duration)
+    return share * push.along, share * push.upward, share * push.outward
 
 
 class PersonHand:
@@ -161,11 +151,7 @@ class PersonHand:
     touches, m ẍ = f - k_a x - d_a ẋ, where f = k_c (s - x) + d_c (ṡ - ẋ) is the
     contact force, never negative if the person only stands in the way. Integrated in
     `_SUBSTEPS` semi-implicit Euler steps per control period, in which s goes on at its
-    last rate.
-
-    Args:
-        person: Who it is; every number drawn.
-        radius: Of the handle's circle [m].
+    last rate. The handle's circle has a `radius` [m].
 
     Attributes:
         on: What is touched.
@@ -186,10 +172,7 @@ class PersonHand:
     def resistance(self, time: float, angle: float, slip: float) -> float:
         """Return the mean contact force in the period from now, against opening [N].
 
-        Args:
-            time: Since the reset [s].
-            angle: Of the door [rad].
-            slip: Of the hand on the handle, along the motion [m].
+        `slip` is that of the hand on the handle, along the motion [m].
         """
         arc = self._radius * angle + (slip if self.on == "hand" else 0.0)
         rate = 0.0 if self._last is None else (arc - self._last) / CONTROL_PERIOD
@@ -228,47 +211,3 @@ class PersonHand:
         mean = total / _SUBSTEPS
         self.energy += mean * rate * CONTROL_PERIOD
         return mean
-
-
-class _StopInTime:
-    def __init__(self, stop: Stop) -> None:
-        self._stop = stop
-        self._start = _Start(max(stop.angle - _TOUCH, 0.0), 0.0)
-
-    def angle(self, time: float, angle: float) -> float:
-        """Return where the leaf meets a stop in the period from now [rad]."""
-        since = self._start.since(time, angle)
-        free = since is not None and since >= self._stop.duration - 1e-9
-        return math.inf if free else self._stop.angle
-
-
-class _BumpInTime:
-    def __init__(self, bump: Bump, door: DoorConfig) -> None:
-        self._bump = bump
-        self._start = _Start(bump.start_angle, bump.start_time)
-        base = (bump.forward, bump.left, 0.0)
-        # The world frame is the base's.
-        self._whole = tuple((task_rotation_w(door).T @ base).tolist())
-        self.shift = self.velocity = _NOTHING
-
-    def move(self, time: float, angle: float) -> None:
-        """Bring the displacement to the end of the period that begins now."""
-        since = self._start.since(time, angle)
-        if since is None:
-            return
-        s = min((since + CONTROL_PERIOD) / self._bump.duration, 1.0)
-        share = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
-        rate = 30.0 * s * s * (1.0 - s) ** 2 / self._bump.duration
-        x, y, z = self._whole
-        self.shift = share * x, share * y, share * z
-        self.velocity = rate * x, rate * y, rate * z
-
-
-def _combined(sizes: Vector, axes: tuple[Vector, Vector, Vector]) -> Vector:
-    """Return a vector from its components along three axes."""
-    (a, b, c), (first, second, third) = sizes, axes
-    return (
-        a * first[0] + b * second[0] + c * third[0],
-        a * first[1] + b * second[1] + c * third[1],
-        a * first[2] + b * second[2] + c * third[2],
-    )

@@ -14,9 +14,8 @@ from typing import Any, Final, NamedTuple
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
-from gplfd_env.conventions.constants import GRIPPER_WIDTH, Base, Control
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, Array, Base, Control
 from gplfd_env.conventions.one_and_many import (
     Flag,
     Number,
@@ -32,33 +31,20 @@ from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.robot.model import HAND_BODIES, WRENCH_LIMITS, Hold
 from gplfd_env.robot.placement import ARM_JOINTS
 from gplfd_env.scene.build import GRASP_KEY, build_scene
+from gplfd_env.simulation.command import Command
 
-Array = NDArray[np.float64]
 Observation = dict[str, Array]
 Vector = tuple[Number, Number, Number]
 Wrench = tuple[Number, Number, Number, Number, Number, Number]
 Values = Any
 """Values of the sensors: a list of one simulation's, or an array (number, n)."""
 
-_POSE_LIMIT: Final = (3.0, np.pi)
-_TWIST_LIMIT: Final = (1.0e4, 1.0e4)
-_JOINT_LIMITS: Final = (10.0, 1.0e4)
-_TIME_LIMIT: Final = 1.0e6
-_BASE_LIMITS: Final = (100.0, 1.0e3, 1.0e4)
 _TOUCHING: Final = slice(17, 19)
 """Of the readings of a door: whether right and left finger touch the handle."""
 
 
-def observation_space(
-    *, tells_base: bool = False, tells_gripper: bool = False
-) -> spaces.Space[Observation]:
-    """Return the observation space; units and frames in docs/environment.md.
-
-    Args:
-        tells_base: Whether pose and rate of the base are observed, too.
-        tells_gripper: The same of the gripper's width and of whether it holds the
-            handle.
-    """
+def observation_space(command: Command) -> spaces.Space[Observation]:
+    """Return the observation space; units and frames in docs/environment.md."""
 
     def box(*blocks: tuple[float, int]) -> spaces.Box:
         high = np.concatenate([np.full(size, limit) for limit, size in blocks])
@@ -67,26 +53,23 @@ def observation_space(
     # The wrist sensor saturates per sensor axis, and its weight compensation and the
     # shift of the moment to the hand add to that.
     force, torque = 2 * WRENCH_LIMITS[0], 2 * WRENCH_LIMITS[0] + 2 * WRENCH_LIMITS[1]
-    place, turn, rate = _BASE_LIMITS
-    base: dict[str, spaces.Space[Any]] = {
-        "base_pose": box((place, 2), (turn, 1)),
-        "base_velocity": box((rate, 3)),
-    }
-    gripper: dict[str, spaces.Space[Any]] = {
-        # Fingers stop softly.
-        "gripper_width": spaces.Box(-0.01, GRIPPER_WIDTH + 0.01, (1,), np.float64),
-        "grasped": spaces.Box(0.0, 1.0, shape=(1,), dtype=np.float64),
-    }
-    hand: dict[str, spaces.Space[Any]] = {
-        "ee_pose": box((_POSE_LIMIT[0], 3), (_POSE_LIMIT[1], 3)),
-        "ee_twist": box((_TWIST_LIMIT[0], 3), (_TWIST_LIMIT[1], 3)),
+    entries: dict[str, spaces.Space[Any]] = {
+        "ee_pose": box((3.0, 3), (np.pi, 3)),
+        "ee_twist": box((1e4, 6)),
         "wrench": box((force, 3), (torque, 3)),
-        "joint_pos": box((_JOINT_LIMITS[0], 7)),
-        "joint_vel": box((_JOINT_LIMITS[1], 7)),
-        "time": spaces.Box(0.0, _TIME_LIMIT, shape=(1,), dtype=np.float64),
+        "joint_pos": box((10.0, 7)),
+        "joint_vel": box((1e4, 7)),
+        "time": spaces.Box(0.0, 1e6, (1,), np.float64),
     }
-    further = (base if tells_base else {}) | (gripper if tells_gripper else {})
-    space: spaces.Space[Any] = spaces.Dict(hand | further)
+    if command.drives:
+        entries["base_pose"] = box((100.0, 2), (1e3, 1))
+        entries["base_velocity"] = box((1e4, 3))
+    if command.grips:
+        # Fingers stop softly.
+        width = spaces.Box(-0.01, GRIPPER_WIDTH + 0.01, (1,), np.float64)
+        entries["gripper_width"] = width
+        entries["grasped"] = spaces.Box(0.0, 1.0, (1,), np.float64)
+    space: spaces.Space[Any] = spaces.Dict(entries)
     return space
 
 
@@ -94,22 +77,11 @@ def observation_space(
 class Reader:
     """Turns a sensor array into the observation and into the privileged readings.
 
-    Attributes:
-        hand: What the wrist sensor carries.
-        ee_pose: Where in the sensor array the hand's pose is; likewise below.
-        ee_twist: The hand's twist.
-        joint_pos: The arm's joint positions.
-        joint_vel: The arm's joint velocities.
-        arm_limits: Least and greatest position of every joint of the arm [rad].
-        wrist: Wrist force, torque, and the sensor's three axes.
-        door: From the hinge's angle to the torque at its stop; handle and bolt follow
-            where there are any.
-        odometry: Pose and rate of a base that moves.
-        hinge_end: Torque at the end of the hinge before a base that moves. It adds to
-            the one at the hinge's own limit.
-        tells_base: Whether observations do, too.
-        finger: Position of a finger that opens and closes.
-        tells_gripper: Whether observations tell of the gripper.
+    `hand` is what the wrist sensor carries. The slices tell where in the array entries
+    are: `wrist` is force, torque and the sensor's three axes; `door` goes from the
+    hinge's angle to the torque at its stop, followed by handle and bolt where there are
+    any; `odometry` is pose and rate of a base that moves, whose `hinge_end` adds to the
+    torque at the hinge's own limit; `finger` is one that opens and closes.
     """
 
     hand: Hand
@@ -122,9 +94,7 @@ class Reader:
     door: slice
     odometry: slice | None
     hinge_end: int | None
-    tells_base: bool
     finger: slice | None
-    tells_gripper: bool
 
     @classmethod
     @cache
@@ -135,9 +105,6 @@ class Reader:
         base: Base = "fixed",
         handle: Handle = "bar",
         swing: Swing = "pull",
-        *,
-        tells_base: bool = False,
-        tells_gripper: bool = False,
     ) -> Reader:
         """Resolve sensor addresses and the hand's weight, once per robot and grasp.
 
@@ -150,7 +117,7 @@ class Reader:
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
         mujoco.mj_forward(model, data)
-        root = model.body(HAND_BODIES[0]).id
+        root, drives = model.body(HAND_BODIES[0]).id, base == "mobile"
         sensor = data.site("wrist_ft")
         axes = sensor.xmat.reshape(3, 3)
         com = axes.T @ (data.subtree_com[root] - sensor.xpos)
@@ -170,25 +137,15 @@ class Reader:
             ),
             wrist=_span(model, "wrist_force", 15),
             door=slice(int(model.sensor("hinge_angle").adr[0]), None),
-            odometry=(
-                _span(model, f"{BASE_JOINTS[0]}_pos", 6) if base == "mobile" else None
-            ),
-            hinge_end=(
-                int(model.sensor("hinge_end").adr[0]) if base == "mobile" else None
-            ),
-            tells_base=tells_base,
+            odometry=_span(model, f"{BASE_JOINTS[0]}_pos", 6) if drives else None,
+            hinge_end=int(model.sensor("hinge_end").adr[0]) if drives else None,
             finger=_span(model, "finger", 1) if grasp == "gripper" else None,
-            tells_gripper=tells_gripper,
         )
 
-    def observation(self, sensordata: Array, wrench: Array, time: Array) -> Observation:
-        """Return the observation of one simulation or of n, as fresh arrays.
-
-        Args:
-            sensordata: MuJoCo's sensor array, (..., number of values).
-            wrench: What `wrench` gave, (..., 6).
-            time: Since the reset, (..., 1) [s].
-        """
+    def observation(
+        self, sensordata: Array, wrench: Array, time: Array, command: Command
+    ) -> Observation:
+        """Return the observation of one simulation or of n, as fresh arrays."""
         observation = {
             "ee_pose": sensordata[..., self.ee_pose].copy(),
             "ee_twist": sensordata[..., self.ee_twist].copy(),
@@ -197,11 +154,11 @@ class Reader:
             "joint_vel": sensordata[..., self.joint_vel].copy(),
             "time": time,
         }
-        if self.tells_base and self.odometry is not None:
+        if command.drives and self.odometry is not None:
             base = sensordata[..., self.odometry]
             observation["base_pose"] = base[..., :3].copy()
             observation["base_velocity"] = base[..., 3:].copy()
-        if self.tells_gripper and self.finger is not None:
+        if command.grips and self.finger is not None:
             touching = sensordata[..., self.door][..., _TOUCHING] > 0.0
             observation["gripper_width"] = 2.0 * sensordata[..., self.finger]
             observation["grasped"] = touching.all(axis=-1, keepdims=True).astype(float)
@@ -250,13 +207,7 @@ class Reader:
     def door_reading(
         self, values: Values, way: Number = 1.0, side: Number = 1.0
     ) -> DoorReading:
-        """Return the privileged readings of door and grasp.
-
-        Args:
-            values: Of the sensors.
-            way: `DoorConfig.way` of the door that it stands before.
-            side: `DoorConfig.side`.
-        """
+        """Return the privileged readings of door and grasp."""
         reading = values[self.door]
         angle, velocity, hx, hy, hz, ox, oy, oz = reading[:8]
         tx, ty, tz, ux, uy, uz, rx, ry, rz = reading[8:17]
@@ -274,11 +225,7 @@ class Reader:
             (ox, oy, oz),
             Forces(tangential, vertical, radial),
             (right > 0.0) & (left > 0.0),
-            (
-                (way * tx, way * ty, way * tz),
-                (ux, uy, uz),
-                (side * rx, side * ry, side * rz),
-            ),
+            ((tx, ty, tz), (ux, uy, uz), (rx, ry, rz)),
             # A closed door rests at the other end of the hinge's range.
             where(angle > 0.0, limit, 0.0),
             handle_angle,
@@ -287,13 +234,7 @@ class Reader:
 
 
 class Forces(NamedTuple):
-    """Of the hand on the handle [N].
-
-    Attributes:
-        tangential: Along the opening motion.
-        vertical: Upwards.
-        radial: Away from the hinge.
-    """
+    """Of the hand on the handle [N]: along the motion, upwards, away from the hinge."""
 
     tangential: Number
     vertical: Number
@@ -311,37 +252,23 @@ _AT_REST: Final = BaseState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 class DoorReading(NamedTuple):
-    """What a perfect observer of the door would know.
+    """What a perfect observer of the door would know."""
 
-    Attributes:
-        angle: Opening angle [rad].
-        velocity: Its rate [rad/s].
-        handle_position: The handle in the task frame [m].
-        hand_on_handle: The hand point in the handle's frame [m].
-        forces: Of the hand on the handle [N].
-        grasped: Both finger pads touch the bar.
-        axes: World frame: along the opening motion, upwards, away from the hinge.
-        stop_torque: Of the leaf against a stop [N m].
-        handle_angle: How far a lever or knob is turned [rad]; else 0.
-        bolt: How far the bolt is drawn in [m]; 0 without a latch.
-    """
-
-    angle: Number
-    velocity: Number
-    handle_position: Vector
-    hand_on_handle: Vector
+    angle: Number  # Opening angle [rad].
+    velocity: Number  # Its rate [rad/s].
+    handle_position: Vector  # The handle in the task frame [m].
+    hand_on_handle: Vector  # The hand point in the handle's frame [m].
     forces: Forces
-    grasped: Flag
-    axes: tuple[Vector, Vector, Vector]
-    stop_torque: Number
-    handle_angle: Number
-    bolt: Number
+    grasped: Flag  # Both fingers touch the handle.
+    axes: tuple[Vector, Vector, Vector]  # Of the moving frame, world frame.
+    stop_torque: Number  # Of the leaf against a stop [N m].
+    handle_angle: Number  # How far a lever or knob is turned [rad]; else 0.
+    bolt: Number  # How far the bolt is drawn in [m]; 0 without a latch.
 
     def handle_rotation(self, way: Number, side: Number) -> Vector:
         """Return the handle's rotation vector [rad].
 
         Turned about its own axis, normal to the closed leaf, and then about the hinge.
-        Arguments are those of `Reader.door_reading`.
         """
         about_up = side * way * self.angle
         turned = self.handle_angle != 0.0
@@ -364,12 +291,9 @@ class DoorReading(NamedTuple):
 
 
 class Hand(NamedTuple):
-    """Everything beyond the wrist sensor.
+    """Everything beyond the wrist sensor: weight [N], centre of mass and hand point.
 
-    Attributes:
-        weight: Its weight [N].
-        com: Its centre of mass from the sensor, in the hand's axes [m].
-        offset: The hand point from the sensor, in the hand's axes [m].
+    Both from the sensor, in the hand's axes [m].
     """
 
     weight: Number

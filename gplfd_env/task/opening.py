@@ -31,7 +31,6 @@ STALL_TIME: Final = 3.0
 STALL_TURN: Final = math.radians(5.0)
 """But not while its handle is turned on by this [rad] in the same time."""
 
-
 FAILURES: Final = (
     *("", "grasp_lost", "base_blocked", "stalled", "latched", "simulation_error"),
     "not_grasped",
@@ -45,28 +44,19 @@ GRASP_LOST, BASE_BLOCKED, STALLED, LATCHED, SIMULATION_ERROR, NOT_GRASPED = rang
 class OpeningMonitor:
     """Decides, step by step, whether the door is opened, lost or stuck.
 
-    Attributes:
-        taken: The hand has taken hold of the handle and not let it go.
-        success: The success angle has been held for `HOLD_TIME` with the handle
-            grasped.
-        failure: A place in `FAILURES`: none, ``"grasp_lost"`` (final), and while they
-            last ``"base_blocked"``, ``"not_grasped"``, ``"stalled"`` or, where the
-            latch still holds the door, ``"latched"``.
-        held: For how long that angle has been held so far [s].
-        released: For how long the fingers have lost the handle [s].
-        best_angle: Angle of the last gain [rad].
-        best_turn: Angle of the handle at the last gain [rad].
-        since_gain: Time since the last gain [s].
+    A failure is a place in `FAILURES`: ``"grasp_lost"`` is final, the others hold while
+    they last; a door that its latch still holds is ``"latched"`` rather than
+    ``"stalled"``.
     """
 
-    taken: Flag = True
-    success: Flag = False
+    taken: Flag = True  # The hand has taken hold of the handle and not let it go.
+    success: Flag = False  # The success angle has been held, handle in hand.
     failure: Number = 0
-    held: Number = 0.0
-    released: Number = 0.0
-    best_angle: Number = -math.inf
-    best_turn: Number = -math.inf
-    since_gain: Number = 0.0
+    held: Number = 0.0  # For how long that angle has been held so far [s].
+    released: Number = 0.0  # For how long the fingers have lost the handle [s].
+    best_angle: Number = -math.inf  # Of the last gain [rad].
+    best_turn: Number = -math.inf  # Of the handle at the last gain [rad].
+    since_gain: Number = 0.0  # Time since the last gain [s].
 
     def update(
         self,
@@ -80,13 +70,8 @@ class OpeningMonitor:
     ) -> Flag:
         """Take in the state after one control step; return where the hand took hold.
 
-        Args:
-            angle: Opening angle [rad].
-            grasped: Both fingers touch the handle.
-            turn: How far the handle is turned [rad].
-            latched: The bolt holds the door.
-            blocked: Something holds the base.
-            opened: The gripper is told to be wider than the handle.
+        `turn` is that of the handle [rad]; `opened` means that the gripper is told to
+        be wider than the handle.
         """
         took = grasped & negated(self.taken)
         # A handle that is let go of on purpose is not lost.
@@ -121,14 +106,8 @@ def reward_terms(
 ) -> dict[str, Number]:
     """Return the terms whose sum is the reward of one control step.
 
-    Args:
-        angle_gain: Change of the opening angle in this step [rad].
-        force_radial: Radial force between hand and handle [N]: wasted effort.
-        success: The episode has just ended in success.
-
-    Returns:
-        ``progress`` sums to 1 over an opening to `SUCCESS_ANGLE`; ``radial_force``
-        costs 0.01 per second at 10 N; ``success`` is 1 once.
+    ``progress`` sums to 1 over an opening to `SUCCESS_ANGLE`; ``radial_force`` costs
+    0.01 per second at 10 N; ``success`` is 1 once.
     """
     return {
         "progress": angle_gain / SUCCESS_ANGLE,
@@ -140,8 +119,5 @@ def reward_terms(
 def sparse_reward_terms(
     angle_gain: Number, force_radial: Number, success: Flag
 ) -> dict[str, Number]:
-    """Return the term of the sparse reward: ``success`` is 1 once, else 0.
-
-    The arguments are those of `reward_terms`.
-    """
+    """Return the term of the sparse reward: ``success`` is 1 once, else 0."""
     return {"success": 1.0 * success}

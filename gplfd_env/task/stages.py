@@ -70,14 +70,8 @@ def stage_after(
 ) -> Number:
     """Return the furthest stage after a control period, a place in `STAGES`.
 
-    Where nothing holds a door, it is unlatched as soon as it is grasped.
-
-    Args:
-        stage: The furthest one before.
-        reading: Of door and grasp.
-        turned: What `turned_angle` gives.
-        latched: The bolt holds the door.
-        held: The door has been open and held as the task asks.
+    Where nothing holds a door, it is unlatched as soon as it is grasped. `turned` is
+    what `turned_angle` gives; `held`: the door has been open and held as the task asks.
     """
     stage = where(reading.grasped & (stage < _GRASPED), _GRASPED, stage)
     if anywhere(stage < _UNLATCHED):
@@ -100,15 +94,10 @@ def stage_after(
 
 @dataclass(slots=True)
 class Diagnosis:
-    """Remembers the cause of a high force or a stall.
-
-    Attributes:
-        cause: A place in `REASONS`; 0 for none.
-        age: Time since it was the cause [s].
-    """
+    """Remembers the cause of a high force or a stall, by its place in `REASONS`."""
 
     cause: Number = 0
-    age: Number = 0.0
+    age: Number = 0.0  # Time since it was the cause [s].
 
     def update(
         self,
@@ -117,14 +106,7 @@ class Diagnosis:
         limits: Sequence[tuple[float, float]],
         stalled: Flag,
     ) -> None:
-        """Take in the state after a control period.
-
-        Args:
-            reading: Of door and grasp.
-            joints: Positions of the arm's joints [rad].
-            limits: Least and greatest position of each [rad].
-            stalled: Nothing moves on, however small the force.
-        """
+        """Take in the arm's joints [rad] and whether the door has stalled."""
         self.age = self.age + CONTROL_PERIOD
         strained = stalled | (hypot(*reading.forces) >= HEAVY_FORCE)
         if not anywhere(strained):
@@ -140,16 +122,12 @@ class Diagnosis:
         self.age = where(found, 0.0, self.age)
 
     def reason(self, failure: Number) -> Number:
-        """Return why it failed, a place in `REASONS`.
+        """Return why a failure happened, a place in `REASONS`.
 
-        Args:
-            failure: A place in `FAILURES`.
-
-        Returns:
-            ``""`` if it has not; ``"blocked"`` (something stops the leaf),
-            ``"out_of_reach"`` (a joint is at its limit) or ``"too_heavy"`` where one of
-            these is why the door stalled or the handle was lost, ``"out_of_reach"``
-            where that is why it was never grasped; else the failure itself.
+        ``"blocked"`` (something stops the leaf), ``"out_of_reach"`` (a joint is at its
+        limit) or ``"too_heavy"`` where one of these is why the door stalled or the
+        handle was lost, ``"out_of_reach"`` where that is why it was never grasped; else
+        the failure itself.
         """
         if not anywhere(failure != 0):
             return failure

@@ -8,7 +8,7 @@ in the docstring below what the number means, and calls `check_quantities` in it
 import dataclasses
 import math
 import numbers
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
@@ -24,15 +24,9 @@ _RANGED: Final = "a number or (low, high)"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Range:
-    """The numbers from `low` to `high` between `above` and `below`.
+    """The numbers from `low` to `high`, greater than `above` and less than `below`.
 
-    Attributes:
-        low: Least number; by default there is none.
-        high: Greatest number; by default there is none.
-        above: Only greater numbers are allowed.
-        below: Only less numbers are allowed.
-        unit: Their unit; of whole numbers, what they count.
-        reason: What sets the limits, for messages.
+    With their unit (of whole numbers, what they count) and the reason of the limits.
     """
 
     low: float = -math.inf
@@ -55,9 +49,7 @@ class Range:
 def quantity(default: float | None, **allowed: Any) -> Any:
     """Declare a field that is a finite number; a whole one if annotated `int`.
 
-    Args:
-        default: Its value if none is given; None if it may also be None.
-        **allowed: Attributes of `Range`.
+    A default of None allows None. The other arguments are attributes of `Range`.
     """
     return dataclasses.field(default=default, metadata={_RANGE: Range(**allowed)})
 
@@ -72,9 +64,7 @@ def allowed_range(record: type, field: str) -> Range:
 def check_quantities(record: Any) -> None:
     """Check every declared number of a frozen record and make it a float or an int.
 
-    Raises:
-        ValueError: A number is not finite or not allowed.
-        TypeError: A value is not a number.
+    Raises a TypeError for what is no number, a ValueError for one that is not allowed.
     """
     for field in dataclasses.fields(record):
         absent = field.default is None and getattr(record, field.name) is None
@@ -85,39 +75,48 @@ def check_quantities(record: Any) -> None:
             object.__setattr__(record, field.name, value)
 
 
+class Quantities:
+    """A frozen record whose declared numbers are checked by `check_quantities`."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
 def check_ranges(record: Any) -> None:
     """Check every declared field of a frozen record: a number, or a pair of them.
 
-    A number becomes a float, a pair ``(low, high)`` a tuple of floats.
-
-    Raises:
-        ValueError: A number is not finite or not allowed, or a pair is reversed.
-        TypeError: A value is neither a number nor a pair of numbers.
+    A number becomes a float, a pair ``(low, high)`` a tuple of floats. Raises as
+    `check_quantities`, and a ValueError for a reversed pair.
     """
     for field in dataclasses.fields(record):
         if _RANGE in field.metadata:
             name = f"{type(record).__name__}.{field.name}"
             value, allowed = getattr(record, field.name), field.metadata[_RANGE]
             if isinstance(value, list | tuple):
-                value = _checked_pair(name, value, allowed)
+                ends = tuple(checked_number(name, end, allowed) for end in value)
+                if len(ends) != 2 or ends[0] > ends[1]:
+                    raise ValueError(f"{name} = {value!r} must be {_RANGED}, low first")
+                value = ends
             else:
                 value = checked_number(name, value, allowed, _RANGED)
             object.__setattr__(record, field.name, value)
 
 
-def _checked_pair(name: str, pair: Sequence[Any], allowed: Range) -> tuple[float, ...]:
-    ends = tuple(checked_number(name, end, allowed) for end in pair)
-    if len(ends) != 2 or ends[0] > ends[1]:
-        raise ValueError(f"{name} = {pair!r} must be {_RANGED}, low first")
-    return ends
+class Ranges:
+    """A frozen record whose declared fields are checked by `check_ranges`."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 def draw_ranges(record: Record, rng: np.random.Generator) -> Record:
-    """Return a record that `check_ranges` has checked with a number for every pair.
+    """Return a frozen record with a number drawn from every pair.
 
-    Args:
-        record: Frozen.
-        rng: One uniform number per declared field, drawn from or not.
+    One uniform number per declared field, whether it is a pair or not.
     """
     declared = [
         one.name for one in dataclasses.fields(record) if _RANGE in one.metadata
@@ -134,18 +133,7 @@ def draw_ranges(record: Record, rng: np.random.Generator) -> Record:
 def checked_number(
     name: str, value: Any, allowed: Range, kind: str = "a number"
 ) -> float:
-    """Return a value as a float.
-
-    Args:
-        name: What messages call it.
-        value: To be checked.
-        allowed: The numbers that it may be.
-        kind: What messages say that it must be.
-
-    Raises:
-        ValueError: It is not finite or not allowed.
-        TypeError: It is not a number.
-    """
+    """Return a value as a float; raise a TypeError, or a ValueError out of range."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise TypeError(
             f"{name} must be {kind}, got {value!r} ({type(value).__name__})"
@@ -157,11 +145,7 @@ def checked_number(
 
 
 def checked_count(name: str, value: Any, allowed: Range) -> int:
-    """Return a value as an int; `checked_number` says what the arguments are.
-
-    Raises:
-        ValueError: It is not a whole number or not allowed.
-    """
+    """Return a value as an int, or raise a ValueError."""
     whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
     if not whole or int(value) not in allowed:
         of = f" of {allowed.unit}" if allowed.unit else ""

@@ -9,50 +9,46 @@ Record = TypeVar("Record")
 
 
 def preset(
-    spec: str | Mapping[str, Any],
+    spec: object,
     presets: Mapping[str, Record],
     start: str,
     what: str,
-    otherwise: str,
+    otherwise: str = "",
+    within: object = "",
 ) -> Record:
-    """Return the preset of a name, or one with other fields.
+    """Return the record that a name, a mapping of fields or the record itself gives.
 
-    Args:
-        spec: A name, or a mapping of fields with an optional ``"preset"``.
-        presets: Records by name.
-        start: The preset that a mapping starts from if it names none.
-        what: What messages call such a record.
-        otherwise: What may be given in place of a name, for messages.
-
-    Raises:
-        ValueError: An unknown preset or field, or a value that the record refuses.
+    A mapping starts from its ``"preset"``, by default `start`. Messages call a record
+    `what` and say what else the caller accepts, and its range. Raises a ValueError for
+    an unknown name or field, a TypeError for anything else.
     """
-    fields = {"preset": spec} if isinstance(spec, str) else dict(spec)
-    name = fields.pop("preset", start)
+    record = type(presets[start])
+    fields = f"a mapping of {record.__name__} fields"
+    if isinstance(spec, record):
+        return spec
+    if not isinstance(spec, str | Mapping):
+        others = f"{otherwise}, {fields}" if otherwise else fields
+        raise TypeError(
+            f"{what} must be a preset's name, {others} or a {record.__name__}, got "
+            f"{spec!r} ({type(spec).__name__})"
+        )
+    given = {"preset": spec} if isinstance(spec, str) else dict(spec)
+    name = given.pop("preset", start)
     if not isinstance(name, str) or name not in presets:
+        hint = f"{otherwise} within {within}" if otherwise else fields
         raise ValueError(
             f"unknown {what} {name!r}{nearest_name(name, presets)}; presets: "
-            f"{', '.join(presets)}; or give {otherwise}"
+            f"{', '.join(presets)}; or give {hint}"
         )
-    return with_fields(presets[name], fields, what, other_keys=("preset",))
+    return with_fields(presets[name], given, what, other_keys=("preset",))
 
 
 def with_fields(
-    record: Record,
-    fields: Mapping[str, Any],
-    what: str,
-    other_keys: Sequence[str] = (),
+    record: Record, fields: Mapping[str, Any], what: str, other_keys: Sequence[str] = ()
 ) -> Record:
-    """Return a record with some fields changed.
+    """Return a frozen dataclass with some fields changed.
 
-    Args:
-        record: A frozen dataclass.
-        fields: New values by name.
-        what: What messages call such a record.
-        other_keys: What else a caller may write beside fields, for messages.
-
-    Raises:
-        ValueError: An unknown field, or a value that the record refuses.
+    Raises a ValueError that names the fields, and `other_keys`, if one is unknown.
     """
     given: Any = record
     known = [field.name for field in dataclasses.fields(given)]

@@ -14,10 +14,7 @@ from gplfd_env.wrappers.flat_observation import (
     flat_of,
 )
 from gplfd_env.wrappers.gentle_reward import GentleReward, VectorGentleReward
-from gplfd_env.wrappers.numeric_info import (
-    NumericInfo,
-    VectorNumericInfo,
-)
+from gplfd_env.wrappers.numeric_info import NumericInfo, VectorNumericInfo
 from gplfd_env.wrappers.relative_action import (
     LIMITS,
     RelativeAction,

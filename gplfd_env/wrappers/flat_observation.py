@@ -9,8 +9,9 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from gplfd_env.conventions.constants import Info
+
 Flat = NDArray[np.float32]
-Info = dict[str, Any]
 
 
 def flat_of(observation: Mapping[str, Any]) -> Flat:
@@ -22,7 +23,28 @@ def flat_of(observation: Mapping[str, Any]) -> Flat:
     return np.concatenate(vectors, axis=-1, dtype=np.float32)
 
 
-class FlatObservation(gym.Wrapper[Any, Any, Any, Any]):
+class _Flat:
+    """Resets and steps one environment or many, with flat observations."""
+
+    env: Any
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Flat, Info]:
+        """Begin an episode, or one of each."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        return flat_of(observation), info
+
+    def step(self, action: Any) -> tuple[Flat, Any, Any, Any, Info]:
+        """Act for one control period."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        if "final_obs" in info:
+            last = np.full(len(info["final_obs"]), None, dtype=object)
+            for row in np.flatnonzero(info["_final_obs"]):
+                last[row] = flat_of(info["final_obs"][row])
+            info = {**info, "final_obs": last}
+        return flat_of(observation), reward, terminated, truncated, info
+
+
+class FlatObservation(_Flat, gym.Wrapper[Any, Any, Any, Any]):
     """Put the dictionary's entries one after another, in the order of their names.
 
     The same order as of Gymnasium's `FlattenObservation`; docs/environment.md has the
@@ -36,62 +58,28 @@ class FlatObservation(gym.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         self.observation_space = _flat_space(env.observation_space)
 
-    def reset(
-        self, *, seed: int | None = None, options: Info | None = None
-    ) -> tuple[Flat, Info]:
-        """Begin an episode."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        return flat_of(observation), info
 
-    def step(self, action: Any) -> tuple[Flat, Any, bool, bool, Info]:
-        """Act for one control period."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        return flat_of(observation), reward, terminated, truncated, info
-
-
-class VectorFlatObservation(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
+class VectorFlatObservation(_Flat, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
     """The same of a vector environment: (n, m), ``final_obs`` included."""
 
     def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
         super().__init__(env)
-        self.single_observation_space = _flat_space(env.single_observation_space)
-        self.observation_space = batch_space(
-            self.single_observation_space, env.num_envs
+        space = self.single_observation_space = _flat_space(
+            env.single_observation_space
         )
-
-    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Flat, Info]:
-        """Begin episodes."""
-        observations, infos = self.env.reset(seed=seed, options=options)
-        return flat_of(observations), infos
-
-    def step(self, actions: Any) -> tuple[Flat, Any, Any, Any, Info]:
-        """Act for one control period."""
-        observations, rewards, terminations, truncations, infos = self.env.step(actions)
-        if "final_obs" in infos:
-            last = np.full(self.num_envs, None, dtype=object)
-            for row in np.flatnonzero(infos["_final_obs"]):
-                last[row] = flat_of(infos["final_obs"][row])
-            infos = {**infos, "final_obs": last}
-        flat = flat_of(observations)
-        return flat, rewards, terminations, truncations, infos
+        self.observation_space = batch_space(space, env.num_envs)
 
 
-def _entries(space: spaces.Space[Any]) -> dict[str, spaces.Space[Any]]:
+def _flat_space(space: spaces.Space[Any]) -> spaces.Box:
     entries = dict(space.spaces) if isinstance(space, spaces.Dict) else {}
-    vectors = [
-        isinstance(one, spaces.Box) and len(one.shape) == 1 for one in entries.values()
-    ]
-    if not (vectors and all(vectors)):
+    boxes = [entries[name] for name in sorted(entries)]
+    if not boxes or any(
+        not isinstance(box, spaces.Box) or len(box.shape) != 1 for box in boxes
+    ):
         raise ValueError(
             f"the observation must be a dictionary of vectors to be put one after "
             f"another, got {space}"
         )
-    return entries
-
-
-def _flat_space(space: spaces.Space[Any]) -> spaces.Box:
-    entries = _entries(space)
-    boxes = [entries[name] for name in sorted(entries)]
     low, high = (
         np.concatenate([getattr(box, end) for box in boxes]).astype(np.float32)
         for end in ("low", "high")

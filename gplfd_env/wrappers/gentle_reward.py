@@ -15,14 +15,10 @@ from typing import Any, Final, cast
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
+from gplfd_env.conventions.constants import Array, Info, Mask
 from gplfd_env.conventions.resets import masked
 from gplfd_env.task.opening import SUCCESS_ANGLE
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Info = dict[str, Any]
 
 FORCE_SCALE: Final = 20.0
 """Force that costs what the whole progress earns [N]: what the grasp holds."""
@@ -100,17 +96,7 @@ class VectorGentleReward(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
 
 
 class Score:
-    """What one episode, or each of many, has come to.
-
-    Args:
-        info: Of the reset; numbers, or arrays (n,).
-
-    Attributes:
-        peak_force: Greatest of the forces that no opening needs, so far [N].
-        peak_slip: Greatest slip so far [m].
-        earned: Sum of the rewards so far.
-        terms: Of the last step's reward.
-    """
+    """What one episode, or each of many, has come to, given the info of its reset."""
 
     def __init__(self, info: Mapping[str, Any]) -> None:
         self.peak_force, self.peak_slip = _harm(info), np.abs(info["slip"])

@@ -7,15 +7,30 @@ from typing import Any, Final
 import gymnasium as gym
 import numpy as np
 
+from gplfd_env.conventions.constants import Info
 from gplfd_env.task.opening import FAILURES
 from gplfd_env.task.stages import REASONS, STAGES
-
-Info = dict[str, Any]
 
 _CODES: Final = {"failure": FAILURES, "reason": REASONS, "stage": STAGES}
 
 
-class NumericInfo(gym.Wrapper[Any, Any, Any, Any]):
+class _Coded:
+    """Resets and steps one environment or many, with codes in their infos."""
+
+    env: Any
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
+        """Begin an episode, or one of each."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        return observation, _coded(info)
+
+    def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
+        """Command every hand for one control period."""
+        *outcome, info = self.env.step(action)
+        return (*outcome, _coded(info))
+
+
+class NumericInfo(_Coded, gym.Wrapper[Any, Any, Any, Any]):
     """Put integers in the place of the strings of ``info``.
 
     ``failure_code``, ``reason_code`` and ``stage_code`` are places in `FAILURES`,
@@ -23,35 +38,13 @@ class NumericInfo(gym.Wrapper[Any, Any, Any, Any]):
     as `gymnasium.wrappers.NumpyToTorch`.
     """
 
-    def reset(
-        self, *, seed: int | None = None, options: Info | None = None
-    ) -> tuple[Any, Info]:
-        """Begin an episode."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        return observation, _coded(info)
 
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, Info]:
-        """Command the hand for one control period."""
-        *outcome, info = self.env.step(action)
-        return (*outcome, _coded(info))
-
-
-class VectorNumericInfo(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
+class VectorNumericInfo(_Coded, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
     """The same of a vector environment: (n,) int64, with its mask.
 
     With ``autoreset_mode="SameStep"`` ``infos["final_obs"]`` remains an array of
     objects, as of every vector environment of Gymnasium.
     """
-
-    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
-        """Begin episodes."""
-        observations, infos = self.env.reset(seed=seed, options=options)
-        return observations, _coded(infos)
-
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, Info]:
-        """Command every hand for one control period."""
-        *outcome, infos = self.env.step(actions)
-        return (*outcome, _coded(infos))
 
 
 def _coded(info: Mapping[str, Any]) -> Info:

@@ -7,12 +7,9 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from gplfd_env.task.observation import Observation
-
-Array = NDArray[np.float64]
-Info = dict[str, Any]
+from gplfd_env.conventions.constants import Array, Info
 
 LIMITS: Final = (0.03, 0.1)
 """How far from the hand the set-point may be: per axis [m], per component [rad].
@@ -55,7 +52,58 @@ def action_of(
     return action
 
 
-class RelativeAction(gym.Wrapper[Observation, Any, Observation, Any]):
+class _Relative:
+    """Resets and steps one or many, with set-points relative to the hand."""
+
+    env: Any
+
+    def _begin(self, space: spaces.Space[Any], limits: Any, *n: int) -> None:
+        """Check the space of an action and the limits; take (n, 6) or (6,) numbers."""
+        metres, radians = limits
+        if not (0.0 < metres < np.inf and 0.0 < radians < np.inf):
+            raise ValueError(
+                "limits must be a distance [m] and an angle [rad] above zero, got "
+                f"{limits}"
+            )
+        if space.shape != (6,):
+            raise ValueError(
+                "RelativeAction needs an environment whose action is a pose (6,), such "
+                f"as gplfd/DoorOpening-v1; got one with {space}"
+            )
+        self._limits, self._shape = (float(metres), float(radians)), (*n, 6)
+        self._hand: Array | None = None
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
+        """Begin an episode, or one of each."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._hand = observation["ee_pose"].copy()
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
+        """Move the set-points for one control period: (6,) or (n, 6), clamped to ±1.
+
+        Those of simulations that are being reset, or stand still, are ignored. Raises a
+        ValueError for a wrong shape or a number that is not finite.
+        """
+        if self._hand is None:
+            raise gym.error.ResetNeeded("call reset() before the first step()")
+        try:
+            numbers = np.asarray(action, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            numbers = np.empty(0)
+        if numbers.shape != self._shape:
+            raise ValueError(
+                f"the action must be numbers of shape {self._shape}, where the "
+                "set-point is relative to the hand in units of the limits; got "
+                f"{reprlib.repr(action)}"
+            )
+        outcome = self.env.step(command_of(numbers, self._hand, self._limits))
+        self._hand = outcome[0]["ee_pose"].copy()
+        stepped: tuple[Any, Any, Any, Any, Info] = outcome
+        return stepped
+
+
+class RelativeAction(_Relative, gym.Wrapper[Any, Any, Any, Any]):
     """Let an action within ±1 say where the set-point is relative to the hand.
 
     The command is the observed pose of the hand plus the limits times the action, so
@@ -72,42 +120,16 @@ class RelativeAction(gym.Wrapper[Observation, Any, Observation, Any]):
     """
 
     def __init__(
-        self,
-        env: gym.Env[Observation, Any],
-        limits: tuple[float, float] = LIMITS,
+        self, env: gym.Env[Any, Any], limits: tuple[float, float] = LIMITS
     ) -> None:
         super().__init__(env)
         self.action_space = _SPACE
-        self._limits = _checked_limits(limits)
-        _check_pose(env.action_space)
-        self._hand: Array | None = None
-
-    def reset(
-        self, *, seed: int | None = None, options: Info | None = None
-    ) -> tuple[Observation, Info]:
-        """Begin an episode."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        self._hand = observation["ee_pose"].copy()
-        return observation, info
-
-    def step(self, action: Any) -> tuple[Observation, Any, bool, bool, Info]:
-        """Move the set-point for one control period.
-
-        Args:
-            action: (6,) in units of the limits; values beyond ±1 are clamped to it.
-
-        Raises:
-            ValueError: The action's shape is wrong or it is not finite.
-            gymnasium.error.ResetNeeded: There was no reset yet.
-        """
-        hand = _after_reset(self._hand)
-        command = command_of(_numbers(action, (6,)), hand, self._limits)
-        outcome = self.env.step(command)
-        self._hand = outcome[0]["ee_pose"].copy()
-        return outcome
+        self._begin(env.action_space, limits)
 
 
-class VectorRelativeAction(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
+class VectorRelativeAction(
+    _Relative, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]
+):
     """The same of a vector environment: actions (n, 6)."""
 
     def __init__(
@@ -118,65 +140,4 @@ class VectorRelativeAction(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
         super().__init__(env)
         self.single_action_space = _SPACE
         self.action_space = batch_space(_SPACE, env.num_envs)
-        self._limits = _checked_limits(limits)
-        _check_pose(env.single_action_space)
-        self._hands: Array | None = None
-
-    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
-        """Begin episodes."""
-        observations, infos = self.env.reset(seed=seed, options=options)
-        self._hands = observations["ee_pose"].copy()
-        return observations, infos
-
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, Info]:
-        """Move every set-point for one control period.
-
-        Args:
-            actions: (n, 6). Those of simulations that are being reset, or stand still,
-                are ignored.
-
-        Raises:
-            ValueError: The shape is wrong or an action is not finite.
-            gymnasium.error.ResetNeeded: There was no reset yet.
-        """
-        hands = _after_reset(self._hands)
-        numbers = _numbers(actions, (self.num_envs, 6))
-        outcome = self.env.step(command_of(numbers, hands, self._limits))
-        self._hands = outcome[0]["ee_pose"].copy()
-        return outcome
-
-
-def _checked_limits(limits: Any) -> tuple[float, float]:
-    metres, radians = limits
-    if not (0.0 < metres < np.inf and 0.0 < radians < np.inf):
-        raise ValueError(
-            f"limits must be a distance [m] and an angle [rad] above zero, got {limits}"
-        )
-    return float(metres), float(radians)
-
-
-def _check_pose(space: spaces.Space[Any]) -> None:
-    if space.shape != (6,):
-        raise ValueError(
-            "RelativeAction needs an environment whose action is a pose (6,), such as "
-            f"gplfd/DoorOpening-v1; got one with {space}"
-        )
-
-
-def _after_reset(hand: Array | None) -> Array:
-    if hand is None:
-        raise gym.error.ResetNeeded("call reset() before the first step()")
-    return hand
-
-
-def _numbers(action: Any, shape: tuple[int, ...]) -> Array:
-    try:
-        numbers = np.asarray(action, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        numbers = np.empty(0)
-    if numbers.shape != shape:
-        raise ValueError(
-            f"the action must be numbers of shape {shape}, where the set-point is "
-            f"relative to the hand in units of the limits; got {reprlib.repr(action)}"
-        )
-    return numbers
+        self._begin(env.single_action_space, limits, env.num_envs)

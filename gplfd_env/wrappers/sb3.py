@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from gplfd_env import RL_ENVIRONMENT_ID
+from gplfd_env.conventions.constants import Info
 from gplfd_env.conventions.resets import unmasked
 
 try:
@@ -23,8 +24,6 @@ except ImportError as error:
     ) from error
 
 __all__ = ["SB3VecEnv", "make_sb3"]
-
-Info = dict[str, Any]
 
 _OF_EACH: Final = {
     "variation": "variations",
@@ -123,12 +122,10 @@ class SB3VecEnv(VecEnv):
         return tuple(self.env.render() or self.num_envs * (None,))
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of some simulations.
+        """Return an attribute of some simulations, by default of all.
 
-        Args:
-            attr_name: ``"variation"``, ``"door_geometry"`` or ``"model"``, which each
-                has; or what the vector environment has for all.
-            indices: Which; None for all.
+        ``"variation"``, ``"door_geometry"`` or ``"model"``, which each has; or what the
+        vector environment has for all.
         """
         rows = list(self._get_indices(indices))
         if attr_name in _OF_EACH:
