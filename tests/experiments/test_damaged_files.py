@@ -29,7 +29,6 @@ import pytest
 import gplfd_policies as policies
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_experiments.data.minari import Recorder, open_dataset, write_dataset
-from gplfd_experiments.data.minari.contents import contents
 from gplfd_experiments.data.replay import replays
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
@@ -333,7 +332,7 @@ def data_set(folder: Path, file: str) -> Case:
 
     def read(_: Path) -> None:
         dataset = open_dataset(target)
-        contents(dataset)
+        dataset.contents()
         list(replays(dataset, [0]))
 
     return Case(file=target / "data" / file, read=read, mutations=TEXT)

@@ -15,7 +15,6 @@ import pytest
 
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
-from gplfd_experiments.data.minari.contents import title
 
 pytestmark = pytest.mark.slow
 
@@ -85,7 +84,7 @@ def test_one_door_is_minaris_own_door_to_recover(gplfd: Gplfd, tmp_path: Path) -
     assert info["door_radius"] == 0.42
     metadata = json.loads((tmp_path / "narrow-v0/data/metadata.json").read_text())
     assert "doors" not in metadata["description"]
-    assert "(door of 0.42 m," in title(open_dataset(tmp_path / "narrow-v0"))
+    assert "(door of 0.42 m," in str(open_dataset(tmp_path / "narrow-v0"))
 
 
 def test_several_doors_are_reached_by_the_options_of_their_episodes(
@@ -290,7 +289,7 @@ def test_an_unknown_episode_is_refused_before_any_is_run(
         (["--max-steps", "0"], "--max-steps 0 must be 1 or more"),
         (["--demonstrations-per-door", "0"], "--demonstrations-per-door 0 must be 1"),
         (["--out", "demos"], "for example door-opening-v0"),
-        (["--out", "taken-v0"], "taken-v0 exists and is not a data set"),
+        (["--out", "taken-v0"], "taken-v0 exists and is no data set"),
         (["--out", "taken-v0/below-v0"], "taken-v0"),
         (["--randomization", "wild"], "wild"),
     ],

@@ -29,8 +29,8 @@ from gplfd_experiments.data.minari import (
     open_dataset,
     write_dataset,
 )
-from gplfd_experiments.data.minari.episode import flat
-from gplfd_experiments.data.minari.physics import (
+from gplfd_experiments.data.minari.episode import (
+    flat,
     model_digests,
     model_hash,
     physics_state,
@@ -468,7 +468,7 @@ def test_a_folder_of_something_else_is_never_replaced(
 ) -> None:
     (tmp_path / "a-v0").mkdir()
     (tmp_path / "a-v0" / "thesis.tex").write_text("precious")
-    with pytest.raises(ValueError, match="is not a data set; give another folder"):
+    with pytest.raises(ValueError, match="is no data set; give another folder"):
         write_dataset(
             tmp_path / "a-v0", [], env=env, policy="p", config={}, overwrite=True
         )

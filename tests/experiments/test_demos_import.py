@@ -170,7 +170,7 @@ def test_a_set_is_replaced_when_asked(
 ) -> None:
     assert imported("0.csv", "--out", "set") == 0
     assert imported("1.csv", "--out", "set") == 2
-    assert "exists; give another, or --overwrite" in caplog.text
+    assert "exists; give another folder, or --overwrite" in caplog.text
     assert imported("0.csv", "1.csv", "--out", "set", "--overwrite") == 0
     assert len(load_demonstrations("set").demonstrations) == 2
 

@@ -38,12 +38,10 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.minari import open_dataset
-from gplfd_experiments.data.preparation import prepare
-from gplfd_experiments.data.preparation.settings import Preparation
-from gplfd_experiments.data.raw import METRES, RawRecording
+from gplfd_experiments.data.preparation import Preparation, prepare
+from gplfd_experiments.data.raw import METRES, RawRecording, Selection
 from gplfd_experiments.data.readers import READERS, read_recordings
 from gplfd_experiments.data.readers.matlab import read_arrays
-from gplfd_experiments.data.readers.selection import Selection
 from gplfd_policies.arrays.storage import DecodingBudget
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import save_demonstrations
@@ -1146,7 +1144,7 @@ BOMBS: dict[str, tuple[Callable[[Path], None], str, str]] = {
 READ_AND_MEASURE = """
 import importlib, resource, sys
 from gplfd_experiments.data.readers import READERS, read_recordings
-from gplfd_experiments.data.readers.selection import Selection
+from gplfd_experiments.data.raw import Selection
 for reader in READERS.values():
     importlib.import_module(f"gplfd_experiments.data.readers.{reader.module}")
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -25,11 +25,7 @@ _REFERENCE: Final = 16
 
 
 def member(group: Any, name: str) -> Any:
-    """Return a member of a group, which must be in the file itself.
-
-    Raises:
-        ValueError: It is a link to elsewhere, or there is no such member.
-    """
+    """Return a member of a group, or raise ValueError if it is not in the file."""
     link = group.get(name, getlink=True)
     if link is None:
         raise ValueError(f"{group.name} has no member {name!r:.80}")
@@ -54,11 +50,7 @@ def _check_link(group: Any, name: str, link: Any) -> None:
 
 
 def numbers(dataset: Any, budget: DecodingBudget) -> FloatArray:
-    """Return a dataset of numbers as float64, its size claimed before it is read.
-
-    Raises:
-        ValueError: It holds no numbers, or as by `check_readable`.
-    """
+    """Return a dataset of numbers as float64; raises ValueError for anything else."""
     check_readable(dataset, budget)
     if dataset.dtype.kind not in "iuf":
         raise ValueError(f"{dataset.name} holds {dataset.dtype!s:.40}, not numbers")

@@ -46,6 +46,8 @@ _MOST_SAMPLES: Final = 10**6
 _MOST_MADE: Final = 20  # Or so many times as many as were recorded, if that is more.
 _COMPARED: Final = 100  # Samples on which motions are compared.
 
+__all__ = ["Motion", "Preparation", "prepare"]
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Motion:
@@ -72,15 +74,12 @@ def prepare(
     *,
     recorded_rate: float | None = None,
 ) -> tuple[Motion, ...]:
-    """Make demonstrations of motions.
+    """Make demonstrations of motions, each with notes of what was done and noticed.
 
     Args:
         recordings: As their files have them.
         settings: What is to be done.
         recorded_rate: Samples per second of motions without time stamps [Hz].
-
-    Returns:
-        The motions, in order, each with notes of what was done and noticed.
 
     Raises:
         ValueError: A motion cannot be used; the message names it and says why.
@@ -118,7 +117,7 @@ def prepare(
             n_samples=_COMPARED,
             trim_rests=False,
         )
-    unlike = Note(text="unlike the others: look at it", warning=True)
+    unlike = Note("unlike the others: look at it", warning=True)
     for place in outliers(list(aligned.poses)):
         odd = motions[place]
         motions[place] = replace(odd, notes=(*odd.notes, unlike))

@@ -46,15 +46,14 @@ def report(motions: Sequence[Motion], settings: Preparation) -> str:
                 else f"{np.linalg.norm(force[:, :3], axis=1).max():.1f}"
             )
         rows.append(row)
-    table = Table(
-        columns=tuple(rows[0]), rows=tuple(tuple(row.values()) for row in rows)
-    )
     notes = [
         f"{'!' if note.warning else ' '} {number}: {note.text}"
         for number, motion in enumerate(motions)
         for note in motion.notes
     ]
-    return "\n".join(["; ".join(done), "", text_table(table), "", *notes]).rstrip()
+    return "\n".join(
+        ["; ".join(done), "", text_table(Table.of(rows)), "", *notes]
+    ).rstrip()
 
 
 def warnings_in(motions: Sequence[Motion]) -> int:

@@ -2,18 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 Transform = tuple[float, float, float, float, float, float, float]
 """A pose as x, y, z [m] and a quaternion qw, qx, qy, qz, the scalar first."""
-
 FrameName = Literal["first-pose", "recorded", "hinge"]
-"""Frames that need no numbers, see `Preparation.frame`."""
-
 Segments = Literal["none", "rests", "turns"] | tuple[tuple[float, float], ...]
-"""How a motion is divided into repetitions, see `Preparation.segments`."""
 
-FRAMES: Final = ("first-pose", "recorded", "hinge")
 _LARGEST: Final = 1e5  # Of a rate or a cut-off [Hz], and of a gap [s].
 _NORM_TOLERANCE: Final = 0.05
 
@@ -70,9 +65,10 @@ class Preparation:
                 raise ValueError(f"{name} = {pose} must be finite")
             unit = (*pose[:3], *(part / norm for part in pose[3:]))
             object.__setattr__(self, name, unit)
-        if isinstance(self.frame, str) and self.frame not in FRAMES:
+        frames = get_args(FrameName)
+        if isinstance(self.frame, str) and self.frame not in frames:
             raise ValueError(
-                f"frame {self.frame!r} must be one of {', '.join(FRAMES)}, or a pose "
+                f"frame {self.frame!r} must be one of {', '.join(frames)}, or a pose "
                 "x,y,z,qw,qx,qy,qz"
             )
         if isinstance(self.segments, str):

@@ -18,17 +18,15 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.raw import RawRecording, Selection
 from gplfd_experiments.data.readers.arrays import recordings
-from gplfd_experiments.data.readers.selection import Selection
 from gplfd_policies.arrays.storage import DecodingBudget, inflated
 
 _HEADER: Final = 128
 _MOST_ARRAYS: Final = 100_000
 _DEEPEST: Final = 8  # Cells in structures in cells.
 _MATRIX, _COMPRESSED = 14, 15
-_TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4"} | {
-    7: "f4",
+_TYPES: Final = dict(enumerate(("i1", "u1", "i2", "u2", "i4", "u4", "f4"), start=1)) | {
     9: "f8",
     12: "i8",
     13: "u8",
@@ -73,14 +71,8 @@ def read_arrays(path: Path, budget: DecodingBudget) -> dict[str, NDArray[Any]]:
     """Return every array of numbers in a file of version 5 to 7.2.
 
     The names are those of MATLAB: ``pos``, ``data{3}``, ``demos{2}.pos``, ``s(4).t``;
-    the index of a structure that is the only one is left out.
-
-    Args:
-        path: The file.
-        budget: What the unpacked elements, and the numbers in them, are claimed from.
-
-    Raises:
-        ValueError: It is damaged, or unpacks to more.
+    the index of a structure that is the only one is left out. What is unpacked is
+    claimed from the budget.
     """
     arrays: dict[str, NDArray[Any]] = {}
     with path.open("rb") as stream:

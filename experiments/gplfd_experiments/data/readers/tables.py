@@ -18,12 +18,12 @@ from gplfd_experiments.data.raw import (
     RADIANS,
     SECONDS,
     RawRecording,
+    Selection,
     likely_time_unit,
 )
-from gplfd_experiments.data.readers.selection import Selection
 from gplfd_experiments.files.arrays import FloatArray
 
-NAMES: Final[Mapping[str, tuple[str, ...]]] = {
+_NAMES: Final[Mapping[str, tuple[str, ...]]] = {
     "t": ("time", "timestamp", "stamp", "seconds"),
     **{
         axis: (f"p{axis}", f"pos_{axis}", f"position_{axis}", f"position.{axis}")
@@ -48,30 +48,25 @@ QUATERNION: Final = ("qw", "qx", "qy", "qz")
 ROTATION_VECTOR: Final = ("rx", "ry", "rz")
 FORCE: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 
-MANY_TURNS: Final = 7.0
+_MANY_TURNS: Final = 7.0
 """A longer rotation vector [rad] is probably in degrees."""
 
 _CANONICAL: Final = {
-    other: name for name, others in NAMES.items() for other in (name, *others)
+    other: name for name, others in _NAMES.items() for other in (name, *others)
 }
 _UNITS: Final = frozenset((*METRES, *SECONDS, *RADIANS, "n", "n m", "nm"))
 _BRACKETED: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]")
 _SUFFIXED: Final = re.compile(r"(.+)_(cm|mm|m|in|s|ms|us|ns|rad|deg)")
 
 
-def understood(head: str) -> tuple[str, str | None]:
-    """Return the name of a column and its unit, from its head.
-
-    The name is one of `NAMES`, or the head itself where it is not understood.
-    """
+def understood(head: str) -> tuple[str | None, str | None]:
+    """Return the name of a column and its unit, None where they are not known."""
     text = head.strip().lower().replace(" ", "_") if "[" not in head else head.lower()
     for pattern in (_BRACKETED, _SUFFIXED):
         match = pattern.fullmatch(text.strip())
-        if match and match[2] in _UNITS:
-            name = match[1].strip()
-            if name in _CANONICAL:
-                return _CANONICAL[name], match[2]
-    return _CANONICAL.get(text.strip(), head), None
+        if match and match[2] in _UNITS and match[1].strip() in _CANONICAL:
+            return _CANONICAL[match[1].strip()], match[2]
+    return _CANONICAL.get(text.strip()), None
 
 
 def named_columns(
@@ -90,14 +85,13 @@ def named_columns(
     found: dict[str, tuple[int, str | None]] = {}
     for place, head in enumerate(heads):
         name, unit = understood(head)
-        if name not in NAMES:
-            continue
         if name in found:
             raise ValueError(
                 f"{where} has two columns for {name}; name those to leave out '-' "
                 "with --columns"
             )
-        found[name] = (place, unit)
+        if name is not None:
+            found[name] = (place, unit)
     for whole in (("x", "y"), QUATERNION, ROTATION_VECTOR):
         missing = [name for name in whole if name not in found]
         if missing and (whole[0] == "x" or len(missing) < len(whole)):
@@ -110,6 +104,26 @@ def named_columns(
     return found
 
 
+def table_recording(
+    name: str,
+    table: FloatArray,
+    found: Mapping[str, tuple[int, str | None]],
+    selection: Selection,
+    *,
+    times: FloatArray | None = None,
+    untimed: str = "",
+) -> RawRecording:
+    """Return the motion in a table whose columns `named_columns` found.
+
+    Times from elsewhere are taken where no column has them.
+    """
+    columns = {column: table[:, place] for column, (place, _) in found.items()}
+    units = {column: unit for column, (_, unit) in found.items()}
+    if times is not None:
+        columns.setdefault("t", times)
+    return recording(name, columns, units, selection, untimed)
+
+
 def recording(
     name: str,
     columns: Mapping[str, FloatArray],
@@ -117,14 +131,7 @@ def recording(
     selection: Selection,
     untimed: str = "",
 ) -> RawRecording:
-    """Return the motion that columns make.
-
-    Args:
-        name: Of the motion.
-        columns: By names of `NAMES`, (N,) each.
-        units: Of the columns that say theirs.
-        selection: Unit of rotation vectors that say none, and of times.
-        untimed: See `RawRecording.untimed`.
+    """Return the motion that columns make, (N,) each, by the names of this module.
 
     Raises:
         ValueError: A unit is none of its quantity, or those of x, y and z differ.
@@ -139,16 +146,19 @@ def recording(
             )
         return next(iter(said), None)
 
-    absent = np.zeros(len(columns["x"]))
+    def stacked(names: Sequence[str]) -> FloatArray:
+        absent = np.zeros(len(columns["x"]))
+        return np.column_stack([columns.get(column, absent) for column in names])
+
     quaternions, notes, signals = None, [], {}
     if "qw" in columns:
-        quaternions = np.column_stack([columns[part] for part in QUATERNION])
+        quaternions = stacked(QUATERNION)
     elif "rx" in columns:
         angles = unit(ROTATION_VECTOR, RADIANS) or selection.angles
-        rotvecs = np.column_stack([columns[part] for part in ROTATION_VECTOR])
+        rotvecs = stacked(ROTATION_VECTOR)
         quaternions = quaternions_of(rotvecs * RADIANS[angles])
         longest = float(np.nanmax(np.linalg.norm(rotvecs, axis=1), initial=0.0))
-        if angles == "rad" and longest > MANY_TURNS:
+        if angles == "rad" and longest > _MANY_TURNS:
             notes.append(
                 f"rotation vectors as long as {longest:.3g} rad are many turns: are "
                 "they degrees? say --angles deg"
@@ -166,12 +176,12 @@ def recording(
             )
         times = times * SECONDS[selection.time_unit or said]
     if "fx" in columns:
-        signals["force"] = np.column_stack([columns.get(c, absent) for c in FORCE])
+        signals["force"] = stacked(FORCE)
     if "gripper" in columns:
-        signals["gripper"] = columns["gripper"][:, None]
+        signals["gripper"] = stacked(["gripper"])
     return RawRecording(
         name=name,
-        positions=np.column_stack([columns.get(axis, absent) for axis in POSITION]),
+        positions=stacked(POSITION),
         unit=unit(POSITION, METRES),
         times=times,
         quaternions=quaternions,
