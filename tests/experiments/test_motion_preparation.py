@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.spatial.se3 import relative_poses
+from gplfd_experiments.data.importing import report, warnings_in
 from gplfd_experiments.data.preparation import Motion, Preparation, prepare
 from gplfd_experiments.data.preparation.frames import find_hinge, suspicious_order
-from gplfd_experiments.data.preparation.report import report, warnings_in
 from gplfd_experiments.data.preparation.samples import Notes, usable, without_spikes
 from gplfd_experiments.data.raw import RawRecording, Selection
 from gplfd_experiments.data.readers import read_recordings

@@ -98,9 +98,12 @@ class Import:
     def execute(self) -> int:
         """Make the set, print the report and what to do next."""
         with postponed_interruption():
-            from gplfd_experiments.data.importing import PICTURE, import_recordings
+            from gplfd_experiments.data.importing import (
+                PICTURE,
+                import_recordings,
+                warnings_in,
+            )
             from gplfd_experiments.data.preparation import Preparation
-            from gplfd_experiments.data.preparation.report import warnings_in
             from gplfd_experiments.data.raw import Selection
 
         if not self.files:

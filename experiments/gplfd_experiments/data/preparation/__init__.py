@@ -12,11 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_experiments.data.preparation.frames import (
-    in_frame,
-    offset_by,
-    suspicious_order,
-)
+from gplfd_experiments.data.preparation import frames, timing
 from gplfd_experiments.data.preparation.samples import (
     Note,
     Notes,
@@ -25,13 +21,6 @@ from gplfd_experiments.data.preparation.samples import (
     without_spikes,
 )
 from gplfd_experiments.data.preparation.settings import Preparation
-from gplfd_experiments.data.preparation.timing import (
-    at_rate,
-    check_gaps,
-    filtered,
-    outliers,
-    repetitions,
-)
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.one_thread import one_thread
@@ -96,7 +85,7 @@ def prepare(
         samples = without_spikes(samples, notes)
         name = raw.name
         try:
-            parts = repetitions(samples, settings.segments, notes)
+            parts = timing.repetitions(samples, settings.segments, notes)
             for number, part in enumerate(parts, start=1):
                 name = raw.name if len(parts) == 1 else f"{raw.name} #{number}"
                 motions.append(_motion(name, part, settings, notes, left))
@@ -118,7 +107,7 @@ def prepare(
             trim_rests=False,
         )
     unlike = Note("unlike the others: look at it", warning=True)
-    for place in outliers(list(aligned.poses)):
+    for place in timing.outliers(list(aligned.poses)):
         odd = motions[place]
         motions[place] = replace(odd, notes=(*odd.notes, unlike))
     return tuple(motions)
@@ -128,8 +117,8 @@ def _motion(
     name: str, recorded: Samples, settings: Preparation, notes: Notes, most: int
 ) -> Motion:
     """Prepare one repetition, of at most so many samples."""
-    check_gaps(recorded, settings.largest_gap, notes)
-    samples = offset_by(recorded, settings.offset)
+    timing.check_gaps(recorded, settings.largest_gap, notes)
+    samples = frames.offset_by(recorded, settings.offset)
     span = float(np.ptp(samples.poses[:, :3], axis=0).max())
     if span > _LARGE:
         unit = "millimetres" if span > 100.0 * _LARGE else "centimetres"
@@ -137,9 +126,9 @@ def _motion(
     elif span < _SMALL:
         notes.warn(f"it spans {1e3 * span:.2g} mm: is the unit right? say --units")
     has_orientations = np.ptp(samples.poses[:, 3:], axis=0).any()
-    if has_orientations and (order := suspicious_order(samples.poses)):
+    if has_orientations and (order := frames.suspicious_order(samples.poses)):
         notes.warn(order)
-    samples = filtered(samples, settings.cutoff, notes)
+    samples = timing.filtered(samples, settings.cutoff, notes)
     if settings.trim_rests:
         start, end = moving_span(_demonstration(samples))
         kept = (samples.times >= start) & (samples.times <= end)
@@ -150,8 +139,8 @@ def _motion(
                 "cut"
             )
             samples = samples[kept]
-    samples, radius = in_frame(samples, settings.frame, notes)
-    samples = at_rate(samples, settings.rate, most)
+    samples, radius = frames.in_frame(samples, settings.frame, notes)
+    samples = timing.at_rate(samples, settings.rate, most)
     return Motion(
         name=name,
         demonstration=_demonstration(samples),
