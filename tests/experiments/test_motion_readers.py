@@ -152,8 +152,8 @@ def ros(kind: str, *fields: Any) -> Any:
     return STORE.types[kind.replace("/", "/msg/")](*fields)
 
 
-def header(stamp: float) -> Any:
-    seconds, ns = divmod(round(stamp * 1e9), 10**9)
+def header(place: int) -> Any:
+    seconds, ns = divmod(round(TIMES[place] * 1e9), 10**9)
     time = ros("builtin_interfaces/Time", 100 + seconds, ns)
     return ros("std_msgs/Header", time, "base")
 
@@ -167,57 +167,54 @@ def pose(place: int) -> Any:
     return ros("geometry_msgs/Pose", position, vector("Quaternion", XYZW[place]))
 
 
-def pose_stamped(place: int) -> Any:
-    return ros("geometry_msgs/PoseStamped", header(TIMES[place]), pose(place))
-
-
-def transform_stamped(place: int) -> Any:
+def transform(place: int) -> Any:
     shift, turn = vector("Vector3", POSITIONS[place]), vector("Quaternion", XYZW[place])
-    transform = ros("geometry_msgs/Transform", shift, turn)
-    head = header(TIMES[place])
-    return ros("geometry_msgs/TransformStamped", head, "hand", transform)
-
-
-def transforms(place: int) -> Any:
-    return ros("tf2_msgs/TFMessage", [transform_stamped(place)])
+    inner = ros("geometry_msgs/Transform", shift, turn)
+    return ros("geometry_msgs/TransformStamped", header(place), "hand", inner)
 
 
 def odometry(place: int) -> Any:
     posed = ros("geometry_msgs/PoseWithCovariance", pose(place), np.zeros(36))
     still = ros("geometry_msgs/Twist", *2 * [vector("Vector3", [0, 0, 0])])
     moving = ros("geometry_msgs/TwistWithCovariance", still, np.zeros(36))
-    return ros("nav_msgs/Odometry", header(TIMES[place]), "hand", posed, moving)
+    return ros("nav_msgs/Odometry", header(place), "hand", posed, moving)
 
 
 def wrench(place: int) -> Any:
-    parts = vector("Vector3", FORCE[place, :3]), vector("Vector3", FORCE[place, 3:])
+    parts = (vector("Vector3", part) for part in (FORCE[place, :3], FORCE[place, 3:]))
     inner = ros("geometry_msgs/Wrench", *parts)
-    return ros("geometry_msgs/WrenchStamped", header(TIMES[place]), inner)
+    return ros("geometry_msgs/WrenchStamped", header(place), inner)
 
 
 def joints(place: int) -> Any:
-    values = np.array([PHASE[place], 2.0 * PHASE[place]])
-    rest = np.zeros(0), np.zeros(0)
-    head = header(TIMES[place])
-    return ros("sensor_msgs/JointState", head, ["slide", "turn"], values, *rest)
+    values = PHASE[place] * np.array([1.0, 2.0]), np.zeros(0), np.zeros(0)
+    return ros("sensor_msgs/JointState", header(place), ["slide", "turn"], *values)
 
 
-POSE_STAMPED = {"/hand": ("geometry_msgs/msg/PoseStamped", pose_stamped)}
-WRENCHES = {"/wrench": ("geometry_msgs/msg/WrenchStamped", wrench)}
+TOPICS: dict[str, Callable[[int], Any]] = {
+    "/hand": lambda n: ros("geometry_msgs/PoseStamped", header(n), pose(n)),
+    "/t": transform,
+    "/tf": lambda n: ros("tf2_msgs/TFMessage", [transform(n)]),
+    "/o": odometry,
+    "/wrench": wrench,
+    "/joints": joints,
+}
 
 
-def write_bag(path: Path, topics: Any, storage: Any = StoragePlugin.MCAP) -> None:
+def write_bag(path: Path, *topics: str, storage: Any = StoragePlugin.MCAP) -> None:
     with Writer(path, version=9, storage_plugin=storage) as writer:
-        for topic, (kind, message) in topics.items():
+        for topic in topics:
+            messages = [TOPICS[topic](place) for place in range(N)]
+            kind = messages[0].__msgtype__
             connection = writer.add_connection(topic, kind, typestore=STORE)
-            for place in range(N):
-                content = STORE.serialize_cdr(message(place), kind)
-                writer.write(connection, round((100 + TIMES[place]) * 1e9), content)
+            for time, message in zip(TIMES, messages, strict=True):
+                content = STORE.serialize_cdr(message, kind)
+                writer.write(connection, round((100 + time) * 1e9), content)
 
 
 def write_one_file(path: Path, storage: Any = StoragePlugin.MCAP) -> None:
     folder = path.with_suffix("")
-    write_bag(folder, POSE_STAMPED | WRENCHES, storage)
+    write_bag(folder, "/hand", "/wrench", storage=storage)
     next(folder.glob(f"*{path.suffix}")).rename(path)
     (folder / "metadata.yaml").unlink()
 
@@ -380,7 +377,7 @@ def test_no_pipe_is_opened_by_a_bag_or_for_an_unknown_kind(tmp_path: Path) -> No
     os.mkfifo(tmp_path / "a.unknown")
     with pytest.raises(ValueError, match=r"a\.unknown is a named pipe; give a record"):
         read_recordings(tmp_path / "a.unknown", ANY)
-    write_bag(tmp_path / "bag", POSE_STAMPED, StoragePlugin.SQLITE3)
+    write_bag(tmp_path / "bag", "/hand", storage=StoragePlugin.SQLITE3)
     (database,) = (tmp_path / "bag").glob("*.db3")
     database.unlink()
     os.mkfifo(database)
@@ -477,13 +474,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(
 
 def test_reads_every_message_with_a_pose_and_joint_states(tmp_path: Path) -> None:
     bag = tmp_path / "bag"
-    messages = {
-        "/t": ("geometry_msgs/msg/TransformStamped", transform_stamped),
-        "/o": ("nav_msgs/msg/Odometry", odometry),
-        "/tf": ("tf2_msgs/msg/TFMessage", transforms),
-        "/joints": ("sensor_msgs/msg/JointState", joints),
-    }
-    write_bag(bag, messages | POSE_STAMPED)
+    write_bag(bag, "/t", "/o", "/tf", "/joints", "/hand")
     for topic in ("/t", "/o", "/tf:hand", "/hand"):
         one = only(bag, body=topic)
         assert_allclose(one.positions, POSITIONS, atol=1e-12)
@@ -995,7 +986,7 @@ def bag_of_zeros(path: Path, storage: Any, mode: Any) -> None:
     writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         connection = writer.add_connection("/hand", kind, typestore=STORE)
-        writer.write(connection, 1, STORE.serialize_cdr(pose_stamped(0), kind))
+        writer.write(connection, 1, STORE.serialize_cdr(TOPICS["/hand"](0), kind))
         writer.write(connection, 2, bytes(BOMB))
 
 

@@ -25,7 +25,6 @@ from gplfd_experiments.data.readers.tables import (
     named_columns,
     quaternions_of,
     recording,
-    table_recording,
     understood,
 )
 from gplfd_experiments.files.arrays import FloatArray
@@ -157,8 +156,7 @@ def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
 
 def _from_names(name: str, arrays: _Arrays, selection: Selection) -> RawRecording:
     """Return the motion in arrays whose names are understood."""
-    columns: dict[str, FloatArray] = {}
-    units: dict[str, str | None] = {}
+    columns: dict[str, tuple[FloatArray, str | None]] = {}
     for key, array in arrays.items():
         short, unit = understood(key)
         names = (short,) if short else _COLUMNS.get(key.lower(), ())
@@ -176,18 +174,17 @@ def _from_names(name: str, arrays: _Arrays, selection: Selection) -> RawRecordin
         for column, values in zip(names, rows.T, strict=False):
             if column in columns:
                 raise ValueError(f"it has two arrays for {column}, one is {key!r}")
-            columns[column] = values
-            units[column] = unit
+            columns[column] = (values, unit)
     if not {"x", "y"} <= set(columns):
         raise ValueError(f"{name} has x and no y: it has {_listed(arrays)}")
-    lengths = {column: len(values) for column, values in columns.items()}
+    lengths = {column: len(values) for column, (values, _) in columns.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"its arrays differ in length: {lengths}")
     untimed = (
         f": its arrays are {_listed(arrays)}. If one of them has the times, name it, "
         "for example --body POSITIONS,TIMES --columns x,y,z,t. Otherwise"
     )
-    return recording(name, columns, units, selection, untimed)
+    return recording(name, columns, selection, untimed)
 
 
 def _as_rows(key: str, array: FloatArray, width: int) -> FloatArray:
@@ -254,16 +251,11 @@ def _from_columns(
                     f"the array has {table.shape[1]} columns, and --columns names "
                     f"{len(heads)}"
                 )
-            fits = times is not None and len(times) == len(table)
-            found.append(
-                table_recording(
-                    name,
-                    table,
-                    named_columns(heads, "--columns"),
-                    selection,
-                    times=times if fits else None,
-                )
-            )
+            places = named_columns(heads, "--columns")
+            columns = {key: (table[:, at], unit) for key, (at, unit) in places.items()}
+            if times is not None and len(times) == len(table):
+                columns.setdefault("t", (times, None))
+            found.append(recording(name, columns, selection))
     return found
 
 

@@ -15,11 +15,7 @@ from typing import Final, TextIO
 import numpy as np
 
 from gplfd_experiments.data.raw import RawRecording, Selection
-from gplfd_experiments.data.readers.tables import (
-    named_columns,
-    table_recording,
-    understood,
-)
+from gplfd_experiments.data.readers.tables import named_columns, recording, understood
 
 _LONGEST_LINE: Final = 2**16  # Characters; a line of poses has a few hundred.
 
@@ -65,9 +61,9 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
                         f"line {number}, column {place + 1} ({name}): "
                         f"{cells[place]!r:.40} is no number"
                     ) from None
-    table = np.frombuffer(values).reshape(-1, len(found))
-    # Only the columns that were found are in the table.
-    found = {name: (place, found[name][1]) for place, name in enumerate(found)}
+    table = np.frombuffer(values).reshape(-1, len(found)).T
+    units = [unit for _, unit in found.values()]
+    columns = dict(zip(found, zip(table, units, strict=True), strict=True))
     # Columns that are not understood may be the time.
     names = [understood(head)[0] for head in heads]
     untimed = ""
@@ -78,7 +74,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             "name all in their order, for example --columns "
             f"{','.join(name or '-' for name in names)!s:.200}. Otherwise"
         )
-    return [table_recording(path.name, table, found, selection, untimed=untimed)]
+    return [recording(path.name, columns, selection, untimed)]
 
 
 def _lines(stream: TextIO) -> Iterator[tuple[int, str]]:

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from gplfd_experiments.data.raw import RawRecording, Selection, chosen
-from gplfd_experiments.data.readers.tables import named_columns, table_recording
+from gplfd_experiments.data.readers.tables import named_columns, recording
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import entry, read_json
 from gplfd_policies.arrays.storage import DecodingBudget, regular_file
@@ -93,20 +93,18 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             f"{name} has {values.shape[1]} numbers, and {len(heads)} names"
         )
     # The times are those of the frames, in seconds.
-    found.pop("t", None)
     seconds = replace(selection, time_unit="s")
+    recordings = []
     order = np.argsort(episodes, kind="stable")
     starts = np.flatnonzero(np.diff(episodes[order])) + 1
-    return [
-        table_recording(
-            f"{path.name}: episode {episodes[own[0]]}",
-            values[own],
-            found,
-            seconds,
-            times=frames[own] / rate,
-        )
-        for own in np.split(order, starts)
-    ]
+    for own in np.split(order, starts):
+        columns = {
+            key: (values[own, place], unit) for key, (place, unit) in found.items()
+        }
+        columns["t"] = (frames[own] / rate, "s")
+        label = f"{path.name}: episode {episodes[own[0]]}"
+        recordings.append(recording(label, columns, seconds))
+    return recordings
 
 
 def _claim_columns(

@@ -26,7 +26,8 @@ _HEADER: Final = 128
 _MOST_ARRAYS: Final = 100_000
 _DEEPEST: Final = 8  # Cells in structures in cells.
 _MATRIX, _COMPRESSED = 14, 15
-_TYPES: Final = dict(enumerate(("i1", "u1", "i2", "u2", "i4", "u4", "f4"), start=1)) | {
+_TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4"} | {
+    7: "f4",
     9: "f8",
     12: "i8",
     13: "u8",
@@ -75,30 +76,21 @@ def read_arrays(path: Path, budget: DecodingBudget) -> dict[str, NDArray[Any]]:
     claimed from the budget.
     """
     arrays: dict[str, NDArray[Any]] = {}
-    with path.open("rb") as stream:
-        header = stream.read(_HEADER)
-        order = {b"IM": "<", b"MI": ">"}.get(header[_HEADER - 2 :])
-        if order is None:
-            raise ValueError("its first 128 bytes are not those of a MATLAB file")
-        while tag := stream.read(8):
-            if len(tag) < 8:
-                raise ValueError("it is cut off")
-            kind, size = struct.unpack(f"{order}II", tag)
-            if size > path.stat().st_size:
-                raise ValueError(f"an element claims {size:,} bytes")
-            data = stream.read(size)
-            if len(data) < size:
-                raise ValueError("it is cut off")
-            element = _Element(kind, memoryview(data))
-            if kind == _COMPRESSED:
-                data = inflated(data, budget, "an element")
-                (element,) = _elements(memoryview(data), order)
-            if element.kind == _MATRIX:
-                for name, array in _arrays(element.data, "", order, 0):
-                    budget.claim(8 * array.size, f"{name!r:.40}")
-                    if len(arrays) >= _MOST_ARRAYS:
-                        raise ValueError(f"it has more than {_MOST_ARRAYS:,} arrays")
-                    arrays[name] = array
+    content = memoryview(path.read_bytes())
+    order = {b"IM": "<", b"MI": ">"}.get(bytes(content[_HEADER - 2 : _HEADER]))
+    if order is None:
+        raise ValueError("its first 128 bytes are not those of a MATLAB file")
+    for outer in _elements(content[_HEADER:], order):
+        element = outer
+        if outer.kind == _COMPRESSED:
+            data = inflated(bytes(outer.data), budget, "an element")
+            (element,) = _elements(memoryview(data), order)
+        if element.kind == _MATRIX:
+            for name, array in _arrays(element.data, "", order, 0):
+                budget.claim(8 * array.size, f"{name!r:.40}")
+                if len(arrays) >= _MOST_ARRAYS:
+                    raise ValueError(f"it has more than {_MOST_ARRAYS:,} arrays")
+                arrays[name] = array
     return arrays
 
 
@@ -114,7 +106,7 @@ def _elements(data: memoryview, order: str) -> Iterator[_Element]:
             kind, size, start, end = kind & 0xFFFF, kind >> 16, place + 4, place + 8
         else:
             start = place + 8
-            end = start + size + -size % 8
+            end = start + size + (0 if kind == _COMPRESSED else -size % 8)
         if start + size > min(end, len(data)):
             raise ValueError("an element is cut off")
         yield _Element(kind, data[start : start + size])

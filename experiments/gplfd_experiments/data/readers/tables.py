@@ -51,6 +51,9 @@ FORCE: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 _MANY_TURNS: Final = 7.0
 """A longer rotation vector [rad] is probably in degrees."""
 
+Columns = Mapping[str, tuple[FloatArray, str | None]]
+"""Values, (N,), and unit of columns, by the names of this module."""
+
 _CANONICAL: Final = {
     other: name for name, others in _NAMES.items() for other in (name, *others)
 }
@@ -104,41 +107,18 @@ def named_columns(
     return found
 
 
-def table_recording(
-    name: str,
-    table: FloatArray,
-    found: Mapping[str, tuple[int, str | None]],
-    selection: Selection,
-    *,
-    times: FloatArray | None = None,
-    untimed: str = "",
-) -> RawRecording:
-    """Return the motion in a table whose columns `named_columns` found.
-
-    Times from elsewhere are taken where no column has them.
-    """
-    columns = {column: table[:, place] for column, (place, _) in found.items()}
-    units = {column: unit for column, (_, unit) in found.items()}
-    if times is not None:
-        columns.setdefault("t", times)
-    return recording(name, columns, units, selection, untimed)
-
-
 def recording(
-    name: str,
-    columns: Mapping[str, FloatArray],
-    units: Mapping[str, str | None],
-    selection: Selection,
-    untimed: str = "",
+    name: str, columns: Columns, selection: Selection, untimed: str = ""
 ) -> RawRecording:
-    """Return the motion that columns make, (N,) each, by the names of this module.
+    """Return the motion that columns make, by the names of this module.
 
     Raises:
         ValueError: A unit is none of its quantity, or those of x, y and z differ.
     """
 
     def unit(names: Sequence[str], known: Mapping[str, float]) -> str | None:
-        said = {one for c in names if (one := units.get(c)) is not None}
+        units = (columns[one][1] for one in names if one in columns)
+        said = {one for one in units if one is not None}
         if len(said) > 1 or said - set(known):
             raise ValueError(
                 f"{name}: {', '.join(names)} are in {' and '.join(sorted(said))}; they "
@@ -147,8 +127,8 @@ def recording(
         return next(iter(said), None)
 
     def stacked(names: Sequence[str]) -> FloatArray:
-        absent = np.zeros(len(columns["x"]))
-        return np.column_stack([columns.get(column, absent) for column in names])
+        absent = np.zeros(len(columns["x"][0])), None
+        return np.column_stack([columns.get(column, absent)[0] for column in names])
 
     quaternions, notes, signals = None, [], {}
     if "qw" in columns:
@@ -163,8 +143,9 @@ def recording(
                 f"rotation vectors as long as {longest:.3g} rad are many turns: are "
                 "they degrees? say --angles deg"
             )
-    times = columns.get("t")
-    if times is not None:
+    times = None
+    if "t" in columns:
+        times = columns["t"][0]
         said = unit(("t",), SECONDS) or "s"
         steps = np.diff(np.sort(times[np.isfinite(times)]))
         step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0

@@ -114,6 +114,15 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
         "meta/episodes/file_index": zeros,
     }
     tasks = pyarrow.table({"task_index": [0], "task": [demonstrations[0].task]})
+    # Of this table, pandas takes the task as its index.
+    kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
+    described = [
+        {"name": name, "field_name": name, "pandas_type": pandas, "numpy_type": numpy}
+        | {"metadata": None}
+        for name, (pandas, numpy) in kinds.items()
+    ]
+    index = {"index_columns": ["task"], "columns": described, "column_indexes": []}
+    tasks = tasks.replace_schema_metadata({"pandas": json.dumps(index)})
     statistics = {
         name: {
             statistic: getattr(column.samples, statistic)(axis=0).tolist()
@@ -144,25 +153,8 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
         for table, file in (
             (data, f"data/{_FILE}"),
             (pyarrow.table(episodes), f"meta/episodes/{_FILE}"),
-            (_indexed_by("task", tasks), "meta/tasks.parquet"),
+            (tasks, "meta/tasks.parquet"),
         ):
             pyarrow.parquet.write_table(table, written / file)
         write_json(written / "meta/stats.json", statistics)
         write_json(written / INFO, info, indent=4)
-
-
-def _indexed_by(index: str, table: Any) -> Any:
-    """Return a table of which pandas takes a column as its index."""
-    types = {"int64": ("int64", "int64"), "string": ("unicode", "object")}
-    columns = [
-        {
-            "name": field.name,
-            "field_name": field.name,
-            "pandas_type": types[str(field.type)][0],
-            "numpy_type": types[str(field.type)][1],
-            "metadata": None,
-        }
-        for field in table.schema
-    ]
-    pandas = {"index_columns": [index], "columns": columns, "column_indexes": []}
-    return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
