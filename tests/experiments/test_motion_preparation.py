@@ -53,9 +53,15 @@ def door(
 
 
 def only(
-    raw: RawRecording, settings: Preparation = AS_RECORDED, **given: Any
+    raw: RawRecording,
+    settings: Preparation = AS_RECORDED,
+    *,
+    recorded_rate: float | None = None,
+    **changes: Any,
 ) -> Motion:
-    (motion,) = prepare([raw], settings, **given)
+    """Prepare one motion, as recorded but for some settings."""
+    settings = replace(settings, **changes)
+    (motion,) = prepare([raw], settings, recorded_rate=recorded_rate)
     return motion
 
 
@@ -105,7 +111,7 @@ def test_units_become_metres(unit: str, per_metre: float) -> None:
     scaled = replace(RAW, positions=POSITIONS * per_metre, unit=unit)
     poses = only(scaled).demonstration.poses
     assert_allclose(poses[:, :3], POSITIONS, rtol=0, atol=1e-12)
-    other = only(scaled, replace(AS_RECORDED, units="m"))
+    other = only(scaled, units="m")
     assert f"taken in m, the file says {unit}" in texts(other, warnings=True)
 
 
@@ -155,7 +161,7 @@ def test_what_cannot_be_used_is_refused(
     given: Any, settings: Any, message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
-        only(replace(RAW, **given), replace(AS_RECORDED, **settings))
+        only(replace(RAW, **given), **settings)
 
 
 def moved(first: int, last: int, by: Any) -> dict[str, Any]:
@@ -187,12 +193,12 @@ def test_what_is_mended_or_suspicious_is_said(
 def test_times_are_made_of_a_rate_and_gaps_are_bridged() -> None:
     times = only(replace(door(), times=None), recorded_rate=RATE).demonstration.times
     assert_array_equal(times, np.arange(401) / RATE)
-    bridged = only(GAPPY, replace(AS_RECORDED, rate=100.0))
+    bridged = only(GAPPY, rate=100.0)
     assert "1 gaps bridged, the longest of 0.41 s" in texts(bridged)
     assert np.diff(bridged.demonstration.times).max() < 0.0101
     message = r"no sample for 0\.41 s from 0\.90 s on; .*0\.42"
     with pytest.raises(ValueError, match=message):
-        only(GAPPY, replace(AS_RECORDED, largest_gap=0.3))
+        only(GAPPY, largest_gap=0.3)
 
 
 # ------------------------------------------------------------------ what is suspicious
@@ -305,18 +311,17 @@ def test_the_filter_halves_its_cutoff_and_keeps_slow_motion() -> None:
     raw = door(seconds=4.0)
     wave = np.sin(2.0 * math.pi * 10.0 * raw.times)
     shaken = replace(raw, positions=raw.positions + 0.01 * wave[:, None])
-    settings = replace(AS_RECORDED, cutoff=10.0)
-    rest = only(shaken, settings).demonstration.poses - only(raw).demonstration.poses
+    rest = only(shaken, cutoff=10.0).demonstration.poses - only(raw).demonstration.poses
     middle = rest[200:-200, 0]
     # A Butterworth filter has 1/√2 at its cut-off; forwards and backwards, a half.
     assert 0.0045 < np.abs(middle).max() < 0.0055
-    still = only(raw, settings).demonstration.poses - only(raw).demonstration.poses
+    still = only(raw, cutoff=10.0).demonstration.poses - only(raw).demonstration.poses
     assert np.abs(still).max() < 2e-4
 
 
 def test_slow_recordings_are_not_filtered() -> None:
     slow = some(door(), slice(None, None, 20))
-    motion = only(slow, replace(AS_RECORDED, cutoff=10.0, rate=50.0))
+    motion = only(slow, cutoff=10.0, rate=50.0)
     assert "not filtered: 21 samples at 10 Hz" in texts(motion)
     # Equal steps from zero.
     assert_allclose(motion.demonstration.times, np.arange(101) / 50.0, atol=1e-12)
@@ -324,8 +329,7 @@ def test_slow_recordings_are_not_filtered() -> None:
 
 # ------------------------------------------------------------------ rests, repetitions
 def test_rests_at_the_ends_are_cut() -> None:
-    settings = replace(AS_RECORDED, trim_rests=True)
-    motion = only(door(rest=1.0), settings)
+    motion = only(door(rest=1.0), trim_rests=True)
     span = np.ptp(motion.demonstration.times)
     assert 1.6 < span < 2.3
     assert "cut" in texts(motion)
@@ -424,37 +428,31 @@ def test_what_is_done_on_the_way_to_the_first_turn_is_no_repetition() -> None:
 
 
 # ------------------------------------------------------------------ frames
-def test_the_first_pose_becomes_zero() -> None:
-    recorded = only(door()).demonstration.poses
-    relative = only(door(), replace(AS_RECORDED, frame="first-pose")).demonstration
+def test_poses_are_composed_and_not_subtracted() -> None:
+    recorded = only(RAW).demonstration.poses
+    relative = only(RAW, frame="first-pose").demonstration
     assert_allclose(relative.poses, relative_poses(recorded, recorded[0]), atol=1e-12)
-
-
-def test_a_given_pose_is_composed_and_not_subtracted() -> None:
-    quaternion = TURN.as_quat(scalar_first=True)
-    frame = (*START.tolist(), *quaternion.tolist())
-    poses = only(door(), replace(AS_RECORDED, frame=frame)).demonstration.poses
-    angles = 1.2 * minimum_jerk(np.asarray(door().times) / 2.0)
-    expected = handle_pose_on_arc(0.6, angles)
+    frame = (*START.tolist(), *TURN.as_quat(scalar_first=True).tolist())
+    poses = only(RAW, frame=frame).demonstration.poses
+    expected = handle_pose_on_arc(0.6, 1.2 * minimum_jerk(TIMES / 2.0))
     assert_allclose(poses[:, :3], expected[:, :3], atol=1e-12)
+    # An offset is in the frame of the hand.
+    poses = only(RAW, offset=(0.1, 0.0, 0.02, 1.0, 0.0, 0.0, 0.0)).demonstration.poses
+    rotations = Rotation.from_quat(WXYZ, scalar_first=True)
+    expected = POSITIONS + rotations.apply([0.1, 0.0, 0.02])
+    assert_allclose(poses[:, :3], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(("angle", "radius"), [(1.2, 0.6), (0.5, 0.35), (-1.0, 0.9)])
 def test_a_hinge_is_found_and_gives_the_doors_task_frame(
     angle: float, radius: float
 ) -> None:
-    raw, settings = (
-        door(angle=angle, radius=radius),
-        replace(AS_RECORDED, frame="hinge"),
-    )
+    raw = door(angle=angle, radius=radius)
     # However it stood in the world, it is a door that is pulled open about +y.
     angles = abs(angle) * minimum_jerk(np.asarray(door().times) / 2.0)
     expected = handle_pose_on_arc(radius, angles)
-    with_hand, without = (
-        only(raw, settings),
-        only(replace(raw, quaternions=None), settings),
-    )
-    for motion in (with_hand, without):
+    without = only(replace(raw, quaternions=None), frame="hinge")
+    for motion in (only(raw, frame="hinge"), without):
         assert motion.radius == pytest.approx(radius, abs=1e-9)
         assert_allclose(motion.demonstration.poses, expected, atol=1e-7)
         assert f"hinge at {radius:.3f} m, opened to" in texts(motion)
@@ -471,14 +469,15 @@ def test_a_hinge_is_found_in_noise() -> None:
 
 @pytest.mark.parametrize("angle", [1.2, -1.2])
 def test_a_door_that_is_closed_again_is_noticed(angle: float) -> None:
-    raw, hinge = door(angle=angle), replace(AS_RECORDED, frame="hinge")
+    raw = door(angle=angle)
     there_and_back = some(raw, np.r_[0:401, 399:-1:-1])
-    motion = only(replace(there_and_back, times=np.arange(801) / RATE), hinge)
+    times = np.arange(801) / RATE
+    motion = only(replace(there_and_back, times=times), frame="hinge")
     said = "opened to 69° after 2.00 s, then closed to 0°: to learn to open, cut there"
     assert f"{said} (--segment 0.00-2.00)" in texts(motion, warnings=True)
     # It is opened about +y all the same, in whichever direction noise ends.
     assert_allclose(motion.demonstration.poses[400, 4], 1.2, atol=1e-7)
-    assert not texts(only(raw, hinge), warnings=True)
+    assert not texts(only(raw, frame="hinge"), warnings=True)
 
 
 def test_what_is_about_no_hinge_is_refused() -> None:
@@ -489,15 +488,6 @@ def test_what_is_about_no_hinge_is_refused() -> None:
     bent = np.column_stack([np.sin(9.0 * line), line, np.cos(4.0 * line)])
     with pytest.raises(ValueError, match=r"off a circle .* so it is about no hinge"):
         find_hinge(bent)
-
-
-def test_an_offset_is_in_the_hands_frame() -> None:
-    raw = door()
-    offset = (0.1, 0.0, 0.02, 1.0, 0.0, 0.0, 0.0)
-    poses = only(raw, replace(AS_RECORDED, offset=offset)).demonstration.poses
-    rotations = Rotation.from_quat(np.asarray(raw.quaternions), scalar_first=True)
-    expected = raw.positions + rotations.apply([0.1, 0.0, 0.02])
-    assert_allclose(poses[:, :3], expected, atol=1e-12)
 
 
 def test_forces_stay_with_the_motion() -> None:

@@ -869,11 +869,6 @@ def test_what_cannot_be_read_is_said(
         read_recordings(tmp_path / name, Selection(body=body))
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match="there is no file"):
-        read_recordings(tmp_path / "nothing.csv", ANY)
-
-
 POSITION = "data/demo_2/obs/robot0_eef_pos"
 ELSEWHERE: dict[str, tuple[str, Any]] = {
     "demonstration": ("data/demo_2", h5py.ExternalLink("pipe", "/data")),

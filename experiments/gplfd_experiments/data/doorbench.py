@@ -1,7 +1,6 @@
 """Doors of DoorBench (github.com/adamraudonis/DoorBench, MIT) as `DoorConfig`.
 
-A door there is a ``spec.json`` of schema 1.0. Single swing doors with a lever, a knob
-or a fixed pull are read. What a `DoorConfig` cannot represent is listed.
+Read are single swing doors of schema 1.0 with a lever, a knob or a fixed pull.
 """
 
 import math

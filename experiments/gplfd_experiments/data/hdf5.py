@@ -1,9 +1,8 @@
 """Members of an HDF5 file from anywhere: in the file itself, and of bounded size.
 
-HDF5 opens whatever a link names, also in other files, and waits where that is a named
-pipe. It fills a dataset that has a shape and no data with zeros, and its deflate filter
-unpacks a chunk to whatever the compressed stream holds. So links, shapes and chunks are
-checked here before HDF5 reads.
+HDF5 follows links to other files and named pipes, fills a dataset without data with
+zeros, and unpacks a chunk to whatever its compressed stream holds. So links, shapes and
+chunks are checked here before HDF5 reads.
 """
 
 import math

@@ -49,14 +49,11 @@ class RawRecording:
     times: FloatArray | None = None
     """Time stamps [s], (N,); None where the file has none."""
     quaternions: FloatArray | None = None
-    """Orientations as quaternions, the scalar first, of any sign and norm, (N, 4); None
-    where only positions were recorded."""
+    """Orientations, the scalar first, of any sign and norm, (N, 4); or none."""
     signals: Mapping[str, FloatArray] = field(default_factory=dict)
-    """What else was recorded, (N, d) each: "force" (force [N] and torque [N m], 6),
-    "gripper" (1 or more)."""
+    """Other arrays, (N, d): "force" (force [N] and torque [N m], 6), "gripper"."""
     untimed: str = ""
-    """Of a file whose time stamps were not found: what else it has, and how to say that
-    it is the time; continues a message."""
+    """What may be the times of a file without any; continues a message."""
     notes: tuple[str, ...] = ()
     """What the reader of the file found remarkable."""
 
@@ -104,8 +101,7 @@ class Selection:
     units: str | None = None
     """Unit of the positions, one of `METRES`; before what the file says."""
     time_unit: str | None = None
-    """Unit of time stamps in tables and arrays, one of `SECONDS`; before what the file
-    says, and seconds where neither says one."""
+    """Unit of time stamps, one of `SECONDS`; before what the file says."""
     angles: str = "rad"
     """Unit of rotation vectors without one, one of `RADIANS`."""
     quaternions: Literal["wxyz", "xyzw"] | None = None
@@ -136,13 +132,7 @@ class Selection:
 def chosen(
     wanted: str | None, known: dict[str, Any], what: str, *, file: str
 ) -> tuple[str, Any]:
-    """Return the named one of several things in a file, or the only one.
-
-    Args:
-        wanted: `Selection.body`.
-        known: What the file has, by name.
-        what: What these are called in a message.
-        file: Name of the file, for a message.
+    """Return the wanted one of several things in a file, or the only one.
 
     Raises:
         ValueError: There is none, none of that name, or several to choose from.

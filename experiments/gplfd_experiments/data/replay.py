@@ -1,7 +1,6 @@
 """Running a recorded episode again, and comparing bit for bit.
 
-Two runs are compared by what MuJoCo's next step depends on (the physics state, part by
-part), by what the agent saw, and by how the episode went.
+Compared are the physics state, what the agent saw, and how the episode went.
 """
 
 import contextlib

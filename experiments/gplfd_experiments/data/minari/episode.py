@@ -1,7 +1,6 @@
 """One episode with everything that is needed to run it again.
 
-A step depends on MuJoCo's physics state and its model alone: the state is kept at every
-step, of the model a hash.
+A step depends on MuJoCo's physics state and its model alone.
 """
 
 import dataclasses

@@ -1,8 +1,6 @@
 """From motions as files have them to demonstrations that can be learned from.
 
-`prepare` mends samples, finds repetitions, adds the hand's offset, filters noise, cuts
-rests at the ends, changes the frame and resamples. Every step notes what it did or
-noticed.
+Every step of the preparation notes what it did or noticed.
 """
 
 import warnings

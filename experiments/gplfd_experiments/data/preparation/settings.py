@@ -24,16 +24,14 @@ class Preparation:
     units: str | None = None
     """Unit of the recorded positions; None for what the file says, else metres."""
     offset: Transform | None = None
-    """Pose of the object that is to be moved in the frame that was recorded: from the
-    tracker on the glove to the handle in the hand. None for none."""
+    """Pose of the moved object in the recorded frame, such as from a glove's tracker
+    to the handle in the hand."""
     frame: FrameName | Transform = "first-pose"
-    """Frame of the result. "first-pose": each motion relative to its own first pose.
-    "recorded": as recorded. "hinge": of a door, whose hinge is found from the motion.
-    Or the pose of the task's frame in the recorded one."""
+    """Frame of the result: each motion's first pose, the recorded frame, that of a
+    door whose hinge is found from the motion, or a pose in the recorded frame."""
     segments: Segments = "none"
-    """Repetitions in a motion. "none": the whole is one. "rests": what lies between
-    rests, without motions back. "turns": what lies between turns, the same. Or start
-    and end of each since the first sample [s]."""
+    """Repetitions in a motion: the whole, or what lies between rests or turns without
+    motions back, or start and end of each since the first sample [s]."""
     trim_rests: bool = True
     """Whether rests at both ends are cut to those of a gentle motion."""
     cutoff: float | None = 10.0

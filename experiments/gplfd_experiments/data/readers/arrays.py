@@ -1,11 +1,9 @@
 """Arrays by name: what .npz, .npy and .mat files have in common, and the first two.
 
-Understood are the columns of `readers.tables` as arrays (N,), the arrays of `_GROUPS`
-(N, d), a set of `gplfd_policies.demonstrations.npz`, and with ``--columns`` one array
-(N, C) of columns, or (K, N, C) for K motions. Samples may also stand in columns, as
-MATLAB has them, where the shape leaves no doubt. An array of a .mat file is named by
-where it stands, ``demos{2}.pos``: cells and structures of one name are motions of one
-set.
+Understood are columns (N,), the arrays of `_GROUPS` (N, d), and with ``--columns`` one
+array (N, C), or (K, N, C) for K motions; transposed, too, where the shape leaves no
+doubt. The arrays of .mat files stand in cells and structures, ``demos{2}.pos``, of
+which those of one name are motions of one set.
 """
 
 import itertools

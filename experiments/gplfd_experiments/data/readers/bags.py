@@ -1,9 +1,7 @@
 """Bags of ROS 2 and ROS 1: poses, joint states by forward kinematics, and wrenches.
 
-Read are MCAP and SQLite files, folders with metadata.yaml, and .bag files. The hand is
-a topic of PoseStamped, TransformStamped, TFMessage (``/tf:child_frame``), Odometry, or,
-with a URDF and a link, JointState. The only topic of WrenchStamped, if there is one,
-becomes the force, on the clock of the poses. Stamps are those of the messages' headers.
+The hand is a topic of poses, transforms (``/tf:child_frame``) or, with a URDF and a
+link, joint states. The only topic of WrenchStamped becomes the force, on its clock.
 """
 
 import bz2

@@ -1,7 +1,6 @@
 """Biovision hierarchies (.bvh): one joint of a skeleton, by its forward kinematics.
 
-The file says no unit of length; degrees are its unit of angle. Axes are those of the
-file, of which y is usually up. Positions in the frames replace a joint's OFFSET.
+The file says no unit of length. Positions in the frames replace a joint's OFFSET.
 """
 
 import math

@@ -1,8 +1,7 @@
 """C3D files of optical motion capture: a marker, or the rigid body of several.
 
-The format is read here and not by a library: on damaged files the usual one, written in
-C++, ends the process, or takes gigabytes (13 of 500). It serves the tests as an oracle.
-https://www.c3d.org/HTML/default.htm describes the format.
+https://www.c3d.org/HTML/default.htm describes the format. It is read here because on
+damaged files the usual library ends the process or takes gigabytes (13 of 500).
 """
 
 import math

@@ -1,8 +1,7 @@
-"""Tables in text files: columns by comma, semicolon, tab or spaces.
+"""Tables in text files: columns by comma, semicolon, tab or spaces, read line by line.
 
-The file is read line by line. Lines that begin with ``#`` are comments; an empty cell
-is a missing sample. The first line names the columns with their units, unless
-``--columns`` does. Where semicolons separate columns, numbers may have decimal commas.
+Lines that begin with ``#`` are comments; an empty cell is a missing sample. Where
+semicolons separate columns, numbers may have decimal commas.
 """
 
 import csv

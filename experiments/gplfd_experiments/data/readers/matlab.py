@@ -1,10 +1,8 @@
 """MATLAB files, versions 4 to 7.2: arrays of numbers, in cells and structures, too.
 
-A file is a sequence of elements, each with a kind and a size; arrays, cells and
-structures are elements that hold others, see *MAT-File Format*, The MathWorks. They
-are read here because `scipy.io.loadmat` trusts files: deeply nested cells in 1 MB end
-the process with a segmentation fault, and 184 bytes that claim 2³⁰ cells fill the
-memory. It serves the tests as an oracle.
+*MAT-File Format*, The MathWorks, describes them. They are read here because
+`scipy.io.loadmat` trusts files: deeply nested cells in 1 MB end the process with a
+segmentation fault, and 184 bytes that claim 2³⁰ cells fill the memory.
 """
 
 import io

@@ -1,8 +1,7 @@
 """Demonstrations of robomimic in HDF5: one motion per demonstration.
 
-The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last; NAME is
-robot0_eef where nothing is said. Files have no time stamps: the rate is that of the
-environment's control, if the file says it.
+The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last. Files have no
+time stamps: the rate is that of the environment's control, if the file says it.
 """
 
 import json

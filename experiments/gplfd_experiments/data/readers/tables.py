@@ -1,9 +1,7 @@
 """Columns with names and units, as tables of every kind have them.
 
 A column is known by its name in any case, with its unit behind it: ``time [ms]``,
-``x (cm)``, ``y_mm``, ``qw``, ``rx [deg]``. Known are the time; x, y and z; the
-quaternion qx, qy, qz, qw; the rotation vector rx, ry, rz; force fx, fy, fz and torque
-mx, my, mz; and the gripper. Others are left out.
+``x (cm)``, ``y_mm``, ``qw``, ``rx [deg]``. Others are left out.
 """
 
 import re
@@ -77,13 +75,9 @@ def named_columns(
 ) -> dict[str, tuple[int, str | None]]:
     """Return place and unit of every column that is understood.
 
-    Args:
-        heads: As the file, or a person, has them.
-        where: What they are, for a message.
-
     Raises:
         ValueError: x and y are not among them, part of a quaternion or of a rotation
-            vector is, or one is there twice.
+            vector is, or one is there twice; ``where`` says what the heads are.
     """
     found: dict[str, tuple[int, str | None]] = {}
     for place, head in enumerate(heads):

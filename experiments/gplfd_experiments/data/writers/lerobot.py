@@ -1,8 +1,7 @@
 """Demonstrations as a data set of LeRobot, version 3: parquet files, no videos.
 
-The layout is that of LeRobot's own writer. ``observation.state`` is position and
-quaternion, ``action`` what it is to become, both in float32 as LeRobot's are. Pictures
-stand in the table as PNG files, LeRobot's kind "image".
+``observation.state`` is position and quaternion, ``action`` what it is to become, both
+in float32 as LeRobot's are. Pictures are PNG files, LeRobot's kind "image".
 """
 
 import io
