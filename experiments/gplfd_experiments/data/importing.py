@@ -107,9 +107,10 @@ def report(motions: Sequence[Motion], settings: Preparation) -> str:
             "turned [deg]": f"{np.degrees(turned):.1f}",
         }
         if forces:
-            force = motion.signals.get("force")
-            peak = None if force is None else np.linalg.norm(force[:, :3], axis=1).max()
-            row["peak force [N]"] = "" if peak is None else f"{peak:.1f}"
+            row["peak force [N]"] = ""
+            if "force" in motion.signals:
+                force = motion.signals["force"][:, :3]
+                row["peak force [N]"] = f"{np.linalg.norm(force, axis=1).max():.1f}"
         rows.append(row)
     notes = [
         f"{'!' if note.warning else ' '} {number}: {note.text}"

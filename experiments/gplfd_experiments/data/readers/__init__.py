@@ -46,19 +46,25 @@ READERS: Final[Mapping[str, Reader]] = MappingProxyType(
         "bvh": Reader("a Biovision hierarchy", "bvh", (".bvh",)),
         "c3d": Reader("a C3D file", "c3d", (".c3d",)),
         "ros": Reader(
-            "a bag of ROS", "bags", (".mcap", ".db3", ".bag"), ("metadata.yaml",)
+            "a bag of ROS",
+            "bags",
+            suffixes=(".mcap", ".db3", ".bag"),
+            marks=("metadata.yaml",),
         ),
         "robomimic": Reader(
             "demonstrations of robomimic", "robomimic", (".hdf5", ".h5")
         ),
-        "lerobot": Reader("a data set of LeRobot", "lerobot", (), ("meta/info.json",)),
+        "lerobot": Reader(
+            "a data set of LeRobot", "lerobot", marks=("meta/info.json",)
+        ),
         "minari": Reader(
             "a data set of gplfd demos record",
             "minari_episodes",
-            (),
-            ("data/metadata.json",),
+            marks=("data/metadata.json",),
         ),
-        "set": Reader("a set of demonstrations", "arrays", (), ("demonstrations.npz",)),
+        "set": Reader(
+            "a set of demonstrations", "arrays", marks=("demonstrations.npz",)
+        ),
     }
 )
 """Every kind of file that is read."""

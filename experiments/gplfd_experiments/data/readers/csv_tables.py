@@ -60,9 +60,10 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
                         f"line {number}, column {place + 1} ({name}): "
                         f"{cells[place]!r:.40} is no number"
                     ) from None
-    table = np.frombuffer(values).reshape(-1, len(found)).T
-    units = [unit for _, unit in found.values()]
-    columns = dict(zip(found, zip(table, units, strict=True), strict=True))
+    table = np.frombuffer(values).reshape(-1, len(found))
+    columns = {
+        name: (table[:, at], unit) for at, (name, (_, unit)) in enumerate(found.items())
+    }
     # Columns that are not understood may be the time.
     names = [understood(head)[0] for head in heads]
     untimed = ""
