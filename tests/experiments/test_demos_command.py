@@ -15,13 +15,11 @@ import pytest
 
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
-from gplfd_experiments.data.minari.contents import title
 
 pytestmark = pytest.mark.slow
 
 Gplfd = Callable[..., int]
-DATASETS = "gplfd_experiments.data."
-
+Printed = pytest.CaptureFixture[str]
 
 RECORD = ("demos", "record", "--policy", "oracle", "--max-steps", "8")
 
@@ -48,58 +46,42 @@ def test_record_writes_every_door_and_seed(recorded: Path) -> None:
         for episode in map(dataset.episode, range(dataset.n_episodes))
     ]
     assert found == [(0.35, 5, 8), (0.35, 6, 8), (0.42, 5, 8), (0.42, 6, 8)]
+    # By Minari, every door is reached by the options of its episode.
+    stored = minari.MinariDataset(recorded / "data")
+    env = stored.recover_environment()
+    metadata = stored.storage.get_episode_metadata(range(4))
+    for one, (radius, _, _) in zip(metadata, found, strict=True):
+        assert env.reset(options=one["options"])[1]["door_radius"] == radius
 
 
-def test_record_goes_to_a_folder_named_after_the_policy(
-    gplfd: Gplfd, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_one_door_goes_to_a_folder_named_after_the_policy(
+    gplfd: Gplfd, tmp_path: Path, capsys: Printed
 ) -> None:
-    assert gplfd(*RECORD, "--doors", "medium") == 0
-    assert open_dataset(tmp_path / "results/demos/oracle-v0").n_episodes == 1
+    assert gplfd(*RECORD, "--doors", "0.42") == 0
+    folder = tmp_path / "results/demos/oracle-v0"
+    assert "(door of 0.42 m," in str(open_dataset(folder))
     printed = capsys.readouterr()
     assert "gplfd demos replay results/demos/oracle-v0" in printed.out
-    assert "medium, seed 0: time limit" in printed.err
-
-
-def test_replay_is_bit_exact(
-    gplfd: Gplfd, recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert gplfd("demos", "replay", str(recorded)) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("oracle-v0: policy oracle in gplfd/DoorOpening-v1")
-    assert lines[1:-1] == [f"episode {n}: bit-exact over 8 steps" for n in range(4)]
-    assert lines[-1] == "4 of 4 episodes are the recording, bit for bit"
-
-
-def test_replay_of_some_episodes(
-    gplfd: Gplfd, recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert gplfd("demos", "replay", str(recorded), "--episodes", "3", "1") == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split(":")[0] for line in lines[1:-1]] == ["episode 3", "episode 1"]
-
-
-def test_one_door_is_minaris_own_door_to_recover(gplfd: Gplfd, tmp_path: Path) -> None:
-    assert gplfd(*RECORD, "--doors", "0.42", "--out", "narrow-v0") == 0
-    dataset = minari.MinariDataset(tmp_path / "narrow-v0" / "data")
+    assert "0.42, seed 0: time limit" in printed.err
+    # It is the door that Minari recovers.
+    dataset = minari.MinariDataset(folder / "data")
     _, info = dataset.recover_environment().reset(seed=0)
     assert info["door_radius"] == 0.42
-    metadata = json.loads((tmp_path / "narrow-v0/data/metadata.json").read_text())
+    metadata = json.loads((folder / "data/metadata.json").read_text())
     assert "doors" not in metadata["description"]
-    assert "(door of 0.42 m," in title(open_dataset(tmp_path / "narrow-v0"))
 
 
-def test_several_doors_are_reached_by_the_options_of_their_episodes(
-    gplfd: Gplfd, recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    dataset = minari.MinariDataset(recorded / "data")
-    env = dataset.recover_environment()
-    stored = dataset.storage.get_episode_metadata(range(4))
-    for metadata, radius in zip(stored, (0.35, 0.35, 0.42, 0.42), strict=True):
-        assert env.reset(options=metadata["options"])[1]["door_radius"] == radius
-    assert gplfd("demos", "inspect", str(recorded)) == 0
-    assert "It holds 2 doors, and recover_environment() makes one" in (
-        capsys.readouterr().out
-    )
+def test_replay_is_bit_exact(gplfd: Gplfd, recorded: Path, capsys: Printed) -> None:
+    assert gplfd("demos", "replay", str(recorded), "--episodes", "3", "1") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("oracle-v0: policy oracle in gplfd/DoorOpening-v1")
+    assert lines[1:-1] == [f"episode {n}: bit-exact over 8 steps" for n in (3, 1)]
+    assert lines[-1] == "2 of 2 episodes are the recording, bit for bit"
+    # An unknown episode is refused before any is run.
+    assert gplfd("demos", "replay", str(recorded), "--episodes", "0", "4") == 2
+    printed = capsys.readouterr()
+    assert "has no episode 4; its episodes are 0 to 3" in printed.err
+    assert printed.out == ""
 
 
 def edit(folder: Path, change: Callable[[Any], None]) -> None:
@@ -119,7 +101,7 @@ def edit_arrays(folder: Path, change: Callable[[Any], None]) -> None:
 
 
 def test_replay_of_a_tampered_recording_departs_with_status_1(
-    gplfd: Gplfd, copied: Path, capsys: pytest.CaptureFixture[str]
+    gplfd: Gplfd, copied: Path, capsys: Printed
 ) -> None:
     def tamper(file: Any) -> None:
         file["episode_1/infos/physics_state"][6, 1] += 1e-12
@@ -130,16 +112,18 @@ def test_replay_of_a_tampered_recording_departs_with_status_1(
     lines = capsys.readouterr().out.splitlines()
     assert lines[1].startswith("not as recorded: mujoco was 3.9.0, is ")
     assert lines[2] == "so equal to a tolerance only, see docs/reproducibility.md"
+    assert lines[3] == "episode 0: bit-exact over 8 steps"
     assert lines[4].startswith("episode 1: departs at step 6 of 8: qpos by 1e-12;")
     assert lines[-1] == "3 of 4 episodes are the recording, bit for bit"
 
 
 def test_inspect_prints_a_line_per_episode(
-    gplfd: Gplfd, recorded: Path, capsys: pytest.CaptureFixture[str]
+    gplfd: Gplfd, recorded: Path, capsys: Printed
 ) -> None:
     assert gplfd("demos", "inspect", str(recorded)) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("oracle-v0: policy oracle in gplfd/DoorOpening-v1")
+    assert "It holds 2 doors, and recover_environment() makes one" in lines[1]
     assert any("mujoco" in line and "numpy" in line for line in lines)
     rows = [line.split() for line in lines[-4:]]
     assert [row[:6] for row in rows] == [
@@ -151,31 +135,32 @@ def test_inspect_prints_a_line_per_episode(
     assert rows[0][-1] == rows[1][-1] != rows[2][-1]
 
 
+MAIN = "data/main_data.hdf5"
+
+
 def cut(folder: Path) -> None:
-    file = folder / "data" / "main_data.hdf5"
-    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    content = (folder / MAIN).read_bytes()
+    (folder / MAIN).write_bytes(content[: len(content) // 2])
 
 
 def one_bit(folder: Path) -> None:
-    file = folder / "data" / "main_data.hdf5"
-    content = bytearray(file.read_bytes())
+    content = bytearray((folder / MAIN).read_bytes())
     content[len(content) // 2] ^= 1
-    file.write_bytes(content)
+    (folder / MAIN).write_bytes(content)
 
 
-def without(name: str) -> Callable[[Path], None]:
-    return lambda folder: edit_arrays(folder, lambda file: file.__delitem__(name))
+def replaced(name: str, array: Any = None) -> Callable[[Path], None]:
+    """Remove an array, or put another one in its place."""
 
-
-def with_array(name: str, array: Any) -> Callable[[Path], None]:
     def change(file: Any) -> None:
         del file[name]
-        file[name] = array
+        if array is not None:
+            file[name] = array
 
     return lambda folder: edit_arrays(folder, change)
 
 
-def with_endless_array(folder: Path) -> None:
+def endless(folder: Path) -> None:
     def change(file: Any) -> None:
         del file["episode_0/actions"]
         file.create_dataset("episode_0/actions", (10**12, 6), "f4", chunks=(1, 6))
@@ -199,28 +184,25 @@ def specification(**changes: Any) -> Callable[[Path], None]:
         spec = json.loads(metadata["env_spec"]) | changes
         metadata["env_spec"] = json.dumps(spec)
 
-    return metadata(change)
+    return lambda folder: edit(folder, change)
 
 
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
         (shutil.rmtree, "is not a data set: there is no data/metadata.json in it"),
-        (lambda f: (f / "data/main_data.hdf5").unlink(), "no data/main_data.hdf5"),
+        (lambda f: (f / MAIN).unlink(), "no data/main_data.hdf5"),
         (cut, "main_data.hdf5 is damaged or was changed after it was recorded"),
         (one_bit, "main_data.hdf5 is damaged or was changed after it was recorded"),
-        (without("episode_0"), "copy-v0: episode 0 cannot be read: "),
-        (without("episode_0/actions"), "actions"),
-        (without("episode_0/infos/physics_state"), "info physics_state is missing"),
-        (without("episode_0/infos/success"), "info success is missing"),
+        (replaced("episode_0"), "copy-v0: episode 0 cannot be read: "),
+        (replaced("episode_0/actions"), "actions"),
+        (replaced("episode_0/infos/physics_state"), "info physics_state is missing"),
+        (replaced("episode_0/infos/success"), "info success is missing"),
         (shorten_the_states, "physics_state has shape (5, 182), must have (9, 182)"),
-        (with_endless_array, "it unpacks to more than its size allows"),
-        (with_array("episode_0/rewards", 3.0), "rewards has shape (), must have (1,)"),
-        (
-            with_array("episode_0/actions", b"text"),
-            "/episode_0/actions is one text, not an array",
-        ),
-        (with_array("episode_0/actions", np.zeros((8, 5))), "episode 0 cannot be run"),
+        (endless, "it unpacks to more than its size allows"),
+        (replaced("episode_0/rewards", 3.0), "rewards has shape (), must have (1,)"),
+        (replaced("episode_0/actions", b"text"), "/actions is one text, not an array"),
+        (replaced("episode_0/actions", np.zeros((8, 5))), "episode 0 cannot be run"),
         (
             lambda f: (f / "data/metadata.json").write_text("{"),
             "data/metadata.json cannot be read as JSON: Expecting",
@@ -241,7 +223,7 @@ def specification(**changes: Any) -> Callable[[Path], None]:
 def test_a_bad_data_set_is_one_paragraph_and_status_2(
     gplfd: Gplfd,
     copied: Path,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Printed,
     damage: Callable[[Path], Any],
     message: str,
 ) -> None:
@@ -254,12 +236,9 @@ def test_a_bad_data_set_is_one_paragraph_and_status_2(
 
 
 def test_without_minari_the_extra_is_named(
-    gplfd: Gplfd,
-    recorded: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    gplfd: Gplfd, recorded: Path, capsys: Printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    read_minari = (DATASETS, "gplfd_experiments.episodes.dataset")
+    read_minari = ("gplfd_experiments.data.", "gplfd_experiments.episodes.dataset")
     for name in [name for name in sys.modules if name.startswith(read_minari)]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "minari", None)
@@ -271,39 +250,26 @@ def test_without_minari_the_extra_is_named(
         assert "Traceback" not in printed
 
 
-def test_an_unknown_episode_is_refused_before_any_is_run(
-    gplfd: Gplfd, recorded: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert gplfd("demos", "replay", str(recorded), "--episodes", "0", "4") == 2
-    printed = capsys.readouterr()
-    assert "has no episode 4; its episodes are 0 to 3" in printed.err
-    assert printed.out == ""
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--policy", "oracel"], "unknown policy 'oracel' (did you mean 'oracle'?)"),
-        (["--doors", "smal"], "unknown door 'smal' (did you mean 'small'?)"),
-        (["--episodes", "0"], "--episodes 0 must be 1 or more"),
-        (["--seed", "-1"], "--seed -1 must be 0 or more"),
-        (["--max-steps", "0"], "--max-steps 0 must be 1 or more"),
-        (["--demonstrations-per-door", "0"], "--demonstrations-per-door 0 must be 1"),
-        (["--out", "demos"], "for example door-opening-v0"),
-        (["--out", "taken-v0"], "taken-v0 exists and is not a data set"),
-        (["--out", "taken-v0/below-v0"], "taken-v0"),
-        (["--randomization", "wild"], "wild"),
+        ("--policy oracel", "unknown policy 'oracel' (did you mean 'oracle'?)"),
+        ("--doors smal", "unknown door 'smal' (did you mean 'small'?)"),
+        ("--episodes 0", "--episodes 0 must be 1 or more"),
+        ("--seed -1", "--seed -1 must be 0 or more"),
+        ("--max-steps 0", "--max-steps 0 must be 1 or more"),
+        ("--demonstrations-per-door 0", "--demonstrations-per-door 0 must be 1"),
+        ("--out demos", "for example door-opening-v0"),
+        ("--out taken-v0", "taken-v0 exists and is no data set"),
+        ("--out taken-v0/below-v0", "taken-v0"),
+        ("--randomization wild", "wild"),
     ],
 )
 def test_bad_arguments_of_record_leave_no_files(
-    gplfd: Gplfd,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
-    message: str,
+    gplfd: Gplfd, tmp_path: Path, capsys: Printed, arguments: str, message: str
 ) -> None:
     (tmp_path / "taken-v0").write_text("")
-    assert gplfd("demos", "record", "--policy", "oracle", *arguments) == 2
+    assert gplfd("demos", "record", "--policy", "oracle", *arguments.split()) == 2
     printed = capsys.readouterr().err
     assert message in printed.splitlines()[-1]
     assert "Traceback" not in printed

@@ -19,8 +19,8 @@ from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.data.preparation.samples import Notes, usable
+from gplfd_experiments.data.raw import Selection
 from gplfd_experiments.data.readers import read_recordings
-from gplfd_experiments.data.readers.selection import Selection
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import save_demonstrations

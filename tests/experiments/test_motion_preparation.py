@@ -13,14 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.spatial.se3 import relative_poses
-from gplfd_experiments.data.preparation import Motion, prepare
+from gplfd_experiments.data.importing import report, warnings_in
+from gplfd_experiments.data.preparation import Motion, Preparation, prepare
 from gplfd_experiments.data.preparation.frames import find_hinge, suspicious_order
-from gplfd_experiments.data.preparation.report import report, warnings_in
 from gplfd_experiments.data.preparation.samples import Notes, usable, without_spikes
-from gplfd_experiments.data.preparation.settings import Preparation
-from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.raw import RawRecording, Selection
 from gplfd_experiments.data.readers import read_recordings
-from gplfd_experiments.data.readers.selection import Selection
 
 pytestmark = pytest.mark.slow
 
@@ -55,9 +53,15 @@ def door(
 
 
 def only(
-    raw: RawRecording, settings: Preparation = AS_RECORDED, **given: Any
+    raw: RawRecording,
+    settings: Preparation = AS_RECORDED,
+    *,
+    recorded_rate: float | None = None,
+    **changes: Any,
 ) -> Motion:
-    (motion,) = prepare([raw], settings, **given)
+    """Prepare one motion, as recorded but for some settings."""
+    settings = replace(settings, **changes)
+    (motion,) = prepare([raw], settings, recorded_rate=recorded_rate)
     return motion
 
 
@@ -65,6 +69,23 @@ def texts(motion: Motion, *, warnings: bool | None = None) -> str:
     return "\n".join(
         note.text for note in motion.notes if warnings in (None, note.warning)
     )
+
+
+def some(raw: RawRecording, rows: Any) -> RawRecording:
+    """Some of the samples of a door."""
+    return replace(
+        raw,
+        times=np.asarray(raw.times)[rows],
+        positions=raw.positions[rows],
+        quaternions=np.asarray(raw.quaternions)[rows],
+    )
+
+
+RAW = door()
+TIMES, POSITIONS, WXYZ = np.array(RAW.times), np.array(RAW.positions), RAW.quaternions
+GAPPY = some(RAW, np.abs(np.arange(401) - 220) > 40)
+STILL = np.tile(START, (401, 1))
+FAR = np.r_[TIMES[:-1], 1e9]
 
 
 # ------------------------------------------------------------------ nothing is lost
@@ -78,35 +99,32 @@ def test_as_recorded_is_as_recorded() -> None:
     recorded = Rotation.from_quat(raw.quaternions, scalar_first=True)
     assert (found * recorded.inv()).magnitude().max() < 1e-9
     assert motion.notes == ()
+    # Without orientations, it does not turn.
+    motion = only(replace(raw, quaternions=None), Preparation())
+    assert_array_equal(motion.demonstration.poses[:, 3:], 0.0)
 
 
 @pytest.mark.parametrize(
     ("unit", "per_metre"), [("cm", 100), ("mm", 1000), ("in", 1 / 0.0254)]
 )
 def test_units_become_metres(unit: str, per_metre: float) -> None:
-    raw = door()
-    scaled = replace(raw, positions=raw.positions * per_metre, unit=unit)
+    scaled = replace(RAW, positions=POSITIONS * per_metre, unit=unit)
     poses = only(scaled).demonstration.poses
-    assert_allclose(poses[:, :3], raw.positions, rtol=0, atol=1e-12)
-    other = only(scaled, replace(AS_RECORDED, units="m"))
+    assert_allclose(poses[:, :3], POSITIONS, rtol=0, atol=1e-12)
+    other = only(scaled, units="m")
     assert f"taken in m, the file says {unit}" in texts(other, warnings=True)
 
 
 # ------------------------------------------------------------------ samples are mended
 def test_samples_out_of_order_repeated_and_missing() -> None:
-    raw = door()
-    rows = np.r_[0:100, 150, 100:200, 199, 199, 200 : len(raw.positions)]
-    positions = raw.positions[rows].copy()
-    positions[50] = np.nan
-    quaternions = raw.quaternions[rows].copy()
-    quaternions[60] = 0.0
-    messy = replace(
-        raw, times=raw.times[rows], positions=positions, quaternions=quaternions
-    )
-    motion = only(messy)
-    kept = np.delete(np.arange(len(raw.times)), [50, 60])
-    assert_array_equal(motion.demonstration.times, raw.times[kept])
-    assert_allclose(motion.demonstration.poses[:, :3], raw.positions[kept])
+    rows = np.r_[0:100, 150, 100:200, 199, 199, 200 : len(TIMES)]
+    messy = some(RAW, rows)
+    positions, quaternions = messy.positions.copy(), np.array(messy.quaternions)
+    positions[50], quaternions[60] = np.nan, 0.0
+    motion = only(replace(messy, positions=positions, quaternions=quaternions))
+    kept = np.delete(np.arange(len(TIMES)), [50, 60])
+    assert_array_equal(motion.demonstration.times, TIMES[kept])
+    assert_allclose(motion.demonstration.poses[:, :3], POSITIONS[kept])
     said = texts(motion)
     assert "2 of 404 samples missing" in said
     assert "time stamps went back 1 times: sorted" in said
@@ -123,85 +141,67 @@ def test_signs_of_quaternions_do_not_matter() -> None:
     assert "quaternions changed sign" in texts(motion, warnings=False)
 
 
-def test_no_quaternions_at_all_are_refused() -> None:
-    raw = door()
-    with pytest.raises(ValueError, match=r"quaternion of sample 0 has norm 1\.5"):
-        only(replace(raw, quaternions=1.5 * raw.quaternions))
+@pytest.mark.parametrize(
+    ("given", "settings", "message"),
+    [
+        ({"quaternions": 1.5 * WXYZ}, {}, r"quaternion of sample 0 has norm 1\.5"),
+        (
+            {"times": None},
+            {},
+            "door.csv has no time stamps; say .* --recorded-rate 100",
+        ),
+        ({"times": FAR}, {"segments": "rests"}, r"door.csv: .* span 1e\+09 s in steps"),
+        ({"times": 0.0 * TIMES}, {}, "door.csv: all samples have the same time"),
+        ({"positions": 1e10 + POSITIONS}, {}, "csv: only 0 of 401 samples have time"),
+        ({"positions": STILL}, {"segments": "turns"}, "door.csv: positions stay where"),
+        ({"quaternions": None}, {"offset": (0, 0, 0, 1, 0, 0, 0)}, "an offset needs"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(
+    given: Any, settings: Any, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        only(replace(RAW, **given), **settings)
 
 
-def test_a_spike_is_left_out_and_a_jump_is_told() -> None:
-    raw = door()
-    positions = raw.positions.copy()
-    positions[100:103] += [0.23, 0.0, 0.0]
-    motion = only(replace(raw, positions=positions))
-    assert len(motion.demonstration.times) == len(positions) - 3
-    assert "3 samples where the tracker saw it elsewhere left out" in texts(motion)
-    positions = raw.positions.copy()
-    positions[200:] += [0.0, 0.3, 0.0]
-    motion = only(replace(raw, positions=positions))
-    assert len(motion.demonstration.times) == len(positions)
-    assert "1 jumps of the tracker, at 0.99 s by 0.3 m" in texts(motion, warnings=True)
+def moved(first: int, last: int, by: Any) -> dict[str, Any]:
+    positions = POSITIONS.copy()
+    positions[first:last] += by
+    return {"positions": positions}
 
 
-def test_files_without_stamps_need_a_rate() -> None:
-    raw = replace(door(), times=None)
-    with pytest.raises(ValueError, match=r"no time stamps; say .* --recorded-rate 100"):
-        only(raw)
-    times = only(raw, recorded_rate=RATE).demonstration.times
+@pytest.mark.parametrize(
+    ("given", "kept", "warning", "note"),
+    [
+        (moved(100, 103, [0.23, 0, 0]), 398, True, "3 samples where the tracker saw"),
+        (moved(200, 401, [0, 0.3, 0]), 401, True, "1 jumps of the tracker, at 0.99 s"),
+        (moved(7, 9, [[1e300], [np.inf]]), 399, False, "2 of 401 samples missing"),
+        ({"unit": None}, 401, False, "no unit given: taken as metres"),
+        ({"positions": 1e2 * POSITIONS}, 401, True, "in centimetres? say --units"),
+        ({"positions": 1e3 * POSITIONS}, 401, True, "are positions in millimetres?"),
+        ({"positions": 1e-3 * POSITIONS}, 401, True, "mm: is the unit right?"),
+    ],
+)
+def test_what_is_mended_or_suspicious_is_said(
+    given: Any, kept: int, warning: bool, note: str
+) -> None:
+    motion = only(replace(RAW, **given))
+    assert len(motion.demonstration.times) == kept
+    assert note in texts(motion, warnings=warning)
+
+
+def test_times_are_made_of_a_rate_and_gaps_are_bridged() -> None:
+    times = only(replace(door(), times=None), recorded_rate=RATE).demonstration.times
     assert_array_equal(times, np.arange(401) / RATE)
-
-
-def test_a_stamp_far_away_is_refused() -> None:
-    raw = door()
-    times = np.asarray(raw.times).copy()
-    times[-1] = 1e9
-    with pytest.raises(
-        ValueError, match=r"door.csv: time stamps span 1e\+09 s in steps"
-    ):
-        only(replace(raw, times=times), replace(AS_RECORDED, segments="rests"))
-    with pytest.raises(ValueError, match=r"door\.csv: all samples have the same time"):
-        only(replace(raw, times=np.zeros(len(times))))
-
-
-def test_positions_that_are_none_are_missing() -> None:
-    raw = door()
-    positions = raw.positions.copy()
-    positions[7], positions[9] = 1e300, np.inf
-    assert "2 of 401 samples missing" in texts(only(replace(raw, positions=positions)))
-    with pytest.raises(ValueError, match=r"door\.csv: only 0 of 401 samples have time"):
-        only(replace(raw, positions=positions + 1e10))
-
-
-def test_gaps_are_bridged_or_refused() -> None:
-    raw = door()
-    kept = (raw.times < 0.9) | (raw.times > 1.3)
-    gappy = replace(
-        raw,
-        times=raw.times[kept],
-        positions=raw.positions[kept],
-        quaternions=raw.quaternions[kept] if raw.quaternions is not None else None,
-    )
-    bridged = only(gappy, replace(AS_RECORDED, rate=100.0))
+    bridged = only(GAPPY, rate=100.0)
     assert "1 gaps bridged, the longest of 0.41 s" in texts(bridged)
     assert np.diff(bridged.demonstration.times).max() < 0.0101
-    with pytest.raises(
-        ValueError, match=r"no sample for 0\.41 s from 0\.90 s on; .*0\.42"
-    ):
-        only(gappy, replace(AS_RECORDED, largest_gap=0.3))
+    message = r"no sample for 0\.41 s from 0\.90 s on; .*0\.42"
+    with pytest.raises(ValueError, match=message):
+        only(GAPPY, largest_gap=0.3)
 
 
 # ------------------------------------------------------------------ what is suspicious
-def test_centimetres_are_noticed() -> None:
-    raw = door()
-    motion = only(replace(raw, positions=100.0 * raw.positions, unit=None))
-    assert "are positions in centimetres? say --units" in texts(motion, warnings=True)
-    assert "no unit given: taken as metres" in texts(motion, warnings=False)
-    motion = only(replace(raw, positions=1000.0 * raw.positions))
-    assert "are positions in millimetres?" in texts(motion, warnings=True)
-    motion = only(replace(raw, positions=1e-3 * raw.positions))
-    assert "mm: is the unit right?" in texts(motion, warnings=True)
-
-
 @pytest.mark.parametrize(("unit", "s"), [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
 def test_a_wrong_unit_of_time_is_noticed(tmp_path: Path, unit: str, s: float) -> None:
     """Accepted with a warning, or refused before much memory is taken; both say how."""
@@ -249,10 +249,7 @@ def test_samples_that_would_be_made_are_counted_first() -> None:
 @pytest.mark.parametrize("shift", [-1, 1])
 def test_a_wrong_order_of_quaternions_is_noticed_on_a_door(shift: int) -> None:
     raw = door()
-    assert "is their order right?" not in texts(only(raw))
-    wrong = replace(
-        raw, quaternions=np.roll(np.asarray(raw.quaternions), shift, axis=1)
-    )
+    wrong = replace(raw, quaternions=np.roll(raw.quaternions, shift, axis=1))
     assert "is their order right?" in texts(only(wrong), warnings=True)
 
 
@@ -314,59 +311,37 @@ def test_the_filter_halves_its_cutoff_and_keeps_slow_motion() -> None:
     raw = door(seconds=4.0)
     wave = np.sin(2.0 * math.pi * 10.0 * raw.times)
     shaken = replace(raw, positions=raw.positions + 0.01 * wave[:, None])
-    settings = replace(AS_RECORDED, cutoff=10.0)
-    rest = only(shaken, settings).demonstration.poses - only(raw).demonstration.poses
+    rest = only(shaken, cutoff=10.0).demonstration.poses - only(raw).demonstration.poses
     middle = rest[200:-200, 0]
     # A Butterworth filter has 1/√2 at its cut-off; forwards and backwards, a half.
     assert 0.0045 < np.abs(middle).max() < 0.0055
-    still = only(raw, settings).demonstration.poses - only(raw).demonstration.poses
+    still = only(raw, cutoff=10.0).demonstration.poses - only(raw).demonstration.poses
     assert np.abs(still).max() < 2e-4
 
 
 def test_slow_recordings_are_not_filtered() -> None:
-    raw = door()
-    slow = replace(
-        raw,
-        times=np.asarray(raw.times)[::20],
-        positions=raw.positions[::20],
-        quaternions=np.asarray(raw.quaternions)[::20],
-    )
-    motion = only(slow, replace(AS_RECORDED, cutoff=10.0))
+    slow = some(door(), slice(None, None, 20))
+    motion = only(slow, cutoff=10.0, rate=50.0)
     assert "not filtered: 21 samples at 10 Hz" in texts(motion)
-
-
-def test_equal_steps_from_zero() -> None:
-    times = only(door(), replace(AS_RECORDED, rate=50.0)).demonstration.times
-    assert_allclose(times, np.arange(101) / 50.0, atol=1e-12)
+    # Equal steps from zero.
+    assert_allclose(motion.demonstration.times, np.arange(101) / 50.0, atol=1e-12)
 
 
 # ------------------------------------------------------------------ rests, repetitions
 def test_rests_at_the_ends_are_cut() -> None:
-    settings = replace(AS_RECORDED, trim_rests=True)
-    motion = only(door(rest=1.0), settings)
+    motion = only(door(rest=1.0), trim_rests=True)
     span = np.ptp(motion.demonstration.times)
     assert 1.6 < span < 2.3
     assert "cut" in texts(motion)
 
 
-def back_and_forth(rest: float = 1.0) -> RawRecording:
+def back_and_forth() -> RawRecording:
     """A door opened, closed and opened again, resting in between."""
-    once = door(rest=0.5 * rest)
-    back = replace(
-        once,
-        positions=once.positions[::-1],
-        quaternions=np.asarray(once.quaternions)[::-1],
-    )
-    times = np.asarray(once.times)
-    step = times[-1] + 1.0 / RATE
-    return replace(
-        once,
-        times=np.concatenate([times, times + step, times + 2.0 * step]),
-        positions=np.concatenate([one.positions for one in (once, back, once)]),
-        quaternions=np.concatenate(
-            [np.asarray(one.quaternions) for one in (once, back, once)]
-        ),
-    )
+    once = door(rest=0.5)
+    number = len(once.positions)
+    there = np.arange(number)
+    whole = some(once, np.r_[there, there[::-1], there])
+    return replace(whole, times=np.arange(3 * number) / RATE)
 
 
 def test_repetitions_lie_between_rests_and_motions_back_are_left_out() -> None:
@@ -375,13 +350,10 @@ def test_repetitions_lie_between_rests_and_motions_back_are_left_out() -> None:
     assert "2 repetitions between rests, 1 motions back left out" in texts(motions[0])
     first, second = (one.demonstration.poses for one in motions)
     assert_allclose(first[-1], second[-1], atol=5e-3)
-    assert_allclose(first[-1, :3], relative_end(), atol=5e-3)
-
-
-def relative_end() -> Any:
     raw = door()
-    rotations = Rotation.from_quat(np.asarray(raw.quaternions), scalar_first=True)
-    return rotations[0].inv().apply(raw.positions[-1] - raw.positions[0])
+    grip = Rotation.from_quat(raw.quaternions, scalar_first=True)[0]
+    end = grip.inv().apply(raw.positions[-1] - raw.positions[0])
+    assert_allclose(first[-1, :3], end, atol=5e-3)
 
 
 def test_repetitions_at_given_times() -> None:
@@ -419,7 +391,7 @@ def strokes(
     return raw, ends
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_repetitions_lie_between_turns_however_messy(seed: int) -> None:
     """There and back without rests: other speeds, pauses, noise, a start in between."""
     rng = np.random.default_rng(seed)
@@ -427,7 +399,9 @@ def test_repetitions_lie_between_turns_however_messy(seed: int) -> None:
     goals = np.append(goals, 0.6)  # the last one is given up half-way
     pauses = rng.choice([0.0, 0.0, 0.2, 1.0], 11)
     raw, ends = strokes(goals, rng.uniform(0.8, 3.0, 11), pauses, rng)
-    motions = prepare([raw], replace(AS_RECORDED, segments="turns"))
+    turns = replace(AS_RECORDED, segments="turns")
+    assert "1 repetitions between turns" in texts(only(door(), turns))
+    motions = prepare([raw], turns)
     said = "5 repetitions between turns, 5 motions back left out, 1 incomplete left out"
     assert said in texts(motions[0])
     after = [0.3, *np.add(ends, pauses)]
@@ -437,15 +411,6 @@ def test_repetitions_lie_between_turns_however_messy(seed: int) -> None:
         assert after[2 * number] - pauses[2 * number - 1] - 0.4 <= first
         assert first <= after[2 * number] + 0.3
         assert ends[2 * number] - 0.3 <= last <= after[2 * number + 1] + 0.1
-
-
-def test_turns_of_one_stroke_and_of_none() -> None:
-    turns = replace(AS_RECORDED, segments="turns")
-    assert "1 repetitions between turns" in texts(only(door(), turns))
-    raw = door()
-    still = replace(raw, positions=np.tile(START, (len(raw.positions), 1)))
-    with pytest.raises(ValueError, match=r"door.csv: positions stay where they are"):
-        prepare([still], turns)
 
 
 def test_what_is_done_on_the_way_to_the_first_turn_is_no_repetition() -> None:
@@ -463,42 +428,35 @@ def test_what_is_done_on_the_way_to_the_first_turn_is_no_repetition() -> None:
 
 
 # ------------------------------------------------------------------ frames
-def test_the_first_pose_becomes_zero() -> None:
-    recorded = only(door()).demonstration.poses
-    relative = only(door(), replace(AS_RECORDED, frame="first-pose")).demonstration
+def test_poses_are_composed_and_not_subtracted() -> None:
+    recorded = only(RAW).demonstration.poses
+    relative = only(RAW, frame="first-pose").demonstration
     assert_allclose(relative.poses, relative_poses(recorded, recorded[0]), atol=1e-12)
-
-
-def test_a_given_pose_is_composed_and_not_subtracted() -> None:
-    quaternion = TURN.as_quat(scalar_first=True)
-    frame = (*START.tolist(), *quaternion.tolist())
-    poses = only(door(), replace(AS_RECORDED, frame=frame)).demonstration.poses
-    angles = 1.2 * minimum_jerk(np.asarray(door().times) / 2.0)
-    expected = handle_pose_on_arc(0.6, angles)
+    frame = (*START.tolist(), *TURN.as_quat(scalar_first=True).tolist())
+    poses = only(RAW, frame=frame).demonstration.poses
+    expected = handle_pose_on_arc(0.6, 1.2 * minimum_jerk(TIMES / 2.0))
     assert_allclose(poses[:, :3], expected[:, :3], atol=1e-12)
+    # An offset is in the frame of the hand.
+    poses = only(RAW, offset=(0.1, 0.0, 0.02, 1.0, 0.0, 0.0, 0.0)).demonstration.poses
+    rotations = Rotation.from_quat(WXYZ, scalar_first=True)
+    expected = POSITIONS + rotations.apply([0.1, 0.0, 0.02])
+    assert_allclose(poses[:, :3], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(("angle", "radius"), [(1.2, 0.6), (0.5, 0.35), (-1.0, 0.9)])
 def test_a_hinge_is_found_and_gives_the_doors_task_frame(
     angle: float, radius: float
 ) -> None:
-    motion = only(door(angle=angle, radius=radius), replace(AS_RECORDED, frame="hinge"))
-    assert motion.radius == pytest.approx(radius, abs=1e-9)
+    raw = door(angle=angle, radius=radius)
     # However it stood in the world, it is a door that is pulled open about +y.
     angles = abs(angle) * minimum_jerk(np.asarray(door().times) / 2.0)
     expected = handle_pose_on_arc(radius, angles)
-    assert_allclose(motion.demonstration.poses, expected, atol=1e-7)
-    assert f"hinge at {radius:.3f} m, opened to" in texts(motion)
-
-
-def test_a_hand_without_orientations_turns_with_the_door() -> None:
-    raw = replace(door(), quaternions=None)
-    motion = only(raw, replace(AS_RECORDED, frame="hinge"))
-    angles = 1.2 * minimum_jerk(np.asarray(raw.times) / 2.0)
-    assert_allclose(
-        motion.demonstration.poses, handle_pose_on_arc(0.6, angles), atol=1e-7
-    )
-    assert "the hand is taken to turn with the door" in texts(motion)
+    without = only(replace(raw, quaternions=None), frame="hinge")
+    for motion in (only(raw, frame="hinge"), without):
+        assert motion.radius == pytest.approx(radius, abs=1e-9)
+        assert_allclose(motion.demonstration.poses, expected, atol=1e-7)
+        assert f"hinge at {radius:.3f} m, opened to" in texts(motion)
+    assert "the hand is taken to turn with the door" in texts(without)
 
 
 def test_a_hinge_is_found_in_noise() -> None:
@@ -512,15 +470,14 @@ def test_a_hinge_is_found_in_noise() -> None:
 @pytest.mark.parametrize("angle", [1.2, -1.2])
 def test_a_door_that_is_closed_again_is_noticed(angle: float) -> None:
     raw = door(angle=angle)
-    turns = {"positions": np.vstack([raw.positions, raw.positions[-2::-1]])}
-    turns["times"] = np.arange(len(turns["positions"])) / RATE
-    turns["quaternions"] = np.vstack([raw.quaternions, raw.quaternions[-2::-1]])
-    motion = only(replace(raw, **turns), replace(AS_RECORDED, frame="hinge"))
+    there_and_back = some(raw, np.r_[0:401, 399:-1:-1])
+    times = np.arange(801) / RATE
+    motion = only(replace(there_and_back, times=times), frame="hinge")
     said = "opened to 69° after 2.00 s, then closed to 0°: to learn to open, cut there"
     assert f"{said} (--segment 0.00-2.00)" in texts(motion, warnings=True)
     # It is opened about +y all the same, in whichever direction noise ends.
     assert_allclose(motion.demonstration.poses[400, 4], 1.2, atol=1e-7)
-    assert not texts(only(raw, replace(AS_RECORDED, frame="hinge")), warnings=True)
+    assert not texts(only(raw, frame="hinge"), warnings=True)
 
 
 def test_what_is_about_no_hinge_is_refused() -> None:
@@ -531,23 +488,6 @@ def test_what_is_about_no_hinge_is_refused() -> None:
     bent = np.column_stack([np.sin(9.0 * line), line, np.cos(4.0 * line)])
     with pytest.raises(ValueError, match=r"off a circle .* so it is about no hinge"):
         find_hinge(bent)
-
-
-def test_an_offset_is_in_the_hands_frame() -> None:
-    raw = door()
-    offset = (0.1, 0.0, 0.02, 1.0, 0.0, 0.0, 0.0)
-    poses = only(raw, replace(AS_RECORDED, offset=offset)).demonstration.poses
-    rotations = Rotation.from_quat(np.asarray(raw.quaternions), scalar_first=True)
-    expected = raw.positions + rotations.apply([0.1, 0.0, 0.02])
-    assert_allclose(poses[:, :3], expected, atol=1e-12)
-    with pytest.raises(ValueError, match="has no orientations, which an offset needs"):
-        only(replace(raw, quaternions=None), replace(AS_RECORDED, offset=offset))
-
-
-def test_positions_alone_are_enough() -> None:
-    raw = replace(door(), quaternions=None)
-    motion = only(raw, Preparation())
-    assert_array_equal(motion.demonstration.poses[:, 3:], 0.0)
 
 
 def test_forces_stay_with_the_motion() -> None:

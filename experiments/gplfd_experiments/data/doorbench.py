@@ -1,14 +1,12 @@
 """Doors of DoorBench (github.com/adamraudonis/DoorBench, MIT) as `DoorConfig`.
 
-A door there is a ``spec.json`` of schema 1.0. Single swing doors with a lever, a knob
-or a fixed pull are read. What a `DoorConfig` cannot represent is listed.
+Read are single swing doors of schema 1.0 with a lever, a knob or a fixed pull.
 """
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.validation.fields import allowed_range
@@ -18,7 +16,6 @@ SCHEMA: Final = "1.0"
 
 _BACKSET: Final = 0.06  # Of a handle for which none is given, as without a latch [m].
 _BEYOND_GRIP: Final = 0.03  # A lever ends so far beyond the point where it is held [m].
-
 _LEAF: Final = {
     "leaf_width": "leaf/width",
     "leaf_thickness": "leaf/thickness",
@@ -46,14 +43,11 @@ _LATCH: Final = {
 """Fields of `DoorConfig`, and where a specification has their numbers."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ImportedDoor:
-    """A door of another collection."""
+class ImportedDoor(NamedTuple):
+    """A door of another collection, by its name there."""
 
     name: str
-    """Its name there."""
     door: DoorConfig
-    """What was read of it."""
     lost: tuple[str, ...]
     """What could not be represented, a line each."""
 
@@ -74,7 +68,7 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
         door = DoorConfig(**_within(fields, lost))
     except ValueError as error:
         raise ValueError(f"{path} is no door that can be imported: {error}") from error
-    return ImportedDoor(name=name, door=door, lost=tuple(lost))
+    return ImportedDoor(name, door, tuple(lost))
 
 
 def _at(spec: Mapping[str, Any], place: str, kind: Any = float) -> Any:

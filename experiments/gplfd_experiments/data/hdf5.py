@@ -1,9 +1,8 @@
 """Members of an HDF5 file from anywhere: in the file itself, and of bounded size.
 
-HDF5 opens whatever a link names, also in other files, and waits where that is a named
-pipe. It fills a dataset that has a shape and no data with zeros, and its deflate filter
-unpacks a chunk to whatever the compressed stream holds. So links, shapes and chunks are
-checked here before HDF5 reads.
+HDF5 follows links to other files and named pipes, fills a dataset without data with
+zeros, and unpacks a chunk to whatever its compressed stream holds. So links, shapes and
+chunks are checked here before HDF5 reads.
 """
 
 import math
@@ -25,11 +24,7 @@ _REFERENCE: Final = 16
 
 
 def member(group: Any, name: str) -> Any:
-    """Return a member of a group, which must be in the file itself.
-
-    Raises:
-        ValueError: It is a link to elsewhere, or there is no such member.
-    """
+    """Return a member of a group, or raise ValueError if it is not in the file."""
     link = group.get(name, getlink=True)
     if link is None:
         raise ValueError(f"{group.name} has no member {name!r:.80}")
@@ -54,11 +49,7 @@ def _check_link(group: Any, name: str, link: Any) -> None:
 
 
 def numbers(dataset: Any, budget: DecodingBudget) -> FloatArray:
-    """Return a dataset of numbers as float64, its size claimed before it is read.
-
-    Raises:
-        ValueError: It holds no numbers, or as by `check_readable`.
-    """
+    """Return a dataset of numbers as float64; raises ValueError for anything else."""
     check_readable(dataset, budget)
     if dataset.dtype.kind not in "iuf":
         raise ValueError(f"{dataset.name} holds {dataset.dtype!s:.40}, not numbers")

@@ -1,21 +1,22 @@
-"""Motion files made into a set of demonstrations, in a folder."""
+"""Motion files made into a set of demonstrations, with a report and a picture."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
+from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.console.progress import progress_bar
-from gplfd_experiments.data.preparation import Motion, prepare
-from gplfd_experiments.data.preparation.report import draw, report, warnings_in
-from gplfd_experiments.data.preparation.settings import Preparation
-from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.preparation import Motion, Preparation, prepare
+from gplfd_experiments.data.raw import RawRecording, Selection
 from gplfd_experiments.data.readers import read_recordings
-from gplfd_experiments.data.readers.selection import Selection
-from gplfd_experiments.files.folders import complete_folder
+from gplfd_experiments.files.folders import check_replaceable, complete_folder
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
+from gplfd_experiments.files.table import Table, text_table
 from gplfd_policies.demonstrations.npz import (
     FILE,
     FIRST_POSE,
@@ -24,23 +25,7 @@ from gplfd_policies.demonstrations.npz import (
     save_demonstrations,
 )
 
-REPORT: Final = "report.txt"
 PICTURE: Final = "before_after.png"
-ORIGIN: Final = "import.json"
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Imported:
-    """A set of demonstrations that was made."""
-
-    folder: Path
-    """Where it is."""
-    motions: tuple[Motion, ...]
-    """What is in it."""
-    report: str
-    """What was done."""
-    warnings: int
-    """How many notes of the report a person should look at."""
 
 
 def import_recordings(
@@ -51,34 +36,22 @@ def import_recordings(
     preparation: Preparation,
     options: Mapping[str, Any],
     overwrite: bool = False,
-) -> Imported:
+) -> tuple[tuple[Motion, ...], str]:
     """Read motion files, prepare the motions, and write a complete set or nothing.
 
     The set holds the demonstrations (`gplfd_policies.demonstrations.npz`), the report,
-    a picture of before and after, and where everything came from.
+    a picture of before and after, and where everything came from, with the options of
+    the command.
 
-    Args:
-        files: Files or folders, of any kinds that are read.
-        folder: The set.
-        selection: What to read of them.
-        preparation: What to do to them.
-        options: The command's, for the record; JSON-able.
-        overwrite: Replace a set that is there already.
+    Returns:
+        The motions in the set, and the report.
 
     Raises:
         ValueError: An argument is wrong, or a file cannot be understood or used.
         OSError: A file cannot be read, or the set not be written.
     """
     check_folder(folder.parent)
-    if folder.exists():
-        if not (folder / FILE).is_file():
-            raise ValueError(
-                f"--out {folder} exists and is no set of demonstrations; give another"
-            )
-        if not overwrite:
-            raise ValueError(
-                f"--out {folder} exists; give another, or --overwrite to replace it"
-            )
+    check_replaceable(folder, FILE, "set of demonstrations", overwrite=overwrite)
     recordings: list[RawRecording] = []
     for file in progress_bar(files, desc="reading", unit="file"):
         recordings += read_recordings(file, selection)
@@ -89,20 +62,101 @@ def import_recordings(
         {"name": file.name} | ({"sha256": content_hash(file)} if file.is_file() else {})
         for file in files
     ]
+    frames = {"hinge": FRAME, "first-pose": FIRST_POSE}
     with complete_folder(folder) as written:
         written.mkdir()
         save_demonstrations(
             written / FILE,
             [motion.demonstration for motion in motions],
             [motion.radius for motion in motions],
-            frame={"hinge": FRAME, "first-pose": FIRST_POSE}.get(
-                str(preparation.frame), OTHER
-            ),
+            frame=frames.get(str(preparation.frame), OTHER),
             signals=[motion.signals for motion in motions],
         )
-        (written / REPORT).write_text(text + "\n", encoding="utf-8")
-        write_json(written / ORIGIN, origin)
+        (written / "report.txt").write_text(text + "\n", encoding="utf-8")
+        write_json(written / "import.json", origin)
         draw(motions, written / PICTURE)
-    return Imported(
-        folder=folder, motions=motions, report=text, warnings=warnings_in(motions)
-    )
+    return motions, text
+
+
+def report(motions: Sequence[Motion], settings: Preparation) -> str:
+    """Return the settings in words, a row per motion, and every note."""
+    frame, cutoff, rate = settings.frame, settings.cutoff, settings.rate
+    done = [
+        f"frame: {frame if isinstance(frame, str) else 'relative to a given pose'}",
+        "not filtered" if cutoff is None else f"low-pass filter of {cutoff:g} Hz",
+        "rests at the ends cut" if settings.trim_rests else "rests kept",
+        "samples as recorded" if rate is None else f"{rate:g} samples per second",
+    ]
+    if settings.offset is not None:
+        done.append("moved by the offset of the hand")
+    forces = any("force" in motion.signals for motion in motions)
+    rows = []
+    for number, motion in enumerate(motions):
+        times, poses = motion.demonstration.times, motion.demonstration.poses
+        before = motion.recorded
+        path = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).sum()
+        turned = rotation_distance(poses[:, 3:], poses[0, 3:]).max()
+        row = {
+            "": str(number),
+            "from": motion.name,
+            "recorded [s]": f"{before.times[-1] - before.times[0]:.2f}",
+            "rate [Hz]": f"{1.0 / before.step:.4g}",
+            "kept [s]": f"{times[-1] - times[0]:.2f}",
+            "samples": str(len(times)),
+            "path [m]": f"{path:.3f}",
+            "turned [deg]": f"{np.degrees(turned):.1f}",
+        }
+        if forces:
+            row["peak force [N]"] = ""
+            if "force" in motion.signals:
+                force = motion.signals["force"][:, :3]
+                row["peak force [N]"] = f"{np.linalg.norm(force, axis=1).max():.1f}"
+        rows.append(row)
+    notes = [
+        f"{'!' if note.warning else ' '} {number}: {note.text}"
+        for number, motion in enumerate(motions)
+        for note in motion.notes
+    ]
+    return "\n".join(
+        ["; ".join(done), "", text_table(Table.of(rows)), "", *notes]
+    ).rstrip()
+
+
+def warnings_in(motions: Sequence[Motion]) -> int:
+    """Return how many notes a person should look at."""
+    return sum(note.warning for motion in motions for note in motion.notes)
+
+
+def draw(motions: Sequence[Motion], path: Path) -> None:
+    """Write a picture: recorded motions on the left, prepared ones on the right.
+
+    Positions are in the upper row, orientations below: the components of the recorded
+    quaternions, and of the rotation vectors that were made of them.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 6.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, 2)
+    position, rotation = slice(0, 3), slice(3, None)
+    xyz = ("x", "y", "z")
+    for row, column, what, names in (
+        (0, 0, "recorded: position [m]", xyz),
+        (0, 1, "prepared: position [m]", xyz),
+        (1, 0, "recorded: quaternion", ("w", *xyz)),
+        (1, 1, "prepared: rotation vector [rad]", xyz),
+    ):
+        one = axes[row, column]
+        for motion in motions:
+            drawn = motion.demonstration if column else motion.recorded
+            clock = drawn.times - drawn.times[0]
+            values = drawn.poses[:, rotation if row else position]
+            for place, component in enumerate(values.T):
+                one.plot(clock, component, color=f"C{place}", linewidth=0.8, alpha=0.7)
+        one.set_title(what, loc="left", fontsize=10)
+        one.legend(one.lines[: len(names)], names)
+        one.grid(alpha=0.3)
+        if row:
+            one.set_xlabel("time since the first sample [s]")
+    figure.savefig(path, dpi=110)

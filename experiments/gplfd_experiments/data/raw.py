@@ -1,36 +1,28 @@
-"""A motion as its file has it: nothing converted but the notation of rotations."""
+"""A motion as its file has it, and what a person says about the file."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from pathlib import Path
+from typing import Any, Final, Literal
 
+from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.records import freeze, read_only
 
 METRES: Final[Mapping[str, float]] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
-"""Units of length by name, in metres."""
-
 SECONDS: Final[Mapping[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Units of time by name, in seconds."""
+RADIANS: Final[Mapping[str, float]] = {"rad": 1.0, "deg": math.pi / 180.0}
+"""Units by name, in metres, seconds and radians."""
 
 _USUAL_STEP: Final = (9e-4, 0.9)
 """Time between two samples of a hand [s]: 1.1 Hz to 1.1 kHz. The range spans a factor
 of 1,000, as units of time do, so that at most one unit fits."""
-
-RADIANS: Final[Mapping[str, float]] = {"rad": 1.0, "deg": math.pi / 180.0}
-"""Units of angle by name, in radians."""
+_LISTED: Final = 30  # Names at most in a message.
 
 
 def likely_time_unit(step: float) -> str | None:
-    """Return the unit in which a step between samples is usual for a hand.
-
-    Args:
-        step: Usual difference of two time stamps, as they are written.
-
-    Returns:
-        One of `SECONDS`; None where no unit fits.
-    """
+    """Return the unit in which a step between time stamps is usual for a hand."""
     shortest, longest = _USUAL_STEP
     fits = (unit for unit, s in SECONDS.items() if shortest <= step * s < longest)
     return next(fits, None)
@@ -44,8 +36,8 @@ class RawRecording:
     `gplfd_experiments.data.preparation` mends, and reports.
 
     Raises:
-        ValueError: The shapes do not belong together, or there are fewer than two
-            samples.
+        ValueError: The shapes do not belong together, there are fewer than two
+            samples, or the unit is unknown.
     """
 
     name: str
@@ -57,20 +49,16 @@ class RawRecording:
     times: FloatArray | None = None
     """Time stamps [s], (N,); None where the file has none."""
     quaternions: FloatArray | None = None
-    """Orientations as quaternions, the scalar first, of any sign and norm, (N, 4); None
-    where only positions were recorded."""
+    """Orientations, the scalar first, of any sign and norm, (N, 4); or none."""
     signals: Mapping[str, FloatArray] = field(default_factory=dict)
-    """What else was recorded, (N, d) each: "force" (force [N] and torque [N m], 6),
-    "gripper" (1 or more)."""
+    """Other arrays, (N, d): "force" (force [N] and torque [N m], 6), "gripper"."""
     untimed: str = ""
-    """Of a file whose time stamps were not found: what else it has, and how to say that
-    it is the time; continues a message."""
+    """What may be the times of a file without any; continues a message."""
     notes: tuple[str, ...] = ()
     """What the reader of the file found remarkable."""
 
     def __post_init__(self) -> None:
-        freeze(self, "positions")
-        for name in ("times", "quaternions"):
+        for name in ("positions", "times", "quaternions"):
             if getattr(self, name) is not None:
                 freeze(self, name)
         signals = {name: read_only(array) for name, array in self.signals.items()}
@@ -96,3 +84,69 @@ class RawRecording:
                 f"{self.name}: unknown unit of length {self.unit!r:.40}; known are "
                 f"{', '.join(METRES)}"
             )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Selection:
+    """What to read of a file, and how to understand it.
+
+    Raises:
+        ValueError: A unit or an order is unknown, or a rate no positive number.
+    """
+
+    body: str | None = None
+    """What moves: a segment, joint, marker, topic or array of the file."""
+    columns: tuple[str, ...] = ()
+    """Names of the columns of a table, in order, see `readers.tables`."""
+    units: str | None = None
+    """Unit of the positions, one of `METRES`; before what the file says."""
+    time_unit: str | None = None
+    """Unit of time stamps, one of `SECONDS`; before what the file says."""
+    angles: str = "rad"
+    """Unit of rotation vectors without one, one of `RADIANS`."""
+    quaternions: Literal["wxyz", "xyzw"] | None = None
+    """Order of quaternions whose components have no names."""
+    recorded_rate: float | None = None
+    """Samples per second of a file without time stamps [Hz]."""
+    urdf: Path | None = None
+    """Description of the robot whose joints were recorded."""
+    link: str | None = None
+    """Link of that robot which is the hand."""
+
+    def __post_init__(self) -> None:
+        for option, value, known in (
+            ("--units", self.units, METRES),
+            ("--time-unit", self.time_unit, SECONDS),
+            ("--angles", self.angles, RADIANS),
+            ("--quaternions", self.quaternions, ("wxyz", "xyzw")),
+        ):
+            if value is not None and value not in known:
+                raise ValueError(
+                    f"{option} {value!r} must be one of {', '.join(known)}"
+                )
+        rate = self.recorded_rate
+        if rate is not None and not 0.0 < rate < math.inf:
+            raise ValueError(f"--recorded-rate {rate} must be a positive number [Hz]")
+
+
+def chosen(
+    wanted: str | None, known: dict[str, Any], what: str, *, file: str
+) -> tuple[str, Any]:
+    """Return the wanted one of several things in a file, or the only one.
+
+    Raises:
+        ValueError: There is none, none of that name, or several to choose from.
+    """
+    if not known:
+        raise ValueError(f"{file} has no {what}")
+    names = ", ".join(sorted(known)[:_LISTED]) + (", …" if len(known) > _LISTED else "")
+    if wanted is None:
+        if len(known) > 1:
+            raise ValueError(
+                f"{file} has more than one {what}; choose with --body: {names}"
+            )
+        (wanted,) = known
+    if wanted not in known:
+        hint = nearest_name(wanted, known)
+        raise ValueError(f"{file} has no {what} {wanted!r}{hint}; it has {names}")
+    return wanted, known[wanted]

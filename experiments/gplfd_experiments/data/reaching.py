@@ -20,7 +20,7 @@ def reaches(given: LabelledDemonstrations) -> Sequence[Demonstration]:
     """Return how the hands of demonstrations come to the handle.
 
     Raises:
-        ValueError: They hold it from the beginning.
+        ValueError: The demonstrations do not say when a hand takes hold.
     """
     parts = _parted(given)
     if not parts:

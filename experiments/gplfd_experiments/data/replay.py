@@ -1,13 +1,12 @@
 """Running a recorded episode again, and comparing bit for bit.
 
-Two runs are compared by what MuJoCo's next step depends on (the physics state, part by
-part), by what the agent saw, and by how the episode went.
+Compared are the physics state, what the agent saw, and how the episode went.
 """
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -21,8 +20,7 @@ from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.provenance import arithmetic, versions
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Departure:
+class Departure(NamedTuple):
     """Where a replay leaves the recording.
 
     Distances are the largest absolute difference of a number, in the unit of the field;
@@ -72,11 +70,7 @@ class Comparison:
 
 
 def replay(recorded: RecordedEpisode, env: gym.Env[Any, Any]) -> RecordedEpisode:
-    """Reset as recorded, and repeat the actions until the episode ends.
-
-    Raises:
-        ValueError: The environment refuses the options or an action.
-    """
+    """Reset as recorded, and repeat the actions until the episode ends."""
     recorder = Recorder(env)
     recorder.reset(seed=recorded.seed, options=dict(recorded.options) or None)
     for action in recorded.actions:
@@ -89,11 +83,7 @@ def replay(recorded: RecordedEpisode, env: gym.Env[Any, Any]) -> RecordedEpisode
 def replays(
     dataset: Dataset, numbers: Sequence[int]
 ) -> Iterator[tuple[int, Comparison]]:
-    """Run episodes of a data set again; yield the number of each and how it compares.
-
-    Raises:
-        ValueError: There is no such episode, it cannot be read, or not be run.
-    """
+    """Run episodes again; yield the number of each, and how it compares."""
     for number in progress_bar(numbers, desc="replaying", unit="episode"):
         recorded = dataset.episode(number)
         with contextlib.closing(dataset.make_environment()) as env:
@@ -164,11 +154,7 @@ def _signals(episode: RecordedEpisode) -> dict[str, FloatArray]:
 
 
 def changes_since(origin: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
-    """What may change the last bits: of the recording, and here; only what differs.
-
-    Args:
-        origin: `Dataset.origin`.
-    """
+    """Return what differs of what may change the last bits: as recorded, and here."""
     recorded = {**origin["versions"], **origin["arithmetic"]}
     here = {**{name: versions()[name] for name in REPRODUCING}, **arithmetic()}
     return {

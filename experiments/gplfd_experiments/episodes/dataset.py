@@ -15,7 +15,6 @@ from gplfd_experiments.console.arguments import (
 )
 from gplfd_experiments.console.progress import LOG, progress_bar
 from gplfd_experiments.data.minari import RecordedEpisode, Recorder, write_dataset
-from gplfd_experiments.data.minari.contents import outcome
 from gplfd_experiments.episodes.build import (
     learned_agents,
     make_environment,
@@ -128,5 +127,5 @@ def _recorded(
                 observation, _, terminated, truncated, _ = recorder.step(action)
                 ended = terminated or truncated
         episode = recorder.episode
-        LOG.info("%s, seed %d: %s", task.door, task.seed, outcome(episode))
+        LOG.info("%s, seed %d: %s", task.door, task.seed, episode.outcome)
         yield episode

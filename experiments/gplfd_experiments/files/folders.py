@@ -6,6 +6,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 
+def check_replaceable(folder: Path, mark: str, kind: str, *, overwrite: bool) -> None:
+    """Raise ValueError unless a folder is absent, or of a kind that is overwritten."""
+    if folder.exists() and not (folder / mark).is_file():
+        raise ValueError(f"{folder} exists and is no {kind}; give another folder")
+    if folder.exists() and not overwrite:
+        raise ValueError(
+            f"{folder} exists; give another folder, or --overwrite to replace it"
+        )
+
+
 @contextlib.contextmanager
 def complete_folder(path: str | Path) -> Iterator[Path]:
     """Give a folder to write to; it becomes ``path`` when the block succeeds.

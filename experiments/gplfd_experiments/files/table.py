@@ -1,7 +1,7 @@
 """A table of texts, and how it is written for a terminal and in Markdown."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 
@@ -18,6 +18,11 @@ class Table:
     """What a reader has to know to read it."""
     left: bool = False
     """Whether all cells are text, flush left, rather than numbers after a name."""
+
+    @classmethod
+    def of(cls, rows: Sequence[Mapping[str, str]]) -> "Table":
+        """Return the table of rows with the same heads."""
+        return cls(columns=tuple(rows[0]), rows=tuple(tuple(r.values()) for r in rows))
 
 
 def text_table(table: Table) -> str:

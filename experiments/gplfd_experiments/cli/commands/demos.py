@@ -98,9 +98,13 @@ class Import:
     def execute(self) -> int:
         """Make the set, print the report and what to do next."""
         with postponed_interruption():
-            from gplfd_experiments.data.importing import PICTURE, import_recordings
-            from gplfd_experiments.data.preparation.settings import Preparation
-            from gplfd_experiments.data.readers.selection import Selection
+            from gplfd_experiments.data.importing import (
+                PICTURE,
+                import_recordings,
+                warnings_in,
+            )
+            from gplfd_experiments.data.preparation import Preparation
+            from gplfd_experiments.data.raw import Selection
 
         if not self.files:
             raise ValueError("give at least one file to import")
@@ -141,7 +145,7 @@ class Import:
         options["files"] = [file.name for file in self.files]
         options["out"] = self.out.name
         options["urdf"] = self.urdf.name if self.urdf else None
-        done = import_recordings(
+        motions, report = import_recordings(
             self.files,
             self.out,
             selection=selection,
@@ -149,11 +153,11 @@ class Import:
             options=options,
             overwrite=self.overwrite,
         )
-        print(done.report)
-        number = len(done.motions)
+        print(report)
+        number = len(motions)
         print(f"\n{number} demonstration{'s' * (number > 1)} in {self.out}")
-        if done.warnings:
-            print(f"notes marked with ! that need attention: {done.warnings}")
+        if warnings := warnings_in(motions):
+            print(f"notes marked with ! that need attention: {warnings}")
         print(f"look at them:     {self.out / PICTURE}")
         out = self.out.with_name(f"{self.out.name}-skill.npz")
         print(f"learn from them:  {next_command('learn', self.out, '--out', out)}")
@@ -305,13 +309,12 @@ class Replay:
         """Print a line per episode; return `DEPARTED` if one departs."""
         with postponed_interruption():
             from gplfd_experiments.data.minari import open_dataset
-            from gplfd_experiments.data.minari.contents import title
             from gplfd_experiments.data.replay import changes_since, replays
 
         dataset = open_dataset(self.dataset)
         numbers = self.episodes or tuple(range(dataset.n_episodes))
         dataset.check(numbers)
-        print(title(dataset))
+        print(dataset)
         changes = changes_since(dataset.origin)
         for what, (then, now) in changes.items():
             print(f"not as recorded: {what} was {then}, is {now}")
@@ -336,9 +339,8 @@ class Inspect:
         """Print the contents."""
         with postponed_interruption():
             from gplfd_experiments.data.minari import open_dataset
-            from gplfd_experiments.data.minari.contents import contents
 
-        print(contents(open_dataset(self.dataset)))
+        print(open_dataset(self.dataset).contents())
         return 0
 
 

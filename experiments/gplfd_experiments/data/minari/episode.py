@@ -1,22 +1,25 @@
-"""One episode with everything that is needed to run it again."""
+"""One episode with everything that is needed to run it again.
+
+A step depends on MuJoCo's physics state and its model alone.
+"""
 
 import dataclasses
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, cast
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_experiments.data.minari.physics import (
-    model_digests,
-    physics_state,
-    state_layout,
-)
+from gplfd_experiments.files.arrays import FloatArray
 
 Array = NDArray[Any]
 
+STATE: Final = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+"""All that a step reads: with it, MuJoCo continues bit for bit."""
 PHYSICS_STATE: Final = "physics_state"
 """Name of the physics state among the infos."""
 
@@ -27,6 +30,8 @@ _OUTCOME: Final = {
     "failure": "U",
 }
 """Infos that say how an episode ended, and NumPy's kinds of their arrays."""
+_HASHED_STRUCTS: Final = ("opt", "stat")
+_DIGITS: Final = 16
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,7 +67,7 @@ class RecordedEpisode:
     state_layout: Mapping[str, int]
     """Parts of the physics state and their lengths, in order; they add up to S."""
     model_digests: Mapping[str, str]
-    """Hashes of the model after the reset; see `physics.model_digests`."""
+    """Hashes of the model after the reset, by part."""
 
     def __post_init__(self) -> None:
         steps = np.size(self.rewards)
@@ -89,6 +94,13 @@ class RecordedEpisode:
         """Physics states, (T + 1, S)."""
         return self.infos[PHYSICS_STATE]
 
+    @property
+    def outcome(self) -> str:
+        """How it ended: "opened", "stalled", "time limit", ..."""
+        if self.infos["success"][-1]:
+            return "opened"
+        return str(self.infos["failure"][-1]).replace("_", " ") or "time limit"
+
 
 class Recorder(gym.Wrapper[Any, Any, Any, Any]):
     """Keeps what passes between an agent and an environment of this package.
@@ -101,8 +113,8 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         self._start: dict[str, Any] = {}
         self._in_force: dict[str, Any] = {}
-        self._observations: list[Mapping[str, Any]] = []
-        self._infos: list[Mapping[str, Any]] = []
+        self._observations: list[dict[str, Any]] = []
+        self._infos: list[dict[str, Any]] = []
         self._actions: list[Array] = []
         self._results: list[tuple[float, bool, bool]] = []
 
@@ -166,9 +178,9 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
 
     def _keep(self, observation: Mapping[str, Any], info: Mapping[str, Any]) -> None:
         inner: Any = self.unwrapped
-        state = physics_state(inner.model, inner.data)
-        self._observations.append(_copied(observation))
-        self._infos.append({**_copied(info), PHYSICS_STATE: state})
+        for rows, given in ((self._observations, observation), (self._infos, info)):
+            rows.append({name: np.copy(one)[()] for name, one in flat(given).items()})
+        self._infos[-1][PHYSICS_STATE] = physics_state(inner.model, inner.data)
 
 
 def _check(name: str, array: Any, shape: tuple[int, ...], kinds: str = "biuf") -> None:
@@ -201,10 +213,6 @@ def flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     return found
 
 
-def _copied(row: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: np.copy(value)[()] for name, value in flat(row).items()}
-
-
 def _stack(what: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
     """Return one array per name, which must be in every row."""
     stacked: dict[str, Array] = {}
@@ -216,3 +224,54 @@ def _stack(what: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
                 f"{what} {name!r} must be in every step and keep its shape: {error}"
             ) from error
     return stacked
+
+
+def physics_state(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
+    """Everything that the next step depends on besides the model, (S,) [SI]."""
+    state = np.empty(mujoco.mj_stateSize(model, STATE))
+    mujoco.mj_getState(model, data, state, STATE)
+    return state
+
+
+def state_layout(model: mujoco.MjModel) -> dict[str, int]:
+    """How many numbers of the state each part has, in order; empty parts left out."""
+    members = mujoco.mjtState.__members__.items()
+    sizes = {
+        name.removeprefix("mjSTATE_").lower(): mujoco.mj_stateSize(model, int(bit))
+        for name, bit in sorted(members, key=lambda member: int(member[1]))
+        if int(bit).bit_count() == 1 and int(bit) & STATE
+    }
+    return {name: size for name, size in sizes.items() if size}
+
+
+def model_digests(model: mujoco.MjModel) -> dict[str, str]:
+    """Hashes of the compiled model's parts, by what they describe ("geom", "opt", ...).
+
+    Two models with equal hashes have equal numbers, bit for bit. How the model is drawn
+    in general (``vis``) is left out; colours count.
+    """
+    contents: list[tuple[str, Any]] = []
+    for name in sorted(dir(model)):
+        value = None if name.startswith("_") else getattr(model, name)
+        if name in _HASHED_STRUCTS:
+            parts = {field: getattr(value, field) for field in sorted(dir(value))}
+            contents += [
+                (f"{name}_{field}", part)
+                for field, part in parts.items()
+                if not field.startswith("_") and not callable(part)
+            ]
+        elif isinstance(value, np.ndarray):
+            contents.append((name, value))
+    digests: dict[str, Any] = {}
+    for name, value in contents:
+        digest = digests.setdefault(name.split("_")[0], hashlib.sha256())
+        array = np.ascontiguousarray(value)
+        digest.update(f"{name} {array.dtype.str} {array.shape} ".encode())
+        digest.update(array.tobytes())
+    return {name: digests[name].hexdigest()[:_DIGITS] for name in sorted(digests)}
+
+
+def model_hash(digests: Mapping[str, str]) -> str:
+    """One hash of what `model_digests` returned."""
+    text = " ".join(f"{name} {digests[name]}" for name in sorted(digests))
+    return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]

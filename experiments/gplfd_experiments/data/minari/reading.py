@@ -1,5 +1,6 @@
 """Reading a data set that this package wrote, and no other."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 import gplfd_env  # noqa: F401 - registers the ids
 from gplfd_experiments.data.hdf5 import check_links, check_readable, member
-from gplfd_experiments.data.minari.episode import RecordedEpisode
+from gplfd_experiments.data.minari.episode import RecordedEpisode, model_hash
 from gplfd_experiments.data.minari.writing import (
     DATA,
     KIND,
@@ -24,6 +25,7 @@ from gplfd_experiments.data.minari.writing import (
 )
 from gplfd_experiments.files.plain_data import entry, naming, parsed_json, read_json
 from gplfd_experiments.files.provenance import content_hash
+from gplfd_experiments.files.table import Table, text_table
 from gplfd_policies.arrays.storage import DecodingBudget
 
 _NAMESPACE: Final = "gplfd/"
@@ -78,6 +80,60 @@ class Dataset:
                 f"{self.path}: the installed gplfd cannot make {self.environment} with "
                 f"{dict(self.arguments)!s:.200}: {error!s:.300}"
             ) from error
+
+    def __str__(self) -> str:
+        """The data set in one line."""
+        arguments = ", ".join(
+            f"door of {value['radius']:g} m"
+            if name == "door" and isinstance(value, Mapping) and "radius" in value
+            else f"{name}={value!r}"
+            for name, value in self.arguments.items()
+        )
+        return (
+            f"{self.name}: policy {self.policy} in {self.environment}"
+            f"{f' ({arguments})' if arguments else ''}, {self.n_episodes} episodes"
+        )
+
+    def contents(self) -> str:
+        """Return where the data set comes from, and a line per episode.
+
+        Raises:
+            ValueError: An episode is incomplete.
+        """
+        origin, git = self.origin, self.origin["git"]
+        rows = []
+        for number in range(self.n_episodes):
+            episode = self.episode(number)
+            row = {
+                "episode": str(number),
+                "radius [m]": f"{episode.infos['door_radius'][-1]:.3f}",
+                "seed": str(episode.seed),
+                "steps": str(len(episode)),
+                "time [s]": f"{episode.observations['time'][-1, 0]:.2f}",
+                "angle [deg]": f"{math.degrees(episode.infos['door_angle'][-1]):.1f}",
+                "outcome": episode.outcome,
+                "return": f"{episode.rewards.sum():.3f}",
+                "model": model_hash(episode.model_digests)[:8],
+            }
+            rows.append(row)
+        recorded = f"recorded {origin['created']} by `{' '.join(origin['command'])}`"
+        if git:
+            edited = " with edits" if git.get("dirty") else ""
+            recorded += f" at git {str(git.get('commit'))[:10]}{edited}"
+        versions = {"minari": origin["minari"], **origin["versions"]}
+        return "\n".join(
+            [
+                str(self),
+                self.description,
+                recorded,
+                ", ".join(f"{name} {one}" for name, one in versions.items()),
+                ", ".join(
+                    f"{name} {one}" for name, one in origin["arithmetic"].items()
+                ),
+                "",
+                text_table(Table.of(rows)),
+            ]
+        )
 
     def check(self, numbers: Iterable[int]) -> None:
         """Raise ValueError unless these episodes exist."""

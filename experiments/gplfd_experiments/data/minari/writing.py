@@ -13,9 +13,8 @@ import h5py
 import minari
 from minari.serialization import serialize_space
 
-from gplfd_experiments.data.minari.episode import RecordedEpisode, flat
-from gplfd_experiments.data.minari.physics import model_hash
-from gplfd_experiments.files.folders import complete_folder
+from gplfd_experiments.data.minari.episode import RecordedEpisode, flat, model_hash
+from gplfd_experiments.files.folders import check_replaceable, complete_folder
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import provenance
 from gplfd_policies.arrays.storage import complete_or_absent
@@ -75,15 +74,8 @@ def write_dataset(
             f"{target}: a data set's folder is named after its Minari id, letters, "
             "digits, _ and - with a version at the end, for example door-opening-v0"
         )
-    if target.exists():
-        if not (target / DATA / METADATA_FILE).is_file():
-            raise ValueError(
-                f"{target} exists and is not a data set; give another folder"
-            )
-        if not overwrite:
-            raise ValueError(
-                f"{target} exists; give another folder, or --overwrite to replace it"
-            )
+    mark = f"{DATA}/{METADATA_FILE}"
+    check_replaceable(target, mark, "data set", overwrite=overwrite)
     spec = env.spec
     if spec is None:
         raise ValueError("the environment must be made by gym.make to be made again")

@@ -1,8 +1,6 @@
 """From motions as files have them to demonstrations that can be learned from.
 
-`prepare` mends samples, finds repetitions, adds the hand's offset, filters noise, cuts
-rests at the ends, changes the frame and resamples. Every step notes what it did or
-noticed.
+Every step of the preparation notes what it did or noticed.
 """
 
 import warnings
@@ -12,11 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_experiments.data.preparation.frames import (
-    in_frame,
-    offset_by,
-    suspicious_order,
-)
+from gplfd_experiments.data.preparation import frames, timing
 from gplfd_experiments.data.preparation.samples import (
     Note,
     Notes,
@@ -25,13 +19,6 @@ from gplfd_experiments.data.preparation.samples import (
     without_spikes,
 )
 from gplfd_experiments.data.preparation.settings import Preparation
-from gplfd_experiments.data.preparation.timing import (
-    at_rate,
-    check_gaps,
-    filtered,
-    outliers,
-    repetitions,
-)
 from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.one_thread import one_thread
@@ -45,6 +32,8 @@ _MOST_SAMPLES: Final = 10**6
 """Samples that are made of all motions together; an hour at 100 Hz has 360,000."""
 _MOST_MADE: Final = 20  # Or so many times as many as were recorded, if that is more.
 _COMPARED: Final = 100  # Samples on which motions are compared.
+
+__all__ = ["Motion", "Preparation", "prepare"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -72,15 +61,12 @@ def prepare(
     *,
     recorded_rate: float | None = None,
 ) -> tuple[Motion, ...]:
-    """Make demonstrations of motions.
+    """Make demonstrations of motions, each with notes of what was done and noticed.
 
     Args:
         recordings: As their files have them.
         settings: What is to be done.
         recorded_rate: Samples per second of motions without time stamps [Hz].
-
-    Returns:
-        The motions, in order, each with notes of what was done and noticed.
 
     Raises:
         ValueError: A motion cannot be used; the message names it and says why.
@@ -97,7 +83,7 @@ def prepare(
         samples = without_spikes(samples, notes)
         name = raw.name
         try:
-            parts = repetitions(samples, settings.segments, notes)
+            parts = timing.repetitions(samples, settings.segments, notes)
             for number, part in enumerate(parts, start=1):
                 name = raw.name if len(parts) == 1 else f"{raw.name} #{number}"
                 motions.append(_motion(name, part, settings, notes, left))
@@ -118,8 +104,8 @@ def prepare(
             n_samples=_COMPARED,
             trim_rests=False,
         )
-    unlike = Note(text="unlike the others: look at it", warning=True)
-    for place in outliers(list(aligned.poses)):
+    unlike = Note("unlike the others: look at it", warning=True)
+    for place in timing.outliers(list(aligned.poses)):
         odd = motions[place]
         motions[place] = replace(odd, notes=(*odd.notes, unlike))
     return tuple(motions)
@@ -129,8 +115,8 @@ def _motion(
     name: str, recorded: Samples, settings: Preparation, notes: Notes, most: int
 ) -> Motion:
     """Prepare one repetition, of at most so many samples."""
-    check_gaps(recorded, settings.largest_gap, notes)
-    samples = offset_by(recorded, settings.offset)
+    timing.check_gaps(recorded, settings.largest_gap, notes)
+    samples = frames.offset_by(recorded, settings.offset)
     span = float(np.ptp(samples.poses[:, :3], axis=0).max())
     if span > _LARGE:
         unit = "millimetres" if span > 100.0 * _LARGE else "centimetres"
@@ -138,9 +124,9 @@ def _motion(
     elif span < _SMALL:
         notes.warn(f"it spans {1e3 * span:.2g} mm: is the unit right? say --units")
     has_orientations = np.ptp(samples.poses[:, 3:], axis=0).any()
-    if has_orientations and (order := suspicious_order(samples.poses)):
+    if has_orientations and (order := frames.suspicious_order(samples.poses)):
         notes.warn(order)
-    samples = filtered(samples, settings.cutoff, notes)
+    samples = timing.filtered(samples, settings.cutoff, notes)
     if settings.trim_rests:
         start, end = moving_span(_demonstration(samples))
         kept = (samples.times >= start) & (samples.times <= end)
@@ -151,8 +137,8 @@ def _motion(
                 "cut"
             )
             samples = samples[kept]
-    samples, radius = in_frame(samples, settings.frame, notes)
-    samples = at_rate(samples, settings.rate, most)
+    samples, radius = frames.in_frame(samples, settings.frame, notes)
+    samples = timing.at_rate(samples, settings.rate, most)
     return Motion(
         name=name,
         demonstration=_demonstration(samples),

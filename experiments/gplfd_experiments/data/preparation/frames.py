@@ -1,8 +1,8 @@
 """Frames of motions: the hand's offset, what poses are relative to, and door hinges."""
 
 import math
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -30,8 +30,7 @@ _IN_TIME: Final = 0.12
 angle. The nine people have 0.02 to 0.10."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Hinge:
+class Hinge(NamedTuple):
     """A circle in space that a hand went along."""
 
     centre: FloatArray
@@ -47,9 +46,7 @@ class Hinge:
 
 
 def find_hinge(positions: FloatArray) -> Hinge:
-    """Fit a circle to positions of a hand [m], (N, 3).
-
-    The plane is that of least squares; in it the circle's distances are least squares.
+    """Fit a circle to positions of a hand [m], (N, 3), by least squares in a plane.
 
     Raises:
         ValueError: The arc is too short, or the motion is not round.
@@ -103,9 +100,6 @@ def suspicious_order(poses: FloatArray) -> str | None:
     """Return a warning if another order of quaternions fits a hand on a hinge better.
 
     Only a motion on a circle can tell: there the hand turns as it goes round.
-
-    Args:
-        poses: Positions [m] and quaternions, the scalar first, (N, 7).
     """
     try:
         hinge = find_hinge(poses[:, :3])
@@ -141,12 +135,7 @@ def suspicious_order(poses: FloatArray) -> str | None:
 
 
 def offset_by(samples: Samples, offset: Transform | None) -> Samples:
-    """Return the motion of an object from that of a tracker fixed to it.
-
-    Args:
-        samples: Of the tracker.
-        offset: The object's pose in the tracker's frame; None if they are one.
-    """
+    """Return the motion of an object with a pose in the frame of the hand recorded."""
     if offset is None:
         return samples
     positions, rotations = _parts(samples.poses)
@@ -157,14 +146,7 @@ def offset_by(samples: Samples, offset: Transform | None) -> Samples:
 def in_frame(
     samples: Samples, frame: FrameName | Transform, notes: Notes
 ) -> tuple[Samples, float | None]:
-    """Express a motion in a frame, see `Preparation.frame`.
-
-    Returns:
-        The motion; and the radius of the hinge [m] if one was found.
-
-    Raises:
-        ValueError: No hinge can be found.
-    """
+    """Return a motion in a `Preparation.frame`, and the radius of its hinge [m]."""
     if frame == "recorded":
         return samples, None
     positions, rotations = _parts(samples.poses)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -21,12 +21,10 @@ _OUTLYING: Final = 10.0  # A jump is so many times as long as the usual step.
 _LONGEST_SPIKE: Final = 5  # Samples between a jump and the jump back.
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Note:
-    """What a step of the preparation did or noticed."""
+class Note(NamedTuple):
+    """What a step of the preparation did or noticed, in words and numbers."""
 
     text: str
-    """In words, with numbers."""
     warning: bool = False
     """Whether a person should look at it."""
 
@@ -36,11 +34,11 @@ class Notes(list[Note]):
 
     def add(self, text: str) -> None:
         """Note what was done."""
-        self.append(Note(text=text))
+        self.append(Note(text))
 
     def warn(self, text: str) -> None:
         """Note what a person should look at."""
-        self.append(Note(text=text, warning=True))
+        self.append(Note(text, warning=True))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -74,14 +72,8 @@ def usable(
 ) -> Samples:
     """Return the usable samples of a motion, in metres and in order of time.
 
-    Args:
-        raw: The motion.
-        units: Unit of its positions; None for what it says, else metres.
-        recorded_rate: Its samples per second [Hz], where it has no time stamps.
-        notes: To which what was done and noticed is added.
-
     Raises:
-        ValueError: It has no time stamps and no rate is given, too few samples are
+        ValueError: It has no time stamps and no rate is given [Hz], too few samples are
             usable, or what should be quaternions are none.
     """
     for text in raw.notes:
@@ -129,22 +121,8 @@ def usable(
             [raw.positions * METRES[units or raw.unit or "m"], quaternions]
         ),
         signals={name: _filled(times, array) for name, array in raw.signals.items()},
-    )
-    return _in_order(raw.name, samples[there], notes)
-
-
-def _filled(times: FloatArray, signal: FloatArray) -> FloatArray:
-    """Interpolate a signal's missing samples."""
-    filled = np.array(signal)
-    for column in filled.T:
-        known = np.isfinite(column) & np.isfinite(times)
-        if known.any() and not known.all():
-            column[:] = np.interp(times, times[known], column[known])
-    return np.nan_to_num(filled)
-
-
-def _in_order(name: str, samples: Samples, notes: Notes) -> Samples:
-    """Sort by time from the first sample, without repeated stamps and changed signs."""
+    )[there]
+    # In order of time, without repeated stamps.
     backwards = int(np.count_nonzero(np.diff(samples.times) < 0.0))
     if backwards:
         samples = samples[np.argsort(samples.times, kind="stable")]
@@ -156,11 +134,11 @@ def _in_order(name: str, samples: Samples, notes: Notes) -> Samples:
         )
         samples = samples[first]
     if len(samples.times) < 2:
-        raise ValueError(f"{name}: all samples have the same time stamp")
+        raise ValueError(f"{raw.name}: all samples have the same time stamp")
     times = samples.times - samples.times[0]
     if not times[-1] <= samples.step * max(_MOST_STEPS, 4 * len(times)):
         raise ValueError(
-            f"{name}: time stamps span {times[-1]:.3g} s in steps of usually "
+            f"{raw.name}: time stamps span {times[-1]:.3g} s in steps of usually "
             f"{samples.step:.3g} s; look at the first and the last, and at the unit"
         )
     # Of a quaternion's two signs, the one that is close to the sample before.
@@ -172,6 +150,16 @@ def _in_order(name: str, samples: Samples, notes: Notes) -> Samples:
     signs = np.concatenate([[1.0], np.cumprod(changes)])
     poses = np.hstack([samples.poses[:, :3], quaternions * signs[:, None]])
     return replace(samples, times=times, poses=poses)
+
+
+def _filled(times: FloatArray, signal: FloatArray) -> FloatArray:
+    """Interpolate a signal's missing samples."""
+    filled = np.array(signal)
+    for column in filled.T:
+        known = np.isfinite(column) & np.isfinite(times)
+        if known.any() and not known.all():
+            column[:] = np.interp(times, times[known], column[known])
+    return np.nan_to_num(filled)
 
 
 def without_spikes(samples: Samples, notes: Notes) -> Samples:

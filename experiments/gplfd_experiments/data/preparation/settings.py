@@ -2,18 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 Transform = tuple[float, float, float, float, float, float, float]
 """A pose as x, y, z [m] and a quaternion qw, qx, qy, qz, the scalar first."""
-
 FrameName = Literal["first-pose", "recorded", "hinge"]
-"""Frames that need no numbers, see `Preparation.frame`."""
-
 Segments = Literal["none", "rests", "turns"] | tuple[tuple[float, float], ...]
-"""How a motion is divided into repetitions, see `Preparation.segments`."""
 
-FRAMES: Final = ("first-pose", "recorded", "hinge")
 _LARGEST: Final = 1e5  # Of a rate or a cut-off [Hz], and of a gap [s].
 _NORM_TOLERANCE: Final = 0.05
 
@@ -29,16 +24,14 @@ class Preparation:
     units: str | None = None
     """Unit of the recorded positions; None for what the file says, else metres."""
     offset: Transform | None = None
-    """Pose of the object that is to be moved in the frame that was recorded: from the
-    tracker on the glove to the handle in the hand. None for none."""
+    """Pose of the moved object in the recorded frame, such as from a glove's tracker
+    to the handle in the hand."""
     frame: FrameName | Transform = "first-pose"
-    """Frame of the result. "first-pose": each motion relative to its own first pose.
-    "recorded": as recorded. "hinge": of a door, whose hinge is found from the motion.
-    Or the pose of the task's frame in the recorded one."""
+    """Frame of the result: each motion's first pose, the recorded frame, that of a
+    door whose hinge is found from the motion, or a pose in the recorded frame."""
     segments: Segments = "none"
-    """Repetitions in a motion. "none": the whole is one. "rests": what lies between
-    rests, without motions back. "turns": what lies between turns, the same. Or start
-    and end of each since the first sample [s]."""
+    """Repetitions in a motion: the whole, or what lies between rests or turns without
+    motions back, or start and end of each since the first sample [s]."""
     trim_rests: bool = True
     """Whether rests at both ends are cut to those of a gentle motion."""
     cutoff: float | None = 10.0
@@ -70,9 +63,10 @@ class Preparation:
                 raise ValueError(f"{name} = {pose} must be finite")
             unit = (*pose[:3], *(part / norm for part in pose[3:]))
             object.__setattr__(self, name, unit)
-        if isinstance(self.frame, str) and self.frame not in FRAMES:
+        frames = get_args(FrameName)
+        if isinstance(self.frame, str) and self.frame not in frames:
             raise ValueError(
-                f"frame {self.frame!r} must be one of {', '.join(FRAMES)}, or a pose "
+                f"frame {self.frame!r} must be one of {', '.join(frames)}, or a pose "
                 "x,y,z,qw,qx,qy,qz"
             )
         if isinstance(self.segments, str):

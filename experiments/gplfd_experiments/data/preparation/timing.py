@@ -1,8 +1,8 @@
 """Repetitions, gaps, filtering and resampling of a motion."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -41,16 +41,18 @@ def repetitions(samples: Samples, how: Segments, notes: Notes) -> list[Samples]:
         return _between_rests(samples, notes)
     if how == "turns":
         return _between_turns(samples, notes)
-    parts = []
-    for start, end in how:
-        inside = (samples.times >= start) & (samples.times <= end)
-        if np.count_nonzero(inside) < 2:
+    parts = [_between(samples, start, end) for start, end in how]
+    for part, (start, end) in zip(parts, how, strict=True):
+        if len(part.times) < 2:
             raise ValueError(
                 f"there are no samples from {start:g} to {end:g} s after the first; "
                 f"the recording lasts {samples.times[-1]:.3f} s"
             )
-        parts.append(samples[inside])
     return parts
+
+
+def _between(samples: Samples, start: float, end: float) -> Samples:
+    return samples[(samples.times >= start) & (samples.times <= end)]
 
 
 def _between_rests(samples: Samples, notes: Notes) -> list[Samples]:
@@ -74,27 +76,14 @@ def _between_rests(samples: Samples, notes: Notes) -> list[Samples]:
             spans[-1][1] = end
         else:
             spans.append([start, end])
-    parts = []
-    for start, end in spans:
-        inside = samples.times >= start - _MARGIN
-        inside &= samples.times <= end + _MARGIN
-        parts.append(samples[inside])
+    parts = [_between(samples, a - _MARGIN, b + _MARGIN) for a, b in spans]
     # Those that are long enough, in the direction of the first.
-    ways = [
-        float(np.linalg.norm(np.diff(part.poses, axis=0), axis=1).sum())
-        for part in parts
-    ]
-    ahead = [
-        part
-        for part, way in zip(parts, ways, strict=True)
-        if way >= _LEAST_PATH * max(ways)
-    ]
+    ways = [np.linalg.norm(np.diff(p.poses, axis=0), axis=1).sum() for p in parts]
+    long = [way >= _LEAST_PATH * max(ways) for way in ways]
+    ahead = list(itertools.compress(parts, long))
     displacements = [part.poses[-1] - part.poses[0] for part in ahead]
-    forth = [
-        part
-        for part, displacement in zip(ahead, displacements, strict=True)
-        if displacement @ displacements[0] > 0.0
-    ]
+    same = [one @ displacements[0] > 0.0 for one in displacements]
+    forth = list(itertools.compress(ahead, same))
     text = f"{len(forth)} repetitions between rests"
     if len(forth) < len(ahead):
         text += f", {len(ahead) - len(forth)} motions back left out"
@@ -115,15 +104,15 @@ def _between_turns(samples: Samples, notes: Notes) -> list[Samples]:
     low, high = np.percentile(way, [5.0, 95.0])
     if not high > low:
         raise ValueError("positions stay where they are: nothing turns round there")
-    spans = list(pairwise(_turns(way, _TURNED_BACK * (high - low))))
+    spans = list(itertools.pairwise(_turns(way, _TURNED_BACK * (high - low))))
     lengths = np.array([way[last] - way[first] for first, last in spans])
     attempt = np.abs(lengths) >= _ATTEMPT * np.abs(lengths).max()
     whole = np.abs(lengths) >= _WHOLE * np.median(np.abs(lengths[attempt]))
     forth = whole & (lengths * lengths[np.argmax(whole)] > 0.0)
-    parts = []
-    for first, last in np.array(spans)[forth]:
-        inside = (samples.times >= clock[first]) & (samples.times <= clock[last])
-        parts.append(samples[inside])
+    parts = [
+        _between(samples, clock[first], clock[last])
+        for first, last in np.array(spans)[forth]
+    ]
     text = f"{len(parts)} repetitions between turns"
     if back := np.count_nonzero(whole & ~forth):
         text += f", {back} motions back left out"
@@ -160,11 +149,7 @@ def _smoothed(samples: Samples) -> tuple[FloatArray, FloatArray]:
 
 
 def check_gaps(samples: Samples, largest: float, notes: Notes) -> None:
-    """Note gaps between samples.
-
-    Raises:
-        ValueError: One is longer than the largest that may be bridged [s].
-    """
+    """Note gaps between samples, or refuse one longer than the largest [s]."""
     steps = np.diff(samples.times)
     longest = int(np.argmax(steps))
     gap, when = float(steps[longest]), float(samples.times[longest])
@@ -181,10 +166,7 @@ def check_gaps(samples: Samples, largest: float, notes: Notes) -> None:
 def filtered(samples: Samples, cutoff: float | None, notes: Notes) -> Samples:
     """Filter poses and signals at equal steps, forwards and backwards.
 
-    Args:
-        samples: At any times.
-        cutoff: Frequency that is halved [Hz]; None to leave the samples as they are.
-        notes: To which it is added that samples are too few to be filtered.
+    The cut-off is the frequency that is halved [Hz], None to filter nothing.
     """
     if cutoff is None:
         return samples
@@ -205,15 +187,9 @@ def filtered(samples: Samples, cutoff: float | None, notes: Notes) -> Samples:
 
 
 def at_rate(samples: Samples, rate: float | None, most: int) -> Samples:
-    """Return the motion from time 0 at equal steps; as it is where no rate is given.
+    """Return the motion from time 0 at equal steps, of at most so many samples.
 
-    Args:
-        samples: At any times.
-        rate: Samples per second [Hz].
-        most: Samples that may be made.
-
-    Raises:
-        ValueError: There would be more.
+    Without a rate [Hz], it stays as it is.
     """
     if rate is None:
         return samples
@@ -258,12 +234,9 @@ def _unit(poses: FloatArray) -> FloatArray:
 def outliers(ways: Sequence[FloatArray]) -> list[int]:
     """Return the indices of motions that are far from the others.
 
-    Args:
-        ways: Poses of each at the same phases [m, rad], (M, 6).
-
-    Returns:
-        Those further from the median motion than 3.5 times what is usual (median
-        absolute deviation, as of a normal distribution) and twice the median distance.
+    They are further from the median motion than 3.5 times what is usual (median
+    absolute deviation, as of a normal distribution) and twice the median distance. The
+    motions are given by poses at the same phases [m, rad], (M, 6) each.
     """
     stacked = np.stack(ways)
     apart = np.linalg.norm(stacked - np.median(stacked, axis=0), axis=2).mean(axis=1)

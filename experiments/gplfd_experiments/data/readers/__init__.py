@@ -1,77 +1,70 @@
 """Readers of motion files: one module for each kind of file, one list of them all."""
 
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, Protocol
+from typing import Final
 
 from gplfd_env.validation.named import nearest_name
-from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.selection import Selection
+from gplfd_experiments.data.raw import RawRecording, Selection
 from gplfd_policies.arrays.storage import regular_file
 
-
-class Read(Protocol):
-    """The contract of every reader, ``read`` in its module.
-
-    It returns the motions in the order of the file, their names beginning with the
-    name of the file; units and time stamps are those of the file. It trusts nothing
-    in the file, and claims memory from a `DecodingBudget` before it allocates. Any
-    exception means that the file cannot be read, and its text says why.
-    """
-
-    def __call__(self, path: Path, selection: Selection) -> Sequence[RawRecording]:
-        """Read the motions that the selection chooses."""
-        ...
+__all__ = ["READERS", "Reader", "Selection", "read_recordings"]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Reader:
-    """How one kind of file is read."""
+    """How one kind of file is read.
+
+    The module has a function ``read(path, selection)`` that returns the motions in the
+    order of the file, their names beginning with the name of the file; units and time
+    stamps are those of the file. It trusts nothing in the file, and claims memory from
+    a `DecodingBudget` before it allocates. Any exception means that the file cannot be
+    read, and its text says why.
+    """
 
     summary: str
     """What it is called in a message."""
-    suffixes: tuple[str, ...]
-    """How such files end; none for folders."""
     module: str
-    """Module of this package with a `Read`; imported when needed, for it may need
-    libraries of its own."""
+    """Module of this package; imported when needed, for its libraries."""
+    suffixes: tuple[str, ...] = ()
+    """How such files end; none for folders."""
     marks: tuple[str, ...] = ()
     """A folder of this kind holds one of these."""
 
 
-def _file(summary: str, module: str, *suffixes: str) -> Reader:
-    return Reader(summary=summary, suffixes=suffixes, module=module)
-
-
-def _folder(summary: str, module: str, *marks: str) -> Reader:
-    return Reader(summary=summary, suffixes=(), module=module, marks=marks)
-
-
 READERS: Final[Mapping[str, Reader]] = MappingProxyType(
     {
-        "csv": _file(
-            "a table in a text file", "csv_tables", ".csv", ".tsv", ".txt", ".log"
+        "csv": Reader(
+            "a table in a text file", "csv_tables", (".csv", ".tsv", ".txt", ".log")
         ),
-        "numpy": _file("arrays of NumPy", "arrays", ".npz", ".npy"),
-        "matlab": _file("a MATLAB file", "matlab", ".mat"),
-        "mvnx": _file("a recording of Xsens MVN", "mvnx", ".mvnx"),
-        "bvh": _file("a Biovision hierarchy", "bvh", ".bvh"),
-        "c3d": _file("a C3D file", "c3d", ".c3d"),
+        "numpy": Reader("arrays of NumPy", "arrays", (".npz", ".npy")),
+        "matlab": Reader("a MATLAB file", "matlab", (".mat",)),
+        "mvnx": Reader("a recording of Xsens MVN", "mvnx", (".mvnx",)),
+        "bvh": Reader("a Biovision hierarchy", "bvh", (".bvh",)),
+        "c3d": Reader("a C3D file", "c3d", (".c3d",)),
         "ros": Reader(
-            summary="a bag of ROS",
+            "a bag of ROS",
+            "bags",
             suffixes=(".mcap", ".db3", ".bag"),
-            module="bags",
             marks=("metadata.yaml",),
         ),
-        "robomimic": _file("demonstrations of robomimic", "robomimic", ".hdf5", ".h5"),
-        "lerobot": _folder("a data set of LeRobot", "lerobot", "meta/info.json"),
-        "minari": _folder(
-            "a data set of gplfd demos record", "minari_episodes", "data/metadata.json"
+        "robomimic": Reader(
+            "demonstrations of robomimic", "robomimic", (".hdf5", ".h5")
         ),
-        "set": _folder("a set of demonstrations", "arrays", "demonstrations.npz"),
+        "lerobot": Reader(
+            "a data set of LeRobot", "lerobot", marks=("meta/info.json",)
+        ),
+        "minari": Reader(
+            "a data set of gplfd demos record",
+            "minari_episodes",
+            marks=("data/metadata.json",),
+        ),
+        "set": Reader(
+            "a set of demonstrations", "arrays", marks=("demonstrations.npz",)
+        ),
     }
 )
 """Every kind of file that is read."""
@@ -96,15 +89,15 @@ def read_recordings(path: str | Path, selection: Selection) -> list[RawRecording
     path = Path(path)
     suffix = path.suffix.lower()
     if path.is_dir():
-        fitting = [
+        found = [
             reader
             for reader in READERS.values()
             if any((path / mark).is_file() for mark in reader.marks)
         ]
     else:
         regular_file(path, "a recording in a regular file")
-        fitting = [one for one in READERS.values() if suffix in one.suffixes]
-    if not fitting:
+        found = [reader for reader in READERS.values() if suffix in reader.suffixes]
+    if not found:
         known = [suffix for reader in READERS.values() for suffix in reader.suffixes]
         marks = [mark for reader in READERS.values() for mark in reader.marks]
         what = "folder" if path.is_dir() else f"kind of file {suffix!r}"
@@ -112,11 +105,10 @@ def read_recordings(path: str | Path, selection: Selection) -> list[RawRecording
             f"{path}: unknown {what}{nearest_name(suffix, known)}; readable are "
             f"{', '.join(known)}, and folders with {', '.join(marks)}"
         )
-    reader = fitting[0]
+    reader = found[0]
     module = importlib.import_module(f"{__name__}.{reader.module}")
-    read: Read = module.read
     try:
-        recordings = read(path, selection)
+        recordings: list[RawRecording] = module.read(path, selection)
         if not recordings:
             raise ValueError("it holds no recording")
     except ModuleNotFoundError:
@@ -127,4 +119,4 @@ def read_recordings(path: str | Path, selection: Selection) -> list[RawRecording
         raise ValueError(
             f"{path} cannot be read as {reader.summary}: {reason:.600}"
         ) from error
-    return list(recordings)
+    return recordings

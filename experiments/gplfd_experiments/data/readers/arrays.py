@@ -1,27 +1,23 @@
 """Arrays by name: what .npz, .npy and .mat files have in common, and the first two.
 
-Understood are the columns of `readers.tables` as arrays (N,), the arrays of `GROUPS`
-(N, d), a set of `gplfd_policies.demonstrations.npz`, and with ``--columns`` one array
-(N, C) of columns, or (K, N, C) for K motions. Samples may also stand in columns, as
-MATLAB has them, where the shape leaves no doubt. An array of a .mat file is named by
-where it stands, ``demos{2}.pos``: cells and structures of one name are motions of one
-set.
+Understood are columns (N,), the arrays of `_GROUPS` (N, d), and with ``--columns`` one
+array (N, C), or (K, N, C) for K motions; transposed, too, where the shape leaves no
+doubt. The arrays of .mat files stand in cells and structures, ``demos{2}.pos``, of
+which those of one name are motions of one set.
 """
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.selection import Selection, chosen
+from gplfd_experiments.data.raw import RawRecording, Selection, chosen
 from gplfd_experiments.data.readers.tables import (
     FORCE,
-    NAMES,
     POSITION,
     ROTATION_VECTOR,
     named_columns,
@@ -36,21 +32,25 @@ from gplfd_policies.demonstrations.npz import KIND, load_demonstrations
 _Any = TypeVar("_Any")
 _Arrays = Mapping[str, FloatArray]
 
-_WXYZ: Final = ("qw", "qx", "qy", "qz")
-_XYZW: Final = ("qx", "qy", "qz", "qw")
-GROUPS: Final[Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
-    "times": (("times", "time", "t", "timestamps"), ("t",)),
-    "positions": (("positions", "position", "pos", "p", "xyz"), POSITION),
-    "rotvecs": (("rotvecs", "rotvec", "rotation_vectors"), ROTATION_VECTOR),
-    "wxyz": (("quaternions_wxyz", "quat_wxyz", "q_wxyz"), _WXYZ),
-    "xyzw": (("quaternions_xyzw", "quat_xyzw", "q_xyzw"), _XYZW),
-    "quaternions": (("quaternions", "quaternion", "quat", "q"), ()),
-    "force": (("force", "forces", "wrench", "wrenches"), FORCE),
-    "gripper": (("gripper",), ("gripper",)),
+_ORDERS: Final = {
+    "wxyz": ("qw", "qx", "qy", "qz"),
+    "xyzw": ("qx", "qy", "qz", "qw"),
 }
+_TIMES: Final = ("times", "time", "t", "timestamps")
+_POSITIONS: Final = ("positions", "position", "pos", "p", "xyz")
+_QUATERNIONS: Final = ("quaternions", "quaternion", "quat", "q")
+_GROUPS: Final[tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]] = (
+    (_TIMES, ("t",)),
+    (_POSITIONS, POSITION),
+    (("rotvecs", "rotvec", "rotation_vectors"), ROTATION_VECTOR),
+    (("quaternions_wxyz", "quat_wxyz", "q_wxyz"), _ORDERS["wxyz"]),
+    (("quaternions_xyzw", "quat_xyzw", "q_xyzw"), _ORDERS["xyzw"]),
+    (("force", "forces", "wrench", "wrenches"), FORCE),
+    (("gripper",), ("gripper",)),
+)
 """Arrays that are understood: their names, and the columns that they hold."""
 
-_COLUMNS: Final = {key: columns for keys, columns in GROUPS.values() for key in keys}
+_COLUMNS: Final = {name: columns for names, columns in _GROUPS for name in names}
 _INDEX: Final = re.compile(r"(\{\d+\}|\(\d+\))")
 
 
@@ -78,12 +78,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
 def recordings(
     name: str, arrays: Mapping[str, NDArray[Any]], selection: Selection
 ) -> list[RawRecording]:
-    """Return the motions that named arrays hold.
-
-    Args:
-        name: Of the file.
-        arrays: By name, of any kind and shape.
-        selection: The array to take, its columns, the order of quaternions.
+    """Return the motions that the named arrays of a file hold.
 
     Raises:
         ValueError: No motion can be found in them.
@@ -133,7 +128,7 @@ def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
 
     def has_positions(fields: _Arrays) -> bool:
         return any(
-            understood(field)[0] == "x" or field.lower() in GROUPS["positions"][0]
+            understood(field)[0] == "x" or field.lower() in _POSITIONS
             for field in fields
         )
 
@@ -159,37 +154,35 @@ def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
 
 def _from_names(name: str, arrays: _Arrays, selection: Selection) -> RawRecording:
     """Return the motion in arrays whose names are understood."""
-    columns: dict[str, FloatArray] = {}
-    units: dict[str, str | None] = {}
+    columns: dict[str, tuple[FloatArray, str | None]] = {}
     for key, array in arrays.items():
         short, unit = understood(key)
-        names = (short,) if short in NAMES else _COLUMNS.get(key.lower(), ())
-        if key.lower() in GROUPS["quaternions"][0]:
+        names = (short,) if short else _COLUMNS.get(key.lower(), ())
+        if key.lower() in _QUATERNIONS:
             if selection.quaternions is None:
                 raise ValueError(
                     f"it does not say where the scalar part of {key!r} stands: say "
                     "--quaternions wxyz or --quaternions xyzw"
                 )
-            names = _WXYZ if selection.quaternions == "wxyz" else _XYZW
+            names = _ORDERS[selection.quaternions]
         if not names:
             continue
-        rows = _as_rows(key, array, len(names))
         # There may be fewer columns, of positions without z.
+        rows = _as_rows(key, array, len(names))
         for column, values in zip(names, rows.T, strict=False):
             if column in columns:
                 raise ValueError(f"it has two arrays for {column}, one is {key!r}")
-            columns[column] = values
-            units[column] = unit
+            columns[column] = (values, unit)
     if not {"x", "y"} <= set(columns):
         raise ValueError(f"{name} has x and no y: it has {_listed(arrays)}")
-    lengths = {column: len(values) for column, values in columns.items()}
+    lengths = {column: len(values) for column, (values, _) in columns.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"its arrays differ in length: {lengths}")
     untimed = (
         f": its arrays are {_listed(arrays)}. If one of them has the times, name it, "
         "for example --body POSITIONS,TIMES --columns x,y,z,t. Otherwise"
     )
-    return recording(name, columns, units, selection, untimed)
+    return recording(name, columns, selection, untimed)
 
 
 def _as_rows(key: str, array: FloatArray, width: int) -> FloatArray:
@@ -244,30 +237,27 @@ def _from_columns(
     for keys in zip(*groups, strict=True):
         label = file if len(groups[0]) == 1 else f"{file}: {keys[0]}"
         times = _times_beside(keys[0], numbers)
-        table = _side_by_side([numbers[key] for key in keys])
-        tables = (
-            {label: table}
-            if table.ndim == 2
-            else {f"{label}[{number}]": one for number, one in enumerate(table)}
-        )
-        for name, array in tables.items():
-            turned = array.shape[1] != len(heads) == array.shape[0]
-            one = array.T if turned else array
-            if one.shape[1] != len(heads):
+        whole = _side_by_side([numbers[key] for key in keys])
+        tables = {label: whole}
+        if whole.ndim == 3:
+            tables = {f"{label}[{number}]": one for number, one in enumerate(whole)}
+        for name, one in tables.items():
+            turned = one.shape[1] != len(heads) == one.shape[0]
+            table = one.T if turned else one
+            if table.shape[1] != len(heads):
                 raise ValueError(
-                    f"the array has {one.shape[1]} columns, and --columns names "
+                    f"the array has {table.shape[1]} columns, and --columns names "
                     f"{len(heads)}"
                 )
-            named = named_columns(heads, "--columns")
-            columns = {column: one[:, place] for column, (place, _) in named.items()}
-            units = {column: unit for column, (_, unit) in named.items()}
-            if times is not None and "t" not in columns and len(times) == len(one):
-                columns["t"] = times
-            found.append(recording(name, columns, units, selection))
+            places = named_columns(heads, "--columns")
+            columns = {key: (table[:, at], unit) for key, (at, unit) in places.items()}
+            if times is not None and len(times) == len(table):
+                columns.setdefault("t", (times, None))
+            found.append(recording(name, columns, selection))
     return found
 
 
-def _side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
+def _side_by_side(arrays: list[FloatArray]) -> FloatArray:
     """Return the columns of all arrays as one, (N, C) or (K, N, C)."""
     if len(arrays) == 1:
         return arrays[0]
@@ -275,9 +265,7 @@ def _side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
     tables = []
     for array in arrays:
         table = array[:, None] if array.ndim == 1 else array
-        if table.ndim == 2 and len(table) != rows:
-            table = table.T
-        tables.append(table)
+        tables.append(table.T if table.ndim == 2 and len(table) != rows else table)
     if len({table.shape[:-1] for table in tables}) > 1:
         shapes = ", ".join(str(array.shape) for array in arrays)
         raise ValueError(f"arrays of shapes {shapes} have not the same samples")
@@ -289,8 +277,8 @@ def _times_beside(key: str, numbers: _Arrays) -> FloatArray | None:
     where, _, index = _parted(key)
     for name, array in numbers.items():
         there, field, own = _parted(name)
-        beside = there == where and own in ("", index)
         is_vector = array.size == max(array.shape, default=0)
-        if beside and is_vector and field.lower() in GROUPS["times"][0]:
+        beside = there == where and own in ("", index)
+        if beside and is_vector and field.lower() in _TIMES:
             return array.reshape(-1)
     return None

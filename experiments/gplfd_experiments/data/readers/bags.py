@@ -1,9 +1,7 @@
 """Bags of ROS 2 and ROS 1: poses, joint states by forward kinematics, and wrenches.
 
-Read are MCAP and SQLite files, folders with metadata.yaml, and .bag files. The hand is
-a topic of PoseStamped, TransformStamped, TFMessage (``/tf:child_frame``), Odometry, or,
-with a URDF and a link, JointState. The only topic of WrenchStamped, if there is one,
-becomes the force, on the clock of the poses. Stamps are those of the messages' headers.
+The hand is a topic of poses, transforms (``/tf:child_frame``) or, with a URDF and a
+link, joint states. The only topic of WrenchStamped becomes the force, on its clock.
 """
 
 import bz2
@@ -11,7 +9,7 @@ import contextlib
 import io
 import os
 from array import array
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,8 +19,7 @@ from unittest.mock import patch
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.selection import Selection, chosen
+from gplfd_experiments.data.raw import RawRecording, Selection, chosen
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.arrays.storage import DecodingBudget, decompressed, regular_file
@@ -43,36 +40,34 @@ _TRANSFORMS: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _USUAL_TYPES: Final = get_typestore(Stores.ROS2_HUMBLE)
 """Types of messages for bags that do not describe theirs."""
 
-Row = tuple[float, ...]
+_Row = tuple[float, ...]
 """Position [m] and quaternion, the scalar first; or force [N] and torque [N m]."""
 
 
-def _row(p: Any, q: Any) -> Row:
+def _pose(message: Any) -> _Row:
+    """Return the pose in a message, however many times it is wrapped."""
+    while hasattr(message, "pose"):
+        message = message.pose
+    if hasattr(message, "transform"):
+        p, q = message.transform.translation, message.transform.rotation
+    else:
+        p, q = message.position, message.orientation
     return (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
 
 
-def _pose(message: Any) -> Row:
-    return _row(message.position, message.orientation)
-
-
-def _transform(message: Any) -> Row:
-    return _row(message.transform.translation, message.transform.rotation)
-
-
-POSES: Final[Mapping[str, Callable[[Any], Row]]] = {
-    "geometry_msgs/msg/PoseStamped": lambda message: _pose(message.pose),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: _pose(m.pose.pose),
-    "geometry_msgs/msg/TransformStamped": _transform,
-    "nav_msgs/msg/Odometry": lambda message: _pose(message.pose.pose),
-}
-"""Types of messages that hold a pose, and how to take it."""
+_POSES: Final = (
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/TransformStamped",
+    "nav_msgs/msg/Odometry",
+)
+"""Types of messages that hold a pose."""
 
 
 class _BoundedReader(io.BufferedReader):
     """Reserves no more memory for a read than the file can fill."""
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Read so many bytes, or as many as there are."""
         rest = max(0, os.fstat(self.fileno()).st_size - self.tell())
         return super().read(rest if size is None or size < 0 else min(size, rest))
 
@@ -81,7 +76,6 @@ class _BoundedPath(type(Path())):  # type: ignore[misc]
     """A path whose file is opened as `_BoundedReader`."""
 
     def open(self, mode: str = "r", *arguments: Any, **options: Any) -> Any:
-        """Open the file."""
         if mode == "rb":
             return _BoundedReader(io.FileIO(self, "rb"))
         return super().open(mode, *arguments, **options)
@@ -100,7 +94,6 @@ class _BoundedStream:
         self._stream.close()
 
     def read(self, size: int) -> bytes:
-        """Read so many bytes, or fewer at the end."""
         content: bytes = self._stream.read(size)
         self._budget.claim(len(content), "a compressed file")
         return content
@@ -115,14 +108,15 @@ def _bounded_decompression(size: int) -> Iterator[None]:
     """
     budget = DecodingBudget(size)
     zstd = vars(rosbag2)["zstd"]
-
-    def chunk(make: Callable[[], Any]) -> Callable[[bytes, int], bytes]:
-        return lambda data, claimed: decompressed(data, make, budget, "a chunk")
+    lz4_frame = lz4.frame.LZ4FrameDecompressor
 
     def stored(data: bytes, claimed: int) -> bytes:
         # An index may name one chunk many times.
         budget.claim(len(data), "a chunk")
         return data
+
+    def ros2(make: Callable[[], Any]) -> Callable[[bytes, int], bytes]:
+        return lambda data, claimed: decompressed(data, make, budget, "a chunk")
 
     def ros1(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
         # Where topics interleave, one chunk is decompressed many times and dropped
@@ -133,33 +127,22 @@ def _bounded_decompression(size: int) -> Iterator[None]:
         # A generated column holds values that are not in the file.
         connection.limit(apsw.SQLITE_LIMIT_LENGTH, min(budget.left, 2**31 - 1))
 
+    mcap_chunks = {
+        "": stored,
+        "lz4": ros2(lz4_frame),
+        "zstd": ros2(zstd.ZstdDecompressor),
+    }
+    ros1_chunks = {"bz2": ros1(bz2.BZ2Decompressor), "lz4": ros1(lz4_frame)}
+    messages_and_files = SimpleNamespace(
+        decompress=lambda data: decompressed(
+            data, zstd.ZstdDecompressor, budget, "a message"
+        ),
+        open=lambda file, mode: _BoundedStream(zstd.open(file, mode), budget),
+    )
     with (
-        patch.object(
-            mcap,
-            "DECOMPRESSORS",
-            {
-                "": stored,
-                "lz4": chunk(lz4.frame.LZ4FrameDecompressor),
-                "zstd": chunk(zstd.ZstdDecompressor),
-            },
-        ),
-        patch.dict(
-            rosbag1.decompressors,
-            {
-                "bz2": ros1(bz2.BZ2Decompressor),
-                "lz4": ros1(lz4.frame.LZ4FrameDecompressor),
-            },
-        ),
-        patch.object(
-            rosbag2,
-            "zstd",
-            SimpleNamespace(
-                decompress=lambda data: decompressed(
-                    data, zstd.ZstdDecompressor, budget, "a message"
-                ),
-                open=lambda file, mode: _BoundedStream(zstd.open(file, mode), budget),
-            ),
-        ),
+        patch.object(mcap, "DECOMPRESSORS", mcap_chunks),
+        patch.dict(rosbag1.decompressors, ros1_chunks),
+        patch.object(rosbag2, "zstd", messages_and_files),
         patch.object(apsw, "connection_hooks", [*apsw.connection_hooks, limit_values]),
     ):
         yield
@@ -172,20 +155,17 @@ class _Track:
     stamps: "array[int]" = field(default_factory=lambda: array("q"))
     values: "array[float]" = field(default_factory=lambda: array("d"))
 
-    def add(self, message: Any, logged: int, row: Row) -> None:
+    def add(self, message: Any, logged: int, row: _Row) -> None:
         """Add a row with its message's stamp, or when it was logged if it has none."""
         stamp = message.header.stamp
         self.stamps.append(int(stamp.sec) * 10**9 + int(stamp.nanosec) or logged)
         self.values.extend(row)
 
-    def times(self) -> FloatArray:
-        """Return the times since the first stamp [s]."""
+    def arrays(self) -> tuple[FloatArray, FloatArray]:
+        """Return the times since the first stamp [s], (N,), and the rows, (N, d)."""
         stamps = np.frombuffer(self.stamps, dtype=np.int64)
-        return np.asarray((stamps - self.stamps[0]) * 1e-9)
-
-    def rows(self) -> FloatArray:
-        """Return the rows, (N, d)."""
-        return np.frombuffer(self.values).reshape(len(self.stamps), -1)
+        rows = np.frombuffer(self.values).reshape(len(stamps), -1)
+        return np.asarray((stamps - stamps[0]) * 1e-9), rows
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
@@ -200,7 +180,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     ):
         # The topic of the hand, and the frame in it where it has several.
         topics = {one.topic: one.msgtype for one in bag.connections}
-        known = {*POSES, _JOINTS, *_TRANSFORMS}
+        known = {*_POSES, _JOINTS, *_TRANSFORMS}
         moving = {name: kind for name, kind in topics.items() if kind in known}
         if not moving:
             listed = ", ".join(f"{name} ({kind})" for name, kind in topics.items())
@@ -213,7 +193,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         topic, kind = chosen(wanted, moving, "topic", file=path.name)
         forces = [name for name, held in topics.items() if held == _WRENCH]
         force = forces[0] if len(forces) == 1 else None
-        take = POSES.get(kind, _transform)
+        take: Callable[[Any], _Row] = _pose
         if kind == _JOINTS:
             take = _forward_kinematics(selection.urdf, selection.link)
         needed = [one for one in bag.connections if one.topic in (topic, force)]
@@ -239,16 +219,15 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             f"topic {topic} has no frame {child!r}" if child else "say which frame"
         )
         raise ValueError(f"{problem}: --body {topic}:FRAME, of {listed}")
-    poses, times = hand.rows(), hand.times()
+    times, poses = hand.arrays()
     signals = {}
     if wrench.stamps:
         # On the clock of the poses.
-        clock = wrench.times()
+        clock, rows = wrench.arrays()
         order = np.argsort(clock, kind="stable")
         clock = clock[order] + (wrench.stamps[0] - hand.stamps[0]) * 1e-9
-        columns = wrench.rows()[order].T
         signals["force"] = np.column_stack(
-            [np.interp(times, clock, column) for column in columns]
+            [np.interp(times, clock, column) for column in rows[order].T]
         )
     return [
         RawRecording(
@@ -262,7 +241,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     ]
 
 
-def _forward_kinematics(urdf: Path | None, link: str | None) -> Callable[[Any], Row]:
+def _forward_kinematics(urdf: Path | None, link: str | None) -> Callable[[Any], _Row]:
     """Return what makes the pose of a robot's link from a joint state.
 
     Joints that a message does not name keep their last position, zero at first.
@@ -285,7 +264,7 @@ def _forward_kinematics(urdf: Path | None, link: str | None) -> Callable[[Any], 
         raise ValueError(f"{urdf.name} has no link {link!r}; it has {links}")
     positions = dict.fromkeys(robot.actuated_joint_names, 0.0)
 
-    def pose(message: Any) -> Row:
+    def pose(message: Any) -> _Row:
         known = dict(zip(message.name, message.position, strict=True))
         if not known.keys() & positions.keys():
             raise ValueError(

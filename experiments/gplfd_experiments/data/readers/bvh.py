@@ -1,7 +1,6 @@
 """Biovision hierarchies (.bvh): one joint of a skeleton, by its forward kinematics.
 
-The file says no unit of length; degrees are its unit of angle. Axes are those of the
-file, of which y is usually up. Positions in the frames replace a joint's OFFSET.
+The file says no unit of length. Positions in the frames replace a joint's OFFSET.
 """
 
 import math
@@ -13,18 +12,14 @@ from typing import Final, TextIO
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.selection import Selection, chosen
+from gplfd_experiments.data.raw import RawRecording, Selection, chosen
 from gplfd_experiments.files.arrays import FloatArray
 
-DEFAULT_JOINTS: Final = ("RightHand", "RightWrist")
+_DEFAULT_JOINTS: Final = ("RightHand", "RightWrist")
 """What moves where nothing is said, the first that there is."""
-
 _MOST_JOINTS: Final = 1000
 _LONGEST_LINE: Final = 2**16
-_CHANNELS: Final = tuple(
-    f"{a}{what}" for what in ("position", "rotation") for a in "XYZ"
-)
+_CHANNELS: Final = {f"{a}{what}" for what in ("position", "rotation") for a in "XYZ"}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,8 +55,8 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         lines = _Lines(stream)
         try:
             joints, width = _hierarchy(lines)
-            known = [name for name in DEFAULT_JOINTS if name in joints]
-            wanted = selection.body or (known or DEFAULT_JOINTS)[0]
+            known = [name for name in _DEFAULT_JOINTS if name in joints]
+            wanted = selection.body or (known or _DEFAULT_JOINTS)[0]
             name, joint = chosen(wanted, joints, "joint", file=path.name)
             period, frames = _frames(lines, width)
         except StopIteration:

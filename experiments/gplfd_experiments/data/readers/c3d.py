@@ -1,12 +1,12 @@
 """C3D files of optical motion capture: a marker, or the rigid body of several.
 
-The format is read here and not by a library: on damaged files the usual one, written in
-C++, ends the process, or takes gigabytes (13 of 500). It serves the tests as an oracle.
-https://www.c3d.org/HTML/default.htm describes the format.
+https://www.c3d.org/HTML/default.htm describes the format. It is read here because on
+damaged files the usual library ends the process or takes gigabytes (13 of 500).
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.selection import Selection, chosen
+from gplfd_experiments.data.raw import RawRecording, Selection, chosen
 from gplfd_experiments.files.arrays import FloatArray
+
+_Decode = Callable[[bytes, str], NDArray[Any]]
+"""Returns the numbers in bytes, of a type of NumPy's without its order of bytes."""
 
 _BLOCK: Final = 512
 _MAGIC: Final = 0x50
+_INTEL, _DEC, _MIPS = 84, 85, 86  # Processors whose numbers a file may hold.
 _MOST_BLOCKS: Final = 255  # Of parameters; a byte counts them.
 _MOST_FRAMES: Final = 2**16 - 1
 """The header counts so far; then a parameter does, as a float."""
@@ -30,29 +33,13 @@ _RIGID: Final = 0.01
 _MOSTLY: Final = 0.5  # Share of the frames with all markers in which they do so.
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Processor:
-    """How the computer that wrote the file holds numbers."""
-
-    order: str
-    """Of bytes, "<" or ">"."""
-    vax: bool = False
-    """Whether floats are those of a VAX: the high word first, four times as large."""
-
-    def numbers(self, content: bytes, kind: str) -> NDArray[Any]:
-        """Return numbers of a type of NumPy's without its order, "i2" or "f4"."""
-        if kind == "f4" and self.vax:
-            words = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]
-            return np.asarray(words.copy().view("<f4").ravel() / np.float32(4.0))
-        return np.frombuffer(content, self.order + kind)
-
-
-_PROCESSORS: Final = {
-    84: _Processor(order="<"),
-    85: _Processor(order="<", vax=True),
-    86: _Processor(order=">"),
-}
-"""Intel, DEC and MIPS (SGI) by the code in a file."""
+def _numbers(processor: int, content: bytes, kind: str) -> NDArray[Any]:
+    """Return numbers as a processor holds them."""
+    if kind == "f4" and processor == _DEC:
+        # The high word first, and four times as large.
+        words = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]
+        return np.asarray(words.copy().view("<f4").ravel() / np.float32(4.0))
+    return np.frombuffer(content, (">" if processor == _MIPS else "<") + kind)
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
@@ -67,19 +54,17 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     start = _BLOCK * (content[0] - 1)
     if not _BLOCK <= start <= len(content) - 4:
         raise ValueError(f"its parameters would begin at byte {start}")
-    processor = _PROCESSORS.get(content[start + 3])
-    if processor is None:
-        raise ValueError(f"it is of an unknown processor, {content[start + 3]}")
-    _, points, analog, first, last, _, _, _, block, sampled = processor.numbers(
-        content[:20], "u2"
-    ).tolist()
-    scale, rate = (
-        float(processor.numbers(content[at : at + 4], "f4")[0]) for at in (12, 20)
-    )
+    processor = content[start + 3]
+    if processor not in (_INTEL, _DEC, _MIPS):
+        raise ValueError(f"it is of an unknown processor, {processor}")
+    decode = partial(_numbers, processor)
+    header = decode(content[:20], "u2").tolist()
+    _, points, analog, first, last, _, _, _, block, sampled = header
+    scale, rate = (float(decode(content[at : at + 4], "f4")[0]) for at in (12, 20))
     if not 0.0 < rate < 1e6:
         raise ValueError(f"its header has the frame rate {rate}")
     begin = _BLOCK * (block - 1)
-    parameters = _parameters(content, start, begin, processor)
+    parameters = _parameters(content, start, begin, decode)
     # Markers by their labels, or numbers if there are fewer.
     labels: list[str] = []
     for number in ("", *map(str, range(2, 20))):
@@ -107,7 +92,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             f"{frames * width * size:,} bytes from byte {begin:,} on; the file "
             f"has {len(content):,}: it is cut"
         )
-    numbers = processor.numbers(content[begin : begin + frames * width * size], kind)
+    numbers = decode(content[begin : begin + frames * width * size], kind)
     table = numbers.reshape(frames, width)[:, : 4 * points]
     table = table.reshape(frames, points, 4).astype(np.float64)
     markers = table[..., :3] * (1.0 if scale < 0.0 else scale)
@@ -137,16 +122,9 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
 
 
 def _parameters(
-    content: bytes, start: int, frames: int, processor: _Processor
+    content: bytes, start: int, frames: int, decode: _Decode
 ) -> dict[str, Any]:
-    """Return arrays, or lists of texts, by ``GROUP:NAME``.
-
-    Args:
-        content: Of the file.
-        start: Byte at which the parameters begin.
-        frames: Byte at which the frames begin.
-        processor: That wrote the file.
-    """
+    """Return the parameters between two bytes, arrays or texts by ``GROUP:NAME``."""
     # Some programs count too few blocks; but before the frames they end.
     before = min(_MOST_BLOCKS, (frames - start) // _BLOCK)
     end = min(len(content), start + _BLOCK * max(content[start + 2], before))
@@ -160,19 +138,18 @@ def _parameters(
         at = name_end
         if at + 3 > end:
             raise ValueError(f"the parameter {name!r:.40} goes beyond its section")
-        following = int(processor.numbers(content[at : at + 2], "u2")[0])
+        following = int(decode(content[at : at + 2], "u2")[0])
         if group < 0:
             groups[-group] = name
         elif group > 0:
-            value = _parameter(content[at + 2 : end], name, processor)
-            found.append((group, name, value))
+            found.append((group, name, _parameter(content[at + 2 : end], name, decode)))
         if not following:
             break
         at += following
     return {f"{groups.get(group, '?')}:{name}": value for group, name, value in found}
 
 
-def _parameter(content: bytes, name: str, processor: _Processor) -> Any:
+def _parameter(content: bytes, name: str, decode: _Decode) -> Any:
     """Return a parameter's array; that of letters as a list of texts."""
     kind = int(np.frombuffer(content[:1], "i1")[0])
     shape = tuple(content[2 : 2 + content[1]])
@@ -186,7 +163,7 @@ def _parameter(content: bytes, name: str, processor: _Processor) -> Any:
         width = shape[0] if shape else 1
         texts = [data[i : i + width] for i in range(0, size, max(width, 1))]
         return [text.decode("utf-8", "replace").strip(" \0") for text in texts]
-    return processor.numbers(data, _KINDS[kind])
+    return decode(data, _KINDS[kind])
 
 
 def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, FloatArray]:

@@ -1,27 +1,20 @@
-"""Tables in text files: columns by comma, semicolon, tab or spaces.
+"""Tables in text files: columns by comma, semicolon, tab or spaces, read line by line.
 
-The file is read line by line. Lines that begin with ``#`` are comments; an empty cell
-is a missing sample. The first line names the columns with their units, unless
-``--columns`` does. Where semicolons separate columns, numbers may have decimal commas.
+Lines that begin with ``#`` are comments; an empty cell is a missing sample. Where
+semicolons separate columns, numbers may have decimal commas.
 """
 
 import csv
 import itertools
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, TextIO
 
 import numpy as np
 
-from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.selection import Selection
-from gplfd_experiments.data.readers.tables import (
-    NAMES,
-    named_columns,
-    recording,
-    understood,
-)
+from gplfd_experiments.data.raw import RawRecording, Selection
+from gplfd_experiments.data.readers.tables import named_columns, recording, understood
 
 _LONGEST_LINE: Final = 2**16  # Characters; a line of poses has a few hundred.
 
@@ -35,7 +28,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             raise ValueError("it is empty")
         delimiter = next((one for one in "\t;," if one in first[1]), " ")
         cells = _cells(first[1], delimiter)
-        heads: Sequence[str] = selection.columns or cells
+        heads = selection.columns or cells
         rows: Iterator[tuple[int, str]] = lines
         try:
             for cell in cells:
@@ -51,7 +44,6 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
                 )
             rows = itertools.chain([first], lines)
         found = named_columns(heads, "--columns" if selection.columns else "the header")
-        places = [place for place, _ in found.values()]
         values = array("d")
         for number, text in rows:
             cells = _cells(text, delimiter)
@@ -68,10 +60,21 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
                         f"line {number}, column {place + 1} ({name}): "
                         f"{cells[place]!r:.40} is no number"
                     ) from None
-    table = np.frombuffer(values).reshape(-1, len(places))
-    columns = {name: table[:, place] for place, name in enumerate(found)}
-    units = {name: unit for name, (_, unit) in found.items()}
-    return [recording(path.name, columns, units, selection, _untimed(heads))]
+    table = np.frombuffer(values).reshape(-1, len(found))
+    columns = {
+        name: (table[:, at], unit) for at, (name, (_, unit)) in enumerate(found.items())
+    }
+    # Columns that are not understood may be the time.
+    names = [understood(head)[0] for head in heads]
+    untimed = ""
+    if None in names:
+        names[names.index(None)] = "t"
+        untimed = (
+            f": its columns are {', '.join(heads)!s:.200}. If one of them is the time, "
+            "name all in their order, for example --columns "
+            f"{','.join(name or '-' for name in names)!s:.200}. Otherwise"
+        )
+    return [recording(path.name, columns, selection, untimed)]
 
 
 def _lines(stream: TextIO) -> Iterator[tuple[int, str]]:
@@ -97,18 +100,3 @@ def _number(cell: str, delimiter: str) -> float:
     if not cell:
         return float("nan")
     return float(cell.replace(",", ".") if delimiter == ";" else cell)
-
-
-def _untimed(heads: Sequence[str]) -> str:
-    """Return how to say which column is the time, where none is understood as it."""
-    names = [understood(head)[0] for head in heads]
-    unknown = [place for place, name in enumerate(names) if name not in NAMES]
-    if not unknown:
-        return ""
-    for place in unknown:
-        names[place] = "t" if place == unknown[0] else "-"
-    return (
-        f": its columns are {', '.join(heads)!s:.200}. If one of them is the time, "
-        f"name all in their order, for example --columns {','.join(names)!s:.200}. "
-        "Otherwise"
-    )

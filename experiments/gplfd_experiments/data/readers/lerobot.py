@@ -4,7 +4,6 @@ The hand is a feature of the data set, by default ``observation.state``. The nam
 its numbers stand in the data set, or are given by ``--columns``.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -12,10 +11,8 @@ from typing import Any, BinaryIO, Final
 
 import numpy as np
 
-from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.selection import Selection, chosen
+from gplfd_experiments.data.raw import RawRecording, Selection, chosen
 from gplfd_experiments.data.readers.tables import named_columns, recording
-from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import entry, read_json
 from gplfd_policies.arrays.storage import DecodingBudget, regular_file
@@ -65,40 +62,18 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     rate = float(entry(info, "fps", float))
     if not 0.0 < rate < 1e6:
         raise ValueError(f"fps is {rate}")
-    episodes, frames, values = _table(path, name)
-    if values.shape[1] != len(heads):
-        raise ValueError(
-            f"{name} has {values.shape[1]} numbers, and {len(heads)} names"
-        )
-    # The times are made here, in seconds.
-    seconds = replace(selection, time_unit="s")
-    recordings = []
-    order = np.argsort(episodes, kind="stable")
-    starts = np.flatnonzero(np.diff(episodes[order])) + 1
-    for own in np.split(order, starts):
-        columns = {column: values[own, place] for column, (place, _) in found.items()}
-        columns["t"] = frames[own] / rate
-        units = {column: unit for column, (_, unit) in found.items()}
-        label = f"{path.name}: episode {episodes[own[0]]}"
-        recordings.append(recording(label, columns, units | {"t": "s"}, seconds))
-    return recordings
-
-
-def _table(path: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return episode, frame and feature of every row, in order."""
-    wanted = ["episode_index", "frame_index", name]
     files = sorted((path / "data").glob("*/*.parquet"))
     if not files:
         raise ValueError("there is no parquet file in its folder data")
+    # Episode, frame and feature of every row, in order.
+    wanted = ("episode_index", "frame_index", name)
     budget = DecodingBudget(sum(regular_file(file).stat().st_size for file in files))
-    episodes, frames, values = [], [], []
+    parts = []
     for file in files:
         try:
             with file.open("rb") as stream, parquet.ParquetFile(stream) as opened:
                 _claim_columns(stream, opened.metadata, wanted, budget)
-                table = opened.read(columns=wanted)
-            episodes.append(table["episode_index"].to_numpy())
-            frames.append(table["frame_index"].to_numpy())
+                table = opened.read(columns=list(wanted))
             # Lists of equal length become rows.
             lists = table[name].combine_chunks()
             flat = lists.flatten().to_numpy(zero_copy_only=False)
@@ -107,19 +82,33 @@ def _table(path: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
             rows = np.asarray(flat, dtype=np.float64).reshape(len(lists), -1)
             if len(lists[0]) != rows.shape[1]:
                 raise ValueError("its rows differ in length")
-            values.append(rows)
+            parts.append((*(table[index].to_numpy() for index in wanted[:2]), rows))
         # Arrow answers damage with errors of every kind.
         except Exception as error:
             raise ValueError(f"{file.relative_to(path)}: {error!s:.300}") from error
-    return (
-        np.concatenate(episodes).astype(np.int64),
-        np.concatenate(frames).astype(np.float64),
-        np.concatenate(values).astype(np.float64),
-    )
+    episodes, frames, values = map(np.concatenate, zip(*parts, strict=True))
+    episodes, frames = episodes.astype(np.int64), frames.astype(np.float64)
+    if values.shape[1] != len(heads):
+        raise ValueError(
+            f"{name} has {values.shape[1]} numbers, and {len(heads)} names"
+        )
+    # The times are those of the frames, in seconds.
+    seconds = replace(selection, time_unit="s")
+    recordings = []
+    order = np.argsort(episodes, kind="stable")
+    starts = np.flatnonzero(np.diff(episodes[order])) + 1
+    for own in np.split(order, starts):
+        columns = {
+            key: (values[own, place], unit) for key, (place, unit) in found.items()
+        }
+        columns["t"] = (frames[own] / rate, "s")
+        label = f"{path.name}: episode {episodes[own[0]]}"
+        recordings.append(recording(label, columns, seconds))
+    return recordings
 
 
 def _claim_columns(
-    file: BinaryIO, metadata: Any, wanted: Sequence[str], budget: DecodingBudget
+    file: BinaryIO, metadata: Any, wanted: tuple[str, ...], budget: DecodingBudget
 ) -> None:
     """Claim what columns of numbers, or lists of them, take when decoded to float64.
 

@@ -1,10 +1,8 @@
 """MATLAB files, versions 4 to 7.2: arrays of numbers, in cells and structures, too.
 
-A file is a sequence of elements, each with a kind and a size; arrays, cells and
-structures are elements that hold others, see *MAT-File Format*, The MathWorks. They
-are read here because `scipy.io.loadmat` trusts files: deeply nested cells in 1 MB end
-the process with a segmentation fault, and 184 bytes that claim 2³⁰ cells fill the
-memory. It serves the tests as an oracle.
+*MAT-File Format*, The MathWorks, describes them. They are read here because
+`scipy.io.loadmat` trusts files: deeply nested cells in 1 MB end the process with a
+segmentation fault, and 184 bytes that claim 2³⁰ cells fill the memory.
 """
 
 import io
@@ -18,9 +16,8 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.raw import RawRecording, Selection
 from gplfd_experiments.data.readers.arrays import recordings
-from gplfd_experiments.data.readers.selection import Selection
 from gplfd_policies.arrays.storage import DecodingBudget, inflated
 
 _HEADER: Final = 128
@@ -73,40 +70,25 @@ def read_arrays(path: Path, budget: DecodingBudget) -> dict[str, NDArray[Any]]:
     """Return every array of numbers in a file of version 5 to 7.2.
 
     The names are those of MATLAB: ``pos``, ``data{3}``, ``demos{2}.pos``, ``s(4).t``;
-    the index of a structure that is the only one is left out.
-
-    Args:
-        path: The file.
-        budget: What the unpacked elements, and the numbers in them, are claimed from.
-
-    Raises:
-        ValueError: It is damaged, or unpacks to more.
+    the index of a structure that is the only one is left out. What is unpacked is
+    claimed from the budget.
     """
     arrays: dict[str, NDArray[Any]] = {}
-    with path.open("rb") as stream:
-        header = stream.read(_HEADER)
-        order = {b"IM": "<", b"MI": ">"}.get(header[_HEADER - 2 :])
-        if order is None:
-            raise ValueError("its first 128 bytes are not those of a MATLAB file")
-        while tag := stream.read(8):
-            if len(tag) < 8:
-                raise ValueError("it is cut off")
-            kind, size = struct.unpack(f"{order}II", tag)
-            if size > path.stat().st_size:
-                raise ValueError(f"an element claims {size:,} bytes")
-            data = stream.read(size)
-            if len(data) < size:
-                raise ValueError("it is cut off")
-            element = _Element(kind, memoryview(data))
-            if kind == _COMPRESSED:
-                data = inflated(data, budget, "an element")
-                (element,) = _elements(memoryview(data), order)
-            if element.kind == _MATRIX:
-                for name, array in _arrays(element.data, "", order, 0):
-                    budget.claim(8 * array.size, f"{name!r:.40}")
-                    if len(arrays) >= _MOST_ARRAYS:
-                        raise ValueError(f"it has more than {_MOST_ARRAYS:,} arrays")
-                    arrays[name] = array
+    content = memoryview(path.read_bytes())
+    order = {b"IM": "<", b"MI": ">"}.get(bytes(content[_HEADER - 2 : _HEADER]))
+    if order is None:
+        raise ValueError("its first 128 bytes are not those of a MATLAB file")
+    for outer in _elements(content[_HEADER:], order):
+        element = outer
+        if outer.kind == _COMPRESSED:
+            data = inflated(bytes(outer.data), budget, "an element")
+            (element,) = _elements(memoryview(data), order)
+        if element.kind == _MATRIX:
+            for name, array in _arrays(element.data, "", order, 0):
+                budget.claim(8 * array.size, f"{name!r:.40}")
+                if len(arrays) >= _MOST_ARRAYS:
+                    raise ValueError(f"it has more than {_MOST_ARRAYS:,} arrays")
+                arrays[name] = array
     return arrays
 
 
@@ -122,7 +104,7 @@ def _elements(data: memoryview, order: str) -> Iterator[_Element]:
             kind, size, start, end = kind & 0xFFFF, kind >> 16, place + 4, place + 8
         else:
             start = place + 8
-            end = start + size + -size % 8
+            end = start + size + (0 if kind == _COMPRESSED else -size % 8)
         if start + size > min(end, len(data)):
             raise ValueError("an element is cut off")
         yield _Element(kind, data[start : start + size])

@@ -4,8 +4,7 @@ from pathlib import Path
 
 from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.data.minari.writing import DATA, MAIN_FILE
-from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.selection import Selection
+from gplfd_experiments.data.raw import RawRecording, Selection
 from gplfd_experiments.data.readers.tables import quaternions_of
 from gplfd_policies.arrays.storage import DecodingBudget
 

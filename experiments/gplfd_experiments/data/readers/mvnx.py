@@ -11,12 +11,9 @@ from xml.parsers import expat
 
 import numpy as np
 
-from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.selection import Selection, chosen
+from gplfd_experiments.data.raw import RawRecording, Selection, chosen
 
-DEFAULT_SEGMENT: Final = "RightHand"
-"""What moves where nothing is said."""
-
+_DEFAULT_SEGMENT: Final = "RightHand"
 _LONGEST_TEXT: Final = 2**20
 """Characters of one element at most; a frame of 24 segments has two thousand."""
 _WIDTHS: Final = {"position": 3, "orientation": 4}
@@ -28,7 +25,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     Times are the frame's index by the frame rate: the file's own are rounded to
     milliseconds. Errors say in which line.
     """
-    segment = selection.body or DEFAULT_SEGMENT
+    segment = selection.body or _DEFAULT_SEGMENT
     frames = _Frames(segment, path.name)
     parser = expat.ParserCreate()
     parser.buffer_text = True
@@ -67,8 +64,7 @@ class _Frames:
         self._labels: dict[str, int] = {}
         self._in_frame = False
         self._place = -1
-        self._parts: list[str] | None = None
-        self._length = 0
+        self._text: str | None = None
 
     def entity(self, *declaration: Any) -> None:
         """Refuse the declaration of an entity."""
@@ -103,21 +99,20 @@ class _Frames:
                 raise ValueError(f"a frame has the index {index!r:.40}")
             self.indices.append(float(index))
         elif self._in_frame and name in _WIDTHS:
-            self._parts, self._length = [], 0
+            self._text = ""
 
     def text(self, text: str) -> None:
         """Take a part of an element's text."""
-        if self._parts is not None:
-            self._length += len(text)
-            if self._length > _LONGEST_TEXT:
+        if self._text is not None:
+            self._text += text
+            if len(self._text) > _LONGEST_TEXT:
                 raise ValueError(f"an element is longer than {_LONGEST_TEXT}")
-            self._parts.append(text)
 
     def end(self, name: str) -> None:
         """Take the end of an element."""
-        if self._parts is not None and name in _WIDTHS:
-            numbers, width = "".join(self._parts).split(), _WIDTHS[name]
-            self._parts = None
+        if self._text is not None and name in _WIDTHS:
+            numbers, width = self._text.split(), _WIDTHS[name]
+            self._text = None
             if len(numbers) != width * len(self._labels):
                 raise ValueError(
                     f"frame {self.indices[-1]:.0f}: {name} has {len(numbers)} "

@@ -1,8 +1,7 @@
 """Demonstrations of robomimic in HDF5: one motion per demonstration.
 
-The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last; NAME is
-robot0_eef where nothing is said. Files have no time stamps: the rate is that of the
-environment's control, if the file says it.
+The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last. Files have no
+time stamps: the rate is that of the environment's control, if the file says it.
 """
 
 import json
@@ -12,8 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gplfd_experiments.data.raw import RawRecording
-from gplfd_experiments.data.readers.selection import Selection, chosen
+from gplfd_experiments.data.raw import RawRecording, Selection, chosen
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.arrays.storage import DecodingBudget
@@ -29,17 +27,24 @@ DEFAULT_HAND: Final = "robot0_eef"
 def read(path: Path, selection: Selection) -> list[RawRecording]:
     """Read every demonstration, in the order of their numbers."""
     budget = DecodingBudget(path.stat().st_size)
+
+    def array(obs: Any, name: str, width: int | None = None) -> FloatArray:
+        found = numbers(member(obs, name), budget)
+        if found.ndim != 2 or width not in (None, found.shape[1]):
+            raise ValueError(
+                f"obs/{name} has shape {found.shape}, must be (N, {width})"
+            )
+        return found
+
     with h5py.File(path, "r") as file:
         if "data" not in file:
             raise ValueError(f"it has no group 'data' but {', '.join(file)!s:.200}")
         data = member(file, "data")
         # The environment's control frequency, if the file says it.
         rate, said = selection.recorded_rate, data.attrs.get("env_args")
-        arguments = json.loads(said) if isinstance(said, str) else None
-        settings = arguments.get("env_kwargs") if isinstance(arguments, dict) else None
-        control = settings.get("control_freq") if isinstance(settings, dict) else None
-        if not rate and isinstance(control, int | float) and 0.0 < control < 1e6:
-            rate = float(control)
+        match json.loads(said) if isinstance(said, str) else None:
+            case {"env_kwargs": {"control_freq": int() | float() as control}}:
+                rate = rate or (float(control) if 0.0 < control < 1e6 else None)
         recordings = []
         for name in sorted(
             data, key=lambda n: list(map(int, re.findall(r"\d{1,9}", n)))
@@ -56,14 +61,14 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
                 one.removesuffix("_pos"): one for one in obs if one.endswith("_pos")
             }
             wanted = selection.body or DEFAULT_HAND
-            hand, _ = chosen(wanted, hands, "hand in obs", file=label)
-            positions = _array(obs, f"{hand}_pos", 3, budget)
+            hand, position = chosen(wanted, hands, "hand in obs", file=label)
+            positions = array(obs, position, 3)
             quaternions, signals = None, {}
             if f"{hand}_quat" in obs:
-                quaternions = np.roll(_array(obs, f"{hand}_quat", 4, budget), 1, axis=1)
+                quaternions = np.roll(array(obs, f"{hand}_quat", 4), 1, axis=1)
             gripper = f"{hand.removesuffix('_eef')}_gripper_qpos"
             if gripper in obs:
-                signals["gripper"] = _array(obs, gripper, None, budget)
+                signals["gripper"] = array(obs, gripper)
             recordings.append(
                 RawRecording(
                     name=label,
@@ -75,13 +80,3 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
                 )
             )
     return recordings
-
-
-def _array(
-    obs: Any, name: str, width: int | None, budget: DecodingBudget
-) -> FloatArray:
-    """Return an array (N, width)."""
-    found = numbers(member(obs, name), budget)
-    if found.ndim != 2 or width not in (None, found.shape[1]):
-        raise ValueError(f"obs/{name} has shape {found.shape}, must be (N, {width})")
-    return found

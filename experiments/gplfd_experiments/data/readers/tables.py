@@ -1,9 +1,7 @@
 """Columns with names and units, as tables of every kind have them.
 
 A column is known by its name in any case, with its unit behind it: ``time [ms]``,
-``x (cm)``, ``y_mm``, ``qw``, ``rx [deg]``. Known are the time; x, y and z; the
-quaternion qx, qy, qz, qw; the rotation vector rx, ry, rz; force fx, fy, fz and torque
-mx, my, mz; and the gripper. Others are left out.
+``x (cm)``, ``y_mm``, ``qw``, ``rx [deg]``. Others are left out.
 """
 
 import re
@@ -18,12 +16,12 @@ from gplfd_experiments.data.raw import (
     RADIANS,
     SECONDS,
     RawRecording,
+    Selection,
     likely_time_unit,
 )
-from gplfd_experiments.data.readers.selection import Selection
 from gplfd_experiments.files.arrays import FloatArray
 
-NAMES: Final[Mapping[str, tuple[str, ...]]] = {
+_NAMES: Final[Mapping[str, tuple[str, ...]]] = {
     "t": ("time", "timestamp", "stamp", "seconds"),
     **{
         axis: (f"p{axis}", f"pos_{axis}", f"position_{axis}", f"position.{axis}")
@@ -48,30 +46,28 @@ QUATERNION: Final = ("qw", "qx", "qy", "qz")
 ROTATION_VECTOR: Final = ("rx", "ry", "rz")
 FORCE: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 
-MANY_TURNS: Final = 7.0
+_MANY_TURNS: Final = 7.0
 """A longer rotation vector [rad] is probably in degrees."""
 
+Columns = Mapping[str, tuple[FloatArray, str | None]]
+"""Values, (N,), and unit of columns, by the names of this module."""
+
 _CANONICAL: Final = {
-    other: name for name, others in NAMES.items() for other in (name, *others)
+    other: name for name, others in _NAMES.items() for other in (name, *others)
 }
 _UNITS: Final = frozenset((*METRES, *SECONDS, *RADIANS, "n", "n m", "nm"))
 _BRACKETED: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]")
 _SUFFIXED: Final = re.compile(r"(.+)_(cm|mm|m|in|s|ms|us|ns|rad|deg)")
 
 
-def understood(head: str) -> tuple[str, str | None]:
-    """Return the name of a column and its unit, from its head.
-
-    The name is one of `NAMES`, or the head itself where it is not understood.
-    """
+def understood(head: str) -> tuple[str | None, str | None]:
+    """Return the name of a column and its unit, None where they are not known."""
     text = head.strip().lower().replace(" ", "_") if "[" not in head else head.lower()
     for pattern in (_BRACKETED, _SUFFIXED):
         match = pattern.fullmatch(text.strip())
-        if match and match[2] in _UNITS:
-            name = match[1].strip()
-            if name in _CANONICAL:
-                return _CANONICAL[name], match[2]
-    return _CANONICAL.get(text.strip(), head), None
+        if match and match[2] in _UNITS and match[1].strip() in _CANONICAL:
+            return _CANONICAL[match[1].strip()], match[2]
+    return _CANONICAL.get(text.strip()), None
 
 
 def named_columns(
@@ -79,25 +75,20 @@ def named_columns(
 ) -> dict[str, tuple[int, str | None]]:
     """Return place and unit of every column that is understood.
 
-    Args:
-        heads: As the file, or a person, has them.
-        where: What they are, for a message.
-
     Raises:
         ValueError: x and y are not among them, part of a quaternion or of a rotation
-            vector is, or one is there twice.
+            vector is, or one is there twice; ``where`` says what the heads are.
     """
     found: dict[str, tuple[int, str | None]] = {}
     for place, head in enumerate(heads):
         name, unit = understood(head)
-        if name not in NAMES:
-            continue
         if name in found:
             raise ValueError(
                 f"{where} has two columns for {name}; name those to leave out '-' "
                 "with --columns"
             )
-        found[name] = (place, unit)
+        if name is not None:
+            found[name] = (place, unit)
     for whole in (("x", "y"), QUATERNION, ROTATION_VECTOR):
         missing = [name for name in whole if name not in found]
         if missing and (whole[0] == "x" or len(missing) < len(whole)):
@@ -111,27 +102,17 @@ def named_columns(
 
 
 def recording(
-    name: str,
-    columns: Mapping[str, FloatArray],
-    units: Mapping[str, str | None],
-    selection: Selection,
-    untimed: str = "",
+    name: str, columns: Columns, selection: Selection, untimed: str = ""
 ) -> RawRecording:
-    """Return the motion that columns make.
-
-    Args:
-        name: Of the motion.
-        columns: By names of `NAMES`, (N,) each.
-        units: Of the columns that say theirs.
-        selection: Unit of rotation vectors that say none, and of times.
-        untimed: See `RawRecording.untimed`.
+    """Return the motion that columns make, by the names of this module.
 
     Raises:
         ValueError: A unit is none of its quantity, or those of x, y and z differ.
     """
 
     def unit(names: Sequence[str], known: Mapping[str, float]) -> str | None:
-        said = {one for c in names if (one := units.get(c)) is not None}
+        units = (columns[one][1] for one in names if one in columns)
+        said = {one for one in units if one is not None}
         if len(said) > 1 or said - set(known):
             raise ValueError(
                 f"{name}: {', '.join(names)} are in {' and '.join(sorted(said))}; they "
@@ -139,22 +120,26 @@ def recording(
             )
         return next(iter(said), None)
 
-    absent = np.zeros(len(columns["x"]))
+    def stacked(names: Sequence[str]) -> FloatArray:
+        absent = np.zeros(len(columns["x"][0])), None
+        return np.column_stack([columns.get(column, absent)[0] for column in names])
+
     quaternions, notes, signals = None, [], {}
     if "qw" in columns:
-        quaternions = np.column_stack([columns[part] for part in QUATERNION])
+        quaternions = stacked(QUATERNION)
     elif "rx" in columns:
         angles = unit(ROTATION_VECTOR, RADIANS) or selection.angles
-        rotvecs = np.column_stack([columns[part] for part in ROTATION_VECTOR])
+        rotvecs = stacked(ROTATION_VECTOR)
         quaternions = quaternions_of(rotvecs * RADIANS[angles])
         longest = float(np.nanmax(np.linalg.norm(rotvecs, axis=1), initial=0.0))
-        if angles == "rad" and longest > MANY_TURNS:
+        if angles == "rad" and longest > _MANY_TURNS:
             notes.append(
                 f"rotation vectors as long as {longest:.3g} rad are many turns: are "
                 "they degrees? say --angles deg"
             )
-    times = columns.get("t")
-    if times is not None:
+    times = None
+    if "t" in columns:
+        times = columns["t"][0]
         said = unit(("t",), SECONDS) or "s"
         steps = np.diff(np.sort(times[np.isfinite(times)]))
         step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
@@ -166,12 +151,12 @@ def recording(
             )
         times = times * SECONDS[selection.time_unit or said]
     if "fx" in columns:
-        signals["force"] = np.column_stack([columns.get(c, absent) for c in FORCE])
+        signals["force"] = stacked(FORCE)
     if "gripper" in columns:
-        signals["gripper"] = columns["gripper"][:, None]
+        signals["gripper"] = stacked(["gripper"])
     return RawRecording(
         name=name,
-        positions=np.column_stack([columns.get(axis, absent) for axis in POSITION]),
+        positions=stacked(POSITION),
         unit=unit(POSITION, METRES),
         times=times,
         quaternions=quaternions,

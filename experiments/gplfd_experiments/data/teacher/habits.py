@@ -65,13 +65,7 @@ MESSY: Final = Habits(
 def untidy_clock(
     habits: Habits, duration: float, rate: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Draw when a person moves, pauses and goes back.
-
-    Args:
-        habits: Of the person.
-        duration: Of the motion without pauses [s].
-        rate: Of the recording [Hz].
-        rng: Source of randomness.
+    """Draw when a person moves, pauses and goes back in a motion of a duration [s].
 
     Returns:
         Times [s] from 0, the motion's clock at these in [0, 1], which stands still in
@@ -85,10 +79,8 @@ def untidy_clock(
     end = rest + (1.0 - habits.cut * rng.uniform()) * duration + lengths.sum()
     times = np.arange(math.ceil(end * rate) + 1) / rate
     starts = rest + places * duration + np.cumsum(lengths) - lengths
-    within = (times[:, None] - starts) / lengths
-    stopped = lengths * np.clip(within, 0.0, 1.0)
-    clock = (times - rest - stopped.sum(axis=1)) / duration
-    inside = np.clip(within, 0.0, 1.0)
+    inside = np.clip((times[:, None] - starts) / lengths, 0.0, 1.0)
+    clock = (times - rest - (lengths * inside).sum(axis=1)) / duration
     back = (depths * np.sin(np.pi * inside) ** 2).sum(axis=1)
     return times, np.clip(clock, 0.0, 1.0), back
 
@@ -101,13 +93,8 @@ def lose_samples(
     The first and the last sample are kept, and no outlier is among the first ten: a
     recording is taken relative to its first sample.
 
-    Args:
-        habits: Of the recording.
-        poses: (N, 6) [m, rad].
-        rng: Source of randomness.
-
     Returns:
-        Which samples are there, (N,), and all poses with outliers.
+        Which samples are there, (N,), and all poses with outliers, (N, 6).
     """
     n = len(poses)
     kept = np.ones(n, dtype=bool)
@@ -119,7 +106,6 @@ def lose_samples(
     candidates = np.flatnonzero(kept)[10:-1]
     for index in rng.choice(candidates, min(habits.outliers, candidates.size), False):
         direction = rng.standard_normal(3)
-        poses[index, :3] += (
-            habits.outlier_distance * direction / np.linalg.norm(direction)
-        )
+        distance = np.linalg.norm(direction)
+        poses[index, :3] += habits.outlier_distance * direction / distance
     return kept, poses

@@ -1,8 +1,7 @@
 """How a person reaches for a handle, presses it, opens the door and lets it go back."""
 
 import math
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -39,14 +38,11 @@ _REACH_TIME: Final = (1.6, 0.2)  # Mean and standard deviation [s].
 _GRIP_TIME: Final = (0.4, 0.1)  # The same of the time in which the hand closes [s].
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Press:
-    """How the handle is turned to open the door."""
+class Press(NamedTuple):
+    """How long [s] and how far [rad] the handle is turned; not at all for a bar."""
 
     time: float = 0.0
-    """How long it is pressed before the door is open [s]; 0 for a bar."""
     angle: float = 0.0
-    """How far [rad]."""
 
 
 def draw_press(door: DoorConfig, rng: np.random.Generator) -> Press:
@@ -67,15 +63,12 @@ def duration(press: Press, opening_time: float) -> float:
 def worked(
     progress: FloatArray, press: Press, opening_time: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what is done with handle and door as a motion goes on.
+    """Return the shares of the press and of the opening that are done, each (N,).
 
     Args:
         progress: Of the whole motion, from 0 to 1, (N,).
         press: How the handle is turned first.
         opening_time: How long the opening alone takes [s].
-
-    Returns:
-        Share of the press, and of the opening's own progress, each (N,) in [0, 1].
     """
     if press.time == 0.0:
         return np.zeros_like(progress), progress
@@ -85,23 +78,14 @@ def worked(
 
 
 def let_back(press: Press, share: FloatArray, angles: FloatArray) -> FloatArray:
-    """Return the angles of the handle [rad], (N,).
-
-    Args:
-        press: How it is turned.
-        share: Of the press, (N,).
-        angles: Of the door [rad], (N,).
-    """
+    """Return the angles of the handle [rad], for shares of a press and door angles."""
     begins, ends = _RETURN
     back = (1.0 - _KEPT) * minimum_jerk((angles - begins) / (ends - begins))
     return press.angle * share * (1.0 - back)
 
 
 def doors_like(door: DoorConfig) -> tuple[DoorConfig, ...]:
-    """Return the three demonstrated doors of a door's kind.
-
-    They have its handle, latch, swing and side, and nothing else of it.
-    """
+    """Return the three demonstrated doors of a door's handle, latch, swing and side."""
     radii = DEMONSTRATED_RADII if door.handle == "bar" else ROOM_RADII
     kind: dict[str, Any] = door.kind
     return tuple(DoorConfig(radius=radius, **kind) for radius in radii)
@@ -113,12 +97,7 @@ def reached(
     """Return how a hand comes to the handle and closes, ending at time 0.
 
     A minimum-jerk motion along a gentle arch, unevenly timed, and a rest while the hand
-    closes.
-
-    Args:
-        rate: Samples per second [Hz].
-        timing_std: Unevenness, see `TeacherConfig.timing_std`.
-        rng: Source of randomness.
+    closes, sampled at a rate [Hz].
 
     Returns:
         Times (N,) [s], positions (N, 3) [m] from the handle, in door axes, and N

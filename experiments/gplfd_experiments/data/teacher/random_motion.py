@@ -25,14 +25,11 @@ def smooth_functions(
     n_functions: int,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Draw smooth random functions with mean 0 and standard deviation 1.
+    """Draw smooth random functions with mean 0 and standard deviation 1, (N, n).
 
     A sum of cosines with Gaussian frequencies and uniform phases, whose covariance is
     exp(-Δt² / (2 ``correlation_time``²)). It is a function of time, not of the
     samples: the same ``rng`` gives the same motion at every sampling rate.
-
-    Returns:
-        Values (N, ``n_functions``) at ``times`` (N,).
     """
     frequency = rng.standard_normal((n_functions, _N_COSINES)) / correlation_time
     phase = rng.uniform(0.0, 2.0 * np.pi, (n_functions, _N_COSINES))
@@ -44,17 +41,10 @@ def smooth_functions(
 def coloured_noise(
     n_samples: int, bandwidth: float, n_signals: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Draw stationary low-passed noise with mean 0 and standard deviation 1.
+    """Draw stationary noise with mean 0 and standard deviation 1, (N, n).
 
-    Args:
-        n_samples: Samples N per signal.
-        bandwidth: Cut-off of a second-order Butterworth filter in cycles per sample;
-            at or above 0.5 the noise stays white.
-        n_signals: Number of independent signals.
-        rng: Source of randomness.
-
-    Returns:
-        Noise (N, ``n_signals``).
+    It is low-passed by a second-order Butterworth filter whose cut-off is given in
+    cycles per sample; at or above 0.5 the noise stays white.
     """
     if bandwidth >= 0.5:
         return rng.standard_normal((n_samples, n_signals))
@@ -73,10 +63,8 @@ def uneven_timing(
 ) -> FloatArray:
     """Draw a monotone map of [0, 1] onto itself whose log-speed is a smooth function.
 
-    Args:
-        clock: Where to evaluate the map; values outside [0, 1] are clamped.
-        timing_std: Standard deviation of the log-speed; 0 gives the identity.
-        rng: Source of randomness.
+    Its standard deviation is given; 0 gives the identity. Outside [0, 1] the clock is
+    clamped.
     """
     grid = np.linspace(0.0, 1.0, _TIMING_GRID)
     speed = np.exp(timing_std * smooth_functions(grid, 0.2, 1, rng)[:, 0])

@@ -30,27 +30,14 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_experiments.data.teacher import handle_motion, random_motion
 from gplfd_experiments.data.teacher.habits import (
     TIDY,
     Habits,
     lose_samples,
     untidy_clock,
 )
-from gplfd_experiments.data.teacher.handle_motion import (
-    DEMONSTRATED_RADII,
-    doors_like,
-    draw_press,
-    duration,
-    let_back,
-    reached,
-    worked,
-)
-from gplfd_experiments.data.teacher.random_motion import (
-    coloured_noise,
-    minimum_jerk,
-    smooth_functions,
-    uneven_timing,
-)
+from gplfd_experiments.data.teacher.handle_motion import DEMONSTRATED_RADII, doors_like
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -152,23 +139,25 @@ class Teacher:
         opening = config.duration_mean + config.duration_std * float(longer)
         opening = max(opening, 0.5 * config.duration_mean)
         final_angle = config.angle_mean + config.angle_std * float(further)
-        press = draw_press(door, press_rng)
-        lasting = duration(press, opening)
+        press = handle_motion.draw_press(door, press_rng)
+        lasting = handle_motion.duration(press, opening)
         rate, tidy = config.sampling_rate, self.habits == TIDY
         if tidy:
             times = np.arange(math.ceil(lasting * rate) + 1) / rate
             clock, back = times / lasting, np.zeros(times.size)
         else:
             times, clock, back = untidy_clock(self.habits, lasting, rate, habit_rng)
-        progress = uneven_timing(clock, config.timing_std, timing_rng)
-        share, opened = worked(progress, press, opening)
-        angles = np.maximum(final_angle * minimum_jerk(opened) - back, 0.0)
-        turns = let_back(press, share, angles)
+        progress = random_motion.uneven_timing(clock, config.timing_std, timing_rng)
+        share, opened = handle_motion.worked(progress, press, opening)
+        angles = np.maximum(
+            final_angle * random_motion.minimum_jerk(opened) - back, 0.0
+        )
+        turns = handle_motion.let_back(press, share, angles)
         # The sensor on the hand, off the bar's centre and moving a little on it.
         path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
         handle = Rotation.from_rotvec(path[:, 3:])
         offset = config.grasp_offset_std * hand_rng.standard_normal(3)
-        wobble = smooth_functions(times, config.wobble_time, 6, hand_rng)
+        wobble = random_motion.smooth_functions(times, config.wobble_time, 6, hand_rng)
         slip = offset + config.wobble_position_std * wobble[:, :3]
         turn = Rotation.from_rotvec(config.wobble_rotation_std * wobble[:, 3:])
         positions, rotations = path[:, :3] + handle.apply(slip), handle * turn
@@ -244,7 +233,7 @@ class Teacher:
         """
         motion_rng, suit_rng = rng.spawn(2)
         rate, uneven = self.config.sampling_rate, self.config.timing_std
-        times, positions, rotations = reached(rate, uneven, motion_rng)
+        times, positions, rotations = handle_motion.reached(rate, uneven, motion_rng)
         poses = self._measured(times, positions, rotations, suit_rng, origin=-1)
         return Demonstration(times=times, poses=poses)
 
@@ -260,7 +249,7 @@ class Teacher:
         """Return what the suit reports, (N, 6) [m, rad], relative to a sample."""
         config = self.config
         drift_rate = config.vertical_drift_std * rng.standard_normal()
-        noise = coloured_noise(
+        noise = random_motion.coloured_noise(
             times.size, config.noise_bandwidth / config.sampling_rate, 6, rng
         )
         measured = positions + config.noise_position_std * noise[:, :3]

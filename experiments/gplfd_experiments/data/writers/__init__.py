@@ -25,11 +25,10 @@ def export_demonstrations(
     cameras: Sequence[str] = (),
     size: tuple[int, int] = (320, 240),
 ) -> int:
-    """Write demonstrations in another form.
+    """Write a set of demonstrations, or a data set of episodes, in one of `WRITERS`.
 
     Args:
-        source: A set, see `gplfd_policies.demonstrations.npz`, or a data set of
-            episodes, see `gplfd_experiments.data.minari`.
+        source: The set or data set.
         target: File or folder to write.
         form: One of `WRITERS`.
         rate: Rows per second of episodes; None for 100, or 10 with pictures.
@@ -42,8 +41,7 @@ def export_demonstrations(
     Raises:
         ValueError: The form is unknown, the target is there already, the source is
             damaged or not sampled at equal steps, or it cannot be drawn.
-        OSError: A file cannot be read or written, or pictures not be drawn on this
-            machine.
+        OSError: A file cannot be read or written, or pictures not be drawn here.
         ModuleNotFoundError: The form's library is not installed.
     """
     if form not in WRITERS:

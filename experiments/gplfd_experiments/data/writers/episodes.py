@@ -13,11 +13,10 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.envs.camera import Camera
 from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.data.minari import Dataset
-from gplfd_experiments.data.minari.physics import STATE
+from gplfd_experiments.data.minari.episode import STATE
 from gplfd_experiments.data.writers.rows import Rows, states_of
 from gplfd_experiments.files.arrays import FloatArray
 
-TASK: Final = "open the door"
 _CONTROL_RATE: Final = round(1.0 / CONTROL_PERIOD)
 
 
@@ -27,17 +26,7 @@ def episode_rows(
     """Return the rows of every episode of a data set.
 
     A state is the hand's pose as observed, an action the last pose that was commanded
-    before the next row.
-
-    Args:
-        dataset: Of ``gplfd demos record``.
-        rate: Rows per second; a divisor of the control rate.
-        cameras: Cameras of the scene whose pictures are drawn, from the physics states.
-        size: Width and height of the pictures [px].
-
-    Raises:
-        ValueError: The rate is no divisor, an episode is damaged, or a camera unknown.
-        OSError: Pictures cannot be drawn on this machine.
+    before the next row. Pictures are drawn from the physics states.
     """
     if not 0 < rate <= _CONTROL_RATE or _CONTROL_RATE % rate:
         raise ValueError(
@@ -70,7 +59,7 @@ def episode_rows(
                         )
                         for name in cameras
                     },
-                    task=TASK,
+                    task="open the door",
                 )
             )
     return rows

@@ -1,16 +1,14 @@
 """Demonstrations as a data set of LeRobot, version 3: parquet files, no videos.
 
-The layout is that of LeRobot's own writer. ``observation.state`` is position and
-quaternion, ``action`` what it is to become, both in float32 as LeRobot's are. Pictures
-stand in the table as PNG files, LeRobot's kind "image".
+``observation.state`` is position and quaternion, ``action`` what it is to become, both
+in float32 as LeRobot's are. Pictures are PNG files, LeRobot's kind "image".
 """
 
 import io
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow
@@ -22,77 +20,44 @@ from gplfd_experiments.data.writers.rows import Rows
 from gplfd_experiments.files.folders import complete_folder
 from gplfd_experiments.files.plain_data import write_json
 
-_NAMES: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
-_PICTURES: Final = "observation.images."
+_NAMES: Final = ["x", "y", "z", "qx", "qy", "qz", "qw"]
 _SAMPLED: Final = 50  # Pictures from which the statistics of colours are taken.
 _FILE: Final = "chunk-000/file-000.parquet"
 
 
-@dataclass(frozen=True, slots=True)
-class _Numbers:
-    """A column of numbers, or of vectors of them."""
+class _Column(NamedTuple):
+    """A column of the table, with what LeRobot wants to know of it."""
 
-    values: np.ndarray
-    """One per row, (N,) or (N, d)."""
-    names: Sequence[str] | None = None
-    """Of a vector's components."""
-
-    def __len__(self) -> int:
-        return len(self.values)
-
-    def arrow(self) -> Any:
-        """Return the column as Arrow's."""
-        if self.values.ndim == 1:
-            return pyarrow.array(self.values)
-        flat = pyarrow.array(np.ascontiguousarray(self.values).ravel())
-        return pyarrow.FixedSizeListArray.from_arrays(flat, self.values.shape[1])
-
-    def samples(self) -> np.ndarray:
-        """Return what statistics are taken of, (N, d)."""
-        return self.values.astype(np.float64).reshape(len(self), -1)
-
-    def feature(self) -> dict[str, Any]:
-        """Return what LeRobot wants to know of the column."""
-        return {
-            "dtype": str(self.values.dtype),
-            "shape": [self.values.shape[1] if self.values.ndim == 2 else 1],
-            "names": self.names and list(self.names),
-        }
+    arrow: Any
+    feature: dict[str, Any]
+    samples: np.ndarray
+    """What statistics are taken of: (N, d), or (N, 3, 1, 1) of pictures."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Pictures:
-    """A column of pictures."""
-
-    files: Sequence[bytes]
-    """PNG files, one per row."""
-
-    def __len__(self) -> int:
-        return len(self.files)
-
-    def arrow(self) -> Any:
-        """Return the column as Arrow's."""
-        kind = pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])
-        return pyarrow.array([{"bytes": f, "path": None} for f in self.files], kind)
-
-    def samples(self) -> np.ndarray:
-        """Return red, green and blue from 0 to 1 of some pictures, (N, 3, 1, 1)."""
-        some = self.files[:: max(1, len(self.files) // _SAMPLED)]
-        pixels = [np.asarray(_opened(file)).reshape(-1, 3, 1, 1) for file in some]
-        return np.concatenate(pixels) / 255.0
-
-    def feature(self) -> dict[str, Any]:
-        """Return what LeRobot wants to know of the column."""
-        width, height = _opened(self.files[0]).size
-        return {
-            "dtype": "image",
-            "shape": [height, width, 3],
-            "names": ["height", "width", "channels"],
-        }
+def _numbers(values: np.ndarray, names: list[str] | None = None) -> _Column:
+    """Return a column of numbers, (N,), or of vectors of them, (N, d)."""
+    arrow, width = pyarrow.array(values.ravel()), 1
+    if values.ndim == 2:
+        width = values.shape[1]
+        arrow = pyarrow.FixedSizeListArray.from_arrays(arrow, width)
+    feature = {"dtype": str(values.dtype), "shape": [width], "names": names}
+    samples = values.astype(np.float64).reshape(len(values), -1)
+    return _Column(arrow, feature, samples)
 
 
-def _opened(file: bytes) -> Image.Image:
-    return Image.open(io.BytesIO(file))
+def _pictures(files: Sequence[bytes]) -> _Column:
+    """Return a column of PNG files."""
+    kind = pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])
+    arrow = pyarrow.array([{"bytes": file, "path": None} for file in files], kind)
+    some = files[:: max(1, len(files) // _SAMPLED)]
+    pixels = [np.asarray(Image.open(io.BytesIO(file))) for file in some]
+    colours = np.concatenate([one.reshape(-1, 3, 1, 1) for one in pixels])
+    feature = {
+        "dtype": "image",
+        "shape": list(pixels[0].shape),
+        "names": ["height", "width", "channels"],
+    }
+    return _Column(arrow, feature, colours / 255.0)
 
 
 def write(path: Path, demonstrations: Sequence[Rows]) -> None:
@@ -108,9 +73,32 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
             f"LeRobot counts whole samples per second, got {demonstrations[0].rate:.4g}"
             "; import the recordings with --rate 100"
         )
-    columns = _columns(demonstrations, rate)
-    # Where each episode stands.
+
+    def stacked(parts: Sequence[np.ndarray], names: list[str] | None = None) -> _Column:
+        return _numbers(np.vstack(parts).astype(np.float32), names)
+
+    # The columns of all samples, one episode after the other.
     lengths = np.array([len(one.states) for one in demonstrations])
+    frames = np.concatenate([np.arange(length) for length in lengths])
+    columns = {
+        STATE: stacked([one.states for one in demonstrations], _NAMES),
+        "action": stacked([one.actions for one in demonstrations], _NAMES),
+    }
+    shared = set.intersection(*(set(one.signals) for one in demonstrations))
+    for name in sorted(shared):
+        parts = [one.signals[name] for one in demonstrations]
+        columns[f"observation.{name}"] = stacked(parts)
+    for camera in demonstrations[0].pictures:
+        files = [file for one in demonstrations for file in one.pictures[camera]]
+        columns[f"observation.images.{camera}"] = _pictures(files)
+    columns |= {
+        "timestamp": _numbers((frames / rate).astype(np.float32)),
+        "frame_index": _numbers(frames),
+        "episode_index": _numbers(np.repeat(np.arange(len(lengths)), lengths)),
+        "index": _numbers(np.arange(len(frames))),
+        "task_index": _numbers(np.zeros(len(frames), dtype=np.int64)),
+    }
+    # Where each episode stands.
     ends = np.cumsum(lengths)
     zeros = np.zeros(len(lengths), dtype=np.int64)
     episodes = {
@@ -125,18 +113,28 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
         "meta/episodes/file_index": zeros,
     }
     tasks = pyarrow.table({"task_index": [0], "task": [demonstrations[0].task]})
-    statistics = {}
-    for name, column in columns.items():
-        samples = column.samples()
-        statistics[name] = {
-            statistic: getattr(samples, statistic)(axis=0).tolist()
+    # Of this table, pandas takes the task as its index.
+    kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
+    described = [
+        {"name": name, "field_name": name, "pandas_type": pandas, "numpy_type": numpy}
+        | {"metadata": None}
+        for name, (pandas, numpy) in kinds.items()
+    ]
+    index = {"index_columns": ["task"], "columns": described, "column_indexes": []}
+    tasks = tasks.replace_schema_metadata({"pandas": json.dumps(index)})
+    statistics = {
+        name: {
+            statistic: getattr(column.samples, statistic)(axis=0).tolist()
             for statistic in ("min", "max", "mean", "std")
-        } | {"count": [len(column)]}
+        }
+        | {"count": [len(column.arrow)]}
+        for name, column in columns.items()
+    }
     info = {
         "codebase_version": "v3.0",
         "robot_type": None,
         "total_episodes": len(demonstrations),
-        "total_frames": len(columns["index"]),
+        "total_frames": len(frames),
         "total_tasks": 1,
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
@@ -145,64 +143,17 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
         "splits": {"train": f"0:{len(demonstrations)}"},
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "video_path": None,
-        "features": {name: column.feature() for name, column in columns.items()},
+        "features": {name: column.feature for name, column in columns.items()},
     }
     with complete_folder(path) as written:
         for folder in ("meta/episodes/chunk-000", "data/chunk-000"):
             (written / folder).mkdir(parents=True)
-        data = pyarrow.table({name: one.arrow() for name, one in columns.items()})
+        data = pyarrow.table({name: one.arrow for name, one in columns.items()})
         for table, file in (
             (data, f"data/{_FILE}"),
             (pyarrow.table(episodes), f"meta/episodes/{_FILE}"),
-            (_indexed_by("task", tasks), "meta/tasks.parquet"),
+            (tasks, "meta/tasks.parquet"),
         ):
             pyarrow.parquet.write_table(table, written / file)
         write_json(written / "meta/stats.json", statistics)
         write_json(written / INFO, info, indent=4)
-
-
-def _columns(
-    demonstrations: Sequence[Rows], rate: int
-) -> Mapping[str, _Numbers | _Pictures]:
-    """Return the columns of all samples, one episode after the other."""
-
-    def stacked(parts: Sequence[np.ndarray], names: Any = None) -> _Numbers:
-        return _Numbers(np.vstack(parts).astype(np.float32), names)
-
-    lengths = [len(one.states) for one in demonstrations]
-    frames = np.concatenate([np.arange(length) for length in lengths])
-    columns: dict[str, _Numbers | _Pictures] = {
-        STATE: stacked([one.states for one in demonstrations], _NAMES),
-        "action": stacked([one.actions for one in demonstrations], _NAMES),
-    }
-    for name in sorted({name for one in demonstrations for name in one.signals}):
-        if all(name in one.signals for one in demonstrations):
-            parts = [one.signals[name] for one in demonstrations]
-            columns[f"observation.{name}"] = stacked(parts)
-    for camera in demonstrations[0].pictures:
-        files = [file for one in demonstrations for file in one.pictures[camera]]
-        columns[f"{_PICTURES}{camera}"] = _Pictures(files)
-    return columns | {
-        "timestamp": _Numbers((frames / rate).astype(np.float32)),
-        "frame_index": _Numbers(frames),
-        "episode_index": _Numbers(np.repeat(np.arange(len(lengths)), lengths)),
-        "index": _Numbers(np.arange(len(frames))),
-        "task_index": _Numbers(np.zeros(len(frames), dtype=np.int64)),
-    }
-
-
-def _indexed_by(index: str, table: Any) -> Any:
-    """Return a table of which pandas takes a column as its index."""
-    types = {"int64": ("int64", "int64"), "string": ("unicode", "object")}
-    columns = [
-        {
-            "name": field.name,
-            "field_name": field.name,
-            "pandas_type": types[str(field.type)][0],
-            "numpy_type": types[str(field.type)][1],
-            "metadata": None,
-        }
-        for field in table.schema
-    ]
-    pandas = {"index_columns": [index], "columns": columns, "column_indexes": []}
-    return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
