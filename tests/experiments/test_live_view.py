@@ -224,7 +224,7 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
     monkeypatch.setattr(live, "watched_rollout", show)
     stand_in(monkeypatch, LISTENING)
     assert gplfd(*ORACLE, "--door", "0.42", "--disturbance", "person") == 0
-    assert seen["arrangement"] is layout(("person",), live=True)
+    assert seen["arrangement"] is layout(("person",), (), "right", live=True)
     arguments = Path("arguments").read_text().split()
     assert arguments[:3] == ["--bind", "127.0.0.1", "--port"]
     assert arguments[4:6] == ["--serve-web", "--web-viewer-port"]

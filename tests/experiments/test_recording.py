@@ -300,7 +300,7 @@ def blueprint_of(path):
 def test_file_carries_the_layout_as_rerun_would_write_it(record, make_log, tmp_path):
     record(make_log())
     written = blueprint_of(tmp_path / "episode.rrd")
-    layout(()).save("gplfd", tmp_path / "plain.rbl")
+    layout((), (), "right").save("gplfd", tmp_path / "plain.rbl")
     assert written == blueprint_of(tmp_path / "plain.rbl")
     views = {path for path, name in written if name == "ViewBlueprint:space_origin"}
     assert len(views) == 16  # twelve of series, two 3-D, lanes and page
