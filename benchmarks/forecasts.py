@@ -19,10 +19,9 @@ demonstrations best (`gplfd_policies.gp.deviations.forecast_score`).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import tyro
@@ -68,18 +67,10 @@ def wobbling_arc(
     std: float,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Open a door in minimum-jerk time while the hand wobbles smoothly.
+    """Open a door in minimum-jerk time while the hand wobbles smoothly, (M, 6).
 
-    Args:
-        radius: Distance from hinge to handle [m].
-        clock: Time as a share of the duration, (M,).
-        progress: How far the motion is at these times, from 0 to 1, (M,).
-        std: Standard deviation of the wobble [m; 4 times as much in rad], which is zero
-            at the start.
-        rng: Source of randomness.
-
-    Returns:
-        Poses, (M, 6) [m, rad].
+    The clock (M,) and the progress of the motion run from 0 to 1; the wobble has a
+    standard deviation in m, and four times as much in rad, and is zero at the start.
     """
     arc = handle_pose_on_arc(radius, DEMONSTRATED_ANGLE * minimum_jerk(progress))
     rising = np.minimum(1.0, 10.0 * clock)[:, None]
@@ -161,11 +152,6 @@ def judge_exact(
 
     Averages are over stages of the openings, so that early ones, with a longer rest, do
     not dominate.
-
-    Args:
-        forms: Names in `gplfd_policies.adaptation.ADAPTATIONS`.
-        draws: Draws of demonstrations.
-        every: Samples between via-points.
     """
     stages: dict[str, list[tuple[float, ...]]] = {form: [] for form in forms}
     for seed, (aligned, radii) in enumerate(draws):
@@ -179,15 +165,13 @@ def judge_exact(
                 for opening in poses[left_out]:
                     adaptation = ADAPTATIONS[form](skill, times)
                     stages[form] += _stages(adaptation, times, opening, every, rng)
+    columns = (SOON_ERROR, SOON_HOLDS, REST_ERROR, REST_HOLDS)
+    scale = np.array([1e3, 1.0, 1e3, 1.0])
     scores = {}
     for form in forms:
-        soon, soon_holds, rest, rest_holds = np.mean(stages[form], axis=0)
-        scores[form] = {
-            SOON_ERROR: 1e3 * soon**0.5,
-            SOON_HOLDS: soon_holds,
-            REST_ERROR: 1e3 * rest**0.5,
-            REST_HOLDS: rest_holds,
-        }
+        means = np.mean(stages[form], axis=0)
+        means[::2] = np.sqrt(means[::2])
+        scores[form] = dict(zip(columns, (scale * means).tolist(), strict=True))
     return scores
 
 
@@ -229,14 +213,12 @@ _ERRORS: Final = {"clean arcs": (4.0, 25.0), "synthetic human": (6.5, 42.0)}
 """At most so much of what comes next and of the rest [mm]."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Task:
-    """What is learned, and what is predicted."""
+class Task(NamedTuple):
+    """What is learned, what is predicted, and the positions that the task moves."""
 
-    given: tuple[Demonstration, ...]
-    unseen: tuple[Demonstration, ...]
+    given: Sequence[Demonstration]
+    unseen: Sequence[Demonstration]
     moving: tuple[int, ...]
-    """Positions that the task moves."""
 
 
 def paced_arc(radius: float, rng: np.random.Generator) -> Demonstration:
@@ -259,18 +241,13 @@ def drawn_task(
     """Draw doors of three radii to learn from, and of others to predict."""
     rng, demonstrate = np.random.default_rng(seed), GENERATORS[generator]
     given = [demonstrate(radius, rng) for radius in _LEARNED for _ in range(per_radius)]
-    others = [demonstrate(radius, rng) for radius in unseen]
-    return Task(given=tuple(given), unseen=tuple(others), moving=(0, 2))
+    return Task(given, [demonstrate(radius, rng) for radius in unseen], (0, 2))
 
 
 def in_own_time(
     skill: Skill, form: AdaptationForm, task: Task, seed: int
 ) -> Iterator[dict[str, float]]:
-    """Predict every unseen motion of a task in its own time.
-
-    Yields:
-        At every cut: mean squared errors [m²] and shares inside.
-    """
+    """Yield mean squared errors [m²] and shares inside at every cut of every motion."""
     grid, rng = np.linspace(0.0, 1.0, _SAMPLES), np.random.default_rng(seed)
     moving = list(task.moving)
     for one in task.unseen:
@@ -300,9 +277,8 @@ def by_path(
 ) -> Iterator[dict[str, float]]:
     """Predict where every unseen motion goes, its phase told from the path.
 
-    Yields:
-        At every cut the mean squared distance of the true path [m²] from the predicted
-        one, and from the circle through what was seen.
+    Yields at every cut the mean squared distance of the true path [m²] from the
+    predicted one, and from the circle through what was seen.
     """
     grid, rng = np.linspace(0.0, 1.0, _SAMPLES), np.random.default_rng(seed)
     for one in task.unseen:
@@ -343,21 +319,20 @@ def judge(
     forms: Mapping[str, AdaptationForm], tasks: Sequence[Task]
 ) -> dict[str, dict[str, float]]:
     """Root mean squares and shares by form, averaged over all cuts of all tasks."""
-    found: dict[str, list[dict[str, float]]] = {name: [] for name in forms}
+    found: dict[str, dict[str, list[float]]] = {name: {} for name in forms}
     for seed, task in enumerate(tasks):
         skill = fit_skill(align(task.given))
         for name, form in forms.items():
-            own = in_own_time(skill, form, task, seed)
-            told = by_path(skill, form, task, seed)
-            found[name] += [a | b for a, b in zip(own, told, strict=True)]
-    rows: dict[str, dict[str, float]] = {}
-    for name, stages in found.items():
-        row = rows[name] = {}
-        for column in stages[0]:
-            each = np.array([stage[column] for stage in stages])
-            share = column in (HOLDS, ALL_HOLD)
-            row[column] = float(np.mean(each if share else 1e3 * np.sqrt(each)))
-    return rows
+            for judged in (in_own_time, by_path):
+                for stage in judged(skill, form, task, seed):
+                    for column, value in stage.items():
+                        share = column in (HOLDS, ALL_HOLD)
+                        scored = value if share else 1e3 * value**0.5
+                        found[name].setdefault(column, []).append(scored)
+    return {
+        name: {column: float(np.mean(each)) for column, each in columns.items()}
+        for name, columns in found.items()
+    }
 
 
 UNSEEN_FORMS: Final[Mapping[str, AdaptationForm]] = {
@@ -378,11 +353,7 @@ def unseen_motions(
     if recording is not None:
         given = load_demonstrations(recording).demonstrations
         sets["recorded"] = [
-            Task(
-                given=(*given[:place], *given[place + 1 :]),
-                unseen=(given[place],),
-                moving=(0, 1, 2),
-            )
+            Task((*given[:place], *given[place + 1 :]), [given[place]], (0, 1, 2))
             for place in range(len(given))
         ]
     rows: dict[str, dict[str, float]] = {}

@@ -59,11 +59,12 @@ def folder_of(package: str) -> Path:
     return Path(folder)
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_the_import_names_are_ours(package):
+@pytest.mark.parametrize("package", ["gplfd", *PACKAGES])
+def test_the_import_names_are_ours_and_typed(package):
     """`policies` and `experiments` are folders of the checkout, not import names:
     other projects and users' folders have them, too.
     """
+    assert (folder_of(package) / "py.typed").is_file()
     distribution = importlib.metadata.distribution("gplfd")
     origin = json.loads(distribution.read_text("direct_url.json") or "{}")
     if origin.get("dir_info", {}).get("editable"):
@@ -76,11 +77,6 @@ def test_the_import_names_are_ours(package):
         assert not {"policies", "experiments"} & set(owners)
         place = distribution.locate_file(package.replace(".", "/"))
         assert folder_of(package) == Path(str(place))
-
-
-@pytest.mark.parametrize("package", ["gplfd", *PACKAGES])
-def test_packages_are_marked_as_typed(package):
-    assert (folder_of(package) / "py.typed").is_file()
 
 
 def test_console_script_exists_and_explains_itself(tmp_path):
