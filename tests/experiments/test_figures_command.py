@@ -74,28 +74,3 @@ def test_figures_without_episodes_run_none(
 
 def simulate(*_: Any, **__: Any) -> None:
     raise AssertionError("simulated")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--only", "fig02", "fig08"], "no figure 'fig08'; figures: fig02, fig03, fig"),
-        (["--seed", "-1"], "--seed -1 must be 0 or more"),
-        (["--out", "taken"], "--out taken is a file; give a folder"),
-        (["--out", "taken/below"], "taken"),
-    ],
-)
-def test_bad_input_is_one_sentence_status_2_and_no_files(
-    gplfd: Gplfd,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
-    message: str,
-) -> None:
-    (tmp_path / "taken").write_text("")
-    assert gplfd("figures", *arguments) == 2
-    printed = capsys.readouterr().err
-    assert printed.startswith("gplfd: ")
-    assert len(printed.splitlines()) == 1
-    assert message in printed
-    assert files(tmp_path) == {"taken"}

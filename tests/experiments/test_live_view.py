@@ -27,7 +27,6 @@ from gplfd_experiments.recording.stream import open_stream
 
 pytestmark = pytest.mark.slow
 
-Gplfd = Callable[..., int]
 NAMES = {
     "policy": "gp",
     "door": "medium",
@@ -125,17 +124,6 @@ def test_an_episode_that_nobody_watches_is_given_up(watch, door_env, arc_agent):
     assert len(env.actions) < env.n_steps
 
 
-def test_a_policy_without_forecasts_can_be_watched(watch, door_env, arc_agent):
-    log, chunks = watch(door_env(), arc_agent(forecasts=False), speed=np.inf)
-    assert log.forecast_times.size == 0
-    assert not any("policy" in chunk.entity_path for chunk in chunks)
-
-
-def test_time_follows_what_comes_in():
-    assert layout((), live=True).time_panel.play_state == "following"
-    assert layout(()).time_panel.play_state == "playing"
-
-
 @pytest.fixture
 def gplfd(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -150,38 +138,6 @@ def gplfd(tmp_path, monkeypatch):
             return int(error.code or 0)
 
     return run
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "give a recording to open, for example"),
-        (["--live", "a.rrd"], "it does not go with a.rrd"),
-        (["--live"], "`gplfd view --live --serve` serves the episode to a browser"),
-        (["--live", "--speed", "0"], "--speed 0 must be positive and finite"),
-        (["--live", "--speed", "nan"], "--speed nan must be positive"),
-        (["--live", "--speed", "inf"], "--speed inf must be positive"),
-        (["--live", "--seed", "-1"], "--seed -1 must be 0 or more"),
-        (["--live", "--serve", "--door", "smal"], "unknown door 'smal'"),
-        (["--live", "--serve", "--policy", "oracel"], "unknown policy 'oracel'"),
-        (["--live", "--serve", "--randomization", "mid"], "did you mean 'mild'"),
-        (["a.rrd", "--seed", "1"], "--seed goes with --live, not with a file"),
-        (["a.rrd", "--serve"], "--serve goes with --live, not with a file"),
-    ],
-)
-def test_bad_arguments_have_status_2_and_start_nothing(
-    gplfd, monkeypatch, capsys, arguments, message
-):
-    monkeypatch.setattr(live.subprocess, "Popen", None)
-    assert gplfd(*arguments) == 2
-    printed = capsys.readouterr().err
-    assert printed.startswith("gplfd: ")
-    assert message in printed
-    assert len(printed.splitlines()) == 1
-
-
-def test_unreadable_speed_is_a_parser_error(gplfd):
-    assert gplfd("--live", "--speed", "fast") == 2
 
 
 LISTENING = """\
@@ -225,6 +181,8 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
     stand_in(monkeypatch, LISTENING)
     assert gplfd(*ORACLE, "--door", "0.42", "--disturbance", "person") == 0
     assert seen["arrangement"] is layout(("person",), (), "right", live=True)
+    assert seen["arrangement"].time_panel.play_state == "following"
+    assert layout(()).time_panel.play_state == "playing"
     arguments = Path("arguments").read_text().split()
     assert arguments[:3] == ["--bind", "127.0.0.1", "--port"]
     assert arguments[4:6] == ["--serve-web", "--web-viewer-port"]

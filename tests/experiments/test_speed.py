@@ -160,7 +160,7 @@ def test_smooth_deviations_of_neighbours_agree_and_independent_ones_do_not():
 
 
 def test_stated_interval_is_judged_apart_from_the_standard_deviation():
-    held_out = np.array([[-2.5], [0.0], [1.0], [2.5]])[:, None, :] * np.ones((1, 3, 6))
+    held_out = np.array([-2.5, 0.0, 1.0, 2.5])[:, None, None] * np.ones((1, 3, 6))
     nothing = np.zeros((3, 6))
     student = GaussianTrajectory(
         times=np.arange(3.0),
@@ -261,11 +261,8 @@ def test_targets_say_what_was_wanted_and_whether_it_is_met(target, wanted, met):
     assert (target.wanted, target.met) == (wanted, met)
 
 
-def test_command_offers_every_part():
-    assert list(PARTS) == list(PartName.__args__)  # type: ignore[attr-defined]
-
-
 def test_announcement_says_what_and_how_long(without_peers):
+    assert list(PARTS) == list(PartName.__args__)  # type: ignore[attr-defined]
     text = announcement(["fit", "environment"], repeats=5)
     assert text.startswith("measuring fit, environment: about 2 min")
     assert "without hetgpy, not installed" in text
@@ -303,20 +300,3 @@ def test_plain_installation_gets_a_line_that_says_what_is_missing(gplfd, capsys)
     lines = [line.split() for line in printed.out.splitlines()]
     assert ["hetgpy", "hetGP,", "smooth", "not", "installed", *"----"] in lines
     assert "hetGP's time" not in printed.out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--repeats", "0"], "--repeats 0 must be 1 or more"),
-        (["--out", "taken"], "--out taken is a file; give a folder"),
-    ],
-)
-def test_wrong_arguments_are_named_before_anything_runs(
-    gplfd, tmp_path, capsys, arguments, message
-):
-    (tmp_path / "taken").touch()
-    assert gplfd("speed", *arguments) == 2
-    printed = capsys.readouterr()
-    assert message in printed.err
-    assert printed.out == ""

@@ -97,5 +97,5 @@ class Doctor:
             from gplfd_experiments.files.plain_data import json_text
 
         found = examined()
-        print(json_text(found.as_json()) if self.json else text(found))
+        print(json_text(found) if self.json else text(found))
         return 0
