@@ -19,9 +19,7 @@ def files(folder: Path) -> set[str]:
 
 
 @pytest.fixture
-def short_runs(
-    make_log: Callable[..., EpisodeLog], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def short_runs(make_log, monkeypatch):
     """Episodes by formula, and two figures, one of them with episodes."""
 
     def short(*_: Any, door: str, **__: Any) -> EpisodeLog:
@@ -36,9 +34,7 @@ def short_runs(
 
 
 @pytest.mark.usefixtures("short_runs")
-def test_the_whole_command_and_its_repetition(
-    gplfd: Gplfd, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_whole_command_and_its_repetition(gplfd, tmp_path, monkeypatch):
     assert gplfd("figures", "--out", "out") == 0
     out = tmp_path / "out"
     drawn = {f"{name}{end}" for name in ("fig03", "fig10") for end in (".png", ".svg")}
@@ -63,9 +59,7 @@ def test_the_whole_command_and_its_repetition(
 
 
 @pytest.mark.usefixtures("short_runs")
-def test_figures_without_episodes_run_none(
-    gplfd: Gplfd, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_figures_without_episodes_run_none(gplfd, tmp_path, monkeypatch):
     monkeypatch.setattr(material, "rollout", simulate)
     assert gplfd("figures", "--out", "out", "--only", "fig03") == 0
     assert {"fig03.png", "fig03.svg"} <= files(tmp_path / "out")

@@ -81,8 +81,8 @@ def test_what_is_the_same_is_drawn_once_for_all_recordings(door_model):
     def ids() -> dict[str, str]:
         return {chunk.entity_path: chunk.id for chunk in drawn_scene(door_model)}
 
-    leaf, first, again = "/world/scene/leaf", ids(), ids()
-    assert first[leaf] == again[leaf]
+    leaf, first = "/world/scene/leaf", ids()
+    assert first[leaf] == ids()[leaf]
     door_model.geom("knob").size[:] = 0.03
     changed = ids()
     assert changed[leaf] != first[leaf]
@@ -143,7 +143,7 @@ FROM_OUTSIDE = {
 
 
 @pytest.mark.parametrize("changes", [{}, FROM_OUTSIDE], ids=["", "from outside"])
-@pytest.mark.parametrize("ends", [[2, 4, 150, 601], [301, 601], [350, 450, 550, 601]])
+@pytest.mark.parametrize("ends", [[2, 4, 150, 601], [350, 450, 550, 601]])
 def test_an_episode_shown_in_parts_shows_what_it_shows_at_once(
     make_log, door_model, ends, changes
 ):
