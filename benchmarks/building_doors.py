@@ -1,15 +1,14 @@
 """Doors of buildings and a robot that drives: python benchmarks/building_doors.py.
 
 Policies learn from six demonstrations of three doors of a door's kind, beside the
-oracle, which is told the door; and what a lever's scene costs, beside a bar's.
+oracle, which is told the door.
 """
 
 import contextlib
-import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any, Final
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -17,18 +16,11 @@ import tyro
 from harness import opened, report, tasks_of
 
 from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.doors.config import DOORS, DoorConfig
+from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.analysis.results.measures import ADA_FORCE
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
 from gplfd_experiments.speed.report import Measurement, Value, at_least
-from gplfd_experiments.speed.timing import Timed, measure, repeated
-
-_SCENES: Final = {
-    "bar": DOORS["medium"],
-    "lever": DoorConfig(radius=0.5, handle="lever", latch="spring", seal=1.5),
-}
-"""What `costs` compares, before a robot that stands still."""
 
 
 def standard_doors(first: int, draws: int) -> Mapping[str, Sequence[DoorConfig]]:
@@ -99,35 +91,10 @@ def _summary(found: Sequence[EpisodeMetrics]) -> dict[str, Value]:
     }
 
 
-def costs(repeats: int) -> Measurement:
-    """Time resets and steps of a lever's scene beside a bar's, in turns."""
-    actions: dict[tuple[str, str], Timed] = {}
-    for name, door in _SCENES.items():
-        env: Any = gym.make(ENVIRONMENT_IDS["pose"], door=door)
-        # Doors that no cache has seen.
-        new = (door.replaced({"radius": 0.45 + 1e-6 * n}) for n in itertools.count())
-
-        def reset_new(env: Any = env, new: Any = new) -> None:
-            env.reset(options={"door": next(new)})
-
-        actions["reset", name] = repeated(env.reset, 20)
-        actions["reset to a new door", name] = repeated(reset_new)
-        actions["step", name] = repeated(
-            partial(env.step, np.zeros(6)), 200, begin=env.reset
-        )
-    times = measure(actions, repeats)
-    rows: dict[str, dict[str, Value]] = {}
-    for what in dict.fromkeys(what for what, _ in actions):
-        bar, lever = (times[what, name] for name in _SCENES)
-        rows[what] = {"bar": bar, "lever": lever, "ratio": lever.cpu_over(bar)}
-    return Measurement(title="a latched lever beside a bar, CPU time [ms]", rows=rows)
-
-
 def main(
     policies: tuple[str, ...] = ("gp",),
     draws: int = 200,
     first: int = 0,
-    repeats: int = 20,
 ) -> None:
     """Open doors of buildings, and say with which force; a minute per policy.
 
@@ -135,14 +102,8 @@ def main(
         policies: Which, beside the oracle.
         draws: Number of standard doors.
         first: Seed of the first of them.
-        repeats: Measurements of every time.
     """
-    report(
-        {
-            "standard": partial(standard, policies, first, draws),
-            "costs": partial(costs, repeats),
-        }
-    )
+    report({"standard": partial(standard, policies, first, draws)})
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ agents, contact, demonstrations, forecasts, learning = map(
 RUNS = {
     "agents": ("--repeats 1 --counts 2 --periods 4", "2 agents in lockstep"),
     "building_doors": (
-        "--draws 1 --repeats 1 --policies hinge-fit",
+        "--draws 1 --policies hinge-fit",
         "share of these that hinge-fit opens",
     ),
     "contact person": ("--seeds 1", "command follows the hand"),
@@ -39,7 +39,6 @@ RUNS = {
     ),
     "forecasts doors": ("--draws 1 --every 80", "2 of 3 radii, process"),
     "forecasts unseen": ("--draws 1 --unseen 0.42", "synthetic human, own-clock"),
-    "forecasts worth": ("--draws 1 --per-radius 2", "synthetic human, left out"),
     "learning calibration": ("--draws 1", "accuracy, 20 smooth: in stated 95 %"),
     "learning scaling": (
         "--repeats 1 --counts 2 3 --samples 20 40",
@@ -79,10 +78,8 @@ def test_every_command_is_run_and_named_in_the_documents_with_its_figures():
 
 @pytest.mark.parametrize("command", RUNS)
 def test_script_runs(command, capsys, monkeypatch):
-    worth = {"left out": forecasts.WORTH_FORMS["left out"]}
     for module, name, fewer in (
         (forecasts, "OPENINGS", {"2 of 3 radii": partial(forecasts.arcs, RADII)}),
-        (forecasts, "WORTH_FORMS", worth),
         (demonstrations, "METHODS", ("gp",)),
         (demonstrations, "RESTS", (0.0, 2.0)),
         (demonstrations, "_DOORS", ("small",)),
