@@ -43,31 +43,26 @@ def without_peers(monkeypatch):
 # --- Timing ------------------------------------------------------------------
 
 
-class Clock:
-    """CPU and wall clocks that move when someone works [s]."""
-
-    cpu = 0.0
-    wall = 0.0
-
-    def work(self, seconds: float, *, waiting: float = 0.0) -> None:
-        self.cpu += seconds
-        self.wall += seconds + waiting
-
-
 @pytest.fixture
-def clock(monkeypatch):
-    clock = Clock()
-    monkeypatch.setattr(timing.time, "process_time", lambda: clock.cpu)
-    monkeypatch.setattr(timing.time, "perf_counter", lambda: clock.wall)
-    return clock
+def work(monkeypatch):
+    """Let CPU and wall clocks move when someone works [s], and only then."""
+    clock = {"cpu": 0.0, "wall": 0.0}
+    monkeypatch.setattr(timing.time, "process_time", lambda: clock["cpu"])
+    monkeypatch.setattr(timing.time, "perf_counter", lambda: clock["wall"])
+
+    def work(seconds: float, *, waiting: float = 0.0) -> None:
+        clock["cpu"] += seconds
+        clock["wall"] += seconds + waiting
+
+    return work
 
 
-def test_actions_run_in_turns_after_a_round_that_does_not_count(clock):
+def test_actions_run_in_turns_after_a_round_that_does_not_count(work):
     calls: list[str] = []
 
     def action(name: str, first: float, later: float) -> Timed:
         def act() -> None:
-            clock.work(later if name in calls else first, waiting=1.0)
+            work(later if name in calls else first, waiting=1.0)
             calls.append(name)
 
         return repeated(act)
@@ -79,29 +74,23 @@ def test_actions_run_in_turns_after_a_round_that_does_not_count(clock):
     assert times["b"].rate == pytest.approx(1 / 4)
 
 
-def test_single_round_is_counted(clock):
-    (time,) = measure({"one": repeated(lambda: clock.work(1.0))}, 1).values()
-    assert time == Timing(cpu=(1.0,), wall=(1.0,))
-    assert clock.cpu == 1.0
+def test_preparation_is_not_timed_and_times_are_per_operation(work):
+    def prepare() -> timing.Action:
+        work(100.0)
+        return lambda: work(6.0)
+
+    actions = {
+        "prepared": Timed(prepare=prepare, operations=3),
+        "after": after(lambda: work(100.0), lambda: work(6.0), 3),
+        "repeated": repeated(lambda: work(2.0), 7, lambda: work(100.0)),
+    }
+    for time in measure(actions, 1).values():  # A single round is counted.
+        assert time.cpu == (pytest.approx(2.0),)
     with pytest.raises(ValueError, match="repeats must be 1 or more, got 0"):
         measure({}, 0)
 
 
-def test_preparation_is_not_timed_and_times_are_per_operation(clock):
-    def prepare() -> timing.Action:
-        clock.work(100.0)
-        return lambda: clock.work(6.0)
-
-    actions = {
-        "prepared": Timed(prepare=prepare, operations=3),
-        "after": after(lambda: clock.work(100.0), lambda: clock.work(6.0), 3),
-        "repeated": repeated(lambda: clock.work(2.0), 7, lambda: clock.work(100.0)),
-    }
-    for time in measure(actions, 1).values():
-        assert time.cpu_median == pytest.approx(2.0)
-
-
-def test_short_actions_are_prepared_and_run_again(clock):
+def test_short_actions_are_prepared_and_run_again(work):
     calls: list[str] = []
 
     def counted(name: str, operations: int) -> Timed:
@@ -110,7 +99,7 @@ def test_short_actions_are_prepared_and_run_again(clock):
 
         def run() -> None:
             calls.append(f"run {name}")
-            clock.work(0.1 * operations)
+            work(0.1 * operations)
 
         return after(begin, run, operations)
 
