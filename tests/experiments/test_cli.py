@@ -352,12 +352,6 @@ def test_help_and_errors_have_no_colours_where_nobody_sees_them(gplfd, capsys):
     assert "\x1b" not in printed.out + printed.err
 
 
-def test_subcommands_that_are_suggested_exist(gplfd, capsys):
-    for command, names in cli.SUBCOMMANDS.items():
-        assert gplfd(command, "--help") == 0
-        assert f"{{{','.join(names)}}}" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("command", "width"),
     [*((command, 80) for command in (*cli.COMMANDS, "demos import", "")), ("run", 120)],

@@ -45,27 +45,26 @@ def test_every_visible_geom_is_drawn_once_in_its_place_and_colour(
     leaf = "/world/scene/leaf"
     drawn = {path for path in recording.entities if path.startswith("/world/scene/")}
     assert drawn == {"/world/scene/world", leaf, f"{leaf}/mesh_6"}
-    _, sizes = recording[leaf, "Boxes3D:half_sizes"]
-    np.testing.assert_allclose(sizes[0], [[0.02, 1.0, 0.25]], atol=1e-6)
-    _, colours = recording[leaf, "Boxes3D:colors"]
-    assert colours == [[0x0000FFFF]]  # of the material
-    _, colours = recording[leaf, "Capsules3D:colors"]
-    assert colours == [[0xFF000080]]  # of the geom, half transparent
-    _, sizes = recording[leaf, "Ellipsoids3D:half_sizes"]
-    np.testing.assert_allclose(sizes[0], [[0.02] * 3, [0.02, 0.03, 0.04]], atol=1e-6)
-    # MuJoCo centres the capsule at (0, 0, R); Rerun's starts at its lower end.
-    _, start = recording[leaf, "Capsules3D:translations"]
-    quaternion = door_model.geom("bar").quat
     axis = np.zeros(3)
-    mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, 1.0]), quaternion)
-    np.testing.assert_allclose(start[0][0], [0.0, 0.0, 0.5] - 0.1 * axis, atol=1e-6)
-    _, faces = recording[f"{leaf}/mesh_6", "Mesh3D:triangle_indices"]
-    assert len(faces[0]) == 4
+    up, quaternion = np.array([0.0, 0.0, 1.0]), door_model.geom("bar").quat
+    mujoco.mju_rotVecQuat(axis, up, quaternion)
+    for component, expected in {
+        "Boxes3D:half_sizes": [[0.02, 1.0, 0.25]],
+        "Boxes3D:colors": [0x0000FFFF],  # of the material
+        "Capsules3D:colors": [0xFF000080],  # of the geom, half transparent
+        "Ellipsoids3D:half_sizes": [[0.02] * 3, [0.02, 0.03, 0.04]],
+        # MuJoCo centres the capsule at (0, 0, R); Rerun's starts at its lower end.
+        "Capsules3D:translations": [0.5 * up - 0.1 * axis],
+    }.items():
+        (found,) = recording[leaf, component][1]
+        np.testing.assert_allclose(found, expected, atol=1e-6, err_msg=component)
+    assert len(recording[f"{leaf}/mesh_6", "Mesh3D:triangle_indices"][1][0]) == 4
     # The floor is infinite: a thin box of 6 m below it.
-    _, floor = recording["/world/scene/world", "Boxes3D:centers"]
-    np.testing.assert_allclose(floor[0], [[0.0, 0.0, -0.005]], atol=1e-6)
-    _, floor = recording["/world/scene/world", "Boxes3D:half_sizes"]
-    np.testing.assert_allclose(floor[0], [[3.0, 3.0, 0.005]], atol=1e-6)
+    floor = "/world/scene/world"
+    (centre,) = recording[floor, "Boxes3D:centers"][1]
+    np.testing.assert_allclose(centre, [[0.0, 0.0, -0.005]], atol=1e-6)
+    (half,) = recording[floor, "Boxes3D:half_sizes"][1]
+    np.testing.assert_allclose(half, [[3.0, 3.0, 0.005]], atol=1e-6)
 
 
 def test_bodies_move_as_forward_kinematics_says(record, make_log, door_model):
@@ -276,25 +275,6 @@ def test_recordings_leave_no_threads_behind(record, make_log):
     for _ in range(5):
         record(log)
     assert len(os.listdir("/proc/self/task")) <= before + 2
-
-
-def test_no_legend_lies_on_a_curve(record, make_log, tmp_path):
-    """σ and the pull start at zero, stiffness at its most."""
-    record(make_log())
-    written = blueprint_of(tmp_path / "episode.rrd")
-    corners = {}
-    for path, name in written:
-        if name == "PlotLegend:visible" and written[path, name] == [[True]]:
-            view = path.rpartition("/")[0]
-            ((origin,),) = written[view, "ViewBlueprint:space_origin"]
-            ((corners[origin],),) = written[path, "PlotLegend:corner"]
-    left_top, left_bottom = 1, 3
-    assert corners == {
-        "/plots/x": left_top,
-        "/plots/uncertainty": left_top,
-        "/plots/uncertainty_raw": left_top,
-        "/plots/stiffness": left_bottom,
-    }
 
 
 def test_colours_say_how_stiff_the_hand_is(record, make_log):

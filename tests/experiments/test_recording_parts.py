@@ -15,7 +15,6 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording.episode import part_chunks
 from gplfd_experiments.recording.motion import policy_motion
 from gplfd_experiments.recording.scene import (
-    body_poses,
     drawn_scene,
     entity_of_body,
     moved_scene,
@@ -88,15 +87,9 @@ def test_what_is_the_same_is_drawn_once_for_all_recordings(door_model):
 
 
 def test_bodies_move_between_frames_as_in_a_video(make_log, door_model):
-    log = make_log()
-    (leaf,) = moved_scene(door_model, Part(log=log))
+    (leaf,) = moved_scene(door_model, Part(log=make_log()))
     times = leaf.to_record_batch().column("sim_time").cast(pa.int64()).to_numpy()
     assert np.diff(times).max() <= 1e9 / 30.0
-    positions, quaternions = body_poses(door_model, log.qpos[::200], [2, 1])
-    assert positions.shape == (2, 4, 3)
-    np.testing.assert_allclose(positions[1], np.tile([0.7, 0.6, 0.85], (4, 1)))
-    turned = 2.0 * np.arccos(np.clip(quaternions[1] @ quaternions[0].T, -1.0, 1.0))
-    np.testing.assert_allclose(turned[0], log.door_angle[::200], atol=1e-6)
 
 
 SLIDES = """

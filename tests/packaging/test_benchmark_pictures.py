@@ -32,7 +32,8 @@ def test_pictures_stand_side_by_side_pixel_by_pixel():
         assert np.all(inside == value)
 
 
-def test_a_moving_picture_lasts_at_its_end(tmp_path):
+def test_a_moving_picture_lasts_at_its_end_and_has_shades_enough(tmp_path):
+    """Few colours make blotches of a leaf on which the light changes."""
     frames = [Image.new("RGB", (8, 8), (40 * one, 0, 0)) for one in range(6)]
     pictures.write_gif(tmp_path / "film.gif", frames, 0.1, 8)
     lasting = []
@@ -43,10 +44,6 @@ def test_a_moving_picture_lasts_at_its_end(tmp_path):
             (red, *_) = film.convert("RGB").getpixel((4, 4))
             assert red == pytest.approx(40 * number, abs=8)
     assert lasting == [100, 100, 100, 100, 100, 1000]
-
-
-def test_the_moving_picture_has_shades_enough_for_its_surfaces():
-    """Few colours make blotches of a leaf on which the light changes."""
     file = ROOT / "docs" / "images" / "opening.gif"
     assert file.stat().st_size < 500_000
     with Image.open(file) as film:

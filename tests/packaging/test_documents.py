@@ -62,16 +62,18 @@ def test_named_tests_exist():
     assert len(named["method.md"]) > 30, "it names the tests that settle it"
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
-def test_links_lead_somewhere(document):
-    links = re.findall(r"\]\((?!https?://|#)([^)#]+)", text_of(document))
-    missing = [link for link in links if not (document.parent / link).exists()]
-    # The wheel's test run has no assets folder beside the documents.
-    assert [link for link in missing if not link.startswith("assets/")] == []
-    if document.is_relative_to(DOCS):
-        # Nothing else is on the site.
-        paths = [(document.parent / link).resolve() for link in links]
-        assert [path for path in paths if not path.is_relative_to(DOCS)] == []
+def test_links_lead_somewhere():
+    """Those of the site, which has nothing else, to its own pages."""
+    astray = []
+    for document in DOCUMENTS:
+        for link in re.findall(r"\]\((?!https?://|#)([^)#]+)", text_of(document)):
+            path = (document.parent / link).resolve()
+            # The wheel's test run has no assets folder beside the documents.
+            there = path.exists() or link.startswith("assets/")
+            on_site = path.is_relative_to(DOCS) or not document.is_relative_to(DOCS)
+            if not (there and on_site):
+                astray.append((document.name, link))
+    assert astray == []
 
 
 def test_the_citation_is_of_this_package():
@@ -100,28 +102,9 @@ def test_the_paper_cites_what_its_bibliography_has():
         assert f"\n# {title}\n" in body
 
 
-def python_blocks(document: Path) -> list[str]:
-    """Return the snippets of a page that need nothing but `gplfd run` before them.
-
-    Those with a mark above them, `<!-- python: ... -->`, are run where what they need
-    is.
-    """
-    found = re.findall(
-        r"^(<!-- python: .* -->\n)?```python\n(.*?)```",
-        document.read_text(),
-        re.M | re.S,
-    )
-    return [block for mark, block in found if not mark]
-
-
 CODE = r"```python\n(.*?)```"
 ELSEWHERE = {DOCS / "learners.md"}
 """Pages whose snippets are run by tests/learners, with what they need."""
-PAGES = [
-    page
-    for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))
-    if python_blocks(page) and page not in ELSEWHERE
-]
 
 
 def python(folder: Path, *arguments: str) -> str:
@@ -145,7 +128,15 @@ def test_code_in_the_pages_runs(tmp_path):
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     first = ("--doors", "medium", "--out", "results/first")
     python(tmp_path, "-m", "gplfd", "run", *first)
-    blocks = [block for page in PAGES for block in python_blocks(page)]
+    # What needs more than that is marked, and run where it is.
+    blocks = [
+        block
+        for page in sorted({ROOT / "README.md", *DOCS.glob("*.md")} - ELSEWHERE)
+        for mark, block in re.findall(
+            rf"^(<!-- python: .* -->\n)?{CODE}", page.read_text(), re.M | re.S
+        )
+        if not mark
+    ]
     each = (
         "import sys\n"
         "for block in sys.argv[1:]:\n"
