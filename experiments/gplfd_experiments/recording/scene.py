@@ -75,33 +75,14 @@ def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
     bodies = [body for body in visual_geoms(model) if body != 0]
     frames = part.frames()
     positions, quaternions = body_poses(model, part.log.qpos[frames], bodies)
-    # One conversion for all bodies, of which each gets its stretch.
-    columns = rr.Transform3D.columns(
-        translation=positions.reshape(-1, 3),
-        quaternion=_xyzw(quaternions).reshape(-1, 4),
-    )
-    times, size = part.log.times[frames], frames.size
     return [
         moving(
             entity_of_body(model, body),
-            times,
-            [_Stretch(column, number * size, size) for column in columns],
+            part.log.times[frames],
+            rr.Transform3D.columns(translation=place, quaternion=turn),
         )
-        for number, body in enumerate(bodies)
+        for body, place, turn in zip(bodies, positions, _xyzw(quaternions), strict=True)
     ]
-
-
-class _Stretch:
-    """``size`` rows of a column of Rerun's from ``first`` on, which are not copied."""
-
-    def __init__(self, column: Any, first: int, size: int) -> None:
-        self._column, self._first, self._size = column, first, size
-
-    def component_descriptor(self) -> Any:
-        return self._column.component_descriptor()
-
-    def as_arrow_array(self) -> Any:
-        return self._column.as_arrow_array().slice(self._first, self._size)
 
 
 def visual_geoms(model: mujoco.MjModel) -> dict[int, list[int]]:

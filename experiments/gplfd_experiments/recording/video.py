@@ -89,8 +89,9 @@ def write_video(path: Path, log: EpisodeLog, model: Any) -> None:
         with contextlib.closing(encoder):
             encoder.send(None)
             pictures = _pictures(log, model, rows)
-            shown = {"total": rows.size, "desc": path.name, "unit": " pictures"}
-            for picture in progress_bar(pictures, **shown):
+            for picture in progress_bar(
+                pictures, total=rows.size, desc=path.name, unit=" pictures"
+            ):
                 encoder.send(picture)
             for _ in range(pause):
                 encoder.send(picture)
