@@ -67,10 +67,16 @@ def test_curves_are_the_logs_in_the_policys_colour_and_name(record, make_log):
 
 
 def test_policies_are_compared_by_what_decides(record, make_log):
+    """Whatever their names are."""
     force = np.where(np.arange(601) > 300, 30.0, 0.0)
     chunks = record(
-        make_log(person_force=force), measure="person_force_peak", heading="Who holds?"
+        make_log(person_force=force),
+        make_log(policy="gp, prior mean"),
+        measure="person_force_peak",
+        heading="Who holds?",
     )
+    entity = r"/plots/angle/gp\,\ prior\ mean"
+    assert chunks[entity, "SeriesLines:names"][1] == [["gp, prior mean"]]
     _, values = chunks["/plots/person/gp", "Scalars:scalars"]
     assert np.ravel(values).tolist() == force.tolist()
     text = chunks["/about", "TextDocument:text"][1][0][0]
@@ -98,31 +104,15 @@ def test_the_measured_curves_end_in_the_metrics_of_their_names(make_log):
     np.testing.assert_allclose(beside, 1e3 * away)
 
 
-def test_any_name_has_a_place_of_its_own(record, make_log):
-    chunks = record(make_log(), make_log(policy="gp, prior mean"))
-    entity = r"/plots/angle/gp\,\ prior\ mean"
-    assert chunks[entity, "SeriesLines:names"][1] == [["gp, prior mean"]]
-
-
 def test_labels_say_how_it_ended(record, make_log):
     half = np.minimum(make_log().door_angle, math.radians(40.0))
-    stuck = make_log(
-        policy="dmp",
-        success=False,
-        failure="stalled",
-        door_angle=half,
-        solved=np.full(601, False),
-    )
+    ended = {"success": False, "failure": "stalled", "solved": np.full(601, False)}
+    stuck = make_log(policy="dmp", door_angle=half, **ended)
     lost = dataclasses.replace(stuck, policy="gmr", failure="grasp_lost")
     chunks = record(make_log(), stuck, lost)
-    label = "world/task/label"
-    assert chunks[f"/robots/gp/{label}", "Points3D:labels"][1] == [["gp: opened"]]
-    assert chunks[f"/robots/dmp/{label}", "Points3D:labels"][1] == [
-        ["dmp: stuck at 40°"]
-    ]
-    assert chunks[f"/robots/gmr/{label}", "Points3D:labels"][1] == [
-        ["gmr: let go at 40°"]
-    ]
+    for said in ("gp: opened", "dmp: stuck at 40°", "gmr: let go at 40°"):
+        label = f"/robots/{said.partition(':')[0]}/world/task/label"
+        assert chunks[label, "Points3D:labels"][1] == [[said]]
     text = chunks["/about", "TextDocument:text"][1][0][0]
     assert "| dmp | stalled | 40° | 3.0 N |" in text
 
