@@ -37,13 +37,7 @@ from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
 from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.known_process import mean_scores, score
-from gplfd_experiments.speed.report import (
-    Measurement,
-    Target,
-    Value,
-    at_least,
-    at_most,
-)
+from gplfd_experiments.speed.report import Measurement, Target, Value, at_least, at_most
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import AlignmentMethod, align
 from gplfd_policies.demonstrations.demonstration import Demonstration

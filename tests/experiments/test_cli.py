@@ -30,10 +30,7 @@ from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_experiments.recording import live, viewer
 from gplfd_experiments.workflows import runs
-from gplfd_policies.demonstrations.npz import (
-    load_demonstrations,
-    save_demonstrations,
-)
+from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 from gplfd_policies.registry.catalogue import POLICIES
 
 pytestmark = pytest.mark.slow

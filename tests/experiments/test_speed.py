@@ -13,12 +13,7 @@ from gplfd_experiments.files.table import text_table
 from gplfd_experiments.speed import peers, policies, timing
 from gplfd_experiments.speed.known_process import KnownProcess, score
 from gplfd_experiments.speed.parts import PARTS, announcement
-from gplfd_experiments.speed.report import (
-    at_least,
-    at_most,
-    between,
-    value_table,
-)
+from gplfd_experiments.speed.report import at_least, at_most, between, value_table
 from gplfd_experiments.speed.timing import Timed, Timing, after, measure, repeated
 from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 from gplfd_policies.movements.skill import fit_skill

@@ -15,13 +15,7 @@ from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.machine import load
-from gplfd_experiments.speed.report import (
-    Measurement,
-    Target,
-    Value,
-    at_least,
-    at_most,
-)
+from gplfd_experiments.speed.report import Measurement, Target, Value, at_least, at_most
 from gplfd_experiments.speed.timing import Timed, after, measure, repeated
 
 # --- Steps -------------------------------------------------------------------

@@ -7,11 +7,7 @@ from typing import Annotated, Final, Literal
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import (
-    Json,
-    Quiet,
-    recorded,
-)
+from gplfd_experiments.cli.commands.options import Json, Quiet, recorded
 from gplfd_experiments.console.interruption import postponed_interruption
 
 RESULTS: Final = "speed.json"
