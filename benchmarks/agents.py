@@ -30,15 +30,8 @@ TOGETHER: Final = "{} agents in lockstep, gym.make_vec on 2 threads"
 def loop(envs: Any, agents: Any, count: int, periods: int) -> tuple[Timed, list[float]]:
     """Return a closed loop of agents and simulations, to be timed.
 
-    Args:
-        envs: One door or many.
-        agents: One agent or as many in lockstep.
-        count: How many doors.
-        periods: Control periods of one run; so few that no episode ends.
-
-    Returns:
-        Runs of control steps, which begin at closed doors; and the CPU seconds that the
-        agents took per control step, which grow run by run.
+    With it, a list of the CPU seconds that the agents took per control step, which
+    grows run by run. Runs begin at closed doors, and no episode ends.
     """
     deciding: list[float] = []
 

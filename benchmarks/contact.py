@@ -1,4 +1,4 @@
-"""Hands in contact: python benchmarks/contact.py {loop,person,renderings}.
+"""Hands in contact: python benchmarks/contact.py {loop,person}.
 
 ``loop`` holds the hand at a locked door, or takes the bar away from it, knocks the
 set-point of the admittance once, and looks whether the force at the wrist dies out, for
@@ -8,16 +8,13 @@ every delay of the command that ``"hard"`` draws.
 with a speed that the demonstrations have, and arm and door with it. What is left of the
 force on the person if the hand is commanded to be where it is, from the first touch on,
 is what no controller of poses takes away.
-
-``renderings`` opens doors, undisturbed and in trials, with policies that differ in what
-renders the stiffness, set-point or arm, seed by seed on the same doors.
 """
 
 import contextlib
 import itertools
 import math
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final
@@ -31,15 +28,8 @@ from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.config import DOORS
 from gplfd_experiments.episodes.build import learned_agents, make_environment
-from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
-from gplfd_experiments.speed.report import Measurement, Target, Value, at_least, at_most
-from gplfd_experiments.studies.jobs import episode_logs
-from gplfd_experiments.studies.tasks import jobs_of
-from gplfd_experiments.studies.trials.plan import trial_tasks
-from gplfd_experiments.studies.trials.protocol import TRIALS
-from gplfd_experiments.studies.trials.records import Level, Trial
+from gplfd_experiments.speed.report import Measurement, Target, at_most
 from gplfd_policies import POLICIES
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.control.admittance import Admittance
@@ -57,8 +47,7 @@ DAMPINGS: Final = (0.0, 60.0)
 AXIS: Final = 0
 """The hand is knocked along x, at the closed door the direction of opening."""
 
-_KNOCK: Final = 0.001
-_KNOCK_BEGINS, _KNOCK_ENDS = 0.5, 0.6
+_KNOCK, _KNOCK_BEGINS, _KNOCK_ENDS = 0.001, 0.5, 0.6
 _DIED_OUT: Final = 0.5
 """What is left of the knock's force after it has died out: less than this share."""
 _NEAR: Final = 0.0005
@@ -73,18 +62,10 @@ def dynamics(least: float) -> VirtualDynamics:
 def rest_of_a_knock(
     stiffness: float, least: float, periods: int, *, held: bool, seconds: float
 ) -> float:
-    """Knock a hand in simulation; return how much of the force is left in the end.
+    """Knock a hand in simulation that a locked door holds, or nothing.
 
-    Args:
-        stiffness: k along x [N/m].
-        least: Least damping [N s/m].
-        periods: Delay of the command [control periods].
-        held: By a locked door, or by nothing.
-        seconds: For how long, after the knock.
-
-    Returns:
-        Standard deviation of the force over the last second over that of the first;
-        infinite if the grasp is lost.
+    Returns the standard deviation of the force in the last of some seconds over that in
+    the first, infinite if the grasp is lost.
     """
     env: Any = gym.make(
         ENVIRONMENT_ID,
@@ -193,11 +174,7 @@ def held_by_a_person(
 ) -> tuple[float, float]:
     """Let a person hold the hand; return the peak force [N] and the speed [m/s].
 
-    Args:
-        task: The door, the person and the seed.
-        agent: What has learned.
-        follows: Whether the command is the hand's own pose from the first touch on,
-            instead of the agent's.
+    If it ``follows``, the hand's own pose is commanded from the first touch on.
     """
     env: Any = make_environment(task, agent.control)
     with contextlib.closing(env):
@@ -241,75 +218,6 @@ def measure_persons(seeds: int) -> Measurement:
     )
 
 
-# --- Set-point or arm --------------------------------------------------------
-
-RENDERED: Final = ("gp", "gp-impedance")
-"""What is compared: the same method, rendered by virtual dynamics and by the arm."""
-JUDGED: Final = ("person", "stop", "heavy", "push", "delay", "locked")
-"""Trials of what the rendering decides."""
-_UNDISTURBED: Final = "ordinary"
-_DOORS: Final = ("small", "medium", "large")
-NO_TRIAL: Final = Trial(
-    question="Are doors opened on which nothing is tried?",
-    claims=(),
-    measures=("success", "force_radial_peak"),
-    levels={
-        "none": Level(doors=_DOORS),
-        "hard": Level(doors=_DOORS, randomization="hard"),
-    },
-)
-
-_MEASURES: Final[Mapping[str, Callable[[EpisodeMetrics], float | None]]] = {
-    "angle [deg]": lambda one: one.final_angle_deg,
-    "radial [N]": lambda one: one.force_radial_peak,
-    "handle [N]": lambda one: one.force_handle_peak,
-    "person [N]": lambda one: one.person_force_peak or None,
-    "stop, sustained [N]": lambda one: one.stop_force_sustained or None,
-    "pushed by [mm]": lambda one: one.push_displacement_mm,
-    "released at [rad/s]": lambda one: one.release_speed,
-    "slip [mm]": lambda one: one.slip_max_mm,
-    "k_x least [N/m]": lambda one: one.stiffness_min[0] if one.stiffness_min else None,
-}
-"""Medians over episodes; nothing where nothing of it happened."""
-
-
-def compare_renderings(seeds: int, trials: Sequence[str]) -> Measurement:
-    """Open undisturbed doors, and those of some trials, with every policy."""
-    conditions = {_UNDISTURBED: NO_TRIAL} | {name: TRIALS[name] for name in trials}
-    planned = trial_tasks(conditions, policies=RENDERED)
-    tasks = [one for one in planned if one.policy in RENDERED and one.seed < seeds]
-    found: dict[tuple[str, str, str], list[EpisodeLog]] = {
-        (name, level, policy): []
-        for name, trial in conditions.items()
-        for level in trial.levels
-        for policy in RENDERED
-    }
-    for job in jobs_of(tasks):
-        episodes = [one for one in job if isinstance(one, EpisodeTask)]
-        for task, log in zip(episodes, episode_logs(episodes), strict=True):
-            found[task.trial, task.level, task.policy].append(log)
-    rows: dict[str, dict[str, Value]] = {}
-    targets: list[Target] = []
-    for (name, level, policy), logs in found.items():
-        every = [episode_metrics(log) for log in logs]
-        kept = sum(log.failure != "grasp_lost" for log in logs)
-        row = rows[f"{name}, {level}: {policy}"] = {
-            "opened": f"{sum(one.success for one in every)}/{len(every)}",
-            "kept": f"{kept}/{len(every)}",
-        }
-        for column, measure in _MEASURES.items():
-            values = [value for one in every if (value := measure(one)) is not None]
-            row[column] = statistics.median(values) if values else None
-        if (name, level) == (_UNDISTURBED, "none"):
-            share = statistics.mean(log.success for log in logs)
-            targets.append(
-                at_least(f"undisturbed doors opened by {policy}", share, 1.0)
-            )
-    return Measurement(
-        title=f"medians of {seeds} seeds", rows=rows, targets=tuple(targets)
-    )
-
-
 # --- Commands ----------------------------------------------------------------
 
 
@@ -319,34 +227,16 @@ def loop(seconds: int = 3) -> None:
     Args:
         seconds: Simulated time after each knock [s], at least two.
     """
-    report(
-        {
-            "verdicts": partial(measure_verdicts, seconds),
-            "lag": partial(measure_lag, seconds),
-        }
-    )
+    verdicts, lag = (partial(one, seconds) for one in (measure_verdicts, measure_lag))
+    report({"verdicts": verdicts, "lag": lag})
 
 
 def person(seeds: int = 5) -> None:
-    """Compare the agent with the limit.
-
-    Args:
-        seeds: How many, from 0.
-    """
+    """Compare the agent with the limit, on seeds from 0."""
     report({"person": partial(measure_persons, seeds)})
 
 
-def renderings(seeds: int = 4, trials: tuple[str, ...] = JUDGED) -> None:
-    """Compare renderings of one method's stiffness.
-
-    Args:
-        seeds: How many, from 0.
-        trials: Trials that are run beside the undisturbed doors.
-    """
-    report({"renderings": partial(compare_renderings, seeds, trials)})
-
-
-COMMANDS: Final = {"loop": loop, "person": person, "renderings": renderings}
+COMMANDS: Final = {"loop": loop, "person": person}
 
 if __name__ == "__main__":
     tyro.extras.subcommand_cli_from_dict(COMMANDS)

@@ -1,6 +1,6 @@
 """How demonstrations are recorded.
 
-python benchmarks/demonstrations.py {alignments,rests,sets}
+python benchmarks/demonstrations.py {alignments,rests}
 
 ``alignments``: three tasks, an opening, a letter and wiping, are recorded in ways that
 people record: with rests, pauses, from other starts, with stretches done twice, with
@@ -12,18 +12,15 @@ measured, too.
 ``rests``: six clean arcs, two of each of three doors, are recorded with rests, at a
 sampling rate and with white noise; each method learns from them and opens the three
 doors. A set with rests is compared with the same motions recorded without.
-
-``sets``: methods are judged by their densities on several sets of recordings.
 """
 
 import itertools
-import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Final, get_args
+from typing import Annotated, Final, NamedTuple, get_args
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -40,19 +37,7 @@ from gplfd_experiments.episodes.metrics import EpisodeMetrics, episode_metrics
 from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.known_process import mean_scores, score
-from gplfd_experiments.speed.report import (
-    Measurement,
-    Target,
-    Value,
-    at_least,
-    at_most,
-    between,
-)
-from gplfd_experiments.studies.learning_tests.scores import (
-    FEWEST,
-    prediction_scores,
-    without,
-)
+from gplfd_experiments.speed.report import Measurement, Target, Value, at_least, at_most
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import AlignmentMethod, align
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -61,8 +46,6 @@ from gplfd_policies.demonstrations.npz import (
     load_demonstrations,
 )
 from gplfd_policies.movements.skill import fit_skill
-from gplfd_policies.registry.catalogue import policy_named
-from gplfd_policies.registry.method import Method
 
 Sets = Annotated[tuple[Path, ...], tyro.conf.Positional]
 
@@ -114,22 +97,21 @@ TASKS: Final[Mapping[str, FloatArray]] = {
 """Steps from each corner of the path to the next, in thirds, (N, 2) [m]."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Recorded:
-    """A recording of which it is known how far the task was at each sample."""
+class Recorded(NamedTuple):
+    """A recording, and the share of the task that is done at each sample, (N,).
+
+    The share falls where a part is gone back.
+    """
 
     demonstration: Demonstration
     done: FloatArray
-    """Share of the task, which falls where a part is gone back, (N,)."""
 
 
-def recordings(task: str, habit: Habit, seed: int) -> tuple[Recorded, ...]:
+def recordings(task: str, habit: Habit, seed: int) -> list[Recorded]:
     """Return recordings of one task by one person."""
     rng = np.random.default_rng(seed)
-    return tuple(
-        recording(TASKS[task], habit, number % 2 == 1, rng)
-        for number in range(_RECORDINGS)
-    )
+    steps = TASKS[task]
+    return [recording(steps, habit, n % 2 == 1, rng) for n in range(_RECORDINGS)]
 
 
 def recording(
@@ -182,9 +164,7 @@ def recording(
     shaken = gaussian_filter1d(rng.standard_normal(positions.shape), 2.0, axis=0)
     positions += habit.noise * shaken / max(shaken.std(), 1e-12)
     times = np.arange(done.size) / _RATE
-    return Recorded(
-        demonstration=Demonstration.from_positions(times, positions), done=done
-    )
+    return Recorded(Demonstration.from_positions(times, positions), done)
 
 
 def phase_error(recorded: Sequence[Recorded], form: AlignmentMethod) -> float:
@@ -285,8 +265,7 @@ _WORST_RATIO: Final = 1.5
 _WITHIN: Final = f"sets within {_WORST_RATIO:g} x the same without rests"
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Case:
+class Case(NamedTuple):
     """What one set of recordings is like, and who learns from it."""
 
     method: str
@@ -329,7 +308,7 @@ def compare_rests(
     found: dict[Case, list[EpisodeMetrics]] = {}
     kinds = itertools.product(range(sets), METHODS, rates, noises, RESTS)
     for seed, method, rate, noise, rest in kinds:
-        case = Case(method=method, rest=rest, rate=rate, noise=noise, seed=seed)
+        case = Case(method, rest, rate, noise, seed)
         found[case] = opened_after(case)
         if len(found) % 27 == 0:
             LOG.info("%d sets of recordings", len(found))
@@ -342,7 +321,7 @@ def compare_rests(
     targets: list[Target] = []
     for method, rest in itertools.product(METHODS, RESTS):
         here = [case for case in found if (case.method, case.rest) == (method, rest)]
-        ratios = [radial[case] / radial[replace(case, rest=0.0)] for case in here]
+        ratios = [radial[case] / radial[case._replace(rest=0.0)] for case in here]
         solved = [one.success for case in here for one in found[case]]
         share = float(np.mean(solved))
         within = float(np.mean([ratio <= _WORST_RATIO for ratio in ratios]))
@@ -361,73 +340,6 @@ def compare_rests(
         title=f"{sets} sets of each of {len(rates)} rates and {len(noises)} noises",
         rows=rows,
         targets=tuple(targets),
-    )
-
-
-# --- Sets of recordings ------------------------------------------------------
-
-_BEHIND: Final = 0.5
-"""How far behind the best method's density a task may be [nats per number]."""
-_HOLD: Final = "stated 95 % holds"
-Scores = Mapping[str, float]
-"""Negative log densities per number by method."""
-
-
-def scores_of(
-    method: Method, recordings: Sequence[Demonstration]
-) -> tuple[float, float]:
-    """Leave every recording out once.
-
-    Args:
-        method: One that states a density.
-        recordings: At least `FEWEST`, in one frame.
-
-    Returns:
-        Means of the negative log density per number, and of the share that the
-        method's 95 % intervals hold: its own, or those of a normal distribution.
-    """
-    found = []
-    for number in range(len(recordings)):
-        movement, left_out, _ = without(method, recordings, number)
-        one = prediction_scores(movement, left_out)
-        held = one["coverage_95_stated"]
-        found.append((one["nlpd"], one["coverage_95"] if held is None else held))
-    density, share = np.array(found, dtype=np.float64).mean(axis=0)
-    return float(density), float(share)
-
-
-def compare_methods(tasks: Mapping[str, Scores], held: Sequence[float]) -> Measurement:
-    """Compare methods over tasks, each of which counts once.
-
-    Args:
-        tasks: Scores by task, of the same methods; the first of them is to be close to
-            the best in every task.
-        held: Share of every task within the first method's stated 95 % intervals.
-    """
-    methods = list(next(iter(tasks.values())))
-    table = np.array([[one[method] for method in methods] for one in tasks.values()])
-    behind = table - table.min(axis=1, keepdims=True)
-    means = table.mean(axis=0)
-    rows = {
-        method: {
-            "mean NLPD": float(means[column]),
-            "median": float(np.median(table[:, column])),
-            "best in": int(np.sum(behind[:, column] == 0.0)),
-            "most behind": float(behind[:, column].max()),
-            "where": list(tasks)[int(behind[:, column].argmax())],
-        }
-        for column, method in enumerate(methods)
-    }
-    first, ahead = methods[0], float(means[0] - means[1:].min())
-    return Measurement(
-        title=f"{len(tasks)} tasks, each recording left out once; NLPD per number that "
-        "moves, m and rad",
-        rows=rows,
-        targets=(
-            at_most(f"{first}: nats behind a task's best", behind[:, 0].max(), _BEHIND),
-            at_most(f"{first}: mean NLPD less the best other's", ahead, 0.0),
-            between(f"{first}: {_HOLD}", float(np.mean(held)), 0.92, 0.98),
-        ),
     )
 
 
@@ -475,39 +387,7 @@ def rests(
     report({"rests": partial(compare_rests, rates, noises, sets)})
 
 
-def judged_sets(
-    sets: Sets, policies: tuple[str, ...] = ("gp", "promp", "kmp", "gmr")
-) -> None:
-    """Judge methods by their densities on several sets of recordings.
-
-    Args:
-        sets: Files of `gplfd demos import`, one per task.
-        policies: Two or more policies that state densities; the first is judged.
-    """
-    try:
-        methods = {}
-        for name in policies:
-            method = policy_named(name).method
-            if method is None:
-                raise ValueError(f"{name} learns nothing")
-            methods[name] = method
-        if len(methods) < 2:
-            raise ValueError("--policies needs two or more, to compare")
-        tasks, held = {}, []
-        for file in sets:
-            given = load_demonstrations(file).demonstrations
-            if len(given) < FEWEST:
-                raise ValueError(f"{file} holds fewer than {FEWEST} recordings")
-            LOG.info("judging: %s", file)
-            found = {name: scores_of(one, given) for name, one in methods.items()}
-            tasks[file.stem] = {name: density for name, (density, _) in found.items()}
-            held.append(found[policies[0]][1])
-    except (ValueError, OSError) as error:
-        sys.exit(f"demonstrations.py: {error}")
-    report({"sets": partial(compare_methods, tasks, held)})
-
-
-COMMANDS: Final = {"alignments": alignments, "rests": rests, "sets": judged_sets}
+COMMANDS: Final = {"alignments": alignments, "rests": rests}
 
 if __name__ == "__main__":
     tyro.extras.subcommand_cli_from_dict(COMMANDS)

@@ -1,6 +1,6 @@
 """Forecasts of motions that were not demonstrated.
 
-python benchmarks/forecasts.py {doors,unseen,worth}
+python benchmarks/forecasts.py {doors,unseen}
 
 ``doors`` leaves every radius out of the demonstrations once, streams the left-out
 opening as via-points, and predicts the rest of it after each.
@@ -11,18 +11,12 @@ is its share of the motion's duration, and so are these cuts; told from the path
 phase is what `PathPhase` finds, the cuts are shares of the path, and the error is the
 distance of the true path from the predicted one. A circle fitted to the same
 observations is the limit for somebody who knows that the path is one.
-
-``worth`` repeats ``unseen`` with one to eight demonstrations of each door and a model
-of deviations that is worth fewer and more independent deviations than
-`gplfd_policies.gp.deviations.MODEL_WORTH`, and with the share that forecasts left-out
-demonstrations best (`gplfd_policies.gp.deviations.forecast_score`).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import tyro
@@ -48,7 +42,6 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import load_demonstrations
-from gplfd_policies.gp.deviations import MODEL_WORTH, forecast_score
 from gplfd_policies.movements.movement import AdaptationForm
 from gplfd_policies.movements.skill import Skill, fit_skill
 from gplfd_policies.movements.trajectory import ViaPoint
@@ -68,18 +61,10 @@ def wobbling_arc(
     std: float,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Open a door in minimum-jerk time while the hand wobbles smoothly.
+    """Open a door in minimum-jerk time while the hand wobbles smoothly, (M, 6).
 
-    Args:
-        radius: Distance from hinge to handle [m].
-        clock: Time as a share of the duration, (M,).
-        progress: How far the motion is at these times, from 0 to 1, (M,).
-        std: Standard deviation of the wobble [m; 4 times as much in rad], which is zero
-            at the start.
-        rng: Source of randomness.
-
-    Returns:
-        Poses, (M, 6) [m, rad].
+    The clock (M,) and the progress of the motion run from 0 to 1; the wobble has a
+    standard deviation in m, and four times as much in rad, and is zero at the start.
     """
     arc = handle_pose_on_arc(radius, DEMONSTRATED_ANGLE * minimum_jerk(progress))
     rising = np.minimum(1.0, 10.0 * clock)[:, None]
@@ -161,11 +146,6 @@ def judge_exact(
 
     Averages are over stages of the openings, so that early ones, with a longer rest, do
     not dominate.
-
-    Args:
-        forms: Names in `gplfd_policies.adaptation.ADAPTATIONS`.
-        draws: Draws of demonstrations.
-        every: Samples between via-points.
     """
     stages: dict[str, list[tuple[float, ...]]] = {form: [] for form in forms}
     for seed, (aligned, radii) in enumerate(draws):
@@ -179,15 +159,13 @@ def judge_exact(
                 for opening in poses[left_out]:
                     adaptation = ADAPTATIONS[form](skill, times)
                     stages[form] += _stages(adaptation, times, opening, every, rng)
+    columns = (SOON_ERROR, SOON_HOLDS, REST_ERROR, REST_HOLDS)
+    scale = np.array([1e3, 1.0, 1e3, 1.0])
     scores = {}
     for form in forms:
-        soon, soon_holds, rest, rest_holds = np.mean(stages[form], axis=0)
-        scores[form] = {
-            SOON_ERROR: 1e3 * soon**0.5,
-            SOON_HOLDS: soon_holds,
-            REST_ERROR: 1e3 * rest**0.5,
-            REST_HOLDS: rest_holds,
-        }
+        means = np.mean(stages[form], axis=0)
+        means[::2] = np.sqrt(means[::2])
+        scores[form] = dict(zip(columns, (scale * means).tolist(), strict=True))
     return scores
 
 
@@ -229,14 +207,12 @@ _ERRORS: Final = {"clean arcs": (4.0, 25.0), "synthetic human": (6.5, 42.0)}
 """At most so much of what comes next and of the rest [mm]."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Task:
-    """What is learned, and what is predicted."""
+class Task(NamedTuple):
+    """What is learned, what is predicted, and the positions that the task moves."""
 
-    given: tuple[Demonstration, ...]
-    unseen: tuple[Demonstration, ...]
+    given: Sequence[Demonstration]
+    unseen: Sequence[Demonstration]
     moving: tuple[int, ...]
-    """Positions that the task moves."""
 
 
 def paced_arc(radius: float, rng: np.random.Generator) -> Demonstration:
@@ -253,24 +229,19 @@ GENERATORS: Final[
 ] = {"clean arcs": paced_arc, "synthetic human": Teacher().demonstrate}
 
 
-def drawn_task(
-    generator: str, seed: int, per_radius: int = 2, unseen: Sequence[float] = _UNSEEN
-) -> Task:
+def drawn_task(generator: str, seed: int, unseen: Sequence[float] = _UNSEEN) -> Task:
     """Draw doors of three radii to learn from, and of others to predict."""
     rng, demonstrate = np.random.default_rng(seed), GENERATORS[generator]
-    given = [demonstrate(radius, rng) for radius in _LEARNED for _ in range(per_radius)]
-    others = [demonstrate(radius, rng) for radius in unseen]
-    return Task(given=tuple(given), unseen=tuple(others), moving=(0, 2))
+    given = [
+        demonstrate(radius, rng) for radius in _LEARNED for _ in range(_PER_RADIUS)
+    ]
+    return Task(given, [demonstrate(radius, rng) for radius in unseen], (0, 2))
 
 
 def in_own_time(
     skill: Skill, form: AdaptationForm, task: Task, seed: int
 ) -> Iterator[dict[str, float]]:
-    """Predict every unseen motion of a task in its own time.
-
-    Yields:
-        At every cut: mean squared errors [m²] and shares inside.
-    """
+    """Yield mean squared errors [m²] and shares inside at every cut of every motion."""
     grid, rng = np.linspace(0.0, 1.0, _SAMPLES), np.random.default_rng(seed)
     moving = list(task.moving)
     for one in task.unseen:
@@ -300,9 +271,8 @@ def by_path(
 ) -> Iterator[dict[str, float]]:
     """Predict where every unseen motion goes, its phase told from the path.
 
-    Yields:
-        At every cut the mean squared distance of the true path [m²] from the predicted
-        one, and from the circle through what was seen.
+    Yields at every cut the mean squared distance of the true path [m²] from the
+    predicted one, and from the circle through what was seen.
     """
     grid, rng = np.linspace(0.0, 1.0, _SAMPLES), np.random.default_rng(seed)
     for one in task.unseen:
@@ -343,21 +313,20 @@ def judge(
     forms: Mapping[str, AdaptationForm], tasks: Sequence[Task]
 ) -> dict[str, dict[str, float]]:
     """Root mean squares and shares by form, averaged over all cuts of all tasks."""
-    found: dict[str, list[dict[str, float]]] = {name: [] for name in forms}
+    found: dict[str, dict[str, list[float]]] = {name: {} for name in forms}
     for seed, task in enumerate(tasks):
         skill = fit_skill(align(task.given))
         for name, form in forms.items():
-            own = in_own_time(skill, form, task, seed)
-            told = by_path(skill, form, task, seed)
-            found[name] += [a | b for a, b in zip(own, told, strict=True)]
-    rows: dict[str, dict[str, float]] = {}
-    for name, stages in found.items():
-        row = rows[name] = {}
-        for column in stages[0]:
-            each = np.array([stage[column] for stage in stages])
-            share = column in (HOLDS, ALL_HOLD)
-            row[column] = float(np.mean(each if share else 1e3 * np.sqrt(each)))
-    return rows
+            for judged in (in_own_time, by_path):
+                for stage in judged(skill, form, task, seed):
+                    for column, value in stage.items():
+                        share = column in (HOLDS, ALL_HOLD)
+                        scored = value if share else 1e3 * value**0.5
+                        found[name].setdefault(column, []).append(scored)
+    return {
+        name: {column: float(np.mean(each)) for column, each in columns.items()}
+        for name, columns in found.items()
+    }
 
 
 UNSEEN_FORMS: Final[Mapping[str, AdaptationForm]] = {
@@ -378,11 +347,7 @@ def unseen_motions(
     if recording is not None:
         given = load_demonstrations(recording).demonstrations
         sets["recorded"] = [
-            Task(
-                given=(*given[:place], *given[place + 1 :]),
-                unseen=(given[place],),
-                moving=(0, 1, 2),
-            )
+            Task((*given[:place], *given[place + 1 :]), [given[place]], (0, 1, 2))
             for place in range(len(given))
         ]
     rows: dict[str, dict[str, float]] = {}
@@ -400,62 +365,6 @@ def unseen_motions(
         title=f"unseen: radii {_LEARNED} learned, {tuple(unseen)} forecast",
         rows=rows,
         targets=tuple(targets),
-    )
-
-
-# --- Worth of the model of deviations ----------------------------------------
-
-_SHARES: Final = np.linspace(0.0, 0.9, 10)
-_SCORED: Final = 7
-"""Samples of the common times from one that leaving out looks at to the next."""
-
-
-def worth(deviations: float, skill: Skill, grid: FloatArray) -> ProcessAdaptation:
-    """Adapt with a model that is worth so many independent deviations."""
-    free = skill.count - 1
-    share = free / (deviations + free)
-    return ProcessAdaptation(skill, grid, empirical_share=share)
-
-
-def best_left_out(skill: Skill, grid: FloatArray) -> ProcessAdaptation:
-    """Adapt with the share that forecasts left-out demonstrations best."""
-    times = skill.aligned.times[::_SCORED]
-    poses = skill.aligned.poses[:, ::_SCORED]
-    noise = skill.processes.moments(times).noise
-
-    def score(share: float) -> float:
-        return sum(
-            forecast_score(
-                process.smooth_covariance(times, noise[:, output]),
-                process.white_variance(noise[:, output]),
-                (poses - poses.mean(axis=0))[:, :, output],
-                share,
-            )
-            for output, process in enumerate(skill.deviations)
-        )
-
-    best = max(_SHARES.tolist(), key=score)
-    return ProcessAdaptation(skill, grid, empirical_share=best)
-
-
-WORTH_FORMS: Final[Mapping[str, AdaptationForm]] = {
-    **{f"worth {n:.3g}": partial(worth, n) for n in (6.0, float(MODEL_WORTH), 20.0)},
-    "left out": best_left_out,
-}
-
-
-def worth_of_the_model(draws: int, per_radius: int) -> Measurement:
-    """Forecast after some demonstrations of every learned door."""
-    return Measurement(
-        title=f"{per_radius} of each door",
-        rows={
-            f"{name}, {form}": scores
-            for name in GENERATORS
-            for form, scores in judge(
-                WORTH_FORMS,
-                [drawn_task(name, seed, per_radius) for seed in range(draws)],
-            ).items()
-        },
     )
 
 
@@ -487,22 +396,7 @@ def unseen(
     report({"unseen": partial(unseen_motions, draws, recording, unseen)})
 
 
-def model_worth(draws: int = 12, per_radius: tuple[int, ...] = (1, 2, 4, 8)) -> None:
-    """Compare what the model of deviations may be worth.
-
-    Args:
-        draws: Draws of every generator.
-        per_radius: Demonstrations of every door.
-    """
-    report(
-        {
-            f"{count} of each": partial(worth_of_the_model, draws, count)
-            for count in per_radius
-        }
-    )
-
-
-COMMANDS: Final = {"doors": doors, "unseen": unseen, "worth": model_worth}
+COMMANDS: Final = {"doors": doors, "unseen": unseen}
 
 if __name__ == "__main__":
     tyro.extras.subcommand_cli_from_dict(COMMANDS)

@@ -38,12 +38,8 @@ def opened(
 ) -> list[EpisodeLog]:
     """Let a policy open doors; it learns once from each set of demonstrations.
 
-    Args:
-        tasks: Of one policy, one base and one start.
-        given: Demonstrations to learn from instead of those of the tasks.
-
-    Returns:
-        A log per task, in their order. It does not depend on the other tasks.
+    Tasks are of one policy, base and start. Demonstrations that are ``given`` replace
+    theirs. A log does not depend on the other tasks.
     """
     make: dict[str, Callable[[], Any]] = {}
     with warnings.catch_warnings():
@@ -61,11 +57,7 @@ def opened(
 
 
 def report(measures: Mapping[str, Callable[[], Measurement]]) -> dict[str, Measurement]:
-    """Measure one after the other, and print what was found and with what.
-
-    Args:
-        measures: What to run, by name.
-    """
+    """Measure one after the other, and print what was found and with what."""
     state = code_state()
     versions = ", ".join(f"{name} {one}" for name, one in state["versions"].items())
     git = state["git"] or {"commit": "unknown", "dirty": False}

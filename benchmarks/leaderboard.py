@@ -36,10 +36,8 @@ _SHORT: Final = {
 def answers_of(files: Sequence[Path]) -> Found:
     """Return what files hold together; of a policy in several what the first says.
 
-    Raises:
-        ValueError: A file of another version of the protocol, or one that leaves out
-            episodes in which a policy raised an error.
-        OSError: A file cannot be read.
+    Raises ValueError for a file of another protocol, or one that leaves out episodes in
+    which a policy raised an error.
     """
     found: dict[str, dict[str, dict[str, Answers]]] = {}
     for file in files:

@@ -172,11 +172,7 @@ def judged(alone: Sequence[object]) -> dict[str, Value]:
 
 
 def summarize_curves(curves: tuple[Path, ...]) -> Measurement:
-    """Say what a learner's runs came to at their end: each, and their middle and range.
-
-    Args:
-        curves: What ``examples/learned_policy.py`` wrote, one of every seed.
-    """
+    """Say what runs of ``examples/learned_policy.py`` came to, by their curves."""
     ends: dict[str, dict[str, Value]] = {}
     for curve in curves:
         rows = json.loads(curve.read_text())
@@ -200,13 +196,7 @@ def summarize_curves(curves: tuple[Path, ...]) -> Measurement:
 def draw(
     curves: Sequence[Path], rows: Mapping[str, Mapping[str, Value]], figure: Path
 ) -> None:
-    """Draw a learner's curves beside what policies reach from six demonstrations.
-
-    Args:
-        curves: What ``examples/learned_policy.py`` wrote, one of every seed.
-        rows: Of `measure_policies`.
-        figure: File to write.
-    """
+    """Draw a learner's curves beside what policies reach from six demonstrations."""
     panels = (
         ("opened", f"doors opened, of {len(JUDGED)}"),
         ("return", "return, mean"),

@@ -67,12 +67,7 @@ def measure_calibration(
 def log_log_slopes(
     sizes: Sequence[tuple[int, int]], seconds: Sequence[float]
 ) -> tuple[float, float]:
-    """Exponents a and b of seconds ≈ c · D^a · M^b, by least squares of logarithms.
-
-    Args:
-        sizes: Pairs (D, M), of at least two different D and two different M.
-        seconds: Time for each.
-    """
+    """Exponents a and b of seconds ≈ c · D^a · M^b, by least squares of logarithms."""
     logs = np.log(np.asarray(sizes, dtype=np.float64))
     design = np.column_stack([logs, np.ones(len(logs))])
     (a, b, _), *_ = np.linalg.lstsq(design, np.log(seconds), rcond=None)

@@ -4,6 +4,7 @@ Agreement of the same actions in the same doors, and control steps per second of
 doors, beside MuJoCo on threads. Needs the extra warp; ``--device cuda:0`` is for a GPU.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -103,17 +104,10 @@ def differences(
 ) -> dict[str, Array]:
     """Let two vector environments do the same, and return how they differ.
 
-    Args:
-        first: Reset with the seed.
-        second: The same; what it observes decides about the actions.
-        script: `arcs` or `shoves`.
-        periods: Control periods.
-        seed: Of everything.
-
-    Returns:
-        One number per period and simulation, until an episode of either ends:
-        absolute differences of ``door`` [rad], ``hand`` [m, rad], ``wrench`` [N, N m],
-        ``peak_force`` [N] and ``return``.
+    What the second observes decides about the actions of the script. There is one
+    number per period and simulation, until an episode of either ends: absolute
+    differences of ``door`` [rad], ``hand`` [m, rad], ``wrench`` [N, N m],
+    ``peak_force`` [N] and ``return``.
     """
     first.reset(seed=seed)
     observations, _ = second.reset(seed=seed)
@@ -125,26 +119,22 @@ def differences(
         seen, _, *ended, infos = first.step(actions)
         observations, _, *over, expected = second.step(actions)
         acting = acting & ~np.any([*ended, *over], axis=0)
-        apart = np.abs(seen - observations)[acting]
+        apart = np.abs(seen - observations)
         row = {
-            "door": np.abs(infos["door_angle"] - expected["door_angle"])[acting],
             "hand": apart[:, _POSE].max(axis=1),
             "wrench": apart[:, _WRENCH].max(axis=1),
-            "peak_force": np.abs(infos["peak_force"] - expected["peak_force"])[acting],
-            "return": np.abs(infos["return"] - expected["return"])[acting],
+            **{
+                name.removesuffix("_angle"): np.abs(infos[name] - expected[name])
+                for name in ("door_angle", "peak_force", "return")
+            },
         }
         for name, values in row.items():
-            found.setdefault(name, []).append(values)
+            found.setdefault(name, []).append(values[acting])
     return {name: np.concatenate(values) for name, values in found.items()}
 
 
 def measure_agreement(seeds: int, periods: int) -> Measurement:
-    """Compare Warp with MuJoCo, and MuJoCo with itself and with the other servo.
-
-    Args:
-        seeds: Episodes of every door.
-        periods: Control periods of each.
-    """
+    """Compare Warp with MuJoCo, and MuJoCo with itself and with the other servo."""
     doors = {"door": DOORS}
     firsts = {
         "Warp": lambda **given: make_warp(len(DOORS), **doors, **given),
@@ -156,29 +146,25 @@ def measure_agreement(seeds: int, periods: int) -> Measurement:
     columns = (("door", 1e3, "mrad"), ("wrench", 1.0, "N"), ("return", 1.0, ""))
     rows: dict[str, Mapping[str, Value]] = {}
     worst = 0.0
-    for script in (arcs, shoves):
-        for randomization in ("none", "hard"):
-            for name, make in firsts.items():
-                pair = [each(randomization=randomization) for each in (make, mujoco)]
-                found = [
-                    differences(*pair, script, periods, seed) for seed in range(seeds)
-                ]
-                for envs in pair:
-                    envs.close()
-                apart = {
-                    what: np.concatenate([one[what] for one in found])
-                    for what in found[0]
-                }
-                # Medians, what 95 % are within, and what all are within.
-                rows[f"{script.__name__}, {randomization}: {name}"] = {
-                    f"{what} {share} [{unit}]".removesuffix(" []"): float(
-                        np.quantile(scale * apart[what], level)
-                    )
-                    for what, scale, unit in columns
-                    for share, level in (("50 %", 0.5), ("95 %", 0.95), ("all", 1.0))
-                }
-                if name == "Warp" and script is arcs:
-                    worst = max(worst, math.degrees(apart["door"].max()))
+    cases = itertools.product((arcs, shoves), ("none", "hard"), firsts.items())
+    for script, randomization, (name, make) in cases:
+        pair = [each(randomization=randomization) for each in (make, mujoco)]
+        found = [differences(*pair, script, periods, seed) for seed in range(seeds)]
+        for envs in pair:
+            envs.close()
+        apart = {
+            what: np.concatenate([one[what] for one in found]) for what in found[0]
+        }
+        # Medians, what 95 % are within, and what all are within.
+        rows[f"{script.__name__}, {randomization}: {name}"] = {
+            f"{what} {share} [{unit}]".removesuffix(" []"): float(
+                np.quantile(scale * apart[what], level)
+            )
+            for what, scale, unit in columns
+            for share, level in (("50 %", 0.5), ("95 %", 0.95), ("all", 1.0))
+        }
+        if name == "Warp" and script is arcs:
+            worst = max(worst, math.degrees(apart["door"].max()))
     return Measurement(
         title=f"apart from MuJoCo with three servos, {periods} control periods",
         rows=rows,
@@ -187,12 +173,7 @@ def measure_agreement(seeds: int, periods: int) -> Measurement:
 
 
 def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
-    """Let hands rest before n doors, on Warp and on MuJoCo's threads, in turns.
-
-    Args:
-        repeats: Rounds of at least 60 steps each.
-        counts: Numbers of doors n.
-    """
+    """Let hands rest before n doors, on Warp and on MuJoCo's threads, in turns."""
     rows: dict[str, Mapping[str, Value]] = {}
     for n in counts:
         still, rest = np.zeros((n, 6), np.float32), np.zeros((n, 6))

@@ -55,14 +55,7 @@ _PAUSE: Final = 1000
 def write_gif(
     path: Path, frames: Sequence[Image.Image], period: float, colours: int
 ) -> None:
-    """Write frames of one size as a moving picture that lasts at its end.
-
-    Args:
-        path: File.
-        frames: In order.
-        period: How long each is seen [s].
-        colours: How many, the same for all frames.
-    """
+    """Write frames, each seen for a period [s], as a moving picture in few colours."""
     # The last, too: light falls on an open door as on none before.
     chosen = [*frames[:: max(1, len(frames) // 4)], frames[-1]]
     several = np.hstack([np.asarray(one) for one in chosen])
@@ -89,14 +82,7 @@ def write_gif(
 
 
 class Scene(NamedTuple):
-    """A door and when it is pictured.
-
-    Attributes:
-        title: Below the picture.
-        door: As `gym.make` takes it.
-        base: Whether the robot drives.
-        angle: At which opening angle [deg].
-    """
+    """A door, its title, and the opening angle at which it is pictured [deg]."""
 
     title: str
     door: DoorSpec
@@ -127,11 +113,7 @@ _SHADES: Final = 256
 
 
 def pictured(scene: Scene, width: int) -> Picture:
-    """Open a door and return a 4:3 picture (H, W, 3) at the scene's angle.
-
-    Raises:
-        RuntimeError: The door was not opened so far, or there is no OpenGL.
-    """
+    """Open a door and return a 4:3 picture (H, W, 3) at the scene's angle."""
     env = gym.make(ENVIRONMENT_IDS["pose"], door=scene.door, base=scene.base)
     for info in opening(env, as_agent(OracleAgent())):
         if np.degrees(info["door_angle"]) >= scene.angle:
@@ -172,11 +154,7 @@ def drawn(env: gym.Env[Any, Any], camera: Camera) -> Picture:
 
 
 def film_opening(path: Path, width: int) -> None:
-    """Let `gp` open a door that it was not shown, and write a GIF of it.
-
-    Raises:
-        RuntimeError: It was not opened, or there is no OpenGL.
-    """
+    """Let `gp` open a door that it was not shown, and write a GIF of it."""
     shown = Teacher().standard_demonstrations(seed=0, like=DOORS[_MOVING])
     env = gym.make(ENVIRONMENT_IDS["pose"], door=_MOVING, base="mobile")
     inner: Any = env.unwrapped
@@ -193,22 +171,18 @@ def film_opening(path: Path, width: int) -> None:
 def side_by_side(pictures: Mapping[str, Picture], columns: int) -> Figure:
     """Return a figure of pictures of one size, a pixel each, with their titles."""
     height, width, _ = next(iter(pictures.values())).shape
-    title = 26
-    rows = -(-len(pictures) // columns)
-    size = columns * width, rows * (height + title)
-    figure = Figure(figsize=(size[0] / 100.0, size[1] / 100.0), dpi=100)
+    title, rows = 26, -(-len(pictures) // columns)
+    whole = rows * (height + title)
+    figure = Figure(figsize=(columns * width / 100.0, whole / 100.0), dpi=100)
     FigureCanvasAgg(figure)
     for number, (name, picture) in enumerate(pictures.items()):
         row, column = divmod(number, columns)
-        top = 1.0 - row * (height + title) / size[1]
-        high = height / size[1]
-        box = (column / columns, top - high, 1.0 / columns, high)
-        panel = figure.add_axes(box)
+        bottom = 1.0 - (row * (height + title) + height) / whole
+        panel = figure.add_axes((column / columns, bottom, 1 / columns, height / whole))
         panel.imshow(picture, interpolation="none")
         panel.axis("off")
-        middle = box[0] + box[2] / 2.0
-        below = top - high - 0.5 * title / size[1]
-        figure.text(middle, below, name, ha="center", va="center", fontsize=10)
+        place = (column + 0.5) / columns, bottom - 0.5 * title / whole
+        figure.text(*place, name, ha="center", va="center", fontsize=10)
     return figure
 
 
@@ -235,19 +209,14 @@ def gallery(
 
 
 class Shot(NamedTuple):
-    """What of a trial is shown.
-
-    Attributes:
-        door: Its name in the protocol.
-        level: Of the trial.
-        said: In the picture, above.
-        curve: Of the log, the number that is shown below [N].
-    """
+    """What of a trial is shown: a door and a level of the protocol."""
 
     door: str
     level: str
     said: str
+    """In the picture, above."""
     curve: str = "force_radial"
+    """Of the log, the number that is shown below [N]."""
 
 
 SHOTS: Final = {
@@ -283,18 +252,14 @@ _NAMES: Final = {
 }
 """Of the curves, in a picture."""
 
-_EVERY: Final = 0.2
-"""Simulated time from one frame to the next [s]."""
-_PERIOD: Final = 0.1
-"""How long a frame is seen [s]."""
-_LONGEST: Final = 9.4
-"""Of an episode that is shown [s]."""
+_EVERY, _PERIOD, _LONGEST = 0.2, 0.1, 9.4
+"""Simulated and seen time of a frame, and the longest simulated time that is shown [s].
+"""
 _COLOURS: Final = 128
 _BAR: Final = 20
 """Height of a line of text [px]."""
 _INK, _PAPER = (30, 32, 38), (244, 244, 240)
-_SHOWN: Final = (0.15, 0.35, 0.85, 1.0)
-_HAND: Final = (0.90, 0.10, 0.10, 1.0)
+_SHOWN, _HAND = (0.15, 0.35, 0.85, 1.0), (0.90, 0.10, 0.10, 1.0)
 _OUTSIDE: Final = (0.98, 0.60, 0.05, 1.0)
 _ABOVE: Final = np.array([0.0, 0.0, 1.6])
 """How far above the hand lines are drawn, so that nothing hides them [m]."""

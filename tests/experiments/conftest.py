@@ -257,6 +257,26 @@ def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]
     return run
 
 
+@pytest.fixture
+def refused(
+    gplfd: Callable[..., int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., str]:
+    """Run a command that fails with status 2, no file and one last line; return it."""
+
+    def run(*arguments: str) -> str:
+        before = sorted(tmp_path.rglob("*"))
+        assert gplfd(*arguments) == 2
+        printed = capsys.readouterr()
+        assert sorted(tmp_path.rglob("*")) == before
+        assert printed.out == ""
+        assert "Traceback" not in printed.err
+        *_, said = printed.err.splitlines()
+        assert said.startswith("gplfd: ")
+        return said.removeprefix("gplfd: ")
+
+    return run
+
+
 class Columns:
     """Chunks of a recording: times [s] (None when static) and values of a component.
 

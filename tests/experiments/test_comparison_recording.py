@@ -3,7 +3,6 @@
 import dataclasses
 import math
 
-import mujoco
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
@@ -33,8 +32,7 @@ def record(tmp_path, door_model, columns):
 
 
 def packed(colour):
-    red, green, blue = colour
-    return (red << 24) + (green << 16) + (blue << 8) + 255
+    return int.from_bytes((*colour, 255))
 
 
 def test_robots_stand_in_a_row_and_the_same_scene_moves_in_each(record, make_log):
@@ -69,10 +67,16 @@ def test_curves_are_the_logs_in_the_policys_colour_and_name(record, make_log):
 
 
 def test_policies_are_compared_by_what_decides(record, make_log):
+    """Whatever their names are."""
     force = np.where(np.arange(601) > 300, 30.0, 0.0)
     chunks = record(
-        make_log(person_force=force), measure="person_force_peak", heading="Who holds?"
+        make_log(person_force=force),
+        make_log(policy="gp, prior mean"),
+        measure="person_force_peak",
+        heading="Who holds?",
     )
+    entity = r"/plots/angle/gp\,\ prior\ mean"
+    assert chunks[entity, "SeriesLines:names"][1] == [["gp, prior mean"]]
     _, values = chunks["/plots/person/gp", "Scalars:scalars"]
     assert np.ravel(values).tolist() == force.tolist()
     text = chunks["/about", "TextDocument:text"][1][0][0]
@@ -100,31 +104,15 @@ def test_the_measured_curves_end_in_the_metrics_of_their_names(make_log):
     np.testing.assert_allclose(beside, 1e3 * away)
 
 
-def test_any_name_has_a_place_of_its_own(record, make_log):
-    chunks = record(make_log(), make_log(policy="gp, prior mean"))
-    entity = r"/plots/angle/gp\,\ prior\ mean"
-    assert chunks[entity, "SeriesLines:names"][1] == [["gp, prior mean"]]
-
-
 def test_labels_say_how_it_ended(record, make_log):
     half = np.minimum(make_log().door_angle, math.radians(40.0))
-    stuck = make_log(
-        policy="dmp",
-        success=False,
-        failure="stalled",
-        door_angle=half,
-        solved=np.full(601, False),
-    )
+    ended = {"success": False, "failure": "stalled", "solved": np.full(601, False)}
+    stuck = make_log(policy="dmp", door_angle=half, **ended)
     lost = dataclasses.replace(stuck, policy="gmr", failure="grasp_lost")
     chunks = record(make_log(), stuck, lost)
-    label = "world/task/label"
-    assert chunks[f"/robots/gp/{label}", "Points3D:labels"][1] == [["gp: opened"]]
-    assert chunks[f"/robots/dmp/{label}", "Points3D:labels"][1] == [
-        ["dmp: stuck at 40°"]
-    ]
-    assert chunks[f"/robots/gmr/{label}", "Points3D:labels"][1] == [
-        ["gmr: let go at 40°"]
-    ]
+    for said in ("gp: opened", "dmp: stuck at 40°", "gmr: let go at 40°"):
+        label = f"/robots/{said.partition(':')[0]}/world/task/label"
+        assert chunks[label, "Points3D:labels"][1] == [[said]]
     text = chunks["/about", "TextDocument:text"][1][0][0]
     assert "| dmp | stalled | 40° | 3.0 N |" in text
 
@@ -141,17 +129,3 @@ def test_labels_say_how_it_ended(record, make_log):
 def test_what_cannot_be_compared_is_refused(changes, message, record, make_log):
     with pytest.raises(ValueError, match=message):
         record(*(make_log(**change) for change in changes))
-
-
-def test_an_existing_recording_stays_when_writing_fails(
-    tmp_path, door_model, make_log, monkeypatch
-):
-    path = tmp_path / "comparison.rrd"
-    path.write_bytes(b"before")
-    monkeypatch.setattr(
-        mujoco, "mj_kinematics", lambda *_: (_ for _ in ()).throw(OSError("full"))
-    )
-    with pytest.raises(OSError, match="full"):
-        record_comparison(path, [make_log()], door_model, [])
-    assert path.read_bytes() == b"before"
-    assert list(tmp_path.iterdir()) == [path]

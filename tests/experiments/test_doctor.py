@@ -1,8 +1,6 @@
 import importlib.metadata
 import json
-import os
 import sys
-from collections.abc import Callable
 
 import pytest
 
@@ -11,17 +9,17 @@ from gplfd_experiments.cli import main as cli
 
 
 @pytest.fixture
-def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+def machine(monkeypatch):
     """Pretend that this machine draws in one way only, and has no screen."""
 
-    def pretend(way: str, missing: str = "") -> None:
+    def pretend(way, missing=""):
         for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"):
             monkeypatch.delenv(name, raising=False)
         monkeypatch.setattr(sys, "platform", "linux")
         monkeypatch.setattr(doctor, "drawn_by", {way: "llvmpipe"}.get)
         installed = importlib.metadata.version
 
-        def version(distribution: str) -> str:
+        def version(distribution):
             if distribution == missing:
                 raise importlib.metadata.PackageNotFoundError
             return installed(distribution)
@@ -31,9 +29,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     return pretend
 
 
-def test_doctor_tells_what_is_here_and_what_is_missing(
-    machine: Callable[..., None], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_doctor_tells_what_is_here_and_what_is_missing(machine, capsys):
     machine("osmesa", missing="dask")
     assert cli.main(["doctor", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -50,14 +46,12 @@ def test_doctor_tells_what_is_here_and_what_is_missing(
     assert line.split()[1] == "NO"
 
 
-def test_a_way_to_draw_that_was_chosen_and_fails_is_named(
-    machine: Callable[..., None], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_way_to_draw_that_was_chosen_and_fails_is_named(machine, monkeypatch):
     machine("egl")
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
-    pictures = doctor.examined().parts["pictures"]
-    assert not pictures.present
-    assert pictures.remark.startswith("MUJOCO_GL=osmesa does not work here; unset it")
+    pictures = doctor.examined()["parts"]["pictures"]
+    assert not pictures["present"]
+    assert "MUJOCO_GL=osmesa does not work here; unset it" in pictures["remark"]
 
 
 @pytest.mark.parametrize(
@@ -69,21 +63,14 @@ def test_a_way_to_draw_that_was_chosen_and_fails_is_named(
         ("darwin", {}, ("",)),
     ],
 )
-def test_ways_to_draw(
-    system: str, environment: dict[str, str], expected: tuple[str, ...]
-) -> None:
+def test_ways_to_draw(system, environment, expected):
     assert doctor.ways(system, environment) == expected
 
 
-def test_drawing_that_fails_ends_the_child_only() -> None:
+def test_drawing_that_fails_ends_the_child_only():
     assert doctor.drawn_by("absent") == ""
 
 
-@pytest.mark.needs("opengl")
-def test_what_draws_is_named() -> None:
-    assert doctor.drawn_by(os.environ.get("MUJOCO_GL", ""))
-
-
-def test_every_extra_for_users_is_looked_at() -> None:
+def test_every_extra_for_users_is_looked_at():
     provided = importlib.metadata.metadata("gplfd").get_all("Provides-Extra") or []
     assert set(provided) == {*doctor.EXTRAS, "test", "docs", "dev"}

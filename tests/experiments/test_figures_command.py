@@ -19,9 +19,7 @@ def files(folder: Path) -> set[str]:
 
 
 @pytest.fixture
-def short_runs(
-    make_log: Callable[..., EpisodeLog], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def short_runs(make_log, monkeypatch):
     """Episodes by formula, and two figures, one of them with episodes."""
 
     def short(*_: Any, door: str, **__: Any) -> EpisodeLog:
@@ -36,9 +34,7 @@ def short_runs(
 
 
 @pytest.mark.usefixtures("short_runs")
-def test_the_whole_command_and_its_repetition(
-    gplfd: Gplfd, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_whole_command_and_its_repetition(gplfd, tmp_path, monkeypatch):
     assert gplfd("figures", "--out", "out") == 0
     out = tmp_path / "out"
     drawn = {f"{name}{end}" for name in ("fig03", "fig10") for end in (".png", ".svg")}
@@ -63,9 +59,7 @@ def test_the_whole_command_and_its_repetition(
 
 
 @pytest.mark.usefixtures("short_runs")
-def test_figures_without_episodes_run_none(
-    gplfd: Gplfd, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_figures_without_episodes_run_none(gplfd, tmp_path, monkeypatch):
     monkeypatch.setattr(material, "rollout", simulate)
     assert gplfd("figures", "--out", "out", "--only", "fig03") == 0
     assert {"fig03.png", "fig03.svg"} <= files(tmp_path / "out")
@@ -74,28 +68,3 @@ def test_figures_without_episodes_run_none(
 
 def simulate(*_: Any, **__: Any) -> None:
     raise AssertionError("simulated")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--only", "fig02", "fig08"], "no figure 'fig08'; figures: fig02, fig03, fig"),
-        (["--seed", "-1"], "--seed -1 must be 0 or more"),
-        (["--out", "taken"], "--out taken is a file; give a folder"),
-        (["--out", "taken/below"], "taken"),
-    ],
-)
-def test_bad_input_is_one_sentence_status_2_and_no_files(
-    gplfd: Gplfd,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
-    message: str,
-) -> None:
-    (tmp_path / "taken").write_text("")
-    assert gplfd("figures", *arguments) == 2
-    printed = capsys.readouterr().err
-    assert printed.startswith("gplfd: ")
-    assert len(printed.splitlines()) == 1
-    assert message in printed
-    assert files(tmp_path) == {"taken"}

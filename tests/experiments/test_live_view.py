@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -17,7 +16,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 
-from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording import live, record_episode
@@ -27,12 +25,7 @@ from gplfd_experiments.recording.stream import open_stream
 
 pytestmark = pytest.mark.slow
 
-Gplfd = Callable[..., int]
-NAMES = {
-    "policy": "gp",
-    "door": "medium",
-    "seed": 3,
-}
+NAMES = {"policy": "gp", "door": "medium", "seed": 3}
 DEMONSTRATIONS = Teacher().demonstrate_doors([0.5], 1, rng=np.random.default_rng(0))
 
 
@@ -40,12 +33,10 @@ DEMONSTRATIONS = Teacher().demonstrate_doors([0.5], 1, rng=np.random.default_rng
 def watch(tmp_path, columns):
     """Run an episode and return its log and what was streamed, in order."""
 
-    def watch(
-        env: gym.Env[Any, Any], agent: Any, **options: Any
-    ) -> tuple[EpisodeLog, list[Chunk]]:
+    def watch(env: Any, agent: Any, **options: Any) -> tuple[EpisodeLog, list[Chunk]]:
         stream = open_stream()
         stream.save(tmp_path / "live.rrd", default_blueprint=layout((), live=True))
-        recording = LiveRecording(stream, env.unwrapped.model, DEMONSTRATIONS)  # type: ignore[attr-defined]
+        recording = LiveRecording(stream, env.unwrapped.model, DEMONSTRATIONS)
         try:
             log = watched_rollout(env, agent, recording, **options, **NAMES)
         finally:
@@ -61,10 +52,6 @@ def times_of(chunk: Chunk) -> list[int]:
     return column.cast(pa.int64()).to_pylist()
 
 
-def entities_of(chunks: list[Chunk]) -> set[tuple[str, bool]]:
-    return {(chunk.entity_path, chunk.is_static) for chunk in chunks}
-
-
 @pytest.mark.parametrize("outcome", ["success", "grasp_lost"])
 def test_live_and_recorded_show_the_same(
     watch, door_env, arc_agent, tmp_path, monkeypatch, outcome
@@ -74,7 +61,11 @@ def test_live_and_recorded_show_the_same(
     log, chunks = watch(env, arc_agent(), speed=np.inf)
     record_episode(tmp_path / "recorded.rrd", log, env.model, DEMONSTRATIONS)
     recorded = list(RrdReader(tmp_path / "recorded.rrd").stream())
-    assert entities_of(chunks) == entities_of(recorded)
+    shown, expected = (
+        {(chunk.entity_path, chunk.is_static) for chunk in one}
+        for one in (chunks, recorded)
+    )
+    assert shown == expected
     pages = [
         chunk.to_record_batch().column("TextDocument:text").to_pylist()[0][0]
         for chunk in chunks
@@ -82,20 +73,15 @@ def test_live_and_recorded_show_the_same(
     ]
     assert "being opened" in pages[0]
     assert ("**opened**" in pages[1]) is (outcome == "success")
-
-
-def test_times_arrive_in_order_and_every_step_is_shown_once(
-    watch, door_env, arc_agent, monkeypatch
-):
-    monkeypatch.setattr(live, "_PERIOD", 0.0)
-    log, chunks = watch(door_env(), arc_agent(), speed=np.inf)
+    # Times arrive in order, and every step is shown once.
     series: dict[str, list[int]] = {}
     for chunk in chunks:
         if not chunk.is_static:
             series.setdefault(chunk.entity_path, []).extend(times_of(chunk))
     for path, times in series.items():
         assert times == sorted(times), path
-    assert series["/plots/force/parts"] == times_of_rows(log)
+    rows = rr.TimeColumn("sim_time", duration=log.times).as_arrow_array()
+    assert series["/plots/force/parts"] == rows.cast(pa.int64()).to_pylist()
     assert len(series["/world/task/policy_now"]) == log.forecast_times.size == 3
     arrived = [
         max(times_of(chunk))
@@ -105,11 +91,6 @@ def test_times_arrive_in_order_and_every_step_is_shown_once(
     # No part holds anything that is older than the part before it.
     period = round(1e9 * log.dt)
     assert all(b >= a - period for a, b in itertools.pairwise(arrived))
-
-
-def times_of_rows(log: EpisodeLog) -> list[int]:
-    column = rr.TimeColumn("sim_time", duration=log.times)
-    return column.as_arrow_array().cast(pa.int64()).to_pylist()
 
 
 def test_an_episode_is_watched_in_its_own_time(watch, door_env, arc_agent):
@@ -123,65 +104,6 @@ def test_an_episode_that_nobody_watches_is_given_up(watch, door_env, arc_agent):
     with pytest.raises(InterruptedError, match="nobody watches"):
         watch(env, arc_agent(), speed=np.inf, wanted=lambda: False)
     assert len(env.actions) < env.n_steps
-
-
-def test_a_policy_without_forecasts_can_be_watched(watch, door_env, arc_agent):
-    log, chunks = watch(door_env(), arc_agent(forecasts=False), speed=np.inf)
-    assert log.forecast_times.size == 0
-    assert not any("policy" in chunk.entity_path for chunk in chunks)
-
-
-def test_time_follows_what_comes_in():
-    assert layout((), live=True).time_panel.play_state == "following"
-    assert layout(()).time_panel.play_state == "playing"
-
-
-@pytest.fixture
-def gplfd(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(variable, raising=False)
-    monkeypatch.setattr(sys, "platform", "linux")
-
-    def run(*arguments: str) -> int:
-        try:
-            return cli.main(["view", *arguments])
-        except SystemExit as error:
-            return int(error.code or 0)
-
-    return run
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "give a recording to open, for example"),
-        (["--live", "a.rrd"], "it does not go with a.rrd"),
-        (["--live"], "`gplfd view --live --serve` serves the episode to a browser"),
-        (["--live", "--speed", "0"], "--speed 0 must be positive and finite"),
-        (["--live", "--speed", "nan"], "--speed nan must be positive"),
-        (["--live", "--speed", "inf"], "--speed inf must be positive"),
-        (["--live", "--seed", "-1"], "--seed -1 must be 0 or more"),
-        (["--live", "--serve", "--door", "smal"], "unknown door 'smal'"),
-        (["--live", "--serve", "--policy", "oracel"], "unknown policy 'oracel'"),
-        (["--live", "--serve", "--randomization", "mid"], "did you mean 'mild'"),
-        (["a.rrd", "--seed", "1"], "--seed goes with --live, not with a file"),
-        (["a.rrd", "--serve"], "--serve goes with --live, not with a file"),
-    ],
-)
-def test_bad_arguments_have_status_2_and_start_nothing(
-    gplfd, monkeypatch, capsys, arguments, message
-):
-    monkeypatch.setattr(live.subprocess, "Popen", None)
-    assert gplfd(*arguments) == 2
-    printed = capsys.readouterr().err
-    assert printed.startswith("gplfd: ")
-    assert message in printed
-    assert len(printed.splitlines()) == 1
-
-
-def test_unreadable_speed_is_a_parser_error(gplfd):
-    assert gplfd("--live", "--speed", "fast") == 2
 
 
 LISTENING = """\
@@ -223,8 +145,10 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
     monkeypatch.setattr(live, "_stream_to", connected)
     monkeypatch.setattr(live, "watched_rollout", show)
     stand_in(monkeypatch, LISTENING)
-    assert gplfd(*ORACLE, "--door", "0.42", "--disturbance", "person") == 0
-    assert seen["arrangement"] is layout(("person",), live=True)
+    assert gplfd("view", *ORACLE, "--door", "0.42", "--disturbance", "person") == 0
+    assert seen["arrangement"] is layout(("person",), (), "right", live=True)
+    assert seen["arrangement"].time_panel.play_state == "following"
+    assert layout(()).time_panel.play_state == "playing"
     arguments = Path("arguments").read_text().split()
     assert arguments[:3] == ["--bind", "127.0.0.1", "--port"]
     assert arguments[4:6] == ["--serve-web", "--web-viewer-port"]
@@ -237,14 +161,17 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
     assert "closed before the episode ended" in printed
 
 
-def test_a_viewer_that_does_not_start_is_told(gplfd, monkeypatch, capsys):
-    stand_in(monkeypatch, "raise SystemExit(102)")
-    assert gplfd(*ORACLE) == 2
-    assert "the viewer ended with status 102" in capsys.readouterr().err
-
-
-def test_a_viewer_that_does_not_answer_is_told(gplfd, monkeypatch, capsys):
-    monkeypatch.setattr(live, "_START_TIMEOUT", 0.2)
-    stand_in(monkeypatch, "import time; time.sleep(60)")
-    assert gplfd(*ORACLE) == 2
-    assert "did not answer within 0.2 s" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("script", "patience", "message"),
+    [
+        ("raise SystemExit(102)", 30.0, "the viewer ended with status 102"),
+        ("import time; time.sleep(60)", 0.2, "did not answer within 0.2 s"),
+    ],
+)
+def test_a_viewer_that_does_not_start_or_answer_is_told(
+    gplfd, monkeypatch, capsys, script, patience, message
+):
+    monkeypatch.setattr(live, "_START_TIMEOUT", patience)
+    stand_in(monkeypatch, script)
+    assert gplfd("view", *ORACLE) == 2
+    assert message in capsys.readouterr().err

@@ -16,13 +16,13 @@ from gplfd_experiments.files.plain_data import (
 )
 
 
-def test_json_comes_back(tmp_path: Path) -> None:
+def test_json_comes_back(tmp_path):
     data = {"text": "größer ↦ \x7f", "numbers": [1, -2.5e300, 2**70, None, True]}
     write_json(tmp_path / "d.json", data)
     assert read_json(tmp_path / "d.json") == data
 
 
-def test_json_refuses_nan_and_writes_nothing(tmp_path: Path) -> None:
+def test_json_refuses_nan_and_writes_nothing(tmp_path):
     with pytest.raises(ValueError, match="not JSON compliant"):
         write_json(tmp_path / "m.json", {"x": math.nan})
     assert list(tmp_path.iterdir()) == []
@@ -48,9 +48,7 @@ def test_json_refuses_nan_and_writes_nothing(tmp_path: Path) -> None:
         (b'{"a": "' + b" " * 2**24 + b'"}', "larger than 16,777,216 bytes"),
     ],
 )
-def test_what_is_no_plain_object_is_refused(
-    tmp_path: Path, content: bytes, message: str
-) -> None:
+def test_what_is_no_plain_object_is_refused(tmp_path, content, message):
     path = tmp_path / "d.json"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=re.escape(message)) as raised:
@@ -58,7 +56,7 @@ def test_what_is_no_plain_object_is_refused(
     assert str(raised.value).startswith(f"{path} cannot be read as JSON: ")
 
 
-def test_a_device_or_a_folder_is_no_file(tmp_path: Path) -> None:
+def test_a_device_or_a_folder_is_no_file(tmp_path):
     for read in (read_json, read_toml):
         with pytest.raises(FileNotFoundError, match=r"there is no file .*nothing"):
             read(tmp_path / "nothing")
@@ -82,7 +80,7 @@ PLAIN = parsed_json('{"n": 3, "x": 0.5, "t": "a", "all": [1, 2.5], "by": {"a": 1
         ("by", dict[str, Any], {"a": 1}),
     ],
 )
-def test_an_entry_is_taken_as_its_type(name: str, kind: Any, value: object) -> None:
+def test_an_entry_is_taken_as_its_type(name, kind, value):
     found = entry(PLAIN, name, kind)
     assert found == value
     assert type(found) is type(value)
@@ -100,11 +98,11 @@ def test_an_entry_is_taken_as_its_type(name: str, kind: Any, value: object) -> N
         ("by", dict[str, str], "by = {'a': 1} must be an object in {braces}, each of"),
     ],
 )
-def test_an_entry_of_another_type_is_named(name: str, kind: Any, message: str) -> None:
+def test_an_entry_of_another_type_is_named(name, kind, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         entry(PLAIN, name, kind)
 
 
-def test_true_is_no_number() -> None:
+def test_true_is_no_number():
     with pytest.raises(ValueError, match="a = True must be a number"):
         entry({"a": True}, "a", float)

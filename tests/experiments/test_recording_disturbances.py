@@ -1,11 +1,8 @@
 """What a recording shows of what happens from outside."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording.disturbances import (
     KINDS,
     disturbance_chunks,
@@ -14,8 +11,6 @@ from gplfd_experiments.recording.disturbances import (
 )
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.stream import Part
-
-MakeLog = Callable[..., EpisodeLog]
 
 
 def held(peak: float, first: int = 200, end: int = 450) -> np.ndarray:

@@ -1,16 +1,14 @@
 """What a recording shows of handle, latch, closer and base."""
 
 import math
-from collections.abc import Callable
 
 import mujoco
 import numpy as np
 import pytest
 
-from gplfd_env.doors.config import DOORS, DoorConfig, door_config
+from gplfd_env.doors.config import DOORS, door_config
 from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.scene.build import build_scene
-from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording.episode import part_chunks, static_chunks
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.mechanism import (
@@ -22,7 +20,6 @@ from gplfd_experiments.recording.mechanism import (
 )
 from gplfd_experiments.recording.stream import Part
 
-MakeLog = Callable[..., EpisodeLog]
 ROWS = np.arange(601)
 TURN = 0.8 * np.clip(ROWS / 100.0, 0.0, 1.0) * (ROWS < 400)
 BOLT = 0.0127 * np.clip(ROWS / 100.0, 0.0, 1.0) * (ROWS < 400)
@@ -140,7 +137,8 @@ def test_the_true_arc_is_that_of_the_model_s_handle(make_log, swing, hinge_side)
     np.testing.assert_allclose(arc[60], expected, atol=1e-5)
 
 
-def test_the_layout_has_room_for_what_there_is_and_is_mirrored(titles_of):
+def test_the_layout_has_room_for_what_there_is_and_is_mirrored(titles_of, log):
+    assert log.config == DOORS["heavy-fire"]
     plain = titles_of(layout(()).root_container)
     full = titles_of(layout((), tuple(PANELS), "left").root_container)
     assert set(full) - set(plain) == {
@@ -148,8 +146,3 @@ def test_the_layout_has_room_for_what_there_is_and_is_mirrored(titles_of):
         "From above: door at the top, hinge left",
     }
     assert len(full) == len(plain) + len(PANELS)
-
-
-def test_the_door_of_a_log_is_its_configuration(log):
-    assert log.config == DOORS["heavy-fire"]
-    assert isinstance(log.config, DoorConfig)

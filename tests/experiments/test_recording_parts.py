@@ -1,7 +1,7 @@
 """What a recording is made of: bodies drawn and moved, and an episode in parts."""
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import mujoco
@@ -15,7 +15,6 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording.episode import part_chunks
 from gplfd_experiments.recording.motion import policy_motion
 from gplfd_experiments.recording.scene import (
-    body_poses,
     drawn_scene,
     entity_of_body,
     moved_scene,
@@ -31,8 +30,6 @@ from gplfd_experiments.recording.tube import (
 )
 
 pytestmark = pytest.mark.slow
-
-MakeLog = Callable[..., EpisodeLog]
 
 
 FIXED = """
@@ -81,8 +78,8 @@ def test_what_is_the_same_is_drawn_once_for_all_recordings(door_model):
     def ids() -> dict[str, str]:
         return {chunk.entity_path: chunk.id for chunk in drawn_scene(door_model)}
 
-    leaf, first, again = "/world/scene/leaf", ids(), ids()
-    assert first[leaf] == again[leaf]
+    leaf, first = "/world/scene/leaf", ids()
+    assert first[leaf] == ids()[leaf]
     door_model.geom("knob").size[:] = 0.03
     changed = ids()
     assert changed[leaf] != first[leaf]
@@ -90,15 +87,9 @@ def test_what_is_the_same_is_drawn_once_for_all_recordings(door_model):
 
 
 def test_bodies_move_between_frames_as_in_a_video(make_log, door_model):
-    log = make_log()
-    (leaf,) = moved_scene(door_model, Part(log=log))
+    (leaf,) = moved_scene(door_model, Part(log=make_log()))
     times = leaf.to_record_batch().column("sim_time").cast(pa.int64()).to_numpy()
     assert np.diff(times).max() <= 1e9 / 30.0
-    positions, quaternions = body_poses(door_model, log.qpos[::200], [2, 1])
-    assert positions.shape == (2, 4, 3)
-    np.testing.assert_allclose(positions[1], np.tile([0.7, 0.6, 0.85], (4, 1)))
-    turned = 2.0 * np.arccos(np.clip(quaternions[1] @ quaternions[0].T, -1.0, 1.0))
-    np.testing.assert_allclose(turned[0], log.door_angle[::200], atol=1e-6)
 
 
 SLIDES = """
@@ -143,7 +134,7 @@ FROM_OUTSIDE = {
 
 
 @pytest.mark.parametrize("changes", [{}, FROM_OUTSIDE], ids=["", "from outside"])
-@pytest.mark.parametrize("ends", [[2, 4, 150, 601], [301, 601], [350, 450, 550, 601]])
+@pytest.mark.parametrize("ends", [[2, 4, 150, 601], [350, 450, 550, 601]])
 def test_an_episode_shown_in_parts_shows_what_it_shows_at_once(
     make_log, door_model, ends, changes
 ):
@@ -216,12 +207,10 @@ def test_tube_touches_the_ellipse_of_the_normal_quantile():
     assert np.all(outward > 0.0) or np.all(outward < 0.0)
 
 
-@pytest.mark.parametrize("axis", [None, 1])
-def test_tube_of_a_path_without_a_direction_is_finite(axis):
+@pytest.mark.parametrize("height", [0.0, 1.0])
+def test_tube_of_a_path_without_a_direction_is_finite(height):
     """One that stands still, and one straight upwards."""
-    mean = np.zeros((5, 3))
-    if axis is not None:
-        mean[:, axis] = np.linspace(0.0, 1.0, 5)
+    mean = np.outer(np.linspace(0.0, height, 5), [0.0, 1.0, 0.0])
     vertices, normals = tube_vertices(mean, np.zeros((5, 3)))
     assert np.isfinite(vertices).all()
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-6)

@@ -47,27 +47,3 @@ def test_a_kept_skill_opens_doors_as_one_that_was_just_learned(capsys):
     # Another policy follows the same skill in its own way.
     assert cli.main([*kept, "--policy", "gp-constant-500", "--out", "c"]) == 0
     assert metrics("c")["force_radial_peak"] != metrics("a")["force_radial_peak"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["learn", "none.npz", "--out", "s"], "there is no file none.npz"),
-        (["learn", "demos.npz", "--out", "s", "--policy", "promp"], "'promp' learns"),
-        (["learn", "demos.npz", "--out", "s", "--policy", "oracle"], "choose one of"),
-        (["learn", "demos.npz", "--out", "s", "--seed", "-1"], "--seed -1 must be 0"),
-        (["learn", "demos.npz", "--out", "demos.npz/s"], "--out demos.npz is a file"),
-        (["run", "--skill", "none.npz"], "there is no file none.npz"),
-        (["run", "--skill", "demos.npz"], "demos.npz cannot be read as a gplfd skill"),
-        (["run", "--skill", "demos.npz", "--policy", "kmp"], "'kmp' learns no skill"),
-        (
-            ["run", "--skill", "a", "--demonstrations", "b"],
-            "leave out --demonstrations",
-        ),
-    ],
-)
-def test_what_is_wrong_is_said_and_nothing_written(arguments, message, capsys):
-    assert cli.main(arguments) == 2
-    (said,) = capsys.readouterr().err.splitlines()
-    assert message in said
-    assert [path.name for path in Path().iterdir()] == ["demos.npz"]

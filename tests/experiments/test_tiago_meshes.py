@@ -16,6 +16,7 @@ import yourdfpy
 from rerun.chunk import Chunk
 
 from gplfd_env.conventions.assets import asset_path
+from gplfd_experiments.recording import tiago_meshes
 from gplfd_experiments.recording.tiago_meshes import description, tiago_looks
 
 SHARE = "cmeel.prefix/share/example-robot-data/robots/tiago_description"
@@ -107,7 +108,7 @@ def install(site: Path, urdf: str) -> Path:
 
 
 @pytest.fixture
-def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def installed(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     return install(tmp_path, URDF)
 
@@ -116,35 +117,36 @@ def names(one: mujoco.MjModel) -> list[str]:
     return [one.body(body).name for body in range(one.nbody)]
 
 
-def test_the_description_is_found_where_it_is_installed(installed: Path) -> None:
+@pytest.mark.parametrize(
+    ("damage", "error", "message"),
+    [
+        ("no package", ModuleNotFoundError, "example-robot-data, which is not install"),
+        ("no files", ModuleNotFoundError, r"pip install 'gplfd\[tiago\]'"),
+        ("no reader", ModuleNotFoundError, "yourdfpy, which is not installed: pip ins"),
+        ("no mesh", ValueError, "1 of 2 meshes .* install example-robot-data"),
+        ("another robot", ValueError, "is not TIAGo's description"),
+    ],
+)
+def test_what_is_missing_is_told(installed, monkeypatch, damage, error, message):
+    if damage == "no package":
+        name = "no-robot-data"
+        monkeypatch.setattr(tiago_meshes, "DISTRIBUTION", name)
+        message = message.replace("example-robot-data", name)
+    elif damage == "no files":
+        monkeypatch.setattr(importlib.metadata, "files", lambda name: [])
+    elif damage == "no reader":
+        monkeypatch.setitem(sys.modules, "yourdfpy", None)
+    elif damage == "no mesh":
+        (installed.parents[1] / "meshes" / "a.stl").unlink()
+    else:
+        installed.write_text('<robot name="other"><link name="trunk"/></robot>')
+    with pytest.raises(error, match=message):
+        tiago_looks(["base_link"])
+
+
+def test_a_mesh_goes_to_the_nearest_body_of_ours_in_its_frame(installed):
     assert description() == installed
-
-
-@pytest.mark.parametrize("files", [None, []])
-def test_without_the_package_its_name_is_told(
-    monkeypatch: pytest.MonkeyPatch, files: list[str] | None
-) -> None:
-    def find(name: str) -> list[str] | None:
-        if files is None:
-            raise importlib.metadata.PackageNotFoundError(name)
-        return files
-
-    monkeypatch.setattr(importlib.metadata, "files", find)
-    message = r"example-robot-data, which is not installed: pip install 'gplfd\[tiago\]"
-    with pytest.raises(ModuleNotFoundError, match=message):
-        tiago_looks(["base_link"])
-
-
-def test_without_the_reader_its_name_is_told(
-    installed: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "yourdfpy", None)
-    message = r"yourdfpy, which is not installed: pip install 'gplfd\[tiago\]'"
-    with pytest.raises(ModuleNotFoundError, match=message):
-        tiago_looks(["base_link"])
-
-
-def test_a_mesh_goes_to_the_nearest_body_of_ours_in_its_frame(installed: Path) -> None:
+    assert set(tiago_looks(["torso_lift_link"]).meshes) == {"torso_lift_link"}
     looks = tiago_looks(names(model()))
     assert set(looks.meshes) == {"base_link", "torso_lift_link"}
     (head,) = looks.meshes["torso_lift_link"]
@@ -164,17 +166,13 @@ def test_a_mesh_goes_to_the_nearest_body_of_ours_in_its_frame(installed: Path) -
     np.testing.assert_allclose(head.normals[::3], across, atol=1e-6)
 
 
-def test_meshes_of_links_that_are_not_ours_are_left_out(installed: Path) -> None:
-    assert set(tiago_looks(["torso_lift_link"]).meshes) == {"torso_lift_link"}
-
-
 def seen(one: mujoco.MjModel) -> set[str]:
     """Bodies with a geom that is drawn: MuJoCo draws groups 0 to 2."""
     drawn = one.geom_bodyid[one.geom_group <= 2]
     return {one.body(int(body)).name for body in drawn}
 
 
-def test_bodies_with_meshes_are_bare_and_the_others_stay(installed: Path) -> None:
+def test_bodies_with_meshes_are_bare_and_the_others_stay(installed):
     ours = model()
     bare = tiago_looks(names(ours)).undressed(ours)
     assert seen(bare) == {"arm_1_link", "door"}
@@ -187,7 +185,7 @@ def column(chunk: Chunk, name: str) -> np.ndarray:
     return np.array(batch.column(field).to_pylist()[0])
 
 
-def test_meshes_are_drawn_where_the_bodies_are(installed: Path) -> None:
+def test_meshes_are_drawn_where_the_bodies_are(installed):
     ours = model()
     chunks = {c.entity_path: c for c in tiago_looks(names(ours)).drawn(ours)}
     base, head = "base_link_0", "head_1_link_0"
@@ -212,24 +210,7 @@ def test_meshes_are_drawn_where_the_bodies_are(installed: Path) -> None:
     np.testing.assert_allclose(carried.max(axis=0), [0.22, 0.1, 0.6], atol=1e-6)
 
 
-def test_a_lost_mesh_file_is_told(installed: Path) -> None:
-    (installed.parents[1] / "meshes" / "a.stl").unlink()
-    with pytest.raises(
-        ValueError, match=r"1 of 2 meshes .* install example-robot-data"
-    ):
-        tiago_looks(["base_link"])
-
-
-def test_another_robot_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
-    install(tmp_path, '<robot name="other"><link name="trunk"/></robot>')
-    with pytest.raises(ValueError, match="is not TIAGo's description"):
-        tiago_looks(["base_link"])
-
-
-def test_our_robot_has_the_bodies_and_joints_that_meshes_go_to(installed: Path) -> None:
+def test_our_robot_has_the_bodies_and_joints_that_meshes_go_to(installed):
     ours = mujoco.MjModel.from_xml_path(str(asset_path("tiago_like.urdf")))
     theirs = yourdfpy.URDF.load(str(description()), load_meshes=False)
     joints = {ours.joint(joint).name for joint in range(ours.njnt)}

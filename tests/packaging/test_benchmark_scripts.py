@@ -1,6 +1,5 @@
 """The scripts of benchmarks/ run, with tiny settings, and count as they claim."""
 
-import dataclasses
 import importlib
 import math
 import re
@@ -13,33 +12,23 @@ import numpy as np
 import pytest
 import tyro
 
-from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.studies.learning_tests.scores import recorded_metrics
-from gplfd_policies import POLICIES
-from gplfd_policies.demonstrations.npz import save_demonstrations
-
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"
 sys.path.insert(0, str(FOLDER))  # as for a script that is run
-agents, approach, building_doors, contact, demonstrations, forecasts, learning = map(
-    importlib.import_module,
-    (
-        *("agents", "approach", "building_doors", "contact", "demonstrations"),
-        *("forecasts", "learning"),
-    ),
+SCRIPTS = "agents", "contact", "demonstrations", "forecasts", "learning"
+agents, contact, demonstrations, forecasts, learning = map(
+    importlib.import_module, SCRIPTS
 )
 
 RUNS = {
     "agents": ("--repeats 1 --counts 2 --periods 4", "2 agents in lockstep"),
-    "approach": ("--seeds 1 --policies oracle --doors small", "oracle: share grasped"),
     "building_doors": (
-        "--seeds 1 --draws 1 --repeats 1 --policy promp",
-        "standard: share of these that promp opens",
+        "--draws 1 --policies hinge-fit",
+        "share of these that hinge-fit opens",
     ),
     "contact person": ("--seeds 1", "command follows the hand"),
-    "contact renderings": ("--seeds 1 --trials", "ordinary, hard: gp-impedance"),
     "demonstrations alignments": (
         "--seeds 1 --habits pauses",
         "directions / interpolation, worst habit",
@@ -50,7 +39,6 @@ RUNS = {
     ),
     "forecasts doors": ("--draws 1 --every 80", "2 of 3 radii, process"),
     "forecasts unseen": ("--draws 1 --unseen 0.42", "synthetic human, own-clock"),
-    "forecasts worth": ("--draws 1 --per-radius 2", "synthetic human, left out"),
     "learning calibration": ("--draws 1", "accuracy, 20 smooth: in stated 95 %"),
     "learning scaling": (
         "--repeats 1 --counts 2 3 --samples 20 40",
@@ -59,14 +47,9 @@ RUNS = {
 }
 """Arguments of every command, and a part of what it prints."""
 ELSEWHERE = {
-    "contact loop",
-    "demonstrations sets",
-    "leaderboard",
+    *("contact loop", "leaderboard", "pictures films", "pictures gallery"),
     # They need the extras sb3 and warp and are run by tests/learners.
-    "learners",
-    "on_warp",
-    "pictures films",
-    "pictures gallery",
+    *("learners", "on_warp"),
 }
 
 
@@ -82,15 +65,11 @@ def commands() -> set[str]:
     return found
 
 
-def test_every_command_is_run():
-    assert set(RUNS) | ELSEWHERE == commands()
-
-
-def test_documents_name_every_command_and_no_other():
-    """Every figure in the documents keeps the command that made it."""
+def test_every_command_is_run_and_named_in_the_documents_with_its_figures():
+    known = commands()
+    assert set(RUNS) | ELSEWHERE == known
     text = "".join(path.read_text() for path in (ROOT / "docs").glob("*.md"))
     named = re.findall(r"python benchmarks/(\w+)\.py(?:\s(\w+))?", text)
-    known = commands()
     assert known == {
         script if script in known else f"{script} {command}"
         for script, command in named
@@ -99,23 +78,13 @@ def test_documents_name_every_command_and_no_other():
 
 @pytest.mark.parametrize("command", RUNS)
 def test_script_runs(command, capsys, monkeypatch):
-    fewer = {"2 of 3 radii": partial(forecasts.arcs, (0.3, 0.4, 0.5))}
-    monkeypatch.setattr(forecasts, "OPENINGS", fewer)
-    worth = {"left out": forecasts.WORTH_FORMS["left out"]}
-    monkeypatch.setattr(forecasts, "WORTH_FORMS", worth)
-    monkeypatch.setattr(demonstrations, "METHODS", ("gp",))
-    monkeypatch.setattr(demonstrations, "RESTS", (0.0, 2.0))
-    monkeypatch.setattr(demonstrations, "_DOORS", ("small",))
-    rooms = {
-        name: building_doors.ROOMS[name] for name in ("room-584", building_doors._WIDE)
-    }
-    monkeypatch.setattr(building_doors, "ROOMS", rooms)
-    levels = {
-        name: dataclasses.replace(level, doors=("small",))
-        for name, level in contact.NO_TRIAL.levels.items()
-    }
-    trial = dataclasses.replace(contact.NO_TRIAL, levels=levels)
-    monkeypatch.setattr(contact, "NO_TRIAL", trial)
+    for module, name, fewer in (
+        (forecasts, "OPENINGS", {"2 of 3 radii": partial(forecasts.arcs, RADII)}),
+        (demonstrations, "METHODS", ("gp",)),
+        (demonstrations, "RESTS", (0.0, 2.0)),
+        (demonstrations, "_DOORS", ("small",)),
+    ):
+        monkeypatch.setattr(module, name, fewer)
     script, *name = command.split()
     module = importlib.import_module(script)
     run = module.COMMANDS[name[0]] if name else module.main
@@ -142,18 +111,16 @@ def test_known_distribution_is_learned_well():
 
 def test_deciding_is_counted_per_control_step(monkeypatch):
     # One microsecond passes between any two looks at the clock.
-    monkeypatch.setattr(
-        agents.time, "thread_time_ns", iter(range(0, 10**9, 1000)).__next__
-    )
+    clock = iter(range(0, 10**9, 1000)).__next__
+    monkeypatch.setattr(agents.time, "thread_time_ns", clock)
     rows = agents.measure_loops(2, counts=(2,), periods=4).rows
     assert [row["of which agent"] for row in rows.values()] == pytest.approx([1.0, 0.5])
 
 
-# --- A held hand -------------------------------------------------------------
-
-
 def test_contact_model_agrees_with_the_simulation(capsys, monkeypatch):
     """Free and held, 0 to 3 periods of delay, 100 to 500 N/m, both dampings."""
+    found = contact.threshold(lambda k: k < 293.0, 20.0, 1500.0)
+    assert found == pytest.approx(293.0, rel=0.01)
     monkeypatch.setattr(contact, "threshold", lambda *arguments: 400.0)
     tyro.cli(contact.loop, args=["--seconds", "2"])
     printed = capsys.readouterr().out
@@ -165,12 +132,9 @@ def test_contact_model_agrees_with_the_simulation(capsys, monkeypatch):
         assert re.search(rf"verdicts that differ, {name} +0 +at most 0 +met", printed)
 
 
-def test_threshold_is_where_it_stops():
-    found = contact.threshold(lambda k: k < 293.0, 20.0, 1500.0)
-    assert found == pytest.approx(293.0, rel=0.01)
-
-
 # --- Doors that were not demonstrated ----------------------------------------
+
+RADII = (0.3, 0.4, 0.5)
 
 
 def test_door_opening_without_wobble_is_the_arc():
@@ -190,7 +154,7 @@ def test_left_out_radius_is_not_learned_from(monkeypatch):
         return fit(aligned)
 
     monkeypatch.setattr(forecasts, "fit_skill", learn)
-    aligned, radii = forecasts.arcs((0.3, 0.4, 0.5), np.random.default_rng(0))
+    aligned, radii = forecasts.arcs(RADII, np.random.default_rng(0))
     scores = forecasts.judge_exact(["exact"], [(aligned, radii)], 60)["exact"]
     for fold, poses in enumerate(learned):
         expected = np.delete(aligned.poses, [2 * fold, 2 * fold + 1], axis=0)
@@ -200,69 +164,13 @@ def test_left_out_radius_is_not_learned_from(monkeypatch):
 
 
 def test_door_targets_compare_with_the_product_of_the_same_doors():
-    def scores(rest: float) -> dict[str, float]:
-        return {
-            forecasts.SOON_ERROR: 4.0,
-            forecasts.SOON_HOLDS: 0.95,
-            forecasts.REST_ERROR: rest,
-            forecasts.REST_HOLDS: 0.85,
-        }
-
-    found = {"product": scores(80.0), "process": scores(60.0)}
+    scores = {
+        forecasts.SOON_ERROR: 4.0,
+        forecasts.SOON_HOLDS: 0.95,
+        forecasts.REST_HOLDS: 0.85,
+    }
+    rests = {"product": 80.0, "process": 60.0}
+    found = {name: scores | {forecasts.REST_ERROR: at} for name, at in rests.items()}
     targets = forecasts.door_targets("some", found)
     assert [target.met for target in targets] == [True, False, True, False]
     assert targets[1].value == pytest.approx(0.75)
-
-
-# --- Recorded demonstrations -------------------------------------------------
-
-
-def test_a_task_that_is_lost_shows_however_good_the_mean():
-    tasks = {
-        "letters": {"gp": -5.0, "kmp": -4.0},
-        "doors": {"gp": -3.0, "kmp": -2.9},
-        "boxes": {"gp": -2.0, "kmp": -2.7},
-    }
-    found = demonstrations.compare_methods(tasks, [0.9, 0.95, 0.97])
-    assert found.rows["gp"] == {
-        "mean NLPD": pytest.approx(-10.0 / 3.0),
-        "median": -3.0,
-        "best in": 2,
-        "most behind": pytest.approx(0.7),
-        "where": "boxes",
-    }
-    assert found.rows["kmp"]["where"] == "letters"
-    behind, ahead, held = found.targets
-    assert not behind.met
-    assert (ahead.met, ahead.value) == (True, pytest.approx(-10.0 / 3.0 + 3.2))
-    assert (held.met, held.value) == (True, pytest.approx(0.94))
-
-
-def test_sets_are_judged_as_the_command_skill_judges_them(tmp_path, capsys):
-    demos = Teacher().standard_demonstrations(seed=0)[:3]
-    save_demonstrations(tmp_path / "demos.npz", demos)
-    tyro.cli(
-        demonstrations.judged_sets,
-        args=[str(tmp_path / "demos.npz"), "--policies", "promp", "gmr"],
-    )
-    printed = capsys.readouterr().out
-    promp = POLICIES["promp"].method
-    assert promp is not None
-    nlpd = np.mean([recorded_metrics(promp, demos, one)["nlpd"] for one in range(3)])
-    assert f"{nlpd:.4g}" in printed
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["demos.npz"], "demos.npz holds fewer than 3 recordings"),
-        (["demos.npz", "--policies", "gp"], "--policies needs two or more"),
-        (["demos.npz", "--policies", "gp", "oracle"], "oracle learns nothing"),
-        (["none.npz"], "none.npz"),
-    ],
-)
-def test_what_cannot_be_judged_is_said(arguments, message, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    save_demonstrations("demos.npz", Teacher().standard_demonstrations(seed=0)[:2])
-    with pytest.raises(SystemExit, match=message):
-        tyro.cli(demonstrations.judged_sets, args=arguments)

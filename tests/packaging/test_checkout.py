@@ -29,26 +29,9 @@ def tracked():
     listing = subprocess.run(
         ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True
     ).stdout.decode()
-    return [ROOT / name for name in listing.split("\0") if name]
-
-
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("wheel")
-    (path,) = WheelBuilder(str(ROOT)).build(
-        directory=str(folder), versions=["standard"]
-    )
-    return zipfile.ZipFile(path)
-
-
-@pytest.fixture(scope="module")
-def sdist_names(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("sdist")
-    (path,) = SdistBuilder(str(ROOT)).build(
-        directory=str(folder), versions=["standard"]
-    )
-    with tarfile.open(path) as archive:
-        return {name.split("/", 1)[1] for name in archive.getnames()}
+    # Without what is deleted, and not yet committed.
+    files = [ROOT / name for name in listing.split("\0") if name]
+    return [file for file in files if file.is_file()]
 
 
 @pytest.mark.needs("clone")
@@ -56,74 +39,59 @@ def test_no_tracked_file_names_a_machine(tracked):
     """Absolute paths of someone's home or build machine do not belong here."""
     folders = "|".join(("home", "root", "work", "Users", "mnt", "private"))
     path = re.compile(rf"(?<![\w./~])/(?:{folders})/[\w.]".encode())
-    offenders = []
-    for file in tracked:
-        if not file.is_file():
-            continue  # deleted, and not yet committed
-        for number, line in enumerate(file.read_bytes().splitlines(), start=1):
-            if path.search(line):
-                offenders.append(f"{file.relative_to(ROOT)}:{number}: {line[:100]!r}")
+    offenders = [
+        f"{file.relative_to(ROOT)}:{number}: {line[:100]!r}"
+        for file in tracked
+        for number, line in enumerate(file.read_bytes().splitlines(), start=1)
+        if path.search(line)
+    ]
     assert not offenders, "\n".join(offenders)
 
 
 @pytest.mark.needs("clone")
-def test_no_generated_file_is_tracked(tracked):
+def test_no_generated_file_is_tracked_and_tests_have_unique_names(tracked):
+    """Unique names and no packages let pytest import tests by path."""
     generated = {".pyc", ".rrd", ".egg-info", ".whl", ".log"}
     assert not [file for file in tracked if file.suffix in generated]
     assert not [file for file in tracked if file.name == "MUJOCO_LOG.TXT"]
+    names = [file.name for file in tracked if file.is_relative_to(ROOT / "tests")]
+    assert "__init__.py" not in names
+    tests = [name for name in names if name.startswith("test_")]
+    assert len(tests) == len(set(tests))
 
 
-@pytest.mark.needs("clone")
-def test_test_files_have_unique_names_and_no_packages(tracked):
-    """What lets pytest import them by path (--import-mode=importlib)."""
-    tests = [file for file in tracked if file.is_relative_to(ROOT / "tests")]
-    assert not [file for file in tests if file.name == "__init__.py"]
-    names = [file.name for file in tests if file.name.startswith("test_")]
-    assert len(names) == len(set(names))
-
-
-def test_wheel_has_every_module_asset_and_marker(wheel):
+def test_wheel_has_every_module_asset_marker_and_licence_and_nothing_else(tmp_path):
+    (path,) = WheelBuilder(str(ROOT)).build(
+        directory=str(tmp_path), versions=["standard"]
+    )
+    wheel = zipfile.ZipFile(path)
     names = set(wheel.namelist())
     for folder, package in PACKAGES.items():
         for module in (ROOT / folder).rglob("*.py"):
             assert f"{package}/{module.relative_to(ROOT / folder)}" in names
     assert {f"{package}/py.typed" for package in PACKAGES.values()} <= names
     for asset in (ROOT / "assets").iterdir():
-        assert f"gplfd_env/assets/{asset.name}" in names
         assert wheel.read(f"gplfd_env/assets/{asset.name}") == asset.read_bytes()
-
-
-def test_wheel_has_nothing_else(wheel):
-    tops = {name.split("/")[0] for name in wheel.namelist()}
-    (metadata,) = tops - {*PACKAGES.values()}
+    (metadata,) = {name.split("/")[0] for name in names} - {*PACKAGES.values()}
     assert metadata.endswith(".dist-info")
-    modules = [name.split("/")[-1] for name in wheel.namelist()]
-    assert not [name for name in modules if name.startswith(("test_", "conftest"))]
-    assert not [name for name in wheel.namelist() if name.endswith((".pyc", ".rrd"))]
-
-
-def test_wheel_carries_the_licence(wheel):
-    (licence,) = [n for n in wheel.namelist() if n.endswith("licenses/LICENSE")]
+    assert not [n for n in names if n.split("/")[-1].startswith(("test_", "conftest"))]
+    assert not [name for name in names if name.endswith((".pyc", ".rrd"))]
+    (licence,) = [name for name in names if name.endswith("licenses/LICENSE")]
     assert wheel.read(licence) == (ROOT / "LICENSE").read_bytes()
 
 
-def test_sdist_can_be_tested(sdist_names):
+def test_sdist_can_be_tested(tmp_path):
     """It carries all tests, the pages that tests read, and what a build needs."""
-    for test in (ROOT / "tests").rglob("*.py"):
-        assert str(test.relative_to(ROOT)) in sdist_names
-    for name in (
-        "pyproject.toml",
-        "README.md",
-        "LICENSE",
-        "docs/environment.md",
-        "CITATION.cff",
-        "CONTRIBUTING.md",
-        "paper/paper.bib",
-        "assets/tiago_like.urdf",
-        "assets/README.md",
-        "benchmarks/harness.py",
-    ):
-        assert name in sdist_names
+    (path,) = SdistBuilder(str(ROOT)).build(
+        directory=str(tmp_path), versions=["standard"]
+    )
+    with tarfile.open(path) as archive:
+        names = {name.split("/", 1)[1] for name in archive.getnames()}
+    tests = {str(test.relative_to(ROOT)) for test in (ROOT / "tests").rglob("*.py")}
+    top = {"pyproject.toml", "README.md", "LICENSE", "CITATION.cff", "CONTRIBUTING.md"}
+    below = {"docs/environment.md", "paper/paper.bib", "benchmarks/harness.py"}
+    assets = {"assets/tiago_like.urdf", "assets/README.md"}
+    assert tests | top | below | assets <= names
 
 
 def test_licence_is_apache_2():
@@ -132,11 +100,6 @@ def test_licence_is_apache_2():
     assert "END OF TERMS AND CONDITIONS" in text
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert project["license"] == "Apache-2.0"
-
-
-def test_the_hosted_workflow_runs_the_script_and_nothing_else():
-    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
-    assert re.findall(r"\brun: (.*)", workflow) == ["bash .ci/run"]
 
 
 def test_what_brings_gigabytes_is_installed_on_request_alone():
@@ -155,29 +118,25 @@ def test_what_brings_gigabytes_is_installed_on_request_alone():
     assert not {"sb3", "warp"} & brought("dev")
     folders = project["tool"]["pytest"]["ini_options"]["testpaths"]
     there = {str(each.relative_to(ROOT)) for each in (ROOT / "tests").glob("*/")}
-    separate = there - set(folders) - {"tests/__pycache__"}
-    assert separate == {"tests/learners"}
-    assert "pytest -q -p no:cacheprovider tests/learners" in (
-        (ROOT / ".ci" / "learners").read_text()
-    )
+    assert there - {*folders, "tests/__pycache__"} == {"tests/learners"}
+    script = (ROOT / ".ci" / "learners").read_text()
+    assert "pytest -q -p no:cacheprovider tests/learners" in script
 
 
-@pytest.mark.parametrize(
-    ("page", "name"),
-    [("README.md", "run"), ("README.md", "test"), ("docs/learners.md", "clone")],
-)
-def test_pages_have_each_marked_command_once(page, name):
-    """The continuous integration runs the pages' own text."""
-    marked = re.findall(
-        rf"<!-- command: {name} -->\n+```bash\n(.*?)\n```",
-        (ROOT / page).read_text(),
-        flags=re.DOTALL,
-    )
-    assert len(marked) == 1
-    assert marked[0].strip()
+def marked(page: str, name: str) -> str:
+    """The commands of a page that the continuous integration runs."""
+    text = (ROOT / page).read_text()
+    pattern = rf"<!-- command: {name} -->\n+```bash\n(.*?)\n```"
+    (block,) = re.findall(pattern, text, flags=re.DOTALL)
+    return str(block)
 
 
-def test_the_readme_activates_the_environment_whose_commands_it_uses():
+def test_the_hosted_workflow_runs_the_script_and_pages_what_it_runs():
+    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
+    assert re.findall(r"\brun: (.*)", workflow) == ["bash .ci/run"]
+    assert marked("README.md", "run").strip()
+    assert marked("README.md", "test").strip()
+    # The environment whose commands are used is activated first.
     text = (ROOT / "README.md").read_text()
     first = text.index(".venv/bin/activate && pip install . && gplfd run")
     assert ".venv/bin/gplfd" not in text
@@ -185,9 +144,7 @@ def test_the_readme_activates_the_environment_whose_commands_it_uses():
 
 
 def test_four_commands_lead_from_a_clone_to_a_network_judged_beside_gp():
-    page = (ROOT / "docs/learners.md").read_text()
-    (block,) = re.findall(r"<!-- command: clone -->\n```bash\n(.*?)\n```", page, re.S)
-    install, train, judge, report = block.splitlines()
+    install, train, judge, report = marked("docs/learners.md", "clone").splitlines()
     assert "pip install ." in install
     network = "examples/cloned_policy.py:make"
     assert train.startswith(f"gplfd run --policy {network}")

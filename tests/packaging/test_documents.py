@@ -49,34 +49,31 @@ def text_of(document: Path) -> str:
     return "\n".join(parts)
 
 
-def suite() -> set[str]:
-    names: set[str] = set()
+def test_named_tests_exist():
+    suite: set[str] = set()
     for path in (ROOT / "tests").rglob("test_*.py"):
-        names |= set(re.findall(r"^def (test_\w+)", path.read_text(), re.MULTILINE))
-    return names
+        suite |= set(re.findall(r"^def (test_\w+)", path.read_text(), re.MULTILINE))
+    named = {
+        document.name: set(re.findall(r"`(test_\w+)`", text_of(document)))
+        for document in DOCUMENTS
+    }
+    missing = {name: names - suite for name, names in named.items() if names - suite}
+    assert missing == {}
+    assert len(named["method.md"]) > 30, "it names the tests that settle it"
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
-def test_named_tests_exist(document):
-    named = set(re.findall(r"`(test_\w+)`", text_of(document)))
-    assert named <= suite(), named - suite()
-
-
-def test_the_method_page_names_the_tests_that_settle_it():
-    named = re.findall(r"`(test_\w+)`", (ROOT / "docs" / "method.md").read_text())
-    assert len(set(named)) > 30
-
-
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
-def test_links_lead_somewhere(document):
-    links = re.findall(r"\]\((?!https?://|#)([^)#]+)", text_of(document))
-    missing = [link for link in links if not (document.parent / link).exists()]
-    # The wheel's test run has no assets folder beside the documents.
-    assert [link for link in missing if not link.startswith("assets/")] == []
-    if document.is_relative_to(DOCS):
-        # Nothing else is on the site.
-        paths = [(document.parent / link).resolve() for link in links]
-        assert [path for path in paths if not path.is_relative_to(DOCS)] == []
+def test_links_lead_somewhere():
+    """Those of the site, which has nothing else, to its own pages."""
+    astray = []
+    for document in DOCUMENTS:
+        for link in re.findall(r"\]\((?!https?://|#)([^)#]+)", text_of(document)):
+            path = (document.parent / link).resolve()
+            # The wheel's test run has no assets folder beside the documents.
+            there = path.exists() or link.startswith("assets/")
+            on_site = path.is_relative_to(DOCS) or not document.is_relative_to(DOCS)
+            if not (there and on_site):
+                astray.append((document.name, link))
+    assert astray == []
 
 
 def test_the_citation_is_of_this_package():
@@ -84,11 +81,9 @@ def test_the_citation_is_of_this_package():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert {"cff-version", "message", "title", "authors"} <= set(citation)
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    for ours, its in {"title": "name", "version": "version"}.items():
-        assert citation[ours] == project[its]
-    assert citation["license"] == project["license"]
-    assert citation["keywords"] == project["keywords"]
-    assert citation["authors"] == project["authors"]
+    assert citation["title"] == project["name"]
+    for entry in ("version", "license", "keywords", "authors"):
+        assert citation[entry] == project[entry]
     for reference in citation["references"]:
         assert {"type", "title", "authors"} <= set(reference)
 
@@ -107,103 +102,74 @@ def test_the_paper_cites_what_its_bibliography_has():
         assert f"\n# {title}\n" in body
 
 
-def python_blocks(document: Path) -> list[str]:
-    """Return the snippets of a page that need nothing but `gplfd run` before them.
-
-    Those with a mark above them, `<!-- python: ... -->`, are run where what they need
-    is.
-    """
-    found = re.findall(
-        r"^(<!-- python: .* -->\n)?```python\n(.*?)```",
-        document.read_text(),
-        re.M | re.S,
-    )
-    return [block for mark, block in found if not mark]
-
-
+CODE = r"```python\n(.*?)```"
 ELSEWHERE = {DOCS / "learners.md"}
 """Pages whose snippets are run by tests/learners, with what they need."""
-PAGES = [
-    page
-    for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))
-    if python_blocks(page) and page not in ELSEWHERE
-]
 
 
-@pytest.fixture(scope="module")
-def first_run(tmp_path_factory):
-    """A folder in which the README's first command has been run, for one door."""
-    folder = tmp_path_factory.mktemp("newcomer")
-    (folder / "examples").symlink_to(ROOT / "examples")
-    command = [sys.executable, "-m", "gplfd", "run", "--doors", "medium"]
-    subprocess.run([*command, "--out", "results/first"], cwd=folder, check=True)
-    return folder
-
-
-EACH_BY_ITSELF = (
-    "import sys\n"
-    "for block in sys.argv[1:]:\n"
-    "    exec(compile(block, block, 'exec'), {'__name__': '__main__'})\n"
-)
-
-
-def test_code_in_the_pages_runs(first_run):
-    """Every block has names of its own; a traceback has the block's text."""
-    blocks = [block for page in PAGES for block in python_blocks(page)]
+def python(folder: Path, *arguments: str) -> str:
+    """What Python prints that is run with some arguments in a folder."""
     ran = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", EACH_BY_ITSELF, *blocks],
-        cwd=first_run,
+        [sys.executable, "-W", "ignore", *arguments],
+        cwd=folder,
         env=os.environ | {"MPLBACKEND": "agg"},
         capture_output=True,
         text=True,
         check=False,
     )
     assert ran.returncode == 0, ran.stderr
+    return ran.stdout
+
+
+def test_code_in_the_pages_runs(tmp_path):
+    """After the README's first command, for one door. Every block has names of its own;
+    a traceback has the block's text.
+    """
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    first = ("--doors", "medium", "--out", "results/first")
+    python(tmp_path, "-m", "gplfd", "run", *first)
+    # What needs more than that is marked, and run where it is.
+    blocks = [
+        block
+        for page in sorted({ROOT / "README.md", *DOCS.glob("*.md")} - ELSEWHERE)
+        for mark, block in re.findall(
+            rf"^(<!-- python: .* -->\n)?{CODE}", page.read_text(), re.M | re.S
+        )
+        if not mark
+    ]
+    each = (
+        "import sys\n"
+        "for block in sys.argv[1:]:\n"
+        "    exec(compile(block, block, 'exec'), {'__name__': '__main__'})\n"
+    )
+    python(tmp_path, "-c", each, *blocks)
     # A reader copies one of them: none lives on what another has imported.
     assert [one for one in blocks if '"gplfd/' in one and "gplfd_env" not in one] == []
 
 
-def copied_policy(document: Path) -> str:
-    """Return the policy that a page lets its reader copy, as the page has it."""
-    text = document.read_text()
-    if document.suffix == ".md":
-        blocks = re.findall(r"```python\n(.*?)```", text, re.S)
-        return next(block for block in blocks if "def act(" in block)
-    cells = ["".join(cell["source"]) for cell in json.loads(text)["cells"]]
-    return next(cell for cell in cells if "def act(" in cell).split("\n", 1)[1] + "\n"
-
-
 def test_policies_that_readers_copy_open_doors_gently(tmp_path):
     """The doors of `gplfd run` and of `--config small`, with the literal snippets."""
-    tutorial = DOCS / "tutorials" / "your-policy.ipynb"
-    snippet = copied_policy(ROOT / "README.md")
-    assert copied_policy(DOCS / "own-policy.md") == snippet
-    assert copied_policy(tutorial) == snippet
+    page = (DOCS / "own-policy.md").read_text()
+    snippet, readme = (
+        next(block for block in re.findall(CODE, text, re.S) if "def act(" in block)
+        for text in (page, (ROOT / "README.md").read_text())
+    )
+    assert readme == snippet
+    tutorial = json.loads((DOCS / "tutorials" / "your-policy.ipynb").read_text())
+    cells = ["".join(cell["source"]) for cell in tutorial["cells"]]
+    assert any(f"{cell}\n".endswith(f"\n{snippet}") for cell in cells)
     example = (ROOT / "examples" / "your_own_policy.py").read_text()
     assert snippet[: snippet.index("def make(")] in example
-    (cell,) = (
-        "".join(cell["source"])
-        for cell in json.loads(tutorial.read_text())["cells"]
-        if cell["source"][0] == "%%writefile feel.py\n"
-    )
-    page = (DOCS / "own-policy.md").read_text()
+    (feel,) = (cell for cell in cells if cell.startswith("%%writefile feel.py\n"))
     (method,) = re.findall(r"```python\n([^`]*^make = Method[^`]*)```", page, re.M)
     (tmp_path / "method.py").write_text(method)
     (tmp_path / "mine.py").write_text(snippet)
-    (tmp_path / "feel.py").write_text(cell.split("\n", 1)[1])
+    (tmp_path / "feel.py").write_text(feel.split("\n", 1)[1])
     study = (
         "benchmark --config small --no-skill --engine serial --json --quiet "
         "--seeds 1 --policies mine:make feel:make method:make"
     )
-    ran = subprocess.run(
-        [sys.executable, "-m", "gplfd", *study.split()],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ran.returncode == 0, ran.stderr
-    rows = json.loads(ran.stdout)
+    rows = json.loads(python(tmp_path, "-m", "gplfd", *study.split()))
     assert {(row["door"], row["opened"]) for row in rows} == {
         (door, 1) for door in ("small", "medium", "large")
     }
@@ -280,7 +246,7 @@ def test_every_public_name_has_a_place_in_the_reference():
         assert not shown or name in shown, f"{module}.{name}"
 
 
-def test_every_page_is_three_clicks_away():
+def test_every_page_is_three_clicks_away_and_what_newcomers_bring_one():
     """From the start page: by its links, and by the navigation beside it."""
     pages = {*DOCS.glob("*.md"), *TUTORIALS}
     reached = front = {DOCS / "index.md"}
@@ -295,10 +261,6 @@ def test_every_page_is_three_clicks_away():
         front = (links & pages) - reached
         reached = reached | front
     assert pages - reached == set()
-
-
-def test_what_newcomers_bring_is_one_click_away():
-    """Doors, demonstrations and policies of their own, from the start page."""
     start = text_of(DOCS / "index.md")
     for name in ("your-door", "your-recordings", "your-policy", "study-on-a-cluster"):
         assert f"(tutorials/{name}.ipynb)" in start
@@ -306,9 +268,9 @@ def test_what_newcomers_bring_is_one_click_away():
         assert f"({page}.md)" in start
 
 
-@pytest.mark.parametrize("notebook", TUTORIALS, ids=lambda path: path.stem)
-def test_notebooks_keep_no_outputs(notebook):
+def test_notebooks_keep_no_outputs():
     """The site's are those of its own build: `mkdocs build` runs them."""
-    assert f"tutorials/{notebook.name}" in (ROOT / "mkdocs.yml").read_text()
-    cells = json.loads(notebook.read_text())["cells"]
-    assert not [cell for cell in cells if cell.get("outputs")]
+    for notebook in TUTORIALS:
+        assert f"tutorials/{notebook.name}" in (ROOT / "mkdocs.yml").read_text()
+        cells = json.loads(notebook.read_text())["cells"]
+        assert not [cell for cell in cells if cell.get("outputs")], notebook

@@ -4,7 +4,6 @@ MuJoCo is imported in a child process only: the import fails with a ``MUJOCO_GL`
 this machine does not support, and a rendering that fails may end its process.
 """
 
-import dataclasses
 import importlib.metadata
 import os
 import platform
@@ -12,7 +11,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -51,78 +49,45 @@ _PATIENCE: Final = 120.0
 """Longest time for a drawing [s]."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Part:
-    """Something optional.
+def examined() -> dict[str, Any]:
+    """Look at this machine, its packages, and parts that are optional.
 
-    Attributes:
-        purpose: What it is for.
-        present: Whether it is here.
-        remark: What was found, or how to get what is missing.
+    Takes as long as a rendering or two. Of each part it says what it is for, whether it
+    is present, and what was found or how to get it.
     """
+    parts: dict[str, dict[str, Any]] = {}
 
-    purpose: str
-    present: bool
-    remark: str
+    def part(name: str, purpose: str, present: bool, remark: str) -> None:
+        parts[name] = {"purpose": purpose, "present": present, "remark": remark}
 
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Examination:
-    """What was found.
-
-    Attributes:
-        machine: Names and values, of Python and of the computer.
-        packages: Versions of those that decide results.
-        parts: What is optional, by name.
-    """
-
-    machine: Mapping[str, Any]
-    packages: Mapping[str, str]
-    parts: Mapping[str, Part]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        return {
-            "machine": dict(self.machine),
-            "packages": dict(self.packages),
-            "parts": {k: dataclasses.asdict(part) for k, part in self.parts.items()},
-        }
-
-
-def examined() -> Examination:
-    """Look at this machine; takes as long as a rendering or two."""
     # Try the ways in which MuJoCo may render here.
     given = os.environ.get("MUJOCO_GL")
-    hint = f"MUJOCO_GL={given} does not work here; unset it, or " if given else ""
-    pictures = Part(
-        purpose='render_mode="rgb_array"',
-        present=False,
-        remark=f"{hint}install EGL (Debian, Ubuntu: apt-get install libegl1 "
-        "libegl-mesa0 libgl1-mesa-dri) or OSMesa, see docs/environment.md",
+    remark = f"MUJOCO_GL={given} does not work here; unset it, or " if given else ""
+    remark += (
+        "install EGL (Debian, Ubuntu: apt-get install libegl1 libegl-mesa0 "
+        "libgl1-mesa-dri) or OSMesa, see docs/environment.md"
     )
-    for way in ways(sys.platform, os.environ):
-        if renderer := drawn_by(way):
-            set_as = f"with MUJOCO_GL={way}, " if way else ""
-            remark = f"{set_as}drawn by {renderer}"
-            pictures = dataclasses.replace(pictures, present=True, remark=remark)
-            break
+    possible = ways(sys.platform, os.environ)
+    drawn = next(((way, by) for way in possible if (by := drawn_by(way))), None)
+    if drawn is not None:
+        way, renderer = drawn
+        remark = f"with MUJOCO_GL={way}, " * bool(way) + f"drawn by {renderer}"
+    part("pictures", 'render_mode="rgb_array"', drawn is not None, remark)
 
     display = has_display(sys.platform, os.environ)
-    windows = Part(
-        purpose='render_mode="human", gplfd view',
-        present=display,
-        remark="there is a display"
+    remark = (
+        "there is a display"
         if display
         else "neither DISPLAY nor WAYLAND_DISPLAY names a display; copy recordings to "
-        "a machine with a screen, or `gplfd view --live --serve`",
+        "a machine with a screen, or `gplfd view --live --serve`"
     )
+    part("windows", 'render_mode="human", gplfd view', display, remark)
     try:
-        rerun, present = viewer(), True
+        part("viewer", "gplfd view", True, viewer())
     except FileNotFoundError as error:
-        rerun, present = str(error), False
+        part("viewer", "gplfd view", False, str(error))
 
     # Every distribution that an extra asks for.
-    extras = {}
     for name, purpose in EXTRAS.items():
         found, missing = [], []
         for requirement in importlib.metadata.requires("gplfd") or ():
@@ -135,35 +100,27 @@ def examined() -> Examination:
         remark = ", ".join(found)
         if missing:
             remark = f"{', '.join(missing)} missing; pip install 'gplfd[{name}]'"
-        extras[name] = Part(purpose=purpose, present=not missing, remark=remark)
+        part(name, purpose, not missing, remark)
 
-    return Examination(
-        machine={
-            "python": platform.python_version(),
-            "system": platform.platform(),
-            "processor": processor(),
-            "cores": os.cpu_count(),
-            # Less in a container, or with an affinity.
-            "default_workers": loky.cpu_count(),
-            "installed_in": str(Path(__file__).parents[1]),
-        },
-        packages=versions(),
-        parts={
-            "pictures": pictures,
-            "windows": windows,
-            "viewer": Part(purpose="gplfd view", present=present, remark=rerun),
-            **extras,
-        },
-    )
+    machine = {
+        "python": platform.python_version(),
+        "system": platform.platform(),
+        "processor": processor(),
+        "cores": os.cpu_count(),
+        # Less in a container, or with an affinity.
+        "default_workers": loky.cpu_count(),
+        "installed_in": str(Path(__file__).parents[1]),
+    }
+    return {"machine": machine, "packages": dict(versions()), "parts": parts}
 
 
-def text(found: Examination) -> str:
+def text(found: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what was found, for people."""
     parts = {
-        name: f"{'yes' if part.present else 'NO '}  {part.purpose}: {part.remark}"
-        for name, part in found.parts.items()
+        name: f"{'yes' if one['present'] else 'NO '}  {one['purpose']}: {one['remark']}"
+        for name, one in found["parts"].items()
     }
-    sections = {"machine": found.machine, "packages": found.packages, "parts": parts}
+    sections = {**found, "parts": parts}
     width = max(len(name) for lines in sections.values() for name in lines)
     return "\n\n".join(
         "\n".join([title, *(f"  {k:<{width}}  {v}" for k, v in lines.items())])

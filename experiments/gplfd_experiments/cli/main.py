@@ -23,15 +23,7 @@ from typing import Annotated, Any, Final, Protocol, TextIO, Union
 import docstring_parser
 import tyro
 
-from gplfd_experiments.cli.commands.demos import (
-    Demos,
-    Doors,
-    Export,
-    Import,
-    Inspect,
-    Record,
-    Replay,
-)
+from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.machine import Catalogue, Doctor, Speed
 from gplfd_experiments.cli.commands.run import Learn, Run, View
 from gplfd_experiments.cli.commands.studies import (
@@ -57,10 +49,7 @@ class Command(Protocol):
     def execute(self) -> int:
         """Do the work and return the exit status.
 
-        Raises:
-            ValueError: An argument or the content of a file is wrong.
-            OSError: A file cannot be read or written, or a service not be reached.
-            ModuleNotFoundError: An optional library is missing.
+        Bad input is a ValueError, OSError or ModuleNotFoundError.
         """
 
 
@@ -84,28 +73,12 @@ COMMANDS: Final[dict[str, type[Command]]] = {
 
 _HELP: Final = frozenset({"-h", "--help"})
 
-SUBCOMMANDS: Final = {
-    "demos": {
-        "import": Import,
-        "export": Export,
-        "record": Record,
-        "replay": Replay,
-        "inspect": Inspect,
-    }
-}
-"""What follows the name of a command that has subcommands of its own."""
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Parse ``arguments`` (default: the process's own) and run the command.
 
-    Every command takes ``--debug``: errors come with their tracebacks.
-
-    Returns:
-        The exit status.
-
-    Raises:
-        SystemExit: From the parser, for ``--help`` (0) and wrong arguments (2).
+    Every command takes ``--debug``: errors come with their tracebacks. Returns the exit
+    status; the parser raises SystemExit for ``--help`` (0) and wrong arguments (2).
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given == ["--version"]:
@@ -141,18 +114,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parsed(arguments: Sequence[str]) -> Command:
-    """Return the command that the arguments name, with its options.
-
-    Raises:
-        ValueError: There is no such command, or its configuration is wrong.
-        SystemExit: As of `main`.
-    """
+    """Return the command that the arguments name, with its options."""
     # tyro does not suggest another name for a wrong one.
     first, second = (*arguments, "", "")[:2]
-    for before, name, known in (
-        ("", first, COMMANDS.keys()),
-        (f"{first} ", second, SUBCOMMANDS.get(first, {}).keys()),
-    ):
+    inner = SUBCOMMANDS if first == "demos" else {}
+    for before, name, known in (("", first, COMMANDS), (f"{first} ", second, inner)):
         if known and name and not name.startswith("-") and name not in known:
             from gplfd_env.validation.named import nearest_name
 
@@ -160,7 +126,7 @@ def _parsed(arguments: Sequence[str]) -> Command:
                 f"unknown command '{before}{name}'{nearest_name(name, known)}; give "
                 f"gplfd {before}with one of {', '.join(known)}"
             )
-    for chosen in (COMMANDS.get(first), SUBCOMMANDS.get(first, {}).get(second)):
+    for chosen in (COMMANDS.get(first), inner.get(second)):
         if chosen is not None:
             _join_help(chosen)
     options = []

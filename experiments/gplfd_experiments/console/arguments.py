@@ -10,21 +10,13 @@ from gplfd_env.validation.named import nearest_name
 
 
 def check_least(option: str, value: float | None, least: float) -> None:
-    """Check a number; None is an option that was not given.
-
-    Raises:
-        ValueError: It is smaller than allowed.
-    """
+    """Raise ValueError for a number below the least; None is an option not given."""
     if value is not None and not value >= least:
         raise ValueError(f"{option} {value:g} must be {least:g} or more")
 
 
 def check_circumstances(randomization: str, disturbance: str = "none") -> None:
-    """Check two names. In Python there is more than names, on a command line not.
-
-    Raises:
-        ValueError: One is unknown.
-    """
+    """Raise ValueError for an unknown name; Python takes more than names."""
     for what, name, known in (
         ("randomization", randomization, RANDOMIZATIONS),
         ("disturbance", disturbance, DISTURBANCES),
@@ -36,12 +28,7 @@ def check_circumstances(randomization: str, disturbance: str = "none") -> None:
 
 
 def check_folder(folder: Path) -> None:
-    """Check that there is, or can be, such a folder to write to.
-
-    Raises:
-        ValueError: It is a file.
-        OSError: It is below a file, or the disk is read-only.
-    """
+    """Raise ValueError or OSError unless such a folder can be written to."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"--out {folder} is a file; give a folder")
     nearest = next(one for one in (folder, *folder.absolute().parents) if one.exists())

@@ -29,13 +29,9 @@ def progress_bar(
     made: type["tqdm[Any]"] = tqdm,
     **options: Any,
 ) -> "tqdm[Any]":
-    """Return tqdm's bar over some items, where progress is wanted.
+    """Return tqdm's bar over some items, or one that is moved by hand.
 
-    Args:
-        items: What to go through; None for a bar that is moved by hand.
-        anywhere: Show it also where stderr is no terminal.
-        made: Class of the bar.
-        options: Of tqdm.
+    It is shown where progress is wanted, ``anywhere`` also where stderr is no terminal.
     """
     wanted = LOG.isEnabledFor(logging.INFO)
     # To tqdm None means: where stderr is a terminal.
@@ -65,11 +61,6 @@ def counter(unit: str, total: int, done: int) -> "tqdm[Any]":
     """Say how much of a long work is done, and return a bar that counts the rest.
 
     Where stderr is no terminal, it writes a line every half a minute.
-
-    Args:
-        unit: What is counted.
-        total: How many there are.
-        done: How many of them were done before.
     """
     LOG.info("%d %ss, %d of them done already", total, unit, done)
     pause = 0.5 if sys.stderr.isatty() else 30.0

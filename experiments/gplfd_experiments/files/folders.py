@@ -21,16 +21,8 @@ def complete_folder(path: str | Path) -> Iterator[Path]:
     """Give a folder to write to; it becomes ``path`` when the block succeeds.
 
     Folders above ``path`` are created, and a folder that stood there is replaced. When
-    the block raises, everything stays as it was.
-
-    Args:
-        path: The folder.
-
-    Yields:
-        A path of the same name at which the folder, not there yet, is to be made.
-
-    Raises:
-        OSError: The folder cannot be written.
+    the block raises, everything stays as it was. It yields a path of the same name at
+    which the folder, not there yet, is to be made.
     """
     target = Path(path).absolute()
     target.parent.mkdir(parents=True, exist_ok=True)

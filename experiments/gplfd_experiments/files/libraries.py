@@ -6,15 +6,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def optional_libraries(need: str, extra: str) -> Iterator[None]:
-    """Say how to install what imports in the block lack.
-
-    Args:
-        need: What needs which library, for the message.
-        extra: The extra of gplfd that installs it.
-
-    Raises:
-        ModuleNotFoundError: An import in the block failed.
-    """
+    """Say what needs which library and the extra that brings it, if imports fail."""
     try:
         yield
     except ImportError as error:

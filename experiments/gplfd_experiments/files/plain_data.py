@@ -38,26 +38,15 @@ class NewerFormatError(ValueError):
 
 
 def stamp(kind: str, version: int) -> dict[str, Any]:
-    """Return the entries that say what a file holds, as archives of arrays have them.
-
-    Args:
-        kind: What the file holds, for example "gplfd study".
-        version: Version of the layout of ``kind``.
-    """
+    """Return the entries that say what a file holds, as in archives of arrays."""
     return {"format": kind, "format_version": version}
 
 
 def check_stamp(entries: Mapping[str, Any], kind: str, version: int) -> int:
     """Return the version of a file's layout; 0 for files from before versions.
 
-    Args:
-        entries: What the file holds, with or without those of `stamp`.
-        kind: What it must hold.
-        version: Latest version that this program reads.
-
-    Raises:
-        NewerFormatError: The file has a later version.
-        ValueError: It holds something else, or its version is no whole number.
+    Raises NewerFormatError for a later version than the given one, and ValueError for
+    another kind.
     """
     if "format_version" not in entries and "format" not in entries:
         return 0
@@ -75,12 +64,7 @@ def check_stamp(entries: Mapping[str, Any], kind: str, version: int) -> int:
 
 
 def refuse_newer(read: Callable[[Path], object], path: Path) -> None:
-    """Raise NewerFormatError if a later version of this package wrote a file.
-
-    Args:
-        read: Reads the file and checks its stamp.
-        path: What ``read`` takes, about to be written.
-    """
+    """Raise NewerFormatError if a later version wrote a file, about to be written."""
     try:
         read(path)
     except NewerFormatError:
@@ -94,24 +78,16 @@ def naming(path: Path) -> Iterator[None]:
     """Put the name of a file before a `ValueError` or `NewerFormatError` of a block."""
     try:
         yield
-    except NewerFormatError as error:
-        raise NewerFormatError(f"{path}: {error}") from error
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+        newer = isinstance(error, NewerFormatError)
+        kind = NewerFormatError if newer else ValueError
+        raise kind(f"{path}: {error}") from error
 
 
 def write_json(path: str | Path, value: Any, *, indent: int | None = 2) -> None:
     """Write ``value`` as JSON, complete or not at all.
 
-    Args:
-        path: Of the file.
-        value: What it will hold.
-        indent: Of what is in something; None for a single line.
-
-    Raises:
-        ValueError: The value holds NaN or infinity, which JSON cannot express.
-        TypeError: The value holds something that JSON cannot express.
-        OSError: The file cannot be written.
+    Raises ValueError for NaN or infinity, TypeError for what else JSON cannot express.
     """
     text = json_text(value, indent=indent) + "\n"
     with complete_or_absent(path) as temporary:
@@ -126,11 +102,8 @@ def json_text(value: Any, *, indent: int | None = 2) -> str:
 def read_json(path: str | Path) -> dict[str, Any]:
     """Read a file that holds one JSON object.
 
-    Raises:
-        FileNotFoundError: There is no such file.
-        OSError: It cannot be read.
-        ValueError: It is not JSON, no object, or holds what no file of this package
-            does: a key twice, NaN, numbers without end, deep nesting, many megabytes.
+    Raises ValueError if it is none, or holds what no file of this package does: a key
+    twice, NaN, numbers without end, deep nesting, many megabytes.
     """
     return _read(Path(path), "JSON", parsed_json)
 
@@ -155,17 +128,11 @@ def parsed_json(text: str) -> dict[str, Any]:
 
 
 def entry(entries: Mapping[str, Any], name: str, kind: Any) -> Any:
-    """Return an entry of plain data as the type that it must have.
+    """Return an entry of plain data as the type that it must have, or ValueError.
 
-    Args:
-        entries: As JSON or TOML give them.
-        name: Of the entry.
-        kind: str, int, float, bool, Any, None, a Literal of strings, or of these
-            ``tuple[kind, ...]`` for a list, ``dict[str, kind]``, or a union. A whole
-            number is a float, too.
-
-    Raises:
-        ValueError: The entry is missing or of another type.
+    The type is str, int, float, bool, Any, None, a Literal of strings, or of these
+    ``tuple[kind, ...]`` for a list, ``dict[str, kind]``, or a union. A whole number is
+    a float, too.
     """
     if name not in entries:
         raise ValueError(f"it lacks {name}, which must be {_described(kind)}")

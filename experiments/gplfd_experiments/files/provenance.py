@@ -24,14 +24,7 @@ _GIT_TIMEOUT: Final = 5.0
 
 
 def provenance(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Collect everything that a reader needs to repeat a run.
-
-    Args:
-        config: The run's settings; JSON-able.
-
-    Returns:
-        A JSON-able mapping.
-    """
+    """Collect everything that a reader needs to repeat a run with some settings."""
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
@@ -47,11 +40,7 @@ def provenance(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def content_hash(path: Path) -> str:
-    """Return the SHA-256 of a file's content, by which it is known again.
-
-    Raises:
-        OSError: The file cannot be read.
-    """
+    """Return the SHA-256 of a file's content, by which it is known again."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
@@ -115,11 +104,9 @@ def _digest(values: Any) -> str:
 
 
 def git_state(folder: Path) -> dict[str, Any] | None:
-    """Commit and whether tracked files differ from it.
+    """``commit`` (None before the first) and ``dirty``: whether tracked files differ.
 
-    Returns:
-        ``commit`` (None before the first commit) and ``dirty``; None when ``folder``
-        is not the root of a git checkout, for example in an installed package.
+    None where ``folder`` is no root of a checkout, as in an installed package.
     """
     if not (folder / ".git").exists():
         return None

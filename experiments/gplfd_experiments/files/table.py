@@ -43,12 +43,7 @@ def text_table(table: Table) -> str:
 
 
 def markdown_table(table: Table, shown: Callable[[str], str] = str) -> str:
-    """Write a table of GitHub's Markdown.
-
-    Args:
-        table: What to write, but for its note.
-        shown: Writes the text of a cell.
-    """
+    """Write a table of GitHub's Markdown; ``shown`` writes the text of a cell."""
 
     def line(cells: tuple[str, ...]) -> str:
         return f"| {' | '.join(cells)} |"

@@ -25,7 +25,15 @@ from gplfd_experiments.recording import colours, motion
 from gplfd_experiments.recording.colours import Colour
 from gplfd_experiments.recording.disturbances import balls
 from gplfd_experiments.recording.episode import check_model, static_chunks
-from gplfd_experiments.recording.layout import TEXT, Eye, as_chunks, only, view_3d
+from gplfd_experiments.recording.layout import (
+    TEXT,
+    Eye,
+    as_chunks,
+    only,
+    series_view,
+    view_3d,
+)
+from gplfd_experiments.recording.panels import Line, line_style
 from gplfd_experiments.recording.scene import moved_scene, task_frame
 from gplfd_experiments.recording.stream import Part, moving, recording_file, static
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -63,21 +71,16 @@ _LABEL: Final = (1.15, -0.8, -0.2)
 
 
 class Measured(NamedTuple):
-    """A number over time that policies are compared by.
-
-    Attributes:
-        panel: Name of the panel's entity.
-        title: Of the panel.
-        values: From a log, (T,).
-        greatest: What its greatest value is called, and its unit.
-        meaning: A sentence or two for who sees it the first time.
-    """
+    """A number over time that policies are compared by."""
 
     panel: str
+    """Name of the panel's entity."""
     title: str
     values: Callable[[EpisodeLog], FloatArray]
     greatest: tuple[str, str]
+    """What its greatest value is called, and its unit."""
     meaning: str
+    """A sentence or two for who sees it the first time."""
 
 
 def _beside_path(log: EpisodeLog) -> FloatArray:
@@ -154,18 +157,8 @@ def record_comparison(
 ) -> None:
     """Write an .rrd in which policies open the same door, complete or not at all.
 
-    Args:
-        path: File to write; an existing one is replaced.
-        logs: An episode per policy, on the same door; the first stands leftmost.
-        model: Model that the episodes ran in.
-        demonstrations: What the policies learned from, poses in the task frame.
-        measure: What they are compared by, one of `MEASURED`.
-        heading: Of the page beside them; their number and door if it is empty.
-
-    Raises:
-        ValueError: No log or too many, a policy twice, different doors, or a log that
-            does not fit the model.
-        OSError: The file cannot be written.
+    The first log stands leftmost; ``measure`` is one of `MEASURED`. Raises ValueError
+    for logs that cannot be compared, and OSError if the file cannot be written.
     """
     if not 1 <= len(logs) <= len(COLOURS):
         raise ValueError(
@@ -188,33 +181,28 @@ def record_comparison(
             _about(logs, measured, heading), media_type="text/markdown"
         )
         stream.send_chunks(static(TEXT, page))
-        stream.send_chunks(_everything(logs, model, demonstrations, measured))
+        door = motion.door_frame(model, logs[0].config, demonstrations)
+        stream.send_chunks(_moved_to(_OVERLAY, door))
+        # The angle from which on a door counts as opened.
+        angle = math.degrees(SUCCESS_ANGLE)
+        line = Line(f"opened: {angle:.0f}", colours.MARK, 1.0)
+        ends = np.array([0.0, max(log.times[-1] for log in logs)])
+        stream.send_chunks(_curve(f"{_ANGLE}/opened", line, ends, np.full(2, angle)))
+        for number, (log, colour) in enumerate(zip(logs, COLOURS, strict=False)):
+            stream.send_chunks(_robot(number, log, colour, model))
+            for panel, values in (
+                (_ANGLE, np.degrees(log.door_angle)),
+                (f"{_PLOTS}/{measured.panel}", measured.values(log)),
+            ):
+                entity, line = _below(panel, log.policy), Line(log.policy, colour, 1.5)
+                stream.send_chunks(_curve(entity, line, log.times, values))
 
 
-def _everything(
-    logs: Sequence[EpisodeLog],
-    model: mujoco.MjModel,
-    demonstrations: Sequence[Demonstration],
-    measured: Measured,
-) -> Iterator[Chunk]:
-    door = motion.door_frame(model, logs[0].config, demonstrations)
-    yield from _moved_to(_OVERLAY, door)
-    # The angle from which on a door counts as opened.
-    entity, angle = f"{_ANGLE}/opened", math.degrees(SUCCESS_ANGLE)
-    look = rr.SeriesLines(colors=colours.MARK, widths=1.0, names=f"opened: {angle:.0f}")
-    yield static(entity, look)
-    ends = np.array([0.0, max(log.times[-1] for log in logs)])
-    yield moving(entity, ends, rr.Scalars.columns(scalars=[angle] * 2))
-    for number, (log, colour) in enumerate(zip(logs, COLOURS, strict=False)):
-        yield from _robot(number, log, colour, model)
-        for panel, values in (
-            (_ANGLE, np.degrees(log.door_angle)),
-            (f"{_PLOTS}/{measured.panel}", measured.values(log)),
-        ):
-            entity = _below(panel, log.policy)
-            look = rr.SeriesLines(colors=colour, widths=1.5, names=log.policy)
-            yield static(entity, look)
-            yield moving(entity, log.times, rr.Scalars.columns(scalars=values))
+def _curve(
+    entity: str, line: Line, times: FloatArray, values: FloatArray
+) -> list[Chunk]:
+    data = moving(entity, times, rr.Scalars.columns(scalars=values))
+    return [line_style(entity, line), data]
 
 
 def _robot(
@@ -225,9 +213,9 @@ def _robot(
     overlay = _below(f"{_OVERLAY}{motion.ROOT}/paths", log.policy)
     hand = motion.hand_motion(part)
     yield static(f"{root}/world", rr.Transform3D(translation=SPACING * number * ROW))
-    yield from _moved_to(root, static_chunks(log, model, []))
-    yield from _moved_to(root, [*moved_scene(model, part), *motion.policy_motion(part)])
-    yield from _moved_to(root, [*hand, *balls(part)])
+    scene = [*static_chunks(log, model, []), *moved_scene(model, part)]
+    yield from _moved_to(root, [*scene, *motion.policy_motion(part), *hand])
+    yield from _moved_to(root, balls(part))
     for chunk in hand:
         if chunk.entity_path == _TRAIL:
             yield chunk.with_entity_path(overlay)
@@ -306,17 +294,8 @@ def _layout(
         [f"{_OVERLAY}/**"],
         Eye(above, target, (1.0, 0.0, 0.0)),
     )
-    series = [
-        rrb.TimeSeriesView(
-            origin=origin,
-            name=name,
-            plot_legend=rrb.PlotLegend(corner="LeftTop", visible=legend),
-        )
-        for origin, name, legend in (
-            (_ANGLE, "Door angle [deg]", True),
-            (f"{_PLOTS}/{measured.panel}", measured.title, False),
-        )
-    ]
+    angle = series_view(_ANGLE, "Door angle [deg]", "LeftTop")
+    curves = series_view(f"{_PLOTS}/{measured.panel}", measured.title)
     about = rrb.TextDocumentView(origin=TEXT, name="What is seen")
-    panels = rrb.Horizontal(*series, paths, about, column_shares=[3, 3, 2.4, 3])
+    panels = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
     return as_chunks(only(rrb.Vertical(robots, panels, row_shares=[5, 4])))

@@ -33,14 +33,7 @@ _BALL: Final = 0.008
 
 
 class Kind(NamedTuple):
-    """A kind of disturbance, and what to say about it.
-
-    Attributes:
-        curve: How strong it is, (T,).
-        unit: Of the curve, N or mm.
-        begins: What to say when it begins.
-        ends: What to say when it ends, before its greatest value.
-    """
+    """A kind of disturbance: its strength (T,) and unit, and what to say about it."""
 
     curve: Callable[[EpisodeLog], FloatArray]
     unit: str
@@ -86,31 +79,27 @@ def kinds_of(log: EpisodeLog) -> tuple[str, ...]:
 def disturbance_chunks(part: Part) -> Iterator[Chunk]:
     """Balls, curves, limits and texts of disturbances in a part of an episode."""
     yield from balls(part)
-    for name, kind in KINDS.items():
-        if (unsent := _unsent(part, kind.acts(part.log))) is None:
-            continue
-        path = f"{panels.ROOT}/{PANEL}/{name}"
-        line = panels.Line(name, colours.OUTSIDE)
-        yield from panels.lines(unsent, path, {line: kind.curve(part.log)})
-        new = [event for event in events(part.log, name) if event[0] >= part.first_row]
+    log, root = part.log, f"{panels.ROOT}/{PANEL}"
+    for name, unsent in _unsent_parts(part):
+        curve = {panels.Line(name, colours.OUTSIDE): KINDS[name].curve(log)}
+        yield from panels.lines(unsent, f"{root}/{name}", curve)
+        new = [event for event in events(log, name) if event[0] >= part.first_row]
         if new:
             rows, texts = zip(*new, strict=True)
             columns = rr.TextLog.columns(text=texts)
-            yield moving(f"{LOG}/{name}", part.log.times[list(rows)], columns)
+            yield moving(f"{LOG}/{name}", log.times[list(rows)], columns)
     for limit in LIMITS:
-        near = part.log.person_force >= 0.5 * limit
-        if (unsent := _unsent(part, near)) is not None:
-            path = f"{panels.ROOT}/{PANEL}/allowed_{limit:g}"
-            yield from panels.levels(unsent, path, (limit,), colours.LIMIT)
+        if unsent_limit := _unsent(part, log.person_force >= 0.5 * limit):
+            path = f"{root}/allowed_{limit:g}"
+            yield from panels.levels(unsent_limit, path, (limit,), colours.LIMIT)
 
 
 def balls(part: Part) -> Iterator[Chunk]:
     """A ball above the hand while something acts, with its name and strength."""
     log = part.log
-    for name, kind in KINDS.items():
-        if (unsent := _unsent(part, kind.acts(log))) is None:
-            continue
-        path, rows = f"{motion.ROOT}/outside/{name}", unsent.frames()
+    for name, unsent in _unsent_parts(part):
+        kind, rows = KINDS[name], unsent.frames()
+        path = f"{motion.ROOT}/outside/{name}"
         acts, values = kind.acts(log)[rows], kind.curve(log)[rows]
         columns = rr.Points3D.columns(
             positions=log.ee_pose[rows[acts], :3] + _ABOVE,
@@ -134,6 +123,13 @@ def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
             most = kind.curve(log)[first:end].max()
             said.append((int(end), f"{kind.ends}: {most:.0f} {kind.unit} at most"))
     return said
+
+
+def _unsent_parts(part: Part) -> Iterator[tuple[str, Part]]:
+    """What happened so far by name, each with the part of it that is to be sent."""
+    for name, kind in KINDS.items():
+        if unsent := _unsent(part, kind.acts(part.log)):
+            yield name, unsent
 
 
 def _unsent(part: Part, happened: NDArray[np.bool_]) -> Part | None:

@@ -94,23 +94,14 @@ def static_chunks(
 def part_chunks(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
     """What happens in a part of an episode: motion, forecasts and time series."""
     yield from moved_scene(model, part)
-    yield from policy_motion(part)
-    yield from hand_motion(part)
-    yield from hand_stiffness(part)
-    yield from stiffness_lane(part)
-    yield from panels(part)
+    for show in (policy_motion, hand_motion, hand_stiffness, stiffness_lane, panels):
+        yield from show(part)
     yield from disturbance_chunks(part)
     yield from mechanism(part, model)
 
 
 def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk:
-    """Write the page beside the scene: what was run and how to read the view.
-
-    Args:
-        log: Episode.
-        n_demonstrations: How many demonstrations the policy learned from.
-        ended: Whether the outcome is known.
-    """
+    """Write the page beside the scene: what was run and how to read the view."""
     opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
     angle = math.degrees(log.door_angle[-1])
     end = f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s"

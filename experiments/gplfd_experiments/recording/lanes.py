@@ -24,7 +24,6 @@ from gplfd_experiments.recording.stream import Part, moving, static
 ROOT: Final = "/stage"
 """Entity of the stages, above that of every other lane."""
 STIFFNESS: Final = f"{ROOT}/stiffness"
-
 SCALE: Final[Mapping[float, Colour]] = MappingProxyType(
     {100.0: (120, 90, 255), 300.0: (235, 85, 160), 500.0: (255, 236, 120)}
 )
@@ -71,13 +70,7 @@ def lane_style(
 def stage_lane(
     log: EpisodeLog, shown: Collection[str] = (), *, ended: bool = True
 ) -> list[Chunk]:
-    """When each stage of `stages` began.
-
-    Args:
-        log: The episode, or so much of it as there is.
-        shown: Names of the stages that are shown already.
-        ended: Whether nothing more will happen.
-    """
+    """When each stage of `stages` began that is not shown yet, in a log so far."""
     began = [(log.times[row], name) for row, name in stages(log)]
     new = [stage for stage in began if stage[1] not in shown]
     if ended:
@@ -99,20 +92,20 @@ def stages(log: EpisodeLog) -> list[tuple[int, str]]:
     from where a stalled door gained no more, ``success`` from the first solved step or
     ``failure`` in the last.
     """
-    angle, last = log.door_angle, log.times.size - 1
-    taken = log.capability > 0
-    began = [(int(np.argmax(taken)), "grasp")] if taken.any() else []
-    if not taken[0]:
-        began.insert(0, (0, "reach"))
-    if angle.max() >= _MOVED:
-        began.append((int(np.argmax(angle >= _MOVED)), "open"))
-    if log.failure in ("stalled", "latched") and angle.max() < SUCCESS_ANGLE:
-        began.append((int(np.argmax(angle >= angle.max() - STALL_ANGLE)), "stuck"))
-    if angle.max() >= SUCCESS_ANGLE:
-        began.append((int(np.argmax(angle >= SUCCESS_ANGLE)), "hold"))
-    if log.solved.any():
-        began.append((int(np.argmax(log.solved)), "success"))
-    elif not log.success:
+    angle, last, taken = log.door_angle, log.times.size - 1, log.capability > 0
+    stalled = log.failure in ("stalled", "latched") and angle.max() < SUCCESS_ANGLE
+    conditions = {
+        "reach": ~taken & ~taken[0],
+        "grasp": taken,
+        "open": angle >= _MOVED,
+        "stuck": stalled & (angle >= angle.max() - STALL_ANGLE),
+        "hold": angle >= SUCCESS_ANGLE,
+        "success": log.solved.astype(bool),
+    }
+    began = [
+        (int(np.argmax(held)), name) for name, held in conditions.items() if held.any()
+    ]
+    if not log.solved.any() and not log.success:
         began.append((last, "failure"))
     # A stage that began no earlier than its successor did not happen.
     return [
@@ -140,13 +133,9 @@ def stiffness_lane(part: Part) -> Iterator[Chunk]:
 
 
 def recent_mean(values: FloatArray, dt: float) -> FloatArray:
-    """Return the mean of the last `AVERAGED` seconds up to every row.
+    """Mean of the last `AVERAGED` seconds up to every row of (T, ...), none later.
 
-    Rows that are not finite do not count, and have no mean. It depends on no later row.
-
-    Args:
-        values: (T, ...).
-        dt: Time between two rows [s].
+    Rows that are not finite do not count, and have no mean.
     """
     window = max(1, round(AVERAGED / dt))
     finite = np.isfinite(values)
@@ -164,12 +153,7 @@ def shown_stiffness(log: EpisodeLog) -> FloatArray:
 
 
 def colour_of(stiffness: FloatArray, unknown: Colour) -> NDArray[np.uint8]:
-    """Return the colours of stiffnesses (N,) [N/m], (N, 3) in 0 to 255.
-
-    Args:
-        stiffness: NaN where a policy has none.
-        unknown: Colour of those.
-    """
+    """Colours of stiffnesses (N,) [N/m], ``unknown`` where NaN, (N, 3) in 0 to 255."""
     known = np.isfinite(stiffness)
     channels = [
         np.interp(np.where(known, stiffness, 0.0), list(SCALE), channel)

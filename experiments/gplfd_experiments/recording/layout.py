@@ -31,21 +31,17 @@ class Eye(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """A panel of time series.
-
-    Attributes:
-        entity: Below `gplfd_experiments.recording.panels.ROOT`.
-        title: Of the panel, with the unit.
-        legend: Where it is, which is where no curve comes; None for none.
-        from_zero: Whether zero is in sight, so that half as much looks half as high.
-        limits: Of the axis; None for what there is.
-    """
+    """A panel of time series."""
 
     entity: str
+    """Below `gplfd_experiments.recording.panels.ROOT`."""
     title: str
     legend: Corner | None = None
+    """Where no curve comes; None for no legend."""
     from_zero: bool = False
+    """Whether zero is in sight, so that half as much looks half as high."""
     limits: tuple[float, float] | None = None
+    """Of the axis; None for what there is."""
 
 
 # From the hinge side the hand stays before the leaf however far the door is open.
@@ -87,6 +83,8 @@ PLOTS: Final = {
 """Panels of every recording, by tab."""
 
 
+# A layout has identifiers of its own: the same one for the same arguments.
+@functools.cache
 def layout(
     kinds: tuple[str, ...],
     there: tuple[str, ...] = (),
@@ -106,17 +104,6 @@ def layout(
         hinge: Where the door's hinge is.
         live: Whether time follows what comes in, and does not play what is there.
     """
-    return _layout(kinds, there, hinge, live)
-
-
-# A layout has identifiers of its own: the same one for the same arguments.
-@functools.cache
-def _layout(
-    kinds: tuple[str, ...],
-    there: tuple[str, ...],
-    hinge: HingeSide,
-    live: bool,
-) -> rrb.Blueprint:
     scene_eye, plan_eye = _SCENE_EYE, _PLAN_EYE
     if "base" in there:
         scene_eye, plan_eye = _WIDE_EYE, _WIDE_PLAN_EYE
@@ -151,16 +138,17 @@ def _layout(
         plot = Plot(disturbances.PANEL, f"From outside: {shown}", from_zero=True)
         tabs[first] = (*tabs[first], plot)
     if there:
+        titles = {name: mechanism.PANELS[name].title for name in there}
         tabs["Handle, latch, closer, base"] = tuple(
-            Plot(
-                name,
-                mechanism.PANELS[name].title,
-                "LeftTop" if name == "base" else None,
-            )
-            for name in there
+            Plot(name, title, "LeftTop" if name == "base" else None)
+            for name, title in titles.items()
         )
     plots = [
-        rrb.Vertical(*map(_series, each), name=name) for name, each in tabs.items()
+        rrb.Vertical(
+            *(series_view(f"{panels.ROOT}/{one.entity}", *one[1:]) for one in each),
+            name=name,
+        )
+        for name, each in tabs.items()
     ]
     views = rrb.Horizontal(left, rrb.Tabs(*plots, active_tab=0), column_shares=[6, 5])
     return only(views, "following" if live else "playing")
@@ -203,14 +191,7 @@ def as_chunks(blueprint: rrb.Blueprint) -> tuple[Chunk, ...]:
 def view_3d(
     name: str, origin: str, contents: Sequence[str], eye: Eye
 ) -> rrb.Spatial3DView:
-    """Return a 3-D view of some entities.
-
-    Args:
-        name: Its title.
-        origin: Entity in whose frame it looks.
-        contents: Entities, as Rerun's queries name them.
-        eye: Where it looks from.
-    """
+    """Return a 3-D view in the frame of ``origin`` of entities, given by queries."""
     return rrb.Spatial3DView(
         origin=origin,
         name=name,
@@ -229,11 +210,18 @@ def _seen_from(hinge: HingeSide, eye: Eye) -> Eye:
     return Eye(sides * eye.position, sides * eye.target, eye.up)
 
 
-def _series(plot: Plot) -> rrb.TimeSeriesView:
+def series_view(
+    origin: str,
+    title: str,
+    legend: Corner | None = None,
+    from_zero: bool = False,
+    limits: tuple[float, float] | None = None,
+) -> rrb.TimeSeriesView:
+    """Return a panel of all time series below an entity, see `Plot`."""
     return rrb.TimeSeriesView(
-        origin=f"{panels.ROOT}/{plot.entity}",
-        name=plot.title,
-        contents=["$origin/**", panels.ZERO] if plot.from_zero else "$origin/**",
-        axis_y=None if plot.limits is None else rrb.ScalarAxis(range=plot.limits),
-        plot_legend=rrb.PlotLegend(corner=plot.legend, visible=plot.legend is not None),
+        origin=origin,
+        name=title,
+        contents=["$origin/**", panels.ZERO] if from_zero else "$origin/**",
+        axis_y=None if limits is None else rrb.ScalarAxis(range=limits),
+        plot_legend=rrb.PlotLegend(corner=legend, visible=legend is not None),
     )

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import rerun as rr
@@ -12,7 +12,15 @@ from rerun.chunk import Chunk
 
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
-from gplfd_experiments.recording.layout import TEXT, Eye, as_chunks, only, view_3d
+from gplfd_experiments.recording.layout import (
+    TEXT,
+    Eye,
+    as_chunks,
+    only,
+    series_view,
+    view_3d,
+)
+from gplfd_experiments.recording.panels import Line, line_style
 from gplfd_experiments.recording.stream import moving, recording_file, static
 from gplfd_experiments.recording.tube import QUANTILE, tube_triangles, tube_vertices
 from gplfd_policies.movements.movement import Movement
@@ -34,15 +42,7 @@ def record_learned(path: str | Path, movement: Movement, name: str) -> None:
     """Write an .rrd of a movement and what it was learned from, complete or not at all.
 
     The movement plays at its own duration; the six outputs are beside it, with the
-    demonstrations as they were aligned.
-
-    Args:
-        path: File to write; an existing one is replaced.
-        movement: What was learned.
-        name: Of the method.
-
-    Raises:
-        OSError: The file cannot be written.
+    demonstrations as they were aligned. ``name`` is the method's.
     """
     demonstrated = movement.aligned.poses
     text = f"""\
@@ -73,29 +73,22 @@ def _scene(movement: Movement) -> list[Chunk]:
     hand = rr.Transform3D.columns(
         translation=mean, quaternion=np.hstack([axis, np.cos(angle / 2)])
     )
+    demonstrated = [poses[:, :3] for poses in aligned.poses]
+    looks: dict[str, Any] = {
+        "demonstrations": rr.LineStrips3D(
+            demonstrated, colors=colours.DEMONSTRATION, radii=line
+        ),
+        "mean": rr.LineStrips3D([mean], colors=colours.ADAPTED, radii=2.0 * line),
+        "tube": rr.Mesh3D(
+            vertex_positions=vertices,
+            vertex_normals=normals,
+            triangle_indices=tube_triangles(),
+            albedo_factor=(*colours.ADAPTED, _OPACITY),
+        ),
+        "hand": rr.TransformAxes3D(0.12 * _size(aligned.poses)),
+    }
     return [
-        static(
-            f"{_SCENE}/demonstrations",
-            rr.LineStrips3D(
-                [poses[:, :3] for poses in aligned.poses],
-                colors=colours.DEMONSTRATION,
-                radii=line,
-            ),
-        ),
-        static(
-            f"{_SCENE}/mean",
-            rr.LineStrips3D([mean], colors=colours.ADAPTED, radii=2.0 * line),
-        ),
-        static(
-            f"{_SCENE}/tube",
-            rr.Mesh3D(
-                vertex_positions=vertices,
-                vertex_normals=normals,
-                triangle_indices=tube_triangles(),
-                albedo_factor=(*colours.ADAPTED, _OPACITY),
-            ),
-        ),
-        static(f"{_SCENE}/hand", rr.TransformAxes3D(0.12 * _size(aligned.poses))),
+        *(static(f"{_SCENE}/{name}", look) for name, look in looks.items()),
         moving(f"{_SCENE}/hand", movement.duration * _PHASES, hand),
     ]
 
@@ -103,23 +96,19 @@ def _scene(movement: Movement) -> list[Chunk]:
 def _outputs(movement: Movement) -> Iterator[Chunk]:
     """Every output over time: demonstrations, mean and band."""
     aligned, learned = movement.aligned, movement.predict(_PHASES)
-    count = len(aligned.poses)
+    lines = [
+        Line(f"demonstration {number}", colours.DEMONSTRATION, 1.0)
+        for number in range(len(aligned.poses))
+    ]
     for output, (name, _, scale) in enumerate(_OUTPUTS):
         demonstrated, believed = (
             f"{_PLOTS}/{name}/{each}" for each in ("demonstrations", "learned")
         )
-        look = rr.SeriesLines.from_fields(
-            colors=[colours.DEMONSTRATION] * count,
-            widths=[1.0] * count,
-            names=[f"demonstration {number}" for number in range(count)],
-        )
-        yield static(demonstrated, look)
+        yield line_style(demonstrated, *lines)
         curves = rr.Scalars.columns(scalars=scale * aligned.poses[:, :, output].T)
         yield moving(demonstrated, movement.duration * aligned.times, curves)
-        band = rr.Measurements.from_fields(
-            colors=[colours.ADAPTED], widths=[2.0], names=["mean, ±1.96 σ"]
-        )
-        yield static(believed, band)
+        band = Line("mean, ±1.96 σ", colours.ADAPTED)
+        yield line_style(believed, band, archetype=rr.Measurements)
         std = QUANTILE * scale * np.nan_to_num(learned.std[:, output])
         values = rr.Measurements.columns(
             values=scale * learned.mean[:, output], variances=std**2
@@ -143,14 +132,7 @@ def _layout(demonstrated: FloatArray) -> tuple[Chunk, ...]:
     )
     scene = view_3d("What was shown and learned", _SCENE, [f"{_SCENE}/**"], eye)
     page = rrb.TextDocumentView(origin=TEXT, name="About")
-    plots = [
-        rrb.TimeSeriesView(
-            origin=f"{_PLOTS}/{name}",
-            name=title,
-            plot_legend=rrb.PlotLegend(visible=False),
-        )
-        for name, title, _ in _OUTPUTS
-    ]
+    plots = [series_view(f"{_PLOTS}/{name}", title) for name, title, _ in _OUTPUTS]
     views = rrb.Horizontal(
         rrb.Vertical(scene, page, row_shares=[4, 1]),
         rrb.Vertical(*plots[:3]),

@@ -20,7 +20,6 @@ import mujoco
 import rerun as rr
 import rerun.blueprint as rrb
 
-from gplfd_env.conventions.constants import Start
 from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_experiments.console.arguments import check_least
 from gplfd_experiments.console.progress import LOG
@@ -62,13 +61,7 @@ _FLUSH_TIMEOUT: Final = 10.0
 
 
 class LiveRecording:
-    """Sends an episode part by part to a stream.
-
-    Args:
-        stream: Connected stream.
-        model: Model that the episode runs in.
-        demonstrations: What the policy learned from, poses in the task frame.
-    """
+    """Sends an episode part by part to a connected stream."""
 
     def __init__(
         self,
@@ -82,13 +75,7 @@ class LiveRecording:
         self._stages: set[str] = set()
 
     def show(self, log: EpisodeLog, *, ended: bool = False) -> None:
-        """Send what is new.
-
-        Args:
-            log: The episode so far, two rows or more. Until it has ended it counts as
-                neither failed nor solved.
-            ended: Whether this is the whole episode.
-        """
+        """Send what is new in the episode so far, of two rows or more."""
         stream, page_due = self._stream, ended or self._rows == 0
         if self._rows == 0:
             stream.send_recording_name(recording_name(log))
@@ -112,7 +99,7 @@ def watched_rollout(
     wanted: Callable[[], bool] = lambda: True,
     **names: Any,
 ) -> EpisodeLog:
-    """Run an episode in real time and show it meanwhile.
+    """Run an episode in real time, show it meanwhile and return its log.
 
     Args:
         env: Door environment; its ``unwrapped.data`` is the MuJoCo state.
@@ -120,14 +107,9 @@ def watched_rollout(
         live: What shows the episode.
         speed: Simulated seconds per second; when the computer cannot keep up, the
             episode takes longer. Infinite: as fast as it goes.
-        wanted: Asked at every update whether anyone still watches.
-        names: The names, configuration and seed that `rollout` wants for the log.
-
-    Returns:
-        The log of the episode.
-
-    Raises:
-        InterruptedError: Nobody watches any more.
+        wanted: Asked at every update whether anyone still watches; InterruptedError if
+            nobody does.
+        names: What else `rollout` wants for the log.
     """
     started, updated = time.perf_counter(), -math.inf
 
@@ -150,33 +132,15 @@ def watched_rollout(
 
 
 def watch(
-    door: str,
-    *,
-    policy: str,
-    seed: int,
-    randomization: str,
-    disturbance: str,
-    start: Start,
-    speed: float,
-    serve: bool,
+    door: str, *, policy: str, speed: float, serve: bool, **circumstances: Any
 ) -> None:
     """Run an episode, show it, and wait until the viewer is closed.
 
-    Args:
-        door: Name of a door, or a radius [m] as text.
-        policy: Name of the policy.
-        seed: Seed of teacher, policy and environment.
-        randomization: Name of what the environment draws anew.
-        disturbance: Name of what happens from outside.
-        start: What the episode begins with.
-        speed: Simulated seconds per second.
-        serve: Serve a browser on this machine instead of opening a window.
-
-    Raises:
-        ValueError: An argument is wrong, or there is no screen.
-        OSError: The viewer is not installed or did not start.
+    Takes the options of ``gplfd view --live``; `circumstances` are seed, randomization,
+    disturbance and start. ValueError: they are wrong, or there is no screen. OSError:
+    the viewer is not installed or did not start.
     """
-    check_least("--seed", seed, 0)
+    check_least("--seed", circumstances["seed"], 0)
     if not 0.0 < speed < math.inf:
         raise ValueError(
             f"--speed {speed:g} must be positive and finite: simulated seconds per "
@@ -189,16 +153,8 @@ def watch(
             "two ports of the address that it prints)."
         )
     chosen = policy_named(policy)
-    [(name, config)] = named_doors([door], start=start).items()
-    task = episode_task(
-        name,
-        config,
-        policy=policy,
-        seed=seed,
-        randomization=randomization,
-        disturbance=disturbance,
-        start=start,
-    )
+    [(name, config)] = named_doors([door], start=circumstances["start"]).items()
+    task = episode_task(name, config, policy=policy, **circumstances)
     with reported_errors(policy, chosen):
         agent = learned_agents(task, chosen)()
     demonstrations = demonstrations_of(task).demonstrations
@@ -209,7 +165,7 @@ def watch(
     inner: Any = env.unwrapped
     model, drawn = inner.model, inner.door
     there = mechanism_of(model, drawn.as_dict())
-    happens = disturbance_named(disturbance)
+    happens = disturbance_named(circumstances["disturbance"])
     kinds = tuple(one for one in KINDS if getattr(happens, one) is not None)
     arrangement = layout(kinds, there, drawn.hinge_side, live=True)
 
@@ -253,11 +209,7 @@ def _stream_to(url: str, arrangement: rrb.Blueprint) -> Iterator[rr.RecordingStr
 
 @contextlib.contextmanager
 def _viewer_process(*, serve: bool) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
-    """Start a viewer on loopback; yield its process and where it takes data.
-
-    Raises:
-        OSError: It is not installed, it ended, or nothing listens in time.
-    """
+    """Start a viewer on loopback; yield its process and where it takes data."""
     with socket.socket() as first, socket.socket() as second:
         # Two ports that nobody listens at.
         for each in (first, second):
@@ -283,11 +235,7 @@ def _viewer_process(*, serve: bool) -> Iterator[tuple[subprocess.Popen[bytes], s
 
 
 def _wait_for(process: subprocess.Popen[bytes], port: int) -> None:
-    """Wait until something listens at the port.
-
-    Raises:
-        OSError: The process ended before, or it takes too long.
-    """
+    """Wait until something listens at the port, or raise OSError."""
     deadline = time.monotonic() + _START_TIMEOUT
     while time.monotonic() < deadline:
         if process.poll() is not None:

@@ -19,6 +19,7 @@ from gplfd_env.scene.visuals import CLOSER_ARM
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, lanes, panels
+from gplfd_experiments.recording.panels import Line
 from gplfd_experiments.recording.stream import Part, moving, static
 
 LATCH: Final = f"{lanes.ROOT}/latch"
@@ -38,46 +39,37 @@ _CLOSING: Final = (
 """Fields of a door of which any makes a closing torque."""
 
 
-class Curve(NamedTuple):
-    """A curve of a panel: its line, the joint that it shows, and the unit's factor."""
-
-    line: panels.Line
-    joint: str
-    scale: float = 1.0
-
-
 class Panel(NamedTuple):
-    """A panel of time series, shown where a door or a base has what it shows.
+    """A panel: its title, and by joint the line and the unit's factor of a curve.
 
-    Attributes:
-        title: Of the panel.
-        curves: Positions of joints; without any, the closing torque.
+    Without joints it shows the closing torque.
     """
 
     title: str
-    curves: tuple[Curve, ...] = ()
+    joints: Mapping[str, tuple[Line, float]] = MappingProxyType({})
 
 
+_BASE_LINES: Final = (
+    Line("x, ahead [m]", colours.AXIS_X),
+    Line("y, to the left [m]", colours.AXIS_Z),
+    Line("turn [rad]", colours.ADAPTED),
+)
 PANELS: Final[Mapping[str, Panel]] = MappingProxyType(
     {
         "handle": Panel(
-            "Handle [deg]",
-            (Curve(panels.Line("handle", colours.HAND), "handle", 180.0 / np.pi),),
+            "Handle [deg]", {"handle": (Line("handle", colours.HAND), 180.0 / np.pi)}
         ),
         "latch": Panel(
             "Bolt, held back by [mm]",
-            (Curve(panels.Line("bolt held back", colours.HAND), "bolt", 1e3),),
+            {"bolt": (Line("bolt held back", colours.HAND), 1e3)},
         ),
         "closer": Panel("Closing torque [N m]: closer, seal, stiction"),
         "base": Panel(
             "Base [m, rad]",
-            (
-                Curve(panels.Line("x, ahead [m]", colours.AXIS_X), BASE_JOINTS[0]),
-                Curve(
-                    panels.Line("y, to the left [m]", colours.AXIS_Z), BASE_JOINTS[1]
-                ),
-                Curve(panels.Line("turn [rad]", colours.ADAPTED), BASE_JOINTS[2]),
-            ),
+            {
+                joint: (line, 1.0)
+                for joint, line in zip(BASE_JOINTS, _BASE_LINES, strict=True)
+            },
         ),
     }
 )
@@ -87,18 +79,13 @@ PANELS: Final[Mapping[str, Panel]] = MappingProxyType(
 def mechanism_of(
     model: mujoco.MjModel, door_config: Mapping[str, Any]
 ) -> tuple[str, ...]:
-    """Return which of `PANELS` have something to show.
-
-    Args:
-        model: Model that the episode runs in.
-        door_config: Fields of its door that are not at their defaults, or all.
-    """
+    """Which of `PANELS` a model and the fields of its door give something to show."""
     joints = {model.joint(index).name for index in range(model.njnt)}
     closing = any(door_config.get(field, 0.0) > 0.0 for field in _CLOSING)
     return tuple(
         name
         for name, panel in PANELS.items()
-        if (panel.curves[0].joint in joints if panel.curves else closing)
+        if (panel.joints.keys() <= joints if panel.joints else closing)
     )
 
 
@@ -109,13 +96,14 @@ def mechanism(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
     for name in there:
         curves = {
             line: scale * _positions(log, model, joint)
-            for line, joint, scale in PANELS[name].curves
-        } or {panels.Line("closing torque", colours.FORCE): log.closer_torque}
+            for joint, (line, scale) in PANELS[name].joints.items()
+        } or {Line("closing torque", colours.FORCE): log.closer_torque}
         yield from panels.lines(part, f"{panels.ROOT}/{name}/motion", curves)
     if "latch" in there:
         if part.first_row == 0:
-            names, tints = tuple(BOLT_STATES), tuple(BOLT_STATES.values())
-            yield lanes.lane_style(LATCH, names, tints)
+            yield lanes.lane_style(
+                LATCH, tuple(BOLT_STATES), tuple(BOLT_STATES.values())
+            )
         new = [one for one in bolt_states(log, model) if one[0] >= part.first_row]
         if new:
             rows, states = zip(*new, strict=True)

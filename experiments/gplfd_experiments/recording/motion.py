@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -30,7 +30,7 @@ PLAN: Final = f"{ROOT}/plan"
 VIEW: Final = f"{ROOT}/view"
 """Entity of the frame that the views look from: the closed handle, z up."""
 
-_VIEW_AXES_D: Final = [[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
+_VIEW_AXES: Final = [[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
 """Its axes x (away from the robot), y and z as columns, in the task frame."""
 
 STIFFNESS: Final = f"{ROOT}/hand/stiffness"
@@ -40,39 +40,26 @@ METRES_PER_NEWTON: Final = 0.01
 """Length of the force arrow: 10 N are 10 cm."""
 
 _TRUE_ARC_DEG: Final = 75.0
-_LINE: Final = 0.003
-_TRAIL: Final = 0.009
-"""Half the width of the trail [m]; thicker than what lies on it."""
-_DOT: Final = 0.006
-_BALL: Final = 0.03
+_LINE, _DOT, _TRAIL, _BALL = 0.003, 0.006, 0.009, 0.03
+"""Half the widths of what is drawn [m]; the trail is thicker than what lies on it."""
 _ABOVE_HAND: Final = (0.0, 0.16, 0.0)
 """Where the ball of the stiffness is from the hand, task frame [m]."""
-_OPACITY_BEFORE: Final = 48
-_OPACITY_ADAPTED: Final = 90
-_KNOT_SPACING: Final = 0.01
-_DOT_SPACING: Final = 0.005
+_OPACITY_BEFORE, _OPACITY_ADAPTED = 48, 90
+_KNOT_SPACING, _DOT_SPACING = 0.01, 0.005
 """Travelled distance [m] between points of the trail and between shown via-points."""
 
 
 def door_frame(
     model: mujoco.MjModel, door: DoorConfig, demonstrations: Sequence[Demonstration]
 ) -> list[Chunk]:
-    """What stands still in the task frame, and the task frame itself.
-
-    Args:
-        model: Model with the site of the task frame, fixed in the world.
-        door: Its geometry.
-        demonstrations: What the policy learned from, poses in the task frame.
-    """
+    """What stands still in the task frame, and the task frame itself."""
     position, rotation = task_frame(model)
-    pose = rr.Transform3D(
-        translation=position, quaternion=rr.Quaternion(xyzw=rotation.as_quat())
-    )
+    turn = rr.Quaternion(xyzw=rotation.as_quat())
     strips = [demonstration.poses[:, :3] for demonstration in demonstrations]
     lines = rr.LineStrips3D(strips, colors=colours.DEMONSTRATION, radii=_LINE / 2)
     return [
-        static(ROOT, pose),
-        static(VIEW, rr.Transform3D(mat3x3=_VIEW_AXES_D)),
+        static(ROOT, rr.Transform3D(translation=position, quaternion=turn)),
+        static(VIEW, rr.Transform3D(mat3x3=_VIEW_AXES)),
         static(f"{ROOT}/demonstrations", lines),
         *_arc_and_styles(door.hand_radius, door.radius, door.way, door.side),
     ]
@@ -184,12 +171,7 @@ def hand_stiffness(part: Part) -> Iterator[Chunk]:
 
 
 def _stretches(part: Part) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the ends of the trail's stretches, and how many there are at each time.
-
-    Returns:
-        Rows of the log between which they lie, and for every stretch that this part
-        adds the number of stretches so far.
-    """
+    """Ends of the trail's stretches; how many there are after each that is new."""
     log = part.log
     knots = _spaced(log.ee_pose[:, :3], np.arange(log.times.size), _KNOT_SPACING)
     return knots, np.flatnonzero((knots >= part.first_row) & (knots > 0))
@@ -198,10 +180,7 @@ def _stretches(part: Part) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 def _spaced(
     positions: FloatArray, rows: NDArray[np.intp], spacing: float
 ) -> NDArray[np.intp]:
-    """Rows at least about ``spacing`` [m] of travel apart, the first among them.
-
-    Whether a row is kept depends on no later one.
-    """
+    """Rows about ``spacing`` [m] of travel apart; none depends on a later one."""
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(steps)])
     stretch = np.floor(travelled[rows] / spacing)
@@ -216,20 +195,16 @@ def _arc_and_styles(
     """The hand's true arc, the leaf as lines from the hinge, the look of the hand."""
     angles = np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
     arc = handle_pose_on_arc(hand_radius, angles)[:, :3] * [way, 1.0, side]
-    hinge = [0.0, 0.0, -side * hand_radius]
     leaf = [[[0.0, 0.0, 0.0], [0.0, 0.0, side * radius]]]
-    true_arc = rr.LineStrips3D([arc], colors=colours.TRUTH, radii=_LINE)
-    at_hinge = rr.Transform3D(translation=hinge)
-    closed = rr.LineStrips3D(leaf, colors=colours.MARK, radii=_LINE / 2)
-    opened = rr.LineStrips3D(leaf, colors=colours.LEAF, radii=2.0 * _LINE)
-    dots = rr.Points3D.from_fields(colors=colours.HAND, radii=_DOT)
-    arrow = rr.Arrows3D.from_fields(colors=colours.FORCE, radii=_DOT)
-    return (
-        static(f"{ROOT}/true_arc", true_arc),
-        static(f"{PLAN}", at_hinge),
-        static(f"{PLAN}/closed", closed),
-        static(f"{PLAN}/leaf", opened),
-        static(f"{ROOT}/hand/trail", rr.LineStrips3D.from_fields(radii=_TRAIL)),
-        static(f"{ROOT}/hand/via_points", dots),
-        static(f"{ROOT}/hand/force", arrow),
-    )
+    looks: dict[str, Any] = {
+        f"{ROOT}/true_arc": rr.LineStrips3D([arc], colors=colours.TRUTH, radii=_LINE),
+        PLAN: rr.Transform3D(translation=[0.0, 0.0, -side * hand_radius]),
+        f"{PLAN}/closed": rr.LineStrips3D(leaf, colors=colours.MARK, radii=_LINE / 2),
+        f"{PLAN}/leaf": rr.LineStrips3D(leaf, colors=colours.LEAF, radii=2.0 * _LINE),
+        f"{ROOT}/hand/trail": rr.LineStrips3D.from_fields(radii=_TRAIL),
+        f"{ROOT}/hand/via_points": rr.Points3D.from_fields(
+            colors=colours.HAND, radii=_DOT
+        ),
+        f"{ROOT}/hand/force": rr.Arrows3D.from_fields(colors=colours.FORCE, radii=_DOT),
+    }
+    return tuple(static(entity, look) for entity, look in looks.items())

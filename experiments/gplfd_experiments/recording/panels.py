@@ -1,7 +1,6 @@
 """Time series beside the scene, all on the same time axis."""
 
 import functools
-import itertools
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
@@ -38,10 +37,7 @@ class Line(NamedTuple):
     width: float = 2.0
 
 
-_X = Line("x, along the pull", colours.AXIS_X)
-_Z = Line("z, across it", colours.AXIS_Z)
-_LAG = Line("lag of the hand", colours.OUTSIDE, 1.0)
-_CARRIED = Line("load compensated", colours.ADAPTED, 1.0)
+_X, _Z = Line("x, along the pull", colours.AXIS_X), Line("z, across it", colours.AXIS_Z)
 _BEFORE = Line("before", colours.BEFORE, 1.0)
 _NOW = Line("policy now", colours.ADAPTED, 1.0)
 
@@ -56,8 +52,8 @@ def panels(part: Part) -> list[Chunk]:
     curves = {
         "angle/door": {Line("door", colours.TRUTH, 2.5): np.degrees(log.door_angle)},
         "force/parts": {
-            Line("along the motion: opens", colours.TRUTH, 2.0): log.force_tangential,
-            Line("radial: against the hinge", colours.FORCE, 2.0): log.force_radial,
+            Line("along the motion: opens", colours.TRUTH): log.force_tangential,
+            Line("radial: against the hinge", colours.FORCE): log.force_radial,
         },
         "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.phase_misfit},
     }
@@ -70,16 +66,21 @@ def panels(part: Part) -> list[Chunk]:
         ("stability", 100.0 * share_of_bound(log)),
     ):
         curves[f"{panel}/axes"] = {_X: values[:, 0], _Z: values[:, 2]}
-    curves["uncertainty/axes"][_LAG] = 1e3 * log.give
-    curves["force/parts"][_CARRIED] = log.carried_load
+    lag = Line("lag of the hand", colours.OUTSIDE, 1.0)
+    curves["uncertainty/axes"][lag] = 1e3 * log.give
+    load = Line("load compensated", colours.ADAPTED, 1.0)
+    curves["force/parts"][load] = log.carried_load
     for name, output, scale in OUTPUTS:
         curves[f"{name}/motion"] = {
             Line("true", colours.TRUTH, 3.0): scale * log.handle_pose[:, output],
             Line("hand", colours.HAND, 1.0): scale * log.ee_pose[:, output],
         }
-    drawn = [lines(part, f"{ROOT}/{path}", own) for path, own in curves.items()]
     return [
-        *itertools.chain.from_iterable(drawn),
+        *(
+            chunk
+            for path, own in curves.items()
+            for chunk in lines(part, f"{ROOT}/{path}", own)
+        ),
         *_beliefs(part),
         *levels(part, f"{ROOT}/angle/marks", ANGLE_MARKS_DEG, colours.MARK),
         *levels(part, f"{ROOT}/force/marks", FORCE_MARKS, colours.MARK),
@@ -89,10 +90,7 @@ def panels(part: Part) -> list[Chunk]:
 
 
 def share_of_bound(log: EpisodeLog) -> FloatArray:
-    """Stiffness rate over its stability bound, (T, 6); stable below 1.
-
-    The bound itself is positive: it is that of a stiffness above zero.
-    """
+    """Stiffness rate over its stability bound, which is positive, (T, 6)."""
     share: FloatArray = log.stiffness_rate / (log.stiffness_rate + log.stability_margin)
     return share
 
@@ -103,20 +101,20 @@ def lines(part: Part, path: str, curves: Mapping[Line, FloatArray]) -> list[Chun
     if not part.shows(values):
         return []
     columns = rr.Scalars.columns(scalars=values[part.first_row :])
-    data = moving(path, part.log.times[part.first_row :], columns)
-    style = _style(rr.SeriesLines, path, tuple(curves))
-    return [style, data] if part.begins(values) else [data]
+    data = moving(path, part.times, columns)
+    look = [line_style(path, *curves)] if part.begins(values) else []
+    return [*look, data]
 
 
 def levels(
     part: Part, path: str, levels: tuple[float, ...], colour: Colour
 ) -> list[Chunk]:
     """Horizontal lines through the whole part."""
-    ends = part.log.times[[part.first_row, -1]]
     columns = rr.Scalars.columns(scalars=np.tile(levels, (2, 1)))
-    data = moving(path, ends, columns)
-    look = tuple(Line(f"{level:g}", colour, 1.0) for level in levels)
-    return [data] if part.first_row else [_style(rr.SeriesLines, path, look), data]
+    data = moving(path, part.times[[0, -1]], columns)
+    if part.first_row:
+        return [data]
+    return [line_style(path, *(Line(f"{at:g}", colour, 1.0) for at in levels)), data]
 
 
 def _beliefs(part: Part) -> list[Chunk]:
@@ -140,15 +138,14 @@ def _beliefs(part: Part) -> list[Chunk]:
         )
         each = np.full(len(mean) - part.first_row, len(beliefs))
         if part.begins(mean):
-            chunks.append(_style(rr.Measurements, path, tuple(beliefs)))
-        times = log.times[part.first_row :]
-        chunks.append(moving(path, times, columns.partition(each)))
+            chunks.append(line_style(path, *beliefs, archetype=rr.Measurements))
+        chunks.append(moving(path, part.times, columns.partition(each)))
     return chunks
 
 
 @functools.cache
-def _style(archetype: Any, path: str, lines: tuple[Line, ...]) -> Chunk:
-    """What an archetype says of all times: how the lines of an entity look."""
+def line_style(path: str, *lines: Line, archetype: Any = rr.SeriesLines) -> Chunk:
+    """How the lines of an entity look at all times."""
     names, tints, widths = zip(*lines, strict=True)
     look = archetype.from_fields(colors=tints, widths=widths, names=names)
     return static(path, look)

@@ -5,6 +5,7 @@ the entity of the moving body that carries them, or of the world, which is body 
 """
 
 import functools
+from collections.abc import Mapping
 from typing import Any, Final
 
 import mujoco
@@ -26,12 +27,13 @@ Pose = tuple[FloatArray, FloatArray]
 """Position (3,) [m] and quaternion (w, x, y, z)."""
 
 _GEOM: Final = mujoco.mjtGeom
-_PRIMITIVES: Final = (
-    _GEOM.mjGEOM_BOX,
-    _GEOM.mjGEOM_ELLIPSOID,
-    _GEOM.mjGEOM_CYLINDER,
-    _GEOM.mjGEOM_CAPSULE,
-)
+_PRIMITIVES: Final[Mapping[int, tuple[Any, str]]] = {
+    _GEOM.mjGEOM_BOX: (rr.Boxes3D, "centers"),
+    _GEOM.mjGEOM_ELLIPSOID: (rr.Ellipsoids3D, "centers"),
+    _GEOM.mjGEOM_CYLINDER: (rr.Cylinders3D, "centers"),
+    _GEOM.mjGEOM_CAPSULE: (rr.Capsules3D, "translations"),
+}
+"""What Rerun calls MuJoCo's primitives, and their positions."""
 _LARGEST_VISUAL_GROUP: Final = 2
 """MuJoCo's convention: geoms of groups 0 to 2 are drawn, 3 and above collide."""
 
@@ -69,42 +71,18 @@ def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
 
 
 def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
-    """The poses of all bodies that can move, by forward kinematics of ``qpos``.
-
-    Args:
-        model: The model that the episode ran in.
-        part: Part of the episode to show.
-    """
+    """The poses of all bodies that can move, by forward kinematics of ``qpos``."""
     bodies = [body for body in visual_geoms(model) if body != 0]
     frames = part.frames()
     positions, quaternions = body_poses(model, part.log.qpos[frames], bodies)
-    # One conversion for all bodies, of which each gets its stretch.
-    columns = rr.Transform3D.columns(
-        translation=positions.reshape(-1, 3),
-        quaternion=_xyzw(quaternions).reshape(-1, 4),
-    )
-    times, size = part.log.times[frames], frames.size
     return [
         moving(
             entity_of_body(model, body),
-            times,
-            [_Stretch(column, number * size, size) for column in columns],
+            part.log.times[frames],
+            rr.Transform3D.columns(translation=place, quaternion=turn),
         )
-        for number, body in enumerate(bodies)
+        for body, place, turn in zip(bodies, positions, _xyzw(quaternions), strict=True)
     ]
-
-
-class _Stretch:
-    """``size`` rows of a column of Rerun's from ``first`` on, which are not copied."""
-
-    def __init__(self, column: Any, first: int, size: int) -> None:
-        self._column, self._first, self._size = column, first, size
-
-    def component_descriptor(self) -> Any:
-        return self._column.component_descriptor()
-
-    def as_arrow_array(self) -> Any:
-        return self._column.as_arrow_array().slice(self._first, self._size)
 
 
 def visual_geoms(model: mujoco.MjModel) -> dict[int, list[int]]:
@@ -130,11 +108,7 @@ def entity_of_body(model: mujoco.MjModel, body: int) -> str:
 
 
 def task_frame(model: mujoco.MjModel) -> tuple[FloatArray, Rotation]:
-    """Origin (3,) [m] and rotation of the task frame in the world.
-
-    Raises:
-        KeyError: The model has no site `TASK_SITE`.
-    """
+    """Origin (3,) [m] and rotation of the task frame in the world."""
     site = model.site(TASK_SITE).id
     position, quaternion = _product(
         _pose_on_carrier(model, int(model.site_bodyid[site])),
@@ -156,10 +130,8 @@ def body_poses(
         mujoco.mj_kinematics(model, data)
         positions[frame] = xpos
         quaternions[frame] = xquat
-    return (
-        positions[:, bodies].swapaxes(0, 1),
-        quaternions[:, bodies].swapaxes(0, 1),
-    )
+    positions, quaternions = positions[:, bodies], quaternions[:, bodies]
+    return positions.swapaxes(0, 1), quaternions.swapaxes(0, 1)
 
 
 def _pose_on_carrier(model: mujoco.MjModel, body: int) -> Pose:
@@ -215,24 +187,21 @@ def _body(entity: str, primitives: tuple[tuple[int, bytes], ...]) -> Chunk:
     for kind, packed in primitives:
         rows = np.frombuffer(packed).reshape(-1, 14)
         sizes, positions, quaternions = rows[:, :3], rows[:, 3:6], _xyzw(rows[:, 6:10])
-        radii, half = sizes[:, 0], sizes[:, 1]
-        look: dict[str, Any] = {
-            "quaternions": quaternions,
-            "colors": (255.0 * rows[:, 10:]).round().astype(np.uint8),
-            "fill_mode": "solid",
-        }
-        if kind == _GEOM.mjGEOM_BOX:
-            drawn.append(rr.Boxes3D(half_sizes=sizes, centers=positions, **look))
-        elif kind == _GEOM.mjGEOM_ELLIPSOID:
-            drawn.append(rr.Ellipsoids3D(half_sizes=sizes, centers=positions, **look))
-        elif kind == _GEOM.mjGEOM_CYLINDER:
-            look |= {"lengths": 2.0 * half, "radii": radii}
-            drawn.append(rr.Cylinders3D(centers=positions, **look))
-        else:
+        size: dict[str, Any] = {"half_sizes": sizes}
+        if kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
+            size = {"lengths": 2.0 * sizes[:, 1], "radii": sizes[:, 0]}
+        if kind == _GEOM.mjGEOM_CAPSULE:
             # MuJoCo centres a capsule; Rerun's runs from its origin along +z.
-            starts = positions - half[:, None] * _axes(quaternions)
-            look |= {"lengths": 2.0 * half, "radii": radii}
-            drawn.append(rr.Capsules3D(translations=starts, **look))
+            positions = positions - sizes[:, 1, None] * _axes(quaternions)
+        archetype, places = _PRIMITIVES[kind]
+        shape = archetype(
+            quaternions=quaternions,
+            colors=(255.0 * rows[:, 10:]).round().astype(np.uint8),
+            fill_mode="solid",
+            **{places: positions},
+            **size,
+        )
+        drawn.append(shape)
     return static(entity, *drawn)
 
 

@@ -34,21 +34,20 @@ _END: Final = b"RRF2FOOT"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Part:
-    """Rows and forecasts of an episode from some row and forecast on.
+    """Rows and forecasts of an episode so far, from the first that were not shown on.
 
-    A recording shows an episode at once, a live view shows it part by part. Both are
-    made by the same functions, each of which turns a `Part` into chunks: what a later
-    part adds never changes what an earlier one showed.
-
-    Attributes:
-        log: The episode so far.
-        first_row: The first of its rows that has not been shown.
-        first_forecast: The first of its forecasts that has not been shown.
+    A recording shows an episode at once, a live view part by part, by the same
+    functions: what a later part adds never changes what an earlier one showed.
     """
 
     log: EpisodeLog
     first_row: int = 0
     first_forecast: int = 0
+
+    @property
+    def times(self) -> FloatArray:
+        """Times of its rows [s]."""
+        return self.log.times[self.first_row :]
 
     def frames(self) -> NDArray[np.intp]:
         """Rows at which moving things are shown, evenly spaced, and the last row."""
@@ -83,14 +82,9 @@ def moving(entity: str, times: FloatArray, columns: Iterable[Any]) -> Chunk:
 def recording_file(
     path: str | Path, layout: Iterable[Chunk]
 ) -> Iterator[rr.RecordingStream]:
-    """Open a recording that appears at ``path`` complete or not at all.
+    """Open a recording that appears at ``path`` complete or not at all (`OSError`).
 
-    Args:
-        path: File to write.
-        layout: Chunks of the blueprint that it opens with.
-
-    Raises:
-        OSError: The file cannot be written.
+    It opens with the blueprint whose chunks are ``layout``.
     """
     # Rerun keeps two threads for every recording that it no longer writes to, until
     # the process ends or this is called.

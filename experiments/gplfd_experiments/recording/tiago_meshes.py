@@ -5,12 +5,11 @@ CC BY-NC-ND 3.0. Nothing of it is part of this package: it is read where the use
 installed it, and drawn. A recording drawn with the meshes contains them.
 """
 
+import contextlib
 import importlib.metadata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
@@ -33,8 +32,7 @@ _NOT_DRAWN: Final = 5
 """MuJoCo's convention: geoms of groups above 2 are not drawn."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class LinkMesh:
+class LinkMesh(NamedTuple):
     """A mesh in the frame of one of our bodies."""
 
     name: str
@@ -47,11 +45,10 @@ class LinkMesh:
     """Red, green, blue, opacity, 0 to 255."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class TiagoLooks:
+class TiagoLooks(NamedTuple):
     """PAL's meshes by the name of the body of ours that carries them."""
 
-    meshes: Mapping[str, tuple[LinkMesh, ...]]
+    meshes: Mapping[str, Sequence[LinkMesh]]
 
     def undressed(self, model: mujoco.MjModel) -> mujoco.MjModel:
         """Return a copy of the model in which the bodies that have meshes are bare."""
@@ -86,14 +83,8 @@ def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
     """Read PAL's visual meshes from the user's installation.
 
     A mesh goes to the nearest link above it that has the name of one of our bodies;
-    head and wheels are in their zero position.
-
-    Args:
-        bodies: Names of our bodies.
-
-    Raises:
-        ModuleNotFoundError: The meshes or what reads them are not installed.
-        ValueError: The installed description is not the one expected.
+    head and wheels are in their zero position. Raises ModuleNotFoundError or ValueError
+    where the description or what reads it is missing or another one.
     """
     path = description()
     try:
@@ -123,8 +114,7 @@ def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
         if body is None:
             continue
         placement, geometry = graph.get(node, body)
-        solid = robot.scene.geometry[geometry]
-        solid = solid.copy().apply_transform(placement)
+        solid = robot.scene.geometry[geometry].copy().apply_transform(placement)
         carried = meshes.setdefault(body, [])
         carried.append(
             LinkMesh(
@@ -134,25 +124,16 @@ def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
                 colour=tuple(int(channel) for channel in solid.visual.main_color),
             )
         )
-    return TiagoLooks(
-        meshes=MappingProxyType({body: tuple(m) for body, m in meshes.items()})
-    )
+    return TiagoLooks(meshes)
 
 
 def description() -> Path:
-    """Return the path of PAL's robot description in the user's installation.
-
-    Raises:
-        ModuleNotFoundError: It is not installed.
-    """
-    try:
-        files = importlib.metadata.files(DISTRIBUTION) or ()
-    except importlib.metadata.PackageNotFoundError:
-        files = ()
-    for file in files:
-        path = Path(str(file.locate()))
-        if file.as_posix().endswith(_DESCRIPTION) and path.is_file():
-            return path
+    """Path of PAL's robot description, or ModuleNotFoundError."""
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+        for file in importlib.metadata.files(DISTRIBUTION) or ():
+            path = Path(str(file.locate()))
+            if file.as_posix().endswith(_DESCRIPTION) and path.is_file():
+                return path
     raise ModuleNotFoundError(
         f"PAL's meshes of TIAGo come from the package {DISTRIBUTION}, which is not "
         "installed: pip install 'gplfd[tiago]' (131 MB; its licence is CC BY-NC-ND 3.0)"

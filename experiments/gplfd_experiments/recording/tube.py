@@ -16,11 +16,8 @@ QUANTILE: Final = 1.96
 95 % of one output. With few demonstrations, whose spread is itself an estimate, and
 for several outputs at once, such a band holds less than 95 %."""
 
-N_RINGS: Final = 32
-"""Cross-sections along the path."""
-
-N_SIDES: Final = 12
-"""Corners of a cross-section."""
+N_RINGS, N_SIDES = 32, 12
+"""Cross-sections along the path, and corners of each."""
 
 _SLOW: Final = 0.15
 """Share of the path's largest speed below which its direction is not trusted."""
@@ -31,18 +28,11 @@ _THINNEST: Final = 0.002
 def tube_vertices(
     mean: FloatArray, std: FloatArray
 ) -> tuple[Float32Array, Float32Array]:
-    """Corners of the tubes around paths, in the task frame.
+    """Corners and unit normals of tubes, both (..., `N_RINGS` * `N_SIDES`, 3).
 
-    Each cross-section is the ellipse across the path, with half axes of 1.96 standard
-    deviations in the horizontal and in the vertical direction; the variance along the
-    path has no place in it.
-
-    Args:
-        mean: Positions along the paths (..., M, 3) [m], M >= 2.
-        std: Standard deviations per axis (..., M, 3) [m].
-
-    Returns:
-        Vertex positions and unit normals, both (..., `N_RINGS` * `N_SIDES`, 3).
+    Each cross-section is the ellipse across the path ``mean`` (..., M, 3) [m], with
+    half axes of 1.96 ``std`` in the horizontal and in the vertical direction; the
+    variance along the path has no place in it.
     """
     rows = np.linspace(0.0, mean.shape[-2] - 1.0, N_RINGS)
     centre, sigma = _at_rows(mean, rows), _at_rows(std, rows)

@@ -31,13 +31,7 @@ without a graphics card it takes a quarter of the time of the renderer's own."""
 def video_paths(file: Path, doors: list[str]) -> dict[str, Path]:
     """Return the video of each door: the file, or one file per door beside it.
 
-    Args:
-        file: As the user names it. Of several doors, `opening.mp4` becomes
-            `opening-small.mp4`, `opening-large.mp4`, ...
-        doors: Names of the doors.
-
-    Raises:
-        ValueError: It is no .mp4 file, or a folder.
+    Of several doors, `opening.mp4` becomes `opening-small.mp4`, `opening-large.mp4`.
     """
     if file.suffix.lower() != SUFFIX:
         raise ValueError(
@@ -54,12 +48,7 @@ def video_paths(file: Path, doors: list[str]) -> dict[str, Path]:
 
 
 def check_video() -> None:
-    """Raise where no video can be made; asked before anything is written.
-
-    Raises:
-        ModuleNotFoundError: The encoder is not installed.
-        OSError: There is no ffmpeg, or nothing can be drawn here.
-    """
+    """Raise ModuleNotFoundError or OSError where no video can be made."""
     import mujoco
 
     from gplfd_env.envs.camera import Camera
@@ -85,16 +74,7 @@ def check_video() -> None:
 
 
 def write_video(path: Path, log: EpisodeLog, model: Any) -> None:
-    """Write an episode in real time, complete or not at all.
-
-    Args:
-        path: File to write; an existing one is replaced.
-        log: Episode to show.
-        model: Model that the episode ran in.
-
-    Raises:
-        OSError: A picture cannot be drawn, or the file cannot be written.
-    """
+    """Write an episode in real time, complete or not at all (`OSError`)."""
     import imageio_ffmpeg
 
     step = 1.0 / PICTURES_PER_SECOND
@@ -108,11 +88,9 @@ def write_video(path: Path, log: EpisodeLog, model: Any) -> None:
         )
         with contextlib.closing(encoder):
             encoder.send(None)
+            pictures = _pictures(log, model, rows)
             for picture in progress_bar(
-                _pictures(log, model, rows),
-                total=rows.size,
-                desc=path.name,
-                unit=" pictures",
+                pictures, total=rows.size, desc=path.name, unit=" pictures"
             ):
                 encoder.send(picture)
             for _ in range(pause):

@@ -11,13 +11,10 @@ from gplfd_policies.arrays.storage import regular_file
 
 
 def viewer() -> str:
-    """Path of the viewer's own executable.
+    """Path of the viewer's own executable, or FileNotFoundError.
 
     The ``rerun`` script is a Python program that waits for the viewer; ending it would
     leave the viewer running.
-
-    Raises:
-        FileNotFoundError: The viewer is not installed.
     """
     package = importlib.util.find_spec("rerun_cli")
     if package is None or package.origin is None:
@@ -35,15 +32,7 @@ def has_display(platform: str, environment: Mapping[str, str]) -> bool:
 
 
 def open_recording(file: Path) -> int:
-    """Open a recording in the viewer and wait until it is closed.
-
-    Returns:
-        The viewer's exit status.
-
-    Raises:
-        FileNotFoundError: There is no such file, or no viewer.
-        ValueError: It is a folder or another kind of file, or there is no screen.
-    """
+    """Open a recording in the viewer; return its exit status once it is closed."""
     if file.is_dir():
         inside = ", ".join(sorted(path.name for path in file.glob("*.rrd")))
         raise ValueError(f"{file} is a folder; recordings in it: {inside or 'none'}")

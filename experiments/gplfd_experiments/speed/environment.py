@@ -15,13 +15,7 @@ from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.machine import load
-from gplfd_experiments.speed.report import (
-    Measurement,
-    Target,
-    Value,
-    at_least,
-    at_most,
-)
+from gplfd_experiments.speed.report import Measurement, Target, Value, at_least, at_most
 from gplfd_experiments.speed.timing import Timed, after, measure, repeated
 
 # --- Steps -------------------------------------------------------------------
@@ -31,11 +25,7 @@ _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 def measure_steps(repeats: int) -> Measurement:
-    """Open a medium door along its arc with jitter, and repeat its physics alone.
-
-    Args:
-        repeats: Times four rounds of 600 steps of each environment.
-    """
+    """Open a medium door along its arc with jitter, and repeat its physics alone."""
     rows: dict[str, Mapping[str, Value]] = {}
     targets: list[Target] = []
     for environment_id in (ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID):
@@ -63,14 +53,11 @@ def measure_steps(repeats: int) -> Measurement:
 
 
 def _opening(environment_id: str) -> tuple[dict[str, Timed], Callable[[], bool]]:
-    """Return an opening in 6 s, and its physics alone on another model.
+    """Return an opening in 6 s, ``step``, and its ``physics`` alone on another model.
 
-    The physics alone starts from the state after the reset and is given the commands of
-    all steps, and the servo's gains wherever a step has changed them.
-
-    Returns:
-        ``step`` and ``physics``; and a function that tells whether the latter, when it
-        last ran, ended bit for bit in the same state.
+    The physics starts from the state after the reset and is given the commands of all
+    steps, and the servo's gains wherever a step has changed them. The function tells
+    whether it ended, when it last ran, bit for bit in the same state.
     """
     env: Any = gym.make(environment_id, door="medium").unwrapped
     rng = np.random.default_rng(0)
@@ -163,13 +150,14 @@ def measure_resets(repeats: int) -> Measurement:
     times = measure(resets, repeats)
     env.close()
     limits = {"the same door": 1.0, "new friction and mass": 1.0, "a new radius": 20.0}
+    targets = [
+        at_most(f"reset: {name} [ms]", 1e3 * times[name].cpu_median, limit)
+        for name, limit in limits.items()
+    ]
     return Measurement(
         title="environment: reset",
         rows={name: {"CPU ms [quartiles]": time} for name, time in times.items()},
-        targets=tuple(
-            at_most(f"reset: {name} [ms]", 1e3 * times[name].cpu_median, limit)
-            for name, limit in limits.items()
-        ),
+        targets=tuple(targets),
     )
 
 
@@ -190,11 +178,7 @@ def vector_name(simulations: int, threads: int) -> str:
 
 
 def measure_vectors(repeats: int) -> Measurement:
-    """Open a medium door for 0.3 s in every way to step it, in turns.
-
-    Args:
-        repeats: Rounds in which each of them makes at least 800 environment steps.
-    """
+    """Open a medium door for 0.3 s in every way to step it, in turns."""
     ways = _ways_to_step()
     agreed = "same states bit for bit" if _end_alike(ways) else "states DEPART"
     times = measure(ways, repeats, least_operations=_LEAST_STEPS)
@@ -226,10 +210,7 @@ def measure_vectors(repeats: int) -> Measurement:
 
 
 def _ways_to_step() -> dict[str, Timed]:
-    """Return everything that is compared, by name.
-
-    Actions return the joint positions at the end.
-    """
+    """Return by name all that is compared; actions return the joint positions."""
     env: Any = gym.make(ENVIRONMENT_ID, door="medium")
     inner = env.unwrapped
     commands = _arc_with_jitter(inner, 0.1, _PERIODS, np.random.default_rng(0))

@@ -66,16 +66,11 @@ class KnownProcess:
 
 
 def score(predicted: GaussianTrajectory, held_out: FloatArray) -> dict[str, float]:
-    """Score a prediction, by column of a table.
+    """Score a prediction on other poses (..., M, 6), by column of a table.
 
-    Args:
-        predicted: Prediction at M phases.
-        held_out: Other poses at these phases, not learned from, (..., M, 6) [m, rad].
-
-    Returns:
-        Negative log predictive density per number; the share within mean ± 1.96 std,
-        0.95 if the standard deviation is right; and the share in the 95 % interval that
-        the prediction itself states, which is wider with few demonstrations.
+    Negative log predictive density per number; the share within mean ± 1.96 std,
+    0.95 if the standard deviation is right; and the share in the 95 % interval that
+    the prediction itself states, which is wider with few demonstrations.
     """
     return {
         "NLPD": predicted.nlpd(held_out),

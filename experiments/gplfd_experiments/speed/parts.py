@@ -1,8 +1,7 @@
 """The parts of ``gplfd speed`` by name."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from gplfd_experiments.speed.environment import (
     measure_resets,
@@ -18,43 +17,32 @@ from gplfd_experiments.speed.policies import (
 from gplfd_experiments.speed.report import Measurement
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Part:
-    """One part: what is measured together."""
+class Part(NamedTuple):
+    """What is measured together, by functions of the number of repeats."""
 
     measures: Mapping[str, Callable[[int], Measurement]]
-    """Functions of the number of repeats, by the name of their results."""
     seconds: float
     """Approximate duration of a round on an idle machine."""
     peers: tuple[str, ...] = ()
     """Import names of the libraries that it compares with."""
 
 
+_ENVIRONMENT: Final = {
+    "steps": measure_steps,
+    "resets": measure_resets,
+    "vectors": measure_vectors,
+}
 PARTS: Final[Mapping[str, Part]] = {
-    "fit": Part(
-        measures={"fit": compare_fits}, seconds=9.0, peers=("hetgpy", "sklearn")
-    ),
-    "adapt": Part(measures={"adapt": measure_adaptation}, seconds=1.0),
-    "align": Part(measures={"align": measure_alignment}, seconds=3.0, peers=("dtw",)),
-    "environment": Part(
-        measures={
-            "steps": measure_steps,
-            "resets": measure_resets,
-            "vectors": measure_vectors,
-        },
-        seconds=8.0,
-    ),
+    "fit": Part({"fit": compare_fits}, 9.0, ("hetgpy", "sklearn")),
+    "adapt": Part({"adapt": measure_adaptation}, 1.0),
+    "align": Part({"align": measure_alignment}, 3.0, ("dtw",)),
+    "environment": Part(_ENVIRONMENT, 8.0),
 }
 """In the order of the report."""
 
 
 def announcement(names: Iterable[str], repeats: int) -> str:
-    """Return what will be measured, roughly how long it takes, and what is missing.
-
-    Args:
-        names: Keys of `PARTS`.
-        repeats: Measurements of every time.
-    """
+    """Return what will be measured, roughly how long it takes, and what is missing."""
     parts = {name: PARTS[name] for name in names}
     # One more round warms up the caches.
     minutes = (repeats + 1) * sum(part.seconds for part in parts.values()) / 60.0
@@ -62,15 +50,8 @@ def announcement(names: Iterable[str], repeats: int) -> str:
         f"measuring {', '.join(parts)}: about {max(1, round(minutes))} min where "
         "nothing else runs"
     )
-    missing = [
-        DISTRIBUTIONS[peer]
-        for part in parts.values()
-        for peer in part.peers
-        if not installed(peer)
-    ]
+    peers = [peer for part in parts.values() for peer in part.peers]
+    missing = " and ".join(DISTRIBUTIONS[one] for one in peers if not installed(one))
     if missing:
-        text += (
-            f"; without {' and '.join(missing)}, not installed (pip install "
-            "'gplfd[bench]')"
-        )
+        text += f"; without {missing}, not installed (pip install 'gplfd[bench]')"
     return text

@@ -1,5 +1,6 @@
 """Report of a comparison: a table of numbers, and targets for some of them."""
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -15,16 +16,12 @@ Value = float | Timing | str | None
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A number and its limits."""
+    """A measured number, its limits in words, and whether it is within them."""
 
     name: str
-    """Name of the number, with its unit."""
     value: float
-    """Measured number."""
     wanted: str
-    """The limits in words."""
     met: bool
-    """Whether the value is within them."""
 
 
 def at_most(name: str, value: float, limit: float) -> Target:
@@ -44,22 +41,15 @@ def between(name: str, value: float, low: float, high: float) -> Target:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Measurement:
-    """Everything that one comparison measured."""
+    """What one comparison measured, and how; names of columns have the units."""
 
     title: str
-    """Title: what was measured, and how."""
     rows: Mapping[str, Mapping[str, Value]]
-    """Values by line and column, whose names have the units."""
     targets: tuple[Target, ...] = ()
-    """Targets for some of the numbers."""
 
 
 def value_table(rows: Mapping[str, Mapping[str, Value]]) -> Table:
-    """Return a line per row; one that lacks a column has a dash there.
-
-    Args:
-        rows: Values by line and column, whose order is that of first naming.
-    """
+    """Return a line per row; one that lacks a column has a dash there."""
     columns = tuple(dict.fromkeys(column for row in rows.values() for column in row))
 
     def text(value: Value) -> str:
@@ -82,26 +72,16 @@ def value_table(rows: Mapping[str, Mapping[str, Value]]) -> Table:
 def measure_all(
     measures: Mapping[str, Callable[[int], Measurement]], repeats: int
 ) -> dict[str, Measurement]:
-    """Measure one after the other with one BLAS thread, and print what was found.
-
-    Args:
-        measures: What to run, by name.
-        repeats: Measurements of every time.
-    """
+    """Measure one after the other with one BLAS thread, and print what was found."""
     found = {}
     with threadpool_limits(1):
         for name, run in measures.items():
             LOG.info("measuring: %s", name)
             one = found[name] = run(repeats)
             print(one.title, text_table(value_table(one.rows)), "", sep="\n")
-    targets: dict[str, dict[str, Value]] = {
-        target.name: {
-            "measured": target.value,
-            "wanted": target.wanted,
-            "": "met" if target.met else "MISSED",
-        }
-        for one in found.values()
-        for target in one.targets
-    }
+    targets: dict[str, dict[str, Value]] = {}
+    for target in itertools.chain.from_iterable(one.targets for one in found.values()):
+        row = targets[target.name] = {"measured": target.value, "wanted": target.wanted}
+        row[""] = "met" if target.met else "MISSED"
     print("targets", text_table(value_table(targets)), sep="\n")
     return found

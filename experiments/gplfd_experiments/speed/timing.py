@@ -19,12 +19,13 @@ Action = Callable[[], object]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Timed:
-    """An action to be timed, and how to prepare it."""
+    """An action of some operations; times are per operation.
+
+    It is made before every measurement, which is not timed.
+    """
 
     prepare: Callable[[], Action]
-    """Makes the action; called before every measurement, and not timed."""
     operations: int = 1
-    """Operations in one action; times are per operation."""
 
 
 def after(begin: Action, action: Action, operations: int = 1) -> Timed:
@@ -38,13 +39,7 @@ def after(begin: Action, action: Action, operations: int = 1) -> Timed:
 
 
 def repeated(action: Action, times: int = 1, begin: Action = lambda: None) -> Timed:
-    """Return an operation that is run several times in one measurement.
-
-    Args:
-        action: One operation.
-        times: How often it is run: many times for a very short one.
-        begin: Done once before every measurement.
-    """
+    """Return an operation that is run several times in one measurement."""
 
     def many() -> None:
         for _ in range(times):
@@ -104,15 +99,8 @@ def measure(
     """Time every action once per round, in turns.
 
     A first round warms caches up and is not counted, except for a single repeat.
-
-    Args:
-        actions: What to time, by name.
-        repeats: Counted rounds, at least 1.
-        least_operations: Shorter actions run several times per round, each time
-            prepared anew, until they have made this many operations.
-
-    Raises:
-        ValueError: ``repeats`` is less than 1.
+    Actions of less than ``least_operations`` run several times per round, each time
+    prepared anew.
     """
     if repeats < 1:
         raise ValueError(f"repeats must be 1 or more, got {repeats}")

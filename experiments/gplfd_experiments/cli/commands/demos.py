@@ -1,16 +1,13 @@
 """Commands about demonstrations of other sources: demos and doors."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Union
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import (
-    Quiet,
-    next_command,
-    recorded,
-)
+from gplfd_experiments.cli.commands.options import Quiet, next_command, recorded
 from gplfd_experiments.console.interruption import postponed_interruption
 
 DEPARTED: Final = 1
@@ -64,7 +61,7 @@ class Import:
     urdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Robot whose joint states were recorded."""
 
-    link: str | None = None
+    link: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
     """Link of that robot which is the hand."""
 
     frame: Annotated[str, tyro.conf.arg(metavar="FRAME")] = "first-pose"
@@ -108,18 +105,9 @@ class Import:
 
         if not self.files:
             raise ValueError("give at least one file to import")
+        chosen = {one.name: getattr(self, one.name) for one in fields(Selection)}
         columns = self.columns.split(",") if self.columns is not None else []
-        selection = Selection(
-            body=self.body,
-            columns=tuple(name.strip() for name in columns),
-            units=self.units,
-            time_unit=self.time_unit,
-            angles=self.angles,
-            quaternions=self.quaternions,
-            recorded_rate=self.recorded_rate,
-            urdf=self.urdf,
-            link=self.link,
-        )
+        chosen["columns"] = tuple(name.strip() for name in columns)
         segments: Any = self.segment
         if "-" in segments:
             try:
@@ -148,7 +136,7 @@ class Import:
         motions, report = import_recordings(
             self.files,
             self.out,
-            selection=selection,
+            selection=Selection(**chosen),
             preparation=preparation,
             options=options,
             overwrite=self.overwrite,
@@ -272,19 +260,10 @@ class Record:
             from gplfd_experiments.files.names import file_name
 
         folder = self.out or Path("results/demos") / f"{file_name(self.policy)}-v0"
-        number = record_dataset(
-            folder,
-            policy=self.policy,
-            doors=self.doors,
-            episodes=self.episodes,
-            seed=self.seed,
-            demonstrations_per_door=self.demonstrations_per_door,
-            randomization=self.randomization,
-            start=self.start,
-            max_steps=self.max_steps,
-            overwrite=self.overwrite,
-            options=recorded(self) | {"out": folder.name},
-        )
+        given = {one.name: getattr(self, one.name) for one in fields(self)}
+        del given["out"], given["quiet"]
+        options = recorded(self) | {"out": folder.name}
+        number = record_dataset(folder, **given, options=options)
         print(f"{number} {'episode' if number == 1 else 'episodes'} in {folder}")
         print(f"run them again:  {next_command('demos', 'replay', folder)}")
         return 0
@@ -344,21 +323,30 @@ class Inspect:
         return 0
 
 
+SUBCOMMANDS: Final[Mapping[str, type[Any]]] = {
+    "import": Import,
+    "export": Export,
+    "record": Record,
+    "replay": Replay,
+    "inspect": Inspect,
+}
+_ANY: Any = Union[  # noqa: UP007
+    tuple(
+        Annotated[command, tyro.conf.subcommand(name)]
+        for name, command in SUBCOMMANDS.items()
+    )
+]
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Demos:
     """Demonstrations from recordings, for other programs, and of policies."""
 
-    task: tyro.conf.OmitSubcommandPrefixes[
-        Annotated[Import, tyro.conf.subcommand("import")]
-        | Annotated[Export, tyro.conf.subcommand("export")]
-        | Annotated[Record, tyro.conf.subcommand("record")]
-        | Annotated[Replay, tyro.conf.subcommand("replay")]
-        | Annotated[Inspect, tyro.conf.subcommand("inspect")]
-    ]
+    task: tyro.conf.OmitSubcommandPrefixes[_ANY]
 
     def execute(self) -> int:
         """Run the chosen one."""
-        return self.task.execute()
+        return int(self.task.execute())
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

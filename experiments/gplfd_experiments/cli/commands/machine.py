@@ -7,11 +7,7 @@ from typing import Annotated, Final, Literal
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import (
-    Json,
-    Quiet,
-    recorded,
-)
+from gplfd_experiments.cli.commands.options import Json, Quiet, recorded
 from gplfd_experiments.console.interruption import postponed_interruption
 
 RESULTS: Final = "speed.json"
@@ -97,5 +93,5 @@ class Doctor:
             from gplfd_experiments.files.plain_data import json_text
 
         found = examined()
-        print(json_text(found.as_json()) if self.json else text(found))
+        print(json_text(found) if self.json else text(found))
         return 0

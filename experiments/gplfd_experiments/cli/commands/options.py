@@ -43,11 +43,7 @@ class EngineOptions:
     """Scheduler of the Dask cluster."""
 
     def made(self) -> Engine:
-        """Return the engine.
-
-        Raises:
-            ValueError: An option that this engine does not have, or wrong.
-        """
+        """Return the engine."""
         return engine_named(self.engine, workers=self.workers, address=self.address)
 
 

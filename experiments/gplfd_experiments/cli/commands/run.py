@@ -78,11 +78,7 @@ class Run:
     quiet: Quiet = False
 
     def execute(self) -> int:
-        """Open the doors and print a table, or what metrics.json holds.
-
-        Returns:
-            0, or `FAILED` if the policy raised an error.
-        """
+        """Open the doors and print a table; `FAILED` if the policy raised an error."""
         if self.video is not None:
             _draw_without_screen()
         with postponed_interruption():
@@ -99,22 +95,14 @@ class Run:
         folder = (
             self.out or Path("results") / f"{file_name(self.policy)}-seed{self.seed}"
         )
+        given = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
+        per_door = given.pop("demonstrations_per_door")
+        given |= {"folder": folder, "demonstrations": self.demonstrations or per_door}
+        for name in ("out", "json", "quiet"):
+            del given[name]
         # What a policy prints is no part of the table or JSON on standard output.
         with contextlib.redirect_stdout(sys.stderr):
-            metrics = open_doors(
-                self.doors,
-                folder,
-                policy=self.policy,
-                seed=self.seed,
-                demonstrations=self.demonstrations or self.demonstrations_per_door,
-                skill=self.skill,
-                randomization=self.randomization,
-                disturbance=self.disturbance,
-                start=self.start,
-                looks=self.looks,
-                options=recorded(self),
-                video=self.video,
-            )
+            metrics = open_doors(**given, options=recorded(self))
         numbers = [one.as_json() for one in metrics]
         if late := late_decisions(numbers):
             LOG.warning("warning: %s: %s", self.policy, late)
@@ -208,16 +196,9 @@ class View:
         if self.file is not None:
             raise ValueError(f"--live runs an episode; it does not go with {self.file}")
         check_circumstances(self.randomization, self.disturbance)
-        watch(
-            self.door,
-            policy=self.policy,
-            seed=self.seed,
-            randomization=self.randomization,
-            disturbance=self.disturbance,
-            start=self.start,
-            speed=self.speed,
-            serve=self.serve,
-        )
+        options = dataclasses.asdict(self)
+        del options["file"], options["live"]
+        watch(**options)
         return 0
 
 

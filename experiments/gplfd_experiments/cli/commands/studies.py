@@ -98,15 +98,7 @@ class Benchmark:
 
 
 def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
-    """Return `Benchmark` with the options of ``--config`` as its defaults.
-
-    Args:
-        arguments: Of the command ``gplfd``, of any subcommand.
-
-    Raises:
-        ValueError: The study is unknown or its file wrong.
-        OSError: The file cannot be read.
-    """
+    """Return `Benchmark` with the options of ``--config`` as its defaults."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--config", nargs="?")
     given, _ = parser.parse_known_args(arguments)
