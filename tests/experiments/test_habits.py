@@ -23,7 +23,7 @@ def angles(habits: Habits, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return shown.times, shown.poses[:, 4]
 
 
-def test_without_habits_the_teacher_is_as_ever() -> None:
+def test_without_habits_the_teacher_is_as_ever():
     rng = (np.random.default_rng(3) for _ in range(2))
     plain, tidy = (
         Teacher(habits=h).demonstrate(0.5, next(rng)) for h in (TIDY, Habits())
@@ -39,7 +39,7 @@ def test_without_habits_the_teacher_is_as_ever() -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_pauses_stop_the_motion_for_as_long_as_they_last(seed: int) -> None:
+def test_pauses_stop_the_motion_for_as_long_as_they_last(seed):
     habits = Habits(pauses=3, longest_pause=0.8)
     rng = np.random.default_rng(seed)
     times, clock, back = untidy_clock(habits, 6.0, 1000.0, rng)
@@ -54,7 +54,7 @@ def test_pauses_stop_the_motion_for_as_long_as_they_last(seed: int) -> None:
     assert_array_equal(back, 0.0)
 
 
-def test_in_a_pause_the_door_goes_back_and_forth() -> None:
+def test_in_a_pause_the_door_goes_back_and_forth():
     habits = Habits(pauses=1, longest_pause=2.0, backward=0.2)
     for seed in range(20):
         _, angle = angles(habits, seed)
@@ -67,7 +67,7 @@ def test_in_a_pause_the_door_goes_back_and_forth() -> None:
     assert gone_back.max() > 0.01
 
 
-def test_haste_scales_durations_within_its_factor() -> None:
+def test_haste_scales_durations_within_its_factor():
     rng = np.random.default_rng(0)
     habits = Habits(haste=2.0)
     durations = [untidy_clock(habits, 6.0, 100.0, rng)[0][-1] for _ in range(1000)]
@@ -76,7 +76,7 @@ def test_haste_scales_durations_within_its_factor() -> None:
     assert np.median(durations) == pytest.approx(6.0, rel=0.1)
 
 
-def test_a_cut_recording_ends_early() -> None:
+def test_a_cut_recording_ends_early():
     ends = [angles(Habits(cut=0.2), seed)[1][-1] for seed in range(20)]
     whole = [angles(TIDY, seed)[1][-1] for seed in range(20)]
     missing = np.subtract(whole, ends)
@@ -84,7 +84,7 @@ def test_a_cut_recording_ends_early() -> None:
     assert missing.max() > math.radians(2.0)
 
 
-def test_samples_are_lost_and_misplaced_as_told() -> None:
+def test_samples_are_lost_and_misplaced_as_told():
     poses = np.zeros((1000, 6))
     kept, seen = lose_samples(
         Habits(dropped=0.2, outliers=3, outlier_distance=0.3), poses,
@@ -107,7 +107,7 @@ def test_samples_are_lost_and_misplaced_as_told() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:rests")
-def test_messy_recordings_can_be_learned_from() -> None:
+def test_messy_recordings_can_be_learned_from():
     shown = Teacher(habits=MESSY).demonstrate_doors(
         (0.35, 0.5), 2, rng=np.random.default_rng(1)
     )
@@ -119,6 +119,6 @@ def test_messy_recordings_can_be_learned_from() -> None:
 
 
 @pytest.mark.parametrize("field", dataclasses.fields(Habits), ids=lambda f: f.name)
-def test_what_is_impossible_is_refused(field: dataclasses.Field) -> None:
+def test_what_is_impossible_is_refused(field):
     with pytest.raises(ValueError, match=f"Habits.{field.name} = "):
         Habits(**{field.name: -1})

@@ -7,7 +7,7 @@ import sys
 from gplfd_experiments.console.interruption import postponed_interruption
 
 
-def test_an_interruption_waits_until_the_block_ends() -> None:
+def test_an_interruption_waits_until_the_block_ends():
     """In a process without other threads, as the command is when it imports."""
     program = (
         "import os, signal\n"
@@ -28,7 +28,7 @@ def test_an_interruption_waits_until_the_block_ends() -> None:
     assert ended.stdout.split() == [b"reached", b"interrupted"]
 
 
-def test_what_starts_in_the_block_is_not_interrupted() -> None:
+def test_what_starts_in_the_block_is_not_interrupted():
     program = "import os, signal; os.kill(os.getpid(), signal.SIGINT); print('on')"
     with postponed_interruption():
         ended = subprocess.run(
@@ -37,7 +37,7 @@ def test_what_starts_in_the_block_is_not_interrupted() -> None:
     assert (ended.returncode, ended.stdout) == (0, b"on\n")
 
 
-def test_afterwards_all_is_as_before() -> None:
+def test_afterwards_all_is_as_before():
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
     with postponed_interruption(), postponed_interruption():
         pass

@@ -15,7 +15,7 @@ def git(folder: Path, *arguments: str) -> None:
     subprocess.run(["git", "-C", str(folder), *identity, *arguments], check=True)
 
 
-def test_provenance_is_json_and_names_what_ran() -> None:
+def test_provenance_is_json_and_names_what_ran():
     record = provenance({"seed": 3})
     assert json.loads(json.dumps(record)) == record
     assert record["config"] == {"seed": 3}
@@ -23,7 +23,7 @@ def test_provenance_is_json_and_names_what_ran() -> None:
     assert record["command"]
 
 
-def test_arithmetic_follows_what_the_libraries_choose() -> None:
+def test_arithmetic_follows_what_the_libraries_choose():
     """In another process, since libraries choose when they are loaded."""
     program = (
         "import json, sys; from gplfd_experiments.files.provenance import arithmetic; "
@@ -46,7 +46,7 @@ def test_arithmetic_follows_what_the_libraries_choose() -> None:
 
 
 @pytest.mark.needs("git")
-def test_git_state_follows_commits_and_edits(tmp_path: Path) -> None:
+def test_git_state_follows_commits_and_edits(tmp_path):
     assert git_state(tmp_path) is None
     git(tmp_path, "init", "--quiet")
     assert git_state(tmp_path) == {"commit": None, "dirty": False}

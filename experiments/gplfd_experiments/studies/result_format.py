@@ -79,17 +79,7 @@ _EPISODE_KINDS: Final[Mapping[str, Any]] = {
 
 
 def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
-    """Return the metrics of a result; none if it is an error.
-
-    Args:
-        record: Content of the file.
-        task: The task whose result it is.
-
-    Raises:
-        NewerFormatError: A later version of this package wrote it.
-        ValueError: It is incomplete: it lacks a metric of its version, or a metric is
-            not plausible.
-    """
+    """Return the metrics of a result; none if it is an error."""
     version = check_stamp(record, KIND, VERSION)
     if "error" in record:
         entry(record, "error", str)
