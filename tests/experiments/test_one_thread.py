@@ -202,6 +202,7 @@ import warnings
 import scipy.linalg  # Limits hold for the BLAS libraries that are loaded.
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from gplfd_policies.arrays.one_thread import one_thread
 
 warnings.simplefilter("ignore")  # of a fork beside other threads
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import errno
+import hashlib
 import json
 import os
 import re
@@ -15,7 +16,6 @@ from gplfd_experiments.analysis.results.measures import (
 )
 from gplfd_experiments.data.teacher import synthetic_human
 from gplfd_experiments.episodes.build import make_environment
-from gplfd_experiments.episodes.metrics import EpisodeMetrics
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.files import provenance
 from gplfd_experiments.files.plain_data import NewerFormatError
@@ -267,10 +267,16 @@ def test_a_damaged_result_is_named_and_its_task_run_again(
 
 def test_a_version_of_results_has_its_metrics():
     # Another metric of an episode makes another version, so that older results, which
-    # lack it, stay complete: add it to `EPISODE_METRICS`, and raise `VERSION`.
-    now = {field.name for field in dataclasses.fields(EpisodeMetrics)}
-    assert now == EPISODE_METRICS[VERSION]
+    # lack it, stay complete: name it in `_ADDED`, and raise `VERSION`.
+    assert [
+        hashlib.sha256(" ".join(sorted(names)).encode()).hexdigest()[:8]
+        for names in EPISODE_METRICS.values()
+    ] == ["46f63489", "a83b9fff"]
     assert max(EPISODE_METRICS) == VERSION
+    assert EPISODE_METRICS[1] - EPISODE_METRICS[0] == {
+        *("reason", "capability", "stage"),
+        *("latency_wall_median_ms", "latency_wall_p95_ms"),
+    }
     assert LEARNING_MEASURES.keys() == LEARNING_METRICS
     assert RECORDED_MEASURES.keys() == FORECAST_METRICS
 
