@@ -1,6 +1,5 @@
 """Engines: every item comes back once, whatever happens to the workers."""
 
-import contextlib
 import os
 import re
 import signal
@@ -9,9 +8,10 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 
+import dask
+import distributed
 import pytest
 
 from gplfd_experiments.studies.engines import ATTEMPTS, Lost, Serial, engine_named
@@ -200,53 +200,16 @@ def test_without_dask_it_is_said_how_to_get_it(monkeypatch):
         engine_named("dask", address="tcp://127.0.0.1:1")
 
 
-@contextlib.contextmanager
-def started(*arguments: str, folder: Path) -> Iterator[str]:
-    """Start a program of Dask and give what it has printed once it is ready."""
-    log = folder / "log.txt"
-    with log.open("w") as printed:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "distributed.cli." + arguments[0], *arguments[1:]],
-            stderr=printed,
-            cwd=folder,
-            env={**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"},
-        )
-    try:
-        for _ in range(600):
-            text = log.read_text()
-            if "Scheduler at" in text or "Registered to" in text:
-                break
-            assert process.poll() is None, text
-            time.sleep(0.05)
-        yield text
-    finally:
-        process.terminate()
-        process.wait(timeout=20)
-
-
 @pytest.fixture(scope="module")
-def scheduler(tmp_path_factory):
-    """A cluster of two workers on this machine, as a user would start it.
-
-    But its scheduler gives up soon, for time.
-    """
-    folders = [tmp_path_factory.mktemp(name) for name in ("head", "one", "two")]
-    quiet = ("--no-dashboard", "--host", "127.0.0.1")
-    with contextlib.ExitStack() as cluster:
-        printed = cluster.enter_context(
-            started("dask_scheduler", *quiet, "--port", "0", folder=folders[0])
-        )
-        found = re.search(r"tcp://127\.0\.0\.1:\d+", printed)
-        assert found is not None, printed
-        for folder in folders[1:]:
-            cluster.enter_context(
-                started(
-                    *("dask_worker", found[0], *quiet, "--nthreads", "1"),
-                    *("--memory-limit", "0"),
-                    folder=folder,
-                )
-            )
-        yield found[0]
+def scheduler():
+    """A cluster of two workers on this machine, whose scheduler gives up soon."""
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, memory_limit=None, dashboard_address=None
+        ) as cluster,
+    ):
+        yield cluster.scheduler_address
 
 
 def test_a_dask_worker_that_cannot_run_an_item_says_why(scheduler):

@@ -11,7 +11,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
 from gplfd_env import ENVIRONMENT_ID, ENVIRONMENT_IDS
 from gplfd_experiments.data.teacher import Teacher
@@ -246,18 +245,6 @@ def test_an_agent_of_ones_own_commands_the_stiffness_that_is_logged():
     _, together, _ = in_lockstep("own", Softening, max_episode_steps=8)
     np.testing.assert_array_equal(together.stiffness, alone.stiffness)
     np.testing.assert_array_equal(together.ee_pose, alone.ee_pose)
-
-
-@pytest.mark.bits
-def test_number_of_threads_changes_no_number():
-    """Of BLAS: learning and acting take one, whatever the caller has set."""
-    ends = []
-    for threads in (1, 2):
-        with threadpool_limits(limits=threads, user_api="blas"):
-            make = agents_of.__wrapped__("gp")
-            logs = in_lockstep("gp", make, max_episode_steps=30)
-        ends.append([log.action.tobytes() for log in logs])
-    assert ends[0] == ends[1]
 
 
 def test_wrong_environments_are_refused():

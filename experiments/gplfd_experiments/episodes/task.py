@@ -154,7 +154,7 @@ def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
     """Return the task to open a door with the robot and the demonstrations it needs.
 
     The base drives where a fixed one does not reach, and three doors of the same kind
-    (handle, latch, swing, hinge side) are demonstrated.
+    (handle, latch, swing, hinge side) are demonstrated, unless other fields are given.
     """
     fields = {"base": base_for(config)} | fields
     if fields["base"] == "mobile":
