@@ -1,5 +1,6 @@
 """`gplfd benchmark`: what it runs, what it keeps, and what it refuses."""
 
+import dataclasses
 import json
 import logging
 import os
@@ -10,14 +11,12 @@ import subprocess
 import sys
 import threading
 import time
-import types
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from gplfd_experiments.analysis.results.reading import read_results
-from gplfd_experiments.analysis.results.records import DEMONSTRATED, NON_STANDARD
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.console.progress import counter
 from gplfd_experiments.studies import jobs, runner, store
@@ -65,10 +64,11 @@ def test_an_error_of_every_policy_is_shown(tmp_path, monkeypatch, capsys):
         return [jobs.failed(task, f"ValueError: {task.policy}") for task in job]
 
     monkeypatch.setattr(runner, "run_job", fail)
-    policies = ("gp", "gmr", "oracle", "reflex", "chord")
+    policies = ("gp", "gmr", "oracle")
     study = ("--policies", *policies, "--doors", "small", "large", "--seeds", "2")
-    assert benchmark(tmp_path, *study, "--no-skill") == 1
-    shown = [line for line in capsys.readouterr().err.splitlines() if "Value" in line]
+    assert benchmark(tmp_path, *study, "--no-skill", "--quiet") == 1
+    counted, *shown = capsys.readouterr().err.splitlines()
+    assert counted.startswith("gplfd: 12 of 12 tasks ended in errors")
     assert shown == [f"gplfd: {p}, small, seed 0: ValueError: {p}" for p in policies]
     # There is a page, and nothing on it was measured.
     assert main(["report", str(tmp_path)]) == 1
@@ -105,49 +105,50 @@ def test_writes_table_and_settings_and_says_where(tmp_path, ran, capsys):
     assert [(task.policy, task.seed) for task in ran[8:]] == [("oracle", 1)]
 
 
-def test_files_that_are_deleted_meanwhile_are_missed(
-    tmp_path, ran, monkeypatch, capsys
-):
-    """Whoever deletes the folder of a study that runs is told what is gone."""
-    out = tmp_path / "out"
+@pytest.fixture
+def meanwhile(ran, monkeypatch):
+    """Do something before a job with a seed, until the returned function is called."""
     measured = runner.run_job
 
-    def delete(job: Any, **_: Any) -> list[Any]:
-        if job[0].seed == 2:
-            shutil.rmtree(out)
-        return measured(job)
+    def begin(seed: int, action: Callable[[], object]) -> Callable[[], None]:
+        def run_job(job: Any, **_: Any) -> list[Any]:
+            if job[0].seed == seed:
+                action()
+            return measured(job)
 
-    with monkeypatch.context() as deleting:
-        deleting.setattr(runner, "run_job", delete)
-        assert benchmark(out, *ONE, "4") == 1
+        monkeypatch.setattr(runner, "run_job", run_job)
+        return lambda: monkeypatch.setattr(runner, "run_job", measured)
+
+    return begin
+
+
+def test_files_that_are_deleted_meanwhile_are_missed(tmp_path, ran, meanwhile, capsys):
+    """Whoever deletes the folder of a study that runs is told what is gone."""
+    out = tmp_path / "out"
+    end = meanwhile(2, lambda: shutil.rmtree(out))
+    assert benchmark(out, *ONE, "4") == 1
     printed = capsys.readouterr()
     assert f"gplfd: 2 of 4 tasks have no complete result in {out}/tasks" in printed.err
     assert f"gplfd: {out}/study.json is gone" in printed.err
     assert "| gp | small | 2/2 |" in printed.out
+    end()
     assert benchmark(out, *ONE, "4") == 0
     assert [task.seed for task in ran] == [0, 1, 2, 3, 0, 1]
-    assert "| gp | small | 4/4 |" in capsys.readouterr().out
     assert (out / "study.json").is_file()
 
 
-def test_a_result_that_is_damaged_meanwhile_is_named(
-    tmp_path, ran, monkeypatch, capsys
-):
-    measured = runner.run_job
+def test_a_result_that_is_damaged_meanwhile_is_named(tmp_path, ran, meanwhile, capsys):
+    def damage() -> None:
+        (file,) = files(tmp_path)
+        file.write_text(file.read_text().replace('"success"', '"sucess"'))
 
-    def damage(job: Any, **_: Any) -> list[Any]:
-        for file in files(tmp_path):
-            file.write_text(file.read_text().replace('"success"', '"sucess"'))
-        return measured(job)
-
-    with monkeypatch.context() as damaging:
-        damaging.setattr(runner, "run_job", damage)
-        assert benchmark(tmp_path, *ONE, "2") == 1
+    end = meanwhile(1, damage)
+    assert benchmark(tmp_path, *ONE, "2") == 1
     printed = capsys.readouterr().err
     assert "gplfd: 1 of 2 tasks have no complete result" in printed
     assert ".json: it lacks success, which must be true or false" in printed
+    end()
     assert benchmark(tmp_path, *ONE, "2") == 0
-    assert "it lacks success" in capsys.readouterr().err
     assert len(ran) == 3
 
 
@@ -169,52 +170,18 @@ def test_a_later_version_s_files_are_refused_and_kept(name, tmp_path, ran, capsy
     assert len(ran) == 1
 
 
-def test_doors_of_several_kinds_are_read_back(tmp_path, capsys):
-    doors = ("room-834", "cabinet", "small")
-    options = ["--policies", "oracle", "--doors", *doors, "--seeds", "1", "--no-skill"]
-    assert benchmark(tmp_path, *options) == 0
-    printed = capsys.readouterr().out
-    for door in doors:
-        assert f"| oracle | {door} | 1/1 |" in printed
-    assert "| **lever with spring latch, pull** |" in printed
-    found = read_results(tmp_path)
-    assert found.unreadable == ()
-    assert {one.task.door: one.split for one in found.episodes} == {
-        "room-834": NON_STANDARD,
-        "cabinet": NON_STANDARD,
-        "small": DEMONSTRATED,
-    }
-
-
-def test_a_policy_that_hangs_is_named(tmp_path, ran, monkeypatch):
+def test_a_policy_that_hangs_is_named(tmp_path, meanwhile, monkeypatch):
     warned = threading.Event()
 
-    def warn(message: str, *values: object) -> None:
-        if "a result is: gp, small, seed 1. Ctrl-C ends" in message % values:
+    def warn(message: str, *_: object) -> None:
+        if "a result is: gp, small, seed 1. Ctrl-C ends" in message:
             warned.set()
-
-    measured = runner.run_job
-
-    def hang(job: Any, **_: Any) -> list[Any]:
-        if job[0].seed == 1:
-            assert warned.wait(60.0)
-        return measured(job)
 
     monkeypatch.setattr(runner, "_PATIENCE", 0.01)
     monkeypatch.setattr(runner.LOG, "warning", warn)
-    monkeypatch.setattr(runner, "run_job", hang)
+    meanwhile(1, lambda: warned.wait(60.0))
     assert benchmark(tmp_path, *ONE, "2") == 0
     assert warned.is_set()
-
-
-def test_quiet_shows_no_progress_but_results_and_errors(tmp_path, ran, capsys):
-    options = ["--policies", "oracle", "--doors", "small", "--seeds", "2", "--quiet"]
-    assert benchmark(tmp_path, *options) == 1
-    printed = capsys.readouterr()
-    assert "| oracle | small |" in printed.out
-    counted, first = printed.err.splitlines()
-    assert counted.startswith("gplfd: 1 of 2 tasks ended in errors")
-    assert first.startswith("gplfd: oracle, small, seed 1: ValueError")
 
 
 def test_every_condition_has_a_table(tmp_path, ran, capsys):
@@ -228,33 +195,17 @@ def test_every_condition_has_a_table(tmp_path, ran, capsys):
 
 
 def test_options_win_over_the_saved_study(tmp_path, ran):
+    """Also over a value that is no longer valid, as of a policy that was renamed."""
     saved = tmp_path / "study.toml"
-    write_settings(
-        saved,
-        StudySettings(
-            policies=("gp",), doors=("small",), seeds=3, randomizations=("mild",)
-        ),
-    )
-    options = ["--config", str(saved), "--seeds", "1", "--no-skill"]
+    kept = StudySettings(doors=("small",), seeds=3, randomizations=("mild",))
+    write_settings(saved, dataclasses.replace(kept, policies=("gone",)))
+    options = ["--config", str(saved), *ONE[:2], "--seeds", "1", "--no-skill"]
     assert benchmark(tmp_path / "out", *options) == 0
     (task,) = ran
     assert (task.policy, task.door, task.seed) == ("gp", "small", 0)
     assert task.randomization == "mild"
-    assert read_settings(tmp_path / "out" / "study.toml") == StudySettings(
-        policies=("gp",),
-        doors=("small",),
-        seeds=1,
-        randomizations=("mild",),
-        skill=False,
-    )
-
-
-def test_an_option_replaces_a_value_of_the_file_that_is_no_longer_valid(tmp_path, ran):
-    """For example, a policy of the file has been renamed."""
-    old = tmp_path / "old.toml"
-    old.write_text("policies = ['gone']\ndoors = ['small']\nseeds = 1\nskill = false")
-    assert benchmark(tmp_path / "out", "--config", str(old), "--policies", "gp") == 0
-    assert [task.policy for task in ran] == ["gp"]
+    expected = dataclasses.replace(kept, policies=("gp",), seeds=1, skill=False)
+    assert read_settings(tmp_path / "out" / "study.toml") == expected
 
 
 def test_tables_as_json_are_numbers_and_nothing_else(
@@ -268,27 +219,6 @@ def test_tables_as_json_are_numbers_and_nothing_else(
     assert row["opened"] == 2 * metrics["success"]
     assert row["force_radial_peak"] == metrics["force_radial_peak"]
     assert "| gp | small |" in (tmp_path / "out" / "table.md").read_text()
-
-
-def test_what_a_study_wrote_runs_it_again(tmp_path, ran):
-    first, second = tmp_path / "first", tmp_path / "second"
-    assert benchmark(first, "--config", "small", "--seeds", "1") == 0
-    assert benchmark(second, "--config", str(first / "study.toml")) == 0
-    assert len(ran) % 2 == 0
-    assert ran[: len(ran) // 2] == ran[len(ran) // 2 :]
-    assert read_settings(first / "study.toml") == read_settings(second / "study.toml")
-
-
-def test_recordings_are_made_when_asked_for(tmp_path, ran, monkeypatch):
-    recorded: list[Path] = []
-    module = types.SimpleNamespace(record_extremes=recorded.append)
-    monkeypatch.setitem(
-        sys.modules, "gplfd_experiments.workflows.study_recordings", module
-    )
-    assert benchmark(tmp_path, *ONE, "1") == 0
-    assert recorded == []
-    assert benchmark(tmp_path, *ONE, "1", "--record") == 0
-    assert recorded == [tmp_path]
 
 
 def test_warns_of_results_of_other_code_and_machines(
@@ -305,20 +235,14 @@ def test_warns_of_results_of_other_code_and_machines(
         return [line for line in printed if "warning" in line]
 
     out = tmp_path / "study"
-    assert warnings(out, "2") == warnings(out, "2") == []
-    other = (
-        "gplfd: warning: 2 of 3 results were made by other code (another git state or "
-        f"other package versions); use another --out or delete {out} to have one "
-        "version"
-    )
+    assert warnings(out, "2") == []
     state["git"] = workers["git"] = {"commit": "b", "dirty": False}
-    assert warnings(out, "3") == [other]
+    (other,) = warnings(out, "3")
+    assert "2 of 3 results were made by other code (another git state" in other
+    assert f"use another --out or delete {out} to have one version" in other
     state["arithmetic"] = {**workers["arithmetic"], "linear algebra": "abacus"}
     _, machine = warnings(out, "3")
-    assert machine == (
-        "gplfd: warning: 3 of 3 results were made on another machine: they equal those "
-        "made here to a tolerance only, see docs/reproducibility.md"
-    )
+    assert "3 of 3 results were made on another machine: they equal" in machine
     # Workers with another version are noticed when they have run.
     state["arithmetic"], workers["git"] = workers["arithmetic"], None
     (theirs,) = warnings(tmp_path / "workers", "1")
@@ -328,7 +252,6 @@ def test_warns_of_results_of_other_code_and_machines(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--policies", "gp", "gp"], "gp is given twice in --policies"),
         (["--policies", "table-1", "gp"], "gp is given twice in --policies"),
         (["--policies", "gp-fixd"], "did you mean 'gp-fixed'"),
         (["--doors", "small", "small"], "door small is given twice"),
@@ -336,7 +259,6 @@ def test_warns_of_results_of_other_code_and_machines(
         (["--doors", "1.2"], "DoorConfig.radius = 1.2 is outside [0.3, 0.95]"),
         (["--seeds", "0"], "--seeds 0 must be 1 or more"),
         (["--demonstrations-per-door", "0"], "--demonstrations-per-door 0 must be 1"),
-        (["--teacher-noise", "-1"], "--teacher-noise -1.0 must be 0 to 20"),
         (["--randomizations", "mid"], "did you mean 'mild'"),
         (["--config", "smal"], "--config smal: there is no such file"),
         (["--workers", "2"], "--workers 2 is for --engine loky"),
@@ -344,11 +266,9 @@ def test_warns_of_results_of_other_code_and_machines(
         (["--engine", "dask", "--address", "127.0.0.1"], "no Dask scheduler answers"),
         (["--seeds", "1000000000"], "tasks; at most 100,000"),
         (["--out", "taken"], "--out taken is a file; give a folder"),
-        (["--out", "taken/below"], "taken"),
         (["--policies"], "--policies needs at least one value"),
         (["--demonstrations-per-door", "2", "1001"], "door 1001 must be 1 to 1000"),
         (["--teacher-noise", "21"], "--teacher-noise 21.0 must be 0 to 20"),
-        (["--randomizations", "mild", "mild"], "mild is given twice"),
     ],
 )
 def test_wrong_arguments_end_with_status_2(
@@ -363,12 +283,8 @@ def test_wrong_arguments_end_with_status_2(
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 
-def test_a_wrong_file_ends_with_status_2(tmp_path, capsys):
+def test_a_name_in_a_file_that_is_unknown_ends_with_status_2(tmp_path, capsys):
     file = tmp_path / "study.toml"
-    file.write_text("polices = ['gp']")
-    assert benchmark(tmp_path / "out", "--config", str(file)) == 2
-    printed = capsys.readouterr().err
-    assert "unknown key 'polices' (did you mean 'policies'?)" in printed
     file.write_text("policies = ['gp', 'kpm']")
     assert benchmark(tmp_path / "out", "--config", str(file)) == 2
     printed = capsys.readouterr().err
@@ -388,30 +304,7 @@ def make(training):
 """
 """A policy that learns from as many seeds as a file allows, and waits for more."""
 
-STUDY = ["--policies", "waiting:make", "--doors", "small", "--seeds", "3", "--no-skill"]
-
-
-def stopped_by(sent: signal.Signals, folder: Path, results: int) -> tuple[int, str]:
-    """Stop a study that waits after some results; return its status and stderr."""
-    (folder / "allowed").write_text(str(results))
-    command = ["benchmark", *STUDY, "--out", "stopped", "--workers", "1"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "gplfd", *command],
-        cwd=folder,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    while len(files(folder / "stopped")) < results:
-        assert process.poll() is None
-        time.sleep(0.02)
-    if sent is signal.SIGINT:
-        os.killpg(process.pid, sent)  # what a terminal does
-    else:
-        process.send_signal(sent)
-    # Ends when the last process that could write has ended: the workers, too.
-    _, printed = process.communicate()
-    return process.returncode, printed
+STUDY = ["--policies", "waiting:make", "--doors", "small", "--seeds", "2", "--no-skill"]
 
 
 def files(out: Path) -> list[Path]:
@@ -428,27 +321,37 @@ def timeless(path: Path) -> Any:
     return {"task": result["task"], "metrics": metrics}
 
 
-def test_a_study_that_was_stopped_twice_is_as_one_that_was_not(tmp_path, monkeypatch):
-    (tmp_path / "waiting.py").write_text(WAITING)
-    status, printed = stopped_by(signal.SIGINT, tmp_path, 1)
-    assert status == 130
+def test_a_study_that_was_interrupted_is_as_one_that_was_not(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("waiting.py").write_text(WAITING)
+    Path("allowed").write_text("1")
+    command = ["benchmark", *STUDY, "--out", "stopped", "--workers", "1"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gplfd", *command],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while not files(Path("stopped")):
+        assert process.poll() is None
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)  # what a terminal does
+    # Ends when the last process that could write has ended: the workers, too.
+    _, printed = process.communicate()
+    assert process.returncode == 130
     last = printed.splitlines()[-1]
     assert last == "gplfd: interrupted; files already written are complete"
     assert "Traceback" not in printed
-    interrupted = {path: path.read_bytes() for path in files(tmp_path / "stopped")}
-    assert len(interrupted) == 1
-    status, _ = stopped_by(signal.SIGKILL, tmp_path, 2)
-    assert status == -signal.SIGKILL
-    assert len(files(tmp_path / "stopped")) == 2
-    (tmp_path / "allowed").write_text("3")
-    monkeypatch.chdir(tmp_path)
+    (first,) = files(Path("stopped"))
+    content = first.read_bytes()
+    Path("allowed").write_text("2")
     assert benchmark(Path("stopped"), *STUDY) == benchmark(Path("whole"), *STUDY) == 0
-    stopped, whole = files(tmp_path / "stopped"), files(tmp_path / "whole")
+    stopped, whole = files(Path("stopped")), files(Path("whole"))
     assert [path.name for path in stopped] == [path.name for path in whole]
-    for path, other in zip(stopped, whole, strict=True):
-        assert timeless(path) == timeless(other)
+    assert len(stopped) == 2
+    assert list(map(timeless, stopped)) == list(map(timeless, whole))
     # What was finished was not done again.
-    assert all(path.read_bytes() == content for path, content in interrupted.items())
+    assert first.read_bytes() == content
 
 
 def test_the_time_left_is_estimated_once_a_tenth_of_the_work_is_done(caplog):

@@ -1,29 +1,34 @@
+"""Measures of an episode, on logs by formula."""
+
 import json
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from gplfd_env.wrappers import FAILURES, REASONS
 from gplfd_experiments.episodes.failures import why_closed
-from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import (
+    door_acceleration,
     episode_metrics,
     late_decisions,
     log_dimensionless_jerk,
     opening_motion,
     prediction_errors,
+    release,
+    sustained,
     work_on_door,
 )
 
-MakeLog = Callable[..., EpisodeLog]
+DT = 0.01
 
 
-def test_work_of_a_constant_force_is_force_times_arc_length(make_log):
-    assert episode_metrics(make_log()).work == pytest.approx(
-        8.0 * 0.5 * math.radians(66.0)
-    )
+def test_work_is_force_times_arc_length_and_the_energy_of_a_spring(make_log):
+    angle = math.radians(66.0)
+    assert episode_metrics(make_log()).work == pytest.approx(8.0 * 0.5 * angle)
+    spring = 4.0 * make_log().door_angle / 0.5  # 4 N m/rad at the hinge
+    log = make_log(force_tangential=spring)
+    assert episode_metrics(log).work == pytest.approx(0.5 * 4.0 * angle**2, rel=1e-4)
 
 
 def test_work_on_a_lever_is_done_where_the_hand_is(make_log):
@@ -32,13 +37,6 @@ def test_work_on_a_lever_is_done_where_the_hand_is(make_log):
     log = make_log(force_tangential=np.full(601, 10.0), door_config=door)
     turned = log.door_angle[-1] - log.door_angle[0]
     assert work_on_door(log) == pytest.approx(10.0 * 0.41 * turned)
-
-
-def test_work_of_a_spring_is_its_energy(make_log):
-    angle = make_log().door_angle
-    log = make_log(force_tangential=4.0 * angle / 0.5)  # 4 N m/rad at the hinge
-    expected = 0.5 * 4.0 * math.radians(66.0) ** 2
-    assert episode_metrics(log).work == pytest.approx(expected, rel=1e-4)
 
 
 def test_prediction_error_is_bias_squared_plus_variance(make_log):
@@ -72,7 +70,8 @@ def test_policies_without_predictions_or_stiffness_have_none(make_log):
     assert metrics.prediction_error_rotation is None
     assert metrics.stiffness_min is metrics.stiffness_max is None
     assert metrics.stability_margin_translation is None
-    json.dumps(metrics.as_json(), allow_nan=False)
+    plain = metrics.as_json()
+    assert json.loads(json.dumps(plain, allow_nan=False)) == plain
 
 
 def test_times_to_angles_are_those_of_the_minimum_jerk_profile(make_log):
@@ -173,11 +172,10 @@ def test_a_door_that_never_moved_has_metrics(make_log):
     assert metrics.time_to_15_deg is None
     assert metrics.work == 0.0
     assert metrics.log_dimensionless_jerk is None
-
-
-def test_metrics_survive_json(make_log):
-    metrics = episode_metrics(make_log()).as_json()
-    assert json.loads(json.dumps(metrics, allow_nan=False)) == metrics
+    # Nor was it disturbed, so that there is nothing to recover from.
+    assert metrics.person_force_peak == metrics.stop_force_sustained == 0.0
+    assert metrics.push_displacement_mm is None
+    assert metrics.release_speed is metrics.recovery_time is None
 
 
 def test_governed_share_counts_decisions_at_the_bound(make_log):
@@ -193,3 +191,72 @@ def test_governed_share_counts_decisions_at_the_bound(make_log):
         stiffness_rate=np.full((steps, 6), -50.0),
     )
     assert episode_metrics(falling).governed_share == 0.0
+
+
+def test_acceleration_of_a_parabola_is_constant():
+    times = DT * np.arange(100)
+    assert door_acceleration(0.3 * times - 0.7 * times**2, DT) == pytest.approx(
+        np.full(100, -1.4)
+    )
+    assert door_acceleration(times[:20], DT) is None
+
+
+def test_indicators_of_a_minimum_jerk_opening(make_log):
+    """Its greatest acceleration is 10 / √3 · φ / T², at a share of 0.211 of T."""
+    metrics = episode_metrics(make_log())
+    angle = math.radians(66.0)
+    expected = 10.0 / math.sqrt(3.0) * angle / 6.0**2
+    assert metrics.door_acceleration_peak == pytest.approx(expected, rel=0.01)
+    # ∫ φ̈² dt = 120/7 φ² / T³ of the quintic.
+    square = 120.0 / 7.0 * angle**2 / 6.0**3 / DT
+    assert metrics.door_smoothness == pytest.approx(1 / math.sqrt(square), rel=0.02)
+    assert metrics.time_to_move == pytest.approx(0.74)
+    assert metrics.force_handle_peak == pytest.approx(math.hypot(8.0, 3.0))
+
+
+def test_only_what_lasts_half_a_second_is_sustained():
+    force = np.zeros(300)
+    force[20:60] = 100.0
+    assert sustained(force, DT) == 0.0
+    force[100:160] = 30.0
+    force[120] = 20.0
+    assert sustained(force, DT) == 20.0
+    force[200:250] = 50.0
+    assert sustained(force, DT) == 50.0
+
+
+def test_recovery_begins_when_the_last_disturbance_ends(make_log):
+    held, energy = np.zeros(601), np.linspace(0.0, 3.0, 601)
+    held[50:150] = np.linspace(1.0, 40.0, 100)
+    log = make_log(person_force=held, person_energy=energy)
+    metrics = episode_metrics(log)
+    assert release(log) == 150
+    assert metrics.person_force_peak == 40.0
+    assert metrics.person_force_sustained == pytest.approx(np.linspace(1, 40, 100)[50])
+    assert metrics.person_energy == 3.0
+    speed = np.gradient(log.door_angle, DT)
+    assert metrics.release_speed == speed[150:250].max() < speed[150:].max()
+    later = log.times[log.door_angle >= log.door_angle[150] + math.radians(5.0)][0]
+    assert metrics.recovery_time == pytest.approx(later - log.times[150])
+    # Still held at the end: there was no release.
+    assert release(make_log(person_force=np.ones(601))) is None
+    stuck = np.minimum(log.door_angle, log.door_angle[150])
+    assert (
+        episode_metrics(make_log(stop_force=held, door_angle=stuck)).recovery_time
+        is None
+    )
+
+
+def test_push_displacement_is_the_change_beside_the_path(make_log):
+    log = make_log()
+    pushed, pose = np.zeros(601), np.array(log.ee_pose)
+    pushed[100:130] = 15.0
+    pose[:, 1] += 0.02  # beside the path all the time: not the push's doing
+    pose[110:140, 2] += 0.005
+    pose[300:, 0] += 0.1
+    metrics = episode_metrics(make_log(push_force=pushed, ee_pose=pose))
+    assert metrics.push_displacement_mm == pytest.approx(5.0)
+    # Without a predicted path the command is the path.
+    nothing = np.full((601, 6), np.nan)
+    again = make_log(push_force=pushed, ee_pose=pose, desired=nothing)
+    assert episode_metrics(again).push_displacement_mm == pytest.approx(5.0)

@@ -1,5 +1,6 @@
 """Learning tests: folds, scores with known answers, and every method measured alike."""
 
+import collections
 import dataclasses
 import functools
 import json
@@ -40,10 +41,13 @@ from gplfd_experiments.studies.learning_tests.via_points import GRID, adaptation
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.gp.noise import KerstingNoise
+from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
 from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
     fit_wishart_gp,
 )
+from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.movements.trajectory import (
     GaussianTrajectory,
     ViaPoint,
@@ -54,6 +58,7 @@ from gplfd_policies.registry.catalogue import POLICIES
 from gplfd_policies.registry.method import Method, TrainingInput
 
 Curve = Callable[[np.ndarray], np.ndarray]
+ONE = "demonstration"
 TEACHER = TeacherConfig(duration_mean=2.0, sampling_rate=30.0)
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:sensor noise")]
 
@@ -117,49 +122,34 @@ def knowing(mean: Curve = zeros, std: Curve = ones, form: Any = None) -> Method:
     )
 
 
-# --- Folds -------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("held_out", ["demonstration", "radius"])
+@pytest.mark.parametrize("held_out", [ONE, "radius"])
 def test_learning_does_not_see_what_is_left_out(held_out):
-    others = doors(seed=1)
     for number, fold in enumerate(folds(doors(), held_out, seed=0)):
         left_out = {id(one) for one in fold.left_out}
+        assert len(fold.given) + len(left_out) == 6
+        assert not left_out & {id(one) for one in fold.given}
         changed = [
             tuple(
                 other if id(own) in left_out else own
                 for own, other in zip(*pair, strict=True)
             )
-            for pair in zip(doors(), others, strict=True)
+            for pair in zip(doors(), doors(seed=1), strict=True)
         ]
         again = folds(changed, held_out, seed=0)[number]
         assert not {id(one) for one in again.left_out} & left_out
         before, after = (align(each.given) for each in (fold, again))
-        np.testing.assert_array_equal(before.poses, after.poses)
         aligned_to(again.left_out[0], before)
         np.testing.assert_array_equal(before.poses, after.poses)
-        assert len(fold.given) + len(fold.left_out) == 6
-        assert not left_out & {id(one) for one in fold.given}
 
 
-def test_every_demonstration_is_left_out_equally_often():
-    counts: dict[int, int] = {}
-    for seed in range(6):
-        for fold in folds(doors(), "demonstration", seed):
-            (one,) = fold.left_out
-            counts[id(one)] = counts.get(id(one), 0) + 1
+def test_folds_take_turns_and_wrong_ones_are_refused():
+    left_out = [fold.left_out for n in range(6) for fold in folds(doors(), ONE, n)]
+    counts = collections.Counter(id(one) for (one,) in left_out)
     assert list(counts.values()) == [2] * 6
-
-
-def test_a_radius_is_left_out_with_all_its_demonstrations():
     given = doors(per_door=3)
     for seed, outer in ((0, 0), (1, 2), (2, 0)):
         middle, other = folds(given, "radius", seed)
-        assert middle.left_out == given[1]
-        assert other.left_out == given[outer]
-
-
-def test_wrong_folds_are_refused():
+        assert (middle.left_out, other.left_out) == (given[1], given[outer])
     with pytest.raises(ValueError, match=r"'demonstration', 'radius'.*got 'door'"):
         folds(doors(), "door", 0)
     with pytest.raises(ValueError, match="at least three doors are needed, got 1"):
@@ -189,9 +179,6 @@ def test_every_movement_predicts_the_same_poses():
     a, b = (aligned_to(doors()[1][0], each).thinned(50) for each in (early, late))
     np.testing.assert_array_equal(a.poses, b.poses)
     assert not np.array_equal(a.phases, b.phases)
-
-
-# --- Accuracy ----------------------------------------------------------------
 
 
 def test_known_gaussian_has_nominal_coverage_and_its_entropy():
@@ -263,9 +250,6 @@ def test_errors_average_as_squares_and_missing_numbers_do_not_count():
     }
 
 
-# --- Via-points --------------------------------------------------------------
-
-
 class Adapted:
     """An adaptation of a known movement; subclasses say what a via-point changes."""
 
@@ -309,13 +293,21 @@ def adapted_scores(form: Any, pose: Any, last: float = 1.0) -> dict[str, Any]:
     return adaptation(knowing(form=form), Known(aligned_doors()), [left_out])
 
 
-def test_far_changes_are_in_units_of_the_std_before():
-    offset = np.array([0.003, 0.0, 0.0, 0.0, 0.01, 0.0])
+def test_via_points_are_missed_by_distance_and_angle_and_change_what_is_far():
+    """Far changes are in units of the standard deviation before."""
+    offset = np.array([0.003, 0.0, 0.004, 0.0, 0.01, 0.0])
+    pose = [0.1, 0.1, 0.1, 0.0, 0.1, 0.0]
+    exact = adapted_scores(functools.partial(Exact, offset), pose, last=2.0)
+    assert exact["via_error_position_m"] == pytest.approx(0.005)
+    assert exact["via_error_strict_rotation_rad"] == pytest.approx(0.01)
+    assert exact["via_far_change"] == exact["via_far_std_change"] == 0.0
+    assert exact["via_far_error"] == 1.0
+    assert exact["cpu_adapt_s"] is not None
     form = functools.partial(Shifted, offset)
-    score = adapted_scores(form, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0])
-    assert score["via_far_change"] == pytest.approx(0.5)
-    assert score["via_far_std_change"] == pytest.approx(0.75)
-    assert score["rmse_rest_unadapted_position_m"] == pytest.approx(0.2)
+    shifted = adapted_scores(form, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0])
+    assert shifted["via_far_change"] == pytest.approx(0.5)
+    assert shifted["via_far_std_change"] == pytest.approx(0.75)
+    assert shifted["rmse_rest_unadapted_position_m"] == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize(("share", "error"), [(0.5, 0.5), (1.0, 0.0), (-0.2, 1.2)])
@@ -324,17 +316,6 @@ def test_far_error_is_a_share_of_what_it_was(share, error):
     form = functools.partial(Share, share)
     score = adapted_scores(form, [0.1, 0.2, -0.1, 0.0, 0.05, 0.0])
     assert score["via_far_error"] == pytest.approx(error, abs=1e-12)
-
-
-def test_via_point_errors_are_distance_and_angle():
-    offset = np.array([0.003, 0.0, 0.004, 0.0, 0.01, 0.0])
-    form = functools.partial(Exact, offset)
-    score = adapted_scores(form, [0.1, 0.1, 0.1, 0.0, 0.1, 0.0], last=2.0)
-    assert score["via_error_position_m"] == pytest.approx(0.005)
-    assert score["via_error_strict_rotation_rad"] == pytest.approx(0.01)
-    assert score["via_far_change"] == score["via_far_std_change"] == 0.0
-    assert score["via_far_error"] == 1.0
-    assert score["cpu_adapt_s"] is not None
 
 
 def test_the_rest_is_what_follows_the_first_third():
@@ -348,9 +329,6 @@ def test_the_rest_is_what_follows_the_first_third():
     assert score["rmse_rest_position_m"] == 0.0
     assert score["rmse_rest_unadapted_position_m"] == 0.0
     assert score["via_error_position_m"] is score["cpu_adapt_s"] is None
-
-
-# --- Beyond the demonstrations -----------------------------------------------
 
 
 def test_growth_is_the_std_beyond_over_that_at_the_end():
@@ -388,7 +366,7 @@ def test_beyond_is_not_learned():
     np.testing.assert_allclose(ends, 0.7 * np.array(whole), rtol=0.1)
 
 
-def used_by(method: Method) -> float | None:
+def used_by(method: Method) -> Any:
     given = [one for door in doors() for one in door]
     plain, _ = learn(method, given, 0)
     return prior_mean_used(method, given, 0, plain)
@@ -422,27 +400,7 @@ def test_share_of_the_way_to_the_prior_mean(share, expected):
 
 def test_correcting_the_prior_mean_everywhere_is_not_returning_to_it():
     """A residual learned about its own average keeps that average beyond."""
-    share = used_by(going(1.0, corrected=True))
-    assert share is not None
-    assert share < 0.9
-
-
-@pytest.mark.parametrize("policy", ["gp", "gp-paper", "local-gp"])
-def test_processes_return_to_the_prior_mean(policy):
-    assert used_by(small(policy)) == pytest.approx(1.0, abs=1e-6)
-
-
-def test_errors_with_a_prior_mean_are_not_hidden():
-    def fit(training: TrainingInput) -> Known:
-        if training.prior_mean is not None:
-            raise ValueError("something else")
-        return Known(align(training.demonstrations))
-
-    with pytest.raises(ValueError, match="something else"):
-        used_by(Untaught(fit=fit, accepts_prior_mean=True))
-
-
-# --- Tumbling ----------------------------------------------------------------
+    assert used_by(going(1.0, corrected=True)) < 0.9
 
 
 def test_tumbling_turns_by_more_than_pi_about_changing_axes():
@@ -485,18 +443,18 @@ def test_tumbling_error_is_in_standard_deviations_of_a_demonstration():
     assert tumbling(knowing(off), 0)["tumbling_error"] == pytest.approx(1.0)
 
 
-# --- Methods -----------------------------------------------------------------
-
-
 def small(policy: str) -> Method:
-    """A method that aligns to few samples; wishart-gp with a short chain."""
+    """A method that aligns to few samples and learns in few steps."""
+    chain = WishartGPConfig(steps=20, discarded=5, times=15, degrees=6)
+    quick = {
+        "gp-paper": functools.partial(fit_skill, noise=KerstingNoise(n_iterations=1)),
+        "local-gp": functools.partial(fit_local_gp, config=LocalGPConfig(clusters=3)),
+        "wishart-gp": functools.partial(fit_wishart_gp, config=chain),
+    }
     method = POLICIES[policy].method
     assert method is not None
-    if policy == "wishart-gp":
-        chain = WishartGPConfig(steps=20, discarded=5, times=15, degrees=6)
-        fit = functools.partial(fit_wishart_gp, config=chain)
-        method = dataclasses.replace(method, fit=fit)
-    return dataclasses.replace(method, align=functools.partial(align, n_samples=40))
+    few = functools.partial(align, n_samples=25)
+    return dataclasses.replace(method, align=few, fit=quick.get(policy, method.fit))
 
 
 def metrics_of(method: Method, held_out: str, seed: int = 0) -> dict[str, Any]:
@@ -509,7 +467,7 @@ def metrics_of(method: Method, held_out: str, seed: int = 0) -> dict[str, Any]:
     )
 
 
-@pytest.mark.parametrize("held_out", ["demonstration", "radius"])
+@pytest.mark.parametrize("held_out", [ONE, "radius"])
 def test_methods_are_given_the_folds_and_nothing_else(held_out):
     given: list[TrainingInput] = []
 
@@ -540,30 +498,26 @@ def test_learning_time_includes_what_is_put_off_until_prediction():
 
 @pytest.mark.parametrize("policy", TABLE_1)
 def test_every_method_of_table_1_is_measured(policy):
-    metrics = metrics_of(small(policy), "demonstration")
+    metrics = metrics_of(small(policy), ONE)
     json.dumps(metrics, allow_nan=False)
     assert metrics["rmse_position_m"] < 0.3
     assert metrics["cpu_fit_s"] > 0.0
     assert (metrics["nlpd"] is None) == (policy == "dmp")
     adapts = policy in ("promp", "kmp", "gmm-gp", "gp-paper", "gp")
     assert (metrics["via_error_position_m"] is not None) == adapts
-    informed = policy in ("local-gp", "wishart-gp", "gp-paper", "gp")
-    assert (metrics["prior_mean_used"] is not None) == informed
+    used = metrics["prior_mean_used"]
+    if policy in ("local-gp", "gp-paper", "gp"):
+        assert used == pytest.approx(1.0, abs=1e-6)
+    else:
+        assert (used is not None) == (policy == "wishart-gp")
     assert (metrics["coverage_95_stated"] is not None) == (policy in ("gp", "gp-paper"))
 
 
-@pytest.mark.parametrize("policy", ["dmp", "gmr", "gmm-gp"])
-def test_kinds_of_tasks_share_their_names_but_for_the_extra_tests(policy):
-    method = small(policy)
-    one, other = (set(metrics_of(method, kind)) for kind in ("demonstration", "radius"))
+def test_kinds_of_tasks_share_their_names_but_for_the_extra_tests():
+    one, other = (set(metrics_of(small("promp"), kind)) for kind in (ONE, "radius"))
     assert one - other == {
-        "uncertainty_growth",
-        "coverage_95_beyond",
-        "prior_mean_used",
+        *("uncertainty_growth", "coverage_95_beyond", "prior_mean_used")
     }
     assert other - one == {
-        "outputs_cpu_s",
-        "outputs_nlpd",
-        "outputs_nlpd_change",
-        "tumbling_error",
+        *("outputs_cpu_s", "outputs_nlpd", "outputs_nlpd_change", "tumbling_error")
     }

@@ -4,24 +4,24 @@ Run as a script, this file prints a digest of each of `results`. With ``--watch`
 also lists the functions with linear algebra, and on how many threads it ran.
 """
 
-import functools
 import hashlib
 import json
 import os
 import subprocess
 import sys
-import threading
 import types
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from dis import get_instructions
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pytest
-from threadpoolctl import ThreadpoolController, threadpool_info, threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import (
@@ -37,8 +37,13 @@ from gplfd_policies import (
     make_agent,
 )
 from gplfd_policies.adaptation import ADAPTATIONS
-from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.gp.noise import KerstingNoise
+from gplfd_policies.movements.baselines.wishart_gp import (
+    WishartGPConfig,
+    fit_wishart_gp,
+)
 from gplfd_policies.movements.movement import Movement
+from gplfd_policies.movements.skill import fit_skill
 
 pytestmark = pytest.mark.slow
 
@@ -48,7 +53,13 @@ WATCHED = {
 }
 """Some of the functions whose linear algebra must run on one thread."""
 PHASES = np.linspace(0.0, 1.0, 150)
-STEPS = 60
+STEPS = 30
+CHAIN = WishartGPConfig(steps=20, discarded=5, times=15, degrees=6)
+QUICK = {
+    "gp-paper": partial(fit_skill, noise=KerstingNoise(n_iterations=1)),
+    "wishart-gp": partial(fit_wishart_gp, config=CHAIN),
+}
+"""How methods learn in few steps."""
 LINEAR_ALGEBRA = {
     *("cho_factor", "cho_solve", "cholesky", "dot", "eigh", "eigvalsh", "inv", "lstsq"),
     *("matmul", "pinv", "qr", "slogdet", "solve", "solve_triangular", "svd", "vecdot"),
@@ -60,11 +71,13 @@ def results() -> Iterator[tuple[str, Any]]:
     shown = Teacher().demonstrate_doors((0.35, 0.5), 2, rng=np.random.default_rng(0))
     yield "demonstrations", [one.poses for one in shown]
     for name, policy in POLICIES.items():
-        if policy.method is None or policy.kind != "method" or name.endswith("-tuned"):
+        method = policy.method
+        if method is None or policy.kind != "method" or name.endswith("-tuned"):
             continue
-        movement = policy.method.learn(TrainingInput(demonstrations=shown))
+        method = replace(method, fit=QUICK.get(name, method.fit))
+        movement = method.learn(TrainingInput(demonstrations=shown))
         yield f"{name}: learned", numbers(movement.predict(PHASES))
-        yield f"{name}: acts", acted(policy.method.follow(movement), movement)
+        yield f"{name}: acts", acted(method.follow(movement), movement)
         if name == "gp":
             assert isinstance(movement, Skill)
             yield from of_skill(movement, shown)
@@ -121,42 +134,39 @@ class Watch:
     def __init__(self) -> None:
         controller = ThreadpoolController().select(user_api="blas")
         self.libraries = controller.lib_controllers
-        self.limited: set[str] = set()
-        self.unlimited: set[str] = set()
+        self.seen: dict[types.CodeType, bool] = {}
+        self.names: dict[bool, set[str]] = {True: set(), False: set()}
 
-    def __call__(self, frame: types.FrameType, event: str, _: object) -> None:
-        if event != "call" or not _multiplies(frame.f_code):
-            return
-        module = frame.f_globals.get("__name__", "")
+    def __call__(self, frame: types.FrameType, _event: str, _: object) -> None:
+        """Trace a call, and none of its lines."""
+        code, module = frame.f_code, frame.f_globals.get("__name__", "")
         # Not gplfd_env: its matrices have the seven rows of the arm at most.
-        if module.startswith(("gplfd_policies.", "gplfd_experiments.")):
+        if not module.startswith(("gplfd_policies.", "gplfd_experiments.")):
+            return
+        if code not in self.seen:
+            self.seen[code] = not LINEAR_ALGEBRA.isdisjoint(code.co_names) or any(
+                each.opname == "BINARY_OP" and each.argrepr in ("@", "@=")
+                for each in get_instructions(code)
+            )
+        if self.seen[code]:
             alone = all(each.get_num_threads() == 1 for each in self.libraries)
-            name = f"{module}.{frame.f_code.co_qualname}"
-            (self.limited if alone else self.unlimited).add(name)
-
-
-@functools.cache
-def _multiplies(code: types.CodeType) -> bool:
-    return not LINEAR_ALGEBRA.isdisjoint(code.co_names) or any(
-        each.opname == "BINARY_OP" and each.argrepr in ("@", "@=")
-        for each in get_instructions(code)
-    )
+            self.names[alone].add(f"{module}.{code.co_qualname}")
 
 
 def main() -> None:
     warnings.simplefilter("ignore")
     watch = Watch()
     if "--watch" in sys.argv:
-        sys.setprofile(watch)
+        sys.settrace(watch)
     for name, arrays in results():
         print(f"{name}: {digest(arrays)}")
-    sys.setprofile(None)
-    watched = {"one": sorted(watch.limited), "several": sorted(watch.unlimited)}
+    sys.settrace(None)
+    watched = {"one": sorted(watch.names[True]), "several": sorted(watch.names[False])}
     print(json.dumps(watched), file=sys.stderr)
 
 
 @pytest.mark.bits
-def test_linear_algebra_runs_on_one_thread() -> None:
+def test_linear_algebra_runs_on_one_thread():
     """With one BLAS thread and with two the bits are the same.
 
     Small products have the same bits on many threads with some kernels, so that equal
@@ -184,48 +194,7 @@ def test_linear_algebra_runs_on_one_thread() -> None:
     assert {*watched["one"]} >= WATCHED
 
 
-def test_the_limit_ends_with_the_last_that_computes() -> None:
-    """Of all threads of a process, which share one number of BLAS threads."""
-
-    def numbers_of_threads() -> set[int]:
-        return {
-            pool["num_threads"]
-            for pool in threadpool_info()
-            if pool["user_api"] == "blas"
-        }
-
-    entered, leave = threading.Event(), threading.Event()
-
-    @one_thread
-    def compute() -> None:
-        entered.set()
-        assert leave.wait(60)
-
-    with threadpool_limits(limits=2, user_api="blas"):
-        other = threading.Thread(target=compute)
-        with one_thread:
-            other.start()
-            assert entered.wait(60)
-        assert numbers_of_threads() == {1}
-        leave.set()
-        other.join(60)
-        assert not other.is_alive()
-        assert numbers_of_threads() == {2}
-        # The first thread that sets a number is another than the last.
-        seen: list[set[int]] = []
-        look = threading.Thread(
-            target=one_thread(lambda: seen.append(numbers_of_threads()))
-        )
-        look.start()
-        look.join(60)
-        assert seen == [{1}]
-        assert numbers_of_threads() == {2}
-        with pytest.raises(ZeroDivisionError), one_thread, one_thread:
-            raise ZeroDivisionError
-        assert numbers_of_threads() == {2}
-
-
-FORK = """\
+LIMITS = """\
 import os
 import threading
 import warnings
@@ -238,9 +207,10 @@ from gplfd_policies.arrays.one_thread import one_thread
 warnings.simplefilter("ignore")  # of a fork beside other threads
 
 
-def numbers_of_threads():
+def threads():
     found = (pool for pool in threadpool_info() if pool["user_api"] == "blas")
-    return {pool["num_threads"] for pool in found}
+    (number,) = {pool["num_threads"] for pool in found}
+    return number
 
 
 entered, leave = threading.Event(), threading.Event()
@@ -254,41 +224,55 @@ def compute():
 
 with threadpool_limits(limits=2, user_api="blas"):
     other = threading.Thread(target=compute)
-    other.start()
-    assert entered.wait(60)
     with one_thread:
+        other.start()
+        assert entered.wait(60)
+        # Not by a thread that stays in the parent, nor by the block that it forked in.
         child = os.fork()
         if not child:
-            seen = [numbers_of_threads()]
+            seen = [threads()]
             with one_thread:
-                seen.append(numbers_of_threads())
-            seen.append(numbers_of_threads())
+                seen.append(threads())
+            seen.append(threads())
     if not child:
-        seen.append(numbers_of_threads())
+        seen.append(threads())
         with one_thread:
-            seen.append(numbers_of_threads())
-        seen.append(numbers_of_threads())
+            seen.append(threads())
+        seen.append(threads())
         print(seen, flush=True)
         os._exit(0)
     assert os.waitpid(child, 0)[1] == 0
-    assert numbers_of_threads() == {1}
+    assert threads() == 1  # as the other thread computes
     leave.set()
     other.join(60)
-    assert numbers_of_threads() == {2}
+    assert threads() == 2
+    # The first thread that sets a number is another than the last.
+    seen = []
+    look = threading.Thread(target=one_thread(lambda: seen.append(threads())))
+    look.start()
+    look.join(60)
+    assert (seen, threads()) == ([1], 2)
+    try:
+        with one_thread, one_thread:
+            raise ZeroDivisionError
+    except ZeroDivisionError:
+        assert threads() == 2
+    else:
+        raise AssertionError
 """
 
 
-def test_a_forked_child_is_not_limited_by_its_parent() -> None:
-    """Not by a thread that stays in the parent, nor by the block that it forked in."""
+def test_the_limit_ends_with_the_last_that_computes_and_at_a_fork():
+    """Of all threads of a process, which share one number of BLAS threads."""
     ended = subprocess.run(
-        [sys.executable, "-c", FORK],
+        [sys.executable, "-c", LIMITS],
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
     )
     assert ended.returncode == 0, ended.stderr
-    assert ended.stdout.split("\n")[0] == "[{2}, {1}, {2}, {2}, {1}, {2}]"
+    assert ended.stdout == "[2, 1, 2, 2, 1, 2]\n"
 
 
 if __name__ == "__main__":

@@ -12,14 +12,15 @@ from gplfd_experiments.studies.engines import Lost, Serial
 from gplfd_experiments.studies.learning_tests.scores import method_metrics
 from gplfd_experiments.studies.settings import PRESETS
 from gplfd_experiments.studies.tuning import objective, search
-from gplfd_experiments.studies.tuning.candidates import (
+from gplfd_experiments.studies.tuning.objective import (
     STANDARD,
     Candidate,
     Protocol,
+    best,
     candidates,
     checked_policies,
+    evaluate,
 )
-from gplfd_experiments.studies.tuning.objective import best, evaluate
 from gplfd_policies import POLICIES
 from gplfd_policies.registry.tuning_spaces import SPACES, tuned_settings
 
@@ -62,13 +63,10 @@ def test_candidates_are_the_same_every_time(policy):
     assert [one.settings for one in other[1:]] != [one.settings for one in first[1:]]
 
 
-@pytest.mark.parametrize("evaluations", [1, 2, 3, 9, 17, 18])
-def test_any_budget_is_spent_to_the_last_evaluation(evaluations):
-    found = candidates("gmr", Protocol(evaluations=evaluations))
-    assert [one.number for one in found] == list(range(evaluations))
-
-
-def test_half_of_the_candidates_are_in_each_half_of_a_setting():
+def test_any_budget_is_spent_and_half_of_it_in_each_half_of_a_setting():
+    for evaluations in (1, 2, 3, 9, 17, 18):
+        found = candidates("gmr", Protocol(evaluations=evaluations))
+        assert [one.number for one in found] == list(range(evaluations))
     setting = SPACES["gmr"].settings["components"]
     found = candidates("gmr", Protocol(evaluations=33))[1:]
     low = [
@@ -110,9 +108,9 @@ def test_what_has_no_density_or_ended_in_an_error_comes_last():
 
 
 def test_density_is_that_of_the_learning_tests():
-    found = evaluate(candidates("gmr", SMALL)[0])
+    found = evaluate(candidates("promp", SMALL)[0])
     metrics = method_metrics(
-        POLICIES["gmr"].method,
+        POLICIES["promp"].method,
         seed=1000,
         demonstrations_per_door=2,
         teacher=standard_teacher(),
@@ -155,20 +153,22 @@ def evaluated(monkeypatch):
     return counted
 
 
-def test_interrupted_and_resumed_gives_the_same_file(tmp_path, evaluated):
+def test_interrupted_and_resumed_gives_the_same_file(tmp_path, evaluated, monkeypatch):
     policies = ("gmr", "kmp")
-    table = search.tune(policies, tmp_path / "whole", Serial(), SMALL)
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    table = search.tune(policies, whole, Serial(), SMALL)
     assert len(evaluated) == 10
     with pytest.raises(KeyboardInterrupt):
-        search.tune(policies, tmp_path / "parts", Engine(after=3), SMALL)
-    assert not (tmp_path / "parts" / "tuned.json").exists()
+        search.tune(policies, parts, Engine(after=3), SMALL)
+    assert not (parts / "tuned.json").exists()
     for _ in range(2):
-        assert search.tune(policies, tmp_path / "parts", Serial(), SMALL) == table
+        assert search.tune(policies, parts, Serial(), SMALL) == table
         assert len(evaluated) == 20
-    whole, parts = (
-        (tmp_path / name / "tuned.json").read_bytes() for name in ("whole", "parts")
-    )
-    assert whole == parts
+    assert (whole / "tuned.json").read_bytes() == (parts / "tuned.json").read_bytes()
+    # A file that is deleted meanwhile is missed.
+    monkeypatch.setattr(search, "write_json", lambda *_: None)
+    with pytest.raises(ValueError, match=r"gone or changed; run the command again"):
+        search.tune(("gmr",), tmp_path / "gone", Serial(), SMALL)
 
 
 @pytest.mark.parametrize(
@@ -199,13 +199,9 @@ def test_workers_that_die_are_errors(tmp_path, caplog):
     assert "gmr published" in table
 
 
-def test_a_file_that_is_deleted_meanwhile_is_missed(tmp_path, evaluated, monkeypatch):
-    monkeypatch.setattr(search, "write_json", lambda *_: None)
-    with pytest.raises(ValueError, match=r"gone or changed; run the command again"):
-        search.tune(("gmr",), tmp_path, Serial(), SMALL)
-
-
-def test_the_file_is_what_the_registry_reads(tmp_path, evaluated):
+def test_the_file_is_what_the_registry_reads_and_json_prints(
+    tmp_path, evaluated, monkeypatch, capsys
+):
     search.tune(("gmr", "dmp"), tmp_path, Serial(), SMALL)
     found = tuned_settings(tmp_path / "tuned.json")
     expected = {name: candidates(name, SMALL)[3].settings for name in ("gmr", "dmp")}
@@ -215,9 +211,6 @@ def test_the_file_is_what_the_registry_reads(tmp_path, evaluated):
     assert {"command", "versions", "git"} <= written.keys()
     assert written["policies"]["gmr"]["published"]["nlpd"] == 0.0
     assert written["policies"]["gmr"]["tuned"]["force_radial_peak_median"] == 1.0
-
-
-def test_as_json_it_prints_what_the_file_has(tmp_path, evaluated, monkeypatch, capsys):
     monkeypatch.setattr(engines, "engine_named", lambda *_, **__: Serial())
     command = ["tune", "--policies", "gmr", "--out", str(tmp_path), "--json"]
     assert main(command) == 0

@@ -58,17 +58,14 @@ def _demonstrated(shown: str) -> LabelledDemonstrations:
         per_door,
         rng=np.random.default_rng(seed),
     )
-    labels = tuple(radius for radius in radii for _ in range(per_door))
+    labels = tuple(np.repeat(radii, per_door).tolist())
     if fields["start"] == "grasped":
         return LabelledDemonstrations(demonstrations=given, radii=labels)
     reaching = teacher.standard_reaches(per_door, seed=seed, doors=len(radii))
     whole = tuple(map(joined, reaching, given))
+    grasped = [{GRASPED: (one.times[:, None] >= 0.0).astype(float)} for one in whole]
     return LabelledDemonstrations(
-        demonstrations=whole,
-        radii=labels,
-        signals=tuple(
-            {GRASPED: (one.times[:, None] >= 0.0).astype(float)} for one in whole
-        ),
+        demonstrations=whole, radii=labels, signals=tuple(grasped)
     )
 
 
@@ -78,11 +75,9 @@ def demonstrations_hash(task: EpisodeTask) -> str:
 
 
 def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
-    """Learn a policy's movement once, if it follows one.
+    """Learn a policy's movement, if it follows one, and return what makes agents.
 
-    Returns:
-        A function that makes an agent. Policies that follow no learned movement begin
-        anew for every agent.
+    Policies that follow no learned movement begin anew for every agent.
     """
     method = policy.method
     with one_thread:
@@ -100,20 +95,10 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
 def learned_agents(
     task: EpisodeTask, policy: Policy, given: LabelledDemonstrations | None = None
 ) -> Callable[[], Agent]:
-    """Let the policy of a task learn.
+    """Let the policy learn for all tasks with the same `EpisodeTask.training`.
 
-    Args:
-        task: One of the tasks with the same `EpisodeTask.training`.
-        policy: The policy that the task names.
-        given: Demonstrations to learn from instead of the task's own.
-
-    Returns:
-        A function that makes an agent. The agent reaches for the handle first if the
-        episode starts before it.
-
-    Raises:
-        ValueError: The policy cannot learn from the demonstrations, or they do not show
-            how to reach for the handle.
+    It learns from the task's own demonstrations unless others are given. The agents
+    that are made reach for the handle first if the episode starts before it.
     """
     shown = demonstrations_of(task) if given is None else given
     prior_mean = None
@@ -137,23 +122,13 @@ def learned_agents(
 def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> gym.Env:
     """Return the environment of a task; reset it with `EpisodeTask.reset_seed`.
 
-    Args:
-        task: Door, robot and circumstances.
-        control: What the task's agent commands.
-        arguments: More arguments of `gymnasium.make`, such as ``max_episode_steps``.
-
-    Raises:
-        ValueError: There is no such door, the robot does not reach it, or the task is
-            of an older version of the environment.
+    More arguments are those of `gymnasium.make`, such as ``max_episode_steps``.
     """
-    _check_version(task)
     return gym.make(
         ENVIRONMENT_IDS[control],
-        door=dict(task.door_config),
-        randomization=task.randomization,
-        disturbance=task.disturbance,
         base=task.base,
         start=task.start,
+        **_circumstances(task),
         **arguments,
     )
 
@@ -164,30 +139,19 @@ def open_together(
     *,
     forecast_period: float | None = None,
 ) -> tuple[EpisodeLog, ...]:
-    """Open the doors of several tasks in lockstep, and return a log of each.
+    """Open the doors of tasks with the same `EpisodeTask.training` in lockstep.
 
-    Args:
-        tasks: Tasks with the same `EpisodeTask.training`, and therefore one policy,
-            one robot and one start; at least one.
-        agents: One per task, see `learned_agents`.
-        forecast_period: Simulated time between forecasts [s]; None for none.
-
-    Raises:
-        ValueError: There is no such door, the robot does not reach it, or a task is of
-            an older version of the environment.
+    There is an agent and a log per task, and a forecast every so many seconds.
     """
-    for task in tasks:
-        _check_version(task)
-    together = batch_agents(agents)
-    [(base, start)] = {(task.base, task.start) for task in tasks}
+    each = [_circumstances(task) for task in tasks]
+    varied: dict[str, Any] = {name: [one[name] for one in each] for name in each[0]}
+    together, first = batch_agents(agents), tasks[0]
     envs: Any = gym.make_vec(
         ENVIRONMENT_IDS[together.control],
         num_envs=len(tasks),
-        door=[dict(task.door_config) for task in tasks],
-        randomization=[task.randomization for task in tasks],
-        disturbance=[task.disturbance for task in tasks],
-        base=base,
-        start=start,
+        base=first.base,
+        start=first.start,
+        **varied,
         autoreset_mode="Disabled",
         num_threads=1,
     )
@@ -195,20 +159,25 @@ def open_together(
         return rollouts(
             envs,
             together,
-            policy=tasks[0].policy,
+            policy=first.policy,
             doors=[task.door for task in tasks],
             seeds=[task.reset_seed for task in tasks],
             forecast_period=forecast_period,
         )
 
 
-def _check_version(task: EpisodeTask) -> None:
+def _circumstances(task: EpisodeTask) -> dict[str, Any]:
     if task.base == "mobile" and task.environment_version == 0:
         raise ValueError(
             f"the episode of door {task.door} was made by version 0 of the "
             "environment, whose driving base exceeded its limits; it cannot be "
             "repeated: run the study again"
         )
+    return {
+        "door": dict(task.door_config),
+        "randomization": task.randomization,
+        "disturbance": task.disturbance,
+    }
 
 
 def where(error: BaseException, policy: Policy) -> str:
@@ -222,11 +191,7 @@ class PolicyError(ValueError):
 
 @contextlib.contextmanager
 def reported_errors(name: str, policy: Policy) -> Iterator[None]:
-    """Replace an error of the user's policy by one that states where it arose.
-
-    Raises:
-        PolicyError: In place of the error.
-    """
+    """Replace an error of the user's policy by one that states where it arose."""
     try:
         yield
     # Anything: the user's code runs here, and may leave by `sys.exit`.

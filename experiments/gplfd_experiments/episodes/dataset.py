@@ -40,29 +40,7 @@ def record_dataset(
     overwrite: bool,
     options: Mapping[str, Any],
 ) -> int:
-    """Open every door some times and write the data set.
-
-    Args:
-        folder: The data set; its name is its id.
-        policy: Name of the policy that acts.
-        doors: Names of doors, or radii [m] as text; for one robot, fixed or driving.
-        episodes: Number per door; the k-th has seed ``seed + k``.
-        seed: First seed of teacher, policy and environment.
-        demonstrations_per_door: How often the synthetic human opens each of the three
-            demonstrated doors.
-        randomization: Name of what the environment draws anew.
-        start: What episodes begin with.
-        max_steps: Episodes are cut after this many; None for the environment's limit.
-        overwrite: Replace a data set that is there already.
-        options: The command's, for the record; JSON-able.
-
-    Returns:
-        The number of episodes.
-
-    Raises:
-        ValueError: An argument is wrong.
-        OSError: The data set cannot be written.
-    """
+    """Open every door some times and write the data set."""
     check_least("--episodes", episodes, 1)
     check_least("--seed", seed, 0)
     check_least("--demonstrations-per-door", demonstrations_per_door, 1)

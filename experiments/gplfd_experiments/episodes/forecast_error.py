@@ -27,19 +27,9 @@ def forecast_errors(
     The truth is the handle's arc from its present angle to the demonstrated one, also
     where the episode ended before. The error is the root mean square distance of points
     on this arc from the path of the forecast's mean; timing is not judged.
-
-    Args:
-        log: The episode; the first forecast made at or after each progress counts.
-        demonstrated_angle: Angle to which the demonstrated doors were opened [rad].
-
-    Returns:
-        Distances [m]; None where the door was not opened so far or nothing was
-        forecast.
     """
-    return tuple(
-        _error(log, progress * demonstrated_angle, demonstrated_angle)
-        for progress in PROGRESS
-    )
+    shares = [progress * demonstrated_angle for progress in PROGRESS]
+    return tuple(_error(log, angle, demonstrated_angle) for angle in shares)
 
 
 def _error(log: EpisodeLog, angle: float, demonstrated_angle: float) -> float | None:
@@ -60,17 +50,10 @@ def _error(log: EpisodeLog, angle: float, demonstrated_angle: float) -> float | 
 
 
 def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
-    """Return where the handle of an episode's door is at any opening angle.
+    """Return the handle's positions (N, 3) [m] at opening angles (N,) [rad].
 
     The arc is turned and shifted to fit the logged handle, because the robot may stand
     a little askew.
-
-    Args:
-        log: An episode in which the door moved.
-        angles: Opening angles [rad], (N,).
-
-    Returns:
-        Positions in the task frame [m], (N, 3).
     """
     door = DoorGeometry.of(log.config)
     logged = _plane(door.hand_poses(log.door_angle, log.handle_angle))
@@ -87,15 +70,7 @@ def _plane(positions: FloatArray) -> NDArray[np.complex128]:
 
 
 def squared_distances(points: FloatArray, path: FloatArray) -> FloatArray:
-    """Return the squared distance of each point from a path of straight pieces.
-
-    Args:
-        points: (N, 3).
-        path: Corners of the path in order, (M, 3), at least two.
-
-    Returns:
-        (N,).
-    """
+    """Return squared distances of points (N, 3) from a path with corners (M, 3)."""
     start, step = path[:-1], np.diff(path, axis=0)
     length = np.maximum((step**2).sum(axis=1), np.finfo(float).tiny)
     offset = points[:, None] - start

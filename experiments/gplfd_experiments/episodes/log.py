@@ -144,9 +144,8 @@ class EpisodeLog:
     """Its standard deviation [m, rad]."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "door_config", MappingProxyType(dict(self.door_config))
-        )
+        config = MappingProxyType(dict(self.door_config))
+        object.__setattr__(self, "door_config", config)
         sizes = {
             "T": np.size(self.times),
             "nq": np.shape(self.qpos)[-1],
@@ -200,11 +199,7 @@ class EpisodeLog:
         return mean, std
 
     def save(self, path: str | Path) -> None:
-        """Write the log as .npz, complete or not at all.
-
-        Raises:
-            OSError: The file cannot be written.
-        """
+        """Write the log as .npz, complete or not at all."""
         arrays: dict[str, Any] = {name: getattr(self, name) for name in ARRAYS}
         header = {name: getattr(self, name) for name in _HEADER}
         header["door_config"] = dict(self.door_config)

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 from scipy.signal import savgol_filter
 
@@ -27,9 +28,9 @@ from gplfd_experiments.episodes.forecast_error import PROGRESS, forecast_errors
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 
-_MOTION_STARTS: Final = math.radians(1.0)
-"""The opening motion begins when the door has moved by this angle [rad] and ends when
-the door is first within this angle of its largest one."""
+_MOVED: Final = math.radians(1.0)
+"""Angle from which on the door has moved [rad]; the opening motion ends when the door
+is first within this angle of its largest one."""
 
 _SMOOTHING_TIME: Final = 0.2
 """Window of the local polynomials from which jerk and acceleration are taken [s]."""
@@ -37,8 +38,6 @@ _SMOOTHING_TIME: Final = 0.2
 SUSTAINED: Final = 0.5
 """A force that is borne for this long is sustained, and not that of an instant [s]."""
 
-_MOVED: Final = math.radians(1.0)
-"""Angle from which on the door has moved [rad]."""
 _RECOVERED: Final = math.radians(5.0)
 """Further opening after a disturbance that counts as recovery [rad]."""
 _AFTER: Final = 1.0
@@ -186,6 +185,7 @@ def episode_metrics(
     if acceleration is not None and acceleration.any():
         smoothness = 1.0 / math.sqrt(float(np.sum(acceleration**2)))
     moved = np.abs(log.door_angle - log.door_angle[0]) >= _MOVED
+    speed, recovered = recovery(log)
     return EpisodeMetrics(
         policy=log.policy,
         door=log.door,
@@ -198,9 +198,9 @@ def episode_metrics(
         stage=STAGES[int(log.capability[-1])],
         duration=float(log.times[-1] - log.times[0]),
         final_angle_deg=math.degrees(log.door_angle[-1]),
-        time_to_15_deg=time_to_angle(log, 15.0),
-        time_to_30_deg=time_to_angle(log, 30.0),
-        time_to_60_deg=time_to_angle(log, 60.0),
+        time_to_15_deg=_first(log, log.door_angle >= math.radians(15.0)),
+        time_to_30_deg=_first(log, log.door_angle >= math.radians(30.0)),
+        time_to_60_deg=_first(log, log.door_angle >= math.radians(60.0)),
         force_tangential_peak=_peak(log.force_tangential),
         force_tangential_p95=_p95(log.force_tangential),
         force_radial_peak=_peak(log.force_radial),
@@ -223,15 +223,15 @@ def episode_metrics(
         force_handle_peak=float(np.linalg.norm(forces, axis=0).max()),
         door_acceleration_peak=None if acceleration is None else _peak(acceleration),
         door_smoothness=smoothness,
-        time_to_move=float(log.times[np.argmax(moved)]) if moved.any() else None,
+        time_to_move=_first(log, moved),
         person_force_peak=float(log.person_force.max()),
         person_force_sustained=sustained(log.person_force, log.dt),
         person_energy=float(log.person_energy[-1]),
         stop_force_peak=float(log.stop_force.max()),
         stop_force_sustained=sustained(log.stop_force, log.dt),
         push_displacement_mm=push_displacement_mm(log),
-        release_speed=release_speed(log),
-        recovery_time=recovery_time(log),
+        release_speed=speed,
+        recovery_time=recovered,
         latency_median_ms=1e3 * float(np.median(log.latency_s)),
         latency_p95_ms=1e3 * float(np.percentile(log.latency_s, 95)),
         latency_wall_median_ms=_finite(1e3 * np.median(log.latency_wall_s)),
@@ -281,17 +281,11 @@ def late_decisions(metrics: Sequence[Mapping[str, Any]]) -> str:
 def opening_motion(log: EpisodeLog) -> slice:
     """Rows from the door's first degree to its largest angle less one degree."""
     angle = log.door_angle
-    if angle.max() < _MOTION_STARTS:
+    if angle.max() < _MOVED:
         return slice(0, angle.size)
-    start = int(np.argmax(angle >= _MOTION_STARTS))
-    stop = int(np.argmax(angle >= angle.max() - _MOTION_STARTS))
+    start = int(np.argmax(angle >= _MOVED))
+    stop = int(np.argmax(angle >= angle.max() - _MOVED))
     return slice(start, max(stop, start) + 1)
-
-
-def time_to_angle(log: EpisodeLog, angle_deg: float) -> float | None:
-    """Time since reset at which the door was first open by ``angle_deg`` [s]."""
-    reached = log.door_angle >= math.radians(angle_deg)
-    return float(log.times[np.argmax(reached)]) if reached.any() else None
 
 
 def work_on_door(log: EpisodeLog) -> float:
@@ -364,12 +358,7 @@ def log_dimensionless_jerk(positions: FloatArray, dt: float) -> float | None:
 def door_acceleration(angle: FloatArray, dt: float) -> FloatArray | None:
     """Second derivative of the door's angle by local parabolas over 0.2 s [rad/s²].
 
-    Args:
-        angle: Of the door, (N,) [rad].
-        dt: Sampling period [s].
-
-    Returns:
-        (N,), or None if there are fewer samples than the window has.
+    From angles (N,) [rad] at steps of ``dt`` [s]; None for fewer than a window has.
     """
     window = 2 * round(0.5 * _SMOOTHING_TIME / dt) + 1
     if angle.size < window:
@@ -379,23 +368,9 @@ def door_acceleration(angle: FloatArray, dt: float) -> FloatArray | None:
 
 
 def sustained(force: FloatArray, dt: float) -> float:
-    """Return the greatest force that lasted for `SUSTAINED` without a break [N].
-
-    Args:
-        force: Magnitudes, (N,) [N].
-        dt: Sampling period [s].
-    """
+    """Greatest of the magnitudes (N,) [N] that lasted for `SUSTAINED` unbroken [N]."""
     window = round(SUSTAINED / dt)
     return float(minimum_filter1d(force, window, mode="constant").max())
-
-
-def release(log: EpisodeLog) -> int | None:
-    """Return the row after the last force of a push, person or stop; None if none."""
-    disturbed = (log.push_force > 0) | (log.person_force > 0) | (log.stop_force > 0)
-    rows = np.flatnonzero(disturbed)
-    if rows.size == 0 or rows[-1] + 1 == disturbed.size:
-        return None
-    return int(rows[-1]) + 1
 
 
 def push_displacement_mm(log: EpisodeLog) -> float | None:
@@ -411,21 +386,29 @@ def push_displacement_mm(log: EpisodeLog) -> float | None:
     return 1e3 * float(np.linalg.norm(beside - beside[0], axis=1).max())
 
 
-def release_speed(log: EpisodeLog) -> float | None:
-    """Largest speed of the door in the second after a disturbance ended [rad/s]."""
-    if (released := release(log)) is None:
+def release(log: EpisodeLog) -> int | None:
+    """Row after the last force of a push, person or stop; None if none ended."""
+    disturbed = (log.push_force > 0) | (log.person_force > 0) | (log.stop_force > 0)
+    rows = np.flatnonzero(disturbed)
+    if rows.size == 0 or rows[-1] + 1 == disturbed.size:
         return None
+    return int(rows[-1]) + 1
+
+
+def recovery(log: EpisodeLog) -> tuple[float | None, float | None]:
+    """Release speed [rad/s] and recovery time [s] after the last disturbance."""
+    if (released := release(log)) is None:
+        return None, None
     stop = released + round(_AFTER / log.dt)
     speeds = np.gradient(log.door_angle, log.dt)[released:stop]
-    return float(np.abs(speeds).max())
-
-
-def recovery_time(log: EpisodeLog) -> float | None:
-    """Time from the end of the last disturbance until 5 degrees further open [s]."""
-    if (released := release(log)) is None:
-        return None
     further = log.door_angle[released:] >= log.door_angle[released] + _RECOVERED
-    return float(np.argmax(further) * log.dt) if further.any() else None
+    time = float(np.argmax(further) * log.dt) if further.any() else None
+    return float(np.abs(speeds).max()), time
+
+
+def _first(log: EpisodeLog, holds: NDArray[np.bool_]) -> float | None:
+    """Time since reset of the first row in which something holds [s]."""
+    return float(log.times[np.argmax(holds)]) if holds.any() else None
 
 
 def _known_rows(values: FloatArray) -> FloatArray:

@@ -63,9 +63,6 @@ def rollout(
             before the first decision and one at the end.
         on_step: Called after every step.
 
-    Returns:
-        The log of the episode; its last row is the state in which it ended.
-
     Raises:
         ValueError: The agent does not return poses, or the environment's information
             lacks an entry.
@@ -209,9 +206,9 @@ def rollouts(
 
 
 class StepRecorder:
-    """Collects a row per control step: of one episode, or of N with a leading axis.
+    """Collects a row per control step by the names of `EpisodeLog`.
 
-    The names are those of `EpisodeLog`.
+    The rows are of one episode, or of N with a leading axis.
     """
 
     def __init__(self) -> None:
@@ -228,14 +225,7 @@ class StepRecorder:
         step: object,
         **known: Any,
     ) -> None:
-        """Add a control step.
-
-        Args:
-            observation: The agent's observation.
-            info: The environment's information at the same time.
-            step: The agent's decision: `gplfd_policies.control.steps.AgentStep`, or
-                the steps of a batch.
-            known: Everything else by its name in the log.
+        """Add a control step: observation, info, decision, and all else by its name.
 
         Raises:
             ValueError: The information lacks an entry.
@@ -318,12 +308,13 @@ def _log(
 ) -> EpisodeLog:
     """Return the log of an episode from its arrays and how it ended."""
     success = bool(arrays["solved"][-1])
-    late = truncated and not failure and not success
+    if truncated and not failure and not success:
+        failure = reason = "time_limit"
     return EpisodeLog(
         **names,
         **arrays,
         dt=float(np.median(np.diff(arrays["times"]))),
         success=success,
-        failure="time_limit" if late else failure,
-        reason="time_limit" if late else reason,
+        failure=failure,
+        reason=reason,
     )

@@ -28,36 +28,29 @@ PolicySource = Mapping[str, str]
 and ``sha256`` of the ``file``."""
 
 
-_OMIT_DEFAULT: Final = "omit_default"
-"""Key of the metadata of fields that are left out of a definition at their default."""
-
-
 def omit_default(default: Any) -> Any:
     """Return a field that is left out of a task's definition at its default.
 
     Later fields must be of this kind, so that earlier tasks keep their hash.
     """
-    return field(default=default, metadata={_OMIT_DEFAULT: True})
+    return field(default=default, metadata={"omitted": default})
+
+
+def definition_hash(definition: Mapping[str, Any]) -> str:
+    """Return the hash by which a definition's results are found."""
+    text = json.dumps(definition, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 _DEMONSTRATED_BY: Final = (
-    "seed",
-    "demonstrations_per_door",
-    "teacher",
-    "demonstrated_radii",
-    "demonstrated_kind",
-    "habits",
-    "start",
+    *("seed", "demonstrations_per_door", "teacher", "demonstrated_radii"),
+    *("demonstrated_kind", "habits", "start"),
 )
 """Fields of an episode that determine the demonstrations."""
 
 _OF_THE_DOOR: Final = (
-    "door",
-    "door_config",
-    "randomization",
-    "disturbance",
-    "trial",
-    "level",
+    *("door", "door_config", "trial", "level"),
+    *("randomization", "disturbance"),
 )
 """Fields of an episode that do not affect learning."""
 
@@ -67,7 +60,6 @@ class Task:
     """Smallest part of a study; the fields that all kinds of tasks have."""
 
     policy: str
-    """Name of the policy."""
     seed: int
     """Seed of everything that is drawn."""
     policy_source: PolicySource | None = omit_default(None)
@@ -76,30 +68,23 @@ class Task:
     @property
     def definition(self) -> dict[str, Any]:
         """Everything that defines the task, as in a result file."""
-        optional = {
-            one.name: one.default
-            for one in dataclasses.fields(self)
-            if one.metadata.get(_OMIT_DEFAULT)
-        }
-        return {
-            name: value
-            for name, value in dataclasses.asdict(self).items()
-            if name not in optional or value != optional[name]
-        }
+        values = dataclasses.asdict(self)
+        for one in dataclasses.fields(self):
+            if "omitted" in one.metadata and values[one.name] == one.default:
+                del values[one.name]
+        return values
 
     @property
     def training(self) -> str:
         """Policy and what it learns from, as JSON: equal texts, equal learning."""
         fields = self.definition
-        for name in _OF_THE_DOOR:
-            fields.pop(name, None)
-        return json.dumps(fields, sort_keys=True)
+        learned = {name: fields[name] for name in fields if name not in _OF_THE_DOOR}
+        return json.dumps(learned, sort_keys=True)
 
     @property
     def key(self) -> str:
         """Hash of the definition."""
-        text = json.dumps(self.definition, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return definition_hash(self.definition)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -117,7 +102,6 @@ class EpisodeTask(TaughtTask):
     """One door opened once."""
 
     door: str
-    """Name of the door."""
     door_config: Mapping[str, Any]
     """The door, as `gplfd_env.doors.config.DoorConfig.as_dict` gives it."""
     randomization: str | Mapping[str, Any] = "none"
@@ -129,7 +113,6 @@ class EpisodeTask(TaughtTask):
     demonstrated_kind: Mapping[str, str] | None = omit_default(None)
     """`DoorConfig.kind` of those; None for furniture doors with a bar."""
     base: Base = omit_default("fixed")
-    """Whether the robot drives."""
     environment_version: int = omit_default(0)
     """Version of the environment's physics; 0 for a fixed base, whose physics are the
     same in all versions."""
@@ -142,14 +125,11 @@ class EpisodeTask(TaughtTask):
     trial: str = omit_default("")
     """Name of the trial that it belongs to; "" for none."""
     level: str = omit_default("")
-    """Level of the trial."""
     kind: Literal["episode"] = field(default="episode", init=False)
-    """Distinguishes kinds of tasks in a file."""
 
     def __post_init__(self) -> None:
         # A file has a list.
-        radii = tuple(self.demonstrated_radii)
-        object.__setattr__(self, "demonstrated_radii", radii)
+        object.__setattr__(self, "demonstrated_radii", tuple(self.demonstrated_radii))
 
     @property
     def shown(self) -> str:
@@ -159,49 +139,33 @@ class EpisodeTask(TaughtTask):
 
     @property
     def reset_seed(self) -> int:
-        """Seed of the environment's reset."""
-        drawn = not self.randomization == self.disturbance == "none"
-        return reset_seed(self.seed, self.door, drawn=drawn)
+        """Seed of the environment's reset.
+
+        If it draws anything, each door of a seed has its own draws, the same for all
+        policies.
+        """
+        if self.randomization == self.disturbance == "none":
+            return self.seed
+        digest = hashlib.sha256(f"{self.seed} {self.door}".encode()).digest()
+        return int.from_bytes(digest[:4]) % 1_000_000_000
 
 
 def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
     """Return the task to open a door with the robot and the demonstrations it needs.
 
     The base drives where a fixed one does not reach, and three doors of the same kind
-    (handle, latch, swing, hinge side) are demonstrated.
-
-    Args:
-        door: Name of the door.
-        config: The door.
-        fields: Other fields of `EpisodeTask`; they win over what suits the door.
-
-    Raises:
-        ValueError: No such task.
+    (handle, latch, swing, hinge side) are demonstrated, unless other fields are given.
     """
-    suitable: dict[str, Any] = {"base": base_for(config)}
-    if fields.get("base", suitable["base"]) == "mobile":
-        suitable["environment_version"] = 1
+    fields = {"base": base_for(config)} | fields
+    if fields["base"] == "mobile":
+        fields.setdefault("environment_version", 1)
     if config.kind != DoorConfig().kind:
-        suitable["demonstrated_radii"] = [one.radius for one in doors_like(config)]
-        suitable["demonstrated_kind"] = config.kind
-    return EpisodeTask(
-        door=door, door_config=config.as_dict(), **{**suitable, **fields}
-    )
-
-
-def reset_seed(seed: int, door: str, *, drawn: bool) -> int:
-    """Return the seed of an environment's reset.
-
-    Args:
-        seed: Seed of teacher, policy and environment.
-        door: Name of the door.
-        drawn: Whether the reset draws anything. If so, each door of a seed has its own
-            draws, the same for all policies.
-    """
-    if not drawn:
-        return seed
-    digest = hashlib.sha256(f"{seed} {door}".encode()).digest()
-    return int.from_bytes(digest[:4]) % 1_000_000_000
+        radii = [one.radius for one in doors_like(config)]
+        fields = {
+            "demonstrated_radii": radii,
+            "demonstrated_kind": config.kind,
+        } | fields
+    return EpisodeTask(door=door, door_config=config.as_dict(), **fields)
 
 
 def named_doors(
@@ -209,15 +173,7 @@ def named_doors(
 ) -> dict[str, DoorConfig]:
     """Return the configurations of doors by name.
 
-    Args:
-        doors: Names of doors, radii [m] as text, or files. FILE.json holds door
-            parameters, as `gym.make` takes them; its door is called FILE.
-        start: What the episodes at these doors begin with.
-
-    Raises:
-        ValueError: No door, an unknown one, a file that holds none, one out of reach,
-            or one given twice.
-        OSError: A file cannot be read.
+    A door is a preset, a radius [m], or FILE.json with what `gym.make` takes.
     """
     if not doors:
         raise ValueError(

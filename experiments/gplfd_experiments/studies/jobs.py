@@ -40,18 +40,12 @@ FORECAST_PERIOD: Final = 0.05
 
 
 def run_job(
-    job: Job,
-    files: Files = NO_FILES,
-    recordings: Sequence[Demonstration] = (),
+    job: Job, files: Files = NO_FILES, recordings: Sequence[Demonstration] = ()
 ) -> list[Result]:
-    """Return a result per task; an error in a task is its result.
+    """Return a result per task of one policy; an error in a task is its result.
 
-    BLAS runs on one thread, so that sums have the same order everywhere.
-
-    Args:
-        job: Tasks of one policy.
-        files: Files of policies that this machine may lack.
-        recordings: All recordings that `RecordedTask`s learn from.
+    BLAS runs on one thread, so that sums have the same order everywhere. The files are
+    of policies that this machine may lack, the recordings those of `RecordedTask`s.
     """
     policy: Policy | None = None
     with one_thread:
@@ -72,29 +66,14 @@ def run_job(
 def failed(task: Task, reason: str, trace: str = "", *, lost: bool = False) -> Result:
     """Return the result of a task that ended in an error.
 
-    Args:
-        task: The task.
-        reason: Why, in a sentence.
-        trace: Traceback; "" when the worker is gone.
-        lost: Whether the machine caused the error. Otherwise the policy did, and the
-            task counts as a failure of the policy.
+    If the machine caused it, the task is lost; else it is a failure of the policy.
     """
     result = {**_origin(task), "error": reason, "traceback": trace}
     return {**result, "lost": True} if lost else result
 
 
 def episode_logs(tasks: Sequence[EpisodeTask]) -> tuple[EpisodeLog, ...]:
-    """Learn once and open the doors of some tasks.
-
-    Args:
-        tasks: Tasks that learn from the same demonstrations; at least one.
-
-    Returns:
-        The logs from which the tasks' metrics are computed.
-
-    Raises:
-        ValueError: The policy is not on this machine, or is another one.
-    """
+    """Learn once, open the doors of tasks, and return the logs of their metrics."""
     return _opened(tasks, learned_agents(tasks[0], policy_of(tasks[0], NO_FILES)))
 
 
@@ -124,18 +103,15 @@ def _episode_results(
     tasks: Sequence[EpisodeTask], policy: Policy, make: Callable[[], Agent]
 ) -> list[Result]:
     try:
-        return [
-            {
-                **_origin(task),
-                "demonstrations": demonstrations_hash(task),
-                "metrics": _plain(
-                    episode_metrics(
-                        log, demonstrated_angle=task.teacher["angle_mean"]
-                    ).as_json()
-                ),
-            }
-            for task, log in zip(tasks, _opened(tasks, make), strict=True)
-        ]
+        results = []
+        for task, log in zip(tasks, _opened(tasks, make), strict=True):
+            angle = task.teacher["angle_mean"]
+            metrics = _plain(episode_metrics(log, demonstrated_angle=angle).as_json())
+            shown = demonstrations_hash(task)
+            results.append(
+                {**_origin(task), "demonstrations": shown, "metrics": metrics}
+            )
+        return results
     except (Exception, SystemExit) as error:
         if len(tasks) == 1:
             return [_error_result(tasks[0], error, policy)]
@@ -165,18 +141,14 @@ def _learning_metrics(
 
 
 def _plain(value: Any) -> Any:
-    """Return metrics as JSON has them; numbers that are not finite become None.
-
-    Raises:
-        TypeError: JSON cannot express a value.
-    """
+    """Return metrics as JSON has them; numbers that are not finite become None."""
     if isinstance(value, Mapping):
         return {str(name): _plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(part) for part in value]
-    if isinstance(value, numbers.Integral) and not isinstance(value, bool):
-        return int(value)
     if isinstance(value, numbers.Real) and not isinstance(value, bool):
+        if isinstance(value, numbers.Integral):
+            return int(value)
         return float(value) if math.isfinite(value) else None
     json.dumps(value)
     return value

@@ -23,7 +23,7 @@ from gplfd_experiments.studies.settings import (
     Condition,
     StudySettings,
 )
-from gplfd_experiments.studies.sources import chosen, source_of
+from gplfd_experiments.studies.sources import chosen, policy_fields
 from gplfd_experiments.studies.tasks import RecordedTask, SkillTask
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import hash_of
@@ -45,22 +45,16 @@ LARGEST_STUDY: Final = 100_000
 
 
 def checked(settings: StudySettings) -> StudySettings:
-    """Return the settings with every name resolved.
-
-    Raises:
-        ValueError: A name is unknown or given twice, a number out of range, nothing is
-            left to do, or there are more than `LARGEST_STUDY` tasks.
-    """
+    """Return the settings with every name resolved and all values within range."""
     settings = dataclasses.replace(settings, policies=_policies(settings.policies))
     for policy in settings.policies:
         chosen(policy)
     named_doors(settings.doors, start=settings.start)
     for names in itertools.product(settings.randomizations, settings.disturbances):
         check_circumstances(*names)
-    for field in dataclasses.fields(settings):
-        values = getattr(settings, field.name)
+    for name, values in dataclasses.asdict(settings).items():
         if isinstance(values, tuple):
-            _check_list(field.name.replace("_", "-"), values)
+            _check_list(name.replace("_", "-"), values)
     for option, values, low, high in (
         ("seeds", (settings.seeds,), 1, math.inf),
         ("demonstrations-per-door", settings.demonstrations_per_door, 1, _MOST_GIVEN),
@@ -85,41 +79,42 @@ def tasks(settings: StudySettings) -> tuple[Task, ...]:
     Learning tests use demonstrations of furniture doors. A study without such a door
     has none.
     """
-    furniture = DoorConfig().kind
     doors = named_doors(settings.doors, start=settings.start).values()
+    furniture = any(door.kind == DoorConfig().kind for door in doors)
     study: list[Task] = []
     for seed in range(settings.seeds):
         for condition in conditions(settings):
             study += episodes(settings, condition, [seed])
-        if settings.skill and any(door.kind == furniture for door in doors):
-            study += [
-                SkillTask(
-                    policy=policy,
-                    policy_source=source_of(chosen(policy)),
-                    seed=seed,
-                    demonstrations_per_door=number,
-                    teacher=noisy_teacher(noise),
-                    held_out=left_out,
-                )
-                for number, noise, policy, left_out in itertools.product(
-                    settings.demonstrations_per_door,
-                    settings.teacher_noise,
-                    settings.policies,
-                    HELD_OUT,
-                )
-                if chosen(policy).method is not None
-            ]
+        if not settings.skill or not furniture:
+            continue
+        study += [
+            SkillTask(
+                **policy_fields(policy),
+                seed=seed,
+                demonstrations_per_door=number,
+                teacher=noisy_teacher(noise),
+                held_out=left_out,
+            )
+            for number, noise, policy, left_out in itertools.product(
+                settings.demonstrations_per_door,
+                settings.teacher_noise,
+                settings.policies,
+                HELD_OUT,
+            )
+            if chosen(policy).method is not None
+        ]
     return tuple(study)
 
 
 def conditions(settings: StudySettings) -> Iterator[Condition]:
     """Yield what is varied besides policies, doors and seeds."""
-    for number, noise, randomization, disturbance in itertools.product(
+    for varied in itertools.product(
         settings.demonstrations_per_door,
         settings.teacher_noise,
         settings.randomizations,
         settings.disturbances,
     ):
+        number, noise, randomization, disturbance = varied
         yield Condition(
             demonstrations_per_door=number,
             teacher_noise=noise,
@@ -139,8 +134,7 @@ def episodes(
         yield episode_task(
             door,
             doors[door],
-            policy=policy,
-            policy_source=source_of(chosen(policy)),
+            **policy_fields(policy),
             seed=seed,
             demonstrations_per_door=condition.demonstrations_per_door,
             teacher=teacher,
@@ -159,15 +153,7 @@ def noisy_teacher(level: float) -> dict[str, float]:
 def recorded_tasks(
     policies: Sequence[str], recordings: Sequence[Demonstration]
 ) -> tuple[RecordedTask, ...]:
-    """Return the leave-one-out tests of methods on recordings.
-
-    Args:
-        policies: Names; "table-1" stands for those of the paper's Table 1.
-        recordings: All recordings; each is left out in turn.
-
-    Raises:
-        ValueError: A policy is unknown, given twice, or learns no movement.
-    """
+    """Return the leave-one-out tests of methods, or groups of them, on recordings."""
     names = _policies(policies)
     _check_list("policies", names)
     for name in names:
@@ -178,12 +164,7 @@ def recorded_tasks(
             )
     identity = hash_of(recordings)
     return tuple(
-        RecordedTask(
-            policy=name,
-            policy_source=source_of(chosen(name)),
-            seed=number,
-            recordings=identity,
-        )
+        RecordedTask(**policy_fields(name), seed=number, recordings=identity)
         for number, name in itertools.product(range(len(recordings)), names)
     )
 

@@ -2,7 +2,7 @@
 
 A result states its version and is complete if it has every metric of that version.
 Older results lack the metrics of later versions and stay readable and complete. To add
-a metric, add a version to `EPISODE_METRICS`.
+a metric, raise `VERSION` and name it in `_ADDED`.
 """
 
 import typing
@@ -24,28 +24,28 @@ STAMP: Final[Mapping[str, Any]] = stamp(KIND, VERSION)
 POLICY_ERROR: Final = "policy_error"
 """Failure of an episode in which the policy raised an error, in learning or acting."""
 
-_FIRST: Final = frozenset(
-    {
-        *("policy", "door", "radius", "seed", "success", "failure", "duration"),
-        *("final_angle_deg", "time_to_15_deg", "time_to_30_deg", "time_to_60_deg"),
-        *("force_tangential_peak", "force_tangential_p95", "force_handle_peak"),
-        *("force_radial_peak", "force_radial_p95", "work", "slip_max_mm"),
-        *("prediction_error_position", "prediction_error_rotation"),
-        *("log_dimensionless_jerk", "stiffness_min", "stiffness_max"),
-        *("stability_margin_translation", "stability_margin_rotation"),
-        *("governed_share", "forecast_progress", "forecast_error_mm"),
-        *("door_acceleration_peak", "door_smoothness", "time_to_move"),
-        *("person_force_peak", "person_force_sustained", "person_energy"),
-        *("stop_force_peak", "stop_force_sustained", "push_displacement_mm"),
-        *("release_speed", "recovery_time", "latency_median_ms", "latency_p95_ms"),
-    }
-)
+_NUMBER: Final[Any] = float | None
+# The runner writes None for what is not finite.
+_EPISODE_KINDS: Final[Mapping[str, Any]] = {
+    name: _NUMBER if kind is float else kind
+    for name, kind in typing.get_type_hints(EpisodeMetrics).items()
+} | {"radius": float}
+
+_ADDED: Final[Mapping[int, frozenset[str]]] = {
+    1: frozenset(
+        {
+            *("reason", "capability", "stage"),
+            *("latency_wall_median_ms", "latency_wall_p95_ms"),
+        }
+    ),
+}
+"""Metrics of an episode that a version added."""
 
 EPISODE_METRICS: Final[Mapping[int, frozenset[str]]] = {
-    0: _FIRST,
-    1: _FIRST
-    | {"reason", "capability", "stage"}
-    | {"latency_wall_median_ms", "latency_wall_p95_ms"},
+    version: frozenset(_EPISODE_KINDS).difference(
+        *(names for later, names in _ADDED.items() if later > version)
+    )
+    for version in range(VERSION + 1)
 }
 """Metrics of a complete episode, by version; 0 is before files stated a version."""
 
@@ -68,28 +68,12 @@ FORECAST_METRICS: Final = frozenset(
 
 _LARGEST: Final = 1e9
 """No metric is larger, so that what is computed from any of them stays finite."""
-_NUMBER: Final[Any] = float | None
-_BY_OUTPUTS: Final[Any] = dict[str, float | None]
 _OUTPUTS: Final = frozenset({"outputs_cpu_s", "outputs_nlpd"})
-# The runner writes None for what is not finite.
-_EPISODE_KINDS: Final[Mapping[str, Any]] = {
-    name: _NUMBER if kind is float else kind
-    for name, kind in typing.get_type_hints(EpisodeMetrics).items()
-} | {"radius": float}
+"""Metrics of learning tests that have a number for several numbers of outputs."""
 
 
 def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
-    """Return the metrics of a result; none if it is an error.
-
-    Args:
-        record: Content of the file.
-        task: The task whose result it is.
-
-    Raises:
-        NewerFormatError: A later version of this package wrote it.
-        ValueError: It is incomplete: it lacks a metric of its version, or a metric is
-            not plausible.
-    """
+    """Return the metrics of a result; none if it is an error."""
     version = check_stamp(record, KIND, VERSION)
     if "error" in record:
         entry(record, "error", str)
@@ -103,7 +87,7 @@ def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
         if isinstance(task, RecordedTask):
             needed |= FORECAST_METRICS
         kinds = dict.fromkeys((*metrics, *sorted(needed)), _NUMBER)
-        kinds |= {name: _BY_OUTPUTS for name in _OUTPUTS & kinds.keys()}
+        kinds |= dict.fromkeys(_OUTPUTS & kinds.keys(), dict[str, float | None])
     for name, kind in kinds.items():
         value = entry(metrics, name, kind)
         parts = value.values() if isinstance(value, Mapping) else value

@@ -1,7 +1,6 @@
 """Run or resume a study: one result file per task, on any engine."""
 
 import contextlib
-import json
 import queue
 import sys
 import threading
@@ -12,7 +11,7 @@ from typing import Any, Final
 
 from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.console.progress import LOG, counter
-from gplfd_experiments.episodes.task import Task
+from gplfd_experiments.episodes.task import Task, definition_hash
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import provenance
 from gplfd_experiments.studies.engines import Engine, Lost, Serial
@@ -42,79 +41,57 @@ def run_or_resume(
     """Run the tasks of a study that have no complete result yet, or an error.
 
     At the end every task must have a complete result on the disk, and the study its
-    study.json: files may have been deleted or changed meanwhile.
-
-    Args:
-        study: All tasks of the study.
-        options: The command's options, for the record; JSON-able.
-        folder: Folder of the study; may hold results already.
-        engine: Where to run.
-        recordings: All recordings that its `RecordedTask`s learn from.
-
-    Returns:
-        The number of problems: tasks that ended in an error or have no result, and
-        study.json if it is gone.
-
-    Raises:
-        ValueError: A later version of this package wrote a file of the study.
-        OSError: A file cannot be written, or the engine cannot be reached.
+    study.json: files may have been deleted or changed meanwhile. Returns the number of
+    tasks with an error or without a result, plus one if study.json is gone.
     """
     check_folder(folder)
     sources = {task.policy: task.policy_source for task in study if task.policy_source}
     config = dict(options) | ({"policy_sources": sources} if sources else {})
-    stored = stored_results(folder, study)
-    write_study(folder, {**provenance(config), PLANNED: len(study)})
+    stored, total = stored_results(folder, study), len(study)
+    write_study(folder, {**provenance(config), PLANNED: total})
     for reason in stored.damaged:
         LOG.warning("warning: %s; its task is run again", reason)
     others = stored.from_other_code
-    _warn_of_other_code(others, len(study), folder)
+    _warn_of_other_code(others, total, folder)
     with (
         contextlib.closing(run_study(folder, study, engine, recordings)) as results,
-        counter("task", len(study), len(stored.finished)) as bar,
+        counter("task", total, len(stored.finished)) as bar,
         _warnings_of_silence(stored.unfinished) as finished,
         # What a policy prints is no part of the table or JSON on standard output.
         contextlib.redirect_stdout(sys.stderr),
     ):
         for result in results:
             bar.update()
-            finished.put(_text(result["task"]))
+            finished.put(definition_hash(result["task"]))
 
     # Read the files again: they, and not what the engine returned, are the results.
     stored = stored_results(folder, study)
     # Workers on other machines may have another version of this package.
     if stored.from_other_code > others:
-        _warn_of_other_code(stored.from_other_code, len(study), folder)
+        _warn_of_other_code(stored.from_other_code, total, folder)
     if elsewhere := stored.from_other_machines:
         LOG.warning(
-            "warning: %d of %d results were made on another machine: they equal those "
-            "made here to a tolerance only, see docs/reproducibility.md",
-            elsewhere,
-            len(study),
+            f"warning: {elsewhere} of {total} results were made on another machine: "
+            "they equal those made here to a tolerance only, see "
+            "docs/reproducibility.md"
         )
-    if stored.failed:
+    if errors := len(stored.failed):
         LOG.error(
-            "%d of %d tasks ended in errors, kept in %s; the same command tries them "
-            "again",
-            len(stored.failed),
-            len(study),
-            folder / "tasks",
+            f"{errors} of {total} tasks ended in errors, kept in {folder / 'tasks'}; "
+            "the same command tries them again"
         )
-    if missing := len(stored.unfinished) - len(stored.failed):
+    if missing := len(stored.unfinished) - errors:
         LOG.error(
-            "%d of %d tasks have no complete result in %s: files were deleted or "
-            "changed while the study ran; the same command runs these tasks again",
-            missing,
-            len(study),
-            folder / "tasks",
+            f"{missing} of {total} tasks have no complete result in "
+            f"{folder / 'tasks'}: files were deleted or changed while the study ran; "
+            "the same command runs these tasks again"
         )
         for reason in stored.damaged:
             LOG.error(reason)
-    lacks_study = not (folder / STUDY).is_file()
-    if lacks_study:
+    if lacks_study := not (folder / STUDY).is_file():
         LOG.error(
-            "%s is gone: it was deleted while the study ran; the same command writes "
-            "it again",
-            folder / STUDY,
+            f"{folder / STUDY} is gone: it was deleted while the study ran; the same "
+            "command writes it again"
         )
     # One error of each policy is shown.
     first: dict[str, Result] = {}
@@ -123,7 +100,7 @@ def run_or_resume(
     for result in first.values():
         LOG.error("%s: %s", _title(result["task"]), result["error"])
         LOG.debug("%s", result.get("traceback") or "no traceback")
-    return len(stored.failed) + missing + lacks_study
+    return errors + missing + lacks_study
 
 
 def run_study(
@@ -132,44 +109,28 @@ def run_study(
     engine: Engine | None = None,
     recordings: Sequence[Demonstration] = (),
 ) -> Generator[Result, None, None]:
-    """Run the tasks without a result or with an error.
+    """Run the tasks without a result or with an error; yield what has been written.
 
     Only this process writes files; engines return the results as small records.
-
-    Args:
-        folder: Results are kept in ``folder/tasks/<key>.json``.
-        study: The tasks.
-        engine: Where to run; in this process if None.
-        recordings: All recordings that `RecordedTask`s learn from; they are sent with
-            every job.
-
-    Yields:
-        A result per task that ran, in the order in which they finish, when its file
-        is written.
-
-    Raises:
-        ValueError: A file that a policy comes from has just changed.
-        OSError: A file cannot be read or written, or the engine cannot be reached.
     """
     missing = stored_results(folder, study).unfinished
     work = partial(run_job, files=files_of(missing), recordings=tuple(recordings))
     jobs = jobs_of(missing)
     while jobs:
         alone: list[Job] = []
-        finished = (engine or Serial()).run(work, jobs)
         # Closed at once when the reader stops, so that no worker outlives an
         # interruption.
-        with contextlib.closing(finished):
+        with contextlib.closing((engine or Serial()).run(work, jobs)) as finished:
             for job, outcome in finished:
-                if isinstance(outcome, Lost) and len(job) > 1:
+                if not isinstance(outcome, Lost):
+                    results = outcome
+                elif len(job) == 1:
+                    lost = not outcome.crashed
+                    results = [failed(job[0], outcome.reason, lost=lost)]
+                else:
                     # One task may have ended the worker of all: run each alone.
                     alone += [(task,) for task in job]
                     continue
-                results = (
-                    [failed(job[0], outcome.reason, lost=not outcome.crashed)]
-                    if isinstance(outcome, Lost)
-                    else outcome
-                )
                 for task, result in zip(job, results, strict=True):
                     write_json(result_path(folder, task), result)
                     yield result
@@ -180,23 +141,21 @@ def run_study(
 def _warnings_of_silence(study: Sequence[Task]) -> Iterator["queue.SimpleQueue[str]"]:
     """Warn when no task finishes for `_PATIENCE`; a policy may hang.
 
-    Yields:
-        A queue of the definitions of finished tasks, as `_text` makes them.
+    Yields a queue of the keys of finished tasks.
     """
     finished: queue.SimpleQueue[str] = queue.SimpleQueue()
-    waiting = {_text(task.definition): task for task in study}
+    waiting = {task.key: task for task in study}
 
     def watch() -> None:
         while waiting:
             try:
                 waiting.pop(finished.get(timeout=_PATIENCE), None)
             except queue.Empty:
+                first = _title(next(iter(waiting.values())).definition)
                 LOG.warning(
-                    "warning: no task has finished for %g minutes. Perhaps a policy "
-                    "hangs; the first task without a result is: %s. Ctrl-C ends the "
-                    "study and keeps what is finished",
-                    _PATIENCE / 60.0,
-                    _title(next(iter(waiting.values())).definition),
+                    f"warning: no task has finished for {_PATIENCE / 60.0:g} minutes. "
+                    "Perhaps a policy hangs; the first task without a result is: "
+                    f"{first}. Ctrl-C ends the study and keeps what is finished"
                 )
 
     watcher = threading.Thread(target=watch, daemon=True)
@@ -204,13 +163,9 @@ def _warnings_of_silence(study: Sequence[Task]) -> Iterator["queue.SimpleQueue[s
     try:
         yield finished
     finally:
-        for definition in list(waiting):
-            finished.put(definition)
+        for key in list(waiting):
+            finished.put(key)
         watcher.join()
-
-
-def _text(definition: Mapping[str, Any]) -> str:
-    return json.dumps(definition, sort_keys=True)
 
 
 def _title(task: Mapping[str, Any]) -> str:
@@ -224,10 +179,7 @@ def _title(task: Mapping[str, Any]) -> str:
 def _warn_of_other_code(others: int, total: int, folder: Path) -> None:
     if others:
         LOG.warning(
-            "warning: %d of %d results were made by other code (another git state or "
-            "other package versions); use another --out or delete %s to have one "
-            "version",
-            others,
-            total,
-            folder,
+            f"warning: {others} of {total} results were made by other code (another "
+            "git state or other package versions); use another --out or delete "
+            f"{folder} to have one version"
         )

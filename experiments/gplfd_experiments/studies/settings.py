@@ -57,22 +57,18 @@ class StudySettings:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Condition:
-    """The conditions that all policies, doors and seeds of one table share."""
+    """The conditions that all policies, doors and seeds of one table share.
+
+    The fields are as in `StudySettings` and, for trials, in a task.
+    """
 
     demonstrations_per_door: int
-    """How often the teacher opens each demonstrated door."""
     teacher_noise: float
-    """Multiple of the teacher's standard noise."""
     randomization: str
-    """Randomization of each episode."""
     disturbance: str = "none"
-    """Disturbance during the episode."""
     start: str = "grasped"
-    """State at the start of episodes."""
     trial: str = ""
-    """Name of the trial, if they belong to one."""
     level: str = ""
-    """Level of the trial."""
 
     @property
     def teaching(self) -> str:

@@ -25,12 +25,7 @@ _STAMP: Final = stamp(KIND, VERSION)
 
 
 def settings_named(name: str) -> StudySettings:
-    """Return the settings of a preset, or those in a file.
-
-    Raises:
-        ValueError: There is neither, or as of `read_settings`.
-        OSError: It cannot be read.
-    """
+    """Return the settings of a preset, or those in a file."""
     if name in PRESETS:
         return PRESETS[name]
     path = Path(name)
@@ -44,24 +39,15 @@ def settings_named(name: str) -> StudySettings:
 
 
 def read_settings(path: Path) -> StudySettings:
-    """Read settings; what the file does not say is as in `StudySettings`.
-
-    Raises:
-        NewerFormatError: A later version of this package wrote the file.
-        ValueError: The file is not TOML, has an unknown key or a value of the wrong
-            type.
-        OSError: It cannot be read.
-    """
+    """Read settings; what the file does not say is as in `StudySettings`."""
     entries = read_toml(path)
     with naming(path):
         check_stamp(entries, KIND, VERSION)
-        kinds = typing.get_type_hints(StudySettings)
         # In a file, a radius need not be written as a text.
+        kinds = typing.get_type_hints(StudySettings)
         kinds["doors"] = tuple[str | float, ...]
         values: dict[str, Any] = {}
-        for name in entries:
-            if name in _STAMP:
-                continue
+        for name in (one for one in entries if one not in _STAMP):
             if name not in kinds:
                 raise ValueError(
                     f"unknown key {name!r:.80}{nearest_name(name, kinds)}; keys: "
@@ -74,19 +60,13 @@ def read_settings(path: Path) -> StudySettings:
 
 
 def write_settings(path: Path, settings: StudySettings) -> None:
-    """Write all settings, complete or not at all.
-
-    Raises:
-        NewerFormatError: A later version of this package wrote the file that is there.
-        OSError: The file cannot be written.
-    """
+    """Write all settings, complete or not at all; not over those of a later version."""
     refuse_newer(read_settings, path)
     lines = [f"# gplfd benchmark --config {path.name}"]
     for name, value in (_STAMP | dataclasses.asdict(settings)).items():
         # TOML writes texts, numbers, lists and truth values as JSON does, but for one
         # character that it wants escaped.
         text = json.dumps(value, allow_nan=False, ensure_ascii=False)
-        text = text.replace("\x7f", "\\u007f")
-        lines.append(f"{name} = {text}")
+        lines.append(f"{name} = {text}".replace("\x7f", "\\u007f"))
     with complete_or_absent(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,8 +1,7 @@
 """Policies that are not this project's: what names them, and how they reach workers.
 
-A user's policy is a file. A task keeps its name and the hash of its content and of what
-it imports beside it. The file itself is sent with the jobs, for workers on machines
-that lack it.
+A task keeps the name of a user's file and the hash of its content and of what it
+imports beside it. The file itself is sent with the jobs, for machines that lack it.
 """
 
 import functools
@@ -12,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 from gplfd_experiments.episodes.task import PolicySource, Task
 from gplfd_policies.arrays.storage import complete_or_absent
@@ -25,7 +24,6 @@ class PolicyFile:
     """A user's file that a policy comes from."""
 
     stem: str
-    """Its name without the ending."""
     content: bytes
     """Its content when the study was planned."""
 
@@ -38,15 +36,16 @@ NO_FILES: Final[Files] = MappingProxyType({})
 
 
 def chosen(name: str) -> Policy:
-    """Return a policy as it was when this process first looked.
-
-    Raises:
-        ValueError: There is no such policy, or it cannot be used.
-    """
+    """Return a policy as it was when this process first looked."""
     return _chosen(name, Path.cwd())
 
 
 _chosen = functools.cache(policy_named)
+
+
+def policy_fields(name: str) -> dict[str, Any]:
+    """Return the fields of a task that name a policy and its content."""
+    return {"policy": name, "policy_source": source_of(chosen(name))}
 
 
 def source_of(policy: Policy) -> PolicySource | None:
@@ -65,12 +64,7 @@ def source_of(policy: Policy) -> PolicySource | None:
 
 
 def files_of(study: Iterable[Task]) -> Files:
-    """Read the users' files that tasks were planned with.
-
-    Raises:
-        ValueError: One has changed since.
-        OSError: One cannot be read any more.
-    """
+    """Read the users' files that tasks were planned with."""
     files = {}
     for name, source in {task.policy: task.policy_source for task in study}.items():
         if source is None or source["kind"] != "module" or "sha256" not in source:
@@ -83,15 +77,7 @@ def files_of(study: Iterable[Task]) -> Files:
 
 
 def policy_of(task: Task, files: Files) -> Policy:
-    """Find the policy of a task in this process, perhaps on another machine.
-
-    Args:
-        task: The task.
-        files: Files to import a policy from that this machine lacks.
-
-    Raises:
-        ValueError: It is neither here nor among the files, or it is another one.
-    """
+    """Find the policy of a task in this process, perhaps on another machine."""
     try:
         policy = policy_named(task.policy)
         if (here := source_of(policy)) != task.policy_source:

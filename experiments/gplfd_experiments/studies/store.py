@@ -29,26 +29,13 @@ STUDY_VERSION: Final = 1
 
 
 def write_study(folder: Path, about: Mapping[str, Any]) -> None:
-    """Write what made a study's results, complete or not at all.
-
-    Raises:
-        NewerFormatError: A later version of this package wrote the file that is there.
-        OSError: The file cannot be written.
-    """
+    """Write what made a study's results; not over what a later version wrote."""
     refuse_newer(read_study, folder)
-    stamped = stamp(STUDY_KIND, STUDY_VERSION) | dict(about)
-    write_json(folder / STUDY, stamped)
+    write_json(folder / STUDY, stamp(STUDY_KIND, STUDY_VERSION) | dict(about))
 
 
 def read_study(folder: Path) -> dict[str, Any]:
-    """Return the content of study.json.
-
-    Raises:
-        FileNotFoundError: There is none.
-        NewerFormatError: A later version of this package wrote it.
-        OSError: It cannot be read.
-        ValueError: It is damaged.
-    """
+    """Return the content of study.json."""
     about = read_json(folder / STUDY)
     with naming(folder / STUDY):
         check_stamp(about, STUDY_KIND, STUDY_VERSION)
@@ -98,11 +85,7 @@ class StoredResults:
 
 
 def stored_results(folder: Path, study: Iterable[Task]) -> StoredResults:
-    """Read the result of every task of a study.
-
-    Raises:
-        NewerFormatError: A later version of this package wrote one of the files.
-    """
+    """Read the result of every task of a study."""
     finished, failed, unfinished, damaged = [], [], [], []
     for task in study:
         path = result_path(folder, task)
@@ -114,16 +97,17 @@ def stored_results(folder: Path, study: Iterable[Task]) -> StoredResults:
                     raise ValueError("it holds the result of another task")
         except NewerFormatError:
             raise
+        except FileNotFoundError:
+            unfinished.append(task)
         except (OSError, ValueError) as error:
             unfinished.append(task)
-            if not isinstance(error, FileNotFoundError):
-                damaged.append(str(error))
-            continue
-        if "error" in result:
-            failed.append(result)
-            unfinished.append(task)
+            damaged.append(str(error))
         else:
-            finished.append(result)
+            if "error" in result:
+                failed.append(result)
+                unfinished.append(task)
+            else:
+                finished.append(result)
     return StoredResults(
         finished=tuple(finished),
         failed=tuple(failed),

@@ -19,9 +19,7 @@ class SkillTask(TaughtTask):
     """Prediction of demonstrations that the policy did not learn from; no robot."""
 
     held_out: HeldOut
-    """What is left out of learning."""
     kind: Literal["skill"] = field(default="skill", init=False)
-    """Distinguishes kinds of tasks in a file."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -31,12 +29,10 @@ class RecordedTask(Task):
     recordings: str
     """Hash of all of them, `gplfd_policies.demonstrations.npz.hash_of`."""
     kind: Literal["recorded"] = field(default="recorded", init=False)
-    """Distinguishes kinds of tasks in a file."""
 
 
 Job = tuple[Task, ...]
-"""Tasks that one worker runs together: episodes of one policy that learned once, or a
-single learning test."""
+"""Episodes of one policy that learned once, or a single learning test."""
 
 _KINDS: Final[Mapping[str, type[Task]]] = {
     "episode": EpisodeTask,
@@ -46,11 +42,7 @@ _KINDS: Final[Mapping[str, type[Task]]] = {
 
 
 def task_from(record: Mapping[str, Any]) -> Task:
-    """Return the task of a result: the inverse of `Task.definition`.
-
-    Raises:
-        ValueError: The record is not that of a task.
-    """
+    """Return the task of a result: the inverse of `Task.definition`."""
     fields = dict(record)
     try:
         kind = _KINDS[fields.pop("kind")]

@@ -4,10 +4,9 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from logging import DEBUG
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 from gplfd_env.conventions.constants import Start
 from gplfd_env.doors.config import DoorConfig
@@ -57,14 +56,11 @@ CONFIGURATION: Final = "run.json"
 METRICS: Final = "metrics.json"
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Door:
-    """A door of a run, and the agent that has learned to open it."""
+class _Learned(NamedTuple):
+    """What was learned for a kind of doors."""
 
-    task: EpisodeTask
-    agent: Agent
     shown: LabelledDemonstrations
-    """What the agent learned from."""
+    make: Callable[[], Agent]
     file: str
     """Name under which the run keeps these demonstrations."""
 
@@ -87,33 +83,10 @@ def open_doors(
     """Learn, open each door once, and write everything.
 
     Doors of several kinds are opened by several agents: each learns from demonstrations
-    of its own kind. Where the policy raises an error in acting, the door counts as not
-    opened and the others are opened all the same. Nothing is written before everything
-    is checked and the policy has learned; then what an earlier run left in the folder
-    is removed.
-
-    Args:
-        doors: Names of doors, or radii [m] as text.
-        folder: Where to write.
-        policy: Name of the policy.
-        seed: Seed of teacher, policy and environment.
-        demonstrations: A file to learn from, or how often the synthetic human opens
-            each of the three demonstrated doors of a kind.
-        skill: A file of a skill to follow instead of learning, or None.
-        randomization: Name of what the environment draws anew.
-        disturbance: Name of what happens from outside.
-        start: What episodes begin with. Before the handle, reaching for it is learned
-            from the same demonstrations.
-        looks: How recordings draw the robot.
-        options: The command's, for the record; JSON-able.
-        video: File of the video, see `gplfd_experiments.recording.video`; None for no
-            videos.
-
-    Raises:
-        ValueError: An argument or a file is wrong, or the user's policy failed.
-        OSError: A file cannot be read or written, or was deleted meanwhile.
-        ModuleNotFoundError: The meshes that are to be drawn, or the encoder of videos,
-            are not installed.
+    of its own kind, as many per door as ``demonstrations`` says, or from the file that
+    it is. Where the policy raises an error in acting, the door counts as not opened and
+    the others are opened all the same. Nothing is written before everything is checked
+    and the policy has learned; then what an earlier run left in the folder is removed.
     """
     check_least("--seed", seed, 0)
     check_circumstances(randomization, disturbance)
@@ -162,16 +135,19 @@ def open_doors(
 
     started = time.perf_counter()
     with reported_errors(policy, chosen):
-        ready = _learn(tasks, chosen, demonstrations, skill)
+        learned = _learn(tasks, chosen, demonstrations, skill)
+        agents = {task.door: learned[task.shown].make() for task in tasks}
     LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
 
-    kept = {door.file: door.shown for door in ready}
+    kept = {one.file: one.shown for one in learned.values()}
     if FILE not in kept:
         earlier.append(folder / FILE)  # of an earlier run with one kind of doors
     for file in earlier:
         file.unlink(missing_ok=True)
     LOG.info("writing to %s", folder)
-    learned_from: dict[str, str] = {}
+    given = None
+    if isinstance(demonstrations, Path):
+        given = demonstrations_file(demonstrations)
     for name, shown in kept.items():
         save_demonstrations(
             folder / name,
@@ -180,36 +156,34 @@ def open_doors(
             frame=shown.frame,
             signals=shown.signals,
         )
-        learned_from[name] = content_hash(
-            demonstrations_file(demonstrations)
-            if isinstance(demonstrations, Path)
-            else folder / name
-        )
     record = {
         **options,
         "policy_source": tasks[0].policy_source,
-        "demonstrations_sha256": learned_from,
-        "demonstrations_of": {door.task.door: door.file for door in ready},
+        "demonstrations_sha256": {
+            name: content_hash(given or folder / name) for name in kept
+        },
+        "demonstrations_of": {task.door: learned[task.shown].file for task in tasks},
         "skill_sha256": None if skill is None else content_hash(skill),
         "door_configs": {task.door: task.door_config for task in tasks},
     }
     write_json(folder / CONFIGURATION, provenance(record))
 
     metrics: list[EpisodeMetrics | FailedEpisode] = []
-    for one in ready:
-        name = one.task.door
+    for task in tasks:
+        name, agent = task.door, agents[task.door]
+        shown = learned[task.shown].shown
         try:
-            metrics.append(_open(one, chosen, folder, shapes, videos.get(name)))
+            metrics.append(
+                _open(task, agent, shown, chosen, folder, shapes, videos.get(name))
+            )
         except PolicyError as error:
             LOG.error("%s: %s", name, error, exc_info=LOG.isEnabledFor(DEBUG))
-            failed = FailedEpisode(
-                policy=policy,
-                door=name,
-                radius=one.task.door_config["radius"],
-                seed=seed,
-                error=str(error),
+            radius = task.door_config["radius"]
+            metrics.append(
+                FailedEpisode(
+                    policy=policy, door=name, radius=radius, seed=seed, error=str(error)
+                )
             )
-            metrics.append(failed)
         write_json(folder / METRICS, [each.as_json() for each in metrics])
 
     opened = [each.door for each in metrics if isinstance(each, EpisodeMetrics)]
@@ -224,11 +198,7 @@ def open_doors(
 
 
 def _files_of_earlier_run(folder: Path) -> list[Path]:
-    """Return what an earlier run wrote to the folder.
-
-    Raises:
-        ValueError: Its configuration does not say which doors it opened.
-    """
+    """Return what an earlier run wrote to the folder."""
     configuration = folder / CONFIGURATION
     if not configuration.exists():
         return []
@@ -257,33 +227,27 @@ def _learn(
     policy: Policy,
     demonstrations: Path | int,
     skill: Path | None,
-) -> list[_Door]:
-    """Learn once per kind of doors; return the doors in their order."""
-    kinds = dict.fromkeys(task.shown for task in tasks)
-    learned: dict[str, tuple[LabelledDemonstrations, Callable[[], Agent], str]] = {}
-    for shown in kinds:
-        first = next(task for task in tasks if task.shown == shown)
+) -> dict[str, _Learned]:
+    """Learn once per kind of doors; return what was learned by `EpisodeTask.shown`."""
+    kinds: dict[str, list[EpisodeTask]] = {}
+    for task in tasks:
+        kinds.setdefault(task.shown, []).append(task)
+    learned: dict[str, _Learned] = {}
+    for shown, (first, *others) in kinds.items():
         file = FILE if len(kinds) == 1 else _kept_demonstrations(first.door)
         if skill is not None:
-            learned[shown] = (*_load(first.policy, skill), file)
+            learned[shown] = _Learned(*_load(first.policy, skill), file)
             continue
         if isinstance(demonstrations, Path):
             given = load_demonstrations(demonstrations)
         else:
             given = demonstrations_of(first)
         if policy.kind != "reference":
-            doors = [task.door for task in tasks if task.shown == shown]
-            LOG.info(
-                "learning from %d demonstrations for %s",
-                len(given.demonstrations),
-                ", ".join(doors),
-            )
-        learned[shown] = (given, learned_agents(first, policy, given), file)
-    return [
-        _Door(task=task, agent=make(), shown=given, file=file)
-        for task in tasks
-        for given, make, file in [learned[task.shown]]
-    ]
+            doors = ", ".join(task.door for task in (first, *others))
+            number = len(given.demonstrations)
+            LOG.info(f"learning from {number} demonstrations for {doors}")
+        learned[shown] = _Learned(given, learned_agents(first, policy, given), file)
+    return learned
 
 
 def _load(
@@ -300,17 +264,18 @@ def _load(
         )
     aligned = skill.aligned.demonstrated
     times = aligned.duration * aligned.times
-    shown = [Demonstration(times=times, poses=poses) for poses in aligned.poses]
+    shown = tuple(Demonstration(times=times, poses=poses) for poses in aligned.poses)
+    radii = (None,) * len(shown)
     return (
-        LabelledDemonstrations(
-            demonstrations=tuple(shown), radii=tuple(None for _ in shown)
-        ),
+        LabelledDemonstrations(demonstrations=shown, radii=radii),
         lambda: method.follow(skill),
     )
 
 
 def _open(
-    door: _Door,
+    task: EpisodeTask,
+    agent: Agent,
+    shown: LabelledDemonstrations,
     policy: Policy,
     folder: Path,
     looks: TiagoLooks | None,
@@ -318,11 +283,10 @@ def _open(
 ) -> EpisodeMetrics:
     """Open a door, write its log, recording and video, and return its metrics."""
     started = time.perf_counter()
-    task, name = door.task, door.task.door
+    name = task.door
     LOG.debug("%s: opening it with %s", name, task.policy)
-    env = make_environment(task, door.agent.control)
     with (
-        contextlib.closing(env),
+        contextlib.closing(make_environment(task, agent.control)) as env,
         progress_bar(desc=name, unit=" s simulated") as bar,
         reported_errors(task.policy, policy),
     ):
@@ -334,7 +298,7 @@ def _open(
 
         log = rollout(
             env,
-            door.agent,
+            agent,
             policy=task.policy,
             door=name,
             seed=task.reset_seed,
@@ -342,18 +306,15 @@ def _open(
         )
         model = env.unwrapped.model  # type: ignore[attr-defined]
     log.save(folder / f"{name}.npz")
-    record_episode(folder / f"{name}.rrd", log, model, door.shown.demonstrations, looks)
+    record_episode(folder / f"{name}.rrd", log, model, shown.demonstrations, looks)
     if video is not None:
         write_video(video, log, model)
     metrics = episode_metrics(log)
-    LOG.info(
-        "%s: %s, %.1f deg in %.1f s (%.1f s)",
-        name,
-        "opened"
-        if metrics.success
-        else f"not opened ({why_closed(metrics.failure, metrics.reason)})",
-        round(metrics.final_angle_deg, 1) + 0.0,  # not -0.0
-        metrics.duration,
-        time.perf_counter() - started,
-    )
+    ended = "opened"
+    if not metrics.success:
+        ended = f"not opened ({why_closed(metrics.failure, metrics.reason)})"
+    angle = round(metrics.final_angle_deg, 1) + 0.0  # not -0.0
+    seconds = time.perf_counter() - started
+    duration = f"{metrics.duration:.1f} s ({seconds:.1f} s)"
+    LOG.info(f"{name}: {ended}, {angle:.1f} deg in {duration}")
     return metrics

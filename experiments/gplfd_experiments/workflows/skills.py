@@ -28,43 +28,24 @@ RECORDING: Final = "skill.rrd"
 
 
 def skill_method(policy: str) -> Method:
-    """Return the method of a policy that learns and follows skills.
+    """Return the method of a policy that learns and follows skills."""
 
-    Raises:
-        ValueError: There is no such policy, or it learns something else.
-    """
+    def fits(method: Method | None) -> bool:
+        fit = None if method is None else method.fit
+        return (fit.func if isinstance(fit, partial) else fit) is fit_skill
+
     method = policy_named(policy).method
-    if method is not None and _fits_skills(method):
+    if method is not None and fits(method):
         return method
-    able = [
-        name
-        for name, one in POLICIES.items()
-        if one.method is not None and _fits_skills(one.method)
-    ]
+    able = ", ".join(sorted(name for name in POLICIES if fits(POLICIES[name].method)))
     raise ValueError(
         f"policy {policy!r} learns no skill that a file could hold; choose one of "
-        f"{', '.join(sorted(able))}"
+        f"{able}"
     )
 
 
-def _fits_skills(method: Method) -> bool:
-    fit = method.fit
-    return (fit.func if isinstance(fit, partial) else fit) is fit_skill
-
-
 def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> Skill:
-    """Learn a skill from a file of demonstrations and keep it in another.
-
-    Args:
-        demonstrations: File of `gplfd_policies.demonstrations.npz`.
-        file: Where to write the skill; an existing file is replaced.
-        policy: Name of a policy that learns skills.
-        seed: Seeds whatever is random in the learning.
-
-    Raises:
-        ValueError: An argument or the file of demonstrations is wrong.
-        OSError: A file cannot be read or written.
-    """
+    """Learn a skill from a file of demonstrations and keep it in another."""
     check_least("--seed", seed, 0)
     method = skill_method(policy)
     check_folder(file.parent)
@@ -89,23 +70,7 @@ def judge(
     engine: Engine,
     options: Mapping[str, Any],
 ) -> int:
-    """Leave each recording out in turn, let every method predict it, and report.
-
-    Args:
-        recordings: File of `gplfd_policies.demonstrations.npz`.
-        folder: Where results, report and recording are written; may have results.
-        policies: Names of methods; see `gplfd_experiments.studies.plan`.
-        reference: With which the others are compared, one of them.
-        engine: Where to run.
-        options: The command's, for the record; JSON-able.
-
-    Returns:
-        The number of tests that ended in an error.
-
-    Raises:
-        ValueError: An argument or the file is wrong.
-        OSError: A file cannot be read or written.
-    """
+    """Leave each recording out in turn, let every method predict it, and report."""
     given = load_demonstrations(recordings).demonstrations
     if len(given) < FEWEST:
         raise ValueError(
@@ -143,12 +108,9 @@ def judge(
     # Methods answer what they cannot learn from with errors of every kind.
     except Exception as error:
         LOG.error(
-            "%s was not written: %s cannot learn from these recordings: %s: %s. Look "
-            "at them as they were recorded: before_after.png and report.txt of `gplfd "
-            "demos import` say what is unusual",
-            file,
-            reference,
-            type(error).__name__,
-            error,
+            f"{file} was not written: {reference} cannot learn from these recordings: "
+            f"{type(error).__name__}: {error}. Look at them as they were recorded: "
+            "before_after.png and report.txt of `gplfd demos import` say what is "
+            "unusual"
         )
     return errors

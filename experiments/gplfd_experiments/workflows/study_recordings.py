@@ -61,22 +61,10 @@ def record_extremes(folder: Path, reference: str = "gp") -> Path:
     """Record episodes of a study's standard condition, and comparisons.
 
     Writes recordings/<policy>-best.rrd, -median.rrd and -worst.rrd, comparison.rrd and
-    comparison-widest.rrd (policies side by side at the demonstrated door in the middle
-    and at the widest) and index.json, which says what each file shows and whether its
-    repetition has the stored numbers. What a policy raises when it is run again stands
-    there, too, in place of a recording.
-
-    Args:
-        folder: The study's folder.
-        reference: Policy that stands first in the comparisons, if the study has it.
-
-    Returns:
-        The path of the index.
-
-    Raises:
-        FileNotFoundError: There is no such folder.
-        ValueError: It is not the folder of a study.
-        OSError: A file cannot be written.
+    comparison-widest.rrd (policies side by side, the reference first, at the
+    demonstrated door in the middle and at the widest) and index.json, which says what
+    each file shows and whether its repetition has the stored numbers. What a policy
+    raises when it is run again stands there, too, in place of a recording.
     """
     conditions = by_condition(read_results(folder).episodes)
     standard = [one for one in next(iter(conditions.values()), []) if not one.error]
@@ -95,7 +83,6 @@ def record_extremes(folder: Path, reference: str = "gp") -> Path:
     shown = (radii[len(radii) // 2], radii[-1])
     for file, radius in zip(COMPARISONS, shown, strict=True):
         if compared := same_door(standard, radius, reference):
-            LOG.info("recording %s", file)
             comparisons.append(_compare(out / file, compared))
     index = {"order": _ORDER, "episodes": entries, "comparisons": comparisons}
     write_json(out / INDEX, index)
@@ -127,16 +114,10 @@ def extremes(episodes: Sequence[EpisodeResult]) -> dict[str, EpisodeResult]:
 def same_door(
     episodes: Sequence[EpisodeResult], radius: float, reference: str
 ) -> dict[str, EpisodeResult]:
-    """Return an episode per policy: a standard door, the first seed.
+    """Return an episode per policy: a standard door of a radius [m], the first seed.
 
     The reference first, then the policies in the order of their success; of more than
-    `COMPARED`, some from the best to the worst. Empty where no policy has an episode
-    at that door.
-
-    Args:
-        episodes: Of one condition, without errors.
-        radius: The door's [m].
-        reference: Name of a policy.
+    `COMPARED`, some from the best to the worst.
     """
     same = [
         one
@@ -156,28 +137,22 @@ def same_door(
 
 
 def record_trials(folder: Path) -> Path:
-    """Record a comparison of every trial that a folder has.
+    """Record a comparison of every trial in a folder of `gplfd trials`.
 
-    Writes recordings/trial-<name>.rrd and index.json, which says what each file shows
-    and whether its repetition has the stored numbers. Returns and raises what
-    `record_extremes` does.
-
-    Args:
-        folder: Of `gplfd trials`.
+    Writes recordings/trial-<name>.rrd and an index.json like `record_extremes`.
     """
     out = folder / FOLDER
     comparisons: list[dict[str, Any]] = []
     for name, episodes in of_trials(read_results(folder)).items():
         trial = TRIALS[name]
         if shown := side_by_side(trial, episodes):
-            file = trial_recording_name(name)
-            LOG.info("recording %s", file)
             measure = next((one for one in trial.measures if one in MEASURED), RADIAL)
             heading = f"Trial {name}: {trial.question}"
             levels = {one.task.level for one in shown.values()}
             if len(levels) == 1 < len(trial.levels):
                 heading += f" ({levels.pop()})"
-            comparisons.append(_compare(out / file, shown, measure, heading))
+            path = out / trial_recording_name(name)
+            comparisons.append(_compare(path, shown, measure, heading))
     write_json(out / INDEX, {"episodes": [], "comparisons": comparisons})
     return out / INDEX
 
@@ -212,29 +187,23 @@ def _compare(
     measure: str = RADIAL,
     heading: str = "",
 ) -> dict[str, Any]:
-    """Record episodes side by side; leave out those that cannot be run again.
+    """Record episodes on one door side by side, by their labels; return the entry.
 
-    Args:
-        path: File to write.
-        compared: Episodes on one door, by their labels in the recording.
-        measure: What they are compared by.
-        heading: Of the recording's page.
-
-    Returns:
-        The entry of the index.
+    Those that cannot be run again are left out.
     """
+    LOG.info("recording %s", path.name)
     found = {name: _repeated(episode) for name, episode in compared.items()}
-    repeated = {name: again for name, (again, _) in found.items() if again is not None}
-    if repeated:
-        logs = [
-            dataclasses.replace(again.log, policy=name)
-            for name, again in repeated.items()
-        ]
-        one = next(iter(repeated.values()))
-        shown = (logs, one.model, one.demonstrations)
-        record_comparison(path, *shown, measure=measure, heading=heading)
     entries = [entry for _, entry in found.values()]
-    return {"file": path.name if repeated else None, "episodes": entries}
+    repeated = {name: again for name, (again, _) in found.items() if again is not None}
+    if not repeated:
+        return {"file": None, "episodes": entries}
+    logs = [
+        dataclasses.replace(again.log, policy=name) for name, again in repeated.items()
+    ]
+    one = next(iter(repeated.values()))
+    shown = (logs, one.model, one.demonstrations)
+    record_comparison(path, *shown, measure=measure, heading=heading)
+    return {"file": path.name, "episodes": entries}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -308,7 +277,6 @@ def differences(
 
 def model_of(task: EpisodeTask) -> mujoco.MjModel:
     """Return the model of the scene that the task's episode runs in."""
-    env = make_environment(task, "pose")
-    with contextlib.closing(env):
+    with contextlib.closing(make_environment(task, "pose")) as env:
         env.reset(seed=task.reset_seed)
         return env.unwrapped.model  # type: ignore[attr-defined]

@@ -39,11 +39,7 @@ class Cluster:
     def run(
         self, work: Callable[[ItemT], ResultT], items: Sequence[ItemT]
     ) -> Generator[tuple[ItemT, ResultT | Lost], None, None]:
-        """See `gplfd_experiments.studies.engines.Engine.run`.
-
-        Raises:
-            OSError: The scheduler does not answer, or not any more.
-        """
+        """See `gplfd_experiments.studies.engines.Engine.run`."""
         client = _dask.Client(self.address, timeout=_PATIENCE, set_as_default=False)
         try:
             blamed = yield from self._together(client, work, items)
@@ -56,9 +52,6 @@ class Cluster:
         """Connect to the scheduler, with the certificates of Dask's configuration.
 
         Dask's client waits for ever where something other than a scheduler listens.
-
-        Raises:
-            OSError: It does not answer.
         """
 
         async def connect() -> None:

@@ -23,18 +23,11 @@ ResultT = TypeVar("ResultT")
 Caught: TypeAlias = list[tuple[str, type[Warning]]]
 """Texts and categories of warnings."""
 
-_ENVIRONMENT: Final = {
-    # One thread per worker: each core has a worker already.
-    **ONE_THREAD,
-    # No worker imports a file of the working folder that is called `re.py`.
-    "PYTHONSAFEPATH": "1",
-}
-
-_CRASHES: Final = frozenset(
-    {signal.SIGSEGV, signal.SIGABRT, signal.SIGFPE, signal.SIGILL}
-)
+# One thread per worker, since each core has a worker already; and no worker imports a
+# file of the working folder that is called `re.py`.
+_ENVIRONMENT: Final = {**ONE_THREAD, "PYTHONSAFEPATH": "1"}
+_CRASHES: Final = (signal.SIGSEGV, signal.SIGABRT, signal.SIGFPE, signal.SIGILL)
 """Signals by which a process ends itself; others come from the machine."""
-
 _PULSE: Final = 1.0
 """Interval at which a worker checks that its parent still runs [s]."""
 
@@ -109,15 +102,16 @@ def _together(
                     waiting.popleft()
                 done, _ = loky.wait(running, return_when=loky.FIRST_COMPLETED)
                 # What finished before the pool broke is kept.
-                for future in sorted(
-                    done,
-                    key=lambda one: isinstance(one.exception(), loky.BrokenProcessPool),
-                ):
+                for future in sorted(done, key=_broken):
                     yield running[future], _warned(future.result())
                     del running[future]
         except loky.BrokenProcessPool:
             return list(running.values())
     return []
+
+
+def _broken(future: Any) -> bool:
+    return isinstance(future.exception(), loky.BrokenProcessPool)
 
 
 def _alone(
@@ -137,11 +131,9 @@ def _alone(
                 crashed &= by_itself
             else:
                 return result
-    return Lost(
-        reason=f"its worker process died in each of {ATTEMPTS} attempts: "
-        + ", ".join(ends),
-        crashed=crashed,
-    )
+    how = ", ".join(ends)
+    reason = f"its worker process died in each of {ATTEMPTS} attempts: {how}"
+    return Lost(reason=reason, crashed=crashed)
 
 
 def _end_of_worker(error: loky.BrokenProcessPool) -> tuple[str, bool]:

@@ -2,18 +2,13 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gplfd_env.spatial.se3 import rotation_distance
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.aligned import FINEST
 from gplfd_policies.movements.trajectory import GaussianTrajectory
-
-FloatArray = NDArray[np.float64]
-
-_LEVELS: Final = (0.50, 0.90, 0.95)
 
 
 def rms_distance(poses: FloatArray, truth: FloatArray) -> float:
@@ -32,17 +27,11 @@ def root_mean_square(values: FloatArray | Sequence[float]) -> float:
 
 
 def spread_followed(std: FloatArray, poses: FloatArray) -> float | None:
-    """Return the correlation of a standard deviation and the demonstrations' spread.
+    """Correlation of a standard deviation (M, 6) and demonstrations' spread (K, M, 6).
 
-    Args:
-        std: Predicted at the phases of the demonstrations, (M, 6); NaN for a method
-            without any.
-        poses: The demonstrations, (K, M, 6), at least two.
-
-    Returns:
-        Correlation over the phases of their logarithms, mean of the outputs whose
-        spread varies: 1 for a copy, 0 for one level throughout; None for a method
-        without standard deviations, or where no spread varies.
+    It is that of the logarithms over the phases, averaged over the outputs whose spread
+    varies: 1 for a copy, 0 for one level. None without standard deviations, which are
+    NaN then, or where no spread varies.
     """
     spread = poses.std(axis=0, ddof=1)
     if not np.isfinite(std).all():
@@ -60,33 +49,26 @@ def spread_followed(std: FloatArray, poses: FloatArray) -> float | None:
 def accuracy(
     predicted: GaussianTrajectory, truth: FloatArray, scored: FloatArray | None = None
 ) -> Mapping[str, float | None]:
-    """Score a prediction.
+    """Score a prediction of poses (M, 6) [m, rad] that were left out.
 
     Quantiles are those of a normal distribution for every method. For a method that
     states intervals of its own, wider with few demonstrations, ``coverage_95_stated``
-    is their coverage.
-
-    Args:
-        predicted: Prediction at the phases of the truth.
-        truth: Poses that were left out, (M, 6) [m, rad].
-        scored: The same with NaN where density and coverage leave numbers out; None
-            scores all.
+    is their coverage. ``scored`` is NaN where density and coverage leave numbers out.
     """
     scored = truth if scored is None else scored
-    stated = None
-    if predicted.degrees_of_freedom is not None:
-        stated = predicted.coverage(scored)
+    normal = {
+        f"coverage_{percent}": known(
+            predicted.coverage(scored, percent / 100, normal=True)
+        )
+        for percent in (50, 90, 95)
+    }
+    stated = predicted.degrees_of_freedom is not None
     return {
         "rmse_position_m": rms_distance(predicted.mean, truth),
         "rmse_rotation_rad": rms_rotation(predicted.mean, truth),
         "nlpd": known(predicted.nlpd(scored)),
-        **{
-            f"coverage_{100 * level:.0f}": known(
-                predicted.coverage(scored, level, normal=True)
-            )
-            for level in _LEVELS
-        },
-        "coverage_95_stated": stated,
+        **normal,
+        "coverage_95_stated": predicted.coverage(scored) if stated else None,
     }
 
 

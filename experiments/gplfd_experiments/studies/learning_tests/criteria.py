@@ -13,48 +13,37 @@ from typing import Any, Final
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """Limits of one number."""
+    """Limits of a metric of a skill task, with its name and unit in text."""
 
     metric: str
-    """Name in the metrics of a skill task."""
     symbol: str
-    """Name and unit in text."""
     low: float = -math.inf
-    """Least value that is good enough."""
     high: float = math.inf
-    """Greatest value that is good enough."""
-
-    def holds(self, value: float) -> bool:
-        """Whether a value is within the limits."""
-        return self.low <= value <= self.high
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Criterion:
-    """A row of Table 1."""
+    """A row of Table 1: what is measured, and what a missing number means."""
 
     row: str
-    """Its name in the paper."""
     limits: tuple[Limit, ...]
     """All must hold; the first is the number of the row."""
     sentence: str
-    """What is measured, and what it must be."""
     absent: str
-    """Meaning of a missing number."""
     paper: frozenset[str]
     """Policies whose methods have the paper's mark."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Mark:
-    """Mark of a method in a row."""
+    """Mark of a method in a row: the mean of its number, and whether all limits hold.
+
+    None where there is no number, or nothing was measured; the text says which.
+    """
 
     value: float | None
-    """Mean of the row's number over the tasks; None where there is none."""
     passed: bool | None
-    """Whether all limits hold; None where nothing was measured."""
     text: str
-    """The numbers, or why there are none."""
 
 
 _GAUSSIAN_PROCESSES: Final = frozenset({"local-gp", "wishart-gp"})
@@ -160,16 +149,7 @@ CRITERIA: Final[Mapping[str, Criterion]] = {
 
 
 def mark(criterion: str | Criterion, metrics: Sequence[Mapping[str, Any]]) -> Mark:
-    """Judge one method in one row.
-
-    Args:
-        criterion: A criterion, or the name of its row in `CRITERIA`.
-        metrics: Metrics of the method's skill tasks, of both kinds. Names that are
-            missing were not measured in that task.
-
-    Raises:
-        ValueError: An unknown row.
-    """
+    """Judge one method in one row."""
     if isinstance(criterion, str):
         if criterion not in CRITERIA:
             raise ValueError(f"no criterion {criterion!r}; rows: {', '.join(CRITERIA)}")
@@ -186,6 +166,6 @@ def mark(criterion: str | Criterion, metrics: Sequence[Mapping[str, Any]]) -> Ma
         return Mark(value=None, passed=False, text=criterion.absent)
     return Mark(
         value=means[criterion.limits[0]],
-        passed=all(limit.holds(mean) for limit, mean in means.items()),
+        passed=all(limit.low <= mean <= limit.high for limit, mean in means.items()),
         text=", ".join(f"{limit.symbol} {mean:.3g}" for limit, mean in means.items()),
     )

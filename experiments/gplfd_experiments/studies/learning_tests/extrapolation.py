@@ -35,11 +35,6 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     mean of x, z and θu_y. A method that keeps the last spread has 1.
     ``coverage_95_beyond`` is the share of the left-out demonstrations' rest within the
     normal 95 % interval.
-
-    Args:
-        method: How to learn.
-        fold: What to learn from, and what to predict.
-        seed: Seeds the learning.
     """
     starts = [_start(demonstration) for demonstration in fold.given]
     movement, _ = learn(method, starts, seed)
@@ -82,16 +77,8 @@ def prior_mean_used(
     lengths later it is the only information. A method that corrects it everywhere, as
     a description of the demonstrations, does not return to it.
 
-    Args:
-        method: How to learn.
-        demonstrations: What to learn from.
-        seed: Seeds the learning.
-        plain: The movement that is learned without a prior mean.
-
-    Returns:
-        Distance of the prediction from that without the prior mean, along the way to
-        the prior mean, as a share of that way, within [0, 1]: 1 returns to it, 0
-        ignores it. Metres and radians count alike. None if the method takes none.
+    Returns how far the prediction moves from the plain movement's, learned without it,
+    as a share of the way to the prior mean within [0, 1]; None if it takes none.
     """
     if not method.accepts_prior_mean:
         return None
@@ -101,7 +88,6 @@ def prior_mean_used(
     )
     informed, _ = learn(method, demonstrations, seed, prior)
     without = plain.predict(_FAR).mean
-    moved, whole = informed.predict(_FAR).mean - without, prior.mean(_FAR)
-    whole = whole - without
+    moved, whole = informed.predict(_FAR).mean - without, prior.mean(_FAR) - without
     share = float(np.sum(moved * whole) / np.sum(whole**2))
     return min(max(share, 0.0), 1.0)

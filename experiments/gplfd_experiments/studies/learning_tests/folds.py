@@ -1,11 +1,9 @@
 """Folds: which demonstrations are left out, and the phases to which they belong.
 
-Learning sees neither poses nor timing of what is left out: the rest is aligned without
-it, and only then is it aligned to the result. The phase of a left-out pose is not
-predicted but follows from the completion index of its own demonstration, Eq. (16) of
-Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979: a pose belongs to the phase at which the learned demonstrations had
-completed the same share of their own paths.
+Learning sees neither poses nor timing of what is left out. The phase of a left-out pose
+is not predicted but follows from the completion index of its own demonstration, Eq.
+(16) of Arduengo et al., arXiv:2002.09979: a pose belongs to the phase at which the
+learned demonstrations had completed the same share of their own paths.
 """
 
 from collections.abc import Sequence
@@ -15,18 +13,14 @@ from typing import Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.completion import measure_completion
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
-FloatArray = NDArray[np.float64]
-
 HeldOut = Literal["demonstration", "radius"]
-"""What a learning test leaves out: one demonstration of each door, or the middle
-door."""
-
+"""What a learning test leaves out, see `folds`."""
 HELD_OUT: Final[tuple[HeldOut, ...]] = get_args(HeldOut)
-"""All that can be left out."""
 
 _CLOCK_SHARE: Final = 1e-6
 """Weight of time in the completion index, which is constant while the hand rests."""
@@ -36,12 +30,10 @@ _ROTATION_WEIGHT: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Fold:
-    """Demonstrations, split into those to learn from and those to predict."""
+    """Demonstrations to learn from, and those that are not seen but predicted."""
 
     given: tuple[Demonstration, ...]
-    """Demonstrations that a method learns from."""
     left_out: tuple[Demonstration, ...]
-    """Demonstrations that it does not see, and predicts."""
 
 
 def by_door(
@@ -64,14 +56,6 @@ def folds(
     * "radius": one fold leaves out all demonstrations of the middle door, which the
       average of the others is near to. The other fold leaves out an outer door, in
       turn the smallest and the largest, which a method must adapt to.
-
-    Args:
-        doors: Demonstrations of each door, by radius.
-        held_out: One of `HELD_OUT`.
-        seed: Selects what is left out.
-
-    Raises:
-        ValueError: Another ``held_out``, or fewer than three doors.
     """
     if held_out not in HELD_OUT:
         raise ValueError(f"held_out must be one of {HELD_OUT}, got {held_out!r}")
@@ -137,12 +121,7 @@ class OnPhases:
 def aligned_to(
     demonstration: Demonstration, aligned: AlignedDemonstrations
 ) -> OnPhases:
-    """Align a demonstration to others by its own completion index.
-
-    Args:
-        demonstration: Sampled at equal steps of time, in the same task frame.
-        aligned: What a movement was learned from.
-    """
+    """Align a demonstration to others by its own completion index."""
     learned = np.mean(
         [_progress(aligned.times, poses) for poses in aligned.poses], axis=0
     )

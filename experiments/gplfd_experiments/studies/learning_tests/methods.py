@@ -21,30 +21,20 @@ _LOADED = (
 """Parts of SciPy that methods load on first use: no part of their learning."""
 
 
+ResultT = TypeVar("ResultT")
+
+
 def learn(
     method: Method,
     demonstrations: Sequence[Demonstration],
     seed: int,
     prior_mean: PriorMean | None = None,
 ) -> tuple[Movement, float]:
-    """Learn, and predict once.
+    """Learn, and return the movement and the CPU time of this thread [s].
 
-    Some methods defer work until the first prediction; it belongs to learning.
+    It includes alignment and a first prediction, to which some methods defer work.
     Warnings of few or noisy demonstrations are suppressed, because their effect is
     what is measured.
-
-    Args:
-        method: How to learn.
-        demonstrations: What to learn from.
-        seed: Seeds the learning.
-        prior_mean: Expected poses where nothing was demonstrated.
-
-    Returns:
-        What was learned, and the CPU time of this thread until it could predict,
-        including alignment [s].
-
-    Raises:
-        ValueError: The method cannot learn from them, or be given a prior mean.
     """
     training = TrainingInput(
         demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
@@ -60,9 +50,6 @@ def learn(
         return movement
 
     return cpu_seconds(able_to_predict)
-
-
-ResultT = TypeVar("ResultT")
 
 
 def cpu_seconds(action: Callable[[], ResultT]) -> tuple[ResultT, float]:

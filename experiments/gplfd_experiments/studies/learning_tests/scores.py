@@ -79,10 +79,8 @@ FEWEST: Final = 3
 
 _SAMPLES: Final = 200
 _REPEATS: Final = 3
-_GROWN: Final = 0.1
-"""Phase before which demonstrations hardly differ."""
-_UNEVEN: Final = 0.01
-"""Largest relative difference of time steps that count as equal."""
+_GROWN: Final = 0.1  # Phase before which demonstrations hardly differ.
+_UNEVEN: Final = 0.01  # Relative difference of time steps that count as equal.
 
 
 def method_metrics(
@@ -93,22 +91,7 @@ def method_metrics(
     teacher: Mapping[str, float],
     held_out: str,
 ) -> dict[str, Any]:
-    """Measure a method on the synthetic human's demonstrations.
-
-    Args:
-        method: How to learn and to adapt.
-        seed: Seeds teacher and learning, and chooses what is left out.
-        demonstrations_per_door: How often each of the three doors is demonstrated.
-        teacher: Fields of `gplfd_experiments.data.teacher.TeacherConfig`.
-        held_out: "demonstration" or "radius"; see `folds` of `learning_tests.folds`.
-
-    Returns:
-        Numbers by name, as this module lists them; plain data without NaN.
-
-    Raises:
-        ValueError: Another ``held_out``, or demonstrations that the method cannot learn
-            from.
-    """
+    """Measure a method on the synthetic human's demonstrations."""
     recorded = Teacher(TeacherConfig(**teacher)).demonstrate_doors(
         DEMONSTRATED_RADII, demonstrations_per_door, rng=np.random.default_rng(seed)
     )
@@ -131,16 +114,7 @@ def method_metrics(
 def recorded_metrics(
     method: Method, recordings: Sequence[Demonstration], number: int
 ) -> dict[str, Any]:
-    """Leave one recording out, learn from the others, and predict it.
-
-    Args:
-        method: How to learn and to adapt.
-        recordings: At least `FEWEST`, in one frame.
-        number: Which recording is left out; also seeds the learning.
-
-    Raises:
-        ValueError: The method cannot learn from the others.
-    """
+    """Leave one recording out, learn from the others, and predict it."""
     movement, left_out, cpu_s = without(method, recordings, number)
     return {
         **prediction_scores(movement, left_out),
@@ -154,19 +128,7 @@ def recorded_metrics(
 def without(
     method: Method, recordings: Sequence[Demonstration], number: int
 ) -> tuple[Movement, OnPhases, float]:
-    """Learn from all recordings but one.
-
-    Args:
-        method: How to learn.
-        recordings: At least `FEWEST`, in one frame.
-        number: Which recording is left out; also seeds the learning.
-
-    Returns:
-        What was learned, the left-out recording on its phases, and the CPU time [s].
-
-    Raises:
-        ValueError: The method cannot learn from the others.
-    """
+    """Learn from all recordings but one."""
     given = [*recordings[:number], *recordings[number + 1 :]]
     movement, cpu_s = learn(method, given, number)
     one = recordings[number]
@@ -197,15 +159,12 @@ def _movement_scores(movement: Movement) -> Mapping[str, float | None]:
     aligned = movement.aligned
     grown = aligned.times > _GROWN
     std = movement.predict(aligned.times).std
-    seconds = []
-    for repeat in range(1, 1 + _REPEATS):
-        # Other phases every time, so that no result is cached.
-        asked = np.linspace(1e-6 * repeat, 1.0, _SAMPLES)
-        seconds.append(cpu_seconds(partial(movement.predict, asked))[1])
+    # Other phases every time, so that no result is cached.
+    asked = [np.linspace(1e-6 * n, 1.0, _SAMPLES) for n in range(1, 1 + _REPEATS)]
+    seconds = [cpu_seconds(partial(movement.predict, one))[1] for one in asked]
+    path = movement.predict(phases).mean[:, :3]
     return {
-        "log_dimensionless_jerk": log_dimensionless_jerk(
-            movement.predict(phases).mean[:, :3], step
-        ),
+        "log_dimensionless_jerk": log_dimensionless_jerk(path, step),
         "spread_followed": spread_followed(std[grown], aligned.poses[:, grown]),
         "cpu_predict_s": min(seconds),
     }

@@ -10,18 +10,16 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from gplfd_experiments.data.teacher.random_motion import smooth_functions
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.learning_tests.accuracy import known, rms_rotation
 from gplfd_experiments.studies.learning_tests.methods import learn
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.registry.method import Method
-
-FloatArray = NDArray[np.float64]
 
 _COUNT: Final = 6
 _CLOCK: Final = np.linspace(0.0, 1.0, 301)
@@ -41,15 +39,6 @@ def tumbling(method: Method, seed: int) -> Mapping[str, object]:
     Every method has six outputs and one input, the phase. x and z are learned while
     the four other outputs rest, and again while all six move. 24 outputs do not exist;
     four movements of six would cost four times as much by construction.
-
-    Args:
-        method: How to learn.
-        seed: Seeds the demonstrations and the learning.
-
-    Returns:
-        By number of outputs, CPU time to learn and the negative log predictive density
-        of z in other repetitions, above that of the truth; and the error of the mean
-        orientation of six outputs, in standard deviations of a demonstration.
     """
     two, two_s = learn(method, tumble(seed, active=(0, 2)), seed)
     six, six_s = learn(method, tumble(seed, active=range(6)), seed)
@@ -79,12 +68,7 @@ def _spread(phases: FloatArray) -> FloatArray:
 
 
 def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, ...]:
-    """Draw demonstrations of the task.
-
-    Args:
-        seed: The same seed gives the same variation of an output.
-        active: Outputs that move; the others rest at zero.
-    """
+    """Draw demonstrations of the task."""
     rng = np.random.default_rng(seed)
     resting = [output for output in range(6) if output not in active]
     demonstrations = []
@@ -96,12 +80,10 @@ def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, .
         positions[:, 0] = _LENGTH * _CLOCK
         positions[:, 1] = 0.01 * wobble[:, 0]
         positions[:, 2] = _spread(_CLOCK) * wobble[:, 1]
-        turned = tumbled_rotations(_CLOCK) * Rotation.from_rotvec(
-            TUMBLE_STD * wobble[:, 2:]
-        )
-        poses = Demonstration.from_quaternions(
-            _CLOCK, positions, turned.as_quat(), order="xyzw"
-        ).poses.copy()
+        turn = Rotation.from_rotvec(TUMBLE_STD * wobble[:, 2:])
+        turned = (tumbled_rotations(_CLOCK) * turn).as_quat()
+        whole = Demonstration.from_quaternions(_CLOCK, positions, turned, order="xyzw")
+        poses = whole.poses.copy()
         poses[:, resting] = 0.0
         demonstrations.append(Demonstration(times=_DURATION * _CLOCK, poses=poses))
     return tuple(demonstrations)

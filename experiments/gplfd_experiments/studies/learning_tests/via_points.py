@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.learning_tests.accuracy import (
     averaged,
     known,
@@ -20,20 +20,14 @@ from gplfd_policies.movements.movement import AdaptationForm, Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 from gplfd_policies.registry.method import Method
 
-FloatArray = NDArray[np.float64]
-
 GRID: Final = np.linspace(0.0, 1.0, 100)
 """Phases of an adaptation, as many as those of the agents."""
 _PLACES: Final = (25, 50, 74)
 """Places of the via-points on the grid."""
-_STD: Final = 1e-3
-"""Standard deviation of a via-point [m, rad]."""
-_STRICT_STD: Final = 1e-4
-"""The same of a strict via-point, which outweighs what was learned."""
-_FAR: Final = 0.3
-"""Distance from a via-point that counts as far [phase]."""
-_SEEN: Final = 0.3
-"""Observed part of a demonstration before the rest is predicted [phase]."""
+# Standard deviations of a via-point, and of one that outweighs what was learned.
+_STD, _STRICT_STD = 1e-3, 1e-4  # [m, rad]
+_FAR: Final = 0.3  # Distance from a via-point that counts as far [phase].
+_SEEN: Final = 0.3  # Observed part before the rest is predicted [phase].
 FORECASTS: Final = (0.10, 0.25, 0.50)
 """Observed shares of a recording, in turn."""
 _VIA_POINT_SCORES: Final = (
@@ -47,7 +41,7 @@ _VIA_POINT_SCORES: Final = (
 def adaptation(
     method: Method, movement: Movement, left_out: Sequence[OnPhases]
 ) -> dict[str, float | None]:
-    """Adapt to demonstrations that were left out.
+    """Adapt to demonstrations that were left out; return averages by name.
 
     * Three via-points in one adaptation: distance of the mean from them, with standard
       deviations of 1 mm and 1 mrad and, in "strict", a tenth of it.
@@ -57,14 +51,8 @@ def adaptation(
     * The first 30 % of the demonstration, one via-point for every hundredth, as the
       agents observe it: distance of the mean from the rest.
 
-    Args:
-        method: How to adapt.
-        movement: What is adapted.
-        left_out: Demonstrations on its phases.
-
-    Returns:
-        Averages by name. Without via-points all are None except the errors over the
-        rest of the demonstration, which are those of the movement as learned.
+    Without via-points all are None except the errors over the rest of the
+    demonstration, which are those of the movement as learned.
     """
     scores: list[dict[str, float | None]] = []
     for one in left_out:
@@ -72,7 +60,16 @@ def adaptation(
         if method.adaptation is not None:
             found |= _hits(method.adaptation, movement, one)
             found |= _far_changes(method.adaptation, movement, one)
-        scores.append(found | _rest(method, movement, one))
+        rest, truth, cpu_s = _observed(method, movement, one, _SEEN)
+        before = movement.predict(GRID).mean[GRID > _SEEN]
+        found |= {
+            "rmse_rest_position_m": rms_distance(rest.mean, truth),
+            "rmse_rest_rotation_rad": rms_rotation(rest.mean, truth),
+            "rmse_rest_unadapted_position_m": rms_distance(before, truth),
+            "rest_coverage_95": known(rest.coverage(truth, normal=True)),
+            "cpu_adapt_s": cpu_s,
+        }
+        scores.append(found)
     return averaged(scores)
 
 
@@ -95,54 +92,33 @@ def _far_changes(
     form: AdaptationForm, movement: Movement, left_out: OnPhases
 ) -> dict[str, float | None]:
     before, truth = movement.predict(GRID), left_out.at(GRID)
-    changes: list[FloatArray] = []
-    errors: list[FloatArray] = []
+    found: list[FloatArray] = []
     for place in _PLACES:
         phase = float(GRID[place])
         adapted = begin_adaptation(movement, form, GRID)
         pose = left_out.at(GRID[[place]])[0]
         adapted.observe(ViaPoint(phase=phase, pose=pose, std=_STRICT_STD))
         far = np.abs(GRID - phase) > _FAR
-        both = np.abs(adapted.mean - before.mean), np.abs(adapted.std - before.std)
-        changes.append(np.stack([(each / before.std)[far].ravel() for each in both]))
-        missed = adapted.mean - truth, before.mean - truth
-        errors.append(np.stack([(each / before.std)[far].ravel() for each in missed]))
-    mean, std = np.concatenate(changes, axis=1)
-    after, unadapted = np.sqrt(np.mean(np.concatenate(errors, axis=1) ** 2, axis=1))
+        differences = (
+            *(np.abs(adapted.mean - before.mean), np.abs(adapted.std - before.std)),
+            *(adapted.mean - truth, before.mean - truth),
+        )
+        found.append(np.stack([(d / before.std)[far].ravel() for d in differences]))
+    mean, std, after, unadapted = np.concatenate(found, axis=1)
+    error, error_before = np.sqrt(np.mean(np.stack([after, unadapted]) ** 2, axis=1))
     return {
         "via_far_change": float(mean.mean()),
         "via_far_std_change": float(std.mean()),
-        "via_far_error": float(after / unadapted) if unadapted else None,
-    }
-
-
-def _rest(
-    method: Method, movement: Movement, left_out: OnPhases
-) -> dict[str, float | None]:
-    rest, truth, cpu_s = _observed(method, movement, left_out, _SEEN)
-    before = movement.predict(GRID).mean[GRID > _SEEN]
-    return {
-        "rmse_rest_position_m": rms_distance(rest.mean, truth),
-        "rmse_rest_rotation_rad": rms_rotation(rest.mean, truth),
-        "rmse_rest_unadapted_position_m": rms_distance(before, truth),
-        "rest_coverage_95": known(rest.coverage(truth, normal=True)),
-        "cpu_adapt_s": cpu_s,
+        "via_far_error": float(error / error_before) if error_before else None,
     }
 
 
 def forecasts(
     method: Method, movement: Movement, left_out: OnPhases
 ) -> dict[str, float | None]:
-    """Return the accuracy of the rest once the shares `FORECASTS` have been observed.
+    """Return the accuracy of the rest once the shares `FORECASTS` were observed.
 
-    Args:
-        method: How to adapt; without via-points the movement is not adapted.
-        movement: What is adapted.
-        left_out: A demonstration on its phases.
-
-    Returns:
-        Numbers by name, as `gplfd_experiments.studies.learning_tests.scores` lists
-        them.
+    A method without via-points does not adapt the movement.
     """
     found: dict[str, float | None] = {}
     for share in FORECASTS:
@@ -160,10 +136,9 @@ def forecasts(
 def _observed(
     method: Method, movement: Movement, left_out: OnPhases, share: float
 ) -> tuple[GaussianTrajectory, FloatArray, float | None]:
-    """Adapt to the first share of a demonstration as an agent does that opens a door.
+    """Adapt to the first share of a demonstration, as an agent that opens a door.
 
-    Returns:
-        Prediction and truth of the rest, and the CPU time of a via-point [s].
+    Returns prediction and truth of the rest, and the CPU time of a via-point [s].
     """
     adapted = begin_adaptation(movement, method.adaptation, GRID)
     cpu_s = None

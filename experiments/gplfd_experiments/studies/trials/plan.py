@@ -7,17 +7,13 @@ from collections.abc import Sequence
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
-from gplfd_experiments.studies.sources import chosen, source_of
+from gplfd_experiments.studies.sources import chosen, policy_fields
 from gplfd_experiments.studies.trials.protocol import PARTS, TRIALS, TUNED, Part
 from gplfd_experiments.studies.trials.records import Trial
 
 
 def named_trials(names: Sequence[str], part: Part = "whole") -> dict[str, Trial]:
-    """Return trials by name; without a name all that a part of the protocol has.
-
-    Raises:
-        ValueError: An unknown name, or one given twice.
-    """
+    """Return trials by name; without a name all that a part of the protocol has."""
     for name in names:
         if name not in TRIALS:
             raise ValueError(
@@ -35,16 +31,7 @@ def trial_tasks(
     policies: Sequence[str] = (),
     part: Part = "whole",
 ) -> tuple[EpisodeTask, ...]:
-    """Return the episodes of trials; the seed varies slowest.
-
-    Args:
-        trials: By name.
-        policies: Policies that take part in every trial besides the protocol's.
-        part: Part of the protocol.
-
-    Raises:
-        ValueError: An unknown policy.
-    """
+    """Return the episodes of trials; the seed varies slowest."""
     plan = PARTS[part]
     tuned = TUNED if part == "whole" else ()
     doors = {
@@ -57,7 +44,7 @@ def trial_tasks(
     }
     tasks: list[EpisodeTask] = []
     for seed, (name, trial) in itertools.product(range(plan.seeds), trials.items()):
-        own = plan.variants.get(name, trial.also)
+        own = plan.variants.get(name, trial.own)
         competing = (*plan.everywhere, *own, *(tuned if trial.tuned else ()), *policies)
         for policy, title in itertools.product(dict.fromkeys(competing), trial.levels):
             level, method = trial.levels[title], chosen(policy).method
@@ -68,8 +55,7 @@ def trial_tasks(
                 episode_task(
                     door,
                     config,
-                    policy=policy,
-                    policy_source=source_of(chosen(policy)),
+                    **policy_fields(policy),
                     seed=seed,
                     demonstrations_per_door=level.demonstrations_per_door,
                     teacher=standard_teacher() | dict(level.teacher),

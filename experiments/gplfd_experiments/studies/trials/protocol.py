@@ -4,15 +4,13 @@ Frozen under its version: a change of a door, a draw, a demonstration, a measure
 policy that takes part makes another version. The criteria were settled before the
 trials were run.
 
-Every trial is run with `SEEDS` seeds. All that is drawn for a seed, demonstrations,
-doors and disturbances, is the same for all policies, so policies are compared seed by
-seed: a policy's number is its mean over the doors and levels of a seed, and of the
+All that is drawn for a seed is the same for all policies, so policies are compared seed
+by seed: a policy's number is its mean over the doors and levels of a seed, and of the
 differences of two policies the Hodges-Lehmann estimate is given with its exact 95 %
-interval (signed ranks). An idea shows in a contrast if the interval of the difference
-leaves zero out on the side of the policy that has the idea.
-
-With 20 seeds an effect as large as 0.67 of the differences' standard deviation is found
-in 79 of 100 repetitions, one as large as 0.8 in 91 (1,500 simulated each).
+interval (signed ranks). An idea shows in a contrast if the interval leaves zero out on
+the side of the policy that has it. With 20 seeds an effect as large as 0.67 of the
+differences' standard deviation is found in 79 of 100 repetitions, one as large as 0.8
+in 91 (1,500 simulated each).
 """
 
 import dataclasses
@@ -50,12 +48,10 @@ Part = Literal["whole", "ideas", "small"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PartPlan:
-    """Seeds and policies of a part of the protocol."""
+    """Number of seeds, and the policies of every trial, of a part of the protocol."""
 
     seeds: int
-    """Number of seeds."""
     everywhere: tuple[str, ...]
-    """Policies of every trial."""
     variants: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Variants of `gp` that lack an idea, by trial; a trial that is not listed has all
     of its own."""
@@ -89,6 +85,11 @@ _ALL: Final = ("small", "medium", "large")
 _MEDIUM: Final = ("medium",)
 _NOISE: Final = {"pose_noise": (0.0005, 0.002), "wrench_noise": (0.3, 0.02)}
 """Of `mild` sensors."""
+_TO_45: Final = {"angle_mean": math.radians(45.0)}
+"""A teacher who opens the door to 45° only."""
+_RADIAL: Final = "force_radial_peak"
+_GENTLE: Final = (_RADIAL, "success")
+"""Measures of a door that is opened with a small force."""
 
 
 def _without(
@@ -102,6 +103,24 @@ def _without(
             lacking=Side(policy=policy, level=level),
         )
         for policy in lacking
+    )
+
+
+def _stiffness(measure: str) -> tuple[Contrast, ...]:
+    return _without("variable stiffness", measure, *CONSTANT)
+
+
+def _load(measure: str) -> tuple[Contrast, ...]:
+    return _without("learned load", measure, "gp-carried-load")
+
+
+def _prior_mean(measure: str, having: str, lacking: str) -> Contrast:
+    """Compare two levels of `gp`, of which one has a prior mean."""
+    return Contrast(
+        idea="prior mean",
+        measure=measure,
+        having=Side(policy="gp", level=having),
+        lacking=Side(policy="gp", level=lacking),
     )
 
 
@@ -119,7 +138,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
         "radius": Trial(
             question="Which policy opens doors of a radius that was not demonstrated?",
             claims=("via-points", "prediction uncertainty"),
-            measures=("force_radial_peak", "success"),
+            measures=_GENTLE,
             levels={
                 "between": Level(doors=("0.42", "0.58")),
                 "beyond": Level(
@@ -127,12 +146,9 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 ),
             },
             contrasts=(
-                *_without("via-points", "force_radial_peak", "gp-fixed"),
-                *_without(
-                    "shared phase error", "force_radial_peak", "gp-independent-phase"
-                ),
+                *_without("via-points", _RADIAL, "gp-fixed"),
+                *_without("shared phase error", _RADIAL, "gp-independent-phase"),
             ),
-            also=("gp-fixed", "gp-independent-phase"),
             tuned=True,
         ),
         "further": Trial(
@@ -140,14 +156,8 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             claims=("prediction uncertainty", "prior information"),
             measures=("final_angle_deg", "success"),
             levels={
-                "nothing else": Level(
-                    doors=_ALL, teacher={"angle_mean": math.radians(45.0)}
-                ),
-                "prior mean": Level(
-                    doors=_ALL,
-                    teacher={"angle_mean": math.radians(45.0)},
-                    prior_radius=0.5,
-                ),
+                "nothing else": Level(doors=_ALL, teacher=_TO_45),
+                "prior mean": Level(doors=_ALL, teacher=_TO_45, prior_radius=0.5),
             },
             contrasts=(
                 *_without(
@@ -156,19 +166,13 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                     "gp-within-demonstrations",
                     level="nothing else",
                 ),
-                Contrast(
-                    idea="prior mean",
-                    measure="force_radial_peak",
-                    having=Side(policy="gp", level="prior mean"),
-                    lacking=Side(policy="gp", level="nothing else"),
-                ),
+                _prior_mean(_RADIAL, "prior mean", "nothing else"),
             ),
-            also=("gp-within-demonstrations",),
         ),
         "few": Trial(
             question="Which policy learns from few demonstrations?",
             claims=("prior information",),
-            measures=("force_radial_peak", "success"),
+            measures=_GENTLE,
             levels={
                 "one per door": Level(doors=_ALL, demonstrations_per_door=1),
                 "two of the small door": Level(doors=_ALL, demonstrated_radii=(0.35,)),
@@ -177,47 +181,39 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 ),
             },
             contrasts=(
-                Contrast(
-                    idea="prior mean",
-                    measure="force_radial_peak",
-                    having=Side(policy="gp", level="two and a prior mean"),
-                    lacking=Side(policy="gp", level="two of the small door"),
-                ),
+                _prior_mean(_RADIAL, "two and a prior mean", "two of the small door"),
             ),
         ),
         "messy": Trial(
-            question="Which policy learns from a person who pauses, hurries, "
-            "moves back and stops early, and from recordings with gaps "
-            "and outliers?",
+            question="Which policy learns from a person who pauses, hurries, moves "
+            "back and stops early, and from recordings with gaps and outliers?",
             claims=("alignment", "task variability"),
-            measures=("force_radial_peak", "success"),
+            measures=_GENTLE,
             levels={"messy": Level(doors=_ALL, habits=dataclasses.asdict(MESSY))},
             contrasts=(
-                *_without("alignment", "force_radial_peak", "gp-dtw-euclidean"),
-                *_without("task variability", "force_radial_peak", "gp-homoscedastic"),
+                *_without("alignment", _RADIAL, "gp-dtw-euclidean"),
+                *_without("task variability", _RADIAL, "gp-homoscedastic"),
             ),
-            also=("gp-dtw-euclidean", "gp-homoscedastic"),
             tuned=True,
         ),
         "rests": Trial(
-            question="Which policy learns from recordings that begin with up to "
-            "2 s of rest and contain a pause of up to 2 s?",
+            question="Which policy learns from recordings that begin with up to 2 s of "
+            "rest and contain a pause of up to 2 s?",
             claims=("alignment", "rests left out"),
-            measures=("force_radial_peak", "success"),
+            measures=_GENTLE,
             levels={
                 "rests": Level(
                     doors=_ALL,
                     habits={"longest_rest": 2.0, "pauses": 1, "longest_pause": 2.0},
                 )
             },
-            contrasts=_without("rests left out", "force_radial_peak", "gp-untrimmed"),
-            also=("gp-untrimmed",),
+            contrasts=_without("rests left out", _RADIAL, "gp-untrimmed"),
         ),
         "turned": Trial(
-            question="Which policy opens doors if the robot has a heading error "
-            "of up to 5° and grasps the bar off its middle?",
+            question="Which policy opens doors if the robot has a heading error of up "
+            "to 5° and grasps the bar off its middle?",
             claims=("path phase", "rotations"),
-            measures=("success", "final_angle_deg", "force_radial_peak"),
+            measures=("success", "final_angle_deg", _RADIAL),
             levels={
                 "± 5°": Level(
                     doors=_ALL,
@@ -230,28 +226,23 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             },
             contrasts=(
                 *_without("path phase", "final_angle_deg", "gp-clock"),
-                *_without(
-                    "heading as a nuisance", "force_radial_peak", "gp-heading-trusting"
-                ),
-                *_without("rotations", "force_radial_peak", "gp-position-only"),
+                *_without("heading as a nuisance", _RADIAL, "gp-heading-trusting"),
+                *_without("rotations", _RADIAL, "gp-position-only"),
             ),
-            also=("gp-clock", "gp-heading-trusting", "gp-position-only", "gp-fixed"),
+            also=("gp-fixed",),
             tuned=True,
         ),
         "person": Trial(
-            question="A person holds the robot's hand, or has a hand in the way "
-            "of the door. How large is the force on the person?",
+            question="A person holds the robot's hand, or has a hand in the way of the "
+            "door. How large is the force on the person?",
             claims=("variable stiffness",),
             measures=("person_force_peak", "person_energy", "success", "release_speed"),
             levels={
                 "holds the hand": Level(doors=_MEDIUM, disturbance="person"),
                 "in the way": Level(doors=_MEDIUM, disturbance="person-behind"),
             },
-            contrasts=(
-                *_without("variable stiffness", "person_force_peak", *CONSTANT),
-                *_without("learned load", "person_force_peak", "gp-carried-load"),
-            ),
-            also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
+            contrasts=(*_stiffness("person_force_peak"), *_load("person_force_peak")),
+            also=("gp-impedance",),
         ),
         "push": Trial(
             question="The hand is pushed for 0.3 s. How far does it move?",
@@ -261,8 +252,8 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 "where demonstrations agree": _pushed(0.1, 0.25),
                 "where they differ": _pushed(0.75, 0.9),
             },
-            contrasts=_without("variable stiffness", "push_displacement_mm", *CONSTANT),
-            also=(*CONSTANT, "gp-fixed"),
+            contrasts=_stiffness("push_displacement_mm"),
+            also=("gp-fixed",),
         ),
         "stop": Trial(
             question="The door is blocked for 2.5 s and then freed. Is it opened?",
@@ -270,51 +261,47 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             measures=("success", "stop_force_sustained", "release_speed"),
             levels={"stop": Level(doors=_MEDIUM, disturbance="stop")},
             contrasts=(
-                *_without("variable stiffness", "success", *CONSTANT),
-                *_without("variable stiffness", "stop_force_sustained", *CONSTANT),
-                *_without("learned load", "stop_force_sustained", "gp-carried-load"),
+                *_stiffness("success"),
+                *_stiffness("stop_force_sustained"),
+                *_load("stop_force_sustained"),
             ),
-            also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
+            also=("gp-impedance",),
         ),
         "locked": Trial(
-            question="The door is locked. Does the hand keep the handle, and "
-            "with how much force?",
+            question="The door is locked. Does the hand keep the handle, and with how "
+            "much force?",
             claims=("variable stiffness",),
             measures=("stop_force_sustained", "grasp_kept"),
             levels={"locked": Level(doors=_MEDIUM, disturbance="locked")},
             contrasts=(
-                *_without("variable stiffness", "stop_force_sustained", *CONSTANT),
-                *_without("learned load", "stop_force_sustained", "gp-carried-load"),
+                *_stiffness("stop_force_sustained"),
+                *_load("stop_force_sustained"),
             ),
-            also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
+            also=("gp-impedance",),
         ),
         "heavy": Trial(
-            question="Which policy opens doors that are heavier than all "
-            "demonstrated ones?",
+            question="Which policy opens doors that are heavier than all demonstrated "
+            "ones?",
             claims=("variable stiffness",),
             measures=("final_angle_deg", "success"),
             levels={
                 "14 N": Level(doors=("heavy",)),
                 "24 N": Level(doors=("heavy",), door={"closer_preload": 10.0}),
             },
-            contrasts=(
-                *_without("variable stiffness", "final_angle_deg", *CONSTANT),
-                *_without("learned load", "final_angle_deg", "gp-carried-load"),
-            ),
-            also=(*CONSTANT, "gp-carried-load", "gp-impedance"),
+            contrasts=(*_stiffness("final_angle_deg"), *_load("final_angle_deg")),
+            also=("gp-impedance",),
         ),
         "breakaway": Trial(
-            question="The hinge sticks at the start and a seal holds the leaf. "
-            "Is the door opened?",
+            question="The hinge sticks at the start and a seal holds the leaf. Is the "
+            "door opened?",
             claims=("variable stiffness",),
             measures=("success", "release_speed", "force_handle_peak"),
             levels={"breakaway": Level(doors=_MEDIUM, disturbance="breakaway")},
-            contrasts=_without("variable stiffness", "force_handle_peak", *CONSTANT),
-            also=CONSTANT,
+            contrasts=_stiffness("force_handle_peak"),
         ),
         "delay": Trial(
-            question="Commands take effect one to three control periods late. "
-            "Which policy stays stable in contact?",
+            question="Commands take effect one to three control periods late. Which "
+            "policy stays stable in contact?",
             claims=("contact stability",),
             measures=("success", "force_handle_peak"),
             levels={
@@ -327,22 +314,18 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             contrasts=_without(
                 "damping for contact", "force_handle_peak", "gp-undamped"
             ),
-            also=("gp-undamped", "gp-impedance", "gp-fixed", "gp-constant-100"),
+            also=("gp-impedance", "gp-fixed", "gp-constant-100"),
         ),
         "noise": Trial(
             question="Sensors are one, two and four times as noisy as those of a "
-            "careful laboratory. Which policy still opens with a small "
-            "force?",
+            "careful laboratory. Which policy still opens with a small force?",
             claims=("heteroscedastic noise",),
-            measures=("force_radial_peak", "success"),
+            measures=_GENTLE,
             levels={
                 f"× {factor}": Level(doors=_MEDIUM, randomization=_noise(factor))
                 for factor in (1, 2, 4)
             },
-            contrasts=_without(
-                "heteroscedastic noise", "force_radial_peak", "gp-homoscedastic"
-            ),
-            also=("gp-homoscedastic",),
+            contrasts=_without("heteroscedastic noise", _RADIAL, "gp-homoscedastic"),
             tuned=True,
         ),
     }

@@ -10,27 +10,24 @@ from gplfd_experiments.studies.result_format import POLICY_ERROR
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Level:
-    """One setting of a trial: demonstrations, doors and circumstances."""
+    """One setting of a trial: demonstrations, doors and circumstances.
+
+    Other fields are as in `gplfd_experiments.episodes.task.EpisodeTask`.
+    """
 
     doors: tuple[str, ...]
     """Names of doors, or radii [m] as text."""
     door: Mapping[str, Any] = field(default_factory=dict)
     """Fields of every door's configuration that differ from its preset."""
     randomization: str | Mapping[str, Any] = "none"
-    """What `gplfd_env.doors.randomization.door_randomization` takes."""
     disturbance: str | Mapping[str, Any] = "none"
-    """What `gplfd_env.doors.disturbance.disturbance_named` takes."""
     demonstrated_radii: tuple[float, ...] = DEMONSTRATED_RADII
-    """Radii of the doors that the teacher opens [m]."""
     demonstrations_per_door: int = 2
-    """How often it opens each."""
     teacher: Mapping[str, float] = field(default_factory=dict)
     """Fields of the teacher that differ from the standard one."""
     habits: Mapping[str, Any] | None = None
-    """Fields of `gplfd_experiments.data.teacher.Habits`; None for a tidy teacher."""
     prior_radius: float | None = None
-    """Radius of the arc of the prior mean [m]; only methods that accept one take
-    part."""
+    """Only methods that accept a prior mean take part."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -38,9 +35,7 @@ class Side:
     """A policy at a level of a trial; at all levels together by default."""
 
     policy: str
-    """Name of the policy."""
     level: str = ""
-    """Name of the level; "" for all."""
 
     def __str__(self) -> str:
         return f"{self.policy}, {self.level}" if self.level else self.policy
@@ -48,16 +43,12 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Contrast:
-    """Comparison of two policies of which one lacks an idea."""
+    """Comparison by a measure of two policies of which one lacks an idea, only."""
 
     idea: str
-    """Name of the idea."""
     measure: str
-    """Metric of an episode that decides."""
     having: Side
-    """Side with the idea."""
     lacking: Side
-    """Side that lacks the idea, and nothing else."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -65,7 +56,6 @@ class Trial:
     """A question that episodes answer."""
 
     question: str
-    """The question, in a sentence."""
     claims: tuple[str, ...]
     """Rows of the paper's Table 1, or design ideas, that it tests."""
     measures: tuple[str, ...]
@@ -75,9 +65,14 @@ class Trial:
     contrasts: tuple[Contrast, ...] = ()
     """Comparisons that are decided here."""
     also: tuple[str, ...] = ()
-    """Policies that take part besides those of every trial."""
+    """Policies that take part besides those of every trial and of the contrasts."""
     tuned: bool = False
     """Whether tuned methods take part as well: where learning decides."""
+
+    @property
+    def own(self) -> tuple[str, ...]:
+        """Policies that take part here, besides those of every trial."""
+        return (*(one.lacking.policy for one in self.contrasts), *self.also)
 
 
 Better = Literal["less", "more"]

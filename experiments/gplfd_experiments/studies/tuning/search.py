@@ -13,15 +13,13 @@ from gplfd_experiments.files.plain_data import entry, read_json, write_json
 from gplfd_experiments.files.provenance import code_state, provenance
 from gplfd_experiments.files.table import Table, text_table
 from gplfd_experiments.studies.engines import Engine, Lost
-from gplfd_experiments.studies.tuning.candidates import (
+from gplfd_experiments.studies.tuning.objective import (
     STANDARD,
     Candidate,
-    Protocol,
-    candidates,
-)
-from gplfd_experiments.studies.tuning.objective import (
     Evaluation,
+    Protocol,
     best,
+    candidates,
     evaluate,
     failed,
     task_numbers,
@@ -37,21 +35,7 @@ def tune(
     engine: Engine,
     protocol: Protocol = STANDARD,
 ) -> str:
-    """Evaluate candidates without an evaluation or with an error; write the best.
-
-    Args:
-        policies: Keys of `gplfd_policies.registry.tuning_spaces.SPACES`.
-        folder: Evaluations are kept in ``folder/evaluations/<key>.json``.
-        engine: Where to run.
-        protocol: Budget, seeds and doors.
-
-    Returns:
-        A table of methods as published and tuned.
-
-    Raises:
-        ValueError: A file was deleted or changed while the search ran.
-        OSError: A file cannot be written.
-    """
+    """Evaluate what is missing or had an error; write the best, and return a table."""
     check_folder(folder)
     every = {policy: candidates(policy, protocol) for policy in policies}
     several = [one for own in every.values() for one in own]
@@ -73,7 +57,12 @@ def tune(
     results: dict[str, Any] = {}
     seconds = 0.0
     for policy, own in every.items():
-        evaluations = [_kept(folder, one) for one in own]
+        evaluations = []
+        for one in own:
+            if (kept := _stored(folder, one)) is None:
+                path = _path(folder, one)
+                raise ValueError(f"{path} has gone or changed; run the command again")
+            evaluations.append(kept)
         seconds += sum(one["cpu_s"] for one in evaluations)
         place, ranks = best(evaluations)
         results[policy] = {
@@ -82,10 +71,10 @@ def tune(
             "published": _summary(evaluations[0], ranks[0]),
             "tuned": _summary(evaluations[place], ranks[place]),
         }
-        for number, one in enumerate(evaluations):
-            if "error" in one:
+        for number, evaluation in enumerate(evaluations):
+            if "error" in evaluation:
                 message = "warning: %s, candidate %d: %s"
-                LOG.warning(message, policy, number, one["error"])
+                LOG.warning(message, policy, number, evaluation["error"])
     LOG.info("%d evaluations took %.0f s of a core", len(several), seconds)
     write_json(
         folder / FILE,
@@ -125,16 +114,6 @@ def _stored(folder: Path, candidate: Candidate) -> Evaluation | None:
             entry(evaluation, "episodes", tuple[dict[str, Any], ...])
     except (OSError, ValueError):
         return None
-    return evaluation
-
-
-def _kept(folder: Path, candidate: Candidate) -> Evaluation:
-    """Return the evaluation of a candidate that has just been run."""
-    evaluation = _stored(folder, candidate)
-    if evaluation is None:
-        raise ValueError(
-            f"{_path(folder, candidate)} has gone or changed; run the command again"
-        )
     return evaluation
 
 
