@@ -1,12 +1,10 @@
 """Measures of gentleness and of what follows a disturbance, on logs by formula."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import (
     door_acceleration,
     episode_metrics,
@@ -14,7 +12,6 @@ from gplfd_experiments.episodes.metrics import (
     sustained,
 )
 
-MakeLog = Callable[..., EpisodeLog]
 DT = 0.01
 
 
@@ -37,10 +34,7 @@ def test_indicators_of_a_minimum_jerk_opening(make_log):
     assert metrics.door_smoothness == pytest.approx(1 / math.sqrt(square), rel=0.02)
     assert metrics.time_to_move == pytest.approx(0.74)
     assert metrics.force_handle_peak == pytest.approx(math.hypot(8.0, 3.0))
-
-
-def test_an_undisturbed_episode_has_nothing_to_recover_from(make_log):
-    metrics = episode_metrics(make_log())
+    # Undisturbed, it has nothing to recover from.
     assert metrics.person_force_peak == metrics.stop_force_sustained == 0.0
     assert metrics.push_displacement_mm is None
     assert metrics.release_speed is None
@@ -74,10 +68,8 @@ def test_recovery_begins_when_the_last_disturbance_ends(make_log):
     # Still held at the end: there was no release.
     assert release(make_log(person_force=np.ones(601))) is None
     stuck = np.minimum(log.door_angle, log.door_angle[150])
-    assert (
-        episode_metrics(make_log(stop_force=held, door_angle=stuck)).recovery_time
-        is None
-    )
+    metrics = episode_metrics(make_log(stop_force=held, door_angle=stuck))
+    assert metrics.recovery_time is None
 
 
 def test_push_displacement_is_the_change_beside_the_path(make_log):

@@ -70,13 +70,12 @@ def paths(value, path=()):
 
 
 def test_episodes_of_an_older_environment_are_read_until_they_are_run_again(
-    write_study, episode_result, capsys
+    write_study, episode_result
 ):
     old = [episode_result("gp", seed, base="mobile") for seed in range(2)]
     fixed = episode_result("gp", 0)
     folder = write_study([*old, fixed])
     assert len(read_results(folder).episodes) == 3
-    assert cli.main(["report", str(folder)]) == 0
     again = episode_result("gp", 0, base="mobile", environment_version=1)
     found = read_results(write_study([*old, fixed, again])).episodes
     tasks = [
@@ -119,7 +118,7 @@ def test_no_mutated_file_ends_the_report(results, write_study):
     index.write_text(json.dumps({"order": "", "episodes": entries}))
     files = [*sorted((folder / "tasks").iterdir()), folder / "study.json", index]
     accepted = named = 0
-    for _ in range(300):
+    for _ in range(150):
         file = rng.choice(files)
         whole = file.read_text()
         file.write_text(mutated(json.loads(whole), rng))
@@ -130,17 +129,17 @@ def test_no_mutated_file_ends_the_report(results, write_study):
         assert ("javascript" in page) <= ("javascript" in file.read_text())
         assert 'href="javascript' not in page
         file.write_text(whole)
-    assert accepted > 40
-    assert named > 100
+    assert accepted > 20
+    assert named > 50
 
 
 def test_what_is_accepted_can_be_drawn(results, write_study):
     rng = random.Random(1)
     folder = write_study(results)
-    for number in range(400):
+    for number in range(200):
         text = mutated(rng.choice(results), rng)
         (folder / "tasks" / f"mutated-{number:03}.json").write_text(text)
-    assert len(read_results(folder).all) > 60
+    assert len(read_results(folder).all) > 30
     write_report(read_results(folder), folder)
 
 
@@ -186,9 +185,11 @@ def test_a_spoilt_file_is_named_with_the_reason(spoil, reason, results, write_st
     assert reason in said
     assert len(said) < 250
     assert len(found.all) == len(results) - 1
+    (folder / "study.json").write_text("[1]")
     _, text = pages(folder)
     assert said in text
-    assert "Files without a result, left out: 1." in text
+    assert re.search("^study.json: it cannot be read as JSON: ", text, re.M)
+    assert "Files without a result, left out: 2." in text
 
 
 def test_a_file_that_is_being_written_is_no_result(results, write_study, capsys):

@@ -1,7 +1,6 @@
-"""Fig. 9: the policy adapts while the door opens.
+"""Fig. 9, Section IV-B: the policy adapts while the door opens.
 
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Section IV-B; E[ε²] is defined there, without a number.
+E[ε²] is defined there, without a number.
 """
 
 from collections.abc import Mapping

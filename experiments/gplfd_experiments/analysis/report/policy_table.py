@@ -19,11 +19,7 @@ def policy_table(
 ) -> Table:
     """Return a row per policy, in groups under headings unless there is only one.
 
-    Args:
-        groups: Results by policy, by the heading. Errors are counted below the policy's
-            name; one without other results has dashes.
-        columns: Cells by the heads of their columns.
-        note: What a reader has to know.
+    Errors are counted below the policy's name; one without other results has dashes.
     """
     rows: list[tuple[str, ...]] = []
     for title, results in groups.items():

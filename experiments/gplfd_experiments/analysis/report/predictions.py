@@ -2,20 +2,12 @@
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Final
 
-from gplfd_experiments.analysis.report.document import (
-    Block,
-    Details,
-    Items,
-    Paragraph,
-    Picture,
-    Section,
-    code,
-)
+from gplfd_experiments.analysis.report.document import Section, code
 from gplfd_experiments.analysis.report.plots import LeftOut, coverage, prediction_scores
 from gplfd_experiments.analysis.report.policy_table import Cell, medians, policy_table
 from gplfd_experiments.analysis.report.sentences import value_sentence
@@ -68,31 +60,30 @@ _ROBUST: Final = 1.4826
 
 def learning_section(tests: Tests, reference: str) -> Section:
     """All learning tests in one table, with sentences; plots of the first condition."""
-    title = "What was learned, without a robot"
+    section = Section("What was learned, without a robot", "learning")
     ran = [one for one in tests if not one.error]
     if not ran:
-        text = (
+        section.say(
             "This study has no learning test with a result: `gplfd benchmark` makes "
             "them unless it is given `--no-skill`."
         )
-        return Section(title=title, anchor="learning", blocks=(Paragraph(text=text),))
+        return section
     groups = {
         f"{left_out}: {condition.teaching}": by_policy(own)
         for condition, those in by_condition(tests).items()
         for held_out, left_out in _LEFT_OUT.items()
         if (own := [one for one in those if one.task.held_out == held_out])
     }
-    blocks: list[Block] = []
     for group, runs in groups.items():
-        blocks.append(Paragraph(text=f"**{group}**"))
-        blocks.append(_sentences(runs, LEARNING_HEADLINES, reference, "seeds"))
+        section.say(f"**{group}**")
+        section.items(_sentences(runs, LEARNING_HEADLINES, reference, "seeds"))
     note = (
         "What is left out is predicted and compared with what was done: medians over "
         "the seeds. NLPD in natural units of metres and radians; inside: share of the "
         "left-out numbers within the stated intervals."
     )
     table = policy_table(groups, _columns(LEARNING_MEASURES), note)
-    blocks.append(Details(title="All measures of the learning tests", table=table))
+    section.table(table, folded="All measures of the learning tests")
 
     standard = next(iter(by_condition(ran).values()))
     if timed := by_policy(one for one in standard if one.outputs_cpu_s):
@@ -107,60 +98,46 @@ def learning_section(tests: Tests, reference: str) -> Section:
         }
         note = "CPU time to learn [s] as the number of outputs grows, medians."
         table = policy_table({"": timed}, columns, note)
-        details = Details(title="CPU time to learn by number of outputs", table=table)
-        blocks.append(details)
-    blocks += _plots(standard, reference)
-    return Section(title=title, anchor="learning", blocks=tuple(blocks))
+        section.table(table, folded="CPU time to learn by number of outputs")
+    _add_plots(section, standard, reference)
+    return section
 
 
 def recorded_section(results: Results, reference: str) -> Section:
     """All methods on recordings: sentences, tables, plots, and what to do."""
+    section = Section("What was learned from the recordings", "recorded")
     runs = by_policy(results)
+    section.say(
+        "Each recording is left out in turn, the method learns from the others, and "
+        "what it predicts is compared with what was done: at the same phases, told "
+        "from how much of its path the hand has covered. Less is better; NLPD of the "
+        "outputs that move, in natural units of metres and radians: a difference of "
+        "0.1 per number is ten per cent of a density. Recordings are the independent "
+        "trials of the intervals."
+    )
+    section.table(_summary(results))
     headlines = (*LEARNING_HEADLINES, *_FORECASTS)
-    every = sorted({one.task.seed for one in results})
-    scores = {
-        policy: {one.task.seed: _MEASURES["nlpd"].of(one) for one in own}
-        for policy, own in runs.items()
-    }
-    by_recording = Table(
+    section.items(_sentences(runs, headlines, reference, "recordings"))
+    _add_plots(section, [one for one in results if not one.error], reference)
+    section.say("**What to make of it**")
+    section.items(advice(runs.get(reference, ()), reference))
+    for title, metrics in _TABLES.items():
+        columns = _columns(metrics)
+        table = policy_table({"": runs}, columns, "Medians over recordings.")
+        section.table(table, folded=title)
+
+    nlpd = _MEASURES["nlpd"]
+    scores = [{one.task.seed: nlpd.of(one) for one in own} for own in runs.values()]
+    table = Table(
         columns=("left out", *map(code, runs)),
         rows=tuple(
-            (
-                str(number),
-                *(_MEASURES["nlpd"].text(own.get(number)) for own in scores.values()),
-            )
-            for number in every
+            (str(number), *(nlpd.text(own.get(number)) for own in scores))
+            for number in sorted({one.task.seed for one in results})
         ),
         note="Recordings are numbered from 0 in the order of the file.",
     )
-    blocks: tuple[Block, ...] = (
-        Paragraph(
-            text="Each recording is left out in turn, the method learns from the "
-            "others, and what it predicts is compared with what was done: at the same "
-            "phases, told from how much of its path the hand has covered. Less is "
-            "better; NLPD of the outputs that move, in natural units of metres and "
-            "radians: a difference of 0.1 per number is ten per cent of a density. "
-            "Recordings are the independent "
-            "trials of the intervals."
-        ),
-        _summary(results),
-        _sentences(runs, headlines, reference, "recordings"),
-        *_plots([one for one in results if not one.error], reference),
-        Paragraph(text="**What to make of it**"),
-        Items(texts=tuple(advice(runs.get(reference, ()), reference))),
-        *(
-            Details(
-                title=title,
-                table=policy_table(
-                    {"": runs}, _columns(metrics), "Medians over recordings."
-                ),
-            )
-            for title, metrics in _TABLES.items()
-        ),
-        Details(title="NLPD recording by recording", table=by_recording),
-    )
-    title = "What was learned from the recordings"
-    return Section(title=title, anchor="recorded", blocks=blocks)
+    section.table(table, folded="NLPD recording by recording")
+    return section
 
 
 def overview(results: Results) -> str:
@@ -192,7 +169,7 @@ def _summary(results: Results) -> Table:
     return policy_table({"": dict(order)}, columns, note)
 
 
-def _columns(metrics: Sequence[str] | Mapping[str, Measure]) -> dict[str, Cell]:
+def _columns(metrics: Iterable[str]) -> dict[str, Cell]:
     """Return a column with the number of results, and one with each median."""
     columns: dict[str, Cell] = {"n": lambda own: str(len(own))}
     for name in metrics:
@@ -205,41 +182,33 @@ def _sentences(
     metrics: Sequence[str],
     reference: str,
     trials: str,
-) -> Items:
+) -> Iterator[str]:
     """Say how the reference stands in some measures."""
-    return Items(
-        texts=tuple(
-            value_sentence(measure, numbers(runs, measure), reference, trials)
-            for measure in map(_MEASURES.__getitem__, metrics)
-        )
-    )
+    for measure in map(_MEASURES.__getitem__, metrics):
+        yield value_sentence(measure, numbers(runs, measure), reference, trials)
 
 
-def _plots(tests: Sequence[LeftOut], reference: str) -> list[Block]:
-    """Return plots of coverage and errors of predictions, none of no test."""
-    if not tests:
-        return []
+def _add_plots(section: Section, tests: Sequence[LeftOut], reference: str) -> None:
+    """Add plots of coverage and errors of predictions, none of no test."""
     runs = by_policy(tests)
-    blocks: list[Block] = []
     if any(one.number("coverage_95") is not None for one in tests):
-        picture = Picture(
-            name="coverage",
-            draw=partial(coverage, runs, reference),
-            caption="**Calibration of the predicted uncertainty.** Share of left-out "
-            "numbers inside intervals of nominally 50, 90 and 95 %. Below the grey "
-            f"line the intervals are too narrow. Violet: {code(reference)}.",
-            alternative="Measured against nominal coverage, a panel per policy",
+        section.picture(
+            "coverage",
+            partial(coverage, runs, reference),
+            "**Calibration of the predicted uncertainty.** Share of left-out numbers "
+            "inside intervals of nominally 50, 90 and 95 %. Below the grey line the "
+            f"intervals are too narrow. Violet: {code(reference)}.",
+            "Measured against nominal coverage, a panel per policy",
         )
-        blocks.append(picture)
-    picture = Picture(
-        name="skill",
-        draw=partial(prediction_scores, runs),
-        caption="**Errors and likelihood of predictions.** A dot per test, a bar at "
-        "the median; left is better. The policy with the least position error is on "
-        "top.",
-        alternative="Dot plot of NLPD, position and rotation error by policy",
-    )
-    return [*blocks, picture]
+    if tests:
+        section.picture(
+            "skill",
+            partial(prediction_scores, runs),
+            "**Errors and likelihood of predictions.** A dot per test, a bar at the "
+            "median; left is better. The policy with the least position error is on "
+            "top.",
+            "Dot plot of NLPD, position and rotation error by policy",
+        )
 
 
 def advice(own: Results, policy: str) -> list[str]:

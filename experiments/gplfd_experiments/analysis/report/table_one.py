@@ -9,15 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from gplfd_experiments.analysis.report.document import (
-    Block,
-    Details,
-    Items,
-    Paragraph,
-    Section,
-    code,
-    names,
-)
+from gplfd_experiments.analysis.report.document import Section, code, names
 from gplfd_experiments.analysis.results.grouping import by_condition, by_policy
 from gplfd_experiments.analysis.results.records import LearningTestResult
 from gplfd_experiments.files.table import Table
@@ -42,57 +34,49 @@ Marks = Mapping[str, Mapping[str, Mark]]
 
 def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
     """The paper's rows and methods, our marks, and where the two disagree."""
+    section = Section("Table 1 of the paper, measured", "table-1")
     own = dict.fromkeys(one.policy for one in tests if one.policy_source)
     measured, tuned = _measured(tests, (*TABLE_1, *own)), _measured(tests, _TUNED)
-    blocks: list[Block] = []
     if not measured:
-        text = (
+        section.say(
             "No policy of the paper's Table 1 has a learning test with a result in "
             "this study, so there is no number behind any mark."
         )
-        blocks.append(Paragraph(text=text))
-    else:
-        note = (
-            "✓ and ✗: whether the number earns the mark by the limits below; where the "
-            "paper says otherwise, its own mark is given. Means over "
-            f"{max(map(len, measured.values()))} learning tests. "
-            "The paper's column GP is `local-gp` and `wishart-gp`, its last one "
-            "`gp-paper` as published and `gp` as developed here."
-        )
-        if missing := [policy for policy in TABLE_1 if policy not in measured]:
-            note += f" Not in this study, or only with errors: {names(missing)}."
-        marks = _marks(measured)
-        judged = [
-            _disagrees(CRITERIA[row], policy, found)
-            for row, own_marks in marks.items()
-            for policy, found in own_marks.items()
-            if found.passed is not None and policy in TABLE_1
-        ]
-        text = (
-            f"Measurement and paper disagree in {sum(judged)} of {len(judged)} marks. "
-            "The paper judges what was published about a method; here one "
-            "implementation of it is measured on one task."
-        )
-        blocks.append(
-            Details(title="Marks with their numbers", table=_table(marks, note))
-        )
-        blocks.append(Paragraph(text=text))
-        explained = tuple(_explained(CRITERIA[row], marks[row]) for row in CRITERIA)
-        blocks.append(Items(texts=explained))
-        if tuned:
-            note = "The same with the settings that `gplfd tune` found for each method."
-            table = _table(_marks(tuned), note)
-            blocks.append(Details(title="Marks of the tuned methods", table=table))
-    title = "Table 1 of the paper, measured"
-    return Section(title=title, anchor="table-1", blocks=tuple(blocks))
+        return section
+    note = (
+        "✓ and ✗: whether the number earns the mark by the limits below; where the "
+        "paper says otherwise, its own mark is given. Means over "
+        f"{max(map(len, measured.values()))} learning tests. "
+        "The paper's column GP is `local-gp` and `wishart-gp`, its last one "
+        "`gp-paper` as published and `gp` as developed here."
+    )
+    if missing := [policy for policy in TABLE_1 if policy not in measured]:
+        note += f" Not in this study, or only with errors: {names(missing)}."
+    marks = _marks(measured)
+    section.table(_table(marks, note), folded="Marks with their numbers")
+    judged = [
+        _disagrees(CRITERIA[row], policy, found)
+        for row, own_marks in marks.items()
+        for policy, found in own_marks.items()
+        if found.passed is not None and policy in TABLE_1
+    ]
+    section.say(
+        f"Measurement and paper disagree in {sum(judged)} of {len(judged)} marks. "
+        "The paper judges what was published about a method; here one "
+        "implementation of it is measured on one task."
+    )
+    section.items(_explained(CRITERIA[row], marks[row]) for row in CRITERIA)
+    if tuned:
+        note = "The same with the settings that `gplfd tune` found for each method."
+        table = _table(_marks(tuned), note)
+        section.table(table, folded="Marks of the tuned methods")
+    return section
 
 
 def _measured(tests: Sequence[LearningTestResult], shown: Sequence[str]) -> Metrics:
     """Metrics of some policies under the standard condition."""
-    conditions = by_condition(
-        one for one in tests if not one.error and one.policy in shown
-    )
-    standard = by_policy(next(iter(conditions.values()), []))
+    ran = (one for one in tests if not one.error and one.policy in shown)
+    standard = by_policy(next(iter(by_condition(ran).values()), []))
     return {
         policy: [one.metrics for one in standard[policy]]
         for policy in shown

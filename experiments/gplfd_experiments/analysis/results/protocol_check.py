@@ -20,29 +20,18 @@ def protocol_problems(results: StudyResults) -> list[str]:
     Every policy must have opened all doors of every trial in which it took part, as
     the protocol draws them, after demonstrations that are the protocol's to a
     micrometre, by one version of the code.
-
-    Args:
-        results: What the folder holds.
-
-    Returns:
-        A sentence per problem; none if all is well.
     """
     trials = [one for one in results.episodes if one.task.trial]
     if not trials:
         return ["there is no episode of a trial; `gplfd trials` makes them"]
     problems = [f"not a result: {reason}" for reason in results.unreadable]
 
-    # The demonstrations must be the protocol's.
-    known: dict[str, str] = {}
-    differing = []
-    for one in trials:
-        if one.error:
-            continue
-        if one.task.shown not in known:
-            known[one.task.shown] = demonstrations_hash(one.task)
-        if one.demonstrations != known[one.task.shown]:
-            differing.append(one.task)
-    if differing:
+    ran = [one for one in trials if not one.error]
+    known = {one.task.shown: one.task for one in ran}
+    hashes = {shown: demonstrations_hash(task) for shown, task in known.items()}
+    if differing := [
+        one.task for one in ran if one.demonstrations != hashes[one.task.shown]
+    ]:
         problems.append(
             f"{len(differing)} episodes were learned from other demonstrations, or do "
             f"not say from which: {_list(differing)}"
@@ -63,8 +52,7 @@ def _of_policy(policy: str, own: Sequence[EpisodeResult]) -> Iterator[str]:
         return
     expected = {_draw(task): task for task in planned if task.policy == policy}
     found = {_draw(one.task) for one in own}
-    missing = [task for draw, task in expected.items() if draw not in found]
-    if missing:
+    if missing := [task for draw, task in expected.items() if draw not in found]:
         yield f"{len(missing)} of {len(expected)} are missing: {_list(missing)}"
     if strange := [one.task for one in own if _draw(one.task) not in expected]:
         yield f"{len(strange)} are not the protocol's: {_list(strange)}"

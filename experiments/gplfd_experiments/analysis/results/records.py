@@ -32,7 +32,6 @@ class TaskResult:
     """What is known of one task after it ran."""
 
     task: Task
-    """What was to be done."""
     pair: str
     """Key of the task without its policy: results with the same key are a pair."""
     metrics: Mapping[str, Any]
@@ -88,7 +87,6 @@ class EpisodeResult(TaughtResult):
     """
 
     task: EpisodeTask
-    """Which door was to be opened."""
     radius: float
     """Distance from hinge to handle [m], as drawn."""
     demonstrations: str
@@ -98,7 +96,6 @@ class EpisodeResult(TaughtResult):
     split: str
     """How the door relates to the demonstrated ones, one of `SPLITS`."""
     door_kind: str
-    """Kind of door, of `door_kind`: handle, latch, swing and side of the hinge."""
 
     @property
     def counts(self) -> bool:
@@ -125,7 +122,6 @@ class LearningTestResult(TaughtResult):
     """How well a policy predicted demonstrations that it did not see."""
 
     task: SkillTask
-    """What was left out."""
     outputs_cpu_s: Mapping[int, float]
     """CPU time to learn by number of outputs [s]; empty where it was not measured."""
 
@@ -135,21 +131,17 @@ class RecordedResult(TaskResult):
     """How well a policy predicted a recording that it did not see."""
 
     task: RecordedTask
-    """Which was left out."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StudyResults:
-    """All that a folder holds."""
+    """All that a folder holds, in the order of policies, conditions, doors, seeds."""
 
     study: Mapping[str, Any]
     """What study.json says; empty without one."""
     episodes: tuple[EpisodeResult, ...]
-    """In the order of policies, conditions, doors and seeds."""
     tests: tuple[LearningTestResult, ...]
-    """In the order of policies and seeds."""
     recorded: tuple[RecordedResult, ...]
-    """In the order of policies and recordings."""
     unreadable: tuple[str, ...]
     """Names of files that hold no result, with the reason."""
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
+from gplfd_experiments.analysis.results.grouping import by_policy, grouped
 from gplfd_experiments.analysis.results.records import EpisodeResult, StudyResults
 from gplfd_experiments.analysis.results.statistics import (
     Key,
@@ -42,20 +43,16 @@ class Answer:
     """The result of a contrast."""
 
     contrast: Contrast
-    """What was asked."""
     shift: Shift | None
     """The measure with the idea minus without it; None where both lack numbers."""
 
     @property
     def verdict(self) -> Verdict:
         """Whether the interval of the difference excludes zero, and on which side."""
-        if self.shift is None:
+        if self.shift is None or self.shift.low <= 0.0 <= self.shift.high:
             return "open"
-        _, better = MEASURES[self.contrast.measure]
-        low, high = self.shift.low, self.shift.high
-        if better == "less":
-            low, high = -high, -low
-        return "shows" if low > 0.0 else "harms" if high < 0.0 else "open"
+        less_is_better = MEASURES[self.contrast.measure][1] == "less"
+        return "shows" if (self.shift.high < 0.0) == less_is_better else "harms"
 
 
 def of_trials(results: StudyResults) -> dict[str, ByLevel]:
@@ -66,35 +63,26 @@ def of_trials(results: StudyResults) -> dict[str, ByLevel]:
 
 def of_trial(episodes: Sequence[EpisodeResult], trial: str) -> ByLevel:
     """Return the episodes of a trial by policy and level, errors included."""
-    found: dict[str, dict[str, list[EpisodeResult]]] = {}
-    for one in episodes:
-        if one.task.trial == trial:
-            levels = found.setdefault(one.policy, {})
-            levels.setdefault(one.task.level, []).append(one)
-    return found
+    policies = by_policy(one for one in episodes if one.task.trial == trial)
+    return {
+        policy: grouped(own, lambda one: one.task.level)
+        for policy, own in policies.items()
+    }
 
 
 def answered(contrast: Contrast, episodes: ByLevel) -> Answer:
-    """Compare both sides of a contrast, seed by seed.
-
-    Args:
-        contrast: What is asked.
-        episodes: Those of its trial.
-    """
+    """Compare both sides of a contrast, seed by seed, in the episodes of its trial."""
 
     def numbers(side: Side) -> dict[Key, float]:
         """Return the measure by seed and door, and by level if levels are pooled."""
-        found: dict[Key, float] = {}
-        for level, own in episodes.get(side.policy, {}).items():
-            if side.level not in ("", level):
-                continue
-            # Levels that are compared with each other open the same doors.
-            within = "" if side.level else level
-            for one in own:
-                value = value_of(one.metrics, contrast.measure) if one.counts else None
-                if value is not None:
-                    found[one.task.seed, f"{within} {one.task.door}"] = value
-        return found
+        # Levels that are compared with each other open the same doors.
+        return {
+            (one.task.seed, f"{'' if side.level else level} {one.task.door}"): value
+            for level, own in episodes.get(side.policy, {}).items()
+            if side.level in ("", level)
+            for one in own
+            if (value := _value(one, contrast.measure)) is not None
+        }
 
     pairs = paired(numbers(contrast.having), numbers(contrast.lacking))
     if not pairs.seeds:
@@ -119,12 +107,7 @@ def summary(episodes: Sequence[EpisodeResult], measure: str) -> Rate | Shift | N
 
 
 def seed_means(episodes: Sequence[EpisodeResult], measure: str) -> list[float]:
-    """Return the mean of a measure over each seed's episodes that have it.
-
-    Args:
-        episodes: Of a policy at a level of a trial.
-        measure: One of `MEASURES`.
-    """
+    """Return the mean of a measure over each seed's episodes that have it."""
     by_seed = _by_seed(episodes, measure).values()
     return [math.fsum(own) / len(own) for own in by_seed]
 
@@ -132,17 +115,17 @@ def seed_means(episodes: Sequence[EpisodeResult], measure: str) -> list[float]:
 def _by_seed(episodes: Sequence[EpisodeResult], measure: str) -> dict[int, list[float]]:
     values: dict[int, list[float]] = {}
     for one in episodes:
-        value = value_of(one.metrics, measure) if one.counts else None
-        if value is not None:
+        if (value := _value(one, measure)) is not None:
             values.setdefault(one.task.seed, []).append(value)
     return values
 
 
+def _value(one: EpisodeResult, measure: str) -> float | None:
+    return value_of(one.metrics, measure) if one.counts else None
+
+
 def trial_answers(results: StudyResults) -> dict[str, Any]:
     """Return every number of a policy in a trial, seed by seed, and every contrast.
-
-    Args:
-        results: Of a study; what belongs to no trial is left out.
 
     Returns:
         JSON-able, numbers to five digits; without trials an empty mapping of them.
@@ -168,15 +151,14 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
             }
             for level in trial.levels
         }
-        for contrast in trial.contrasts:
-            answer = answered(contrast, policies)
+        for answer in (answered(contrast, policies) for contrast in trial.contrasts):
             contrasts.append(
                 {
-                    "idea": contrast.idea,
+                    "idea": answer.contrast.idea,
                     "trial": name,
-                    "measure": contrast.measure,
-                    "with": str(contrast.having),
-                    "without": str(contrast.lacking),
+                    "measure": answer.contrast.measure,
+                    "with": str(answer.contrast.having),
+                    "without": str(answer.contrast.lacking),
                     **_interval(answer.shift),
                     "verdict": answer.verdict,
                 }
