@@ -44,13 +44,10 @@ LOGS: Final = "logs"
 def draw_figures(
     folder: Path, only: Sequence[str], *, seed: int, options: Mapping[str, Any]
 ) -> int:
-    """Make or read the runs that figures need, draw them, and return their number.
+    """Make or read the runs of some figures, or of all, draw them and count them.
 
-    Args:
-        folder: Where to write.
-        only: Names of figures; none for all.
-        seed: Seed of teacher, policy, environment and synthetic sets.
-        options: The command's, for the record; JSON-able.
+    The seed is that of teacher, policy, environment and synthetic sets; the options of
+    the command are kept for the record.
     """
     if unknown := sorted(set(only) - set(FIGURES)):
         raise ValueError(
@@ -74,10 +71,7 @@ def draw_figures(
 
 
 def update_captions(folder: Path, name: str, section: str) -> None:
-    """Write a figure's section to the folder's captions, keeping those of others.
-
-    Sections are in the order of `FIGURES`; those of other names are dropped.
-    """
+    """Write a figure's section to the captions, keeping those of `FIGURES` in order."""
     path = folder / CAPTIONS
     there = path.read_text(encoding="utf-8") if path.is_file() else ""
     _, *parts = re.split(r"^(?=## (\S+): )", there, flags=re.MULTILINE)

@@ -1,7 +1,4 @@
-"""Fig. 9, Section IV-B: the policy adapts while the door opens.
-
-E[ε²] is defined there, without a number.
-"""
+"""Fig. 9, Section IV-B, which defines E[ε²]: adaptation while the door opens."""
 
 from collections.abc import Mapping
 from typing import Final

@@ -1,9 +1,4 @@
-"""What the paper leaves out: forecasts of the rest of an opening.
-
-Three forms of adaptation see the same opening and say how it will go on: the paper's
-product of Gaussians, Eqs. (20)–(21), exact conditioning of its model, and conditioning
-of the demonstrated process.
-"""
+"""What the paper leaves out: forecasts of an opening by three forms of adaptation."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -69,10 +64,7 @@ def measure(material: Material) -> dict[str, Forecasts]:
 
 
 def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
-    """Show the opening to each form and ask at each share of it.
-
-    All see the same hand; none of them moved it but the one of the log.
-    """
+    """Show the opening of one policy to each form and ask at each share of it."""
     wanted = [share * float(log.door_angle.max()) for share in SHARES]
     rows = [int(np.argmax(log.door_angle >= angle)) for angle in wanted]
     reached, first = np.unique(

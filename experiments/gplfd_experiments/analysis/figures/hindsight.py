@@ -82,10 +82,9 @@ class Opening:
 
 
 def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
-    """Show the opening once more to its policy, keeping it at some observed phases.
+    """Show the opening once more to its policy, which is kept at some observed phases.
 
-    The log has means and standard deviations; how wide their 95 % interval is depends
-    on the number of via-points, which the policy knows.
+    The log does not have the width of the 95 % interval, which the policy knows.
     """
     width = np.empty(log.times.size)
     stages: list[GaussianTrajectory] = []

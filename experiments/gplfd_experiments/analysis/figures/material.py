@@ -43,11 +43,7 @@ DEMONSTRATIONS_PER_DOOR: Final = 2
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Material:
-    """Everything a figure may show.
-
-    The seed is that of all of it, and of whatever random set a figure makes itself; the
-    demonstrations are what the policy of the episodes, one per door, learned.
-    """
+    """Episodes by door, what their policy learned from, and the seed of everything."""
 
     seed: int
     demonstrations: LabelledDemonstrations
@@ -55,11 +51,7 @@ class Material:
 
 
 def material(folder: Path, doors: Iterable[str], *, seed: int) -> Material:
-    """Return demonstrations and an episode per door, from the folder or made now.
-
-    Runs are kept in one folder per setting: another seed, version or door configuration
-    finds nothing to use again.
-    """
+    """Return demonstrations and an episode per door, kept in a folder per setting."""
     task = partial(
         episode_task,
         policy=POLICY,

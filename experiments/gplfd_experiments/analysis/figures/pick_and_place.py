@@ -69,11 +69,7 @@ class ShelfMotion:
 def shelf_motions(
     levels: tuple[float, ...], per_level: int, rng: np.random.Generator
 ) -> tuple[ShelfMotion, ...]:
-    """Place objects on shelves at several heights, with very uneven timing.
-
-    The hand moves forward and up at once, so that the way to a high shelf passes near
-    a lower one.
-    """
+    """Place objects with uneven timing; the way to a high shelf passes lower ones."""
     motions = []
     for level, level_rng in zip(levels, rng.spawn(len(levels)), strict=True):
         for own in level_rng.spawn(per_level):

@@ -50,10 +50,7 @@ _STYLE: Final[Mapping[str, Any]] = {
 
 
 def on_paper(colour: colours.Colour, luminance: float) -> str:
-    """Darken an 8-bit sRGB colour to a relative luminance from 0 (black) to 1.
-
-    The hue stays: the linear RGB values are scaled by one factor.
-    """
+    """Darken an 8-bit sRGB colour of the screen to a relative luminance, same hue."""
     srgb = np.array(colour) / 255.0
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     linear *= luminance / float(linear @ [0.2126, 0.7152, 0.0722])
@@ -94,10 +91,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> None:
-    """Write ``name.png`` and ``name.svg``, each complete or not at all.
-
-    The same figure gives the same bytes: no date, no version, fixed identifiers.
-    """
+    """Write ``name.png`` and ``name.svg``; the same figure gives the same bytes."""
     # The panels are arranged once, not again for each file.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")

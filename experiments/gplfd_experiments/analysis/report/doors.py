@@ -3,16 +3,18 @@
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from operator import attrgetter, methodcaller
-from statistics import median
 from typing import Final
 
-from gplfd_experiments.analysis.report.document import Section, code, literal, names
-from gplfd_experiments.analysis.report.plots import (
-    force_by_radius,
-    forecast_by_progress,
-    success_by_radius,
+from gplfd_experiments.analysis.report import plots
+from gplfd_experiments.analysis.report.document import (
+    Cell,
+    Section,
+    code,
+    literal,
+    medians,
+    names,
+    policy_table,
 )
-from gplfd_experiments.analysis.report.policy_table import Cell, medians, policy_table
 from gplfd_experiments.analysis.report.sentences import (
     PRIVILEGED,
     rate_sentence,
@@ -34,6 +36,7 @@ from gplfd_experiments.analysis.results.measures import (
     HEADLINES,
     TESTED,
     WALL_TIME,
+    median,
     number_text,
 )
 from gplfd_experiments.analysis.results.records import (
@@ -173,9 +176,10 @@ def standing(runs: Runs, reference: str) -> list[str]:
         for policy, own in runs.items()
         if policy == reference or any(one.opened() for one in own)
     }
-    for measure in map(EPISODE_MEASURES.__getitem__, HEADLINES):
-        texts.append(value_sentence(measure, numbers(able, measure), reference))
-    return texts
+    return texts + [
+        value_sentence(measure, numbers(able, measure), reference)
+        for measure in HEADLINES
+    ]
 
 
 def how_to_read(runs: Runs) -> str:
@@ -203,7 +207,7 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
     section.say(f"Plots: {title}." if several else f"{title}.")
     section.picture(
         "success",
-        partial(success_by_radius, runs, reference),
+        partial(plots.success_by_radius, runs, reference),
         "**Doors opened to 60° by the handle's radius,** with Wilson's 95 % intervals. "
         "Blue stripes: radii that were demonstrated. Pale violet: "
         f"{code(reference)}. Policies in order of success, then of radial force; other "
@@ -212,7 +216,7 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
     )
     section.picture(
         "radial_force",
-        partial(force_by_radius, runs, reference),
+        partial(plots.force_by_radius, runs, reference),
         "**Peak radial force on the doors opened to 60°:** a dot per episode, a line "
         "through the medians. It does no work and shows how badly the path fits the "
         "door. Red: the 22.2 N of ADA 404.2.9.",
@@ -224,7 +228,7 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
     if any(error is not None for errors in forecasts for error in errors):
         section.picture(
             "forecast",
-            partial(forecast_by_progress, runs, reference),
+            partial(plots.forecast_by_progress, runs, reference),
             "**Error of the forecast of the rest of the path** as the door opens: "
             "median and middle half of all episodes, those included that failed later. "
             "A falling curve: the policy adapts to the door.",
@@ -290,9 +294,9 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
         return str(sum(one.failure == failure for one in own if not one.solved))
 
     def angles(own: Episodes) -> str:
-        known = [one.number("final_angle_deg") for one in own]
-        values = [angle for angle in known if angle is not None]
-        return f"{median(values):.1f}°\n{max(values):.1f}°" if values else "–"
+        values = [one.number("final_angle_deg") for one in own]
+        known = [angle for angle in values if angle is not None]
+        return f"{median(known):.1f}°\n{max(known):.1f}°" if known else "–"
 
     columns: dict[str, tuple[Cell, str]] = {
         "solved": (
@@ -371,7 +375,7 @@ def _paired_tests(runs: Runs, reference: str) -> Table:
         return number_text(typical, digits, signed=True)
 
     columns = {"opened to 60°": tests(_successes(runs), wins)}
-    for measure in map(EPISODE_MEASURES.__getitem__, TESTED):
+    for measure in TESTED:
         show = partial(difference, measure.digits)
         columns[measure.title] = tests(numbers(runs, measure), show)
     note = (

@@ -55,10 +55,9 @@ def say_command(lead: Section, results: StudyResults) -> None:
         f"{done} of {len(by_policy(results.all))} policies{started}. Every number on "
         "this page is computed from the result files of"
     )
-    known = isinstance(command, list) and command
     lead.verbatim(
         shlex.join(map(str, command))
-        if known
+        if isinstance(command, list) and command
         else "(study.json with the command is missing)"
     )
 

@@ -4,27 +4,15 @@ from pathlib import Path
 from typing import Final
 
 from gplfd_experiments.analysis.figures.style import paper_style, write_figure
+from gplfd_experiments.analysis.report import (
+    doors,
+    origin,
+    predictions,
+    recordings,
+    trials,
+)
 from gplfd_experiments.analysis.report.document import Document, Section, code
-from gplfd_experiments.analysis.report.doors import (
-    doors_section,
-    how_to_read,
-    standing,
-    summary_table,
-    tests_section,
-)
-from gplfd_experiments.analysis.report.origin import (
-    origin_section,
-    say_command,
-    say_warnings,
-)
-from gplfd_experiments.analysis.report.predictions import (
-    learning_section,
-    recorded_section,
-)
-from gplfd_experiments.analysis.report.recordings import recording_section
 from gplfd_experiments.analysis.report.sentences import PRIVILEGED
-from gplfd_experiments.analysis.report.table_one import table_one_section
-from gplfd_experiments.analysis.report.trials import trial_sections
 from gplfd_experiments.analysis.report.writing import FIGURES, html_page, markdown_page
 from gplfd_experiments.analysis.results.grouping import by_condition, counted, ranked
 from gplfd_experiments.analysis.results.records import StudyResults
@@ -46,14 +34,10 @@ def write_report(
         results: What is reported.
         study: Folder of the study, for links to its recordings.
         out: Folder to write to; the study's by default.
-        reference: Policy with which the others are compared; where the study has none
-            of this name, the best of those that it has.
+        reference: Policy with which the others are compared; else the best.
 
     Returns:
         The path of the HTML page.
-
-    Raises:
-        OSError: A file cannot be written.
     """
     folder = study if out is None else out
     document = report(results, study, folder, reference)
@@ -85,9 +69,9 @@ def report(
     policies = sorted({one.policy for one in results.all})
 
     lead = Section()
-    say_warnings(lead, results)
+    origin.say_warnings(lead, results)
     if shown:
-        lead.table(summary_table(ran))
+        lead.table(doors.summary_table(ran))
     if reference not in policies:
         ranking = [*first, *policies]
         best = next((one for one in ranking if one not in PRIVILEGED), ranking[0])
@@ -98,21 +82,24 @@ def report(
     if len(shown) > 1:
         lead.say(f"**{next(iter(shown))}**; the other {len(shown) - 1} below:")
     if first:
-        lead.items(standing(first, reference))
-        lead.say(how_to_read(first))
-    say_command(lead, results)
+        lead.items(doors.standing(first, reference))
+        lead.say(doors.how_to_read(first))
+    origin.say_command(lead, results)
 
-    sections = trial_sections(results, study, folder, reference)
+    sections = trials.trial_sections(results, study, folder, reference)
     if first:
-        sections += [doors_section(shown, reference), tests_section(ran, reference)]
+        sections += [
+            doors.doors_section(shown, reference),
+            doors.tests_section(ran, reference),
+        ]
     if results.recorded:
-        sections.append(recorded_section(results.recorded, reference))
+        sections.append(predictions.recorded_section(results.recorded, reference))
     if results.tests:
-        sections.append(table_one_section(results.tests))
-        sections.append(learning_section(results.tests, reference))
+        sections.append(predictions.table_one_section(results.tests))
+        sections.append(predictions.learning_section(results.tests, reference))
     robot = bool(results.episodes or results.tests)
     if robot:
-        sections.append(recording_section(study, folder, policies))
-    sections.append(origin_section(results))
+        sections.append(recordings.recording_section(study, folder, policies))
+    sections.append(origin.origin_section(results))
     title = f"{'Opening doors' if robot else 'Recordings'}: the policies compared"
     return Document(title, lead, sections)

@@ -11,13 +11,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.results.grouping import Runs, door_name, grouped
+from gplfd_experiments.analysis.results.grouping import (
+    ResultT,
+    Runs,
+    door_name,
+    grouped,
+)
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
-    median,
 )
 from gplfd_experiments.analysis.results.records import (
     NON_STANDARD,
@@ -38,12 +42,13 @@ from gplfd_policies.registry.catalogue import POLICIES
 
 LeftOut = LearningTestResult | RecordedResult
 
-Draw = Callable[[Axes, str, str], None]
-"""Draws a policy into a panel in a colour; `_FAINT` for the reference in others."""
+Curve = tuple[list[tuple[float, float]], Callable[[Axes, str], None]]
+"""Points of a policy, and what draws behind them in a colour."""
 Look = Mapping[str, Any]
 """How an artist is drawn."""
 
-_FAINT: Final = "#c9b3dd"
+_FAINT: Final[Look] = {"color": "#c9b3dd", "linewidth": 2.2, "zorder": 1.5}
+"""How the reference looks in the panels of others."""
 _GRID: Final = "#e6e9ee"
 _BAR: Final[Look] = {"linewidth": 2.6, "alpha": 0.3, "zorder": 2}
 _DOTS: Final[Look] = {
@@ -91,42 +96,43 @@ _WIDE: Final = 20.0
 def success_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the rate of doors opened to 60 degrees over the handle's radius."""
 
-    def draw(axes: Axes, policy: str, tint: str) -> None:
-        radii, rates = [], []
-        for radius, own in _doors(runs[policy]):
-            rate = success_rate((one.task.seed, one.opened()) for one in own)
-            radii.append(radius)
-            rates.append(rate.successes / rate.trials)
-            if tint != _FAINT:
+    def curve(own: Sequence[EpisodeResult]) -> Curve:
+        rates = [
+            (radius, success_rate((one.task.seed, one.opened()) for one in here))
+            for radius, here in _doors(own)
+        ]
+
+        def intervals(axes: Axes, tint: str) -> None:
+            for radius, rate in rates:
                 axes.plot([radius] * 2, [rate.low, rate.high], color=tint, **_BAR)
-        axes.plot(radii, rates, **_line(tint))
+
+        return [(radius, rate.estimate) for radius, rate in rates], intervals
 
     def prepare(axes: Axes) -> None:
         _radius_axis(axes, runs)
-        axes.set_ylim(-0.05, 1.05)
-        axes.set_yticks([0.0, 0.5, 1.0])
+        axes.set(ylim=(-0.05, 1.05), yticks=[0.0, 0.5, 1.0])
 
     labels = ("radius [m]", "opened to 60°")
-    return _small_multiples(runs, reference, draw, prepare, *labels)
+    return _small_multiples(runs, reference, curve, prepare, labels)
 
 
 def force_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the peak radial force of opened doors over the radius: all and median."""
     measure = EPISODE_MEASURES["force_radial_peak"]
 
-    def draw(axes: Axes, policy: str, tint: str) -> None:
-        points, middles = [], []
-        for radius, own in _doors(runs[policy]):
-            forces = [force for one in own if (force := measure.of(one)) is not None]
-            points += [(radius, force) for force in forces]
-            if forces:
-                middles.append((radius, median(forces)))
-        if middles and tint != _FAINT:
+    def curve(own: Sequence[EpisodeResult]) -> Curve:
+        middles = [(radius, measure.median(here)) for radius, here in _doors(own)]
+        points = [
+            (radius, force)
+            for radius, here in _doors(own)
+            for one in here
+            if (force := measure.of(one)) is not None
+        ]
+
+        def dots(axes: Axes, tint: str) -> None:
             axes.plot(*zip(*points, strict=True), color=tint, **_DOTS)
-        if middles:
-            axes.plot(*zip(*middles, strict=True), **_line(tint))
-        elif tint != _FAINT:
-            _say(axes, "none opened")
+
+        return [(at, middle) for at, middle in middles if middle is not None], dots
 
     def prepare(axes: Axes) -> None:
         _radius_axis(axes, runs)
@@ -134,29 +140,27 @@ def force_by_radius(runs: Runs, reference: str) -> Figure:
         log_scale(axes, "y")
 
     labels = ("radius [m]", "peak radial force [N]")
-    return _small_multiples(runs, reference, draw, prepare, *labels)
+    return _small_multiples(runs, reference, curve, prepare, labels, "none opened")
 
 
 def forecast_by_progress(runs: Runs, reference: str) -> Figure:
     """Draw the error of the forecast of the rest over progress: median, middle half."""
 
-    def draw(axes: Axes, policy: str, tint: str) -> None:
+    def curve(own: Sequence[EpisodeResult]) -> Curve:
         errors: dict[float, list[float]] = {}
-        for one in runs[policy]:
+        for one in own:
             angles = one.metrics["forecast_progress"]
             for at, error in zip(angles, one.metrics["forecast_error_mm"], strict=True):
                 if error is not None:
                     errors.setdefault(at, []).append(error)
         steps = sorted(errors)
-        if steps:
-            low, middle, high = np.transpose(
-                [np.percentile(errors[at], (25, 50, 75)) for at in steps]
-            )
-            if tint != _FAINT:
-                style.band(axes, np.array(steps), low, high, tint)
-            axes.plot(steps, middle, **_line(tint))
-        elif tint != _FAINT:
-            _say(axes, "no forecast")
+        quartiles = [np.percentile(errors[at], (25, 50, 75)) for at in steps]
+
+        def middle_half(axes: Axes, tint: str) -> None:
+            low, _, high = np.transpose(quartiles)
+            style.band(axes, np.array(steps), low, high, tint)
+
+        return [(at, q[1]) for at, q in zip(steps, quartiles, strict=True)], middle_half
 
     def prepare(axes: Axes) -> None:
         axes.set_xlim(0.0, 1.0)
@@ -164,32 +168,27 @@ def forecast_by_progress(runs: Runs, reference: str) -> Figure:
         log_scale(axes, "y")
 
     labels = ("door angle / final angle", "error [mm]")
-    return _small_multiples(runs, reference, draw, prepare, *labels)
+    return _small_multiples(runs, reference, curve, prepare, labels, "no forecast")
 
 
 def coverage(runs: Mapping[str, Sequence[LeftOut]], reference: str) -> Figure:
     """Draw the share of left-out numbers inside intervals of a nominal share."""
 
-    def draw(axes: Axes, policy: str, tint: str) -> None:
+    def curve(own: Sequence[LeftOut]) -> Curve:
         measured = {
-            level / 100.0: LEARNING_MEASURES[f"coverage_{level}"].median(runs[policy])
+            level / 100.0: LEARNING_MEASURES[f"coverage_{level}"].median(own)
             for level in (50, 90, 95)
         }
-        points = [point for point in measured.items() if point[1] is not None]
-        if points:
-            axes.plot(*zip(*points, strict=True), **_line(tint))
-        elif tint != _FAINT:
-            _say(axes, "no uncertainty")
+        points = [(at, share) for at, share in measured.items() if share is not None]
+        return points, lambda axes, tint: None
 
     def prepare(axes: Axes) -> None:
         axes.plot([0.0, 1.0], [0.0, 1.0], color=style.MARK, linewidth=0.7)
-        axes.set_xlim(0.4, 1.02)
-        axes.set_ylim(-0.02, 1.04)
+        axes.set(xlim=(0.4, 1.02), ylim=(-0.02, 1.04), yticks=[0.0, 0.5, 1.0])
         axes.set_xticks([0.5, 0.9], labels=["0.5", "0.9"])
-        axes.set_yticks([0.0, 0.5, 1.0])
 
     labels = ("nominal share", "measured share")
-    return _small_multiples(runs, reference, draw, prepare, *labels)
+    return _small_multiples(runs, reference, curve, prepare, labels, "no uncertainty")
 
 
 def prediction_scores(runs: Mapping[str, Sequence[LeftOut]]) -> Figure:
@@ -252,32 +251,40 @@ def _radius_axis(axes: Axes, runs: Runs) -> None:
 
 
 def _small_multiples(
-    policies: Iterable[str],
+    runs: Mapping[str, Sequence[ResultT]],
     reference: str,
-    draw: Draw,
+    curve: Callable[[Sequence[ResultT]], Curve],
     prepare: Callable[[Axes], None],
-    x: str,
-    y: str,
+    labels: tuple[str, str],
+    without: str = "",
 ) -> Figure:
     """Draw a panel per policy, the reference's curve faintly behind the others."""
-    shown = list(policies)
-    n_rows = -(-len(shown) // _MOST)
-    columns = max(_FEWEST, -(-len(shown) // n_rows))
+    n_rows = -(-len(runs) // _MOST)
+    columns = max(_FEWEST, -(-len(runs) // n_rows))
     figure = style.new_figure(style.PAGE, _PANEL_ROW * n_rows + _MARGIN)
     grid = figure.subplots(n_rows, columns, sharex=True, sharey=True, squeeze=False)
-    for axes in grid.flat[len(shown) :]:
+    for axes in grid.flat[len(runs) :]:
         axes.set_visible(False)
-    for place, (axes, policy) in enumerate(zip(grid.flat, shown, strict=False)):
+    faint, _ = curve(runs[reference]) if reference in runs else ([], None)
+    for place, (axes, policy) in enumerate(zip(grid.flat, runs, strict=False)):
         prepare(axes)
-        if policy != reference and reference in shown:
-            draw(axes, reference, _FAINT)
         tint = style.ADAPTED if policy == reference else style.DOORS[1]
-        draw(axes, policy, tint)
+        if faint and policy != reference:
+            axes.plot(*zip(*faint, strict=True), **_FAINT)
+        points, draw_behind = curve(runs[policy])
+        if points:
+            draw_behind(axes, tint)
+            line: Look = {"color": tint, "marker": "o", "ms": 2.6, "zorder": 3}
+            axes.plot(*zip(*points, strict=True), **line)
+        else:
+            look: Look = {"ha": "center", "va": "center", "color": style.MARK}
+            where = axes.transAxes
+            axes.text(0.5, 0.5, without, transform=where, fontsize=6.5, **look)
         axes.set_title(short(policy), loc="left", color=tint, parse_math=False)
-        if place + columns >= len(shown):
+        if place + columns >= len(runs):
             axes.tick_params(labelbottom=True)
-    figure.supxlabel(x, fontsize=7.0)
-    figure.supylabel(y, fontsize=7.0)
+    figure.supxlabel(labels[0], fontsize=7.0)
+    figure.supylabel(labels[1], fontsize=7.0)
     return figure
 
 
@@ -295,19 +302,6 @@ def log_scale(axes: Axes, which: Literal["x", "y"]) -> None:
     axis.set_minor_locator(NullLocator())
 
 
-def _line(tint: str) -> dict[str, Any]:
-    """Return how a curve through points looks."""
-    if tint == _FAINT:
-        return {"color": tint, "linewidth": 2.2, "zorder": 1.5}
-    return {"color": tint, "marker": "o", "ms": 2.6, "zorder": 3}
-
-
-def _say(axes: Axes, text: str) -> None:
-    """Write into the middle of a panel."""
-    look: dict[str, Any] = {"ha": "center", "va": "center", "color": style.MARK}
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, fontsize=6.5, **look)
-
-
 def kind_of(policy: str) -> str:
     """Return method, ablation, reference or own."""
     return POLICIES[policy].kind if policy in POLICIES else "own"
@@ -316,10 +310,7 @@ def kind_of(policy: str) -> str:
 def deciding_numbers(
     levels: Mapping[str, Runs], measure: str, reference: str
 ) -> Figure:
-    """Draw a row per policy and level: seeds, typical value and its interval.
-
-    Levels and their policies come in the order of the rows.
-    """
+    """Draw a row per policy and level: seeds, typical value and its interval."""
     figure, panels = _stacked([len(own) for own in levels.values()], shared=True)
     values: list[float] = []
     for axes, (level, own) in zip(panels, levels.items(), strict=True):
@@ -355,11 +346,7 @@ def deciding_numbers(
 
 
 def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
-    """Draw every contrast's difference with its interval, a panel per measure.
-
-    To the right of zero the idea helps, whatever the measure. Answers without a number
-    are left out.
-    """
+    """Draw contrasts' differences with their intervals, a panel per measure."""
     groups: dict[str, list[tuple[str, Shift, Verdict]]] = {}
     for trial, own in answers.items():
         for answer in own:

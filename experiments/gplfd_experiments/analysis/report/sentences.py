@@ -82,11 +82,7 @@ def value_sentence(
     policy: str,
     trials: str = "seeds",
 ) -> str:
-    """Say how a policy's numbers, by policy and task, stand; less is better.
-
-    Returns:
-        The sentence; "" if the policy has no numbers, or nothing to compare with.
-    """
+    """Say how a policy's numbers stand, less is better; "" if nothing is comparable."""
 
     def rival(name: str, pairs: Pairs) -> _Rival:
         found = shift(*pairs.per_seed())

@@ -68,10 +68,7 @@ def by_condition(results: Iterable[TaughtT]) -> dict[Condition, list[TaughtT]]:
 
 
 def ranked(episodes: Iterable[EpisodeResult]) -> Runs:
-    """Return episodes by policy, ordered by doors opened, then by radial force.
-
-    A policy whose episodes were all lost by the machine comes last.
-    """
+    """Return episodes by policy, ordered by doors opened, then by radial force."""
 
     def order(item: tuple[str, Sequence[EpisodeResult]]) -> tuple[float, float, str]:
         policy, own = item
@@ -84,11 +81,7 @@ def ranked(episodes: Iterable[EpisodeResult]) -> Runs:
 
 
 def counted(results: Mapping[str, Sequence[ResultT]]) -> dict[str, list[ResultT]]:
-    """Return by policy the results that count.
-
-    Episodes in which the policy raised an error count, as failures; what the machine
-    lost does not, nor a learning test that ended in an error.
-    """
+    """Return by policy the results that count, as `TaskResult.counts` says."""
     return {
         policy: [one for one in own if one.counts] for policy, own in results.items()
     }
@@ -127,11 +120,7 @@ def door_name(one: EpisodeResult) -> str:
 
 
 def closed_because(episodes: Iterable[EpisodeResult]) -> str:
-    """Count why doors stayed closed, over the episodes that count.
-
-    For example ``3 × door did not move further, 1 × hand lost the handle``, the most
-    frequent first; "" where all doors were opened.
-    """
+    """Count why doors stayed closed, the most frequent reason first."""
     reasons = Counter(
         why_closed(one.metrics["failure"], one.metrics.get("reason", ""))
         for one in episodes

@@ -16,18 +16,15 @@ ADA Standards for Accessible Design [N]."""
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A number of a result; less is better."""
+    """A number of a result, converted from a metric; less is better."""
 
     metric: str
-    """What it is computed from."""
     title: str
     """Head of a column, with the unit in brackets at the end."""
     phrase: str = ""
     """Name in a sentence, of a measure that gets one."""
     digits: int = 2
-    """Decimals shown."""
     convert: Callable[[float], float] = float
-    """From the metric to this number."""
     if_opened: bool = False
     """Whether only opened doors have it: a policy that lets go feels no force."""
 
@@ -90,12 +87,12 @@ WALL_TIME: Final = "latency_wall_median_ms"
 """Metric of the wall time of a decision; results of earlier versions lack it."""
 
 EPISODE_MEASURES: Final = _by_metric(
-    Measure("time_to_30_deg", "to 30° [s]"),
-    Measure("time_to_60_deg", "to 60° [s]", "time to 60°"),
-    _of_opened("force_tangential_peak", "tangential peak [N]", "peak tangential force"),
-    _of_opened("force_tangential_p95", "tangential p95 [N]"),
     _of_opened("force_radial_peak", "radial peak [N]", "peak radial force"),
     _of_opened("force_radial_p95", "radial p95 [N]"),
+    _of_opened("force_tangential_peak", "tangential peak [N]", "peak tangential force"),
+    _of_opened("force_tangential_p95", "tangential p95 [N]"),
+    Measure("time_to_60_deg", "to 60° [s]", "time to 60°"),
+    Measure("time_to_30_deg", "to 30° [s]"),
     _of_opened("slip_max_mm", "slip [mm]", "slip in the hand"),
     _of_opened("work", "work [J]", digits=2),
     PREDICTION_ERROR,
@@ -148,22 +145,13 @@ RECORDED_MEASURES: Final = _by_metric(
     )
 )
 
-HEADLINES: Final = (
-    "force_radial_peak",
-    "force_tangential_peak",
-    "time_to_60_deg",
-    "slip_max_mm",
-    "prediction_error_position",
-    "latency_median_ms",
-)
-"""Episode measures that get a sentence."""
+HEADLINES: Final = tuple(one for one in EPISODE_MEASURES.values() if one.phrase)
+"""Episode measures that get a sentence, in their order."""
 LEARNING_HEADLINES: Final = ("nlpd", "rmse_position_m", "rmse_rotation_rad")
 """Measures of learning tests that get a sentence."""
 TESTED: Final = (
-    "force_radial_peak",
-    "force_radial_p95",
-    "force_tangential_peak",
-    "force_tangential_p95",
-    "time_to_60_deg",
+    *(EPISODE_MEASURES[f"force_{each}"] for each in ("radial_peak", "radial_p95")),
+    *(EPISODE_MEASURES[f"force_tangential_{each}"] for each in ("peak", "p95")),
+    EPISODE_MEASURES["time_to_60_deg"],
 )
 """Episode measures that get a paired test."""

@@ -81,15 +81,7 @@ def read_results(*folders: Path) -> StudyResults:
     """Read the results of a study, or of several together.
 
     A resumed study runs episodes of an older environment again and keeps their files:
-    these results are left out.
-
-    Args:
-        folders: At least one; `StudyResults.study` is the first's.
-
-    Raises:
-        FileNotFoundError: There is no such folder.
-        ValueError: One holds no result that can be read, or two hold results of the
-            same task.
+    these results are left out. `StudyResults.study` is the first folder's.
     """
     results: list[tuple[Path, TaskResult]] = []
     studies: list[Mapping[str, Any]] = []

@@ -14,10 +14,9 @@ from gplfd_experiments.studies.tasks import RecordedTask, SkillTask
 DEMONSTRATED: Final = "demonstrated radii"
 UNDEMONSTRATED: Final = "new radii"
 NON_STANDARD: Final = "other doors"
-"""Doors that differ from the demonstrated ones of their kind in more than the radius:
-more friction, a closer, another mass."""
+"""Doors that differ in more than the radius: more friction, a closer, another mass."""
 SPLITS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
-"""How doors relate to the demonstrated ones, in the order in which they are shown."""
+"""How doors relate to the demonstrated ones of their kind, in the order shown."""
 
 
 def door_kind(door: DoorConfig) -> str:
@@ -35,15 +34,12 @@ class TaskResult:
     pair: str
     """Key of the task without its policy: results with the same key are a pair."""
     metrics: Mapping[str, Any]
-    """What was measured, numbers finite or None; nothing for an error. An older result
-    lacks metrics that were added since."""
+    """Numbers are finite or None; an older result lacks what was added since."""
     error: str
     """Why nothing was measured; "" if something was."""
     lost: bool
-    """Whether the machine failed, not the policy: a worker was killed, or memory or
-    disk were full. Nothing is known of such a task, which counts nowhere."""
+    """Whether the machine failed, not the policy: such a task counts nowhere."""
     code: str
-    """Which code made the result."""
     machine: str
     """CPU and libraries that determine the last bits of the result; "" if unknown."""
     policy_source: str

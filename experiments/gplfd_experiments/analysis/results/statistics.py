@@ -40,11 +40,7 @@ class Pairs:
     second: tuple[float, ...]
 
     def per_seed(self) -> tuple[list[float], list[float]]:
-        """Return the mean values of each seed.
-
-        Doors of a seed share the demonstrations that were learned from, so that they
-        are no independent trials; seeds are.
-        """
+        """Return means of each seed, whose doors share what was learned from."""
         seeds = np.array(self.seeds)
 
         def means(values: Sequence[float]) -> list[float]:
@@ -133,10 +129,7 @@ def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
 
 
 def signed_rank(first: Sequence[float], second: Sequence[float]) -> float:
-    """Return the two-sided p-value of Wilcoxon's test, one value per seed and policy.
-
-    Pairs without difference are left out, as Wilcoxon did.
-    """
+    """Return Wilcoxon's two-sided p-value; he left out pairs without difference."""
     differences = np.subtract(first, second)
     different = differences[differences != 0.0]
     return float(wilcoxon(different).pvalue) if different.size else 1.0

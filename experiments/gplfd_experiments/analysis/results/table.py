@@ -73,11 +73,7 @@ def _medians(
 
 
 def remarks(episodes: Sequence[EpisodeResult]) -> list[str]:
-    """Say what a reader of rates has to know: errors, lost episodes, missing metrics.
-
-    Returns:
-        A sentence for each that there is; none if all is well.
-    """
+    """Say what a reader of rates must know: errors, lost episodes, missing metrics."""
 
     def of_all(some: Sequence[EpisodeResult]) -> str:
         return f"{len(some)} of {len(episodes)} episodes"
@@ -168,11 +164,7 @@ def run_table(metrics: Iterable[EpisodeMetrics | FailedEpisode]) -> Table:
 
 
 def write_tables(folder: Path, settings: StudySettings) -> str:
-    """Write DIR/table.md, a table per condition of the study, and return its text.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write DIR/table.md, a table per condition of the study, and return its text."""
     parts: list[str] = []
     several = list(conditions(settings))
     for condition in several:

@@ -1,10 +1,12 @@
-"""What trials show: numbers per seed, contrasts with and without an idea, trials.json.
+"""What trials show: numbers per seed, contrasts, trials.json, and the protocol's check.
 
 trials.json holds every number of a trial, so that the result files need not be kept.
 """
 
+import json
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -19,6 +21,9 @@ from gplfd_experiments.analysis.results.statistics import (
     shift,
     success_rate,
 )
+from gplfd_experiments.episodes.build import demonstrations_hash
+from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
 from gplfd_experiments.studies.trials.records import MEASURES, Contrast, Side, value_of
 
@@ -36,6 +41,8 @@ ByLevel = Mapping[str, Mapping[str, Sequence[EpisodeResult]]]
 
 _DIGITS: Final = 5
 """Significant digits in the file."""
+_LISTED: Final = 3
+"""Tasks that a problem names."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -92,12 +99,7 @@ def answered(contrast: Contrast, episodes: ByLevel) -> Answer:
 
 
 def summary(episodes: Sequence[EpisodeResult], measure: str) -> Rate | Shift | None:
-    """Return a rate, or the typical value of a seed with its 95 % interval.
-
-    Args:
-        episodes: Of a policy at a level of a trial.
-        measure: One of `MEASURES`.
-    """
+    """Return a rate, or the typical value of a seed with its 95 % interval."""
     if measure in SHARES:
         outcomes = _by_seed(episodes, measure).items()
         rate = success_rate((seed, bool(one)) for seed, own in outcomes for one in own)
@@ -125,11 +127,7 @@ def _value(one: EpisodeResult, measure: str) -> float | None:
 
 
 def trial_answers(results: StudyResults) -> dict[str, Any]:
-    """Return every number of a policy in a trial, seed by seed, and every contrast.
-
-    Returns:
-        JSON-able, numbers to five digits; without trials an empty mapping of them.
-    """
+    """Return every number of trials, seed by seed, and every contrast, for JSON."""
     trials: dict[str, Any] = {}
     contrasts: list[dict[str, Any]] = []
     for name, policies in of_trials(results).items():
@@ -181,3 +179,70 @@ def _interval(found: Rate | Shift | None) -> dict[str, Any]:
 
 def _rounded(value: float) -> float | None:
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+
+
+def protocol_problems(results: StudyResults) -> list[str]:
+    """Say what a folder lacks of the protocol, and what in it is not the protocol's.
+
+    Every policy must have opened all doors of every trial in which it took part, as
+    the protocol draws them, after demonstrations that are the protocol's to a
+    micrometre, by one version of the code.
+    """
+    trials = [one for one in results.episodes if one.task.trial]
+    if not trials:
+        return ["there is no episode of a trial; `gplfd trials` makes them"]
+    problems = [f"not a result: {reason}" for reason in results.unreadable]
+
+    ran = [one for one in trials if not one.error]
+    known = {one.task.shown: one.task for one in ran}
+    hashes = {shown: demonstrations_hash(task) for shown, task in known.items()}
+    if differing := [
+        one.task for one in ran if one.demonstrations != hashes[one.task.shown]
+    ]:
+        problems.append(
+            f"{len(differing)} episodes were learned from other demonstrations, or do "
+            f"not say from which: {_listed(differing)}"
+        )
+
+    for policy, own in by_policy(trials).items():
+        problems += [
+            f"{policy}: {problem}" for problem in _policy_problems(policy, own)
+        ]
+    return problems
+
+
+def _policy_problems(policy: str, own: Sequence[EpisodeResult]) -> Iterator[str]:
+    """Compare the episodes of a policy with those that the protocol plans."""
+    names = tuple(dict.fromkeys(one.task.trial for one in own))
+    try:
+        planned = trial_tasks(named_trials(names), policies=[policy])
+    except ValueError as error:
+        yield str(error)
+        return
+    expected = {_draw_of(task): task for task in planned if task.policy == policy}
+    found = {_draw_of(one.task) for one in own}
+    if missing := [task for draw, task in expected.items() if draw not in found]:
+        yield f"{len(missing)} of {len(expected)} are missing: {_listed(missing)}"
+    if strange := [one.task for one in own if _draw_of(one.task) not in expected]:
+        yield f"{len(strange)} are not the protocol's: {_listed(strange)}"
+    if gone := [one.task for one in own if one.lost]:
+        yield f"{len(gone)} episodes were lost by the machine: {_listed(gone)}"
+    codes = Counter(one.code for one in own)
+    if len(codes) > 1:
+        yield f"they were made by {len(codes)} versions of the code"
+    if edited := [code for code in codes if "with edits" in code]:
+        yield f"they were made by code with edits ({edited[0]})"
+
+
+def _draw_of(task: EpisodeTask) -> str:
+    """Return all fields of a task except those of its policy."""
+    fields = task.definition
+    for name in ("policy", "policy_source"):
+        fields.pop(name, None)
+    return json.dumps(fields, sort_keys=True)
+
+
+def _listed(tasks: Sequence[EpisodeTask]) -> str:
+    first = [f"{one.trial}, {one.level}, {one.door}, seed {one.seed}" for one in tasks]
+    more = f"; and {len(first) - _LISTED} more" if len(first) > _LISTED else ""
+    return "; ".join(first[:_LISTED]) + more
