@@ -37,7 +37,7 @@ from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.registry.catalogue import make_agent
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_plots")]
 
 DOORS = ("small", "medium", "large", "heavy", "0.42")
 
@@ -85,10 +85,7 @@ def opening(opened):
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_figures_draw_from_logs_without_simulating(
-    name, measured, tmp_path, monkeypatch
-):
-    monkeypatch.setitem(style._STYLE, "savefig.dpi", 40)
+def test_figures_draw_from_logs_without_simulating(name, measured, tmp_path):
     shown = measured(name)
     with style.paper_style():
         figure = FIGURES[name].draw(shown)

@@ -3,9 +3,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from gplfd_experiments.analysis.figures import drawing, material, style
+from gplfd_experiments.analysis.figures import drawing, material
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_plots")]
 
 
 def files(folder):
@@ -27,7 +27,6 @@ def test_the_command_its_repetition_and_figures_without_episodes(
     agent = SimpleNamespace(control="pose")
     monkeypatch.setattr(material, "learned_agents", lambda *_: lambda: agent)
     monkeypatch.setattr(material, "rollout", simulate)
-    monkeypatch.setitem(style._STYLE, "savefig.dpi", 40)
     two = {name: drawing.FIGURES[name] for name in ("fig03", "fig10")}
     monkeypatch.setattr(drawing, "FIGURES", two)
 
