@@ -159,6 +159,11 @@ def test_the_page_needs_nothing_else_and_equal_results_give_equal_bytes(
             assert b'href="http' not in svg
     names = {path.stem for path in (folder / "figures").glob("*.svg")}
     assert names == {"success", "radial_force", "forecast", "coverage", "skill"}
+    # What is wide is folded away.
+    shown = re.sub(r"<details>.*?</details>", "", text, flags=re.S)
+    heads = re.findall(r"<thead>(.*?)</thead>", shown, re.S)
+    assert max(head.count("<th ") for head in heads) <= 8
+    assert len(heads) < len(re.findall(r"<thead>", text))
 
 
 def test_the_page_begins_with_a_summary_of_what_was_opened(
@@ -191,14 +196,6 @@ def test_the_page_begins_with_a_summary_of_what_was_opened(
     assert rows["mine"][f"opened,{known}"].startswith("0/3<br>")
     assert rows["mine"]["not opened because"] == "3 × policy raised an error"
     assert rows["mine"]["errors"] == "3"
-
-
-def test_what_is_wide_is_folded_away(write_study, policies):
-    page, _ = pages(write_study(policies))
-    shown = re.sub(r"<details>.*?</details>", "", page, flags=re.S)
-    heads = re.findall(r"<thead>(.*?)</thead>", shown, re.S)
-    assert max(head.count("<th ") for head in heads) <= 8
-    assert len(heads) < len(re.findall(r"<thead>", page))
 
 
 def test_the_summary_groups_by_kind_of_door(page_of, episode_result):
@@ -396,7 +393,9 @@ def test_recordings_are_linked_from_where_the_page_is(
         assert (out / link).resolve().is_file()
 
 
-def test_wrong_folders_end_with_status_2(write_study, tmp_path, capsys):
+def test_the_command_writes_beside_the_study_or_says_what_is_wrong(
+    write_study, tmp_path, capsys, episode_result
+):
     (tmp_path / "empty").mkdir()
     folder = write_study([])
     (folder / "tasks" / "a.json").write_text("[]")
@@ -410,11 +409,7 @@ def test_wrong_folders_end_with_status_2(write_study, tmp_path, capsys):
         assert message in capsys.readouterr().err
     assert list((tmp_path / "empty").iterdir()) == []
 
-
-def test_the_command_writes_beside_the_study_and_says_where(
-    write_study, capsys, episode_result
-):
-    folder = write_study([episode_result("gp"), episode_result("kmp")])
+    write_study([episode_result("gp"), episode_result("kmp")])
     assert cli.main(["report", str(folder), "--reference", "kmp"]) == 0
     assert str(folder / "report.html") in capsys.readouterr().out
     text = (folder / "report.md").read_text()
@@ -616,14 +611,17 @@ def test_no_mutated_file_ends_the_report(results, write_study):
     assert named > 50
 
 
-def test_what_is_accepted_can_be_drawn(results, write_study):
+def test_what_is_accepted_can_be_drawn(
+    results, write_study, episode_result, learning_result
+):
     rng = random.Random(1)
-    folder = write_study(results)
+    makers = (episode_result, learning_result)
+    folder = write_study([make(name) for name in HOSTILE for make in makers])
     for number in range(200):
         text = mutated(rng.choice(results), rng)
         (folder / "tasks" / f"mutated-{number:03}.json").write_text(text)
-    assert len(read_results(folder).all) > 30
-    write_report(read_results(folder), folder)
+    assert len(read_results(folder).all) > len(HOSTILE) * 2 + 30
+    write_report(read_results(folder), folder, reference=HOSTILE[0])
 
 
 FORMAT = '{"format": "gplfd result", "format_version": 9, '
@@ -717,14 +715,6 @@ def test_no_name_becomes_anything_else(name, results, write_study):
     assert "](" not in re.sub(r"!\[[\w ,]+\]\(figures/\w+\.png\)", "", outside)
     assert "<" not in outside.replace("<br>", "")
     assert len(re.findall("^(`{3,})text$", text, re.M)[-1]) > 4
-
-
-def test_any_name_can_be_drawn(write_study, episode_result, learning_result):
-    made = [
-        make(name) for name in HOSTILE for make in (episode_result, learning_result)
-    ]
-    folder = write_study(made)
-    write_report(read_results(folder), folder, reference=HOSTILE[0])
 
 
 def test_a_user_s_policy_is_everywhere(
