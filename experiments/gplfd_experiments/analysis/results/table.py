@@ -131,7 +131,7 @@ def study_table(episodes: Sequence[EpisodeResult]) -> Table:
         for policy, door, own, known, solved in _by_policy_and_door(here):
             rate = success_rate((one.task.seed, one.solved) for one in known)
             row = (
-                *(policy, door, *rate.cell.split("\n")),
+                *(policy, door, f"{rate.successes}/{rate.trials}", rate.interval),
                 *([str(sum(bool(one.error) for one in known))] if errors else []),
                 *(one.text(value) for one, value in _medians(known, solved)),
                 *([closed_because(own)] if closed else []),
