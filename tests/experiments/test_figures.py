@@ -3,17 +3,12 @@
 import dataclasses
 import functools
 import re
-from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import matplotlib
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from matplotlib.collections import FillBetweenPolyCollection
-from matplotlib.figure import Figure
 from scipy.stats import f as fisher
 
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
@@ -36,40 +31,36 @@ from gplfd_experiments.analysis.figures.material import Material, material
 from gplfd_experiments.analysis.figures.pick_and_place import HEIGHT, PHASES
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.forecast_error import forecast_errors
-from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import prediction_errors
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.registry.catalogue import make_agent
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_plots")]
 
-Log = Callable[..., EpisodeLog]
-Measured = Callable[[str], Any]
 DOORS = ("small", "medium", "large", "heavy", "0.42")
 
 
 @pytest.fixture(scope="module")
-def doors() -> LabelledDemonstrations:
+def doors():
     radii = (0.35, 0.50, 0.65)
     given = Teacher().demonstrate_doors(radii, rng=np.random.default_rng(0))
-    return LabelledDemonstrations(
-        demonstrations=given, radii=tuple(radius for radius in radii for _ in range(2))
-    )
+    labels = tuple(radius for radius in radii for _ in range(2))
+    return LabelledDemonstrations(demonstrations=given, radii=labels)
 
 
 @pytest.fixture(scope="module")
-def measured(doors: LabelledDemonstrations, formula_log: Log) -> Measured:
+def measured(doors, formula_log):
     """What a figure shows of openings by formula; each figure is measured once."""
     logs = {door: formula_log(n_steps=61, dt=0.1, door=door) for door in DOORS}
     given = Material(seed=0, demonstrations=doors, episodes=logs)
 
-    def simulate(*_: Any, **__: Any) -> None:
+    def simulate(*_, **__):
         raise AssertionError("a figure has simulated")
 
     @functools.cache
-    def measure(name: str) -> Any:
+    def measure(name):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("gymnasium.make", simulate)
             patch.setattr("gplfd_experiments.episodes.rollout.rollout", simulate)
@@ -81,26 +72,20 @@ def measured(doors: LabelledDemonstrations, formula_log: Log) -> Measured:
 
 
 @pytest.fixture(scope="module")
-def opened(tmp_path_factory: pytest.TempPathFactory) -> Material:
+def opened(tmp_path_factory):
     """One real opening."""
     return material(tmp_path_factory.mktemp("runs"), ["large"], seed=0)
 
 
 @pytest.fixture(scope="module")
-def opening(opened: Material) -> Any:
+def opening(opened):
     """What its policy predicted in it."""
     agent = make_agent("gp", opened.demonstrations.demonstrations)
     return reviewed(opened.episodes["large"], agent, (0.1, 0.25, 0.4))
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_figures_draw_from_logs_without_simulating(
-    name: str,
-    measured: Measured,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(style._STYLE, "savefig.dpi", 40)  # type: ignore[index]
+def test_figures_draw_from_logs_without_simulating(name, measured, tmp_path):
     shown = measured(name)
     with style.paper_style():
         figure = FIGURES[name].draw(shown)
@@ -111,31 +96,19 @@ def test_figures_draw_from_logs_without_simulating(
     assert figure.canvas.manager is None
     caption = FIGURES[name].caption(shown)
     assert len(caption) > 300
-    assert "\n" not in caption
     assert "paper" in caption
-    assert "nan" not in caption
-    assert_units(figure, name)
-
-
-def assert_units(figure: Figure, name: str) -> None:
-    """Every axis that is labelled has a unit or is a ratio."""
+    assert not re.search(r"\n|nan", caption)
+    # Every axis that is labelled has a unit or is a ratio; Fig. 6 has its units above.
     labels = [axes.get_xlabel() for axes in figure.axes]
-    labels += [axes.get_ylabel() for axes in figure.axes]
-    if name == "fig06":  # its units are above its columns
-        titles = [axes.get_title() for axes in figure.axes]
-        assert sum("[m]" in title or "[rad]" in title for title in titles) == 6
-        labels = [label for label in labels if label not in _FIG06_ROWS]
-    ratios = r"\[.+\]|^phase$|bound|ζ"
-    assert all(re.search(ratios, label) for label in labels if label)
-    assert sum(map(bool, labels)) >= 2
-
-
-_FIG06_ROWS = ("recorded", "aligned", "policy, 95 %")
+    labels += [axes.get_ylabel() for axes in figure.axes if name != "fig06"]
+    labels += [axes.get_title() for axes in figure.axes if name == "fig06"]
+    assert all(re.search(r"\[.+\]|^phase$|bound|ζ", one) for one in labels if one)
+    assert sum(map(bool, labels)) >= (18 if name == "fig06" else 2)
 
 
 def test_the_same_data_give_the_same_bytes_whatever_the_user_has_configured(
-    measured: Measured, tmp_path: Path
-) -> None:
+    measured, tmp_path
+):
     written = []
     for number, grid in enumerate((False, True)):
         with matplotlib.rc_context({"axes.grid": grid, "svg.hashsalt": str(grid)}):
@@ -144,39 +117,34 @@ def test_the_same_data_give_the_same_bytes_whatever_the_user_has_configured(
                 figure = FIGURES["fig10"].draw(measured("fig10"))
                 style.write_figure(figure, tmp_path, f"number{number}")
             assert dict(matplotlib.rcParams) == before
-        written.append(
-            [
-                (tmp_path / f"number{number}{end}").read_bytes()
-                for end in (".svg", ".png")
-            ]
-        )
+        files = [tmp_path / f"number{number}{end}" for end in (".svg", ".png")]
+        written.append([file.read_bytes() for file in files])
     assert written[0] == written[1]
     assert b"<dc:date>" not in written[0][0]
 
 
-def test_agents_of_a_log_decide_the_same_again(opened: Material) -> None:
+def test_agents_of_a_log_decide_the_same_again(opened):
     log = opened.episodes["large"]
     agent = make_agent("gp", opened.demonstrations.demonstrations)
     repeated = decisions(log, agent)
-    for row, time in enumerate(log.times):
+    names = ("action", "std", "stiffness", "predicted_mean", "predicted_std")
+    for row, time in enumerate(log.times[:300]):
         for forecast in log.forecast_mean[log.forecast_times == time]:
             np.testing.assert_array_equal(expectation(agent).mean, forecast)
         decision = next(repeated)
-        for name in ("action", "std", "stiffness", "predicted_mean", "predicted_std"):
-            np.testing.assert_array_equal(
-                getattr(decision, name), getattr(log, name)[row]
-            )
+        for name in names:
+            found, expected = getattr(decision, name), getattr(log, name)[row]
+            np.testing.assert_array_equal(found, expected)
         assert decision.via_point == log.via_point[row]
-    assert next(repeated, None) is None
 
 
-def test_expectation_of_an_agent_that_makes_no_forecasts(opened: Material) -> None:
-    agent = make_agent("oracle", opened.demonstrations.demonstrations)
+def test_expectation_of_an_agent_that_makes_no_forecasts(doors):
+    agent = make_agent("oracle", doors.demonstrations)
     with pytest.raises(ValueError, match="makes no forecasts"):
         expectation(agent)
 
 
-def test_captions_keep_those_of_other_figures(tmp_path: Path) -> None:
+def test_captions_keep_those_of_other_figures(tmp_path):
     (tmp_path / "captions.md").write_text("## gone: T (seed 0)\n\nNo figure now.\n")
     for name, seed in (("fig04", 0), ("fig03", 0), ("fig03", 7), ("fig02", 7)):
         text = f"## {name}: T (seed {seed})\n\nSeen in {name}.\n"
@@ -189,14 +157,13 @@ def test_captions_keep_those_of_other_figures(tmp_path: Path) -> None:
 
 
 def test_runs_are_kept_apart_by_whatever_they_depend_on(
-    opened: Material, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made: list[str] = []
-    log = opened.episodes["large"]
+    make_log, tmp_path, monkeypatch
+):
+    made = []
 
-    def rollout(*_: Any, door: str, **__: Any) -> EpisodeLog:
+    def rollout(*_, door, **__):
         made.append(door)
-        return dataclasses.replace(log, door=door)
+        return make_log(n_steps=11, door=door)
 
     monkeypatch.setattr(module, "rollout", rollout)
     agent = SimpleNamespace(control="pose")
@@ -210,48 +177,29 @@ def test_runs_are_kept_apart_by_whatever_they_depend_on(
     assert len(list(tmp_path.iterdir())) == 3
 
 
-def panel(figure: Figure, letter: str) -> Axes:
+def panel(figure, letter):
     heads = {axes.get_title(loc="left").split()[0]: axes for axes in figure.axes}
     return heads[rf"$\bf{{{letter}}}$"]
 
 
-def bands(axes: Axes) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Lower and upper bounds of the shaded intervals of a panel."""
-    found = []
-    for shape in axes.collections:
-        if isinstance(shape, FillBetweenPolyCollection):
-            points = np.asarray(shape.get_paths()[0].vertices)
-            at = np.unique(points[:, 0])
-            columns = [points[points[:, 0] == x, 1] for x in at]
-            found.append(
-                (
-                    np.array([column.min() for column in columns]),
-                    np.array([column.max() for column in columns]),
-                )
-            )
-    return found
-
-
-def assert_shows(
-    drawn: tuple[np.ndarray, np.ndarray], policy: GaussianTrajectory, output: int
-) -> None:
+def assert_band(axes, policy, output, which=0):
+    """A shaded interval of a panel is the policy's."""
+    shapes = [
+        one for one in axes.collections if isinstance(one, FillBetweenPolyCollection)
+    ]
+    points = np.asarray(shapes[which].get_paths()[0].vertices)
+    columns = [points[points[:, 0] == x, 1] for x in np.unique(points[:, 0])]
     low, high = policy.interval(0.95)
-    np.testing.assert_allclose(drawn[0], low[:, output], atol=1e-12)
-    np.testing.assert_allclose(drawn[1], high[:, output], atol=1e-12)
+    lowest, highest = [one.min() for one in columns], [one.max() for one in columns]
+    np.testing.assert_allclose(lowest, low[:, output], atol=1e-12)
+    np.testing.assert_allclose(highest, high[:, output], atol=1e-12)
 
 
-def test_fig02_bands_are_the_policies_intervals(measured: Measured) -> None:
+def test_fig02_only_local_noise_covers_everywhere(measured):
     shown = measured("fig02")
     figure = FIGURES["fig02"].draw(shown)
     for letter, name in (("a", "low"), ("b", "high"), ("c", "local")):
-        (drawn,) = bands(panel(figure, letter))
-        assert_shows(drawn, shown.policies[name], HEIGHT)
-
-
-def test_fig02_only_local_noise_covers_everywhere(
-    measured: Measured,
-) -> None:
-    shown = measured("fig02")
+        assert_band(panel(figure, letter), shown.policies[name], HEIGHT)
     ends, middle = (PHASES < 0.1) | (PHASES > 0.9), abs(PHASES - 0.5) < 0.1
     low, high, likely, local = (
         shown.coverage[name] for name in ("low", "high", "likely", "local")
@@ -266,69 +214,46 @@ def test_fig02_only_local_noise_covers_everywhere(
     assert shown.expected[1] - shown.expected[0] < 0.08
 
 
-def test_fig03_completion_aligns_what_distance_does_not(
-    measured: Measured,
-) -> None:
+def test_fig03_completion_aligns_what_distance_does_not(measured):
     shown = measured("fig03")
     assert shown.phase_error["completion"] < 0.015
     assert shown.phase_error["euclidean"] > 5 * shown.phase_error["completion"]
     assert shown.end_error["completion"] < 1e-9
-
-
-def test_fig03_draws_what_was_recorded_and_aligned(
-    measured: Measured,
-) -> None:
-    shown = measured("fig03")
     figure = fig03_alignment.draw(shown)
-    for letter, name in (("b", "euclidean"), ("c", "completion")):
-        for line, poses in zip(
-            panel(figure, letter).lines, shown.aligned[name].poses, strict=True
-        ):
-            np.testing.assert_array_equal(line.get_ydata(), poses[:, HEIGHT])
-    for line, motion in zip(panel(figure, "a").lines, shown.motions, strict=True):
-        np.testing.assert_array_equal(
-            line.get_ydata(), motion.demonstration.poses[:, HEIGHT]
-        )
-    for line, index in zip(panel(figure, "d").lines, shown.completion, strict=True):
-        np.testing.assert_array_equal(line.get_ydata(), index)
+    drawn = {
+        "a": [motion.demonstration.poses[:, HEIGHT] for motion in shown.motions],
+        "b": shown.aligned["euclidean"].poses[:, :, HEIGHT],
+        "c": shown.aligned["completion"].poses[:, :, HEIGHT],
+        "d": shown.completion,
+    }
+    for letter, curves in drawn.items():
+        for line, curve in zip(panel(figure, letter).lines, curves, strict=True):
+            np.testing.assert_array_equal(line.get_ydata(), curve)
 
 
-def test_fig04_strong_via_points_are_hit_and_weak_ones_are_not(
-    measured: Measured,
-) -> None:
+def test_fig04_strong_via_points_are_hit_and_weak_ones_are_not(measured):
     shown = measured("fig04")
     strong, weak = shown.via_points
     for name in ("process", "product"):
         assert shown.miss(name, strong) < 2e-3
         assert 0.01 < shown.miss(name, weak) < 0.04
     figure = FIGURES["fig04"].draw(shown)
-    for letter, name in zip("abcd", (*_FIG04, "coarse"), strict=True):
-        (drawn,) = bands(panel(figure, letter))
-        assert_shows(drawn, shown.policies[name], HEIGHT)
+    names = ("demonstrated", "process", "product", "coarse")
+    for letter, name in zip("abcd", names, strict=True):
+        assert_band(panel(figure, letter), shown.policies[name], HEIGHT)
     assert shown.std("product", 0.5) < 0.8 * shown.std("coarse", 0.5)
 
 
-_FIG04 = ("demonstrated", "process", "product")
-
-
-def test_fig06_draws_recordings_alignment_and_policy(
-    doors: LabelledDemonstrations, measured: Measured
-) -> None:
+def test_fig06_draws_recordings_and_policy_at_the_scales_that_it_says(doors, measured):
     shown = measured("fig06")
     axes = np.reshape(FIGURES["fig06"].draw(shown).axes, (3, 6))
     for output in range(6):
-        assert_shows(bands(axes[2, output])[0], shown.policy, output)
+        assert_band(axes[2, output], shown.policy, output)
+        low, high = axes[0, output].get_ylim()
         for number, line in enumerate(axes[0, output].lines):
-            poses = doors.demonstrations[number].poses
-            np.testing.assert_array_equal(line.get_ydata(), poses[:, output])
-            assert axes[0, output].get_ylim()[0] < poses[:, output].min()
-            assert axes[0, output].get_ylim()[1] > poses[:, output].max()
-
-
-def test_fig06_scales_of_a_kind_differ_by_what_is_written(
-    measured: Measured,
-) -> None:
-    axes = np.reshape(FIGURES["fig06"].draw(measured("fig06")).axes, (3, 6))
+            curve = doors.demonstrations[number].poses[:, output]
+            np.testing.assert_array_equal(line.get_ydata(), curve)
+            assert low < curve.min() <= curve.max() < high
     spans = [float(np.ptp(column[0].get_ylim())) for column in axes.T]
     written = [
         int(column[0].texts[0].get_text().split()[0]) if column[0].texts else 1
@@ -341,67 +266,59 @@ def test_fig06_scales_of_a_kind_differ_by_what_is_written(
         np.testing.assert_allclose(scaled, scaled[0])
 
 
-def test_fig07_radius_holds_95_percent() -> None:
-    rng = np.random.default_rng(1)
+def test_fig07_radius_holds_95_percent():
     free = 5
-    normal = rng.standard_normal((200_000, 2))
+    exact = 2.0 * fisher.ppf(0.95, 2, free)
+    assert fig07_region.squared_radius(free) == pytest.approx(exact)
     assert fig07_region.squared_radius(None) == pytest.approx(5.991, abs=1e-3)
-    inside = (normal**2).sum(axis=1) <= fig07_region.squared_radius(None)
-    assert inside.mean() == pytest.approx(0.95, abs=0.002)
+    rng = np.random.default_rng(1)
+    normal = rng.standard_normal((200_000, 2))
     scaled = normal / np.sqrt(rng.chisquare(free, (200_000, 1)) / free)
-    inside = (scaled**2).sum(axis=1) <= fig07_region.squared_radius(free)
-    assert inside.mean() == pytest.approx(0.95, abs=0.002)
-    assert fig07_region.squared_radius(free) == pytest.approx(
-        2.0 * fisher.ppf(0.95, 2, free)
-    )
+    for points, known in ((normal, None), (scaled, free)):
+        inside = (points**2).sum(axis=1) <= fig07_region.squared_radius(known)
+        assert inside.mean() == pytest.approx(0.95, abs=0.002)
 
 
-def test_fig07_counts_the_samples_of_the_arcs(measured: Measured) -> None:
+def test_fig07_counts_the_samples_of_the_arcs(measured):
     shown = measured("fig07")
     mean, std = shown.policy.mean[:, (0, 2)], shown.policy.std[:, (0, 2)]
+    points = np.vstack(list(shown.arcs.values()))
+    nearest = (((points[:, None] - mean) / std) ** 2).sum(axis=2).min(axis=1)
     few = shown.policy.degrees_of_freedom
     for free, counted in zip((few, None), shown.arc_inside, strict=True):
-        inside = [
-            (((point - mean) / std) ** 2).sum(axis=1).min()
-            <= fig07_region.squared_radius(free)
-            for path in shown.arcs.values()
-            for point in path
-        ]
-        assert counted == pytest.approx(np.mean(inside))
+        inside = nearest <= fig07_region.squared_radius(free)
+        assert counted == pytest.approx(inside.mean())
     assert shown.arc_inside[1] > 0.95
-    lengths = [np.linalg.norm(path - [0.0, -r], axis=1) for r, path in _arcs(shown)]
-    for radius, length in zip((0.35, 0.50, 0.65), lengths, strict=True):
-        np.testing.assert_allclose(length, radius)
+    assert list(shown.arcs) == [0.35, 0.50, 0.65]
+    for radius, path in shown.arcs.items():
+        lengths = np.linalg.norm(path - [0.0, -radius], axis=1)
+        np.testing.assert_allclose(lengths, radius)
 
 
-def _arcs(shown: fig07_region.Region) -> list[tuple[float, Any]]:
-    return list(shown.arcs.items())
-
-
-def test_fig09_draws_the_logs_predictions(opening: Any) -> None:
+def test_fig09_draws_the_logs_predictions(opening):
     log = opening.log
     shown = dict.fromkeys(fig09_adaptation.DOORS, opening)
     rows = np.reshape(fig09_adaptation.draw(shown).axes, (3, 4))
     order = np.argsort(log.observed_phase[opening.motion], kind="stable")
     for index, output in enumerate((0, 2)):
         for stage in range(3):
-            initial, adapted = bands(rows[index, stage])
-            assert_shows(initial, opening.initial, output)
-            assert_shows(adapted, opening.stages[stage], output)
-        _, adaptive, truth = rows[index, 3].lines
-        predicted = log.predicted_mean[opening.motion][order, output]
-        np.testing.assert_array_equal(adaptive.get_ydata(), predicted)
-        np.testing.assert_array_equal(
-            truth.get_ydata(), log.handle_pose[opening.motion][order, output]
-        )
+            assert_band(rows[index, stage], opening.initial, output)
+            assert_band(rows[index, stage], opening.stages[stage], output, which=1)
+
+        def moving(values, output=output):
+            return values[opening.motion][order, output]
+
+        _, adaptive, truth = (line.get_ydata() for line in rows[index, 3].lines)
+        np.testing.assert_array_equal(adaptive, moving(log.predicted_mean))
+        np.testing.assert_array_equal(truth, moving(log.handle_pose))
         first = log.forecast_mean[0, :, output]
         fixed = np.interp(log.observed_phase, log.forecast_phase, first)
         np.testing.assert_array_equal(opening.fixed.mean[:, output], fixed)
-        errors = prediction_errors(log)[opening.motion][order, output]
-        np.testing.assert_array_equal(rows[2, 0].lines[2 + index].get_ydata(), errors)
+        drawn = rows[2, 0].lines[2 + index].get_ydata()
+        np.testing.assert_array_equal(drawn, moving(prediction_errors(log)))
 
 
-def test_fig09_adaptive_predicts_better_than_fixed(opening: Any) -> None:
+def test_fig09_adaptive_predicts_better_than_fixed(opening):
     adaptive, fixed = (errors.mean(axis=0) for errors in opening.errors())
     assert (10.0 * adaptive[[0, 2]] < fixed[[0, 2]]).all()
     # Student t with 5 degrees of freedom, however many via-points later.
@@ -409,37 +326,32 @@ def test_fig09_adaptive_predicts_better_than_fixed(opening: Any) -> None:
     np.testing.assert_array_equal(opening.fixed.width, opening.adaptive.width[0])
 
 
-def test_fig10_rates_are_the_logs_and_bounds_the_controllers(make_log: Log) -> None:
+def test_fig10_rates_are_the_logs_and_bounds_the_controllers(make_log):
     rng = np.random.default_rng(2)
-    log = make_log(n_steps=50, std_rate=0.03 * rng.standard_normal((50, 6)))
+    stiffness = np.tile([300.0, 300.0, 300.0, 30.0, 30.0, 30.0], (50, 1))
+    stiffness[20:23, 0] -= 15.0
+    log = make_log(
+        n_steps=50, std_rate=0.03 * rng.standard_normal((50, 6)), stiffness=stiffness
+    )
     shown = fig10_stiffness.stability(log, DEFAULT_PROFILE)
-    axes = np.reshape(fig10_stiffness.draw({"medium": shown}).axes, (3,))
-    for line, output in zip(axes[1].lines, (0, 2), strict=False):
+    own, fall, use = fig10_stiffness.draw({"medium": shown}).axes
+    np.testing.assert_array_equal(own.lines[1].get_ydata(), log.stiffness[:, 0])
+    for line, output in zip(fall.lines, (0, 2), strict=False):
         np.testing.assert_array_equal(line.get_xdata(), log.times)
         np.testing.assert_array_equal(line.get_ydata(), -log.std_rate[:, output])
-    drawn = [float(np.asarray(line.get_ydata())[0]) for line in axes[1].lines[2:]]
+    drawn = [float(np.asarray(line.get_ydata())[0]) for line in fall.lines[2:]]
     # 8 γ k_min^1.5 / (α (k_max - k_min) (√k_min + δγ√m)), γ = 70 /s; then 2δγ√m.
     assert drawn == pytest.approx([560e3 / (600 * 400 * c) for c in (80, 150)])
     used = log.stiffness_rate / (log.stiffness_rate + log.stability_margin)
-    np.testing.assert_array_equal(axes[2].lines[0].get_ydata(), used[:, 0])
-    np.testing.assert_array_equal(axes[0].lines[1].get_ydata(), log.stiffness[:, 0])
-
-
-def test_fig10_marks_where_the_governor_holds_back(make_log: Log) -> None:
-    agent_std = np.full((50, 6), 0.01)
-    stiffness = np.tile([300.0, 300.0, 300.0, 30.0, 30.0, 30.0], (50, 1))
-    stiffness[20:23, 0] -= 15.0
-    log = make_log(n_steps=50, std=agent_std, stiffness=stiffness)
-    shown = fig10_stiffness.stability(log, DEFAULT_PROFILE)
+    np.testing.assert_array_equal(use.lines[0].get_ydata(), used[:, 0])
+    # Marks are where the governor holds back.
     np.testing.assert_array_equal(np.flatnonzero(shown.governed[:, 0]), [20, 21, 22])
-    assert not shown.governed[:, 2].any()
-    use = fig10_stiffness.draw({"medium": shown}).axes[2]
     marks = [line for line in use.lines if line.get_marker() == "v"]
     np.testing.assert_array_equal(marks[0].get_xdata(), log.times[20:23])
     assert len(np.asarray(marks[1].get_xdata())) == 0
 
 
-def test_fig10_uses_the_law_of_the_policy_that_it_shows(opened: Material) -> None:
+def test_fig10_uses_the_law_of_the_policy_that_it_shows(opened):
     """Where the governor holds nothing back, the stiffness is what the law gives."""
     episodes = dict.fromkeys(fig10_stiffness.DOORS, opened.episodes["large"])
     both = dataclasses.replace(opened, episodes=episodes)
@@ -447,7 +359,8 @@ def test_fig10_uses_the_law_of_the_policy_that_it_shows(opened: Material) -> Non
     assert 0.0 < shown.governed[:, [0, 2]].mean() < 0.3
 
 
-def test_forecasts_are_of_what_is_still_to_come(opened: Material) -> None:
+def test_forecasts_are_of_what_is_still_to_come(opened, monkeypatch):
+    monkeypatch.setattr(forecasts, "SHARES", (0.05, 0.15))
     log = opened.episodes["large"]
     given = opened.demonstrations.demonstrations
     agents = {name: make_agent(name, given) for name in forecasts.FORMS}
@@ -459,18 +372,15 @@ def test_forecasts_are_of_what_is_still_to_come(opened: Material) -> None:
             assert rest.times[-1] == 1.0
             variance = np.diagonal(rest.covariance, axis1=1, axis2=2).T
             np.testing.assert_allclose(variance, rest.std**2, rtol=1e-6)
-            distance = np.linalg.norm(
-                forecast.truth[:, (0, 2)] - [0.0, -log.radius], axis=1
-            )
+            from_hinge = forecast.truth[:, (0, 2)] - [0.0, -log.radius]
+            distance = np.linalg.norm(from_hinge, axis=1)
             np.testing.assert_allclose(distance, log.radius, atol=2e-3)
     # Where it will go; when is another matter.
-    early, *_, late = (
-        error for error in forecast_errors(log, DEMONSTRATED_ANGLE) if error
-    )
-    assert late < 0.2 * early
+    errors = [error for error in forecast_errors(log, DEMONSTRATED_ANGLE) if error]
+    assert errors[-1] < 0.2 * errors[0]
 
 
-def test_forecast_scores_by_hand() -> None:
+def test_forecast_scores_by_hand():
     ramp = np.outer([0.0, 0.1, 0.2, 0.3], np.ones(6))
     rest = GaussianTrajectory(
         times=np.array([0.7, 0.8, 0.9, 1.0]),

@@ -1,8 +1,6 @@
 """Errors of forecasts: what is still to come, wherever the robot stands."""
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,35 +14,41 @@ from gplfd_experiments.episodes.forecast_error import (
     handle_path,
     squared_distances,
 )
-from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 
-MakeLog = Callable[..., EpisodeLog]
 ANGLE = math.radians(66.0)
+PHASES = np.linspace(0.0, 1.0, 101)
 
 
-def forecasting(make_log: MakeLog, radius: float, period: float = 0.05) -> EpisodeLog:
+@pytest.fixture
+def forecasting(make_log):
     """An opening of 0.5 m during which the policy expects some radius."""
-    times = np.arange(0.0, 6.0 + 1e-9, period)
-    phases = np.linspace(0.0, 1.0, 101)
-    arc = np.array([handle_pose_on_arc(radius, ANGLE * phase) for phase in phases])
-    return make_log(
-        forecast_times=times,
-        forecast_phase=phases,
-        forecast_mean=np.stack([arc] * times.size),
-        forecast_std=np.ones((times.size, 101, 6)),
-    )
+
+    def log(radius, *, at=PHASES, period=0.05, aside=0.0, **changes):
+        times = np.arange(0.0, 6.0 + 1e-9, period)
+        arc = np.array([handle_pose_on_arc(radius, ANGLE * phase) for phase in at])
+        arc[:50, 1] += aside
+        return make_log(
+            forecast_times=times,
+            forecast_phase=PHASES,
+            forecast_mean=np.stack([arc] * times.size),
+            forecast_std=np.ones((times.size, 101, 6)),
+            **changes,
+        )
+
+    return log
 
 
-def test_a_policy_that_knows_the_door_makes_no_error(make_log):
-    errors = forecast_errors(forecasting(make_log, 0.5), ANGLE)
+def test_a_policy_that_knows_the_door_makes_no_error(forecasting):
+    errors = forecast_errors(forecasting(0.5), ANGLE)
     assert len(errors) == len(PROGRESS)
     # The path of straight pieces between a hundred points cuts the corners.
     assert max(errors) < 1e-4
 
 
-def test_error_of_a_wrong_radius_is_the_distance_of_the_arcs(make_log):
-    error = forecast_errors(forecasting(make_log, 0.4), ANGLE)[0]
+def test_error_of_a_wrong_radius_is_the_distance_of_the_arcs(forecasting):
+    log = forecasting(0.4)
+    errors = forecast_errors(log, ANGLE)
     phi = np.linspace(0.05 * ANGLE, ANGLE, 2000)
     # Both arcs begin at the handle: their hinges are 0.1 m apart.
     x, z = 0.5 * np.sin(phi), -0.5 * (1.0 - np.cos(phi))
@@ -52,80 +56,49 @@ def test_error_of_a_wrong_radius_is_the_distance_of_the_arcs(make_log):
     end = handle_pose_on_arc(0.4, ANGLE)
     beyond = np.arctan2(x, z + 0.4) > ANGLE
     radial[beyond] = np.hypot(x - end[0], z - end[2])[beyond]
-    assert error == pytest.approx(math.sqrt(np.mean(radial**2)), rel=0.03)
+    assert errors[0] == pytest.approx(math.sqrt(np.mean(radial**2)), rel=0.03)
+    # When the policy expects to be where does not matter.
+    hurried = forecast_errors(forecasting(0.4, at=PHASES**2), ANGLE)
+    assert hurried == pytest.approx(errors, rel=1e-2)
+    # Metrics have the errors in millimetres.
+    metrics = episode_metrics(log, demonstrated_angle=ANGLE)
+    expected = [1e3 * error for error in errors if error]
+    assert metrics.forecast_error_mm == pytest.approx(expected)
+    assert metrics.forecast_error_mm[0] > 5.0
 
 
-def test_only_what_is_to_come_is_judged(make_log):
-    log = forecasting(make_log, 0.5)
-    mean = np.array(log.forecast_mean)
-    mean[:, :50, 1] += 1.0
-    changed = make_log(
-        **{
-            name: getattr(log, name)
-            for name in ("forecast_times", "forecast_phase", "forecast_std")
-        },
-        forecast_mean=mean,
-    )
-    errors = forecast_errors(changed, ANGLE)
+def test_only_what_is_to_come_is_judged(forecasting):
+    errors = forecast_errors(forecasting(0.5, aside=1.0), ANGLE)
     assert min(errors[:4]) > 0.02
     assert max(errors[5:]) < 1e-4
 
 
-def test_when_the_policy_expects_to_be_where_does_not_matter(make_log):
-    log = forecasting(make_log, 0.4)
-    uneven = np.linspace(0.0, 1.0, 101) ** 2
-    arc = np.array([handle_pose_on_arc(0.4, ANGLE * phase) for phase in uneven])
-    hurried = make_log(
-        forecast_times=log.forecast_times,
-        forecast_phase=log.forecast_phase,
-        forecast_mean=np.stack([arc] * log.forecast_times.size),
-        forecast_std=log.forecast_std,
-    )
-    assert forecast_errors(hurried, ANGLE) == pytest.approx(
-        forecast_errors(log, ANGLE), rel=1e-2
-    )
-
-
-def test_a_door_that_stops_has_no_forecasts_beyond(make_log):
-    log = forecasting(make_log, 0.5)
-    names = ("forecast_times", "forecast_phase", "forecast_mean", "forecast_std")
-    angle = 0.5 * log.door_angle
+def test_a_door_that_stops_has_no_forecasts_beyond(forecasting):
+    angle = 0.5 * forecasting(0.5).door_angle
     pose = np.array([handle_pose_on_arc(0.5, phi) for phi in angle])
-    stopped = make_log(
-        door_angle=angle,
-        handle_pose=pose,
-        **{name: getattr(log, name) for name in names},
-    )
+    stopped = forecasting(0.5, door_angle=angle, handle_pose=pose)
     errors = forecast_errors(stopped, ANGLE)
     assert all(error is not None for error in errors[:5])
     assert errors[5:] == (None,) * 5
 
 
-def test_a_forecast_that_comes_too_late_does_not_count(make_log):
-    errors = forecast_errors(forecasting(make_log, 0.5, period=1.5), ANGLE)
+def test_a_forecast_that_comes_too_late_does_not_count(forecasting):
+    errors = forecast_errors(forecasting(0.5, period=1.5), ANGLE)
     # At 1.5, 3 and 4.5 s the door is open by 0.10, 0.5 and 0.90 of its angle.
     known = [share for share, error in zip(PROGRESS, errors, strict=True) if error]
     assert known == [0.05, 0.45, 0.85]
 
 
 def test_policies_without_forecasts_have_no_errors(make_log):
+    names = ("forecast_times", "forecast_phase")
+    curves = ("forecast_mean", "forecast_std")
     silent = make_log(
-        forecast_times=np.empty(0),
-        forecast_phase=np.empty(0),
-        forecast_mean=np.empty((0, 0, 6)),
-        forecast_std=np.empty((0, 0, 6)),
+        **dict.fromkeys(names, np.empty(0)),
+        **dict.fromkeys(curves, np.empty((0, 0, 6))),
     )
     metrics = episode_metrics(silent).as_json()
     assert metrics["forecast_progress"] == list(PROGRESS)
     assert metrics["forecast_error_mm"] == [None] * 10
-
-
-def test_metrics_have_the_errors_in_millimetres(make_log):
-    log = forecasting(make_log, 0.4)
-    metrics = episode_metrics(log, demonstrated_angle=ANGLE)
-    expected = [1e3 * error for error in forecast_errors(log, ANGLE) if error]
-    assert metrics.forecast_error_mm == pytest.approx(expected)
-    assert metrics.forecast_error_mm[0] > 5.0
 
 
 def test_the_arc_lies_as_the_handle_does(make_log):
@@ -144,7 +117,7 @@ def test_the_arc_lies_as_the_handle_does(make_log):
 def test_distance_from_a_path_is_that_from_its_nearest_piece():
     path = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1, 0]])
     points = np.array([[0.5, -0.2, 0], [2, 2, 0], [-3, 0, 4], [1.5, 0.5, 0]])
-    distances: Any = np.sqrt(squared_distances(points, path))
+    distances = np.sqrt(squared_distances(points, path))
     assert distances == pytest.approx([0.2, math.sqrt(2.0), 5.0, 0.5])
 
 

@@ -6,6 +6,7 @@ from gplfd_experiments.analysis.report.sentences import rate_sentence, value_sen
 from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES, number_text
 
 FORCE = EPISODE_MEASURES["force_radial_peak"]
+MINE = "my_module:make"
 
 
 def opened(count, n=20):
@@ -21,53 +22,55 @@ def forces(mean, n=20):
     [
         (
             {"gp": opened(20), "kmp": opened(18), "dmp": opened(3)},
-            "**Opened:** `gp`, 20 of 20 (0.84–1.00), is best; next is `kmp`, 18 of 20 "
-            "(0.70–0.97) against 20.",
+            "`gp`, 20 of 20 (0.84–1.00), is best; next is `kmp`, 18 of 20 (0.70–0.97) "
+            "against 20.",
         ),
         (
             {"gp": opened(20), "promp": opened(20), "kmp": opened(20)},
-            "**Opened:** `gp`, 20 of 20 (0.84–1.00), is best together with `kmp`, "
-            "`promp`.",
+            "`gp`, 20 of 20 (0.84–1.00), is best together with `kmp`, `promp`.",
         ),
         (
             {"gp": opened(17), "kmp": opened(19), "dmp": opened(0)},
-            "**Opened:** `gp`, 17 of 20 (0.64–0.95), is within the interval of the "
-            "best, `kmp`, 19 of 20 (0.76–0.99) against 17.",
+            "`gp`, 17 of 20 (0.64–0.95), is within the interval of the best, `kmp`, 19 "
+            "of 20 (0.76–0.99) against 17.",
         ),
         (
             {"gp": opened(5), "kmp": opened(20), "promp": opened(15)},
-            "**Opened:** `gp`, 5 of 20 (0.11–0.47), is beaten by `kmp`, 20 of 20 "
-            "(0.84–1.00) against 5; `promp`, 15 of 20 (0.53–0.89) against 5.",
+            "`gp`, 5 of 20 (0.11–0.47), is beaten by `kmp`, 20 of 20 (0.84–1.00) "
+            "against 5; `promp`, 15 of 20 (0.53–0.89) against 5.",
         ),
         # gp failed only where kmp was never tried.
         (
             {"gp": opened(10), "kmp": opened(10, n=10)},
-            "**Opened:** `gp`, 10 of 20 (0.30–0.70), is best together with `kmp`.",
+            "`gp`, 10 of 20 (0.30–0.70), is best together with `kmp`.",
         ),
         # The oracle knows the radius, and is not called the best.
         (
             {"gp": opened(5), "oracle": opened(20)},
-            "**Opened:** `gp`, 5 of 20 (0.11–0.47), has nothing to compare with.",
+            "`gp`, 5 of 20 (0.11–0.47), has nothing to compare with.",
         ),
-        ({"kmp": opened(1)}, "**Opened:** `gp` has no episode that ran."),
+        ({"kmp": opened(1)}, "`gp` has no episode that ran."),
         # Policies that opened nothing are not ranked.
         (
             {"gp": opened(0), "kmp": opened(5), "dmp": opened(0)},
-            "**Opened:** `gp` opened none of 20; `kmp` opened most, 5 of 20 "
-            "(0.11–0.47) against 0.",
+            "`gp` opened none of 20; `kmp` opened most, 5 of 20 (0.11–0.47) against 0.",
         ),
         (
             {"gp": opened(5), "dmp": opened(0)},
-            "**Opened:** `gp`, 5 of 20 (0.11–0.47); no other policy opened a door.",
+            "`gp`, 5 of 20 (0.11–0.47); no other policy opened a door.",
         ),
         (
             {"gp": opened(0), "dmp": opened(0)},
-            "**Opened:** `gp` opened none of 20; nor did any other policy.",
+            "`gp` opened none of 20; nor did any other policy.",
         ),
     ],
 )
 def test_rates(runs, said):
-    assert rate_sentence("Opened", runs, "gp") == said
+    assert rate_sentence("Opened", runs, "gp") == f"**Opened:** {said}"
+    # Any policy may be the one that is compared.
+    renamed = {MINE if name == "gp" else name: own for name, own in runs.items()}
+    expected = f"**Opened:** {said}".replace("`gp`", f"`{MINE}`")
+    assert rate_sentence("Opened", renamed, MINE) == expected
 
 
 EASY = {(0, "easy"): 0.5, (1, "easy"): 0.5}
@@ -80,72 +83,63 @@ SCATTERED = {task: 1.9 + 2.0 * (-1) ** k for k, task in enumerate(forces(2.0))}
     [
         (
             {"gp": forces(1.5), "kmp": forces(4.0), "promp": forces(2.0)},
-            "`gp`, median 1.5 N, is best; next is `promp`, behind by 0.5 N (0.5 to "
-            "0.5, 20 seeds).",
+            "1.5 N, is best; next is `promp`, behind by 0.5 N (0.5 to 0.5, 20 seeds).",
         ),
         (
             {"gp": forces(1.5), "gp-fixed": forces(1.5)},
-            "`gp`, median 1.5 N, is best together with `gp-fixed`.",
+            "1.5 N, is best together with `gp-fixed`.",
         ),
         (
             {"gp": forces(2.0), "kmp": SCATTERED, "dmp": forces(9.0)},
-            "`gp`, median 2.0 N, is within the interval of the best, `kmp`, ahead by "
-            "0.1 N (−1.9 to 2.1, 20 seeds).",
+            "2.0 N, is within the interval of the best, `kmp`, ahead by 0.1 N (−1.9 to "
+            "2.1, 20 seeds).",
         ),
         (
             {"gp": forces(3.0), "kmp": forces(1.0), "promp": forces(2.5)},
-            "`gp`, median 3.0 N, is beaten by `kmp`, ahead by 2.0 N (2.0 to 2.0, 20 "
-            "seeds); `promp`, ahead by 0.5 N (0.5 to 0.5, 20 seeds).",
+            "3.0 N, is beaten by `kmp`, ahead by 2.0 N (2.0 to 2.0, 20 seeds); "
+            "`promp`, ahead by 0.5 N (0.5 to 0.5, 20 seeds).",
         ),
         # Few pairs settle nothing.
         (
             {"gp": forces(3.0, n=4), "kmp": forces(1.0, n=4)},
-            "`gp`, median 3.0 N, may be beaten by `kmp`, ahead by 2.0 N (too few for "
-            "an interval, 4 seeds).",
+            "3.0 N, may be beaten by `kmp`, ahead by 2.0 N (too few for an interval, 4 "
+            "seeds).",
         ),
         # Values are compared on the same tasks.
         (
             {"gp": HARD, "dmp": EASY},
-            "`gp`, median 9.0 N, is best; next is `dmp`, behind by 0.1 N (too few for "
-            "an interval, 2 seeds).",
+            "9.0 N, is best; next is `dmp`, behind by 0.1 N (too few for an interval, "
+            "2 seeds).",
         ),
         # A small difference is not shown as zero.
         *(
             (
                 {"gp": forces(1.0), "kmp": forces(1.0 + float(size))},
-                "`gp`, median 1.0 N, is best; next is `kmp`, behind by "
-                f"{size} N ({size} to {size}, 20 seeds).",
+                f"1.0 N, is best; next is `kmp`, behind by {size} N ({size} to {size}, "
+                "20 seeds).",
             )
             for size in ("0.004", "0.04", "0.4")
         ),
     ],
 )
 def test_values(runs, said):
-    assert value_sentence(FORCE, runs, "gp") == f"**Peak radial force:** {said}"
-
-
-def test_nothing_is_said_of_values_that_nobody_can_be_compared_with():
-    assert value_sentence(FORCE, {"gp": forces(2.0), "oracle": forces(1.0)}, "gp") == ""
-    assert value_sentence(FORCE, {"kmp": forces(1.0)}, "gp") == ""
-    # Nor of tasks that only one of them ran.
-    apart = {"gp": forces(1.0), "kmp": {(99, "another"): 1.0}}
-    assert value_sentence(FORCE, apart, "gp") == ""
-
-
-def test_any_policy_may_be_the_one_that_is_compared():
-    mine = "my_module:make"
-    rates = {"gp": opened(20), mine: opened(5)}
-    assert rate_sentence("Opened", rates, mine).startswith(
-        f"**Opened:** `{mine}`, 5 of 20 (0.11–0.47), is beaten by `gp`, 20 of 20"
-    )
-    values = {"gp": forces(2.0), mine: forces(1.0)}
-    said = value_sentence(FORCE, values, mine)
-    assert f"`{mine}`, median 1.0 N, is best; next is `gp`" in said
+    expected = f"**Peak radial force:** `gp`, median {said}"
+    assert value_sentence(FORCE, runs, "gp") == expected
 
 
 @pytest.mark.parametrize(
-    ("number", "digits", "text"),
-    [(-0.04, 1, "0.0"), (-1.26, 1, "−1.3"), (2.0, 0, "2"), (-0.0, 2, "0.00")],
+    "runs",
+    [
+        {"gp": forces(2.0), "oracle": forces(1.0)},
+        {"kmp": forces(1.0)},
+        # Tasks that only one of them ran.
+        {"gp": forces(1.0), "kmp": {(99, "another"): 1.0}},
+    ],
 )
-def test_numbers_have_a_typographic_minus_and_no_minus_zero(number, digits, text):
-    assert number_text(number, digits) == text
+def test_nothing_is_said_of_values_that_nobody_can_be_compared_with(runs):
+    assert value_sentence(FORCE, runs, "gp") == ""
+
+
+def test_numbers_have_a_typographic_minus_and_no_minus_zero():
+    cases = {(-0.04, 1): "0.0", (-1.26, 1): "−1.3", (2.0, 0): "2", (-0.0, 2): "0.00"}
+    assert {given: number_text(*given) for given in cases} == cases

@@ -22,69 +22,68 @@ ROW = Criterion(
     absent="has no errors",
     paper=frozenset(),
 )
+COLUMNS = {
+    ("dmp",): "-----x",
+    ("promp",): "-xx--x",
+    ("gmr",): "x-x--x",
+    ("local-gp", "wishart-gp"): "x-xxx-",
+    ("kmp",): "xxxx-x",
+    ("gmm-gp",): "xxxxx-",
+    ("gp-paper", "gp"): "xxxxxx",
+}
+"""The paper's marks of methods, in the order of its rows."""
 
 
 @pytest.mark.parametrize(
-    ("tasks", "passed", "value"),
+    ("tasks", "passed", "value", "text"),
     [
-        ([{"error": 1.0, "share": 0.5}, {"error": 3.0, "share": 0.5}], True, 2.0),
-        ([{"error": 1.0, "share": 0.5}, {"error": 3.1, "share": 0.5}], False, 2.05),
-        ([{"error": 1.0, "share": 0.49}], False, 1.0),
-        ([{"error": None, "share": 0.9}, {"error": 1.0, "share": 0.9}], True, 1.0),
-        ([{"error": None, "share": 0.9}], False, None),
-        ([{"share": 0.9}], None, None),
-        ([], None, None),
+        ([(1.0, 0.5), (3.0, 0.5)], True, 2.0, "error 2, share 0.5"),
+        ([(1.0, 0.5), (3.1, 0.5)], False, 2.05, "error 2.05, share 0.5"),
+        ([(1.2345, 0.49)], False, 1.2345, "error 1.23, share 0.49"),
+        ([(None, 0.9), (1.0, 0.9)], True, 1.0, "error 1, share 0.9"),
+        ([(None, 0.9)], False, None, "has no errors"),
+        ([(0.9,)], None, None, "not measured"),
+        ([], None, None, "not measured"),
     ],
 )
-def test_mark_is_the_mean_compared_with_all_limits(tasks, passed, value):
-    result = mark(ROW, tasks)
+def test_mark_is_the_mean_compared_with_all_limits(tasks, passed, value, text):
+    named = [dict(zip(("share", "error"), one[::-1], strict=False)) for one in tasks]
+    result = mark(ROW, named)
     assert result.passed is passed
     assert result.value == (None if value is None else pytest.approx(value))
+    assert result.text == text
 
 
-def test_text_of_a_mark_has_its_numbers_or_why_there_are_none():
-    assert mark(ROW, [{"error": 1.2345, "share": 0.5}]).text == "error 1.23, share 0.5"
-    assert mark(ROW, [{"error": None, "share": 0.5}]).text == "has no errors"
-    assert mark(ROW, [{"share": 0.5}]).text == "not measured"
-    with pytest.raises(ValueError, match="no criterion 'Speed'; rows: High-dim"):
-        mark("Speed", [])
-
-
-@pytest.mark.parametrize(
-    ("policies", "marks"),
-    [
-        (("dmp",), "-----x"),
-        (("promp",), "-xx--x"),
-        (("gmr",), "x-x--x"),
-        (("local-gp", "wishart-gp"), "x-xxx-"),
-        (("kmp",), "xxxx-x"),
-        (("gmm-gp",), "xxxxx-"),
-        (("gp-paper", "gp"), "xxxxxx"),
-    ],
-)
-def test_rows_and_columns_are_those_of_the_paper(policies, marks):
+def test_rows_and_columns_are_those_of_the_paper():
     assert list(CRITERIA) == [
-        *("High-dimensional Learning", "Via-point Adaptation", "Task Variability"),
-        *("Prediction Uncertainty", "Prior Information", "Task Space Rotations"),
+        "High-dimensional Learning",
+        "Via-point Adaptation",
+        "Task Variability",
+        "Prediction Uncertainty",
+        "Prior Information",
+        "Task Space Rotations",
     ]
-    for policy in policies:
-        assert policy in TABLE_1
-        column = ["x" if policy in c.paper else "-" for c in CRITERIA.values()]
-        assert "".join(column) == marks
+    assert all(row == criterion.row for row, criterion in CRITERIA.items())
+    for policies, marks in COLUMNS.items():
+        for policy in policies:
+            assert policy in TABLE_1
+            column = ["x" if policy in c.paper else "-" for c in CRITERIA.values()]
+            assert "".join(column) == marks, policy
 
 
 def test_every_criterion_can_be_passed_and_failed():
     for criterion in CRITERIA.values():
+        good, bad = {}, {}
         for limit in criterion.limits:
-            assert limit.low > -math.inf or limit.high < math.inf
-        good = {
-            limit.metric: limit.low if limit.low > -math.inf else limit.high
-            for limit in criterion.limits
-        }
-        bad = {
-            name: value + (-1e-6 if limit.low > -math.inf else 1e-6)
-            for limit, (name, value) in zip(criterion.limits, good.items(), strict=True)
-        }
+            lowest = limit.low > -math.inf
+            assert lowest or limit.high < math.inf
+            good[limit.metric] = limit.low if lowest else limit.high
+            bad[limit.metric] = good[limit.metric] + (-1e-6 if lowest else 1e-6)
         assert mark(criterion.row, [good]).passed is True
         for name in good:
             assert mark(criterion.row, [{**good, name: bad[name]}]).passed is False
+
+
+def test_unknown_row_names_the_rows():
+    with pytest.raises(ValueError, match="no criterion 'Speed'; rows: High-dim"):
+        mark("Speed", [])

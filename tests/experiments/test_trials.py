@@ -16,12 +16,12 @@ from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_env.doors.randomization import door_randomization
 from gplfd_experiments.analysis.report.page import report, write_report
 from gplfd_experiments.analysis.report.writing import markdown_page
-from gplfd_experiments.analysis.results.protocol_check import protocol_problems
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import FEWEST_PAIRS, success_rate
 from gplfd_experiments.analysis.results.trials import (
     answered,
     of_trial,
+    protocol_problems,
     summary,
     trial_answers,
 )

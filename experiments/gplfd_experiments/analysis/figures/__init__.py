@@ -1,6 +1,8 @@
 """The paper's figures, drawn from logs, demonstrations and synthetic sets.
 
 One module per figure of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979, named by its number. Each measures (data in, numbers
-out), draws (numbers in, figure out) and writes its caption. None of them simulates.
+Demonstration*, arXiv:2002.09979, named by its number. Each has a ``TITLE``, the
+``DOORS`` whose episodes it shows, and three functions: ``measure(material)`` returns
+what is shown, ``draw(shown)`` the figure, ``caption(shown)`` a paragraph on what is
+seen, what the paper showed, and the numbers. None of them simulates.
 """

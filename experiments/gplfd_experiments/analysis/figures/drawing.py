@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Final
 
 from gplfd_experiments.analysis.figures import (
@@ -15,7 +16,7 @@ from gplfd_experiments.analysis.figures import (
     fig10_stiffness,
     forecasts,
 )
-from gplfd_experiments.analysis.figures.material import PaperFigure, material
+from gplfd_experiments.analysis.figures.material import material
 from gplfd_experiments.analysis.figures.style import paper_style, write_figure
 from gplfd_experiments.console.arguments import check_folder, check_least
 from gplfd_experiments.console.progress import progress_bar
@@ -23,7 +24,7 @@ from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import provenance
 from gplfd_policies.arrays.storage import complete_or_absent
 
-FIGURES: Final[Mapping[str, PaperFigure]] = {
+FIGURES: Final[Mapping[str, ModuleType]] = {
     "fig02": fig02_heteroscedastic,
     "fig03": fig03_alignment,
     "fig04": fig04_via_points,
@@ -43,20 +44,10 @@ LOGS: Final = "logs"
 def draw_figures(
     folder: Path, only: Sequence[str], *, seed: int, options: Mapping[str, Any]
 ) -> int:
-    """Make or read the runs that the figures need, then draw figure after figure.
+    """Make or read the runs of some figures, or of all, draw them and count them.
 
-    Args:
-        folder: Where to write.
-        only: Names of figures; none for all.
-        seed: Seed of teacher, policy, environment and synthetic sets.
-        options: The command's, for the record; JSON-able.
-
-    Returns:
-        The number of figures.
-
-    Raises:
-        ValueError: An argument is wrong.
-        OSError: A file cannot be read or written.
+    The seed is that of teacher, policy, environment and synthetic sets; the options of
+    the command are kept for the record.
     """
     if unknown := sorted(set(only) - set(FIGURES)):
         raise ValueError(
@@ -80,13 +71,7 @@ def draw_figures(
 
 
 def update_captions(folder: Path, name: str, section: str) -> None:
-    """Write a figure's section to the folder's captions, keeping those of others.
-
-    Sections are in the order of `FIGURES`; those of other names are dropped.
-
-    Raises:
-        OSError: The file cannot be read or written.
-    """
+    """Write a figure's section to the captions, keeping those of `FIGURES` in order."""
     path = folder / CAPTIONS
     there = path.read_text(encoding="utf-8") if path.is_file() else ""
     _, *parts = re.split(r"^(?=## (\S+): )", there, flags=re.MULTILINE)

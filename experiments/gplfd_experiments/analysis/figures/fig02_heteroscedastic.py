@@ -1,8 +1,4 @@
-"""Fig. 2: one noise level is wrong everywhere; a local one is right.
-
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Section II-C.
-"""
+"""Fig. 2, Section II-C: one noise level is wrong everywhere; a local one is right."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -64,13 +60,12 @@ _NOISES: Final[Mapping[str, str | NoiseModel]] = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LocalNoise:
-    """What Fig. 2 shows, for the height of the hand."""
+    """What Fig. 2 shows, for the height of the hand at M phases."""
 
     demonstrations: FloatArray
     """Heights in the first set of demonstrations [m], (D, M)."""
     policies: Mapping[str, GaussianTrajectory]
-    """Three standard Gaussian processes and the heteroscedastic one, by name, learned
-    from the first set."""
+    """Learned from the first set, by the name of the noise."""
     coverage: Mapping[str, FloatArray]
     """Share of fresh repetitions inside each one's 95 % band, mean over sets, (M,)."""
     expected: tuple[float, float]
@@ -79,11 +74,7 @@ class LocalNoise:
 
 
 def measure(material: Material) -> LocalNoise:
-    """Fit the models to several sets and test them on repetitions they have not seen.
-
-    Args:
-        material: Only its seed counts: that of all sets.
-    """
+    """Fit the models to several sets and test them on fresh repetitions."""
     rng = np.random.default_rng(material.seed)
     *set_rngs, fresh_rng, error_rng = rng.spawn(_SETS + 2)
     fresh = true_height(PHASES) + deviations(_FRESH, fresh_rng)
@@ -103,24 +94,20 @@ def measure(material: Material) -> LocalNoise:
         )
         for name in _NOISES
     }
+    # 95 % range of the mean coverage of mean ± t s √(1 + 1/D), s² ~ σ² χ²/(D-1).
+    free = _DEMONSTRATIONS - 1
+    spread = np.sqrt(error_rng.chisquare(free, (10_000, _SETS)) / free)
+    mean = np.sqrt(1.0 / _DEMONSTRATIONS) * error_rng.standard_normal(spread.shape)
+    student = float(stdtrit(free, 0.975))
+    half = student * np.sqrt(1.0 + 1.0 / _DEMONSTRATIONS) * spread
+    estimated = (ndtr(mean + half) - ndtr(mean - half)).mean(axis=1)
+    low, high = np.quantile(estimated, [0.025, 0.975])
     return LocalNoise(
         demonstrations=sets[0].poses[:, :, HEIGHT],
         policies=policies[0],
         coverage=coverage,
-        expected=_expected_coverage(error_rng),
+        expected=(float(low), float(high)),
     )
-
-
-def _expected_coverage(rng: np.random.Generator) -> tuple[float, float]:
-    """95 % range of the mean coverage of mean ± t s √(1 + 1/D), s² ~ σ² χ²/(D-1)."""
-    free = _DEMONSTRATIONS - 1
-    spread = np.sqrt(rng.chisquare(free, (10_000, _SETS)) / free)
-    mean = np.sqrt(1.0 / _DEMONSTRATIONS) * rng.standard_normal(spread.shape)
-    student = float(stdtrit(free, 0.975))
-    half = student * np.sqrt(1.0 + 1.0 / _DEMONSTRATIONS) * spread
-    coverage = (ndtr(mean + half) - ndtr(mean - half)).mean(axis=1)
-    low, high = np.quantile(coverage, [0.025, 0.975])
-    return float(low), float(high)
 
 
 def draw(shown: LocalNoise) -> Figure:
@@ -128,18 +115,13 @@ def draw(shown: LocalNoise) -> Figure:
     figure = style.new_figure(style.PAGE, 3.6)
     axes = figure.subplot_mosaic([["a", "b", "c"], ["d", "e", "e"]])
     for panel, name in {"a": LOW, "b": HIGH, "c": LOCAL}.items():
+        own, policy = axes[panel], shown.policies[name]
         curves = shown.demonstrations.T
-        axes[panel].plot(PHASES, curves, color=style.DEMONSTRATION, linewidth=0.5)
-        axes[panel].lines[0].set_label("demonstrations")
-        style.mean_and_interval(
-            axes[panel],
-            shown.policies[name],
-            HEIGHT,
-            style.ADAPTED,
-            band_label="95 %",
-            label="mean",
-        )
-        axes[panel].sharey(axes["a"])
+        own.plot(PHASES, curves, color=style.DEMONSTRATION, linewidth=0.5)
+        own.lines[0].set_label("demonstrations")
+        labels = {"band_label": "95 %", "label": "mean"}
+        style.mean_and_interval(own, policy, HEIGHT, style.ADAPTED, **labels)
+        own.sharey(axes["a"])
     axes["a"].set_ylabel("height [m]")
     axes["a"].legend(loc="lower center")
 

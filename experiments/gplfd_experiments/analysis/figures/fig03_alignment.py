@@ -1,8 +1,4 @@
-"""Fig. 3: time distortion, and two similarity measures to undo it.
-
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Section III-C, Eqs. (16)–(17).
-"""
+"""Fig. 3, Section III-C: time distortion, and two similarity measures to undo it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,6 +25,11 @@ LEVELS: Final = (0.12, 0.45)
 _COLOURS: Final = {LEVELS[0]: style.DOORS[0], LEVELS[1]: style.DOORS[2]}
 _PER_LEVEL: Final = 3
 CLOCK, EUCLIDEAN, COMPLETION, PUBLISHED = "clock", "euclidean", "completion", "dtw"
+_METHODS: Final[Mapping[str, AlignmentMethod]] = {
+    EUCLIDEAN: "dtw-euclidean",
+    COMPLETION: "interpolation",
+    PUBLISHED: "dtw",
+}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,11 +37,9 @@ class Alignments:
     """What Fig. 3 shows."""
 
     motions: tuple[ShelfMotion, ...]
-    """Motions as they were recorded."""
     completion: tuple[FloatArray, ...]
-    """Task completion index of each, (N,)."""
+    """Task completion index of each motion, (N,)."""
     aligned: Mapping[str, AlignedDemonstrations]
-    """The same motions under each alignment, by name."""
     phase_error: Mapping[str, float]
     """How far the true progress of what is matched differs, rms over phases and
     motions, by alignment; "clock" is without one."""
@@ -49,55 +48,44 @@ class Alignments:
 
 
 def measure(material: Material) -> Alignments:
-    """Align one set of motions in each way.
-
-    Args:
-        material: Only its seed counts: that of the set.
-    """
+    """Align one set of motions in each way."""
     motions = shelf_motions(LEVELS, _PER_LEVEL, np.random.default_rng(material.seed))
     demonstrations = [motion.demonstration for motion in motions]
-    methods: dict[str, AlignmentMethod] = {
-        EUCLIDEAN: "dtw-euclidean",
-        COMPLETION: "interpolation",
-        PUBLISHED: "dtw",
-    }
     # As recorded: a hand that waits at a shelf waits.
     aligned = {
         name: align(demonstrations, method=method, trim_rests=False)
-        for name, method in methods.items()
+        for name, method in _METHODS.items()
     }
     phases = np.linspace(0.0, 1.0, 200)
     # Motions that are only stretched to the same duration.
     clocks = [motion.demonstration.times for motion in motions]
-    stretched = [
-        np.interp(phases, times / times[-1], motion.progress)
-        for times, motion in zip(clocks, motions, strict=True)
-    ]
-    phase_error = {CLOCK: _disagreement(stretched)}
+    progress = {
+        CLOCK: [
+            np.interp(phases, times / times[-1], motion.progress)
+            for times, motion in zip(clocks, motions, strict=True)
+        ]
+    }
     end_error = {}
     for name, one in aligned.items():
-        progress, ends = [], []
+        progress[name], ends = [], []
         for motion, poses in zip(motions, one.poses, strict=True):
             # An aligned pose has the progress of the nearest recorded one: the motions
             # do not cross themselves.
             recorded = motion.demonstration.poses[:, :3]
             distance = np.linalg.norm(poses[:, None, :3] - recorded, axis=2)
-            progress.append(motion.progress[distance.argmin(axis=1)])
+            progress[name].append(motion.progress[distance.argmin(axis=1)])
             ends += [poses[end, :3] - recorded[end] for end in (0, -1)]
-        phase_error[name] = _disagreement(progress)
         end_error[name] = max(float(np.linalg.norm(each)) for each in ends)
     return Alignments(
         motions=motions,
         completion=tuple(map(task_completion_index, demonstrations)),
         aligned=aligned,
-        phase_error=phase_error,
+        phase_error={
+            name: float(np.sqrt(np.var(own, axis=0).mean()))
+            for name, own in progress.items()
+        },
         end_error=end_error,
     )
-
-
-def _disagreement(progress: list[FloatArray]) -> float:
-    """Root of the mean variance, over motions, of the progress at equal phase."""
-    return float(np.sqrt(np.var(progress, axis=0).mean()))
 
 
 def draw(shown: Alignments) -> Figure:

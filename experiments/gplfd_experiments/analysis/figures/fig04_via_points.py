@@ -1,13 +1,9 @@
-"""Fig. 4: a strong and a weak via-point.
-
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Section III-D, Eqs. (19)–(21).
-"""
+"""Fig. 4, Section III-D: a strong and a weak via-point."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -27,7 +23,7 @@ from gplfd_policies.adaptation import (
     ProductAdaptation,
     adapt,
 )
-from gplfd_policies.movements.skill import Skill, fit_skill
+from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 TITLE: Final = "Strong and weak via-points"
@@ -48,6 +44,14 @@ _STRONG: Final = (0.3, 0.04, 0.001)
 _WEAK: Final = (0.7, -0.04, 0.03)
 _HALF_WIDTH: Final = float(ndtri(0.975))
 """Half of a normal 95 % interval, in standard deviations."""
+_ERROR_BAR: Final[Mapping[str, Any]] = {
+    "color": style.TRUTH,
+    "marker": "o",
+    "markersize": 3.0,
+    "elinewidth": 0.9,
+    "capsize": 2.0,
+    "zorder": 5,
+}
 _FAR: Final = 0.95
 """From here on a via-point at phase 0.7 should change nothing: the end is fixed."""
 
@@ -59,7 +63,6 @@ class ViaPoints:
     demonstrations: FloatArray
     """Heights at `PHASES` [m], (D, M)."""
     via_points: tuple[ViaPoint, ViaPoint]
-    """The strong one and the weak one."""
     policies: Mapping[str, GaussianTrajectory]
     """The policy as demonstrated and under each form of adaptation."""
 
@@ -81,15 +84,19 @@ class ViaPoints:
 
 
 def measure(material: Material) -> ViaPoints:
-    """Adapt one skill to the two via-points in each form.
-
-    Args:
-        material: Only its seed counts: that of the demonstrations.
-    """
+    """Adapt one skill to the two via-points in each form."""
     rng = np.random.default_rng(material.seed)
     demonstrations = constrained_set(_DEMONSTRATIONS, rng)
     skill = fit_skill(demonstrations)
-    via_points = (_via_point(skill, *_STRONG), _via_point(skill, *_WEAK))
+
+    def via_point(phase: float, shift: float, std: float) -> ViaPoint:
+        """A via-point for the height alone."""
+        pose = np.full(6, np.nan)
+        mean = skill.predict(np.array([phase])).mean[0]
+        pose[HEIGHT] = mean[HEIGHT] + shift
+        return ViaPoint(phase=phase, pose=pose, std=std)
+
+    via_points = (via_point(*_STRONG), via_point(*_WEAK))
     adapted = {
         name: adapt(skill, via_points, form).predict(grid)
         for name, (form, grid) in _FORMS.items()
@@ -99,14 +106,6 @@ def measure(material: Material) -> ViaPoints:
         via_points=via_points,
         policies={DEMONSTRATED: skill.predict(_GRID), **adapted},
     )
-
-
-def _via_point(skill: Skill, phase: float, shift: float, std: float) -> ViaPoint:
-    """A via-point for the height alone."""
-    pose = np.full(6, np.nan)
-    mean = skill.predict(np.array([phase])).mean[0]
-    pose[HEIGHT] = mean[HEIGHT] + shift
-    return ViaPoint(phase=phase, pose=pose, std=std)
 
 
 def draw(shown: ViaPoints) -> Figure:
@@ -133,17 +132,9 @@ def draw(shown: ViaPoints) -> Figure:
                 panel, policy, HEIGHT, style.ADAPTED, marker=dot, markersize=4.0
             )
             for via_point in shown.via_points:
-                panel.errorbar(
-                    via_point.phase,
-                    via_point.pose[HEIGHT],
-                    _HALF_WIDTH * float(np.asarray(via_point.std)[HEIGHT]),
-                    color=style.TRUTH,
-                    marker="o",
-                    markersize=3.0,
-                    elinewidth=0.9,
-                    capsize=2.0,
-                    zorder=5,
-                )
+                half = _HALF_WIDTH * float(np.asarray(via_point.std)[HEIGHT])
+                pose = via_point.pose[HEIGHT]
+                panel.errorbar(via_point.phase, pose, half, **_ERROR_BAR)
         panel.set_xlabel("phase")
     style.name_panels(panels, titles.values())
     panels[0].set(xlim=(0.0, 1.0), ylabel="height [m]")

@@ -1,8 +1,4 @@
-"""Fig. 6: six outputs, from recording to policy.
-
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Section IV-A.
-"""
+"""Fig. 6, Section IV-A: six outputs, from recording to policy."""
 
 import itertools
 from dataclasses import dataclass
@@ -28,14 +24,11 @@ _MAGNIFICATIONS: Final = (20, 10, 5, 2, 1)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Learning:
-    """What Fig. 6 shows."""
+    """What Fig. 6 shows: demonstrations, the aligned ones of the skill, its policy."""
 
     recorded: LabelledDemonstrations
-    """Demonstrations and their doors, the first row."""
     skill: Skill
-    """Learned from them; its ``aligned`` is the second row."""
     policy: GaussianTrajectory
-    """Its prediction at all phases, the third row."""
 
     def spread_between_doors(self, output: int) -> tuple[float, float]:
         """Rms spread between the doors' means and within doors, over phases."""

@@ -1,8 +1,4 @@
-"""Fig. 7: the policy on the plane in which doors open.
-
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Section IV-A.
-"""
+"""Fig. 7, Section IV-A: the policy on the plane in which doors open."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -45,15 +41,7 @@ def squared_radius(degrees_of_freedom: float | None) -> float:
 
 
 def distance(policy: GaussianTrajectory, points: FloatArray) -> FloatArray:
-    """Squared Mahalanobis distance of points on the plane from the nearest phase.
-
-    Args:
-        policy: Distribution over poses at M phases.
-        points: Points (..., 2): x and z [m].
-
-    Returns:
-        Distances (...,): the least over the M phases.
-    """
+    """Squared Mahalanobis distance of points (..., 2) [m] from the nearest phase."""
     least = np.full(points.shape[:-1], np.inf)
     for mean, std in zip(policy.mean[:, PLANE], policy.std[:, PLANE], strict=True):
         np.minimum(least, (((points - mean) / std) ** 2).sum(axis=-1), out=least)
@@ -65,11 +53,8 @@ class Region:
     """What Fig. 7 shows."""
 
     demonstrations: LabelledDemonstrations
-    """Demonstrations and their doors."""
     skill: Skill
-    """What was learned from them."""
     policy: GaussianTrajectory
-    """Its prediction at 201 phases."""
     arcs: Mapping[float, FloatArray]
     """True paths (200, 2) of the demonstrated doors' handles [m], to the mean angle, by
     radius [m]."""

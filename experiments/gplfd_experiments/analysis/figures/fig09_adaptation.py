@@ -1,8 +1,4 @@
-"""Fig. 9: the policy adapts while the door opens.
-
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Section IV-B; E[ε²] is defined there, without a number.
-"""
+"""Fig. 9, Section IV-B, which defines E[ε²]: adaptation while the door opens."""
 
 from collections.abc import Mapping
 from typing import Final

@@ -1,8 +1,4 @@
-"""Fig. 10: stiffness, and how fast the uncertainty may fall.
-
-Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Section IV-B, Eqs. (24)–(28).
-"""
+"""Fig. 10, Section IV-B: stiffness, and how fast the uncertainty may fall."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -44,13 +40,11 @@ class Stability:
     """What Fig. 10 shows of one episode; arrays over its steps."""
 
     log: EpisodeLog
-    """What happened in the episode."""
     fall: FloatArray
     """-dσ/dt of the σ that the controller used, (T, 6) [m/s, rad/s]."""
     fixed_stiffness: FloatArray
-    """What the profile gives for σ without via-points, (T, 6)."""
     fixed_fall: FloatArray
-    """-dσ/dt without via-points, (T, 6)."""
+    """Stiffness of the law and -dσ/dt for σ without via-points, (T, 6)."""
     tight: float
     """Bound on -dσ/dt that suffices at every σ and on both axes."""
     printed: float

@@ -1,10 +1,4 @@
-"""What the paper leaves out: forecasts of the rest of an opening.
-
-Three forms of adaptation see the same opening of a door and say how it will go on:
-the product of Gaussians of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979, Eqs. (20)–(21), exact conditioning of its model, and
-conditioning of the demonstrated process.
-"""
+"""What the paper leaves out: forecasts of an opening by three forms of adaptation."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -38,7 +32,7 @@ class Forecast:
     """What one form expects of the rest of an opening, and what came."""
 
     rest: GaussianTrajectory
-    """The forecast at the phases that are still to come, (M',)."""
+    """At the phases that are still to come, (M',)."""
     truth: FloatArray
     """True poses of the handle at them, (M', 6); to the end of the episode."""
 
@@ -55,14 +49,11 @@ class Forecast:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Forecasts:
-    """All forecasts in one opening."""
+    """All forecasts in one opening, one per observed phase and policy."""
 
     log: EpisodeLog
-    """What happened in the episode."""
     phases: tuple[float, ...]
-    """Observed phase at each share of the opening."""
     by_form: Mapping[str, tuple[Forecast, ...]]
-    """One forecast per share, by the policy's name."""
 
 
 def measure(material: Material) -> dict[str, Forecasts]:
@@ -73,14 +64,7 @@ def measure(material: Material) -> dict[str, Forecasts]:
 
 
 def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
-    """Show the opening to each form and ask at each share of it.
-
-    All see the same hand; none of them moved it but the one of the log.
-
-    Args:
-        log: The opening.
-        agents: One per form, by the policy's name.
-    """
+    """Show the opening of one policy to each form and ask at each share of it."""
     wanted = [share * float(log.door_angle.max()) for share in SHARES]
     rows = [int(np.argmax(log.door_angle >= angle)) for angle in wanted]
     reached, first = np.unique(
@@ -94,13 +78,9 @@ def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
                 rest = policy[policy.times > float(decision.observed_phase)]
                 # As far as the episode reached.
                 to_come = rest.times[rest.times <= reached[-1]]
-                truth = np.column_stack(
-                    [
-                        np.interp(to_come, reached, column)
-                        for column in log.handle_pose[first].T
-                    ]
-                )
-                yield Forecast(rest=rest, truth=truth)
+                poses = log.handle_pose[first].T
+                truth = [np.interp(to_come, reached, column) for column in poses]
+                yield Forecast(rest=rest, truth=np.column_stack(truth))
             if row == rows[-1]:
                 return
 

@@ -1,8 +1,4 @@
-"""What an agent decides, expects and predicts when it is shown a logged episode.
-
-The prediction error E[ε²] is that of Arduengo et al., *Gaussian-Process-based Robot
-Learning from Demonstration*, arXiv:2002.09979, Section IV-B, where it has no number.
-"""
+"""What an agent decides, expects and predicts when it is shown a logged episode."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,13 +16,9 @@ from gplfd_policies.movements.trajectory import GaussianTrajectory
 def decisions(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
     """Show an agent the observations of a logged episode, row by row.
 
-    Nothing is simulated: the door has moved as it has moved, whatever this agent
-    decides. The agent of the log repeats its decisions; another one says what it
-    would have made of the same observations.
-
-    Returns:
-        The decision at each row. The agent is reset at once and acts when asked for
-        its next decision: in between, `expectation` is what it expects.
+    Nothing is simulated: the agent of the log repeats its decisions; another one says
+    what it would have made of the same observations. The agent is reset at once and
+    acts when asked for its next decision: in between, `expectation` is what it expects.
     """
 
     def observation(row: int) -> Observation:
@@ -39,25 +31,19 @@ def decisions(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
 
 
 def expectation(agent: Agent) -> GaussianTrajectory:
-    """Return what an agent now expects of the whole task.
-
-    Raises:
-        ValueError: The agent expects nothing: its policy has no uncertainty.
-    """
+    """Return what an agent now expects of the whole task; one without raises."""
     forecast = agent.forecast()
     if forecast is None:
         raise ValueError("the agent makes no forecasts; use a Gaussian-process policy")
     return forecast
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Prediction:
-    """What a policy predicted at the phases of an opening, one step ahead."""
+    """What a policy predicted at T phases of an opening, one step ahead [m, rad]."""
 
     mean: FloatArray
-    """(T, 6) [m, rad]."""
     std: FloatArray
-    """(T, 6) [m, rad]."""
     width: FloatArray
     """Half of the 95 % interval over ``std``, (T,)."""
 
@@ -69,20 +55,17 @@ class Prediction:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Opening:
-    """One door's opening and what was predicted in it."""
+    """One door's opening and what was predicted in it, with and without via-points."""
 
     log: EpisodeLog
-    """The episode, with the adaptive policy."""
     motion: slice
     """Rows in which the door moves."""
-    stages: tuple[GaussianTrajectory, ...]
-    """The policy as adapted when each stage was reached."""
     initial: GaussianTrajectory
     """The policy before any via-point."""
+    stages: tuple[GaussianTrajectory, ...]
+    """The policy as adapted when each stage was reached."""
     adaptive: Prediction
-    """With the via-points before each step."""
     fixed: Prediction
-    """Without via-points, at the same phases."""
 
     def errors(self) -> tuple[FloatArray, FloatArray]:
         """E[ε²] of the adaptive and of the fixed policy in the motion, (T', 6)."""
@@ -99,15 +82,9 @@ class Opening:
 
 
 def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
-    """Show the opening once more to the policy, and note what it believed.
+    """Show the opening once more to its policy, which is kept at some observed phases.
 
-    The log has means and standard deviations; how wide their 95 % interval is depends
-    on the number of via-points, which the policy knows.
-
-    Args:
-        log: The opening.
-        agent: The policy that opened the door.
-        phases: Observed phases at which the policy is kept as a stage.
+    The log does not have the width of the 95 % interval, which the policy knows.
     """
     width = np.empty(log.times.size)
     stages: list[GaussianTrajectory] = []
@@ -126,8 +103,6 @@ def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
         motion=opening_motion(log),
         stages=tuple(stages),
         initial=initial,
-        adaptive=Prediction(
-            mean=log.predicted_mean, std=log.predicted_std, width=width
-        ),
-        fixed=Prediction(mean=mean, std=std, width=np.full(width.size, width[0])),
+        adaptive=Prediction(log.predicted_mean, log.predicted_std, width),
+        fixed=Prediction(mean, std, np.full(width.size, width[0])),
     )

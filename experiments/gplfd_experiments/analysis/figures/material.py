@@ -5,10 +5,9 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Final, Protocol
-
-from matplotlib.figure import Figure
+from typing import Final
 
 import gplfd_env
 import gplfd_policies
@@ -24,7 +23,7 @@ from gplfd_experiments.episodes.build import (
 )
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.rollout import rollout
-from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
+from gplfd_experiments.episodes.task import episode_task, named_doors
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import versions
 from gplfd_policies.agents.agent import Agent
@@ -44,60 +43,21 @@ DEMONSTRATIONS_PER_DOOR: Final = 2
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Material:
-    """Everything a figure may show."""
+    """Episodes by door, what their policy learned from, and the seed of everything."""
 
     seed: int
-    """Seed of all of it, and of whatever random set a figure makes itself."""
     demonstrations: LabelledDemonstrations
-    """Openings of the three demonstrated doors; what the episodes' policy learned."""
     episodes: Mapping[str, EpisodeLog]
-    """One episode of the policy ``gp`` per door, by the door's name."""
-
-
-class PaperFigure(Protocol):
-    """A figure in three steps: a module with these names."""
-
-    @property
-    def TITLE(self) -> str:
-        """Its subject, in a few words."""
-
-    @property
-    def DOORS(self) -> tuple[str, ...]:
-        """Doors whose episodes it shows: names or radii in metres."""
-
-    def measure(self, material: Material, /) -> Any:
-        """Compute everything that is shown; the others take what this returns."""
-
-    def draw(self, shown: Any, /) -> Figure:
-        """Draw what was measured."""
-
-    def caption(self, shown: Any, /) -> str:
-        """Say in a paragraph what is seen, what the paper showed, and the numbers."""
 
 
 def material(folder: Path, doors: Iterable[str], *, seed: int) -> Material:
-    """Return demonstrations and an episode per door, from the folder or made now.
-
-    Args:
-        folder: Where runs are kept, in one folder per setting: another seed, version
-            or door configuration finds nothing to use again.
-        doors: Names of doors, or radii [m] as text.
-        seed: Seed of teacher, policy and environment.
-
-    Raises:
-        ValueError: An unknown door.
-        OSError: A file cannot be read or written.
-    """
-
-    def task(door: str, config: DoorConfig) -> EpisodeTask:
-        return episode_task(
-            door,
-            config,
-            policy=POLICY,
-            seed=seed,
-            demonstrations_per_door=DEMONSTRATIONS_PER_DOOR,
-        )
-
+    """Return demonstrations and an episode per door, kept in a folder per setting."""
+    task = partial(
+        episode_task,
+        policy=POLICY,
+        seed=seed,
+        demonstrations_per_door=DEMONSTRATIONS_PER_DOOR,
+    )
     wanted = list(dict.fromkeys(doors))
     configs = named_doors(wanted) if wanted else {}
     # Everything that a run depends on, beside the door.

@@ -1,7 +1,5 @@
-"""Synthetic pick-and-place motions, for figures that need no door.
+"""Synthetic pick-and-place motions for Figs. 2 to 4, whose data are not public.
 
-They stand in for the examples of Figs. 2 to 4 of Arduengo et al., *Gaussian-Process-
-based Robot Learning from Demonstration*, arXiv:2002.09979, whose data are not public.
 What the paper says of them is built in: both ends are constrained and the way between
 them is free, or the shelf is at one of two heights.
 """
@@ -50,11 +48,7 @@ def deviations(count: int, rng: np.random.Generator) -> FloatArray:
 
 
 def constrained_set(count: int, rng: np.random.Generator) -> AlignedDemonstrations:
-    """Draw repetitions of a task whose ends are constrained, already on one clock.
-
-    Returns:
-        ``count`` demonstrations at `PHASES`.
-    """
+    """Draw repetitions at `PHASES` of a task whose ends are constrained."""
     poses = deviations(6 * count, rng).reshape(count, 6, PHASES.size).swapaxes(1, 2)
     poses[:, :, 0] += 0.5 * minimum_jerk(PHASES)
     poses[:, :, HEIGHT] += true_height(PHASES)
@@ -68,7 +62,6 @@ class ShelfMotion:
     level: float
     """Height of the shelf [m]."""
     demonstration: Demonstration
-    """Poses of the hand over time."""
     progress: FloatArray
     """How much of the task is truly done at each sample, (N,), 0 to 1."""
 
@@ -76,11 +69,7 @@ class ShelfMotion:
 def shelf_motions(
     levels: tuple[float, ...], per_level: int, rng: np.random.Generator
 ) -> tuple[ShelfMotion, ...]:
-    """Place objects on shelves at several heights, with very uneven timing.
-
-    The hand moves forward and up at once, so that the way to a high shelf passes near
-    a lower one.
-    """
+    """Place objects with uneven timing; the way to a high shelf passes lower ones."""
     motions = []
     for level, level_rng in zip(levels, rng.spawn(len(levels)), strict=True):
         for own in level_rng.spawn(per_level):

@@ -1,8 +1,4 @@
-"""How the figures look: sizes, colours on white paper, and how they are written.
-
-No global state: styles hold inside `paper_style` only, and figures are made without
-pyplot, hence without a window system.
-"""
+"""How the figures look: sizes, colours on white paper, and how they are written."""
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -17,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.movements.trajectory import GaussianTrajectory
@@ -54,17 +50,7 @@ _STYLE: Final[Mapping[str, Any]] = {
 
 
 def on_paper(colour: colours.Colour, luminance: float) -> str:
-    """Darken a colour made for a dark screen until it reads on white paper.
-
-    The hue stays: the linear RGB values are scaled by one factor.
-
-    Args:
-        colour: 8-bit sRGB.
-        luminance: Relative luminance to reach, 0 (black) to 1 (white).
-
-    Returns:
-        The colour as ``#rrggbb``.
-    """
+    """Darken an 8-bit sRGB colour of the screen to a relative luminance, same hue."""
     srgb = np.array(colour) / 255.0
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     linear *= luminance / float(linear @ [0.2126, 0.7152, 0.0722])
@@ -92,30 +78,20 @@ DOORS: Final = ("#3fb3bf", "#1b6fae", "#0b2a66")
 
 @contextlib.contextmanager
 def paper_style() -> Iterator[None]:
-    """Draw and write inside this block; whatever the user has configured is put aside.
-
-    Matplotlib's own defaults are restored first, so that nobody's matplotlibrc changes
-    a byte of a figure.
-    """
+    """Draw and write inside this block; no user's matplotlibrc changes a byte."""
     with matplotlib.style.context(dict(_STYLE), after_reset=True):
         yield
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of a size in inches that lays out its panels by itself."""
+    """A figure of a size in inches that lays out its panels and needs no window."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> None:
-    """Write ``name.png`` and ``name.svg``, each complete or not at all.
-
-    The same figure gives the same bytes: no date, no version, fixed identifiers.
-
-    Raises:
-        OSError: A file cannot be written.
-    """
+    """Write ``name.png`` and ``name.svg``; the same figure gives the same bytes."""
     # The panels are arranged once, not again for each file.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -140,9 +116,9 @@ def note(axes: Axes, x: float, text: str, **look: Any) -> None:
 
 def band(
     axes: Axes,
-    x: NDArray[np.float64],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
+    x: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
     colour: str,
     label: str | None = None,
 ) -> None:
@@ -159,16 +135,7 @@ def mean_and_interval(
     band_label: str | None = None,
     **line: Any,
 ) -> None:
-    """Draw an output's mean over phase on its shaded 95 % interval.
-
-    Args:
-        axes: Panel to draw on.
-        policy: What to draw.
-        output: Which of its six outputs.
-        colour: Of both.
-        band_label: Name of the interval in the legend.
-        line: How the mean is drawn.
-    """
+    """Draw an output's mean over phase on its shaded 95 % interval."""
     low, high = policy.interval()
     band(axes, policy.times, low[:, output], high[:, output], colour, band_label)
     axes.plot(policy.times, policy.mean[:, output], color=colour, **line)

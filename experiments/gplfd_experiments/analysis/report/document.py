@@ -6,103 +6,110 @@ comes from a file goes through `code` or `literal`.
 """
 
 import re
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 from matplotlib.figure import Figure
 
+from gplfd_experiments.analysis.results.grouping import counted
+from gplfd_experiments.analysis.results.measures import Measure
 from gplfd_experiments.files.table import Table
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Paragraph:
-    """Running text, a few sentences."""
+    """Running text; a warning is one that a reader must not miss."""
 
     text: str
-    """Its sentences, with marks."""
-    warning: bool = False
-    """Whether a reader must not miss it."""
+    warning: bool
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Items:
-    """A list of short texts; empty ones are left out."""
+    """A list of short texts."""
 
     texts: tuple[str, ...]
-    """A text with marks per item."""
-
-    def __post_init__(self) -> None:
-        """Leave out what says nothing."""
-        object.__setattr__(self, "texts", tuple(filter(None, self.texts)))
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Verbatim:
-    """Text as it was written elsewhere: commands, error messages."""
+    """Lines that were written elsewhere, without marks: commands, error messages."""
 
     text: str
-    """Lines, without marks."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Picture:
-    """A plot, drawn when the page is written."""
+    """A plot, drawn in `figures.style.paper_style` when the page is written."""
 
     name: str
     """Of its files, without suffix."""
     draw: Callable[[], Figure]
-    """Makes it, inside `gplfd_experiments.analysis.figures.style.paper_style`."""
     caption: str
-    """What is seen, in a sentence or two."""
     alternative: str
     """What it shows, for those who cannot see it."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Details:
-    """A table that HTML folds away."""
+    """A table that HTML folds away under a title without marks."""
 
     title: str
-    """What it shows, without marks."""
     table: Table
-    """What is folded."""
 
 
 Block = Paragraph | Items | Verbatim | Table | Picture | Details
+Cell = Callable[[Sequence[Any]], str]
+"""Text of a table's cell from the results of a policy that count."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(slots=True)
 class Section:
-    """Blocks under a heading."""
+    """Blocks in order under a heading, which the lead of a page does not have."""
 
-    title: str
-    """Its heading, with marks."""
-    anchor: str
+    title: str = ""
+    anchor: str = ""
     """Its address in the page: lower-case letters, digits and hyphens."""
-    blocks: tuple[Block, ...]
-    """What stands under it, in order."""
+    blocks: list[Block] = field(default_factory=list)
+
+    def say(self, text: str, *, warning: bool = False) -> None:
+        """Add a paragraph."""
+        self.blocks.append(Paragraph(text, warning))
+
+    def items(self, texts: Iterable[str]) -> None:
+        """Add a list of the texts that are not empty."""
+        if said := tuple(filter(None, texts)):
+            self.blocks.append(Items(said))
+
+    def verbatim(self, text: str) -> None:
+        """Add lines as they were written elsewhere."""
+        self.blocks.append(Verbatim(text))
+
+    def table(self, table: Table, *, folded: str = "") -> None:
+        """Add a table; one with a folded title is opened by the reader."""
+        self.blocks.append(Details(folded, table) if folded else table)
+
+    def picture(
+        self, name: str, draw: Callable[[], Figure], caption: str, alternative: str
+    ) -> None:
+        """Add a plot."""
+        self.blocks.append(Picture(name, draw, caption, alternative))
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Document:
-    """A whole page, before it is written."""
+    """A whole page, before it is written; its title has no marks."""
 
     title: str
-    """Its first heading, without marks."""
-    lead: tuple[Block, ...]
-    """What comes before the first section."""
-    sections: tuple[Section, ...]
-    """What follows, in order."""
+    lead: Section
+    sections: list[Section]
 
     @property
-    def pictures(self) -> tuple[Picture, ...]:
+    def pictures(self) -> list[Picture]:
         """All plots of the sections, in order."""
-        return tuple(
-            block
-            for section in self.sections
-            for block in section.blocks
-            if isinstance(block, Picture)
-        )
+        blocks = (block for section in self.sections for block in section.blocks)
+        return [block for block in blocks if isinstance(block, Picture)]
 
 
 def code(text: object) -> str:
@@ -118,3 +125,37 @@ def literal(text: object) -> str:
 def names(policies: Iterable[str]) -> str:
     """List policies in a sentence."""
     return ", ".join(map(code, policies))
+
+
+def policy_table(
+    groups: Mapping[str, Mapping[str, Sequence[Any]]],
+    columns: Mapping[str, Cell],
+    note: str = "",
+) -> Table:
+    """Return a row per policy, in groups under headings unless there is only one.
+
+    Errors are counted below the policy's name; one without other results has dashes.
+    """
+    rows: list[tuple[str, ...]] = []
+    for title, results in groups.items():
+        if len(groups) > 1:
+            rows.append((f"**{title}**", *("" for _ in columns)))
+        for policy, ran in counted(results).items():
+            name = code(policy)
+            own = results[policy]
+            if failed := sum(bool(one.error) and not one.lost for one in own):
+                name += f"\nerrors: {failed}"
+            if lost := sum(one.lost for one in own):
+                name += f"\nlost: {lost}"
+            cells = (cell(ran) if ran else "–" for cell in columns.values())
+            rows.append((name, *cells))
+    return Table(columns=("policy", *columns), rows=tuple(rows), note=note)
+
+
+def medians(*measures: Measure) -> dict[str, Cell]:
+    """Return a column with the median of a measure, those of others below it."""
+
+    def cell(results: Sequence[Any]) -> str:
+        return "\n".join(one.text(one.median(results)) for one in measures)
+
+    return {"\n".join(one.title for one in measures): cell}

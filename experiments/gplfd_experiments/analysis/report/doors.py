@@ -3,26 +3,18 @@
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from operator import attrgetter, methodcaller
-from statistics import median
 from typing import Final
 
+from gplfd_experiments.analysis.report import plots
 from gplfd_experiments.analysis.report.document import (
-    Block,
-    Details,
-    Items,
-    Paragraph,
-    Picture,
+    Cell,
     Section,
     code,
     literal,
+    medians,
     names,
+    policy_table,
 )
-from gplfd_experiments.analysis.report.plots import (
-    force_by_radius,
-    forecast_by_progress,
-    success_by_radius,
-)
-from gplfd_experiments.analysis.report.policy_table import Cell, medians, policy_table
 from gplfd_experiments.analysis.report.sentences import (
     PRIVILEGED,
     rate_sentence,
@@ -44,6 +36,7 @@ from gplfd_experiments.analysis.results.measures import (
     HEADLINES,
     TESTED,
     WALL_TIME,
+    median,
     number_text,
 )
 from gplfd_experiments.analysis.results.records import (
@@ -106,11 +99,7 @@ _DISTURBED: Final[Mapping[tuple[str, ...], str]] = {
 
 
 def summary_table(conditions: Mapping[str, Runs]) -> Table:
-    """Return a row per policy, in groups by condition and by kind of door.
-
-    Args:
-        conditions: Episodes that count, by condition and policy.
-    """
+    """Return a row per policy, by condition and by kind of door."""
     episodes = _all(conditions)
     splits = [split for split in SPLITS if any(one.split == split for one in episodes)]
 
@@ -120,17 +109,14 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
 
     def force(split: str, own: Episodes) -> str:
         here = [one for one in own if one.split == split]
-        forces: dict[int, list[float]] = {}
-        for (seed, _), value in numbers({"": here}, _FORCE)[""].items():
-            forces.setdefault(seed, []).append(value)
+        forces = numbers({"": here}, _FORCE)[""]
         if not forces:
             return "none opened" if here else "not run"
-        means = [sum(each) / len(each) for each in forces.values()]
-        typical = shift(means, [0.0] * len(means))
-        if len(means) < FEWEST_PAIRS:
-            return _FORCE.text(typical.estimate)
-        interval = f"{_FORCE.text(typical.low)} to {_FORCE.text(typical.high)}"
-        return f"{_FORCE.text(typical.estimate)}\n{interval}"
+        typical = shift(*paired(forces, dict.fromkeys(forces, 0.0)).per_seed())
+        text = _FORCE.text(typical.estimate)
+        if typical.n < FEWEST_PAIRS:
+            return text
+        return f"{text}\n{_FORCE.text(typical.low)} to {_FORCE.text(typical.high)}"
 
     columns: dict[str, Callable[[Episodes], str]] = {
         "seeds": lambda own: str(len({one.task.seed for one in own})),
@@ -148,14 +134,14 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
             parts = [door_kind] * several_kinds + [condition] * (len(conditions) > 1)
             if parts:
                 rows.append((f"**{literal(': '.join(parts))}**", *empty))
-            # Policies that opened nothing come last.
             order = ranked(group)
-            rest = [
+            able = [
                 policy
                 for policy, own in order.items()
-                if not any(one.opened() for one in own)
+                if any(one.opened() for one in own)
             ]
-            for policy in (*(one for one in order if one not in rest), *rest):
+            rest = [policy for policy in order if policy not in able]
+            for policy in (*able, *rest):
                 if rest and policy == rest[0]:
                     rows.append(("**opened no door (not ranked)**", *empty))
                 known = "\nknows the door" if policy in PRIVILEGED else ""
@@ -175,15 +161,9 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
     return Table(columns=("policy", *columns), rows=tuple(rows), note=note)
 
 
-def standing(runs: Runs, reference: str) -> Items:
-    """Say how the reference stands among the policies, measure by measure.
-
-    Args:
-        runs: Episodes of one condition that count.
-        reference: Name of a policy.
-    """
-    opened = _successes(runs)
-    texts = [rate_sentence("Doors opened to 60°", opened, reference)]
+def standing(runs: Runs, reference: str) -> list[str]:
+    """Say how the reference stands in episodes of one condition, by measure."""
+    texts = [rate_sentence("Doors opened to 60°", _successes(runs), reference)]
     splits = {one.split for own in runs.values() for one in own}
     if len(splits) > 1 and UNDEMONSTRATED in splits:
         new = _successes(of_split(runs, UNDEMONSTRATED))
@@ -196,12 +176,13 @@ def standing(runs: Runs, reference: str) -> Items:
         for policy, own in runs.items()
         if policy == reference or any(one.opened() for one in own)
     }
-    for measure in map(EPISODE_MEASURES.__getitem__, HEADLINES):
-        texts.append(value_sentence(measure, numbers(able, measure), reference))
-    return Items(texts=tuple(texts))
+    return texts + [
+        value_sentence(measure, numbers(able, measure), reference)
+        for measure in HEADLINES
+    ]
 
 
-def how_to_read(runs: Runs) -> Paragraph:
+def how_to_read(runs: Runs) -> str:
     """Say how the sentences of `standing` were obtained."""
     text = (
         "Policies are compared seed by seed, by their mean difference on the tasks of "
@@ -214,54 +195,45 @@ def how_to_read(runs: Runs) -> Paragraph:
             f" {names(privileged)} knows what a robot cannot and is not among the "
             "compared."
         )
-    return Paragraph(text=text)
+    return text
 
 
 def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
-    """All measures of all conditions, and plots of the first condition.
-
-    Args:
-        conditions: All episodes by condition and policy, lost ones included.
-        reference: Policy that is highlighted.
-    """
+    """All measures of all conditions, lost episodes included; plots of the first."""
+    section = Section("Doors opened", "doors")
     title, all_runs = next(iter(conditions.items()))
     runs = counted(all_runs)
     several = len(conditions) > 1
-    blocks: list[Block] = [
-        Paragraph(text=f"Plots: {title}." if several else f"{title}."),
-        Picture(
-            name="success",
-            draw=partial(success_by_radius, runs, reference),
-            caption="**Doors opened to 60° by the handle's radius,** with Wilson's "
-            "95 % intervals. Blue stripes: radii that were demonstrated. Pale violet: "
-            f"{code(reference)}. Policies in order of success, then of radial force; "
-            "other doors are left out.",
-            alternative="Success rate against radius, a panel per policy",
-        ),
-        Picture(
-            name="radial_force",
-            draw=partial(force_by_radius, runs, reference),
-            caption="**Peak radial force on the doors opened to 60°:** a dot per "
-            "episode, a line through the medians. It does no work and shows how badly "
-            "the path fits the door. Red: the 22.2 N of ADA 404.2.9.",
-            alternative="Peak radial force against radius, a panel per policy",
-        ),
-    ]
-    if any(
-        error is not None
-        for own in runs.values()
-        for one in own
-        for error in one.metrics["forecast_error_mm"]
-    ):
-        forecast = Picture(
-            name="forecast",
-            draw=partial(forecast_by_progress, runs, reference),
-            caption="**Error of the forecast of the rest of the path** as the door "
-            "opens: median and middle half of all episodes, those included that failed "
-            "later. A falling curve: the policy adapts to the door.",
-            alternative="Forecast error against progress, a panel per policy",
+    section.say(f"Plots: {title}." if several else f"{title}.")
+    section.picture(
+        "success",
+        partial(plots.success_by_radius, runs, reference),
+        "**Doors opened to 60° by the handle's radius,** with Wilson's 95 % intervals. "
+        "Blue stripes: radii that were demonstrated. Pale violet: "
+        f"{code(reference)}. Policies in order of success, then of radial force; other "
+        "doors are left out.",
+        "Success rate against radius, a panel per policy",
+    )
+    section.picture(
+        "radial_force",
+        partial(plots.force_by_radius, runs, reference),
+        "**Peak radial force on the doors opened to 60°:** a dot per episode, a line "
+        "through the medians. It does no work and shows how badly the path fits the "
+        "door. Red: the 22.2 N of ADA 404.2.9.",
+        "Peak radial force against radius, a panel per policy",
+    )
+    forecasts = (
+        one.metrics["forecast_error_mm"] for own in runs.values() for one in own
+    )
+    if any(error is not None for errors in forecasts for error in errors):
+        section.picture(
+            "forecast",
+            partial(plots.forecast_by_progress, runs, reference),
+            "**Error of the forecast of the rest of the path** as the door opens: "
+            "median and middle half of all episodes, those included that failed later. "
+            "A falling curve: the policy adapts to the door.",
+            "Forecast error against progress, a panel per policy",
         )
-        blocks.append(forecast)
 
     columns = _columns(conditions)
     cells = {head: cell for head, (cell, _) in columns.items()}
@@ -270,20 +242,17 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
         "all episodes that have them. A policy that opens few doors has few numbers: "
         "the paired tests compare equal doors."
     )
-    measures = policy_table(conditions, cells, note)
-    meanings = Table(
-        columns=("column", "meaning"),
-        rows=tuple(
-            (head, meaning) for head, (_, meaning) in columns.items() if meaning
-        ),
-        left=True,
-    )
+    section.table(policy_table(conditions, cells, note), folded="All measures")
+    meanings = tuple((head, said) for head, (_, said) in columns.items() if said)
+    table = Table(columns=("column", "meaning"), rows=meanings, left=True)
+    section.table(table, folded="What the columns mean")
     by_split = {
         f"{split}: {title}" if several else split: group
         for title, own in conditions.items()
         for split in SPLITS
         if any((group := of_split(own, split)).values())
     }
+    section.table(policy_table(by_split, cells), folded="By kind of door")
 
     def at_door(door: str, own: Episodes) -> str:
         here = [one for one in own if door_name(one) == door]
@@ -297,20 +266,14 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
 
     doors = sorted({(one.radius, door_name(one)) for one in _all(conditions)})
     by_door: dict[str, Cell] = {
-        literal(door): partial(at_door, door)
-        for door in dict.fromkeys(door for _, door in doors)
+        literal(door): partial(at_door, door) for _, door in doors
     }
     note = (
         "Solved / ran with Wilson's 95 % interval, how many were opened to 60° if not "
         "as many, and the median peak radial force of these [N]."
     )
-    blocks += [
-        Details(title="All measures", table=measures),
-        Details(title="What the columns mean", table=meanings),
-        Details(title="By kind of door", table=policy_table(by_split, cells)),
-        Details(title="Door by door", table=policy_table(conditions, by_door, note)),
-    ]
-    return Section(title="Doors opened", anchor="doors", blocks=tuple(blocks))
+    section.table(policy_table(conditions, by_door, note), folded="Door by door")
+    return section
 
 
 def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
@@ -331,9 +294,9 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
         return str(sum(one.failure == failure for one in own if not one.solved))
 
     def angles(own: Episodes) -> str:
-        known = [one.number("final_angle_deg") for one in own]
-        values = [angle for angle in known if angle is not None]
-        return f"{median(values):.1f}°\n{max(values):.1f}°" if values else "–"
+        values = [one.number("final_angle_deg") for one in own]
+        known = [angle for angle in values if angle is not None]
+        return f"{median(known):.1f}°\n{max(known):.1f}°" if known else "–"
 
     columns: dict[str, tuple[Cell, str]] = {
         "solved": (
@@ -367,26 +330,19 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
 
 
 def tests_section(conditions: Mapping[str, Runs], reference: str) -> Section:
-    """Paired tests of every condition; how the reference stands under the others.
-
-    Args:
-        conditions: Episodes that count, by condition and policy.
-        reference: Policy that is compared with all others.
-    """
-    blocks: list[Block] = []
+    """Paired tests of every condition; how the reference stands under the others."""
+    section = Section("Paired tests", "tests")
     for place, (title, runs) in enumerate(conditions.items()):
         if len(conditions) > 1:
-            blocks.append(Paragraph(text=f"**{title[0].upper()}{title[1:]}**"))
+            section.say(f"**{title[0].upper()}{title[1:]}**")
         if place:
-            blocks.append(standing(runs, reference))
+            section.items(standing(runs, reference))
         if reference in runs and len(runs) > 1:
             against = f"{reference} against each other policy"
-            table = _paired_tests(runs, reference)
-            blocks.append(Details(title=against, table=table))
+            section.table(_paired_tests(runs, reference), folded=against)
         else:
-            text = f"There is nothing to compare {code(reference)} with."
-            blocks.append(Paragraph(text=text))
-    return Section(title="Paired tests", anchor="tests", blocks=tuple(blocks))
+            section.say(f"There is nothing to compare {code(reference)} with.")
+    return section
 
 
 def _paired_tests(runs: Runs, reference: str) -> Table:
@@ -396,10 +352,11 @@ def _paired_tests(runs: Runs, reference: str) -> Table:
         values: Mapping[str, Mapping[Key, float]], show: Callable[[Pairs], str]
     ) -> dict[str, str]:
         """Return a column by policy, its p-values corrected for all of them."""
+        every = {other: paired(values[reference], values[other]) for other in values}
         pairs = {
-            other: paired(values[reference], values[other])
-            for other in values
-            if other != reference and values[reference].keys() & values[other].keys()
+            other: both
+            for other, both in every.items()
+            if other != reference and both.seeds
         }
         corrected = holm([signed_rank(*both.per_seed()) for both in pairs.values()])
         column = {}
@@ -413,14 +370,14 @@ def _paired_tests(runs: Runs, reference: str) -> Table:
         both = list(zip(pairs.first, pairs.second, strict=True))
         return f"{sum(a > b for a, b in both)} : {sum(b > a for a, b in both)}"
 
+    def difference(digits: int, pairs: Pairs) -> str:
+        typical = shift(*pairs.per_seed()).estimate
+        return number_text(typical, digits, signed=True)
+
     columns = {"opened to 60°": tests(_successes(runs), wins)}
-    for measure in map(EPISODE_MEASURES.__getitem__, TESTED):
-
-        def difference(pairs: Pairs, digits: int = measure.digits) -> str:
-            typical = shift(*pairs.per_seed()).estimate
-            return number_text(typical, digits, signed=True)
-
-        columns[measure.title] = tests(numbers(runs, measure), difference)
+    for measure in TESTED:
+        show = partial(difference, measure.digits)
+        columns[measure.title] = tests(numbers(runs, measure), show)
     note = (
         f"{code(reference)} against each other policy on the same doors and seeds. "
         f"Success: doors that only one of the two opened ({code(reference)} : other). "
@@ -446,15 +403,10 @@ def _successes(runs: Runs, *, held: bool = False) -> dict[str, dict[Key, bool]]:
 
 
 def _rate(succeeds: Callable[[EpisodeResult], bool], own: Episodes) -> str:
-    rate = success_rate((one.task.seed, succeeds(one)) for one in own)
-    return f"{rate.successes}/{rate.trials}\n{rate.interval}"
+    return success_rate((one.task.seed, succeeds(one)) for one in own).cell
 
 
 def _all(conditions: Mapping[str, Runs]) -> list[EpisodeResult]:
     """Return all episodes that count."""
-    return [
-        one
-        for runs in conditions.values()
-        for own in counted(runs).values()
-        for one in own
-    ]
+    runs = (own for each in conditions.values() for own in each.values())
+    return [one for own in runs for one in own if one.counts]

@@ -4,16 +4,7 @@ import shlex
 from collections import Counter
 from typing import Final
 
-from gplfd_experiments.analysis.report.document import (
-    Block,
-    Items,
-    Paragraph,
-    Section,
-    Verbatim,
-    code,
-    literal,
-    names,
-)
+from gplfd_experiments.analysis.report.document import Section, code, literal, names
 from gplfd_experiments.analysis.results.grouping import by_policy, grouped
 from gplfd_experiments.analysis.results.records import (
     EpisodeResult,
@@ -27,8 +18,8 @@ _TITLE: Final = "What was run"
 _LEFT_OUT: Final = "Files without a result, left out"
 
 
-def warning_blocks(results: StudyResults) -> list[Block]:
-    """Say what a reader must not miss; no block if all is well."""
+def say_warnings(lead: Section, results: StudyResults) -> None:
+    """Say what a reader must not miss; nothing if all is well."""
     warnings = [literal(said) for said in remarks(results.episodes)]
     if failed := sum(bool(one.error) for one in results.tests):
         tests = f"{failed} of {len(results.tests)} learning tests ended in an error."
@@ -45,13 +36,12 @@ def warning_blocks(results: StudyResults) -> list[Block]:
         )
     if results.unreadable:
         warnings.append(f"{_LEFT_OUT}: {len(results.unreadable)}.")
-    if not warnings:
-        return []
-    text = f"{' '.join(warnings)} The reasons are under “{_TITLE}”."
-    return [Paragraph(text=text, warning=True)]
+    if warnings:
+        text = f"{' '.join(warnings)} The reasons are under “{_TITLE}”."
+        lead.say(text, warning=True)
 
 
-def command_blocks(results: StudyResults) -> list[Block]:
+def say_command(lead: Section, results: StudyResults) -> None:
     """Say how many results there are, and the command that made them."""
     parts = (
         (results.episodes, "episodes"),
@@ -59,53 +49,45 @@ def command_blocks(results: StudyResults) -> list[Block]:
         (results.recorded, "recordings left out"),
     )
     done = " and ".join(f"{len(own)} {what}" for own, what in parts if own)
-    started = results.study.get("created")
-    command = results.study.get("command")
-    return [
-        Paragraph(
-            text=f"{done} of {len(by_policy(results.all))} policies"
-            + (f", started {literal(started)}" if isinstance(started, str) else "")
-            + ". Every number on this page is computed from the result files of"
-        ),
-        Verbatim(
-            text=shlex.join(map(str, command))
-            if isinstance(command, list) and command
-            else "(study.json with the command is missing)"
-        ),
-    ]
+    created, command = results.study.get("created"), results.study.get("command")
+    started = f", started {literal(created)}" if isinstance(created, str) else ""
+    lead.say(
+        f"{done} of {len(by_policy(results.all))} policies{started}. Every number on "
+        "this page is computed from the result files of"
+    )
+    lead.verbatim(
+        shlex.join(map(str, command))
+        if isinstance(command, list) and command
+        else "(study.json with the command is missing)"
+    )
 
 
 def origin_section(results: StudyResults) -> Section:
     """Provenance, counts, errors and what could not be read."""
-    blocks: list[Block] = []
+    section = Section(_TITLE, "origin")
 
     codes = Counter(one.code for one in results.all)
     if len(codes) == 1:
-        blocks.append(
-            Paragraph(text=f"All results were made by {literal(next(iter(codes)))}.")
-        )
+        section.say(f"All results were made by {literal(next(iter(codes)))}.")
     else:
-        text = (
+        section.say(
             "These results were not all made by the same code; differences between "
             "policies may be differences between versions. Use another --out, or "
-            "delete the folder, to have one version."
+            "delete the folder, to have one version.",
+            warning=True,
         )
         listed = sorted(codes.items(), key=lambda item: (-item[1], item[0]))
-        counts = tuple(f"{n} results: {literal(each)}" for each, n in listed)
-        blocks += [Paragraph(text=text, warning=True), Items(texts=counts)]
+        section.items(f"{n} results: {literal(each)}" for each, n in listed)
     machines = {one.machine for one in results.all}
     if len(machines) > 1:
-        text = (
+        section.say(
             f"These results were made on {len(machines)} kinds of machine: they are "
             "comparable to a tolerance only, see `docs/reproducibility.md`."
         )
-        blocks.append(Paragraph(text=text))
 
-    own = [(policy, source) for policy, source in _sources(results) if source]
-    if own:
-        texts = tuple(f"{code(policy)}: {code(source)}" for policy, source in own)
-        blocks.append(Paragraph(text="Policies that are not this project's:"))
-        blocks.append(Items(texts=texts))
+    if own := [(policy, source) for policy, source in _sources(results) if source]:
+        section.say("Policies that are not this project's:")
+        section.items(f"{code(policy)}: {code(source)}" for policy, source in own)
 
     settings = []
     for title, key, form in (
@@ -121,8 +103,7 @@ def origin_section(results: StudyResults) -> Section:
                 for name, each in entries.items()
             )
             settings.append(f"{title}: {literal(said)}.")
-    if settings:
-        blocks.append(Items(texts=tuple(settings)))
+    section.items(settings)
 
     # Tasks that some policies ran and others did not.
     every = {one.pair for one in results.episodes}
@@ -132,28 +113,30 @@ def origin_section(results: StudyResults) -> Section:
         if (missing := len(every - {one.pair for one in episodes}))
     ]
     if gaps:
-        text = (
+        section.say(
             f"Of the {len(every)} episodes that any policy ran, some have none: "
-            f"{', '.join(gaps)}. Rates count what was run; tests compare what both ran."
+            f"{', '.join(gaps)}. Rates count what was run; tests compare what both "
+            "ran.",
+            warning=True,
         )
-        blocks.append(Paragraph(text=text, warning=True))
 
-    failed = [one for one in results.all if one.error]
-    if failed:
+    if failed := [one for one in results.all if one.error]:
         reasons = grouped(failed, lambda one: one.error)
         rows = sorted(reasons.items(), key=lambda item: (-len(item[1]), item[0]))
-        lines = (
-            f"{len(those)} × {'; '.join(dict.fromkeys(map(_subject, those)))}: {reason}"
-            for reason, those in rows
-        )
         text = f"Tasks of {names(by_policy(failed))} that ended in an error:"
-        blocks += [Paragraph(text=text, warning=True), Verbatim(text="\n".join(lines))]
+        section.say(text, warning=True)
+        section.verbatim(
+            "\n".join(
+                f"{len(own)} × {'; '.join(dict.fromkeys(map(_subject, own)))}: {reason}"
+                for reason, own in rows
+            )
+        )
     else:
-        blocks.append(Paragraph(text="No task ended in an error."))
+        section.say("No task ended in an error.")
     if results.unreadable:
-        blocks.append(Paragraph(text=f"{_LEFT_OUT}:", warning=True))
-        blocks.append(Verbatim(text="\n".join(results.unreadable)))
-    return Section(title=_TITLE, anchor="origin", blocks=tuple(blocks))
+        section.say(f"{_LEFT_OUT}:", warning=True)
+        section.verbatim("\n".join(results.unreadable))
+    return section
 
 
 def _sources(results: StudyResults) -> list[tuple[str, str]]:

@@ -1,42 +1,20 @@
-"""The report of a study: `report` says it as a document, `write_report` writes it.
-
-Each section has a module: `doors`, `predictions`, `table_one`, `trials`, `recordings`
-and `origin`.
-"""
+"""The report of a study: `report` says it as a document, `write_report` writes it."""
 
 from pathlib import Path
 from typing import Final
 
 from gplfd_experiments.analysis.figures.style import paper_style, write_figure
-from gplfd_experiments.analysis.report.document import (
-    Block,
-    Document,
-    Paragraph,
-    Section,
-    code,
+from gplfd_experiments.analysis.report import (
+    doors,
+    origin,
+    predictions,
+    recordings,
+    trials,
 )
-from gplfd_experiments.analysis.report.doors import (
-    doors_section,
-    how_to_read,
-    standing,
-    summary_table,
-    tests_section,
-)
-from gplfd_experiments.analysis.report.origin import (
-    command_blocks,
-    origin_section,
-    warning_blocks,
-)
-from gplfd_experiments.analysis.report.predictions import (
-    learning_section,
-    recorded_section,
-)
-from gplfd_experiments.analysis.report.recordings import recording_section
+from gplfd_experiments.analysis.report.document import Document, Section, code
 from gplfd_experiments.analysis.report.sentences import PRIVILEGED
-from gplfd_experiments.analysis.report.table_one import table_one_section
-from gplfd_experiments.analysis.report.trials import trial_sections
 from gplfd_experiments.analysis.report.writing import FIGURES, html_page, markdown_page
-from gplfd_experiments.analysis.results.grouping import conditions, counted
+from gplfd_experiments.analysis.results.grouping import by_condition, counted, ranked
 from gplfd_experiments.analysis.results.records import StudyResults
 from gplfd_experiments.analysis.results.trials import FILE as ANSWERS
 from gplfd_experiments.analysis.results.trials import trial_answers
@@ -56,14 +34,10 @@ def write_report(
         results: What is reported.
         study: Folder of the study, for links to its recordings.
         out: Folder to write to; the study's by default.
-        reference: Policy with which the others are compared; where the study has none
-            of this name, the best of those that it has.
+        reference: Policy with which the others are compared; else the best.
 
     Returns:
         The path of the HTML page.
-
-    Raises:
-        OSError: A file cannot be written.
     """
     folder = study if out is None else out
     document = report(results, study, folder, reference)
@@ -87,50 +61,45 @@ def write_report(
 def report(
     results: StudyResults, study: Path, folder: Path, reference: str
 ) -> Document:
-    """Say everything about a study.
-
-    Args:
-        results: What is reported.
-        study: Folder of the study, for links to its recordings.
-        folder: Where the page will be.
-        reference: As in `write_report`.
-    """
-    shown = conditions(one for one in results.episodes if not one.task.trial)
+    """Say everything about a study; the folder is that of the page."""
+    episodes = [one for one in results.episodes if not one.task.trial]
+    shown = {str(title): ranked(own) for title, own in by_condition(episodes).items()}
     ran = {title: counted(runs) for title, runs in shown.items()}
     first = next(iter(ran.values()), {})
     policies = sorted({one.policy for one in results.all})
 
-    lead: list[Block] = warning_blocks(results)
+    lead = Section()
+    origin.say_warnings(lead, results)
     if shown:
-        lead.append(summary_table(ran))
+        lead.table(doors.summary_table(ran))
     if reference not in policies:
         ranking = [*first, *policies]
         best = next((one for one in ranking if one not in PRIVILEGED), ranking[0])
-        text = f"{code(reference)} is not in this study; {code(best)} takes its place."
-        lead.append(Paragraph(text=text))
+        lead.say(
+            f"{code(reference)} is not in this study; {code(best)} takes its place."
+        )
         reference = best
     if len(shown) > 1:
-        text = f"**{next(iter(shown))}**; the other {len(shown) - 1} below:"
-        lead.append(Paragraph(text=text))
+        lead.say(f"**{next(iter(shown))}**; the other {len(shown) - 1} below:")
     if first:
-        lead += [standing(first, reference), how_to_read(first)]
-    lead += command_blocks(results)
+        lead.items(doors.standing(first, reference))
+        lead.say(doors.how_to_read(first))
+    origin.say_command(lead, results)
 
-    sections: list[Section] = [*trial_sections(results, study, folder, reference)]
+    sections = trials.trial_sections(results, study, folder, reference)
     if first:
-        sections.append(doors_section(shown, reference))
-        sections.append(tests_section(ran, reference))
+        sections += [
+            doors.doors_section(shown, reference),
+            doors.tests_section(ran, reference),
+        ]
     if results.recorded:
-        sections.append(recorded_section(results.recorded, reference))
+        sections.append(predictions.recorded_section(results.recorded, reference))
     if results.tests:
-        sections.append(table_one_section(results.tests))
-        sections.append(learning_section(results.tests, reference))
+        sections.append(predictions.table_one_section(results.tests))
+        sections.append(predictions.learning_section(results.tests, reference))
     robot = bool(results.episodes or results.tests)
     if robot:
-        sections.append(recording_section(study, folder, policies))
-    sections.append(origin_section(results))
-    return Document(
-        title=f"{'Opening doors' if robot else 'Recordings'}: the policies compared",
-        lead=tuple(lead),
-        sections=tuple(sections),
-    )
+        sections.append(recordings.recording_section(study, folder, policies))
+    sections.append(origin.origin_section(results))
+    title = f"{'Opening doors' if robot else 'Recordings'}: the policies compared"
+    return Document(title, lead, sections)

@@ -1,4 +1,4 @@
-"""Plots of a study: a panel per policy on common axes, and rows of dots."""
+"""Plots of a report: a panel per policy on common axes, rows of dots, trials."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,13 +11,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.results.grouping import Runs, door_name, grouped
+from gplfd_experiments.analysis.results.grouping import (
+    ResultT,
+    Runs,
+    door_name,
+    grouped,
+)
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
-    median,
 )
 from gplfd_experiments.analysis.results.records import (
     NON_STANDARD,
@@ -25,21 +29,29 @@ from gplfd_experiments.analysis.results.records import (
     LearningTestResult,
     RecordedResult,
 )
-from gplfd_experiments.analysis.results.statistics import success_rate
+from gplfd_experiments.analysis.results.statistics import Rate, Shift, success_rate
+from gplfd_experiments.analysis.results.trials import (
+    Answer,
+    Verdict,
+    seed_means,
+    summary,
+)
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
+from gplfd_experiments.studies.trials.records import MEASURES
+from gplfd_policies.registry.catalogue import POLICIES
 
 LeftOut = LearningTestResult | RecordedResult
 
-LEVELS: Final = (50, 90, 95)
-"""Nominal coverages with a measured one [%]."""
+Curve = tuple[list[tuple[float, float]], Callable[[Axes, str], None]]
+"""Points of a policy, and what draws behind them in a colour."""
+Look = Mapping[str, Any]
+"""How an artist is drawn."""
 
-Draw = Callable[[Axes, str, str], None]
-"""Draws a policy into a panel in a colour; `_FAINT` for the reference in others."""
-
-_FAINT: Final = "#c9b3dd"
-_BAR: Final[Mapping[str, Any]] = {"linewidth": 2.6, "alpha": 0.3, "zorder": 2}
-"""How an interval looks."""
-_DOTS: Final[Mapping[str, Any]] = {
+_FAINT: Final[Look] = {"color": "#c9b3dd", "linewidth": 2.2, "zorder": 1.5}
+"""How the reference looks in the panels of others."""
+_GRID: Final = "#e6e9ee"
+_BAR: Final[Look] = {"linewidth": 2.6, "alpha": 0.3, "zorder": 2}
+_DOTS: Final[Look] = {
     "marker": "o",
     "linestyle": "none",
     "ms": 1.8,
@@ -48,55 +60,79 @@ _DOTS: Final[Mapping[str, Any]] = {
     "zorder": 2,
 }
 """How single episodes look."""
-
-_FEWEST: Final = 3
-_MOST: Final = 5
+_FEWEST, _MOST = 3, 5
 """Panels in a row."""
-_ROW: Final = 1.35
-_MARGIN: Final = 0.55
+_PANEL_ROW, _MARGIN = 1.35, 0.55
+"""Height of a row of panels, and of what is around them [inch]."""
 _LONGEST: Final = 26
 """Characters of a name that fit above a panel."""
+
+_KINDS: Final[Mapping[str, tuple[str, Look]]] = {
+    "method": ("learns", {"marker": "o", "color": style.DOORS[1]}),
+    "ablation": ("lacks an idea", {"marker": "D", "color": style.AXIS_X}),
+    "reference": (
+        "learns nothing",
+        {"marker": "s", "color": style.MARK, "mfc": "white"},
+    ),
+    "own": ("own policy", {"marker": "^", "color": style.TRUTH}),
+}
+_VERDICTS: Final[Mapping[Verdict, tuple[str, Look]]] = {
+    "shows": ("better with the idea", {"marker": "o", "color": style.TRUTH}),
+    "open": (
+        "no significant difference",
+        {"marker": "o", "color": style.MARK, "mfc": "white"},
+    ),
+    "harms": ("worse with the idea", {"marker": "X", "color": style.LIMIT}),
+}
+_POINT: Final[Look] = {"linestyle": "none", "ms": 4.5, "zorder": 4}
+_DOT: Final = 2.4
+"""Diameter of a seed's dot [pt]; of n at one place, √n times as much."""
+_TRIAL_ROW, _BESIDE_ROWS = 0.15, 0.45
+"""Height of a row, and of a panel's title or its axis [inch]."""
+_WIDE: Final = 20.0
+"""Greatest over smallest value from which on a scale is logarithmic."""
 
 
 def success_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the rate of doors opened to 60 degrees over the handle's radius."""
 
-    def draw(axes: Axes, policy: str, tint: str) -> None:
-        radii, rates = [], []
-        for radius, own in _doors(runs[policy]):
-            rate = success_rate((one.task.seed, one.opened()) for one in own)
-            radii.append(radius)
-            rates.append(rate.successes / rate.trials)
-            if tint != _FAINT:
+    def curve(own: Sequence[EpisodeResult]) -> Curve:
+        rates = [
+            (radius, success_rate((one.task.seed, one.opened()) for one in here))
+            for radius, here in _doors(own)
+        ]
+
+        def intervals(axes: Axes, tint: str) -> None:
+            for radius, rate in rates:
                 axes.plot([radius] * 2, [rate.low, rate.high], color=tint, **_BAR)
-        axes.plot(radii, rates, **_line(tint))
+
+        return [(radius, rate.estimate) for radius, rate in rates], intervals
 
     def prepare(axes: Axes) -> None:
         _radius_axis(axes, runs)
-        axes.set_ylim(-0.05, 1.05)
-        axes.set_yticks([0.0, 0.5, 1.0])
+        axes.set(ylim=(-0.05, 1.05), yticks=[0.0, 0.5, 1.0])
 
     labels = ("radius [m]", "opened to 60°")
-    return _small_multiples(runs, reference, draw, prepare, *labels)
+    return _small_multiples(runs, reference, curve, prepare, labels)
 
 
 def force_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the peak radial force of opened doors over the radius: all and median."""
     measure = EPISODE_MEASURES["force_radial_peak"]
 
-    def draw(axes: Axes, policy: str, tint: str) -> None:
-        points, middles = [], []
-        for radius, own in _doors(runs[policy]):
-            forces = [force for one in own if (force := measure.of(one)) is not None]
-            points += [(radius, force) for force in forces]
-            if forces:
-                middles.append((radius, median(forces)))
-        if middles and tint != _FAINT:
+    def curve(own: Sequence[EpisodeResult]) -> Curve:
+        middles = [(radius, measure.median(here)) for radius, here in _doors(own)]
+        points = [
+            (radius, force)
+            for radius, here in _doors(own)
+            for one in here
+            if (force := measure.of(one)) is not None
+        ]
+
+        def dots(axes: Axes, tint: str) -> None:
             axes.plot(*zip(*points, strict=True), color=tint, **_DOTS)
-        if middles:
-            axes.plot(*zip(*middles, strict=True), **_line(tint))
-        elif tint != _FAINT:
-            _say(axes, "none opened")
+
+        return [(at, middle) for at, middle in middles if middle is not None], dots
 
     def prepare(axes: Axes) -> None:
         _radius_axis(axes, runs)
@@ -104,29 +140,27 @@ def force_by_radius(runs: Runs, reference: str) -> Figure:
         log_scale(axes, "y")
 
     labels = ("radius [m]", "peak radial force [N]")
-    return _small_multiples(runs, reference, draw, prepare, *labels)
+    return _small_multiples(runs, reference, curve, prepare, labels, "none opened")
 
 
 def forecast_by_progress(runs: Runs, reference: str) -> Figure:
     """Draw the error of the forecast of the rest over progress: median, middle half."""
 
-    def draw(axes: Axes, policy: str, tint: str) -> None:
+    def curve(own: Sequence[EpisodeResult]) -> Curve:
         errors: dict[float, list[float]] = {}
-        for one in runs[policy]:
+        for one in own:
             angles = one.metrics["forecast_progress"]
             for at, error in zip(angles, one.metrics["forecast_error_mm"], strict=True):
                 if error is not None:
                     errors.setdefault(at, []).append(error)
         steps = sorted(errors)
-        if steps:
-            low, middle, high = np.transpose(
-                [np.percentile(errors[at], (25, 50, 75)) for at in steps]
-            )
-            if tint != _FAINT:
-                style.band(axes, np.array(steps), low, high, tint)
-            axes.plot(steps, middle, **_line(tint))
-        elif tint != _FAINT:
-            _say(axes, "no forecast")
+        quartiles = [np.percentile(errors[at], (25, 50, 75)) for at in steps]
+
+        def middle_half(axes: Axes, tint: str) -> None:
+            low, _, high = np.transpose(quartiles)
+            style.band(axes, np.array(steps), low, high, tint)
+
+        return [(at, q[1]) for at, q in zip(steps, quartiles, strict=True)], middle_half
 
     def prepare(axes: Axes) -> None:
         axes.set_xlim(0.0, 1.0)
@@ -134,32 +168,27 @@ def forecast_by_progress(runs: Runs, reference: str) -> Figure:
         log_scale(axes, "y")
 
     labels = ("door angle / final angle", "error [mm]")
-    return _small_multiples(runs, reference, draw, prepare, *labels)
+    return _small_multiples(runs, reference, curve, prepare, labels, "no forecast")
 
 
 def coverage(runs: Mapping[str, Sequence[LeftOut]], reference: str) -> Figure:
     """Draw the share of left-out numbers inside intervals of a nominal share."""
 
-    def draw(axes: Axes, policy: str, tint: str) -> None:
+    def curve(own: Sequence[LeftOut]) -> Curve:
         measured = {
-            level / 100.0: LEARNING_MEASURES[f"coverage_{level}"].median(runs[policy])
-            for level in LEVELS
+            level / 100.0: LEARNING_MEASURES[f"coverage_{level}"].median(own)
+            for level in (50, 90, 95)
         }
-        points = [point for point in measured.items() if point[1] is not None]
-        if points:
-            axes.plot(*zip(*points, strict=True), **_line(tint))
-        elif tint != _FAINT:
-            _say(axes, "no uncertainty")
+        points = [(at, share) for at, share in measured.items() if share is not None]
+        return points, lambda axes, tint: None
 
     def prepare(axes: Axes) -> None:
         axes.plot([0.0, 1.0], [0.0, 1.0], color=style.MARK, linewidth=0.7)
-        axes.set_xlim(0.4, 1.02)
-        axes.set_ylim(-0.02, 1.04)
+        axes.set(xlim=(0.4, 1.02), ylim=(-0.02, 1.04), yticks=[0.0, 0.5, 1.0])
         axes.set_xticks([0.5, 0.9], labels=["0.5", "0.9"])
-        axes.set_yticks([0.0, 0.5, 1.0])
 
     labels = ("nominal share", "measured share")
-    return _small_multiples(runs, reference, draw, prepare, *labels)
+    return _small_multiples(runs, reference, curve, prepare, labels, "no uncertainty")
 
 
 def prediction_scores(runs: Mapping[str, Sequence[LeftOut]]) -> Figure:
@@ -190,7 +219,7 @@ def prediction_scores(runs: Mapping[str, Sequence[LeftOut]]) -> Figure:
                     axes.plot(middle, [height], "|", ms=8, mew=1.8, color=tint)
         axes.set_xlabel(measure.title)
         axes.set_yticks(range(len(order)), labels=map(short, order), parse_math=False)
-        axes.grid(axis="y", color="#e6e9ee", linewidth=0.5)
+        axes.grid(axis="y", color=_GRID, linewidth=0.5)
         if name != "nlpd":
             log_scale(axes, "x")
     for kind, tint in tints.items():
@@ -203,9 +232,7 @@ def _left_out(one: LeftOut) -> str:
     return one.task.held_out if isinstance(one, LearningTestResult) else "recording"
 
 
-def _doors(
-    own: Sequence[EpisodeResult],
-) -> list[tuple[float, list[EpisodeResult]]]:
+def _doors(own: Iterable[EpisodeResult]) -> list[tuple[float, list[EpisodeResult]]]:
     """Return episodes on standard doors by mean radius, a group per door."""
     standard = (one for one in own if one.split != NON_STANDARD or one.drawn)
     doors = grouped(sorted(standard, key=attrgetter("radius")), door_name)
@@ -224,32 +251,40 @@ def _radius_axis(axes: Axes, runs: Runs) -> None:
 
 
 def _small_multiples(
-    policies: Iterable[str],
+    runs: Mapping[str, Sequence[ResultT]],
     reference: str,
-    draw: Draw,
+    curve: Callable[[Sequence[ResultT]], Curve],
     prepare: Callable[[Axes], None],
-    x: str,
-    y: str,
+    labels: tuple[str, str],
+    without: str = "",
 ) -> Figure:
     """Draw a panel per policy, the reference's curve faintly behind the others."""
-    shown = list(policies)
-    n_rows = -(-len(shown) // _MOST)
-    columns = max(_FEWEST, -(-len(shown) // n_rows))
-    figure = style.new_figure(style.PAGE, _ROW * n_rows + _MARGIN)
+    n_rows = -(-len(runs) // _MOST)
+    columns = max(_FEWEST, -(-len(runs) // n_rows))
+    figure = style.new_figure(style.PAGE, _PANEL_ROW * n_rows + _MARGIN)
     grid = figure.subplots(n_rows, columns, sharex=True, sharey=True, squeeze=False)
-    for axes in grid.flat[len(shown) :]:
+    for axes in grid.flat[len(runs) :]:
         axes.set_visible(False)
-    for place, (axes, policy) in enumerate(zip(grid.flat, shown, strict=False)):
+    faint, _ = curve(runs[reference]) if reference in runs else ([], None)
+    for place, (axes, policy) in enumerate(zip(grid.flat, runs, strict=False)):
         prepare(axes)
-        if policy != reference and reference in shown:
-            draw(axes, reference, _FAINT)
         tint = style.ADAPTED if policy == reference else style.DOORS[1]
-        draw(axes, policy, tint)
+        if faint and policy != reference:
+            axes.plot(*zip(*faint, strict=True), **_FAINT)
+        points, draw_behind = curve(runs[policy])
+        if points:
+            draw_behind(axes, tint)
+            line: Look = {"color": tint, "marker": "o", "ms": 2.6, "zorder": 3}
+            axes.plot(*zip(*points, strict=True), **line)
+        else:
+            look: Look = {"ha": "center", "va": "center", "color": style.MARK}
+            where = axes.transAxes
+            axes.text(0.5, 0.5, without, transform=where, fontsize=6.5, **look)
         axes.set_title(short(policy), loc="left", color=tint, parse_math=False)
-        if place + columns >= len(shown):
+        if place + columns >= len(runs):
             axes.tick_params(labelbottom=True)
-    figure.supxlabel(x, fontsize=7.0)
-    figure.supylabel(y, fontsize=7.0)
+    figure.supxlabel(labels[0], fontsize=7.0)
+    figure.supylabel(labels[1], fontsize=7.0)
     return figure
 
 
@@ -267,19 +302,109 @@ def log_scale(axes: Axes, which: Literal["x", "y"]) -> None:
     axis.set_minor_locator(NullLocator())
 
 
-def _line(tint: str) -> dict[str, Any]:
-    """Return how a curve through points looks."""
-    if tint == _FAINT:
-        return {"color": tint, "linewidth": 2.2, "zorder": 1.5}
-    return {"color": tint, "marker": "o", "ms": 2.6, "zorder": 3}
+def kind_of(policy: str) -> str:
+    """Return method, ablation, reference or own."""
+    return POLICIES[policy].kind if policy in POLICIES else "own"
 
 
-def _say(axes: Axes, text: str) -> None:
-    """Write into the middle of a panel."""
-    look: dict[str, Any] = {
-        "ha": "center",
-        "va": "center",
-        "fontsize": 6.5,
-        "color": style.MARK,
-    }
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, **look)
+def deciding_numbers(
+    levels: Mapping[str, Runs], measure: str, reference: str
+) -> Figure:
+    """Draw a row per policy and level: seeds, typical value and its interval."""
+    figure, panels = _stacked([len(own) for own in levels.values()], shared=True)
+    values: list[float] = []
+    for axes, (level, own) in zip(panels, levels.items(), strict=True):
+        if len(levels) > 1:
+            axes.set_title(level, loc="left", parse_math=False)
+        _name_rows(axes, [short(policy) for policy in own])
+        for row, (policy, episodes) in enumerate(own.items()):
+            found = summary(episodes, measure)
+            if found is None:
+                where = axes.get_yaxis_transform()
+                look: dict[str, Any] = {"color": style.MARK, "fontsize": 6.0}
+                axes.text(0.01, row, "no number", transform=where, va="center", **look)
+            else:
+                _, mark = _KINDS[kind_of(policy)]
+                means = seed_means(episodes, measure)
+                values += means
+                places, counts = np.unique(means, return_counts=True)
+                for count in np.unique(counts):
+                    here = places[counts == count]
+                    dot = {"ms": _DOT * math.sqrt(count), "color": mark["color"]}
+                    dot |= {"mew": 0, "alpha": 0.3, "zorder": 2}
+                    axes.plot(here, np.full(here.size, row), "o", **dot)
+                _point(axes, row, found, mark)
+            if policy == reference:
+                axes.get_yticklabels()[row].set(color=style.ADAPTED, weight="bold")
+                axes.axhspan(row - 0.5, row + 0.5, color=style.SEEN, zorder=0)
+    if values and min(values) > 0.0 and max(values) > _WIDE * min(values):
+        log_scale(panels[0], "x")
+    panels[-1].set_xlabel(MEASURES[measure][0])
+    kinds = {kind_of(policy) for own in levels.values() for policy in own}
+    _legend(figure, [look for kind, look in _KINDS.items() if kind in kinds])
+    return figure
+
+
+def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
+    """Draw contrasts' differences with their intervals, a panel per measure."""
+    groups: dict[str, list[tuple[str, Shift, Verdict]]] = {}
+    for trial, own in answers.items():
+        for answer in own:
+            if answer.shift is not None:
+                contrast = answer.contrast
+                label = f"{trial}: {contrast.idea} ({contrast.lacking})"
+                rows = groups.setdefault(contrast.measure, [])
+                rows.append((label, answer.shift, answer.verdict))
+    held = {measure: groups[measure] for measure in MEASURES if measure in groups}
+    figure, panels = _stacked([len(rows) for rows in held.values()], shared=False)
+    for axes, (measure, rows) in zip(panels, held.items(), strict=True):
+        # The most helpful idea first.
+        less = MEASURES[measure][1] == "less"
+        sign = -1.0 if less else 1.0
+        rows.sort(key=lambda row: sign * row[1].estimate, reverse=True)
+        _name_rows(axes, [label for label, _, _ in rows])
+        for place, (_, found, verdict) in enumerate(rows):
+            _point(axes, place, found, _VERDICTS[verdict][1])
+        axes.axvline(0.0, color=style.MARK, linewidth=0.8, zorder=1)
+        # Zero in the middle, and what is better to its right, in all panels.
+        end = max(map(abs, axes.get_xlim()))
+        axes.set_xlim((end, -end) if less else (-end, end))
+        axes.set_xlabel(f"{MEASURES[measure][0]}: with − without")
+    panels[0].set_title("← worse with the idea", loc="left")
+    panels[0].set_title("better with the idea →", loc="right")
+    _legend(figure, list(_VERDICTS.values()))
+    return figure
+
+
+def _point(axes: Axes, row: int, found: Rate | Shift, look: Look) -> None:
+    """Draw an estimate on its interval."""
+    if math.isfinite(found.low):
+        ends = [found.low, found.high]
+        axes.plot(ends, [row, row], color=look["color"], linewidth=1.4, zorder=3)
+    axes.plot([found.estimate], [row], **_POINT, **look)
+
+
+def _stacked(rows: Sequence[int], *, shared: bool) -> tuple[Figure, list[Axes]]:
+    """Panels below each other, as high as their rows are many."""
+    height = _TRIAL_ROW * sum(rows) + _BESIDE_ROWS * (len(rows) + 1)
+    figure = style.new_figure(style.PAGE, height)
+    grid = figure.subplots(
+        len(rows), 1, sharex=shared, squeeze=False, height_ratios=rows
+    )
+    return figure, list(grid[:, 0])
+
+
+def _name_rows(axes: Axes, names: Sequence[str]) -> None:
+    """Name rows from the top down, on fine lines."""
+    axes.set_yticks(range(len(names)), labels=names, parse_math=False)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.grid(axis="y", color=_GRID, linewidth=0.5)
+    axes.set_axisbelow(True)
+
+
+def _legend(figure: Figure, looks: Sequence[tuple[str, Look]]) -> None:
+    handles = {}
+    for name, look in looks:
+        kept = {key: value for key, value in look.items() if key != "color"}
+        handles[name] = style.legend_line(look["color"], "none", **kept)
+    style.legend_above(figure, handles)

@@ -1,23 +1,25 @@
-"""How well methods predict demonstrations and recordings that they did not see."""
+"""How well methods predict demonstrations and recordings that they did not see.
+
+Table 1 of the paper has a measured number behind every mark; what is measured, and what
+it must be, is said in `gplfd_experiments.studies.learning_tests.criteria`.
+"""
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from gplfd_experiments.analysis.report.document import (
-    Block,
-    Details,
-    Items,
-    Paragraph,
-    Picture,
+    Cell,
     Section,
     code,
+    medians,
+    names,
+    policy_table,
 )
 from gplfd_experiments.analysis.report.plots import LeftOut, coverage, prediction_scores
-from gplfd_experiments.analysis.report.policy_table import Cell, medians, policy_table
 from gplfd_experiments.analysis.report.sentences import value_sentence
 from gplfd_experiments.analysis.results.grouping import by_condition, by_policy, numbers
 from gplfd_experiments.analysis.results.measures import (
@@ -32,6 +34,13 @@ from gplfd_experiments.analysis.results.records import (
     RecordedResult,
 )
 from gplfd_experiments.files.table import Table, text_table
+from gplfd_experiments.studies.learning_tests.criteria import (
+    CRITERIA,
+    Criterion,
+    Mark,
+    mark,
+)
+from gplfd_policies.registry.built_in import TABLE_1
 
 Tests = Sequence[LearningTestResult]
 Results = Sequence[RecordedResult]
@@ -44,11 +53,8 @@ _MEASURES: Final[Mapping[str, Measure]] = {**LEARNING_MEASURES, **RECORDED_MEASU
 _FORECASTS: Final = ("forecast_25_nlpd", "forecast_25_position_m")
 """Forecasts that get a sentence."""
 _TABLES: Final[Mapping[str, tuple[str, ...]]] = {
-    "A recording that was not seen": (
-        *("rmse_position_m", "rmse_rotation_rad", "nlpd"),
-        *("coverage_50", "coverage_90", "coverage_95"),
-        *("via_error_position_m", "log_dimensionless_jerk"),
-        *("cpu_fit_s", "cpu_predict_s", "cpu_adapt_s"),
+    "A recording that was not seen": tuple(
+        name for name in LEARNING_MEASURES if name != "via_far_change"
     ),
     "Its rest, once a part has been seen": tuple(RECORDED_MEASURES),
 }
@@ -65,34 +71,43 @@ above the median; Iglewicz and Hoaglin's limit."""
 _ROBUST: Final = 1.4826
 """Standard deviation of a normal variable over its median absolute deviation."""
 
+_SIGN: Final = {True: "✓", False: "✗", None: "?"}
+_TUNED: Final = tuple(f"{policy}-tuned" for policy in TABLE_1)
+_TINY: Final = 1e-3
+"""Smaller numbers are shown as being so."""
+
+Metrics = dict[str, list[Mapping[str, Any]]]
+"""Those of every learning test, by policy."""
+Marks = Mapping[str, Mapping[str, Mark]]
+"""By row of the table and policy."""
+
 
 def learning_section(tests: Tests, reference: str) -> Section:
     """All learning tests in one table, with sentences; plots of the first condition."""
-    title = "What was learned, without a robot"
+    section = Section("What was learned, without a robot", "learning")
     ran = [one for one in tests if not one.error]
     if not ran:
-        text = (
+        section.say(
             "This study has no learning test with a result: `gplfd benchmark` makes "
             "them unless it is given `--no-skill`."
         )
-        return Section(title=title, anchor="learning", blocks=(Paragraph(text=text),))
+        return section
     groups = {
         f"{left_out}: {condition.teaching}": by_policy(own)
         for condition, those in by_condition(tests).items()
         for held_out, left_out in _LEFT_OUT.items()
         if (own := [one for one in those if one.task.held_out == held_out])
     }
-    blocks: list[Block] = []
     for group, runs in groups.items():
-        blocks.append(Paragraph(text=f"**{group}**"))
-        blocks.append(_sentences(runs, LEARNING_HEADLINES, reference, "seeds"))
+        section.say(f"**{group}**")
+        section.items(_sentences(runs, LEARNING_HEADLINES, reference, "seeds"))
     note = (
         "What is left out is predicted and compared with what was done: medians over "
         "the seeds. NLPD in natural units of metres and radians; inside: share of the "
         "left-out numbers within the stated intervals."
     )
     table = policy_table(groups, _columns(LEARNING_MEASURES), note)
-    blocks.append(Details(title="All measures of the learning tests", table=table))
+    section.table(table, folded="All measures of the learning tests")
 
     standard = next(iter(by_condition(ran).values()))
     if timed := by_policy(one for one in standard if one.outputs_cpu_s):
@@ -107,60 +122,46 @@ def learning_section(tests: Tests, reference: str) -> Section:
         }
         note = "CPU time to learn [s] as the number of outputs grows, medians."
         table = policy_table({"": timed}, columns, note)
-        details = Details(title="CPU time to learn by number of outputs", table=table)
-        blocks.append(details)
-    blocks += _plots(standard, reference)
-    return Section(title=title, anchor="learning", blocks=tuple(blocks))
+        section.table(table, folded="CPU time to learn by number of outputs")
+    _add_plots(section, standard, reference)
+    return section
 
 
 def recorded_section(results: Results, reference: str) -> Section:
     """All methods on recordings: sentences, tables, plots, and what to do."""
+    section = Section("What was learned from the recordings", "recorded")
     runs = by_policy(results)
+    section.say(
+        "Each recording is left out in turn, the method learns from the others, and "
+        "what it predicts is compared with what was done: at the same phases, told "
+        "from how much of its path the hand has covered. Less is better; NLPD of the "
+        "outputs that move, in natural units of metres and radians: a difference of "
+        "0.1 per number is ten per cent of a density. Recordings are the independent "
+        "trials of the intervals."
+    )
+    section.table(_summary(results))
     headlines = (*LEARNING_HEADLINES, *_FORECASTS)
-    every = sorted({one.task.seed for one in results})
-    scores = {
-        policy: {one.task.seed: _MEASURES["nlpd"].of(one) for one in own}
-        for policy, own in runs.items()
-    }
-    by_recording = Table(
+    section.items(_sentences(runs, headlines, reference, "recordings"))
+    _add_plots(section, [one for one in results if not one.error], reference)
+    section.say("**What to make of it**")
+    section.items(advice(runs.get(reference, ()), reference))
+    for title, metrics in _TABLES.items():
+        columns = _columns(metrics)
+        table = policy_table({"": runs}, columns, "Medians over recordings.")
+        section.table(table, folded=title)
+
+    nlpd = _MEASURES["nlpd"]
+    scores = [{one.task.seed: nlpd.of(one) for one in own} for own in runs.values()]
+    table = Table(
         columns=("left out", *map(code, runs)),
         rows=tuple(
-            (
-                str(number),
-                *(_MEASURES["nlpd"].text(own.get(number)) for own in scores.values()),
-            )
-            for number in every
+            (str(number), *(nlpd.text(own.get(number)) for own in scores))
+            for number in sorted({one.task.seed for one in results})
         ),
         note="Recordings are numbered from 0 in the order of the file.",
     )
-    blocks: tuple[Block, ...] = (
-        Paragraph(
-            text="Each recording is left out in turn, the method learns from the "
-            "others, and what it predicts is compared with what was done: at the same "
-            "phases, told from how much of its path the hand has covered. Less is "
-            "better; NLPD of the outputs that move, in natural units of metres and "
-            "radians: a difference of 0.1 per number is ten per cent of a density. "
-            "Recordings are the independent "
-            "trials of the intervals."
-        ),
-        _summary(results),
-        _sentences(runs, headlines, reference, "recordings"),
-        *_plots([one for one in results if not one.error], reference),
-        Paragraph(text="**What to make of it**"),
-        Items(texts=tuple(advice(runs.get(reference, ()), reference))),
-        *(
-            Details(
-                title=title,
-                table=policy_table(
-                    {"": runs}, _columns(metrics), "Medians over recordings."
-                ),
-            )
-            for title, metrics in _TABLES.items()
-        ),
-        Details(title="NLPD recording by recording", table=by_recording),
-    )
-    title = "What was learned from the recordings"
-    return Section(title=title, anchor="recorded", blocks=blocks)
+    section.table(table, folded="NLPD recording by recording")
+    return section
 
 
 def overview(results: Results) -> str:
@@ -192,7 +193,7 @@ def _summary(results: Results) -> Table:
     return policy_table({"": dict(order)}, columns, note)
 
 
-def _columns(metrics: Sequence[str] | Mapping[str, Measure]) -> dict[str, Cell]:
+def _columns(metrics: Iterable[str]) -> dict[str, Cell]:
     """Return a column with the number of results, and one with each median."""
     columns: dict[str, Cell] = {"n": lambda own: str(len(own))}
     for name in metrics:
@@ -205,41 +206,33 @@ def _sentences(
     metrics: Sequence[str],
     reference: str,
     trials: str,
-) -> Items:
+) -> Iterator[str]:
     """Say how the reference stands in some measures."""
-    return Items(
-        texts=tuple(
-            value_sentence(measure, numbers(runs, measure), reference, trials)
-            for measure in map(_MEASURES.__getitem__, metrics)
-        )
-    )
+    for measure in map(_MEASURES.__getitem__, metrics):
+        yield value_sentence(measure, numbers(runs, measure), reference, trials)
 
 
-def _plots(tests: Sequence[LeftOut], reference: str) -> list[Block]:
-    """Return plots of coverage and errors of predictions, none of no test."""
-    if not tests:
-        return []
+def _add_plots(section: Section, tests: Sequence[LeftOut], reference: str) -> None:
+    """Add plots of coverage and errors of predictions, none of no test."""
     runs = by_policy(tests)
-    blocks: list[Block] = []
     if any(one.number("coverage_95") is not None for one in tests):
-        picture = Picture(
-            name="coverage",
-            draw=partial(coverage, runs, reference),
-            caption="**Calibration of the predicted uncertainty.** Share of left-out "
-            "numbers inside intervals of nominally 50, 90 and 95 %. Below the grey "
-            f"line the intervals are too narrow. Violet: {code(reference)}.",
-            alternative="Measured against nominal coverage, a panel per policy",
+        section.picture(
+            "coverage",
+            partial(coverage, runs, reference),
+            "**Calibration of the predicted uncertainty.** Share of left-out numbers "
+            "inside intervals of nominally 50, 90 and 95 %. Below the grey line the "
+            f"intervals are too narrow. Violet: {code(reference)}.",
+            "Measured against nominal coverage, a panel per policy",
         )
-        blocks.append(picture)
-    picture = Picture(
-        name="skill",
-        draw=partial(prediction_scores, runs),
-        caption="**Errors and likelihood of predictions.** A dot per test, a bar at "
-        "the median; left is better. The policy with the least position error is on "
-        "top.",
-        alternative="Dot plot of NLPD, position and rotation error by policy",
-    )
-    return [*blocks, picture]
+    if tests:
+        section.picture(
+            "skill",
+            partial(prediction_scores, runs),
+            "**Errors and likelihood of predictions.** A dot per test, a bar at the "
+            "median; left is better. The policy with the least position error is on "
+            "top.",
+            "Dot plot of NLPD, position and rotation error by policy",
+        )
 
 
 def advice(own: Results, policy: str) -> list[str]:
@@ -291,3 +284,107 @@ def advice(own: Results, policy: str) -> list[str]:
         f"Nothing of {code(policy)} stands out: its intervals hold what they state, no "
         "recording is unlike the others, and via-points are met."
     ]
+
+
+def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
+    """The paper's rows and methods, our marks, and where the two disagree."""
+    section = Section("Table 1 of the paper, measured", "table-1")
+    own = dict.fromkeys(one.policy for one in tests if one.policy_source)
+    measured, tuned = _measured(tests, (*TABLE_1, *own)), _measured(tests, _TUNED)
+    if not measured:
+        section.say(
+            "No policy of the paper's Table 1 has a learning test with a result in "
+            "this study, so there is no number behind any mark."
+        )
+        return section
+    note = (
+        "✓ and ✗: whether the number earns the mark by the limits below; where the "
+        "paper says otherwise, its own mark is given. Means over "
+        f"{max(map(len, measured.values()))} learning tests. "
+        "The paper's column GP is `local-gp` and `wishart-gp`, its last one "
+        "`gp-paper` as published and `gp` as developed here."
+    )
+    if missing := [policy for policy in TABLE_1 if policy not in measured]:
+        note += f" Not in this study, or only with errors: {names(missing)}."
+    marks = _marks(measured)
+    section.table(_marks_table(marks, note), folded="Marks with their numbers")
+    judged = [
+        _disagrees(CRITERIA[row], policy, found)
+        for row, own_marks in marks.items()
+        for policy, found in own_marks.items()
+        if found.passed is not None and policy in TABLE_1
+    ]
+    section.say(
+        f"Measurement and paper disagree in {sum(judged)} of {len(judged)} marks. "
+        "The paper judges what was published about a method; here one "
+        "implementation of it is measured on one task."
+    )
+    section.items(_explained(CRITERIA[row], marks[row]) for row in CRITERIA)
+    if tuned:
+        note = "The same with the settings that `gplfd tune` found for each method."
+        table = _marks_table(_marks(tuned), note)
+        section.table(table, folded="Marks of the tuned methods")
+    return section
+
+
+def _measured(tests: Sequence[LearningTestResult], shown: Sequence[str]) -> Metrics:
+    """Metrics of some policies under the standard condition."""
+    ran = (one for one in tests if not one.error and one.policy in shown)
+    standard = by_policy(next(iter(by_condition(ran).values()), []))
+    return {
+        policy: [one.metrics for one in standard[policy]]
+        for policy in shown
+        if policy in standard
+    }
+
+
+def _marks(measured: Metrics) -> Marks:
+    return {
+        row: {policy: mark(row, own) for policy, own in measured.items()}
+        for row in CRITERIA
+    }
+
+
+def _marks_table(marks: Marks, note: str) -> Table:
+    """Return a row per criterion with a mark and a number per policy."""
+
+    def cell(criterion: Criterion, policy: str, found: Mark) -> str:
+        text, value = _SIGN[found.passed], found.value
+        if value is not None and 0.0 < abs(value) < _TINY:
+            text += f" < {_TINY:g}" if value > 0.0 else f" > −{_TINY:g}"
+        elif value is not None:
+            text += f" {value:.3g}".replace("-", "−")
+        if _disagrees(criterion, policy, found):
+            text = f"**{text}**\n(paper {_SIGN[policy in criterion.paper]})"
+        return text
+
+    rows = []
+    for row, criterion in CRITERIA.items():
+        limit = criterion.limits[0]
+        bounded = limit.high < math.inf
+        bound = f"≤ {limit.high:g}" if bounded else f"≥ {limit.low:g}"
+        cells = (cell(criterion, *item) for item in marks[row].items())
+        rows.append((f"{row}\n{limit.symbol} {bound}", *cells))
+    policies = next(iter(marks.values()))
+    return Table(columns=("", *map(code, policies)), rows=tuple(rows), note=note)
+
+
+def _disagrees(criterion: Criterion, policy: str, found: Mark) -> bool:
+    judged = found.passed is not None and policy in TABLE_1
+    return judged and found.passed != (policy in criterion.paper)
+
+
+def _explained(criterion: Criterion, marks: Mapping[str, Mark]) -> str:
+    """Return the criterion, and the numbers where the paper says otherwise."""
+    text = f"**{criterion.row}.** {criterion.sentence}"
+    others: dict[tuple[bool | None, str], list[str]] = {}
+    for policy, found in marks.items():
+        if _disagrees(criterion, policy, found):
+            others.setdefault((found.passed, found.text), []).append(policy)
+    if not others:
+        return f"{text} As in the paper."
+    differing = "; ".join(
+        f"{names(policies)} {_SIGN[passed]}, the paper {_SIGN[not passed]} ({numbers})"
+        for (passed, numbers), policies in others.items()
+    )
+    return f"{text} Otherwise than in the paper: {differing}."

@@ -6,13 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from gplfd_experiments.analysis.report.document import (
-    Block,
-    Paragraph,
-    Section,
-    code,
-    literal,
-)
+from gplfd_experiments.analysis.report.document import Section, code, literal
 from gplfd_experiments.files.names import file_name
 from gplfd_experiments.files.plain_data import entry, read_json
 from gplfd_experiments.files.table import Table
@@ -22,6 +16,8 @@ COMPARISONS: Final = ("comparison.rrd", "comparison-widest.rrd")
 """Policies side by side at the middle and at the widest demonstrated door."""
 RANKS: Final = ("best", "median", "worst")
 """Episodes of each policy that are recorded, by success, radial force and angle."""
+
+_ENTRIES: Final[Any] = tuple[dict[str, Any], ...]
 
 
 def recording_name(policy: str, rank: str) -> str:
@@ -34,65 +30,42 @@ def trial_recording_name(trial: str) -> str:
     return f"trial-{file_name(trial)}.rrd"
 
 
-def trial_recording(study: Path, page: Path, trial: str) -> list[Paragraph]:
-    """Link a trial's comparison, if there is one, and say what it shows.
-
-    Args:
-        study: The study's folder.
-        page: Folder in which the page will be.
-        trial: Its name.
-    """
+def link_trial(section: Section, study: Path, page: Path, trial: str) -> None:
+    """Link a trial's comparison, if there is one, and say what it shows."""
     file = trial_recording_name(trial)
     if (link := _links(study, page).get(file)) is None:
-        return []
+        return
     try:
-        index = read_json(study / FOLDER / INDEX)
-        comparisons = entry(index, "comparisons", tuple[dict[str, Any], ...])
+        comparisons = entry(read_json(study / FOLDER / INDEX), "comparisons", _ENTRIES)
         named = [one for one in comparisons if one.get("file") == file]
         if not named:
             raise ValueError(f"{INDEX} does not name {file}")
-        shown = entry(named[0], "episodes", tuple[dict[str, Any], ...])
+        shown = entry(named[0], "episodes", _ENTRIES)
         said = [(code(entry(each, "policy", str)), _about(each)) for each in shown]
         alike = len({about for _, about in said}) == 1
         about = said[0][1] if alike else "; ".join(map(" ".join, said))
     except (OSError, ValueError) as error:
         about = f"what it shows is not known: {literal(error)}"
-    return [Paragraph(text=f"Side by side: {link}, {about}.")]
-
-
-def _links(study: Path, page: Path) -> dict[str, str]:
-    """Links to a study's recordings, relative to the page's folder, by file name."""
-    folder = study / FOLDER
-    prefix = Path(os.path.relpath(folder, page)).as_posix()
-    return {
-        path.name: f"[{literal(path.name)}]({quote(f'{prefix}/{path.name}')})"
-        for path in folder.glob("*.rrd")
-    }
+    section.say(f"Side by side: {link}, {about}.")
 
 
 def recording_section(study: Path, page: Path, policies: Iterable[str]) -> Section:
-    """List the recordings there are, with links relative to the page's folder.
-
-    Args:
-        study: The study's folder.
-        page: Folder in which the page will be.
-        policies: All that the study has, in order.
-    """
+    """List the recordings of a study, with links relative to the page's folder."""
+    section = Section("Recordings", "recordings")
     links = _links(study, page)
-    blocks: list[Block] = []
     if there := [links[file] for file in COMPARISONS if file in links]:
-        text = f"Several policies at the same door, side by side: {', '.join(there)}."
-        blocks.append(Paragraph(text=text))
+        section.say(
+            f"Several policies at the same door, side by side: {', '.join(there)}."
+        )
     index: dict[str, str] = {}
     try:
-        said = read_json(study / FOLDER / INDEX)
-        entries = entry(said, "episodes", tuple[dict[str, Any], ...])
+        entries = entry(read_json(study / FOLDER / INDEX), "episodes", _ENTRIES)
         index = {entry(one, "file", str): _about(one) for one in entries}
     except FileNotFoundError:
         pass
     except (OSError, ValueError) as error:
         text = f"What the recordings show is not known: {literal(error)}"
-        blocks.append(Paragraph(text=text, warning=True))
+        section.say(text, warning=True)
     rows = []
     for policy in policies:
         files = [recording_name(policy, rank) for rank in RANKS]
@@ -105,15 +78,24 @@ def recording_section(study: Path, page: Path, policies: Iterable[str]) -> Secti
             "with `gplfd view FILE`."
         )
         columns = ("policy", *RANKS)
-        blocks.append(Table(columns=columns, rows=tuple(rows), note=note, left=True))
-    if not blocks:
-        text = (
+        section.table(Table(columns=columns, rows=tuple(rows), note=note, left=True))
+    if not section.blocks:
+        section.say(
             "Those of trials are linked in their sections."
             if links
             else "None here; `--record` makes them."
         )
-        blocks.append(Paragraph(text=text))
-    return Section(title="Recordings", anchor="recordings", blocks=tuple(blocks))
+    return section
+
+
+def _links(study: Path, page: Path) -> dict[str, str]:
+    """Links to a study's recordings, relative to the page's folder, by file name."""
+    folder = study / FOLDER
+    prefix = Path(os.path.relpath(folder, page)).as_posix()
+    return {
+        path.name: f"[{literal(path.name)}]({quote(f'{prefix}/{path.name}')})"
+        for path in folder.glob("*.rrd")
+    }
 
 
 def _about(one: Mapping[str, Any]) -> str:

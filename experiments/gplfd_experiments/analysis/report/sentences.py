@@ -16,6 +16,7 @@ from gplfd_experiments.analysis.results.statistics import (
     Key,
     Pairs,
     Rate,
+    Shift,
     mean_shift,
     paired,
     shift,
@@ -26,31 +27,23 @@ PRIVILEGED: Final = frozenset({"oracle"})
 """Policies that know what a robot cannot: compared, but never called the best."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class _Rival:
     """Another policy beside the one that a sentence is about."""
 
     name: str
     lead: float
     """How much better it is; negative: worse."""
-    beats: bool
-    """Whether its lead is significant."""
     text: str
     """Its numbers, in words."""
-    unsettled: bool
-    """Whether there are too few pairs for an interval."""
+    difference: Shift
+    """Significant where its interval is above zero."""
 
 
 def rate_sentence(
     title: str, successes: Mapping[str, Mapping[Key, bool]], policy: str
 ) -> str:
-    """Say how a policy's success rate stands.
-
-    Args:
-        title: What succeeds.
-        successes: Success by policy and task.
-        policy: The policy the sentence is about.
-    """
+    """Say how a policy's success rate stands; successes are by policy and task."""
     own = successes.get(policy, {})
     if not own:
         return f"**{title}:** {code(policy)} has no episode that ran."
@@ -61,15 +54,10 @@ def rate_sentence(
     def rival(name: str, pairs: Pairs) -> _Rival:
         ours, theirs = int(sum(pairs.first)), map(bool, pairs.second)
         rate = success_rate(zip(pairs.seeds, theirs, strict=True))
+        lead = (rate.successes - ours) / rate.trials
         ahead, behind = pairs.per_seed()
-        found = mean_shift(behind, ahead)
-        return _Rival(
-            name=name,
-            lead=(rate.successes - ours) / rate.trials,
-            beats=found.low > 0.0,
-            text=f"{count(rate)} against {ours}",
-            unsettled=math.isinf(found.low),
-        )
+        text = f"{count(rate)} against {ours}"
+        return _Rival(name, lead, text, mean_shift(behind, ahead))
 
     rate = success_rate((seed, opened) for (seed, _), opened in own.items())
     # Policies that opened no door are not ranked.
@@ -94,17 +82,7 @@ def value_sentence(
     policy: str,
     trials: str = "seeds",
 ) -> str:
-    """Say how a policy's numbers stand; less is better.
-
-    Args:
-        measure: What the numbers are.
-        numbers: Number by policy and task.
-        policy: The policy the sentence is about.
-        trials: What the independent trials are.
-
-    Returns:
-        The sentence; "" if the policy has no numbers, or nothing to compare with.
-    """
+    """Say how a policy's numbers stand, less is better; "" if nothing is comparable."""
 
     def rival(name: str, pairs: Pairs) -> _Rival:
         found = shift(*pairs.per_seed())
@@ -117,14 +95,9 @@ def value_sentence(
             sign = 1.0 if found.estimate > 0.0 else -1.0
             ends = sorted((sign * found.low, sign * found.high))
             interval = " to ".join(measure.text(end, finer=finer) for end in ends)
-        size_text = measure.text(size, unit=True, finer=finer)
-        return _Rival(
-            name=name,
-            lead=found.estimate,
-            beats=found.low > 0.0,
-            text=f"{side} by {size_text} ({interval}, {found.n} {trials})",
-            unsettled=math.isinf(found.low),
-        )
+        by = measure.text(size, unit=True, finer=finer)
+        text = f"{side} by {by} ({interval}, {found.n} {trials})"
+        return _Rival(name, found.estimate, text, found)
 
     own = numbers.get(policy, {})
     rivals = _rivals(numbers, policy, rival) if own else []
@@ -140,27 +113,20 @@ def _rivals(
     policy: str,
     compare: Callable[[str, Pairs], _Rival],
 ) -> list[_Rival]:
-    """Compare a policy with the others on the tasks that both have."""
-    rivals = []
-    for name in runs.keys() - PRIVILEGED - {policy}:
-        pairs = paired(runs[policy], runs[name])
-        if pairs.seeds:
-            rivals.append(compare(name, pairs))
+    """Compare a policy with the others on the tasks that both have, the best first."""
+    others = runs.keys() - PRIVILEGED - {policy}
+    pairs = {name: paired(runs[policy], runs[name]) for name in others}
+    rivals = [compare(name, both) for name, both in pairs.items() if both.seeds]
     return sorted(rivals, key=lambda rival: (-rival.lead, rival.name))
 
 
 def _standing(policy: str, own: str, rivals: Sequence[_Rival]) -> str:
-    """Say whether a policy is best, within the interval of the best, or beaten.
-
-    Args:
-        policy: The policy.
-        own: Its number, in words.
-        rivals: The others, the best first.
-    """
+    """Say whether a policy is best, within the interval of the best, or beaten."""
     subject = f"{code(policy)}, {own},"
     if not rivals:
         return f"{subject} has nothing to compare with."
     best = rivals[0]
+    against = f"{code(best.name)}, {best.text}."
     if best.lead <= 0.0:
         equal = [rival.name for rival in rivals if rival.lead == 0.0]
         together = f" together with {names(equal)}" if equal else ""
@@ -169,11 +135,9 @@ def _standing(policy: str, own: str, rivals: Sequence[_Rival]) -> str:
             f"; next is {code(behind[0].name)}, {behind[0].text}" if behind else ""
         )
         return f"{subject} is best{together}{following}."
-    if beaten := [rival for rival in rivals if rival.beats]:
+    if beaten := [rival for rival in rivals if rival.difference.low > 0.0]:
         winners = "; ".join(f"{code(rival.name)}, {rival.text}" for rival in beaten)
         return f"{subject} is beaten by {winners}."
-    if best.unsettled:
-        return f"{subject} may be beaten by {code(best.name)}, {best.text}."
-    return (
-        f"{subject} is within the interval of the best, {code(best.name)}, {best.text}."
-    )
+    if math.isinf(best.difference.low):
+        return f"{subject} may be beaten by {against}"
+    return f"{subject} is within the interval of the best, {against}"

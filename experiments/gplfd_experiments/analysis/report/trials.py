@@ -6,20 +6,13 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from gplfd_experiments.analysis.report.document import (
-    Block,
-    Items,
-    Paragraph,
-    Picture,
-    Section,
-    code,
-)
-from gplfd_experiments.analysis.report.recordings import trial_recording
-from gplfd_experiments.analysis.report.trial_plots import (
+from gplfd_experiments.analysis.report.document import Section, code
+from gplfd_experiments.analysis.report.plots import (
     deciding_numbers,
     ideas,
     kind_of,
 )
+from gplfd_experiments.analysis.report.recordings import link_trial
 from gplfd_experiments.analysis.results.grouping import Runs
 from gplfd_experiments.analysis.results.measures import number_text
 from gplfd_experiments.analysis.results.records import EpisodeResult, StudyResults
@@ -46,18 +39,11 @@ _VERDICTS: Final = {
 
 def trial_sections(
     results: StudyResults, study: Path, page: Path, reference: str
-) -> tuple[Section, ...]:
-    """Return what trials show: first all ideas together, then trial after trial.
-
-    Args:
-        results: Of a study.
-        study: Its folder, for links to recordings.
-        page: Folder in which the page will be.
-        reference: Policy that is highlighted.
-    """
+) -> list[Section]:
+    """Return what trials show: first all ideas together, then trial after trial."""
     held = of_trials(results)
     if not held:
-        return ()
+        return []
 
     def ran(side: Side, policies: ByLevel) -> bool:
         levels = policies.get(side.policy, {})
@@ -73,41 +59,30 @@ def trial_sections(
     }
 
     # Which part of the protocol these results are.
+    section = Section("What each idea is worth", "ideas")
     text = f"Protocol v{VERSION}, {len(held)} of {len(TRIALS)} trials."
     asked = sum(len(TRIALS[name].contrasts) for name in held)
     if left_out := asked - sum(map(len, answers.values())):
         text += f" {left_out} of its contrasts were not run and are not listed."
-    blocks: list[Block] = [Paragraph(text=text)]
+    section.say(text)
     seeds = len({one.task.seed for one in results.episodes if one.task.trial in held})
     if seeds < SEEDS:
-        text = (
+        section.say(
             f"A first look: {seeds} of the {SEEDS} seeds with which the protocol "
-            "decides. `gplfd trials --part ideas` runs all of them."
+            "decides. `gplfd trials --part ideas` runs all of them.",
+            warning=True,
         )
-        blocks.append(Paragraph(text=text, warning=True))
-    blocks += _ideas(answers)
-
-    ideas_section = Section(
-        title="What each idea is worth", anchor="ideas", blocks=tuple(blocks)
-    )
-    return (
-        ideas_section,
-        *(
-            Section(
-                title=f"Trial: {name}",
-                anchor=f"trial-{name}",
-                blocks=(
-                    *_trial(TRIALS[name], name, own, answers[name], reference),
-                    *trial_recording(study, page, name),
-                ),
-            )
-            for name, own in held.items()
-        ),
-    )
+    _say_ideas(section, answers)
+    sections = [section]
+    for name, own in held.items():
+        section = _trial_section(name, own, answers[name], reference)
+        link_trial(section, study, page, name)
+        sections.append(section)
+    return sections
 
 
-def _ideas(answers: Mapping[str, Sequence[Answer]]) -> list[Block]:
-    """Return all contrasts: in sentences, in a table and in a plot."""
+def _say_ideas(section: Section, answers: Mapping[str, Sequence[Answer]]) -> None:
+    """Say all contrasts: in sentences, in a table and in a plot."""
     rows = sorted(
         (
             answer.contrast.idea,
@@ -121,8 +96,8 @@ def _ideas(answers: Mapping[str, Sequence[Answer]]) -> list[Block]:
         for answer in own
     )
     if not rows:
-        text = "No contrast has both of its policies in these results."
-        return [Paragraph(text=text)]
+        section.say("No contrast has both of its policies in these results.")
+        return
     note = (
         "**Difference:** the policy with the idea minus the one without it, which is "
         "equal in everything else, seed by seed, with the 95 % interval "
@@ -131,22 +106,18 @@ def _ideas(answers: Mapping[str, Sequence[Answer]]) -> list[Block]:
         "idea shows, or does harm)."
     )
     columns = ("idea", "trial", "measure", "with : without", "difference", "result")
-    table = Table(columns=columns, rows=tuple(rows), note=note, left=True)
-    together = _together(answers)
-    blocks: list[Block] = [Items(texts=tuple(together))] if together else []
-    blocks.append(table)
+    section.items(_together(answers))
+    section.table(Table(columns=columns, rows=tuple(rows), note=note, left=True))
     if any(answer.shift for own in answers.values() for answer in own):
-        picture = Picture(
-            name="trials_ideas",
-            draw=partial(ideas, answers),
-            caption="**Differences with and without an idea:** in brackets the policy "
-            "without it; a point per difference, a line through its 95 % interval "
-            "(from six seeds on). Right of zero is better with the idea, whether more "
-            "or less of the measure is better.",
-            alternative="Differences of all contrasts, a panel per measure",
+        section.picture(
+            "trials_ideas",
+            partial(ideas, answers),
+            "**Differences with and without an idea:** in brackets the policy without "
+            "it; a point per difference, a line through its 95 % interval (from six "
+            "seeds on). Right of zero is better with the idea, whether more or less of "
+            "the measure is better.",
+            "Differences of all contrasts, a panel per measure",
         )
-        blocks.append(picture)
-    return blocks
 
 
 def _together(answers: Mapping[str, Sequence[Answer]]) -> list[str]:
@@ -184,40 +155,34 @@ def _together(answers: Mapping[str, Sequence[Answer]]) -> list[str]:
     return texts
 
 
-def _trial(
-    trial: Trial,
-    name: str,
-    policies: ByLevel,
-    answers: Sequence[Answer],
-    reference: str,
-) -> list[Block]:
+def _trial_section(
+    name: str, policies: ByLevel, answers: Sequence[Answer], reference: str
+) -> Section:
     """Return a trial's question, its numbers in a table and a plot, its contrasts."""
+    trial = TRIALS[name]
     levels = ordered(trial, policies)
     title, better = MEASURES[trial.measures[0]]
-    blocks: list[Block] = [
-        Paragraph(text=f"{trial.question} Tests: {', '.join(trial.claims)}."),
-        trial_table(trial, levels),
-        Picture(
-            name=f"trial_{name}",
-            draw=partial(deciding_numbers, levels, trial.measures[0], reference),
-            caption=f"**{title[0].upper()}{title[1:]}** decides this trial ({better} "
-            "is better). Order as in the table. A pale dot per seed, larger where "
-            "several are equal; a mark at the share or the typical value, a line "
-            "through its 95 % interval (for values that are not shares, from six seeds "
-            f"on). Bold: {code(reference)}.",
-            alternative=f"{title}, a row per policy",
-        ),
-    ]
-    if answers:
-        texts = tuple(
-            f"{answer.contrast.idea}: {code(answer.contrast.having)} against "
-            f"{code(answer.contrast.lacking)}, "
-            f"{MEASURES[answer.contrast.measure][0]} {_difference(answer)}: "
-            f"{_result(answer)}."
-            for answer in answers
-        )
-        blocks.append(Items(texts=texts))
-    return blocks
+    section = Section(f"Trial: {name}", f"trial-{name}")
+    section.say(f"{trial.question} Tests: {', '.join(trial.claims)}.")
+    section.table(trial_table(trial, levels))
+    section.picture(
+        f"trial_{name}",
+        partial(deciding_numbers, levels, trial.measures[0], reference),
+        f"**{title[0].upper()}{title[1:]}** decides this trial ({better} is better). "
+        "Order as in the table. A pale dot per seed, larger where several are equal; a "
+        "mark at the share or the typical value, a line through its 95 % interval (for "
+        "values that are not shares, from six seeds "
+        f"on). Bold: {code(reference)}.",
+        f"{title}, a row per policy",
+    )
+    section.items(
+        f"{answer.contrast.idea}: {code(answer.contrast.having)} against "
+        f"{code(answer.contrast.lacking)}, "
+        f"{MEASURES[answer.contrast.measure][0]} {_difference(answer)}: "
+        f"{_result(answer)}."
+        for answer in answers
+    )
+    return section
 
 
 def ordered(trial: Trial, policies: ByLevel) -> dict[str, Runs]:
@@ -258,7 +223,7 @@ def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
         if found is None:
             return "no value"
         if isinstance(found, Rate):
-            return f"{found.successes}/{found.trials}\n{found.interval}"
+            return found.cell
         digits = _digits(measure)
         text = f"{number_text(found.estimate, digits)}\n{_interval(found, digits)}"
         return text.strip()

@@ -65,12 +65,7 @@ _TEMPLATES.filters["kind"] = lambda block: type(block).__name__
 
 
 def html_page(document: Document, images: Mapping[str, bytes]) -> str:
-    """Return a document as one text of HTML, by the template ``page.html.jinja``.
-
-    Args:
-        document: What it says.
-        images: SVG of every picture by name.
-    """
+    """Return a document as HTML, by its template and the SVG of every picture."""
     embedded = {
         name: base64.b64encode(image).decode("ascii") for name, image in images.items()
     }
@@ -80,7 +75,7 @@ def html_page(document: Document, images: Mapping[str, bytes]) -> str:
 
 def markdown_page(document: Document) -> str:
     """Return a document as one text of Markdown."""
-    parts = [f"# {document.title}", *map(_markdown, document.lead)]
+    parts = [f"# {document.title}", *map(_markdown, document.lead.blocks)]
     for section in document.sections:
         parts += [f"## {_unmarked(section.title)}", *map(_markdown, section.blocks)]
     return "\n\n".join(filter(None, parts)) + "\n"

@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import attrgetter
 from typing import Final, TypeVar
 
 from gplfd_env.doors.randomization import RANDOMIZATIONS
@@ -39,49 +40,35 @@ def grouped(
 
 def by_policy(results: Iterable[ResultT]) -> dict[str, list[ResultT]]:
     """Return results by the name of their policy."""
-    return grouped(results, lambda one: one.policy)
+    return grouped(results, attrgetter("policy"))
 
 
-def by_door_kind(
-    episodes: Iterable[EpisodeResult],
-) -> dict[str, list[EpisodeResult]]:
-    """Return episodes by kind of door, the kinds in the order in which they come.
-
-    Doors of a kind are opened by one motion: handle, latch, swing and side of the hinge
-    are the same, and policies learned from demonstrations of that kind.
-    """
-    return grouped(episodes, lambda one: one.door_kind)
+def by_door_kind(episodes: Iterable[EpisodeResult]) -> dict[str, list[EpisodeResult]]:
+    """Return episodes by kind of door, the kinds in the order in which they come."""
+    return grouped(episodes, attrgetter("door_kind"))
 
 
 def by_condition(results: Iterable[TaughtT]) -> dict[Condition, list[TaughtT]]:
     """Return results by what they share, those with most results first."""
-    standing = {name: place for place, name in enumerate(RANDOMIZATIONS)}
+    known = [*RANDOMIZATIONS]
 
     def order(item: tuple[Condition, Sequence[TaughtT]]) -> tuple[float, ...]:
         condition, own = item
+        name = condition.randomization
         return (
             -len(own),
-            standing.get(condition.randomization, len(standing)),
+            known.index(name) if name in known else len(known),
             abs(condition.teacher_noise - 1.0),
             condition.teacher_noise,
             abs(condition.demonstrations_per_door - 2),
             condition.demonstrations_per_door,
         )
 
-    groups = grouped(results, lambda one: one.condition)
-    return dict(sorted(groups.items(), key=order))
-
-
-def conditions(episodes: Iterable[EpisodeResult]) -> dict[str, Runs]:
-    """Return ranked episodes by what they share, those with most episodes first."""
-    return {str(one): ranked(own) for one, own in by_condition(episodes).items()}
+    return dict(sorted(grouped(results, lambda one: one.condition).items(), key=order))
 
 
 def ranked(episodes: Iterable[EpisodeResult]) -> Runs:
-    """Return episodes by policy, ordered by doors opened, then by radial force.
-
-    A policy whose episodes were all lost by the machine comes last.
-    """
+    """Return episodes by policy, ordered by doors opened, then by radial force."""
 
     def order(item: tuple[str, Sequence[EpisodeResult]]) -> tuple[float, float, str]:
         policy, own = item
@@ -94,11 +81,7 @@ def ranked(episodes: Iterable[EpisodeResult]) -> Runs:
 
 
 def counted(results: Mapping[str, Sequence[ResultT]]) -> dict[str, list[ResultT]]:
-    """Return by policy the results that count.
-
-    Episodes in which the policy raised an error count, as failures; what the machine
-    lost does not, nor a learning test that ended in an error.
-    """
+    """Return by policy the results that count, as `TaskResult.counts` says."""
     return {
         policy: [one for one in own if one.counts] for policy, own in results.items()
     }
@@ -125,10 +108,7 @@ def numbers(
 
 
 def door_name(one: EpisodeResult) -> str:
-    """Return the name of a door, with its radius.
-
-    Radii that are drawn at random are put together in bands of 0.1 m.
-    """
+    """Return the name of a door, with its radius; drawn radii are named by a band."""
     if one.drawn:
         low = _BAND * math.floor(one.radius / _BAND + 1e-9)
         return f"{low:.1f}–{low + _BAND:.1f} m"
@@ -140,12 +120,7 @@ def door_name(one: EpisodeResult) -> str:
 
 
 def closed_because(episodes: Iterable[EpisodeResult]) -> str:
-    """Count why doors stayed closed, over the episodes that count.
-
-    Returns:
-        For example ``3 × door did not move further, 1 × hand lost the handle``, the
-        most frequent first; "" where all doors were opened.
-    """
+    """Count why doors stayed closed, the most frequent reason first."""
     reasons = Counter(
         why_closed(one.metrics["failure"], one.metrics.get("reason", ""))
         for one in episodes

@@ -2,8 +2,9 @@
 
 import math
 import statistics
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from gplfd_experiments.analysis.results.records import TaskResult
@@ -15,18 +16,15 @@ ADA Standards for Accessible Design [N]."""
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A number of a result; less is better."""
+    """A number of a result, converted from a metric; less is better."""
 
     metric: str
-    """What it is computed from."""
     title: str
     """Head of a column, with the unit in brackets at the end."""
     phrase: str = ""
     """Name in a sentence, of a measure that gets one."""
     digits: int = 2
-    """Decimals shown."""
     convert: Callable[[float], float] = float
-    """From the metric to this number."""
     if_opened: bool = False
     """Whether only opened doors have it: a policy that lets go feels no force."""
 
@@ -41,24 +39,15 @@ class Measure:
         """Return the median of the results that have it; None if none has."""
         return median(map(self.of, results))
 
-    @property
-    def unit(self) -> str:
-        """What stands in brackets at the end of the title; "" for none."""
-        return self.title.rpartition("[")[2][:-1] if self.title.endswith("]") else ""
-
     def text(self, value: float | None, *, unit: bool = False, finer: int = 0) -> str:
-        """Write a value of this measure, or a dash.
-
-        Args:
-            value: The value.
-            unit: Whether to add the unit.
-            finer: How many more decimals than usual to show.
-        """
+        """Write a value, or a dash; with its unit, and more decimals than usual."""
         if value is None:
             return "–"
         number = number_text(value, self.digits + finer)
-        gap = "" if self.unit == "°" else " "
-        return f"{number}{gap}{self.unit}".rstrip() if unit else number
+        if not unit or not self.title.endswith("]"):
+            return number
+        name = self.title.rpartition("[")[2][:-1]
+        return f"{number}{name}" if name == "°" else f"{number} {name}"
 
 
 def number_text(value: float, digits: int, *, signed: bool = False) -> str:
@@ -79,118 +68,90 @@ def _thousandfold(value: float) -> float:
     return 1e3 * value
 
 
-def _of_opened(metric: str, title: str, phrase: str = "", digits: int = 1) -> Measure:
-    return Measure(metric, title, phrase, digits, if_opened=True)
+def _by_metric(*measures: Measure) -> Mapping[str, Measure]:
+    return {measure.metric: measure for measure in measures}
 
 
-PREDICTION_ERROR: Final = Measure(
+_of_opened = partial(Measure, digits=1, if_opened=True)
+_short = partial(Measure, digits=1)
+_millimetres = partial(Measure, digits=1, convert=_thousandfold)
+
+PREDICTION_ERROR: Final = _short(
     "prediction_error_position",
     "√E[ε²] [mm]",
     "prediction error √E[ε²]",
-    digits=1,
     convert=lambda square_metres: 1e3 * math.sqrt(square_metres),
 )
 
 WALL_TIME: Final = "latency_wall_median_ms"
 """Metric of the wall time of a decision; results of earlier versions lack it."""
 
-EPISODE_MEASURES: Final = {
-    measure.metric: measure
-    for measure in (
-        Measure("time_to_30_deg", "to 30° [s]"),
-        Measure("time_to_60_deg", "to 60° [s]", "time to 60°"),
-        _of_opened(
-            "force_tangential_peak", "tangential peak [N]", "peak tangential force"
-        ),
-        _of_opened("force_tangential_p95", "tangential p95 [N]"),
-        _of_opened("force_radial_peak", "radial peak [N]", "peak radial force"),
-        _of_opened("force_radial_p95", "radial p95 [N]"),
-        _of_opened("slip_max_mm", "slip [mm]", "slip in the hand"),
-        _of_opened("work", "work [J]", digits=2),
-        PREDICTION_ERROR,
-        Measure("stability_margin_translation", "stability margin [N/(m·s)]", digits=0),
-        Measure(
-            "latency_median_ms",
-            "CPU time per decision [ms]",
-            "CPU time of a decision",
-        ),
-        Measure(WALL_TIME, "wall time per decision [ms]"),
-        _of_opened("force_handle_peak", "handle peak [N]"),
-        _of_opened("door_acceleration_peak", "door |φ̈| [rad/s²]"),
-        Measure("person_force_peak", "on a person [N]", digits=1),
-        Measure("person_force_sustained", "for 0.5 s [N]", digits=1),
-        Measure("stop_force_peak", "on a stop [N]", digits=1),
-        Measure("stop_force_sustained", "for 0.5 s [N]", digits=1),
-        Measure("push_displacement_mm", "moved by a push [mm]", digits=1),
-        Measure("release_speed", "after release [rad/s]"),
-        Measure("recovery_time", "to recover [s]"),
-    )
-}
-"""Measures of episodes by the metric of each."""
-
-LEARNING_MEASURES: Final = {
-    measure.metric: measure
-    for measure in (
-        Measure(
-            "rmse_position_m",
-            "position [mm]",
-            "error of the predicted position",
-            digits=1,
-            convert=_thousandfold,
-        ),
-        Measure(
-            "rmse_rotation_rad",
-            "rotation [°]",
-            "error of the predicted rotation",
-            convert=math.degrees,
-        ),
-        Measure("nlpd", "NLPD", "negative log predictive density"),
-        *(Measure(f"coverage_{level}", f"inside {level} %") for level in (50, 90, 95)),
-        Measure("via_error_position_m", "via-point [mm]", convert=_thousandfold),
-        Measure("via_far_change", "far change [σ]"),
-        Measure("log_dimensionless_jerk", "−log jerk", convert=lambda value: -value),
-        Measure("cpu_fit_s", "fit [s]"),
-        Measure("cpu_predict_s", "predict [ms]", convert=_thousandfold),
-        Measure("cpu_adapt_s", "adapt [ms]", convert=_thousandfold),
-    )
-}
-"""Measures of learning tests by the metric of each."""
-
-
-RECORDED_MEASURES: Final = {
-    measure.metric: measure
-    for name, after in ((f"forecast_{n}", f"after {n} %") for n in (10, 25, 50))
-    for measure in (
-        Measure(
-            f"{name}_position_m",
-            f"{after} [mm]",
-            f"error of the rest {after}",
-            digits=1,
-            convert=_thousandfold,
-        ),
-        Measure(f"{name}_rotation_rad", f"{after} [°]", convert=math.degrees),
-        Measure(f"{name}_nlpd", f"NLPD {after}", f"likelihood of the rest {after}"),
-        Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
-    )
-}
-"""Measures of forecasts of recordings by the metric of each."""
-
-HEADLINES: Final = (
-    "force_radial_peak",
-    "force_tangential_peak",
-    "time_to_60_deg",
-    "slip_max_mm",
-    "prediction_error_position",
-    "latency_median_ms",
+EPISODE_MEASURES: Final = _by_metric(
+    _of_opened("force_radial_peak", "radial peak [N]", "peak radial force"),
+    _of_opened("force_radial_p95", "radial p95 [N]"),
+    _of_opened("force_tangential_peak", "tangential peak [N]", "peak tangential force"),
+    _of_opened("force_tangential_p95", "tangential p95 [N]"),
+    Measure("time_to_60_deg", "to 60° [s]", "time to 60°"),
+    Measure("time_to_30_deg", "to 30° [s]"),
+    _of_opened("slip_max_mm", "slip [mm]", "slip in the hand"),
+    _of_opened("work", "work [J]", digits=2),
+    PREDICTION_ERROR,
+    Measure("stability_margin_translation", "stability margin [N/(m·s)]", digits=0),
+    Measure(
+        "latency_median_ms", "CPU time per decision [ms]", "CPU time of a decision"
+    ),
+    Measure(WALL_TIME, "wall time per decision [ms]"),
+    _of_opened("force_handle_peak", "handle peak [N]"),
+    _of_opened("door_acceleration_peak", "door |φ̈| [rad/s²]"),
+    _short("person_force_peak", "on a person [N]"),
+    _short("person_force_sustained", "for 0.5 s [N]"),
+    _short("stop_force_peak", "on a stop [N]"),
+    _short("stop_force_sustained", "for 0.5 s [N]"),
+    _short("push_displacement_mm", "moved by a push [mm]"),
+    Measure("release_speed", "after release [rad/s]"),
+    Measure("recovery_time", "to recover [s]"),
 )
-"""Episode measures that get a sentence."""
+
+LEARNING_MEASURES: Final = _by_metric(
+    _millimetres("rmse_position_m", "position [mm]", "error of the predicted position"),
+    Measure(
+        "rmse_rotation_rad",
+        "rotation [°]",
+        "error of the predicted rotation",
+        convert=math.degrees,
+    ),
+    Measure("nlpd", "NLPD", "negative log predictive density"),
+    *(Measure(f"coverage_{level}", f"inside {level} %") for level in (50, 90, 95)),
+    Measure("via_error_position_m", "via-point [mm]", convert=_thousandfold),
+    Measure("via_far_change", "far change [σ]"),
+    Measure("log_dimensionless_jerk", "−log jerk", convert=lambda value: -value),
+    Measure("cpu_fit_s", "fit [s]"),
+    Measure("cpu_predict_s", "predict [ms]", convert=_thousandfold),
+    Measure("cpu_adapt_s", "adapt [ms]", convert=_thousandfold),
+)
+
+RECORDED_MEASURES: Final = _by_metric(
+    *(
+        measure
+        for name, after in ((f"forecast_{n}", f"after {n} %") for n in (10, 25, 50))
+        for measure in (
+            _millimetres(
+                f"{name}_position_m", f"{after} [mm]", f"error of the rest {after}"
+            ),
+            Measure(f"{name}_rotation_rad", f"{after} [°]", convert=math.degrees),
+            Measure(f"{name}_nlpd", f"NLPD {after}", f"likelihood of the rest {after}"),
+            Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
+        )
+    )
+)
+
+HEADLINES: Final = tuple(one for one in EPISODE_MEASURES.values() if one.phrase)
+"""Episode measures that get a sentence, in their order."""
 LEARNING_HEADLINES: Final = ("nlpd", "rmse_position_m", "rmse_rotation_rad")
 """Measures of learning tests that get a sentence."""
 TESTED: Final = (
-    "force_radial_peak",
-    "force_radial_p95",
-    "force_tangential_peak",
-    "force_tangential_p95",
-    "time_to_60_deg",
+    *(EPISODE_MEASURES[f"force_{each}"] for each in ("radial_peak", "radial_p95")),
+    *(EPISODE_MEASURES[f"force_tangential_{each}"] for each in ("peak", "p95")),
+    EPISODE_MEASURES["time_to_60_deg"],
 )
 """Episode measures that get a paired test."""

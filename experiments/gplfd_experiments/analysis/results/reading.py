@@ -37,7 +37,7 @@ _SAME_RADIUS: Final = 1e-3
 _LONGEST: Final = 200
 """Characters of a name, and of a reason."""
 
-_LEARNING_TEST: Final[Mapping[str, Any]] = {
+_TAUGHT: Final[Mapping[str, Any]] = {
     "policy": str,
     "seed": int,
     "demonstrations_per_door": int,
@@ -45,12 +45,12 @@ _LEARNING_TEST: Final[Mapping[str, Any]] = {
 }
 _REQUIRED: Final[Mapping[str, Mapping[str, Any]]] = {
     "episode": {
-        **_LEARNING_TEST,
+        **_TAUGHT,
         "door": str,
         "door_config": dict[str, float | str | None],
         "randomization": str | dict[str, Any],
     },
-    "skill": _LEARNING_TEST,
+    "skill": _TAUGHT,
     "recorded": {"policy": str, "seed": int, "recordings": str},
 }
 """Fields that a task must have, by its kind."""
@@ -81,15 +81,7 @@ def read_results(*folders: Path) -> StudyResults:
     """Read the results of a study, or of several together.
 
     A resumed study runs episodes of an older environment again and keeps their files:
-    these results are left out.
-
-    Args:
-        folders: At least one; `StudyResults.study` is the first's.
-
-    Raises:
-        FileNotFoundError: There is no such folder.
-        ValueError: One holds no result that can be read, or two hold results of the
-            same task.
+    these results are left out. `StudyResults.study` is the first folder's.
     """
     results: list[tuple[Path, TaskResult]] = []
     studies: list[Mapping[str, Any]] = []
@@ -179,10 +171,8 @@ def _reason(file: Path, error: Exception) -> str:
 
 def _result(record: Mapping[str, Any]) -> TaskResult:
     """Return what a file says; raises what is wrong with it."""
-    fields = dict(entry(record, "task", dict[str, Any]))
-    source = entry(
-        {"policy_source": None, **fields}, "policy_source", dict[str, Any] | None
-    )
+    fields = {"policy_source": None, **entry(record, "task", dict[str, Any])}
+    source = entry(fields, "policy_source", dict[str, Any] | None) or {}
     task = _task(fields)
     metrics = outcome(record, task)
     code = "unknown code"
@@ -201,20 +191,35 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         "lost": lost(record),
         "code": code,
         "machine": str(record.get("arithmetic", "")),
-        "policy_source": ", ".join(f"{k} {v}" for k, v in (source or {}).items()),
+        "policy_source": ", ".join(f"{k} {v}" for k, v in source.items()),
     }
-    if isinstance(task, EpisodeTask):
-        return _episode(task, shared, str(record.get("demonstrations", "")))
-    if isinstance(task, SkillTask):
+    if not isinstance(task, TaughtTask):
+        return RecordedResult(**shared)
+    shared["condition"] = _condition(task)
+    if not isinstance(task, EpisodeTask):
         outputs = metrics.get("outputs_cpu_s") or {}
-        return LearningTestResult(
-            condition=_condition(task),
-            outputs_cpu_s={
-                int(n): float(s) for n, s in outputs.items() if s is not None
-            },
-            **shared,
-        )
-    return RecordedResult(**shared)
+        seconds = {int(n): float(s) for n, s in outputs.items() if s is not None}
+        return LearningTestResult(outputs_cpu_s=seconds, **shared)
+
+    door = door_config(dict(task.door_config))
+    if shared["error"]:
+        shared["metrics"] = {} if shared["lost"] else _CLOSED_BY_ERROR
+    radius = shared["metrics"].get("radius", door.radius)
+    shown: dict[str, Any] = dict(task.demonstrated_kind or {})
+    if door != DoorConfig(radius=door.radius, **shown):
+        split = NON_STANDARD
+    elif any(abs(radius - each) < _SAME_RADIUS for each in task.demonstrated_radii):
+        split = DEMONSTRATED
+    else:
+        split = UNDEMONSTRATED
+    return EpisodeResult(
+        radius=radius,
+        demonstrations=str(record.get("demonstrations", "")),
+        drawn=door_randomization(task.randomization).radius is not None,
+        split=split,
+        door_kind=door_kind(door),
+        **shared,
+    )
 
 
 def _task(fields: Mapping[str, Any]) -> Task:
@@ -261,29 +266,4 @@ def _condition(task: TaughtTask) -> Condition:
         start=task.start,
         trial=task.trial,
         level=task.level,
-    )
-
-
-def _episode(
-    task: EpisodeTask, shared: dict[str, Any], demonstrations: str
-) -> EpisodeResult:
-    door = door_config(dict(task.door_config))
-    if shared["error"]:
-        shared["metrics"] = {} if shared["lost"] else _CLOSED_BY_ERROR
-    radius = shared["metrics"].get("radius", door.radius)
-    shown: dict[str, Any] = dict(task.demonstrated_kind or {})
-    if door != DoorConfig(radius=door.radius, **shown):
-        split = NON_STANDARD
-    elif any(abs(radius - each) < _SAME_RADIUS for each in task.demonstrated_radii):
-        split = DEMONSTRATED
-    else:
-        split = UNDEMONSTRATED
-    return EpisodeResult(
-        condition=_condition(task),
-        radius=radius,
-        demonstrations=demonstrations,
-        drawn=door_randomization(task.randomization).radius is not None,
-        split=split,
-        door_kind=door_kind(door),
-        **shared,
     )

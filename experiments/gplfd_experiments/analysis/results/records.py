@@ -14,10 +14,9 @@ from gplfd_experiments.studies.tasks import RecordedTask, SkillTask
 DEMONSTRATED: Final = "demonstrated radii"
 UNDEMONSTRATED: Final = "new radii"
 NON_STANDARD: Final = "other doors"
-"""Doors that differ from the demonstrated ones of their kind in more than the radius:
-more friction, a closer, another mass."""
+"""Doors that differ in more than the radius: more friction, a closer, another mass."""
 SPLITS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
-"""How doors relate to the demonstrated ones, in the order in which they are shown."""
+"""How doors relate to the demonstrated ones of their kind, in the order shown."""
 
 
 def door_kind(door: DoorConfig) -> str:
@@ -32,19 +31,15 @@ class TaskResult:
     """What is known of one task after it ran."""
 
     task: Task
-    """What was to be done."""
     pair: str
     """Key of the task without its policy: results with the same key are a pair."""
     metrics: Mapping[str, Any]
-    """What was measured, numbers finite or None; nothing for an error. An older result
-    lacks metrics that were added since."""
+    """Numbers are finite or None; an older result lacks what was added since."""
     error: str
     """Why nothing was measured; "" if something was."""
     lost: bool
-    """Whether the machine failed, not the policy: a worker was killed, or memory or
-    disk were full. Nothing is known of such a task, which counts nowhere."""
+    """Whether the machine failed, not the policy: such a task counts nowhere."""
     code: str
-    """Which code made the result."""
     machine: str
     """CPU and libraries that determine the last bits of the result; "" if unknown."""
     policy_source: str
@@ -88,7 +83,6 @@ class EpisodeResult(TaughtResult):
     """
 
     task: EpisodeTask
-    """Which door was to be opened."""
     radius: float
     """Distance from hinge to handle [m], as drawn."""
     demonstrations: str
@@ -98,7 +92,6 @@ class EpisodeResult(TaughtResult):
     split: str
     """How the door relates to the demonstrated ones, one of `SPLITS`."""
     door_kind: str
-    """Kind of door, of `door_kind`: handle, latch, swing and side of the hinge."""
 
     @property
     def counts(self) -> bool:
@@ -125,7 +118,6 @@ class LearningTestResult(TaughtResult):
     """How well a policy predicted demonstrations that it did not see."""
 
     task: SkillTask
-    """What was left out."""
     outputs_cpu_s: Mapping[int, float]
     """CPU time to learn by number of outputs [s]; empty where it was not measured."""
 
@@ -135,21 +127,17 @@ class RecordedResult(TaskResult):
     """How well a policy predicted a recording that it did not see."""
 
     task: RecordedTask
-    """Which was left out."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StudyResults:
-    """All that a folder holds."""
+    """All that a folder holds, in the order of policies, conditions, doors, seeds."""
 
     study: Mapping[str, Any]
     """What study.json says; empty without one."""
     episodes: tuple[EpisodeResult, ...]
-    """In the order of policies, conditions, doors and seeds."""
     tests: tuple[LearningTestResult, ...]
-    """In the order of policies and seeds."""
     recorded: tuple[RecordedResult, ...]
-    """In the order of policies and recordings."""
     unreadable: tuple[str, ...]
     """Names of files that hold no result, with the reason."""
 

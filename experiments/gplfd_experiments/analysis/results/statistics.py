@@ -1,22 +1,12 @@
-"""Paired tests and intervals, exact where the number of pairs allows it.
-
-Policies are compared seed by seed, by Wilcoxon's signed-rank test of their mean values;
-several tests at once are corrected after Holm, *A simple sequentially rejective
-multiple test procedure*, Scandinavian Journal of Statistics 6:65-70, 1979. The typical
-difference of pairs is estimated after Hodges and Lehmann, *Estimates of location based
-on rank tests*, Annals of Mathematical Statistics 34:598-611, 1963.
-"""
+"""Paired tests and intervals, exact where the number of pairs allows it."""
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm, t, wilcoxon
-
-FloatArray = NDArray[np.float64]
 
 FEWEST_PAIRS: Final = 6
 """With fewer pairs no two-sided signed-rank test can reach 5 %."""
@@ -24,53 +14,41 @@ FEWEST_PAIRS: Final = 6
 _EXACT_UP_TO: Final = 60
 _LEVEL: Final = 0.95
 
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Shift:
-    """Typical difference of pairs, first minus second."""
-
-    estimate: float
-    """Median of the means of any two differences (Hodges and Lehmann), or the mean."""
-    low: float
-    """Lower end of its 95 % interval; minus infinity with too few pairs."""
-    high: float
-    """Upper end of its 95 % interval; infinity with too few pairs."""
-    n: int
-    """Number of pairs."""
-
-
 Key = tuple[int, str]
 """Seed of a task, and what names it among those of all policies."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class Shift:
+    """Typical difference of n pairs, first minus second, and its 95 % interval.
+
+    With fewer than `FEWEST_PAIRS` pairs the interval is infinite.
+    """
+
+    estimate: float
+    low: float
+    high: float
+    n: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Pairs:
-    """Values of two policies at the tasks that both have, in one order."""
+    """Values of two policies at the tasks that both have, and the tasks' seeds."""
 
     seeds: tuple[int, ...]
-    """Seed of each task."""
     first: tuple[float, ...]
-    """Values of the first policy."""
     second: tuple[float, ...]
-    """Values of the second."""
 
     def per_seed(self) -> tuple[list[float], list[float]]:
-        """Return the mean values of each seed.
+        """Return means of each seed, whose doors share what was learned from."""
+        seeds = np.array(self.seeds)
 
-        Doors of a seed share the demonstrations that were learned from, so that they
-        are no independent trials; seeds are.
-        """
-        places: dict[int, list[int]] = {}
-        for place, seed in enumerate(self.seeds):
-            places.setdefault(seed, []).append(place)
-        first, second = (
-            [
-                float(np.mean([values[place] for place in own]))
-                for own in places.values()
-            ]
-            for values in (self.first, self.second)
-        )
-        return first, second
+        def means(values: Sequence[float]) -> list[float]:
+            every = np.array(values)
+            own = (every[seeds == seed] for seed in dict.fromkeys(self.seeds))
+            return [float(np.mean(each)) for each in own]
+
+        return means(self.first), means(self.second)
 
 
 def paired(first: Mapping[Key, float], second: Mapping[Key, float]) -> Pairs:
@@ -85,20 +63,16 @@ def paired(first: Mapping[Key, float], second: Mapping[Key, float]) -> Pairs:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Rate:
-    """A success rate with its 95 % interval."""
+    """A success rate with its 95 % interval; NaN where nothing was tried."""
 
     successes: int
-    """How often."""
     trials: int
-    """Of how many."""
     low: float
-    """Lower end of the interval; NaN where nothing was tried."""
     high: float
-    """Upper end."""
 
     @property
     def estimate(self) -> float:
-        """Successes over trials; NaN where nothing was tried."""
+        """Successes over trials."""
         return self.successes / self.trials if self.trials else math.nan
 
     @property
@@ -106,17 +80,19 @@ class Rate:
         """The interval in words; a dash where nothing was tried."""
         return f"{self.low:.2f}–{self.high:.2f}" if self.trials else "–"
 
+    @property
+    def cell(self) -> str:
+        """Successes and trials, above the interval."""
+        return f"{self.successes}/{self.trials}\n{self.interval}"
+
 
 def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
-    """Return how often something succeeded, with an interval that knows of clusters.
+    """Return how often something succeeded, from the seed and outcome of every trial.
 
     Wilson's score interval for the effective number of trials n / (1 + (m - 1) ρ), with
     m trials per seed (weighted by themselves) and their intraclass correlation ρ, the
     estimate of an analysis of variance. Where all trials have the same outcome nothing
     says that those of a seed are alike, and ρ is 0.
-
-    Args:
-        outcomes: Seed and outcome of every trial.
     """
     clusters: dict[int, list[bool]] = {}
     for seed, outcome in outcomes:
@@ -125,7 +101,21 @@ def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
     successes = sum(map(sum, clusters.values()))
     if not trials:
         return Rate(successes=0, trials=0, low=math.nan, high=math.nan)
-    rate, effective = successes / trials, trials / _design_effect(clusters.values())
+
+    # How many trials of a seed say as much as one alone.
+    sizes = np.array([len(own) for own in clusters.values()], dtype=float)
+    rates = np.array([np.mean(own) for own in clusters.values()])
+    n, k = sizes.sum(), sizes.size
+    total = float(sizes @ rates / n)
+    design_effect = 1.0
+    if k >= 2 and n != k and total not in (0.0, 1.0):
+        between = float(sizes @ (rates - total) ** 2) / (k - 1)
+        within = float(sizes @ (rates * (1.0 - rates))) / (n - k)
+        typical = (n - float(sizes @ sizes) / n) / (k - 1)
+        correlation = (between - within) / (between + (typical - 1.0) * within)
+        design_effect = float(1.0 + (sizes @ sizes / n - 1.0) * max(correlation, 0.0))
+
+    rate, effective = successes / trials, trials / design_effect
     z = -float(norm.ppf(0.5 * (1.0 - _LEVEL)))
     centre = rate + z * z / (2.0 * effective)
     spread = z * math.sqrt(rate * (1.0 - rate) / effective + (0.5 * z / effective) ** 2)
@@ -138,38 +128,19 @@ def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
     )
 
 
-def _design_effect(clusters: Collection[Sequence[bool]]) -> float:
-    """Return how many trials of a cluster say as much as one alone, at least 1."""
-    sizes = np.array([len(own) for own in clusters], dtype=float)
-    rates = np.array([np.mean(own) for own in clusters])
-    n, k = sizes.sum(), sizes.size
-    total = float(sizes @ rates / n)
-    if k < 2 or n == k or total in (0.0, 1.0):
-        return 1.0
-    between = float(sizes @ (rates - total) ** 2) / (k - 1)
-    within = float(sizes @ (rates * (1.0 - rates))) / (n - k)
-    typical = (n - float(sizes @ sizes) / n) / (k - 1)
-    correlation = (between - within) / (between + (typical - 1.0) * within)
-    return float(1.0 + (sizes @ sizes / n - 1.0) * max(correlation, 0.0))
-
-
 def signed_rank(first: Sequence[float], second: Sequence[float]) -> float:
-    """Compare two policies' values of the same seeds.
-
-    Returns:
-        Probability of a difference at least as large if there were none, two-sided.
-    """
+    """Return Wilcoxon's two-sided p-value; he left out pairs without difference."""
     differences = np.subtract(first, second)
     different = differences[differences != 0.0]
-    # Pairs without difference are left out, as Wilcoxon did.
     return float(wilcoxon(different).pvalue) if different.size else 1.0
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Correct for testing several times; in the order given.
+    """Correct for testing several times, in the order given.
 
-    A corrected value below 0.05 keeps the chance of any false finding among all tests
-    below 5 %.
+    After Holm, *A simple sequentially rejective multiple test procedure*, Scandinavian
+    Journal of Statistics 6:65-70, 1979: the chance of any false finding among all tests
+    stays below the level to which a corrected value is compared.
     """
     order = np.argsort(p_values)
     corrected = np.empty(order.size)
@@ -179,8 +150,12 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def shift(first: Sequence[float], second: Sequence[float]) -> Shift:
-    """Estimate how much larger the first of a pair is; at least one pair."""
-    differences: FloatArray = np.subtract(first, second)
+    """Estimate how much larger the first of a pair is; at least one pair.
+
+    Median of the means of any two differences, after Hodges and Lehmann, *Estimates of
+    location based on rank tests*, Annals of Mathematical Statistics 34:598-611, 1963.
+    """
+    differences = np.asarray(np.subtract(first, second), dtype=float)
     n = differences.size
     rows, columns = np.triu_indices(n)
     means = np.sort(0.5 * (differences[rows] + differences[columns]))
@@ -197,7 +172,7 @@ def mean_shift(first: Sequence[float], second: Sequence[float]) -> Shift:
     Most seeds' rates are equal, so that the median of differences says nothing. Mean
     difference and Student's interval.
     """
-    differences: FloatArray = np.subtract(first, second)
+    differences = np.asarray(np.subtract(first, second), dtype=float)
     n, mean = differences.size, float(np.mean(differences))
     reach = math.inf
     if n >= FEWEST_PAIRS:

@@ -1,6 +1,6 @@
 """A study, and the doors of one run, as tables for the terminal and table.md."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -54,15 +54,26 @@ _OF_RUN: Final = (
 )
 
 
+_Group = tuple[str, str, list[EpisodeResult], list[EpisodeResult], list[EpisodeResult]]
+"""A policy's episodes at a door, those that count, and those that were solved."""
+
+
+def _by_policy_and_door(episodes: Iterable[EpisodeResult]) -> Iterator[_Group]:
+    groups = grouped(episodes, lambda one: (one.policy, one.task.door))
+    for (policy, door), own in groups.items():
+        known = [one for one in own if one.counts]
+        yield policy, door, own, known, [one for one in known if one.solved]
+
+
+def _medians(
+    known: Sequence[EpisodeResult], solved: Sequence[EpisodeResult]
+) -> list[tuple[Measure, float | None]]:
+    of_solved = [(one, one.median(solved)) for one in _OF_SOLVED]
+    return of_solved + [(one, one.median(known)) for one in _OF_ALL]
+
+
 def remarks(episodes: Sequence[EpisodeResult]) -> list[str]:
-    """Say what a reader of rates has to know: errors, lost episodes, missing metrics.
-
-    Args:
-        episodes: Those of a table.
-
-    Returns:
-        A sentence for each that there is; none if all is well.
-    """
+    """Say what a reader of rates must know: errors, lost episodes, missing metrics."""
 
     def of_all(some: Sequence[EpisodeResult]) -> str:
         return f"{len(some)} of {len(episodes)} episodes"
@@ -71,13 +82,12 @@ def remarks(episodes: Sequence[EpisodeResult]) -> list[str]:
         return ", ".join(f"{name} {len(own)}" for name, own in by_policy(some).items())
 
     said = []
-    lost = [one for one in episodes if one.lost]
     if raised := [one for one in episodes if one.error and one.counts]:
         said.append(
             f"{of_all(raised)} ended in an error of the policy and count as not opened:"
             f" {whose(raised)}."
         )
-    if lost:
+    if lost := [one for one in episodes if one.lost]:
         said.append(
             f"{of_all(lost)} were lost, because the machine failed, and count nowhere; "
             f"run the study again: {whose(lost)}."
@@ -85,7 +95,7 @@ def remarks(episodes: Sequence[EpisodeResult]) -> list[str]:
     measured = [one for one in episodes if not one.error]
     now = EPISODE_METRICS[VERSION]
     if older := [one for one in measured if now - one.metrics.keys()]:
-        lacking = frozenset[str]().union(*(now - one.metrics.keys() for one in older))
+        lacking = {name for one in older for name in now - one.metrics.keys()}
         said.append(
             f"{of_all(older)} were made by an earlier version and lack metrics that "
             f"were added since: {', '.join(sorted(lacking))}."
@@ -105,13 +115,12 @@ def study_table(episodes: Sequence[EpisodeResult]) -> Table:
     stiffness, and the CPU and wall time of a decision are medians over all that have
     them. The last column counts why doors stayed closed.
     """
-    measures = (*_OF_SOLVED, *_OF_ALL)
     errors = any(one.error for one in episodes if one.counts)
     closed = any(not one.solved for one in episodes if one.counts)
     columns = (
         *("policy", "door", "opened", "95 %"),
         *(["errors"] if errors else []),
-        *(one.title for one in measures),
+        *(one.title for one in (*_OF_SOLVED, *_OF_ALL)),
         *(["not opened because"] if closed else []),
     )
     kinds = by_door_kind(episodes)
@@ -119,17 +128,12 @@ def study_table(episodes: Sequence[EpisodeResult]) -> Table:
     for kind, here in kinds.items():
         if len(kinds) > 1:
             rows.append((f"**{kind}**", *("" for _ in columns[1:])))
-        groups = grouped(here, lambda one: (one.policy, one.task.door))
-        for names, own in groups.items():
-            known = [one for one in own if one.counts]
-            solved = [one for one in known if one.solved]
+        for policy, door, own, known, solved in _by_policy_and_door(here):
+            rate = success_rate((one.task.seed, one.solved) for one in known)
             row = (
-                *names,
-                f"{len(solved)}/{len(known)}",
-                success_rate((one.task.seed, one.solved) for one in known).interval,
+                *(policy, door, f"{rate.successes}/{rate.trials}", rate.interval),
                 *([str(sum(bool(one.error) for one in known))] if errors else []),
-                *(measure.text(measure.median(solved)) for measure in _OF_SOLVED),
-                *(measure.text(measure.median(known)) for measure in _OF_ALL),
+                *(one.text(value) for one, value in _medians(known, solved)),
                 *([closed_because(own)] if closed else []),
             )
             rows.append(row)
@@ -160,11 +164,7 @@ def run_table(metrics: Iterable[EpisodeMetrics | FailedEpisode]) -> Table:
 
 
 def write_tables(folder: Path, settings: StudySettings) -> str:
-    """Write DIR/table.md, a table per condition of the study, and return its text.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write DIR/table.md, a table per condition of the study, and return its text."""
     parts: list[str] = []
     several = list(conditions(settings))
     for condition in several:
@@ -187,25 +187,23 @@ def study_rows(folder: Path, settings: StudySettings) -> list[dict[str, Any]]:
     episodes, which do not count, and by their metrics' names the medians of
     `study_table`, in its units; None where there is nothing to take one of.
     """
-    rows: list[dict[str, Any]] = []
-    for condition in conditions(settings):
-        results, _ = _results(folder, settings, condition)
-        groups = grouped(results, lambda one: (one.policy, one.task.door))
-        for (policy, door), own in groups.items():
-            known = [one for one in own if one.counts]
-            solved = [one for one in known if one.solved]
-            said = {"condition": str(condition), "policy": policy, "door": door}
-            counts = {
-                "episodes": len(known),
-                "opened": len(solved),
-                "errors": sum(bool(one.error) for one in known),
-                "lost": len(own) - len(known),
-            }
-            medians = {one.metric: one.median(solved) for one in _OF_SOLVED} | {
-                one.metric: one.median(known) for one in _OF_ALL
-            }
-            rows.append(said | {"door_kind": own[0].door_kind} | counts | medians)
-    return rows
+    return [
+        {
+            "condition": str(condition),
+            "policy": policy,
+            "door": door,
+            "door_kind": own[0].door_kind,
+            "episodes": len(known),
+            "opened": len(solved),
+            "errors": sum(bool(one.error) for one in known),
+            "lost": len(own) - len(known),
+            **{one.metric: value for one, value in _medians(known, solved)},
+        }
+        for condition in conditions(settings)
+        for policy, door, own, known, solved in _by_policy_and_door(
+            _results(folder, settings, condition)[0]
+        )
+    ]
 
 
 def _results(

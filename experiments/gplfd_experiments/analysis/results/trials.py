@@ -1,13 +1,16 @@
-"""What trials show: numbers per seed, contrasts with and without an idea, trials.json.
+"""What trials show: numbers per seed, contrasts, trials.json, and the protocol's check.
 
 trials.json holds every number of a trial, so that the result files need not be kept.
 """
 
+import json
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
+from gplfd_experiments.analysis.results.grouping import by_policy, grouped
 from gplfd_experiments.analysis.results.records import EpisodeResult, StudyResults
 from gplfd_experiments.analysis.results.statistics import (
     Key,
@@ -18,6 +21,9 @@ from gplfd_experiments.analysis.results.statistics import (
     shift,
     success_rate,
 )
+from gplfd_experiments.episodes.build import demonstrations_hash
+from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
 from gplfd_experiments.studies.trials.records import MEASURES, Contrast, Side, value_of
 
@@ -35,6 +41,8 @@ ByLevel = Mapping[str, Mapping[str, Sequence[EpisodeResult]]]
 
 _DIGITS: Final = 5
 """Significant digits in the file."""
+_LISTED: Final = 3
+"""Tasks that a problem names."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,20 +50,16 @@ class Answer:
     """The result of a contrast."""
 
     contrast: Contrast
-    """What was asked."""
     shift: Shift | None
     """The measure with the idea minus without it; None where both lack numbers."""
 
     @property
     def verdict(self) -> Verdict:
         """Whether the interval of the difference excludes zero, and on which side."""
-        if self.shift is None:
+        if self.shift is None or self.shift.low <= 0.0 <= self.shift.high:
             return "open"
-        _, better = MEASURES[self.contrast.measure]
-        low, high = self.shift.low, self.shift.high
-        if better == "less":
-            low, high = -high, -low
-        return "shows" if low > 0.0 else "harms" if high < 0.0 else "open"
+        less_is_better = MEASURES[self.contrast.measure][1] == "less"
+        return "shows" if (self.shift.high < 0.0) == less_is_better else "harms"
 
 
 def of_trials(results: StudyResults) -> dict[str, ByLevel]:
@@ -66,35 +70,26 @@ def of_trials(results: StudyResults) -> dict[str, ByLevel]:
 
 def of_trial(episodes: Sequence[EpisodeResult], trial: str) -> ByLevel:
     """Return the episodes of a trial by policy and level, errors included."""
-    found: dict[str, dict[str, list[EpisodeResult]]] = {}
-    for one in episodes:
-        if one.task.trial == trial:
-            levels = found.setdefault(one.policy, {})
-            levels.setdefault(one.task.level, []).append(one)
-    return found
+    policies = by_policy(one for one in episodes if one.task.trial == trial)
+    return {
+        policy: grouped(own, lambda one: one.task.level)
+        for policy, own in policies.items()
+    }
 
 
 def answered(contrast: Contrast, episodes: ByLevel) -> Answer:
-    """Compare both sides of a contrast, seed by seed.
-
-    Args:
-        contrast: What is asked.
-        episodes: Those of its trial.
-    """
+    """Compare both sides of a contrast, seed by seed, in the episodes of its trial."""
 
     def numbers(side: Side) -> dict[Key, float]:
         """Return the measure by seed and door, and by level if levels are pooled."""
-        found: dict[Key, float] = {}
-        for level, own in episodes.get(side.policy, {}).items():
-            if side.level not in ("", level):
-                continue
-            # Levels that are compared with each other open the same doors.
-            within = "" if side.level else level
-            for one in own:
-                value = value_of(one.metrics, contrast.measure) if one.counts else None
-                if value is not None:
-                    found[one.task.seed, f"{within} {one.task.door}"] = value
-        return found
+        # Levels that are compared with each other open the same doors.
+        return {
+            (one.task.seed, f"{'' if side.level else level} {one.task.door}"): value
+            for level, own in episodes.get(side.policy, {}).items()
+            if side.level in ("", level)
+            for one in own
+            if (value := _value(one, contrast.measure)) is not None
+        }
 
     pairs = paired(numbers(contrast.having), numbers(contrast.lacking))
     if not pairs.seeds:
@@ -104,12 +99,7 @@ def answered(contrast: Contrast, episodes: ByLevel) -> Answer:
 
 
 def summary(episodes: Sequence[EpisodeResult], measure: str) -> Rate | Shift | None:
-    """Return a rate, or the typical value of a seed with its 95 % interval.
-
-    Args:
-        episodes: Of a policy at a level of a trial.
-        measure: One of `MEASURES`.
-    """
+    """Return a rate, or the typical value of a seed with its 95 % interval."""
     if measure in SHARES:
         outcomes = _by_seed(episodes, measure).items()
         rate = success_rate((seed, bool(one)) for seed, own in outcomes for one in own)
@@ -119,12 +109,7 @@ def summary(episodes: Sequence[EpisodeResult], measure: str) -> Rate | Shift | N
 
 
 def seed_means(episodes: Sequence[EpisodeResult], measure: str) -> list[float]:
-    """Return the mean of a measure over each seed's episodes that have it.
-
-    Args:
-        episodes: Of a policy at a level of a trial.
-        measure: One of `MEASURES`.
-    """
+    """Return the mean of a measure over each seed's episodes that have it."""
     by_seed = _by_seed(episodes, measure).values()
     return [math.fsum(own) / len(own) for own in by_seed]
 
@@ -132,21 +117,17 @@ def seed_means(episodes: Sequence[EpisodeResult], measure: str) -> list[float]:
 def _by_seed(episodes: Sequence[EpisodeResult], measure: str) -> dict[int, list[float]]:
     values: dict[int, list[float]] = {}
     for one in episodes:
-        value = value_of(one.metrics, measure) if one.counts else None
-        if value is not None:
+        if (value := _value(one, measure)) is not None:
             values.setdefault(one.task.seed, []).append(value)
     return values
 
 
+def _value(one: EpisodeResult, measure: str) -> float | None:
+    return value_of(one.metrics, measure) if one.counts else None
+
+
 def trial_answers(results: StudyResults) -> dict[str, Any]:
-    """Return every number of a policy in a trial, seed by seed, and every contrast.
-
-    Args:
-        results: Of a study; what belongs to no trial is left out.
-
-    Returns:
-        JSON-able, numbers to five digits; without trials an empty mapping of them.
-    """
+    """Return every number of trials, seed by seed, and every contrast, for JSON."""
     trials: dict[str, Any] = {}
     contrasts: list[dict[str, Any]] = []
     for name, policies in of_trials(results).items():
@@ -168,15 +149,14 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
             }
             for level in trial.levels
         }
-        for contrast in trial.contrasts:
-            answer = answered(contrast, policies)
+        for answer in (answered(contrast, policies) for contrast in trial.contrasts):
             contrasts.append(
                 {
-                    "idea": contrast.idea,
+                    "idea": answer.contrast.idea,
                     "trial": name,
-                    "measure": contrast.measure,
-                    "with": str(contrast.having),
-                    "without": str(contrast.lacking),
+                    "measure": answer.contrast.measure,
+                    "with": str(answer.contrast.having),
+                    "without": str(answer.contrast.lacking),
                     **_interval(answer.shift),
                     "verdict": answer.verdict,
                 }
@@ -199,3 +179,70 @@ def _interval(found: Rate | Shift | None) -> dict[str, Any]:
 
 def _rounded(value: float) -> float | None:
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+
+
+def protocol_problems(results: StudyResults) -> list[str]:
+    """Say what a folder lacks of the protocol, and what in it is not the protocol's.
+
+    Every policy must have opened all doors of every trial in which it took part, as
+    the protocol draws them, after demonstrations that are the protocol's to a
+    micrometre, by one version of the code.
+    """
+    trials = [one for one in results.episodes if one.task.trial]
+    if not trials:
+        return ["there is no episode of a trial; `gplfd trials` makes them"]
+    problems = [f"not a result: {reason}" for reason in results.unreadable]
+
+    ran = [one for one in trials if not one.error]
+    known = {one.task.shown: one.task for one in ran}
+    hashes = {shown: demonstrations_hash(task) for shown, task in known.items()}
+    if differing := [
+        one.task for one in ran if one.demonstrations != hashes[one.task.shown]
+    ]:
+        problems.append(
+            f"{len(differing)} episodes were learned from other demonstrations, or do "
+            f"not say from which: {_listed(differing)}"
+        )
+
+    for policy, own in by_policy(trials).items():
+        problems += [
+            f"{policy}: {problem}" for problem in _policy_problems(policy, own)
+        ]
+    return problems
+
+
+def _policy_problems(policy: str, own: Sequence[EpisodeResult]) -> Iterator[str]:
+    """Compare the episodes of a policy with those that the protocol plans."""
+    names = tuple(dict.fromkeys(one.task.trial for one in own))
+    try:
+        planned = trial_tasks(named_trials(names), policies=[policy])
+    except ValueError as error:
+        yield str(error)
+        return
+    expected = {_draw_of(task): task for task in planned if task.policy == policy}
+    found = {_draw_of(one.task) for one in own}
+    if missing := [task for draw, task in expected.items() if draw not in found]:
+        yield f"{len(missing)} of {len(expected)} are missing: {_listed(missing)}"
+    if strange := [one.task for one in own if _draw_of(one.task) not in expected]:
+        yield f"{len(strange)} are not the protocol's: {_listed(strange)}"
+    if gone := [one.task for one in own if one.lost]:
+        yield f"{len(gone)} episodes were lost by the machine: {_listed(gone)}"
+    codes = Counter(one.code for one in own)
+    if len(codes) > 1:
+        yield f"they were made by {len(codes)} versions of the code"
+    if edited := [code for code in codes if "with edits" in code]:
+        yield f"they were made by code with edits ({edited[0]})"
+
+
+def _draw_of(task: EpisodeTask) -> str:
+    """Return all fields of a task except those of its policy."""
+    fields = task.definition
+    for name in ("policy", "policy_source"):
+        fields.pop(name, None)
+    return json.dumps(fields, sort_keys=True)
+
+
+def _listed(tasks: Sequence[EpisodeTask]) -> str:
+    first = [f"{one.trial}, {one.level}, {one.door}, seed {one.seed}" for one in tasks]
+    more = f"; and {len(first) - _LISTED} more" if len(first) > _LISTED else ""
+    return "; ".join(first[:_LISTED]) + more

@@ -307,9 +307,7 @@ class Report:
         results = read_results(*self.folders)
         if self.check:
             with postponed_interruption():
-                from gplfd_experiments.analysis.results.protocol_check import (
-                    protocol_problems,
-                )
+                from gplfd_experiments.analysis.results.trials import protocol_problems
                 from gplfd_experiments.studies.trials.protocol import VERSION
 
             problems = protocol_problems(results)
