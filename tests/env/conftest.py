@@ -45,6 +45,18 @@ def make_env(opened: Callable) -> Callable[..., DoorOpeningEnv]:
 
 
 @pytest.fixture
+def start_env(make_env: Callable) -> Callable[..., DoorOpeningEnv]:
+    """Return a function: makes an environment and resets it with seed 0."""
+
+    def start(*door: Any, **arguments: Any) -> DoorOpeningEnv:
+        env = make_env(*door, **arguments)
+        env.reset(seed=0)
+        return env
+
+    return start
+
+
+@pytest.fixture
 def make_rl(opened: Callable) -> Callable[..., gym.Env]:
     """Return a function: makes environments for learners, in all their wrappers."""
     return lambda **given: opened(gym.make(gplfd_env.RL_ENVIRONMENT_ID, **given))

@@ -1,6 +1,5 @@
 """Episodes that begin before the handle, and a gripper that is commanded."""
 
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -56,7 +55,7 @@ def take_hold(env: Any, seed: int = 0) -> dict[str, Any]:
     return dict(info)
 
 
-def test_it_begins_with_the_open_hand_before_the_handle(make_env: Callable) -> None:
+def test_it_begins_with_the_open_hand_before_the_handle(make_env):
     env = make_env(id=GRIPPER, start="approach")
     observation, info = env.reset(seed=0)
     pose = observation["ee_pose"]
@@ -71,7 +70,7 @@ def test_it_begins_with_the_open_hand_before_the_handle(make_env: Callable) -> N
     assert (info["grasped"], info["slip"], info["failure"]) == (False, 0.0, "")
 
 
-def test_where_it_begins_is_drawn_and_nothing_else_changes(make_env: Callable) -> None:
+def test_where_it_begins_is_drawn_and_nothing_else_changes(make_env):
     arguments = {"randomization": "mild", "disturbance": "push"}
     env, other = make_env(start="approach", **arguments), make_env(**arguments)
     drawn = []
@@ -90,7 +89,7 @@ def test_where_it_begins_is_drawn_and_nothing_else_changes(make_env: Callable) -
     assert drawn[-1] == drawn[3]
 
 
-def test_left_and_above_are_the_robot_s() -> None:
+def test_left_and_above_are_the_robot_s():
     door = gplfd_env.DoorConfig()
     straight = standoff_pose(door, Standoff(), "fixed")
     left = standoff_pose(door, Standoff(aside=0.2), "fixed") - straight
@@ -108,9 +107,7 @@ def test_left_and_above_are_the_robot_s() -> None:
         (POSE, {"handle": "knob", "latch": "spring"}, "mobile"),
     ],
 )
-def test_the_handle_can_be_reached_and_taken(
-    id: str, door: Any, base: str, make_env: Callable
-) -> None:
+def test_the_handle_can_be_reached_and_taken(id, door, base, make_env):
     env = make_env(door, id=id, base=base, start="approach", randomization="mild")
     info = take_hold(env, seed=1)
     assert (info["grasped"], info["failure"]) == (True, "")
@@ -119,9 +116,7 @@ def test_the_handle_can_be_reached_and_taken(
 
 
 @pytest.mark.parametrize("id", [POSE, GRIPPER])
-def test_taken_it_is_opened_as_ever_and_released(
-    id: str, make_env: Callable, arc_commands: Callable
-) -> None:
+def test_taken_it_is_opened_as_ever_and_released(id, make_env, arc_commands):
     env = make_env("small", id=id, start="approach")
     take_hold(env)
     for pose in arc_commands(0.35, duration=4.0):
@@ -136,9 +131,7 @@ def test_taken_it_is_opened_as_ever_and_released(
         assert info["stage"] == "released"
 
 
-def test_a_gripper_that_nobody_commands_closes_at_the_handle(
-    make_env: Callable,
-) -> None:
+def test_a_gripper_that_nobody_commands_closes_at_the_handle(make_env):
     """Neither before it, nor turned away from it."""
     env = make_env(start="approach")
     pose = env.reset(seed=0)[0]["ee_pose"]
@@ -156,7 +149,7 @@ def test_a_gripper_that_nobody_commands_closes_at_the_handle(
         assert info["grasped"] == (width < GRIPPER_WIDTH)
 
 
-def test_who_does_not_take_hold_is_told_so_and_may_go_on(make_env: Callable) -> None:
+def test_who_does_not_take_hold_is_told_so_and_may_go_on(make_env):
     env = make_env(start="approach")
     pose = env.reset(seed=0)[0]["ee_pose"]
     *_, info = hold(env, pose, round(STALL_TIME / CONTROL_PERIOD))
@@ -169,11 +162,8 @@ def test_who_does_not_take_hold_is_told_so_and_may_go_on(make_env: Callable) -> 
     assert (info["failure"], info["stage"]) == ("", "unlatched")
 
 
-def test_an_opened_gripper_lets_the_handle_go_and_takes_it_again(
-    make_env: Callable,
-) -> None:
-    env = make_env(id=GRIPPER)
-    env.reset(seed=0)
+def test_an_opened_gripper_lets_the_handle_go_and_takes_it_again(start_env):
+    env = start_env(id=GRIPPER)
     for width, grasped in ((0.0, True), (GRIPPER_WIDTH, False), (0.0, True)):
         observation, *_, info = hold(env, np.append(np.zeros(6), width), 120)
         assert info["grasped"] == grasped == bool(observation["grasped"][0])
@@ -182,9 +172,8 @@ def test_an_opened_gripper_lets_the_handle_go_and_takes_it_again(
     assert info["failure"] == ""
 
 
-def test_one_finger_is_no_grasp(make_env: Callable) -> None:
-    env = make_env(id=GRIPPER)
-    env.reset(seed=0)
+def test_one_finger_is_no_grasp(start_env):
+    env = start_env(id=GRIPPER)
     aside, said = np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0]), []
     hold(env, np.append(aside, GRIPPER_WIDTH), 150)
     for _ in range(150):
@@ -195,7 +184,7 @@ def test_one_finger_is_no_grasp(make_env: Callable) -> None:
     assert (True, False) in said
 
 
-def test_fingers_close_no_faster_than_the_gripper_s(make_env: Callable) -> None:
+def test_fingers_close_no_faster_than_the_gripper_s(make_env):
     env = make_env(id=GRIPPER, start="approach")
     pose = env.reset(seed=0)[0]["ee_pose"]
     widths = [env.step(np.append(pose, 0.0))[0]["gripper_width"][0] for _ in range(120)]
@@ -205,9 +194,7 @@ def test_fingers_close_no_faster_than_the_gripper_s(make_env: Callable) -> None:
 
 
 @pytest.mark.bits
-def test_closed_it_is_the_environment_without_a_gripper(
-    make_env: Callable, arc_commands: Callable
-) -> None:
+def test_closed_it_is_the_environment_without_a_gripper(make_env, arc_commands):
     env, plain = (make_env(id=id, randomization="hard") for id in (GRIPPER, POSE))
     first, second = env.reset(seed=2), plain.reset(seed=2)
     for pose in arc_commands(0.4, duration=1.0):
@@ -219,9 +206,7 @@ def test_closed_it_is_the_environment_without_a_gripper(
 
 @pytest.mark.bits
 @pytest.mark.parametrize(("id", "numbers"), [(POSE, "floats"), (GRIPPER, "arrays")])
-def test_many_are_as_one(
-    id: str, numbers: str, make_vec: Callable, count_as: Callable, opened: Callable
-) -> None:
+def test_many_are_as_one(id, numbers, make_vec, count_as, opened):
     count_as(numbers)
     doors = ["room-834", "medium", "small"]
     arguments = {"randomization": "mild", "base": "mobile", "start": "approach"}
@@ -248,7 +233,7 @@ def test_many_are_as_one(
     assert infos["grasped"].all()
 
 
-def test_a_late_command_finds_the_hand_where_it_began(make_env: Callable) -> None:
+def test_a_late_command_finds_the_hand_where_it_began(make_env):
     late = {"shortest_delay": 10, "longest_delay": 10}
     env = make_env(id=GRIPPER, start="approach", randomization=late)
     pose = env.reset(seed=0)[0]["ee_pose"]
@@ -257,7 +242,7 @@ def test_a_late_command_finds_the_hand_where_it_began(make_env: Callable) -> Non
     assert observation["gripper_width"] == pytest.approx(GRIPPER_WIDTH, abs=1e-4)
 
 
-def test_another_standoff_is_another_keyframe(make_env: Callable) -> None:
+def test_another_standoff_is_another_keyframe(make_env):
     env = make_env(start="approach")
     fixed = env.reset(seed=0)[0]
     env.reset(seed=1, options={"randomization": "mild"})
@@ -265,7 +250,7 @@ def test_another_standoff_is_another_keyframe(make_env: Callable) -> None:
     assert data_equivalence(fixed, again, exact=True)
 
 
-def test_what_does_not_go_together_is_refused(make_env: Callable) -> None:
+def test_what_does_not_go_together_is_refused(make_env):
     pushed = {"swing": "push"}
     for arguments, message in (
         (
@@ -283,7 +268,7 @@ def test_what_does_not_go_together_is_refused(make_env: Callable) -> None:
     make_env(pushed, start="approach", base="mobile").reset(seed=0)
 
 
-def test_a_hand_that_cannot_be_drawn_back_is_refused() -> None:
+def test_a_hand_that_cannot_be_drawn_back_is_refused():
     low = gplfd_env.DoorConfig(handle="lever", handle_height=0.6)
     far = Standoff(distance=0.2, aside=0.25)
     build_scene(low, "gripper", standoff=Standoff(distance=0.1), base="mobile")

@@ -60,7 +60,7 @@ def inertial(link: str) -> tuple[float, np.ndarray]:
 
 
 @pytest.mark.parametrize("name", PUBLISHED_CHAIN)
-def test_chain_and_limits_are_the_published_ones(name: str) -> None:
+def test_chain_and_limits_are_the_published_ones(name):
     origin, rpy, limits, velocity, effort = PUBLISHED_CHAIN[name]
     joint = ROOT.find(f"joint[@name='{name}_joint']")
     assert joint is not None
@@ -73,13 +73,13 @@ def test_chain_and_limits_are_the_published_ones(name: str) -> None:
     assert_allclose(numbers(limit, "velocity", "effort"), (velocity, effort))
 
 
-def test_masses_are_the_published_ones() -> None:
+def test_masses_are_the_published_ones():
     masses = {link: inertial(link)[0] for link in PUBLISHED_MASSES}
     assert masses == pytest.approx(PUBLISHED_MASSES, rel=1e-5)
 
 
 @pytest.mark.parametrize("link", [name for name in LINKS if name != "base_footprint"])
-def test_inertias_are_physical(link: str) -> None:
+def test_inertias_are_physical(link):
     mass, matrix = inertial(link)
     assert mass > 0
     principal = np.linalg.eigvalsh(matrix)
@@ -88,7 +88,7 @@ def test_inertias_are_physical(link: str) -> None:
     assert principal[2] <= principal[0] + principal[1]
 
 
-def test_published_arm_1_inertia_is_why_a_correction_is_needed() -> None:
+def test_published_arm_1_inertia_is_why_a_correction_is_needed():
     _, corrected = inertial("arm_1_link")
     principal = np.linalg.eigvalsh(corrected - 2.5e-4 * np.eye(3))
     assert principal == pytest.approx([0.00156, 0.00598, 0.00777], abs=5e-6)
@@ -104,9 +104,7 @@ def test_published_arm_1_inertia_is_why_a_correction_is_needed() -> None:
         ("wrist_ft_tool_link", 0, 0.025, 0.00975),
     ],
 )
-def test_massless_wrist_links_became_solid_cylinders(
-    link: str, axis: int, radius: float, length: float
-) -> None:
+def test_massless_wrist_links_became_solid_cylinders(link, axis, radius, length):
     """Published with 0.1 kg and zero inertia; the cylinder lies along the approach."""
     mass, matrix = inertial(link)
     expected = np.full(3, mass * (3 * radius**2 + length**2) / 12)
@@ -115,12 +113,12 @@ def test_massless_wrist_links_became_solid_cylinders(
     assert_allclose(matrix, np.diag(expected), rtol=1e-5)
 
 
-def test_arm_5_centre_of_mass_lies_inside_the_link() -> None:
+def test_arm_5_centre_of_mass_lies_inside_the_link():
     _, _, z = numbers(ROOT.find("link[@name='arm_5_link']/inertial/origin"), "xyz")
     assert 0.009 < z < 0.189, "the forearm's shell spans 9 to 189 mm"
 
 
-def test_mujoco_accepts_the_file_without_help_and_agrees_with_yourdfpy() -> None:
+def test_mujoco_accepts_the_file_without_help_and_agrees_with_yourdfpy():
     text = URDF.read_text()
     for crutch in ("balanceinertia", "boundmass", "boundinertia", "package://"):
         assert crutch not in text

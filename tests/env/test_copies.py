@@ -58,13 +58,8 @@ def assert_they_go_on_alike(draw_actions: Callable) -> Callable:
     ],
 )
 def test_a_copy_does_what_the_original_does_and_leaves_it_alone(
-    id: str,
-    copier: str,
-    arguments: dict[str, Any],
-    opened: Callable,
-    draw_actions: Callable,
-    assert_they_go_on_alike: Callable,
-) -> None:
+    id, copier, arguments, opened, draw_actions, assert_they_go_on_alike
+):
     """Stiffness, delay, noise, stall clock, time limit and generator included."""
     env, untouched = (opened(gym.make(id, door="small", **arguments)) for _ in range(2))
     copied = COPIERS[copier]
@@ -86,11 +81,8 @@ def test_a_copy_does_what_the_original_does_and_leaves_it_alone(
 
 
 @both_copiers
-def test_a_copy_has_a_simulation_of_its_own_that_may_diverge(
-    copied: Callable, make_env: Callable
-) -> None:
-    env = make_env()
-    env.reset(seed=0)
+def test_a_copy_has_a_simulation_of_its_own_that_may_diverge(copied, start_env):
+    env = start_env()
     twin = copied(env)
     assert twin.data.model is twin.model is not env.model
     for name in ("xpos", "sensordata", "ncon"):
@@ -109,11 +101,8 @@ def test_a_copy_has_a_simulation_of_its_own_that_may_diverge(
 
 @both_copiers
 def test_a_copy_made_before_the_first_reset(
-    copied: Callable,
-    make_env: Callable,
-    make_vec: Callable,
-    assert_they_go_on_alike: Callable,
-) -> None:
+    copied, make_env, make_vec, assert_they_go_on_alike
+):
     for env in (make_env(), make_vec(2)):
         twin = copied(env)
         with pytest.raises(gym.error.ResetNeeded):
@@ -124,9 +113,7 @@ def test_a_copy_made_before_the_first_reset(
 
 @pytest.mark.needs("opengl")
 @pytest.mark.parametrize(("copier", "n"), [("deepcopy", None), ("pickle", 2)])
-def test_a_copy_draws_itself(
-    copier: str, n: int | None, make_env: Callable, make_vec: Callable
-) -> None:
+def test_a_copy_draws_itself(copier, n, make_env, make_vec):
     look = {"render_mode": "rgb_array", "width": 64, "height": 48}
     env = make_env(**look) if n is None else make_vec(n, **look)
     env.reset(seed=0)
@@ -149,15 +136,8 @@ def test_a_copy_draws_itself(
     ],
 )
 def test_a_copy_of_many(
-    mode: AutoresetMode,
-    id: str,
-    numbers: str,
-    copier: str,
-    count_as: Callable,
-    make_vec: Callable,
-    draw_actions: Callable,
-    assert_they_go_on_alike: Callable,
-) -> None:
+    mode, id, numbers, copier, count_as, make_vec, draw_actions, assert_they_go_on_alike
+):
     """One of three has ended, one has diverged, when the copy is made."""
     count_as(numbers)
     copied = COPIERS[copier]
@@ -182,11 +162,8 @@ def test_a_copy_of_many(
 
 
 @pytest.mark.parametrize("id", [IMPEDANCE, MOBILE])
-def test_a_copy_in_another_process(
-    id: str, make_env: Callable, draw_actions: Callable
-) -> None:
-    env = make_env(id=id, randomization="mild")
-    env.reset(seed=0)
+def test_a_copy_in_another_process(id, start_env, draw_actions):
+    env = start_env(id=id, randomization="mild")
     env.step(env.command.rest)
     program = (
         "import pickle, sys\n"

@@ -1,6 +1,5 @@
 """A simulation that blows up ends the episode and hands out no NaN."""
 
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -24,9 +23,7 @@ def assert_finite(value: Any) -> None:
 
 @pytest.mark.parametrize("field", ["qpos", "qvel"])
 @pytest.mark.parametrize("value", [1e4, 1e12, np.nan, np.inf])
-def test_divergence_truncates_with_the_last_good_observation(
-    value: float, field: str, opened: Callable
-) -> None:
+def test_divergence_truncates_with_the_last_good_observation(value, field, opened):
     """Gymnasium's passive checker included; the caller's own arrays are no matter."""
     env = opened(gym.make(gplfd_env.ENVIRONMENT_ID, door="small"))
     env.reset(seed=0)
@@ -51,11 +48,8 @@ def test_divergence_truncates_with_the_last_good_observation(
 
 
 @pytest.mark.parametrize("value", [30.0, 100.0, 300.0, 1000.0, 3000.0])
-def test_fast_but_finite_motion_stays_in_the_spaces_or_is_an_error(
-    value: float, make_env: Callable
-) -> None:
-    env = make_env("small")
-    env.reset(seed=0)
+def test_fast_but_finite_motion_stays_in_the_spaces_or_is_an_error(value, start_env):
+    env = start_env("small")
     env.data.qvel[:] = value
     for _ in range(20):
         observation, reward, _, truncated, info = env.step(REST)
@@ -66,7 +60,7 @@ def test_fast_but_finite_motion_stays_in_the_spaces_or_is_an_error(
         assert truncated is info["simulation_error"]
 
 
-def test_an_error_lasts_until_reset_and_leaves_no_trace(make_env: Callable) -> None:
+def test_an_error_lasts_until_reset_and_leaves_no_trace(make_env):
     """From the first step on, of which the reset's observation is the last good one."""
     env, fresh = make_env("small"), make_env("small")
     first, _ = env.reset(seed=0)

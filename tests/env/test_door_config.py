@@ -23,7 +23,7 @@ NUMBERS = [
 ]
 
 
-def test_presets() -> None:
+def test_presets():
     assert {name: round(door.radius, 3) for name, door in DOORS.items()} == {
         "small": 0.35,
         "medium": 0.50,
@@ -41,11 +41,11 @@ def test_presets() -> None:
     heavy = DOORS["heavy"]
     assert (heavy.closer_preload + heavy.hinge_friction) / heavy.radius == 14.0
     with pytest.raises(TypeError):
-        DOORS["small"] = DoorConfig()  # type: ignore[index]
+        DOORS["small"] = DoorConfig()
 
 
 @given(radius=st.floats(0.30, 0.95))
-def test_many_ways_to_say_the_same_door(radius: float) -> None:
+def test_many_ways_to_say_the_same_door(radius):
     expected = DoorConfig(radius=radius)
     assert door_config(radius) == expected
     assert door_config({"radius": radius}) == expected
@@ -55,7 +55,7 @@ def test_many_ways_to_say_the_same_door(radius: float) -> None:
     assert door_config(np.float64(radius)) == expected
 
 
-def test_mapping_starts_from_its_preset_and_is_not_changed() -> None:
+def test_mapping_starts_from_its_preset_and_is_not_changed():
     mapping = {"preset": "large", "hinge_friction": 2}
     door = door_config(mapping)
     assert door == DoorConfig(radius=0.65, hinge_friction=2.0)
@@ -72,7 +72,7 @@ def fitting(field: str, value: float) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("field", NUMBERS)
-def test_each_field_s_range(field: str) -> None:
+def test_each_field_s_range(field):
     """What the ranges are is on the page; see test_environment_page.py."""
     allowed = allowed_range(DoorConfig, field)
     low, high = allowed.low, allowed.high
@@ -85,7 +85,7 @@ def test_each_field_s_range(field: str) -> None:
 
 
 @pytest.mark.parametrize("field", CHOICES)
-def test_each_field_s_choices(field: str) -> None:
+def test_each_field_s_choices(field):
     for allowed in CHOICES[field]:
         lever = {"handle": "lever"} if field == "latch" else {}
         assert getattr(DoorConfig(**lever, **{field: allowed}), field) == allowed
@@ -137,31 +137,29 @@ def test_each_field_s_choices(field: str) -> None:
         ),
     ],
 )
-def test_wrong_doors_are_told_what_is_allowed(
-    door: Any, kind: type[Exception], parts: list[str]
-) -> None:
+def test_wrong_doors_are_told_what_is_allowed(door, kind, parts):
     with pytest.raises(kind) as error:
         door_config(door)
     for part in parts:
         assert part in str(error.value)
 
 
-def test_a_leaf_s_width_follows_its_radius() -> None:
+def test_a_leaf_s_width_follows_its_radius():
     assert DoorConfig(radius=0.4).overhang == 0.01
     door = DoorConfig(radius=0.78, leaf_width=0.834, backset=0.055)
     assert door.overhang == pytest.approx(-0.001)
 
 
-def test_configuration_is_a_frozen_hashable_record() -> None:
+def test_configuration_is_a_frozen_hashable_record():
     door = DoorConfig()
     with pytest.raises(dataclasses.FrozenInstanceError):
-        door.radius = 0.4  # type: ignore[misc]
+        door.radius = 0.4
     assert hash(door) == hash(DoorConfig())
     with pytest.raises(TypeError):
-        DoorConfig(0.4)  # type: ignore[misc]
+        DoorConfig(0.4)
 
 
-def test_a_door_s_dictionary_is_the_door() -> None:
+def test_a_door_s_dictionary_is_the_door():
     """A plain door's is what it always was.
 
     Hashes of tasks are made of it: results of before are still found.
@@ -184,7 +182,5 @@ def test_a_door_s_dictionary_is_the_door() -> None:
         ({"preset": "room-709", "handle": "knob"}, (0.175, 0.2)),
     ],
 )
-def test_a_handle_s_spring_is_that_of_its_kind_unless_given(
-    fields: dict[str, Any], spring: tuple[float, float]
-) -> None:
+def test_a_handle_s_spring_is_that_of_its_kind_unless_given(fields, spring):
     assert door_config(fields).handle_spring == spring

@@ -1,7 +1,6 @@
 """Where the hinge is in the task frame, and how its handle moves."""
 
 import itertools
-from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -12,7 +11,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
-from gplfd_env.conventions.constants import Base
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.variation import Placement, Variation
 from gplfd_env.robot.placement import door_geometry
@@ -28,7 +26,7 @@ three = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_hinge_is_where_the_simulator_has_it(seed: int, make_env: Callable) -> None:
+def test_the_hinge_is_where_the_simulator_has_it(seed, make_env):
     env = make_env(randomization="hard")
     env.reset(seed=seed)
     found, hinge = env.door_geometry, env.data.joint("hinge")
@@ -41,7 +39,7 @@ def test_the_hinge_is_where_the_simulator_has_it(seed: int, make_env: Callable) 
 
 
 @given(st.floats(0.3, 0.65), st.floats(-0.1, 0.1))
-def test_a_wrong_heading_turns_the_arc_as_documented(radius: float, psi: float) -> None:
+def test_a_wrong_heading_turns_the_arc_as_documented(radius, psi):
     door = DoorConfig(radius=radius)
     placed = Variation(door=door, placement=Placement(base_yaw=psi))
     poses = door_geometry(placed, "fixed").hand_poses(ANGLES)
@@ -55,9 +53,7 @@ def test_a_wrong_heading_turns_the_arc_as_documented(radius: float, psi: float) 
 
 @pytest.mark.parametrize("radius", [0.3, 0.45, 0.65])
 @everywhere
-def test_the_nominal_arc_of_every_way_and_side(
-    swing: str, side: str, radius: float
-) -> None:
+def test_the_nominal_arc_of_every_way_and_side(swing, side, radius):
     """x and z of the right-hinged door that is pulled, mirrored; it begins along pull.
 
     A bar does not turn.
@@ -76,9 +72,7 @@ def test_the_nominal_arc_of_every_way_and_side(
 
 @all_handles
 @pytest.mark.parametrize("swing", ["pull", "push"])
-def test_a_hand_turns_by_half_where_it_pushes_something_round(
-    handle: str, swing: str
-) -> None:
+def test_a_hand_turns_by_half_where_it_pushes_something_round(handle, swing):
     latch = "none" if handle == "bar" else "spring"
     door = DoorGeometry.of(
         DoorConfig(radius=0.65, handle=handle, latch=latch, swing=swing)
@@ -92,9 +86,7 @@ def test_a_hand_turns_by_half_where_it_pushes_something_round(
 
 
 @given(three, three)
-def test_angles_and_directions_are_those_of_the_poses(
-    hinge: tuple[float, ...], axis: tuple[float, ...]
-) -> None:
+def test_angles_and_directions_are_those_of_the_poses(hinge, axis):
     assume(np.linalg.norm(np.cross(hinge, axis)) > 1e-2)
     door = DoorGeometry(hinge=np.array(hinge), axis=np.array(axis))
     poses = door.hand_poses(ANGLES)
@@ -114,9 +106,7 @@ def test_angles_and_directions_are_those_of_the_poses(
         ((0.0, 0.0, -0.5), (0.0, np.nan, 0.0), r"DoorGeometry\.axis must be three"),
     ],
 )
-def test_impossible_doors_are_refused(
-    hinge: tuple[float, ...], axis: tuple[float, ...], message: str
-) -> None:
+def test_impossible_doors_are_refused(hinge, axis, message):
     with pytest.raises(ValueError, match=message):
         DoorGeometry(hinge=np.array(hinge), axis=np.array(axis))
 
@@ -124,9 +114,7 @@ def test_impossible_doors_are_refused(
 @pytest.mark.parametrize("base", ["fixed", "mobile"])
 @all_handles
 @everywhere
-def test_a_handle_is_where_the_simulator_has_it(
-    swing: str, side: str, handle: str, base: Base
-) -> None:
+def test_a_handle_is_where_the_simulator_has_it(swing, side, handle, base):
     """Poses of a hand that is fixed to the handle, for hinge and handle turned."""
     door = DoorConfig(radius=0.5, handle=handle, swing=swing, hinge_side=side)
     placement = Placement(base_yaw=0.03, base_x=0.01, grasp_depth=0.004)

@@ -1,8 +1,5 @@
 """The door against closed forms: arc, inertia, friction, closer, stops, energy."""
 
-from collections.abc import Callable
-from typing import Any
-
 import mujoco
 import numpy as np
 import pytest
@@ -44,9 +41,7 @@ def torque_on_leaf(
 
 @settings(max_examples=30)
 @given(radius=st.floats(0.30, 0.65), angle=st.floats(0.0, DoorConfig().stop_angle))
-def test_handle_moves_on_the_closed_form_arc(
-    radius: float, angle: float, door_alone: Callable
-) -> None:
+def test_handle_moves_on_the_closed_form_arc(radius, angle, door_alone):
     model, data = door_alone(radius=radius)
     data.joint("hinge").qpos = angle
     mujoco.mj_forward(model, data)
@@ -63,7 +58,7 @@ def test_handle_moves_on_the_closed_form_arc(
     assert reading.angle == angle
 
 
-def test_hinge_inertia_is_that_of_leaf_and_handle(door_alone: Callable) -> None:
+def test_hinge_inertia_is_that_of_leaf_and_handle(door_alone):
     radius, mass, standoff = 0.6, 20.0, 0.08
     model, data = door_alone(radius=radius, panel_mass=mass, handle_standoff=standoff)
     width, thickness = radius + 0.01 + 0.08, 0.04
@@ -74,9 +69,7 @@ def test_hinge_inertia_is_that_of_leaf_and_handle(door_alone: Callable) -> None:
 
 
 @pytest.mark.parametrize("degrees", [1.0, 20.0, 70.0])
-def test_force_at_the_handle_balances_the_closer(
-    degrees: float, door_alone: Callable
-) -> None:
+def test_force_at_the_handle_balances_the_closer(degrees, door_alone):
     """Static balance: a tangential force F at radius R against preload + k φ."""
     radius, angle = 0.5, np.radians(degrees)
     model, data = door_alone(
@@ -101,9 +94,7 @@ def test_force_at_the_handle_balances_the_closer(
 
 
 @pytest.mark.parametrize("friction", [0.5, 2.0, 20.0])
-def test_hinge_friction_holds_below_and_yields_above(
-    friction: float, door_alone: Callable
-) -> None:
+def test_hinge_friction_holds_below_and_yields_above(friction, door_alone):
     """Held, it does not creep; from rest, φ = (τ - τ_f) t² / (2 I)."""
     for torque in (0.9 * friction, friction + 0.1):
         model, data = door_alone(hinge_friction=friction, hinge_damping=0.0)
@@ -116,7 +107,7 @@ def test_hinge_friction_holds_below_and_yields_above(
         assert moved == pytest.approx(angle, abs=3e-3 if angle else np.radians(0.02))
 
 
-def test_hinge_damping_sets_the_terminal_speed(door_alone: Callable) -> None:
+def test_hinge_damping_sets_the_terminal_speed(door_alone):
     model, data = door_alone(hinge_friction=0.0, hinge_damping=8.0, radius=0.3)
     data.joint("hinge").qfrc_applied = 2.0
     mujoco.mj_step(model, data, nstep=1500)
@@ -125,9 +116,7 @@ def test_hinge_damping_sets_the_terminal_speed(door_alone: Callable) -> None:
     assert data.joint("hinge").qvel == pytest.approx(expected, rel=2e-3)
 
 
-def test_a_frictionless_closer_turns_its_work_into_kinetic_energy(
-    door_alone: Callable,
-) -> None:
+def test_a_frictionless_closer_turns_its_work_into_kinetic_energy(door_alone):
     model, data = door_alone(**FREE, closer_preload=2.0, closer_stiffness=5.0)
     start, hinge = np.radians(60.0), data.joint("hinge")
     hinge.qpos = start
@@ -146,8 +135,8 @@ def test_a_frictionless_closer_turns_its_work_into_kinetic_energy(
 @pytest.mark.parametrize("base", ["fixed", "mobile"])
 @pytest.mark.parametrize("name", ["small", "room-834"])
 def test_the_torque_at_the_stop_is_what_presses_the_leaf_against_it(
-    name: str, base: Any, door_alone: Callable
-) -> None:
+    name, base, door_alone
+):
     door = DOORS[name]
     model, data = door_alone(base, **door.as_dict())
     data.joint("hinge").qpos = door.stop_angle
@@ -164,16 +153,14 @@ def test_the_torque_at_the_stop_is_what_presses_the_leaf_against_it(
     assert data.joint("hinge").qpos == pytest.approx(0.0, abs=0.01)
 
 
-def test_work_at_the_handle_is_what_the_door_takes(
-    make_env: Callable, arc_commands: Callable
-) -> None:
+def test_work_at_the_handle_is_what_the_door_takes(start_env, arc_commands):
     """∫(F_t R + M) dφ = friction·φ + damping·∫ω dφ + closer work + kinetic energy.
 
     M is the moment that the pads transmit about the bar. Summed over physics steps:
     within a control period the force falls as the hand catches up with its command.
     """
     friction, damping, preload, stiffness, radius = 2.0, 3.0, 1.0, 2.0, 0.5
-    env = make_env(
+    env = start_env(
         {
             "radius": radius,
             "hinge_friction": friction,
@@ -182,7 +169,6 @@ def test_work_at_the_handle_is_what_the_door_takes(
             "closer_stiffness": stiffness,
         }
     )
-    env.reset(seed=0)
     data = env.data
     torque, speed, angle = [], [], [data.joint("hinge").qpos[0]]
     for command in arc_commands(radius, degrees=45.0, duration=4.0)[:400]:
@@ -210,9 +196,7 @@ def test_work_at_the_handle_is_what_the_door_takes(
 
 @pytest.mark.parametrize("velocity", [-0.6, -0.05, 0.05, 0.6])
 @pytest.mark.parametrize("degrees", [0.2, 2.0, 10.0, 40.0, 80.0, 95.0])
-def test_the_scene_exerts_the_law(
-    degrees: float, velocity: float, door_alone: Callable
-) -> None:
+def test_the_scene_exerts_the_law(degrees, velocity, door_alone):
     """`CloserLaw` within 2 %: what a limit leaves of a damper."""
     fields = {**OFFICE, **en1154(2), "stiction": 3.0, "seal": 2.0}
     fields["closer_stiffness"] = 1.5
@@ -223,7 +207,7 @@ def test_the_scene_exerts_the_law(
 
 
 @given(size=st.sampled_from([1, 2, 3, 4]), share=st.floats(0.0, 1.0))
-def test_a_closer_is_what_en_1154_allows(size: int, share: float) -> None:
+def test_a_closer_is_what_en_1154_allows(size, share):
     """Moments of the law itself, quasi-static, against the rows of table 1."""
     row = EN_1154[size]
     efficiency = row.efficiency + share * (1.0 - row.efficiency)
@@ -244,7 +228,7 @@ def test_a_closer_is_what_en_1154_allows(size: int, share: float) -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"size": 5}, {"size": 2, "efficiency": 0.4}])
-def test_a_closer_that_the_standard_does_not_know(wrong: dict[str, Any]) -> None:
+def test_a_closer_that_the_standard_does_not_know(wrong):
     with pytest.raises(ValueError, match="EN 1154"):
         en1154(**wrong)
 
@@ -259,7 +243,7 @@ CLOSERS = {
 
 
 @pytest.mark.parametrize("name", CLOSERS)
-def test_a_cycle_creates_no_energy(name: str, door_alone: Callable) -> None:
+def test_a_cycle_creates_no_energy(name, door_alone):
     """Work that an opening and closing hand does on the door is never negative."""
     model, data = door_alone(**{**OFFICE, **CLOSERS[name]})
     hinge = data.joint("hinge")
@@ -284,8 +268,8 @@ def test_a_cycle_creates_no_energy(name: str, door_alone: Callable) -> None:
     size=st.sampled_from([1, 2, 3, 4]),
 )
 def test_a_released_door_loses_energy_until_it_is_closed(
-    angle: float, speed: float, size: int, door_alone: Callable
-) -> None:
+    angle, speed, size, door_alone
+):
     """Kinetic energy and that of the springs together never rise."""
     fields = {**OFFICE, **en1154(size), "seal": 2.0}
     model, data = door_alone(**fields)
@@ -309,14 +293,14 @@ def test_a_released_door_loses_energy_until_it_is_closed(
     assert phi[-1] < np.radians(0.5)
 
 
-def test_the_closing_damper_does_not_hinder_opening(door_alone: Callable) -> None:
+def test_the_closing_damper_does_not_hinder_opening(door_alone):
     gentle = {"closer_damping": 5.0, "closing_damping": 75.0}
     door = door_alone(**OFFICE, **gentle)
     assert -torque_on_leaf(*door, 0.5, 0.4) == pytest.approx(2.0, rel=0.01)
     assert torque_on_leaf(*door, 0.5, -0.4) == pytest.approx(32.0, rel=0.01)
 
 
-def test_stiction_is_gone_once_the_door_has_broken_away(door_alone: Callable) -> None:
+def test_stiction_is_gone_once_the_door_has_broken_away(door_alone):
     door = door_alone(**OFFICE, stiction=10.0)
     held = torque_on_leaf(*door, 0.5 * STICTION_ANGLE, 0.0)
     assert held == pytest.approx(-5.0, rel=1e-3)
@@ -324,7 +308,7 @@ def test_stiction_is_gone_once_the_door_has_broken_away(door_alone: Callable) ->
     assert free == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_leaf_by_din_has_its_radius_mass_and_friction() -> None:
+def test_a_leaf_by_din_has_its_radius_mass_and_friction():
     fields = leaf(0.709, "tubular-core")
     door = DoorConfig(**{**fields, "radius": 0.65})
     assert fields["radius"] == pytest.approx(0.654)

@@ -184,7 +184,7 @@ def exact(value: Any) -> Any:
 
 
 @pytest.mark.parametrize(("id", "randomization"), ENDURED)
-def test_random_actions_before_random_doors(id: str, randomization: Any) -> None:
+def test_random_actions_before_random_doors(id, randomization):
     """No exception, no warning, no NaN, nothing outside its space, no divergence."""
     outcomes = endure(id, randomization, 1600)
     assert outcomes["grasp_lost"] > 5
@@ -192,9 +192,7 @@ def test_random_actions_before_random_doors(id: str, randomization: Any) -> None
 
 
 @pytest.mark.parametrize(("id", "start"), DRIVING)
-def test_a_robot_that_drives_obeys_its_drive_whatever_is_commanded(
-    id: str, start: str
-) -> None:
+def test_a_robot_that_drives_obeys_its_drive_whatever_is_commanded(id, start):
     """No latch is passed, no door leaves its frame, no finger its range.
 
     Only while its wheels slip, under an arm that is flung about, does the base turn
@@ -213,7 +211,7 @@ def test_a_robot_that_drives_obeys_its_drive_whatever_is_commanded(
     assert (found.unlatched, found.escaped) == (0, 0)
 
 
-def test_two_processes_agree_bit_for_bit() -> None:
+def test_two_processes_agree_bit_for_bit():
     pairs = 6
     command = [sys.executable, __file__, "digest", str(pairs)]
     result = subprocess.run(

@@ -1,7 +1,6 @@
 """Gymnasium's contract: checker, determinism, spaces, info, rewards."""
 
 import warnings
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -71,8 +70,8 @@ SPARSE = {"randomization": "hard", "reward": "sparse", "disturbance": "person"}
     ],
 )
 def test_checker_has_one_declined_recommendation_and_no_other_warning(
-    id: str, arguments: dict[str, Any], make_env: Callable
-) -> None:
+    id, arguments, make_env
+):
     """Rendering, human mode included, is checked in test_rendering.py."""
     env = make_env(id=id, **arguments)
     with warnings.catch_warnings(record=True) as caught:
@@ -82,7 +81,7 @@ def test_checker_has_one_declined_recommendation_and_no_other_warning(
     assert DECLINED in message
 
 
-def test_an_episode_leaves_nothing_behind(make_env: Callable) -> None:
+def test_an_episode_leaves_nothing_behind(make_env):
     env = make_env("small")
     rollout(env, 1)
     env.data.xfrc_applied[:] = 3.0
@@ -98,9 +97,7 @@ def test_an_episode_leaves_nothing_behind(make_env: Callable) -> None:
         DoorConfig(radius=0.6),
     ],
 )
-def test_door_chosen_at_reset_equals_door_chosen_at_make(
-    door: Any, make_env: Callable
-) -> None:
+def test_door_chosen_at_reset_equals_door_chosen_at_make(door, make_env):
     env, fresh = make_env("small"), make_env(door)
     env.reset(seed=0)
     options = {"door": door}
@@ -115,9 +112,8 @@ def test_door_chosen_at_reset_equals_door_chosen_at_make(
     assert env.reset()[1]["door_radius"] == fresh.door.radius
 
 
-def test_model_and_data_are_the_simulation(make_env: Callable) -> None:
-    env = make_env("small")
-    env.reset(seed=0)
+def test_model_and_data_are_the_simulation(start_env):
+    env = start_env("small")
     model = env.model
     env.step(np.zeros(6))
     assert env.data.time == pytest.approx(CONTROL_PERIOD)
@@ -128,9 +124,7 @@ def test_model_and_data_are_the_simulation(make_env: Callable) -> None:
     assert env.metadata["render_fps"] == 100
 
 
-def test_what_is_returned_is_inside_the_spaces_and_of_plain_types(
-    make_env: Callable,
-) -> None:
+def test_what_is_returned_is_inside_the_spaces_and_of_plain_types(make_env):
     env = make_env("medium")
     observation, info = env.reset(seed=0)
     for _ in range(30):
@@ -145,7 +139,7 @@ def test_what_is_returned_is_inside_the_spaces_and_of_plain_types(
         assert (type(reward), type(terminated), type(truncated)) == (float, bool, bool)
 
 
-def test_returned_arrays_are_the_caller_s_own(make_env: Callable) -> None:
+def test_returned_arrays_are_the_caller_s_own(make_env):
     """Kept data does not change later; spoiling it does not reach the simulation."""
     env, untouched = make_env("medium"), make_env("medium")
     command = handle_pose_on_arc(0.5, 0.1)
@@ -166,9 +160,7 @@ def test_returned_arrays_are_the_caller_s_own(make_env: Callable) -> None:
     assert_identical(env.step(command), untouched.step(command))
 
 
-def test_an_opened_door_is_what_reward_and_info_tell(
-    make_env: Callable, arc_commands: Callable
-) -> None:
+def test_an_opened_door_is_what_reward_and_info_tell(make_env, arc_commands):
     """With either reward: the same door, success after half a second beyond 60°."""
     dense, sparse = make_env(0.42), make_env(0.42, reward="sparse")
     observation, info = dense.reset(seed=0)

@@ -74,36 +74,30 @@ def makers(make_env: Callable, make_vec: Callable) -> list[Callable[..., Any]]:
 
 
 @pytest.mark.parametrize(("arguments", "kind", "message"), ARGUMENTS)
-def test_wrong_arguments(
-    arguments: dict[str, Any], kind: type[Exception], message: str, makers: Any
-) -> None:
+def test_wrong_arguments(arguments, kind, message, makers):
     for make in makers:
         with pytest.raises(kind, match=message):
             make(**arguments)
 
 
 @pytest.mark.parametrize(("arguments", "message"), MANY_S_OWN)
-def test_wrong_arguments_of_many(
-    arguments: dict[str, Any], message: str, make_vec: Callable
-) -> None:
+def test_wrong_arguments_of_many(arguments, message, make_vec):
     with pytest.raises(ValueError, match=message):
         make_vec(2, **arguments)
 
 
 @pytest.mark.parametrize(("disturbance", "kind", "message"), DISTURBANCES)
-def test_wrong_disturbances(
-    disturbance: Any, kind: type[Exception], message: str, make_env: Callable
-) -> None:
+def test_wrong_disturbances(disturbance, kind, message, make_env):
     with pytest.raises(kind, match=message):
         make_env(disturbance=disturbance)
 
 
-def test_what_gymnasium_s_make_does_not_pass_on() -> None:
+def test_what_gymnasium_s_make_does_not_pass_on():
     with pytest.raises(ValueError, match="'human', 'rgb_array', 'depth_array'"):
         DoorOpeningEnv(render_mode="ansi")
     for wrong in (0, -1, 1.5, True):
         with pytest.raises(ValueError, match=r"num_envs = .* whole number from 1"):
-            DoorOpeningVectorEnv(wrong)  # type: ignore[arg-type]
+            DoorOpeningVectorEnv(wrong)
     for make in (gym.make, gym.make_vec):
         with pytest.raises(ValueError, match="base = 'fixed' is not one of 'mobile'"):
             make(gplfd_env.MOBILE_ENVIRONMENT_ID, base="fixed")
@@ -150,14 +144,12 @@ RESETS: list[tuple[dict[str, Any], type[Exception], str]] = [
 
 
 @pytest.mark.parametrize(("reset", "kind", "message"), RESETS)
-def test_wrong_resets_change_nothing(
-    reset: dict[str, Any], kind: type[Exception], message: str, makers: Any
-) -> None:
+def test_wrong_resets_change_nothing(reset, kind, message, makers):
     for make in makers:
         assert_refused(make, kind, message, **reset)
 
 
-def test_a_wrong_seed_changes_nothing(makers: Any) -> None:
+def test_a_wrong_seed_changes_nothing(makers):
     one, many = makers
     large = {"door": "large"}
     assert_refused(one, gym.error.Error, "Seed must be", seed=-1, options=large)
@@ -184,19 +176,17 @@ NO_MASK = "an array of 2 booleans"
         ({"options": {"reset_mask": np.array([False] * 2)}}, "at least one True"),
     ],
 )
-def test_wrong_resets_of_many_change_nothing(
-    reset: dict[str, Any], message: str, make_vec: Callable
-) -> None:
+def test_wrong_resets_of_many_change_nothing(reset, message, make_vec):
     assert_refused(partial(make_vec, 2), ValueError, message, **reset)
 
 
-def test_the_first_reset_must_reset_all(make_vec: Callable) -> None:
+def test_the_first_reset_must_reset_all(make_vec):
     with pytest.raises(ValueError, match="first reset must reset all simulations"):
         make_vec(2).reset(options={"reset_mask": np.array([True, False])})
 
 
 @pytest.mark.parametrize("make", ["one", "impedance", "many", "many impedance"])
-def test_wrong_actions_move_nothing(make: str, makers: Any) -> None:
+def test_wrong_actions_move_nothing(make, makers):
     id = IMPEDANCE if "impedance" in make else POSE
     env = makers["many" in make](id=id)
     rest = np.zeros(env.action_space.shape) + np.broadcast_to(
@@ -229,7 +219,7 @@ def test_wrong_actions_move_nothing(make: str, makers: Any) -> None:
     assert observation in env.observation_space, "clamped, not refused"
 
 
-def test_a_closed_environment_goes_on(makers: Any) -> None:
+def test_a_closed_environment_goes_on(makers):
     """Only the renderer is freed; closing twice is as good as once."""
     for make in makers:
         env = make()
@@ -240,7 +230,7 @@ def test_a_closed_environment_goes_on(makers: Any) -> None:
         env.reset()
 
 
-def test_rendering_without_a_mode_warns(makers: Any) -> None:
+def test_rendering_without_a_mode_warns(makers):
     for make in makers:
         env = make()
         env.reset(seed=0)
@@ -248,6 +238,6 @@ def test_rendering_without_a_mode_warns(makers: Any) -> None:
             assert env.render() is None
 
 
-def test_missing_asset_is_named() -> None:
+def test_missing_asset_is_named():
     with pytest.raises(FileNotFoundError, match=r"'nothing.urdf' was not found.*reins"):
         asset_path("nothing.urdf")

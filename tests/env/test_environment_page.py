@@ -3,7 +3,6 @@
 import dataclasses
 import inspect
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -86,13 +85,7 @@ def assert_rows_are(rows: Rows, space: Any) -> None:
         (IDS[3], 3, (0, 2), ["m"]),
     ],
 )
-def test_tables_of_spaces(
-    id: str,
-    action: int,
-    observation: tuple[int, ...],
-    further: list[str],
-    make_env: Callable,
-) -> None:
+def test_tables_of_spaces(id, action, observation, further, make_env):
     env = make_env(id=id)
     rows = table("Action", action)
     assert_rows_are(rows, env.action_space)
@@ -103,7 +96,7 @@ def test_tables_of_spaces(
         assert_rows_are([row for row in rows if row["key"] == key], box)
 
 
-def test_info_table_is_the_info(make_env: Callable) -> None:
+def test_info_table_is_the_info(make_env):
     _, info = make_env().reset(seed=0)
     rows = {row["key"]: row for row in table("Info")}
     assert list(rows) == list(info)
@@ -132,7 +125,7 @@ def assert_fields_are(rows: Rows, record: Any, key: str, rel: float) -> None:
             assert (row["range"][0] == "(") == (allowed.above > allowed.low)
 
 
-def test_door_tables_are_the_configuration_and_its_presets() -> None:
+def test_door_tables_are_the_configuration_and_its_presets():
     assert_fields_are(table("Door parameters"), DoorConfig, "parameter", rel=1e-5)
     stated = {
         row.pop("preset"): DoorConfig(**{k: float(v) for k, v in row.items()})
@@ -142,7 +135,7 @@ def test_door_tables_are_the_configuration_and_its_presets() -> None:
     assert stated | {name: DOORS[name] for name in described} == dict(DOORS)
 
 
-def test_disturbance_tables_are_the_records() -> None:
+def test_disturbance_tables_are_the_records():
     rows = table("Disturbances")
     assert list(dict.fromkeys(row["cause"] for row in rows)) == list(CAUSES)
     for cause, record in CAUSES.items():
@@ -165,7 +158,7 @@ def drawn(cell: str, unit: str) -> object:
     return tuple(float(number) for number in cell.split(", "))
 
 
-def test_randomization_table_is_the_presets_and_the_widest_ranges() -> None:
+def test_randomization_table_is_the_presets_and_the_widest_ranges():
     rows = table("Randomization")
     names = [field.name for field in dataclasses.fields(DoorRandomization)]
     assert [row["parameter"] for row in rows] == names
@@ -189,7 +182,7 @@ def test_randomization_table_is_the_presets_and_the_widest_ranges() -> None:
             DoorRandomization(**{name: beyond})
 
 
-def test_camera_table_is_the_cameras(make_env: Callable) -> None:
+def test_camera_table_is_the_cameras(make_env):
     model = make_env().model
     cameras = {model.camera(index).name for index in range(model.ncam)}
     assert set(column("Rendering", "camera")) == cameras
@@ -197,18 +190,18 @@ def test_camera_table_is_the_cameras(make_env: Callable) -> None:
     assert sorted(modes) == sorted(DoorOpeningEnv.metadata["render_modes"])
 
 
-def test_autoreset_table_is_gymnasium_s_modes() -> None:
+def test_autoreset_table_is_gymnasium_s_modes():
     modes = [mode.value for mode in AutoresetMode]
     assert column("Many doors at once", "autoreset mode", 1) == modes
 
 
-def test_reset_options_are_those_the_message_allows(make_env: Callable) -> None:
+def test_reset_options_are_those_the_message_allows(make_env):
     with pytest.raises(ValueError, match="unknown reset option") as error:
         make_env().reset(options={"": 0})
     assert re.findall(r'"(\w+)" ', str(error.value)) == column("Reset", "option")
 
 
-def test_every_id_has_a_version() -> None:
+def test_every_id_has_a_version():
     named = [*IDS, gplfd_env.RL_ENVIRONMENT_ID]
     kept = [id for id in named if id != gplfd_env.MOBILE_ENVIRONMENT_ID]
     every = [*named, *(id.replace("-v1", "-v0") for id in kept)]
@@ -219,7 +212,7 @@ def test_every_id_has_a_version() -> None:
 # --- Numbers, arguments, code --------------------------------------------------------
 
 
-def test_turned_arc_is_the_one_stated() -> None:
+def test_turned_arc_is_the_one_stated():
     """That the formula holds is shown in test_door_geometry.py."""
     stated = re.search(r"x = R \((.*?)\), {4}z = R \((.*?)\),\n\nwith the rot", PAGE)
     assert stated is not None
@@ -227,7 +220,7 @@ def test_turned_arc_is_the_one_stated() -> None:
     assert stated[2] == "sin ψ sin φ - cos ψ (1 - cos φ)"
 
 
-def test_stated_numbers_are_the_code_s(make_env: Callable) -> None:
+def test_stated_numbers_are_the_code_s(make_env):
     env = make_env()
     for index, row in enumerate(table("Servo")):
         assert float(row["stiffness"].split()[0]) == SERVO_STIFFNESS[index]
@@ -256,7 +249,7 @@ def stated_defaults(begin: str, end: str) -> dict[str, str]:
     }
 
 
-def test_arguments_and_their_defaults() -> None:
+def test_arguments_and_their_defaults():
     """Those of the vector environment include those of the single one."""
     parameters = inspect.signature(DoorOpeningEnv).parameters
     single = {name: str(p.default) for name, p in parameters.items()}
@@ -274,7 +267,7 @@ def test_arguments_and_their_defaults() -> None:
 
 
 @pytest.mark.parametrize("code", re.findall(r"```python\n(.*?)```", PAGE, re.S))
-def test_code_on_the_page_runs(code: str) -> None:
+def test_code_on_the_page_runs(code):
     env = gym.make(IDS[0])
     names = {"gym": gym, "env": env, "action": np.zeros(6)}
     exec(code, names)

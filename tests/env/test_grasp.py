@@ -1,6 +1,5 @@
 """The friction grasp: it opens doors, holds 20 N, and keeps a closed door closed."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -44,17 +43,10 @@ def forces(info: dict[str, Any]) -> list[float]:
     ],
 )
 def test_the_true_arc_opens_the_door_gently(
-    door: Any,
-    grasp: str,
-    pull: float,
-    most: tuple[float, float],
-    slip: float,
-    make_env: Callable,
-    arc_commands: Callable,
-) -> None:
+    door, grasp, pull, most, slip, start_env, arc_commands
+):
     """The right radius needs no force but what closer and friction ask for."""
-    env = make_env(door, grasp=grasp)
-    env.reset(seed=0)
+    env = start_env(door, grasp=grasp)
     seen, slips = [], []
     for command in arc_commands(env.door.radius):
         _, _, terminated, truncated, info = env.step(command)
@@ -72,9 +64,7 @@ def test_the_true_arc_opens_the_door_gently(
 
 
 @pytest.mark.parametrize("ratio", [0.8, 0.9, 1.1, 1.2])
-def test_a_wrong_radius_shows_as_radial_force(
-    ratio: float, make_env: Callable, arc_commands: Callable
-) -> None:
+def test_a_wrong_radius_shows_as_radial_force(ratio, start_env, arc_commands):
     """At rest the servo pulls the handle off its circle by K (distance - R).
 
     A millimetre of slip takes a fifth of that; K times the distance that is really
@@ -82,8 +72,7 @@ def test_a_wrong_radius_shows_as_radial_force(
     posture springs of the arm's self-motion make the difference.
     """
     radius = 0.5
-    env = make_env(radius)
-    env.reset(seed=0)
+    env = start_env(radius)
     commands = arc_commands(radius * ratio, degrees=25.0, duration=4.0)
     for command in commands:
         observation, *_, info = env.step(command)
@@ -111,9 +100,7 @@ def push_hand(env: DoorOpeningEnv, force_d: np.ndarray) -> None:
 @pytest.mark.parametrize(
     ("name", "radius"), [*zip(DIRECTIONS, 5 * [0.35, 0.65], strict=True)]
 )
-def test_grasp_survives_20_newtons(
-    name: str, radius: float, make_env: Callable
-) -> None:
+def test_grasp_survives_20_newtons(name, radius, make_env):
     """20 N through the grasp for 2 s: an external force on the hand supplies them.
 
     The servo takes a part of what is applied, so the applied force is raised until
@@ -143,7 +130,7 @@ def test_grasp_survives_20_newtons(
         ({"closer_preload": 5.0, "closer_stiffness": 1.0}, 1e-3),
     ],
 )
-def test_closed_door_is_held_still(door: Any, slip: float, make_env: Callable) -> None:
+def test_closed_door_is_held_still(door, slip, make_env):
     """Ten seconds, after three of which it is said to have stalled."""
     env = make_env(door)
     first, _ = env.reset(seed=0)
@@ -157,12 +144,11 @@ def test_closed_door_is_held_still(door: Any, slip: float, make_env: Callable) -
     assert info["slip"] < slip
 
 
-def test_weld_holds_what_friction_cannot(make_env: Callable) -> None:
+def test_weld_holds_what_friction_cannot(start_env):
     """60 N downwards: the pads slide along the bar, the weld does not."""
     slip = {}
     for grasp in ("contact", "weld"):
-        env = make_env({"hinge_friction": 50.0}, grasp=grasp)
-        env.reset(seed=0)
+        env = start_env({"hinge_friction": 50.0}, grasp=grasp)
         for step in range(150):
             push_hand(env, np.array([0.0, -60.0 * min(1.0, step / 100), 0.0]))
             *_, info = env.step(REST)
@@ -171,9 +157,8 @@ def test_weld_holds_what_friction_cannot(make_env: Callable) -> None:
     assert slip["contact"] > 5e-3
 
 
-def test_pulling_far_too_hard_loses_the_grasp(make_env: Callable) -> None:
-    env = make_env({"hinge_friction": 50.0, "closer_preload": 50.0})
-    env.reset(seed=0)
+def test_pulling_far_too_hard_loses_the_grasp(start_env):
+    env = start_env({"hinge_friction": 50.0, "closer_preload": 50.0})
     for step in range(400):
         push_hand(env, np.array([min(2.0 * step, 200.0), 0.0, 0.0]))
         _, _, terminated, _, info = env.step(np.array([0.3, 0, 0, 0, 0, 0]))
@@ -185,9 +170,8 @@ def test_pulling_far_too_hard_loses_the_grasp(make_env: Callable) -> None:
 
 
 @pytest.mark.parametrize(("right", "left"), [(1, 1), (1, 0), (0, 1), (0, 0)])
-def test_grasped_means_both_pads(right: int, left: int, make_env: Callable) -> None:
-    env = make_env("small")
-    env.reset(seed=0)
+def test_grasped_means_both_pads(right, left, start_env):
+    env = start_env("small")
     env.data.sensor("right_pad_contact").data[:] = right
     env.data.sensor("left_pad_contact").data[:] = left
     reader = Reader.of("contact", "pose")

@@ -1,6 +1,5 @@
 """Commanded stiffness: the servo's law, its gains, its statics, its stability."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -41,14 +40,13 @@ def command(pose: Any, stiffness: Any = STIFFEST) -> np.ndarray:
 @many_examples
 @given(stiffness=stiffnesses)
 def test_each_servo_has_the_stiffness_commanded_and_keeps_its_damping_ratio(
-    stiffness: np.ndarray, make_env: Callable, release_handle: Callable
-) -> None:
+    stiffness, start_env, release_handle
+):
     """The law of each servo, in motion: force_i = k_i (c - x)_i - d_i v_i.
 
     Critical damping of the arm's apparent mass, d = 2 √(m k), within 1 %.
     """
-    env = make_env(id=IMPEDANCE)
-    env.reset(seed=0)
+    env = start_env(id=IMPEDANCE)
     release_handle(env)
     target = 0.2 * MIDDLE
     for _ in range(8):
@@ -65,7 +63,7 @@ def test_each_servo_has_the_stiffness_commanded_and_keeps_its_damping_ratio(
     assert_allclose(env.data.actuator_force[:6], expected, atol=0.01 * scale)
 
 
-def test_stiffness_beyond_the_range_is_clamped(make_env: Callable) -> None:
+def test_stiffness_beyond_the_range_is_clamped(make_env):
     pose = np.array([0.01, 0.0, -0.01, 0.02, 0.0, 0.01])
     env, twin = make_env(id=IMPEDANCE), make_env(id=IMPEDANCE)
     assert_allclose(env.action_space.low[6:], SOFTEST)
@@ -80,7 +78,7 @@ def test_stiffness_beyond_the_range_is_clamped(make_env: Callable) -> None:
             assert data_equivalence(result, twin.step(command(pose, end)), exact=True)
 
 
-def test_gains_of_many_are_the_gains_of_each() -> None:
+def test_gains_of_many_are_the_gains_of_each():
     rows = np.random.default_rng(0).uniform(-10.0, 3000.0, (5, 6))
     each = zip(*map(servo_gains, rows), strict=True)
     for part, parts in zip(servo_gains(rows), each, strict=True):
@@ -100,11 +98,10 @@ def push(env: DoorOpeningImpedanceEnv, wrench_d: np.ndarray) -> None:
     [(0, 1.0), (0, 0.1), (1, 0.1), (2, 1.0), (3, 0.1), (4, 1.0), (5, 0.1)],
 )
 def test_deflection_under_a_known_load_is_load_over_stiffness(
-    share: float, axis: int, make_env: Callable, release_handle: Callable
-) -> None:
+    share, axis, start_env, release_handle
+):
     """In the middle of the opening, without the springs that settle self-motion."""
-    env = make_env(id=IMPEDANCE)
-    env.reset(seed=0)
+    env = start_env(id=IMPEDANCE)
     release_handle(env)
     for name in ARM_JOINTS:
         env.model.jnt_stiffness[env.model.joint(name).id] = 0.0
@@ -120,13 +117,9 @@ def test_deflection_under_a_known_load_is_load_over_stiffness(
     assert_allclose(deflection, load / stiffness, atol=1e-4)
 
 
-def test_greatest_stiffness_follows_the_pose_environment(
-    make_env: Callable, arc_commands: Callable
-) -> None:
+def test_greatest_stiffness_follows_the_pose_environment(start_env, arc_commands):
     """To 1 µm and 0.2 mrad along an arc; not bit for bit, as the next test shows."""
-    pose_env, env = make_env("medium"), make_env("medium", id=IMPEDANCE)
-    pose_env.reset(seed=0)
-    env.reset(seed=0)
+    pose_env, env = start_env("medium"), start_env("medium", id=IMPEDANCE)
     for pose in arc_commands(0.5, duration=6.0):
         expected, _, ended, _, expected_info = pose_env.step(pose)
         observation, *_, info = env.step(command(pose))
@@ -140,8 +133,8 @@ def test_greatest_stiffness_follows_the_pose_environment(
 
 
 def test_an_oblique_turn_shows_that_axes_have_servos_of_their_own(
-    make_env: Callable, release_handle: Callable
-) -> None:
+    make_env, release_handle
+):
     """Hand free, turned by 0.9 rad: 0.6 mm and 10 mrad from the geodesic at most.
 
     Along the geodesic one servo turns the hand of the pose environment.
@@ -164,11 +157,10 @@ def test_an_oblique_turn_shows_that_axes_have_servos_of_their_own(
 
 @pytest.mark.parametrize("share", [1.0, 0.25])
 def test_a_wrong_radius_costs_force_in_proportion_to_stiffness(
-    share: float, make_env: Callable, arc_commands: Callable
-) -> None:
+    share, start_env, arc_commands
+):
     radius = 0.5
-    env = make_env(radius, id=IMPEDANCE)
-    env.reset(seed=0)
+    env = start_env(radius, id=IMPEDANCE)
     stiffness = share * STIFFEST
     for pose in arc_commands(1.2 * radius, degrees=25.0, duration=4.0):
         *_, info = env.step(command(pose, stiffness))
@@ -178,9 +170,7 @@ def test_a_wrong_radius_costs_force_in_proportion_to_stiffness(
 
 @many_examples
 @given(stiffness=stiffnesses, seed=st.integers(0, 1000))
-def test_any_stiffness_is_stable(
-    stiffness: np.ndarray, seed: int, make_env: Callable, release_handle: Callable
-) -> None:
+def test_any_stiffness_is_stable(stiffness, seed, make_env, release_handle):
     """Steps of the command, and stiffness that jumps, then rest: motion dies out.
 
     The hand is free: friction of a held door would hide an undamped servo.

@@ -56,13 +56,8 @@ def bolt_and_handle(data: Any) -> tuple[float, float]:
 @pytest.mark.parametrize(("handle", "torque"), [("lever", 2.0), ("knob", 0.875)])
 @everywhere
 def test_a_latch_holds_until_the_handle_is_turned_which_springs_back(
-    swing: str,
-    hinge_side: str,
-    handle: str,
-    torque: float,
-    base: str,
-    latched_door: Callable,
-) -> None:
+    swing, hinge_side, handle, torque, base, latched_door
+):
     """100 N do not open it; 5 N m do once the handle is turned."""
     door = latched_door(base, swing=swing, hinge_side=hinge_side, handle=handle)
     assert push(*door, 1.0, hinge=HOLD) < CLOSED
@@ -79,8 +74,8 @@ def test_a_latch_holds_until_the_handle_is_turned_which_springs_back(
 
 @everywhere
 def test_before_a_robot_that_drives_a_latch_holds_4000_newtons(
-    swing: str, hinge_side: str, latched_door: Callable
-) -> None:
+    swing, hinge_side, latched_door
+):
     """What the palm does to the leaf when the base is driven into the door."""
     door = latched_door("mobile", swing=swing, hinge_side=hinge_side)
     assert push(*door, 0.2, hinge=40.0 * HOLD) < CLOSED
@@ -89,9 +84,7 @@ def test_before_a_robot_that_drives_a_latch_holds_4000_newtons(
 
 
 @pytest.mark.parametrize("dead_travel", [0.0, 0.06, 0.2])
-def test_the_bolt_follows_beyond_the_dead_travel(
-    dead_travel: float, latched_door: Callable
-) -> None:
+def test_the_bolt_follows_beyond_the_dead_travel(dead_travel, latched_door):
     """In proportion: not at the dead travel, whole at the whole travel."""
     model, data = latched_door(dead_travel=dead_travel)
     for angle in (0.1, 0.3, 0.5, 0.7):
@@ -107,9 +100,7 @@ def test_the_bolt_follows_beyond_the_dead_travel(
 @both_bases
 @pytest.mark.parametrize("speed", [0.3, 1.0, 3.0, 8.0])
 @everywhere
-def test_a_slammed_door_latches(
-    swing: str, hinge_side: str, speed: float, base: str, latched_door: Callable
-) -> None:
+def test_a_slammed_door_latches(swing, hinge_side, speed, base, latched_door):
     model, data = latched_door(base, swing=swing, hinge_side=hinge_side)
     data.joint("hinge").qpos, data.joint("hinge").qvel = 0.3, -speed
     push(model, data, 1.5, hinge=-2.5)
@@ -117,9 +108,7 @@ def test_a_slammed_door_latches(
 
 
 @pytest.mark.parametrize("torque", [5.0, 10.0, 30.0])
-def test_a_door_that_is_closed_slowly_latches(
-    torque: float, latched_door: Callable
-) -> None:
+def test_a_door_that_is_closed_slowly_latches(torque, latched_door):
     """What it takes is the bolt's spring on a bevel of 45°, 7.8 N at 0.58 m."""
     model, data = latched_door(hinge_damping=30.0)
     data.joint("hinge").qpos = 0.1
@@ -127,15 +116,13 @@ def test_a_door_that_is_closed_slowly_latches(
     assert push(model, data, 1.0, hinge=HOLD) < CLOSED
 
 
-def test_without_a_latch_a_lever_door_opens_unturned(latched_door: Callable) -> None:
+def test_without_a_latch_a_lever_door_opens_unturned(latched_door):
     door = latched_door(latch="none")
     assert push(*door, 0.5, hinge=5.0) > CLOSED
     assert door[1].joint("handle").qpos[0] == pytest.approx(0.0, abs=0.01)
 
 
-def test_the_return_springs_are_what_they_are_said_to_be(
-    latched_door: Callable,
-) -> None:
+def test_the_return_springs_are_what_they_are_said_to_be(latched_door):
     """At rest in mid-air a joint's force is preload + stiffness * displacement."""
     model, data = latched_door(handle_preload=0.4, handle_stiffness=1.1)
     for name, place, force in (("handle", 0.5, 0.4 + 1.1 * 0.5), ("bolt", 0.004, 5.2)):
@@ -160,14 +147,9 @@ KNOB = {
 @pytest.mark.parametrize("fields", [LEVER, KNOB], ids=["lever", "knob"])
 @everywhere
 def test_a_hand_turns_the_handle_and_opens(
-    fields: dict[str, Any],
-    swing: str,
-    hinge_side: str,
-    make_env: Callable,
-    opening_poses: Callable,
-) -> None:
-    env = make_env({**fields, "hinge_side": hinge_side, "swing": swing})
-    env.reset(seed=0)
+    fields, swing, hinge_side, start_env, opening_poses
+):
+    env = start_env({**fields, "hinge_side": hinge_side, "swing": swing})
     most = dict.fromkeys(("handle_angle", "bolt", "force", "slip"), 0.0)
     for pose in opening_poses(env.door_geometry, 35.0, 4.0, travel=0.8):
         *_, info = env.step(pose)
@@ -186,11 +168,8 @@ def test_a_hand_turns_the_handle_and_opens(
     assert most["force"] < 30.0
 
 
-def test_a_pull_alone_does_not_open(
-    make_env: Callable, opening_poses: Callable
-) -> None:
-    env = make_env(LEVER)
-    env.reset(seed=0)
+def test_a_pull_alone_does_not_open(start_env, opening_poses):
+    env = start_env(LEVER)
     poses = opening_poses(env.door_geometry, 35.0, 4.0, travel=0.0)[:300]
     for pose in poses:
         *_, info = env.step(pose)
@@ -202,9 +181,7 @@ def test_a_pull_alone_does_not_open(
 
 
 @pytest.mark.bits
-def test_a_reset_to_another_structure_is_as_a_new_environment(
-    make_env: Callable, opening_poses: Callable
-) -> None:
+def test_a_reset_to_another_structure_is_as_a_new_environment(make_env, opening_poses):
     used, fresh = make_env("medium"), make_env(LEVER)
     used.reset(seed=0)
     used.step(used.action_space.sample())

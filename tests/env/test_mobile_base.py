@@ -52,15 +52,9 @@ def margin(env: Any) -> float:
     ],
 )
 def test_it_opens_to_a_right_angle_with_its_arm_as_it_was(
-    door: dict[str, Any],
-    axes: tuple[str, ...],
-    newtons: float,
-    least: float,
-    make_env: Callable,
-    opening_poses: Callable,
-) -> None:
-    env = make_env(door, base="mobile")
-    env.reset(seed=0)
+    door, axes, newtons, least, start_env, opening_poses
+):
+    env = start_env(door, base="mobile")
     margins, forces, speeds = [], [], []
     for pose in opening_poses(env.door_geometry, 90.0, 6.0):
         *_, info = env.step(pose)
@@ -82,11 +76,10 @@ def test_it_opens_to_a_right_angle_with_its_arm_as_it_was(
     ("preset", "side"), [("room-709", "right"), ("room-959", "left")]
 )
 def test_it_goes_through_the_frame_of_doors_of_rooms(
-    preset: str, side: str, make_env: Callable, opening_poses: Callable
-) -> None:
+    preset, side, start_env, opening_poses
+):
     door = {"preset": preset, "hinge_side": side, "swing": "push"}
-    env = make_env(door, base="mobile")
-    env.reset(seed=0)
+    env = start_env(door, base="mobile")
     for pose in opening_poses(env.door_geometry, 67.0, 6.0):
         *_, terminated, _, info = env.step(pose)
         assert not touching(env)
@@ -97,11 +90,10 @@ def test_it_goes_through_the_frame_of_doors_of_rooms(
 
 @pytest.mark.parametrize("radius", [0.35, 0.9])
 def test_it_goes_after_a_hand_that_pushes_through_the_frame(
-    radius: float, make_env: Callable, arc_commands: Callable
-) -> None:
+    radius, start_env, arc_commands
+):
     """To 60° along a pushed handle's arc, whose leaf is not there."""
-    env = make_env(radius, base="mobile")
-    env.reset(seed=0)
+    env = start_env(radius, base="mobile")
     for geom in ("handle_bar", "leaf"):
         env.model.geom(geom).conaffinity = 0
     pushed = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, 1.0])
@@ -112,19 +104,17 @@ def test_it_goes_after_a_hand_that_pushes_through_the_frame(
     assert margin(env) > 0.05
 
 
-def test_small_motions_are_left_to_the_arm(make_env: Callable) -> None:
-    env = make_env(base="mobile", grasp="weld")
-    env.reset(seed=0)
+def test_small_motions_are_left_to_the_arm(start_env):
+    env = start_env(base="mobile", grasp="weld")
     for step in range(300):
         turn = 2 * np.pi * step * 0.01
         *_, info = env.step(0.01 * np.sin(turn) * np.array([1, 0, 1, 0, 2, 0]))
         assert np.abs(info["base_pose"]).max() < 1e-3
 
 
-def test_a_base_that_drives_into_the_door_is_blocked_by_it(make_env: Callable) -> None:
+def test_a_base_that_drives_into_the_door_is_blocked_by_it(start_env):
     """Towards the closed door, whose frame and leaf hold up against the drive."""
-    env = make_env(id=MOBILE)
-    env.reset(seed=0)
+    env = start_env(id=MOBILE)
     env.model.geom("handle_bar").conaffinity = 0
     env.model.joint("hinge").range = 0.0, 1e-3
     into_door = np.array([*6 * [0.0], np.cos(0.4546), np.sin(0.4546), 0.0])
@@ -144,10 +134,9 @@ def test_a_base_that_drives_into_the_door_is_blocked_by_it(make_env: Callable) -
     assert_allclose(info["base_pose"][:2], stopped, atol=0.1)
 
 
-def test_a_commanded_twist_is_driven_while_the_hand_stays(make_env: Callable) -> None:
+def test_a_commanded_twist_is_driven_while_the_hand_stays(start_env):
     """Half a second backwards and to the right: the arm makes up for it."""
-    env = make_env(id=MOBILE)
-    env.reset(seed=0)
+    env = start_env(id=MOBILE)
     for step in range(150):
         twist = [-0.1, -0.1, 0.1] if step < 50 else [0.0, 0.0, 0.0]
         observation, *_, info = env.step(np.array([*6 * [0.0], *twist]))
@@ -159,11 +148,8 @@ def test_a_commanded_twist_is_driven_while_the_hand_stays(make_env: Callable) ->
     assert np.degrees(info["door_angle"]) < 0.2
 
 
-def test_pose_of_the_base_is_where_its_body_is(
-    make_env: Callable, arc_commands: Callable
-) -> None:
-    env = make_env(0.9, base="mobile")
-    env.reset(seed=0)
+def test_pose_of_the_base_is_where_its_body_is(start_env, arc_commands):
+    env = start_env(0.9, base="mobile")
     for command in arc_commands(0.9, duration=4.0)[:250]:
         *_, info = env.step(command)
     mujoco.mj_kinematics(env.model, env.data)
@@ -176,7 +162,7 @@ def test_pose_of_the_base_is_where_its_body_is(
     assert info["base_pose"][2] > 0.3
 
 
-def test_a_fixed_base_says_that_it_stands(make_env: Callable) -> None:
+def test_a_fixed_base_says_that_it_stands(make_env):
     env = make_env()
     _, info = env.reset(seed=0)
     *_, stepped = env.step(np.full(6, 0.01))
@@ -192,7 +178,7 @@ def robot_mass(model: mujoco.MjModel) -> float:
 
 
 @pytest.mark.parametrize(("base", "bodies"), [("fixed", 0), ("mobile", 9)])
-def test_what_the_robot_touches_is_solid_to_it_alone(base: Any, bodies: int) -> None:
+def test_what_the_robot_touches_is_solid_to_it_alone(base, bodies):
     model = build_scene(DoorConfig(), base=base)
     solid = {
         model.geom(index).name
@@ -225,9 +211,7 @@ def pushed(door_alone: Callable) -> Callable[..., np.ndarray]:
     return push
 
 
-def test_wheels_hold_the_base_up_to_the_torque_of_their_motors(
-    pushed: Callable,
-) -> None:
+def test_wheels_hold_the_base_up_to_the_torque_of_their_motors(pushed):
     """315 N and 147 N m, with less than a millimetre a second of creep.
 
     Beyond that they slip as with Coulomb friction: the base yields with what the wheels
@@ -246,10 +230,9 @@ def test_wheels_hold_the_base_up_to_the_torque_of_their_motors(
         assert 0.9 < ahead / (0.1 * (force - LIMIT) / mass) < 1.5
 
 
-def test_the_arm_pushes_its_base_through_the_wheels_alone(make_env: Callable) -> None:
+def test_the_arm_pushes_its_base_through_the_wheels_alone(start_env):
     """The servo acts in the room's frame, but its motors sit between the links."""
-    env = make_env("room-584", base="mobile")
-    env.reset(seed=0)
+    env = start_env("room-584", base="mobile")
     joints = [env.model.joint(name).dofadr[0] for name in BASE_JOINTS]
     for _ in range(20):
         env.step(env.action_space.high)
@@ -264,12 +247,9 @@ def test_the_arm_pushes_its_base_through_the_wheels_alone(make_env: Callable) ->
         ("medium", [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
     ],
 )
-def test_a_commanded_base_obeys_its_drive_and_opens_no_latch(
-    door: str, command: list[float], make_env: Callable
-) -> None:
+def test_a_commanded_base_obeys_its_drive_and_opens_no_latch(door, command, start_env):
     """Once 82 rad/s, and the door open by 104° within 0.29 s; led a metre, 2.6 m/s."""
-    env = make_env(door, base="mobile")
-    env.reset(seed=0)
+    env = start_env(door, base="mobile")
     fastest = turned = 0.0
     for step in range(150):
         *_, info = env.step(np.array(command))
@@ -293,8 +273,8 @@ def test_a_commanded_base_obeys_its_drive_and_opens_no_latch(
     ],
 )
 def test_actions_beyond_the_bounds_are_those_at_the_bounds(
-    id: str, disturbance: str, make_env: Callable, make_vec: Callable
-) -> None:
+    id, disturbance, make_env, make_vec
+):
     """Of one and of many, also where squares of numbers overflow."""
     shared = {"id": id, "base": "mobile", "disturbance": disturbance}
     one, other, many = make_env(**shared), make_env(**shared), make_vec(2, **shared)
@@ -317,8 +297,8 @@ def test_actions_beyond_the_bounds_are_those_at_the_bounds(
     [("radius", 0.65, 0.66), ("handle_height", 0.90, 0.91)],
 )
 def test_a_base_that_stands_refuses_what_it_cannot_reach(
-    field: str, reached: float, beyond: float, make_env: Callable, make_vec: Callable
-) -> None:
+    field, reached, beyond, make_env, make_vec
+):
     """At make and at reset, drawn or not, one or many; the record allows it."""
     message = (
         rf'{field} = {beyond} is out of reach .*at most {reached:g} m; give base="'
@@ -337,7 +317,7 @@ def test_a_base_that_stands_refuses_what_it_cannot_reach(
         assert make(door=far, base="mobile").reset(seed=0)
 
 
-def test_the_record_ends_where_the_driving_robot_s_reach_does() -> None:
+def test_the_record_ends_where_the_driving_robot_s_reach_does():
     most = {"radius": BAR_STANCES["mobile", "pull"].radius, "handle_height": 1.22}
     check_reach(DoorConfig(**most), "mobile")
     for field, value in most.items():

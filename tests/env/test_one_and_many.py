@@ -126,13 +126,8 @@ def drawn_actions(envs: Any, rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize(("id", "mode", "circumstances", "numbers"), CASES)
 def test_every_number_is_that_of_single_environments(
-    id: str,
-    mode: AutoresetMode,
-    circumstances: dict[str, Any],
-    numbers: str,
-    make_pair: Callable,
-    count_as: Callable,
-) -> None:
+    id, mode, circumstances, numbers, make_pair, count_as
+):
     count_as(numbers)
     ours, model = make_pair(id, mode, **circumstances)
     reset_both(ours, model, seed=5)
@@ -153,9 +148,7 @@ def test_every_number_is_that_of_single_environments(
         assert len({one.delay for one in ours.unwrapped.variations}) > 1
 
 
-def test_each_simulation_may_have_circumstances_of_its_own(
-    make_vec: Callable, make_env: Callable
-) -> None:
+def test_each_simulation_may_have_circumstances_of_its_own(make_vec, make_env):
     randomizations = ["hard", {"longest_delay": 3}, "none"]
     disturbances = [{"push": {"along": (4.0, 9.0)}}, "none", EVERYTHING]
     doors = ["small", LEVER, KNOB]
@@ -196,12 +189,8 @@ def test_each_simulation_may_have_circumstances_of_its_own(
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 @pytest.mark.parametrize(("value", "numbers"), [(1e8, "arrays"), (np.nan, "floats")])
 def test_a_diverged_simulation_ends_alone_and_starts_anew(
-    value: float,
-    numbers: str,
-    mode: AutoresetMode,
-    count_as: Callable,
-    make_pair: Callable,
-) -> None:
+    value, numbers, mode, count_as, make_pair
+):
     """Twice in a row: what MuJoCo counts must not be taken for another divergence."""
     count_as(numbers)
     ours, model = make_pair(POSE, mode, BARS)
@@ -222,9 +211,7 @@ def test_a_diverged_simulation_ends_alone_and_starts_anew(
     assert ends == [alone if step in (3, 7) else 4 * [False] for step in range(12)]
 
 
-def test_a_second_reset_continues_the_generators_and_keeps_the_options(
-    make_pair: Callable,
-) -> None:
+def test_a_second_reset_continues_the_generators_and_keeps_the_options(make_pair):
     ours, model = make_pair(POSE)
     door = {"radius": 0.45, "hinge_friction": 3.0}
     options = {"door": door, "randomization": "mild"}
@@ -236,7 +223,7 @@ def test_a_second_reset_continues_the_generators_and_keeps_the_options(
         assert one.bit_generator.state == other.bit_generator.state
 
 
-def test_any_number_of_threads_gives_the_same_numbers(make_vec: Callable) -> None:
+def test_any_number_of_threads_gives_the_same_numbers(make_vec):
     results = []
     for threads in (1, 2, 3, 0):
         envs = make_vec(13, id=IMPEDANCE, randomization="hard", num_threads=threads)

@@ -28,7 +28,7 @@ DT = 0.01
 OPEN = SUCCESS_ANGLE + 1e-6
 
 
-def test_the_task_s_numbers() -> None:
+def test_the_task_s_numbers():
     assert math.radians(60.0) == SUCCESS_ANGLE
     assert (HOLD_TIME, GRASP_LOST_TIME, STALL_TIME) == (0.5, 0.25, 3.0)
     assert math.radians(0.5) == STALL_ANGLE
@@ -102,11 +102,11 @@ ON_PURPOSE, BY_ITSELF = {"opened": True}, {"opened": False}
         ),
     ],
 )
-def test_what_is_said_after_each_spell(spells: Any, outcomes: Any) -> None:
+def test_what_is_said_after_each_spell(spells, outcomes):
     assert watched(*spells) == outcomes
 
 
-def test_a_slow_door_has_not_stalled() -> None:
+def test_a_slow_door_has_not_stalled():
     """Half a degree in just under three seconds is progress; to and fro is none."""
     rate = STALL_ANGLE / (STALL_TIME - 5 * DT)
     slow = [(1, rate * step * DT, True) for step in range(2000)]
@@ -115,7 +115,7 @@ def test_a_slow_door_has_not_stalled() -> None:
     assert watched(*swinging)[-1] == STALLED
 
 
-def test_turning_the_handle_is_no_stall() -> None:
+def test_turning_the_handle_is_no_stall():
     rate = math.radians(2.0) * DT
     turning = [(1, 0.0, True, rate * step, HELD) for step in range(800)]
     *said, last = watched(*turning, (301, 0.0, True, 800 * rate, HELD))
@@ -130,9 +130,7 @@ def test_turning_the_handle_is_no_stall() -> None:
     angles=st.lists(st.floats(0.0, 1.7), min_size=2, max_size=60),
     forces=st.lists(st.floats(-50, 50), min_size=60, max_size=60),
 )
-def test_progress_telescopes_to_the_angle_over_sixty_degrees(
-    angles: list[float], forces: list[float]
-) -> None:
+def test_progress_telescopes_to_the_angle_over_sixty_degrees(angles, forces):
     total = sum(
         reward_terms(after - before, force, False)["progress"]
         for before, after, force in zip(angles, angles[1:], forces, strict=False)
@@ -140,7 +138,7 @@ def test_progress_telescopes_to_the_angle_over_sixty_degrees(
     assert total == pytest.approx((angles[-1] - angles[0]) / SUCCESS_ANGLE, abs=1e-9)
 
 
-def test_reward_terms_are_what_the_page_says() -> None:
+def test_reward_terms_are_what_the_page_says():
     terms = reward_terms(SUCCESS_ANGLE / 4, -10.0, True)
     assert terms == pytest.approx(
         {"progress": 0.25, "radial_force": -0.01 * DT, "success": 1.0}
@@ -149,7 +147,7 @@ def test_reward_terms_are_what_the_page_says() -> None:
 
 
 @given(radius=st.floats(0.1, 1.0), angle=st.floats(-3.0, 3.0))
-def test_arc_keeps_its_distance_from_the_hinge(radius: float, angle: float) -> None:
+def test_arc_keeps_its_distance_from_the_hinge(radius, angle):
     x, y, z, *rotation = handle_pose_on_arc(radius, angle)
     assert math.hypot(x, z + radius) == pytest.approx(radius)
     assert math.atan2(x, z + radius) == pytest.approx(angle)
@@ -157,7 +155,7 @@ def test_arc_keeps_its_distance_from_the_hinge(radius: float, angle: float) -> N
     assert rotation == [0.0, angle, 0.0]
 
 
-def test_many_poses_on_an_arc_are_those_of_one_at_a_time() -> None:
+def test_many_poses_on_an_arc_are_those_of_one_at_a_time():
     """Bit for bit: a command must not depend on how many were computed with it."""
     radii, angles = np.array([[0.3], [0.65]]), np.linspace(-0.1, 1.6, 101)
     alone = [
@@ -190,7 +188,7 @@ def reading(degrees: float = 0.0, **changes: Any) -> DoorReading:
     return DoorReading(angle=math.radians(degrees), **{**rest, **changes})
 
 
-def test_a_latched_door_passes_every_stage_in_order() -> None:
+def test_a_latched_door_passes_every_stage_in_order():
     """Also 90°, and what comes after the end of the task; none is lost again."""
     turned = 0.51 * ROOM.handle_travel
     story = [
@@ -228,9 +226,7 @@ def test_a_latched_door_passes_every_stage_in_order() -> None:
         ),
     ],
 )
-def test_a_stage_may_be_reached_at_once(
-    door: Any, before: str, state: DoorReading, latched: bool, held: bool, stage: str
-) -> None:
+def test_a_stage_may_be_reached_at_once(door, before, state, latched, held, stage):
     turned = turned_angle(door)
     after = stage_after(STAGES.index(before), state, turned, latched, held)
     assert STAGES[after] == stage
@@ -255,15 +251,13 @@ PULL = {"forces": (21.0, 0.0, 0.0)}
         (reading(forces=(0.0, 30.0, 0.0)), INSIDE, "stalled", "stalled"),
     ],
 )
-def test_a_reason_tells_what_is_behind_a_failure(
-    state: DoorReading, joints: list[float], failure: str, reason: str
-) -> None:
+def test_a_reason_tells_what_is_behind_a_failure(state, joints, failure, reason):
     diagnosis = Diagnosis()
     diagnosis.update(state, joints, LIMITS, stalled=failure == "stalled")
     assert REASONS[diagnosis.reason(REASONS.index(failure))] == reason
 
 
-def test_what_hindered_long_ago_is_no_reason() -> None:
+def test_what_hindered_long_ago_is_no_reason():
     diagnosis = Diagnosis()
     diagnosis.update(reading(**PULL), INSIDE, LIMITS, stalled=False)
     for _ in range(60):

@@ -1,7 +1,6 @@
 """Where the robot stands and grasps: what it sees of the door, and what it does not."""
 
 import math
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -51,9 +50,7 @@ def turned(positions: np.ndarray, yaw: float) -> np.ndarray:
 
 @settings(max_examples=12)
 @given(placement=placements, angle=st.floats(0.0, 1.7), radius=st.floats(0.3, 0.65))
-def test_the_arc_is_turned_by_minus_the_yaw(
-    placement: Placement, angle: float, radius: float
-) -> None:
+def test_the_arc_is_turned_by_minus_the_yaw(placement, angle, radius):
     """The robot is turned to the left, so to it the door is turned to the right.
 
     The arc begins where the bar really is at the closed grasp.
@@ -74,9 +71,7 @@ def test_the_arc_is_turned_by_minus_the_yaw(
 
 @settings(max_examples=12)
 @given(placement=placements)
-def test_the_hand_begins_at_the_origin_wherever_it_takes_hold(
-    placement: Placement,
-) -> None:
+def test_the_hand_begins_at_the_origin_wherever_it_takes_hold(placement):
     """An error of the base moves the door the other way.
 
     Base frame = world: base_x ahead, base_y to the left, base_yaw to the left.
@@ -101,7 +96,7 @@ def test_the_hand_begins_at_the_origin_wherever_it_takes_hold(
     assert math.atan2(into_door[1], into_door[0]) == pytest.approx(stance.door_yaw)
 
 
-def test_base_errors_change_the_arm_s_posture_and_heights_do_not() -> None:
+def test_base_errors_change_the_arm_s_posture_and_heights_do_not():
     """The torso goes to the height of the grasp, as far as it goes."""
     usual, ahead, left, low, high = (
         [at_rest(place)[1].sensor(f"{name}_pos").data[0] for name in ARM_JOINTS]
@@ -119,8 +114,8 @@ def test_base_errors_change_the_arm_s_posture_and_heights_do_not() -> None:
 
 
 def test_a_turned_arc_shows_in_observation_and_info_and_the_unturned_one_resists(
-    make_env: Callable, arc_commands: Callable
-) -> None:
+    make_env, arc_commands
+):
     """The whole way through the environment: hand and handle follow the same arc."""
     env = make_env(0.42, randomization={"base_yaw": 0.06, "base_position": 0.01})
     env.reset(seed=1)
@@ -148,8 +143,8 @@ def test_a_turned_arc_shows_in_observation_and_info_and_the_unturned_one_resists
 
 @pytest.mark.parametrize("n", [None, 3])
 def test_an_unreachable_placement_is_told_and_the_next_reset_draws_anew(
-    n: int | None, make_env: Callable, make_vec: Callable
-) -> None:
+    n, make_env, make_vec
+):
     make = make_env if n is None else partial(make_vec, n)
     env, fresh = (make(door={"handle_height": 0.5}) for _ in range(2))
     first = env.reset(seed=3)

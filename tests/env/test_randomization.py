@@ -3,8 +3,6 @@
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -54,7 +52,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @given(fields=ranges, seed=seeds)
-def test_draws_stay_within_their_ranges(fields: dict[str, Any], seed: int) -> None:
+def test_draws_stay_within_their_ranges(fields, seed):
     door = DoorConfig(radius=0.42, panel_mass=7.0, handle_standoff=0.09)
     drawn = DoorRandomization(**fields).sample(door, np.random.default_rng(seed))
     for name in DOOR_FIELDS:
@@ -71,9 +69,7 @@ def test_draws_stay_within_their_ranges(fields: dict[str, Any], seed: int) -> No
 
 
 @given(fields=ranges, other=ranges, seed=seeds)
-def test_a_range_changes_the_draws_of_no_other(
-    fields: dict[str, Any], other: dict[str, Any], seed: int
-) -> None:
+def test_a_range_changes_the_draws_of_no_other(fields, other, seed):
     """Of two randomisations, what has the same range in both is drawn the same."""
     first, second = (
         DoorRandomization(**each)
@@ -88,7 +84,7 @@ def test_a_range_changes_the_draws_of_no_other(
                 assert first[value] == second[value], value
 
 
-def test_draws_are_uniform_and_independent() -> None:
+def test_draws_are_uniform_and_independent():
     """Mean, variance and all correlations, within about 4 standard errors."""
     widest = DoorRandomization(**DOOR_FIELDS, **WIDTHS, longest_delay=10)
     rng, n = np.random.default_rng(0), 4000
@@ -106,7 +102,7 @@ def test_draws_are_uniform_and_independent() -> None:
     assert {row["delay"] for row in rows} == set(range(11))
 
 
-def test_a_delay_can_be_pinned() -> None:
+def test_a_delay_can_be_pinned():
     for shortest, longest in ((3, 3), (2, 4)):
         pinned = DoorRandomization(shortest_delay=shortest, longest_delay=longest)
         rng = np.random.default_rng(0)
@@ -114,7 +110,7 @@ def test_a_delay_can_be_pinned() -> None:
         assert delays == set(range(shortest, longest + 1))
 
 
-def test_presets() -> None:
+def test_presets():
     """Mild keeps the radius, the quantity that is learned about; hard is wider in all.
 
     Their numbers are on the page.
@@ -136,10 +132,10 @@ def test_presets() -> None:
             plain = (str,) if name == "doors" else (float, int, type(None))
             assert all(type(entry) in plain for entry in entries)
     with pytest.raises(TypeError):
-        RANDOMIZATIONS["mild"] = DoorRandomization()  # type: ignore[index]
+        RANDOMIZATIONS["mild"] = DoorRandomization()
 
 
-def test_names_mappings_and_records() -> None:
+def test_names_mappings_and_records():
     hard = RANDOMIZATIONS["hard"]
     assert door_randomization("hard") is hard
     assert door_randomization(hard) is hard
@@ -207,9 +203,7 @@ def test_names_mappings_and_records() -> None:
         ({"doors": "din"}, ValueError, "doors = 'din' is not one of 'given'"),
     ],
 )
-def test_wrong_ones_are_told_what_is_allowed(
-    spec: Any, kind: type[Exception], message: str
-) -> None:
+def test_wrong_ones_are_told_what_is_allowed(spec, kind, message):
     with pytest.raises(kind) as error:
         door_randomization(spec)
     assert message in str(error.value)
@@ -225,7 +219,7 @@ def test_wrong_ones_are_told_what_is_allowed(
         ("grasp_depth", 0.008),
     ],
 )
-def test_ranges_of_a_placement(field: str, most: float) -> None:
+def test_ranges_of_a_placement(field, most):
     for end in (-most, most):
         assert getattr(Placement(**{field: end}), field) == end
         with pytest.raises(ValueError, match=rf"Placement\.{field} = .* is outside \["):
@@ -241,12 +235,12 @@ def test_ranges_of_a_placement(field: str, most: float) -> None:
         (lambda: Variation(delay=0.5), r"Variation\.delay = 0\.5 must be a whole"),
     ],
 )
-def test_other_circumstances_out_of_range(make: Callable, message: str) -> None:
+def test_other_circumstances_out_of_range(make, message):
     with pytest.raises(ValueError, match=message):
         make()
 
 
-def test_variation_names_every_number() -> None:
+def test_variation_names_every_number():
     numbers = Variation(delay=2, noise=SensorNoise(force=1.5)).as_dict()
     assert numbers["force_noise"] == 1.5
     assert numbers["delay"] == 2
@@ -259,7 +253,7 @@ def test_variation_names_every_number() -> None:
 DRAWN = [standard_door(np.random.default_rng(seed)) for seed in range(600)]
 
 
-def test_every_kind_occurs_about_as_often_as_said() -> None:
+def test_every_kind_occurs_about_as_often_as_said():
     shares = {
         "handle": {"lever": 0.4, "knob": 0.375, "bar": 0.225},
         "swing": {"pull": 0.5, "push": 0.5},
@@ -274,7 +268,7 @@ def test_every_kind_occurs_about_as_often_as_said() -> None:
             assert abs(counts[name] - share * len(DRAWN)) < spread
 
 
-def test_drawn_doors_are_within_the_tables() -> None:
+def test_drawn_doors_are_within_the_tables():
     """Hydraulic closers are no larger than the leaf asks, and beat the friction."""
     for door in DRAWN:
         assert (door.leaf_width, door.backset) in LEAVES
@@ -292,7 +286,7 @@ def test_drawn_doors_are_within_the_tables() -> None:
     assert sum(door.closing_damping > 0.0 for door in DRAWN) > 50
 
 
-def test_ranges_apply_to_drawn_doors_too() -> None:
+def test_ranges_apply_to_drawn_doors_too():
     narrow = DoorRandomization(doors="standard", hinge_damping=(2.0, 2.0))
     door = narrow.sample(DRAWN[0], np.random.default_rng(0)).door
     assert door.hinge_damping == 2.0

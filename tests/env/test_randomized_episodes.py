@@ -35,7 +35,7 @@ def variations(env: Any, seed: int) -> list[Variation]:
 
 
 @both_ids
-def test_seed_decides_all_that_is_drawn(id: str, make_env: Callable) -> None:
+def test_seed_decides_all_that_is_drawn(id, make_env):
     first, second = (make_env(id=id, randomization="hard") for _ in range(2))
     drawn = variations(first, 11)
     assert variations(second, 11) == drawn
@@ -45,7 +45,7 @@ def test_seed_decides_all_that_is_drawn(id: str, make_env: Callable) -> None:
         assert one.noise.position == RANDOMIZATIONS["hard"].pose_noise[0]
 
 
-def test_the_length_of_an_episode_does_not_change_the_next(make_env: Callable) -> None:
+def test_the_length_of_an_episode_does_not_change_the_next(make_env):
     """Nor does the noise in it: both come from generators of their own."""
     first, second = (make_env(randomization="hard") for _ in range(2))
     first.reset(seed=5)
@@ -56,7 +56,7 @@ def test_the_length_of_an_episode_does_not_change_the_next(make_env: Callable) -
     assert first.variation == second.variation
 
 
-def test_randomization_shows_in_model_info_and_observation(make_env: Callable) -> None:
+def test_randomization_shows_in_model_info_and_observation(make_env):
     env = make_env("medium", randomization="hard")
     _, info = env.reset(seed=2)
     door, hinge = env.variation.door, env.model.joint("hinge")
@@ -71,9 +71,7 @@ def test_randomization_shows_in_model_info_and_observation(make_env: Callable) -
 
 
 @both_ids
-def test_none_is_the_same_as_no_randomization(
-    id: str, make_env: Callable, draw_actions: Callable
-) -> None:
+def test_none_is_the_same_as_no_randomization(id, make_env, draw_actions):
     """Bit for bit, and it draws nothing: the generator is left to wrappers."""
     plain, none = make_env("heavy", id=id), make_env("heavy", id=id, randomization={})
     first = plain.reset(seed=3)
@@ -87,7 +85,7 @@ def test_none_is_the_same_as_no_randomization(
     assert data_equivalence(plain.reset(seed=4), first, exact=True)
 
 
-def test_reset_option_changes_it_from_this_episode_on(make_env: Callable) -> None:
+def test_reset_option_changes_it_from_this_episode_on(make_env):
     env, fresh = make_env("small"), make_env("small", randomization="mild")
     env.reset(seed=0)
     changed = env.reset(seed=4, options={"randomization": "mild"})
@@ -97,7 +95,7 @@ def test_reset_option_changes_it_from_this_episode_on(make_env: Callable) -> Non
     assert env.variation == Variation(door=DoorConfig(radius=0.65))
 
 
-def test_every_corner_of_the_widest_preset_can_be_held() -> None:
+def test_every_corner_of_the_widest_preset_can_be_held():
     """All extremes of what moves the arm: no reset may fail in an odd draw."""
     preset = RANDOMIZATIONS["hard"]
     model = build_scene(DoorConfig())
@@ -119,9 +117,7 @@ def test_every_corner_of_the_widest_preset_can_be_held() -> None:
 
 
 @pytest.mark.parametrize(("name", "n"), [("mild", 4), ("hard", 10)])
-def test_the_true_arc_opens_randomized_doors(
-    name: str, n: int, make_vec: Callable, opening_poses: Callable
-) -> None:
+def test_the_true_arc_opens_randomized_doors(name, n, make_vec, opening_poses):
     """Each arc is turned as the heading error turns it.
 
     Nothing is corrected: noise and delay do not matter to it, friction, closer and
@@ -137,7 +133,7 @@ def test_the_true_arc_opens_randomized_doors(
     assert success.mean() >= 0.95
 
 
-def test_standard_doors_change_with_the_seed_alone(make_env: Callable) -> None:
+def test_standard_doors_change_with_the_seed_alone(make_env):
     env = make_env(base="mobile", randomization="standard")
     seen = []
     for seed in (1, 2, 3, 4, 1):
@@ -148,7 +144,7 @@ def test_standard_doors_change_with_the_seed_alone(make_env: Callable) -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_random_commands_before_standard_doors(seed: int, make_env: Callable) -> None:
+def test_random_commands_before_standard_doors(seed, make_env):
     """Finite numbers, and a latch that is not drawn is never passed through."""
     env = make_env(base="mobile", randomization="standard")
     env.reset(seed=seed)
@@ -171,9 +167,7 @@ def test_random_commands_before_standard_doors(seed: int, make_env: Callable) ->
 # --- Noise ---------------------------------------------------------------------------
 
 
-def test_noise_has_the_stated_spread_and_is_white(
-    make_env: Callable, draw_actions: Callable
-) -> None:
+def test_noise_has_the_stated_spread_and_is_white(make_env, draw_actions):
     """Against a twin with perfect sensors: noise must not reach the simulation."""
     noisy, clean = make_env(randomization=NOISE), make_env()
     pairs = [(noisy.reset(seed=0)[0], clean.reset(seed=0)[0])]
@@ -199,14 +193,14 @@ def test_noise_has_the_stated_spread_and_is_white(
         assert np.abs((unit[lag:] * unit[:-lag]).mean(axis=0)).max() < 4.5 / np.sqrt(n)
 
 
-def test_every_episode_has_noise_of_its_own(make_env: Callable) -> None:
+def test_every_episode_has_noise_of_its_own(make_env):
     env = make_env(randomization=NOISE)
     first, second, again = (env.reset(seed=seed)[0] for seed in (0, None, 0))
     assert np.all(first["wrench"] != second["wrench"])
     assert_array_equal(first["wrench"], again["wrench"])
 
 
-def test_position_noise_alone_blurs_position_alone(make_env: Callable) -> None:
+def test_position_noise_alone_blurs_position_alone(make_env):
     env, clean = make_env(randomization={"pose_noise": (0.01, 0.0)}), make_env()
     seen, true = env.reset(seed=0)[0], clean.reset(seed=0)[0]
     assert np.all(seen["ee_pose"][:3] != true["ee_pose"][:3])
@@ -217,26 +211,22 @@ def test_position_noise_alone_blurs_position_alone(make_env: Callable) -> None:
 # --- Delay ---------------------------------------------------------------------------
 
 
-def delayed_by(delay: int, make_env: Callable, **arguments: Any) -> Any:
+def delayed_by(delay: int, start_env: Callable, **arguments: Any) -> Any:
     """Return an environment, just reset, whose commands take that many periods."""
     given = {"shortest_delay": delay, "longest_delay": delay}
-    env = make_env(randomization=given, **arguments)
-    env.reset(seed=0)
+    env = start_env(randomization=given, **arguments)
     assert env.variation.delay == delay
     return env
 
 
 @both_ids
 @pytest.mark.parametrize("delay", [0, 1, 3, 10])
-def test_a_delayed_command_does_the_same_later(
-    delay: int, id: str, make_env: Callable, draw_actions: Callable
-) -> None:
+def test_a_delayed_command_does_the_same_later(delay, id, start_env, draw_actions):
     """Bit for bit what a twin does that is told to rest first, then the same.
 
     A waiting command is not the caller's array.
     """
-    delayed, twin = delayed_by(delay, make_env, id=id), make_env(id=id)
-    twin.reset(seed=0)
+    delayed, twin = delayed_by(delay, start_env, id=id), start_env(id=id)
     actions = draw_actions(twin.action_space, 30)
     shifted = [*delay * [twin.command.rest], *actions]
     buffer = np.zeros_like(actions[0])
@@ -248,11 +238,8 @@ def test_a_delayed_command_does_the_same_later(
 
 
 @pytest.mark.parametrize("delay", [1, 4])
-def test_the_effect_begins_exactly_after_the_delay(
-    delay: int, make_env: Callable
-) -> None:
-    delayed, still = delayed_by(delay, make_env), make_env()
-    still.reset(seed=0)
+def test_the_effect_begins_exactly_after_the_delay(delay, start_env):
+    delayed, still = delayed_by(delay, start_env), start_env()
     pull = np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.0])
     twists = [
         (delayed.step(pull)[0]["ee_twist"], still.step(REST)[0]["ee_twist"])

@@ -4,7 +4,6 @@ import hashlib
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -38,9 +37,7 @@ upgrading = "ignore:.*upgrading to version:DeprecationWarning"
         ],
     ],
 )
-def test_spec_survives_json_and_pickle(
-    id: str, arguments: dict[str, Any], opened: Callable
-) -> None:
+def test_spec_survives_json_and_pickle(id, arguments, opened):
     env = opened(gym.make(id, **arguments))
     first = env.reset(seed=9)
     for spec in (
@@ -65,7 +62,7 @@ def run_alone(folder: Path, program: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_the_package_s_name_in_the_id_replaces_the_import(tmp_path: Path) -> None:
+def test_the_package_s_name_in_the_id_replaces_the_import(tmp_path):
     program = (
         "import gymnasium\n"
         f"for id in {POSE, RL}:\n"
@@ -77,7 +74,7 @@ def test_the_package_s_name_in_the_id_replaces_the_import(tmp_path: Path) -> Non
     assert (ran.stderr, ran.stdout.split()) == ("", [POSE, POSE, RL, RL])
 
 
-def test_without_it_gymnasium_names_the_namespace(tmp_path: Path) -> None:
+def test_without_it_gymnasium_names_the_namespace(tmp_path):
     program = (
         "import gymnasium\n"
         "for make in (gymnasium.make, gymnasium.make_vec, gymnasium.spec):\n"
@@ -95,7 +92,7 @@ def test_without_it_gymnasium_names_the_namespace(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("id", "name"), [(POSE, "DoorOpening"), (IMPEDANCE, "DoorOpeningImpedance")]
 )
-def test_specs_of_the_registered_ids(id: str, name: str) -> None:
+def test_specs_of_the_registered_ids(id, name):
     spec = gym.spec(id)
     assert spec.entry_point == f"gplfd_env.envs.door_opening:{name}Env"
     assert spec.vector_entry_point == f"gplfd_env.envs.vector:{name}VectorEnv"
@@ -115,9 +112,7 @@ one at which version 0 was the only one."""
 
 @pytest.mark.bits
 @pytest.mark.parametrize("id", FIRST)
-def test_the_first_version_with_a_fixed_base_gives_the_numbers_it_gave(
-    id: str, opened: Callable
-) -> None:
+def test_the_first_version_with_a_fixed_base_gives_the_numbers_it_gave(id, opened):
     """Positions to 1e-6; Gymnasium says which version is newer."""
     with pytest.warns(DeprecationWarning, match="upgrading to version `v1`"):
         env = opened(gym.make(id, door="small"))
@@ -142,18 +137,18 @@ def test_the_first_version_with_a_fixed_base_gives_the_numbers_it_gave(
 @pytest.mark.filterwarnings(upgrading)
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec])
 @pytest.mark.parametrize("id", FIRST)
-def test_the_first_version_refuses_to_drive(id: str, make: Callable) -> None:
+def test_the_first_version_refuses_to_drive(id, make):
     with pytest.raises(ValueError, match=f'mobile" needs {id.replace("-v0", "-v1")}:'):
         make(id, base="mobile")
 
 
 @pytest.mark.filterwarnings(upgrading)
-def test_an_id_that_always_drives_has_no_first_version() -> None:
+def test_an_id_that_always_drives_has_no_first_version():
     with pytest.raises(gym.error.DeprecatedEnv, match="DoorOpeningMobile-v1"):
         gym.make("gplfd/DoorOpeningMobile-v0")
 
 
-def test_async_vector_environments_step(make_env: Callable, opened: Callable) -> None:
+def test_async_vector_environments_step(make_env, opened):
     """Copies in other processes give what a single environment gives."""
     envs = opened(gym.make_vec(POSE, 2, vectorization_mode="async", door="small"))
     env = make_env("small")
@@ -167,5 +162,5 @@ def test_async_vector_environments_step(make_env: Callable, opened: Callable) ->
         expected, *_ = env.step(command)
 
 
-def test_the_package_keeps_no_names_of_the_registration() -> None:
+def test_the_package_keeps_no_names_of_the_registration():
     assert not {"_id", "_name"} & vars(gplfd_env).keys()

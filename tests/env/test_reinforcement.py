@@ -50,8 +50,8 @@ everywhere = pytest.mark.parametrize(
 @pytest.mark.bits
 @everywhere
 def test_the_same_commands_give_the_same_episode_under_both_ids(
-    arguments: dict[str, Any], make_rl: Callable, make_env: Callable
-) -> None:
+    arguments, make_rl, make_env
+):
     wrapped, plain = make_rl(**arguments), make_env(**arguments)
     observation, info = plain.reset(seed=4)
     flat, said = wrapped.reset(seed=4)
@@ -74,7 +74,7 @@ def test_the_same_commands_give_the_same_episode_under_both_ids(
     assert np.array_equal(wrapped.unwrapped.data.qpos, plain.data.qpos)
 
 
-def test_a_command_is_the_hand_plus_the_limits() -> None:
+def test_a_command_is_the_hand_plus_the_limits():
     hand = np.array([0.1, 0.0, -0.2, 0.0, 0.4, 0.0])
     command = command_of([1.0, -0.5, 0.0, 0.0, 3.0, 0.0], hand)
     metres, radians = LIMITS
@@ -84,7 +84,7 @@ def test_a_command_is_the_hand_plus_the_limits() -> None:
     assert action_of(hand, hand).tolist() == 6 * [0.0]
 
 
-def test_zero_lets_the_hand_rest(make_rl: Callable) -> None:
+def test_zero_lets_the_hand_rest(make_rl):
     env = make_rl(door="medium")
     env.reset(seed=0)
     for _ in range(300):
@@ -93,11 +93,10 @@ def test_zero_lets_the_hand_rest(make_rl: Callable) -> None:
     assert info["peak_force"] < 1.0
 
 
-def test_a_few_centimetres_can_be_chosen(make_env: Callable) -> None:
+def test_a_few_centimetres_can_be_chosen(make_env, start_env):
     env = GentleReward(RelativeAction(make_env("medium"), limits=(0.01, 0.05)))
     observation, _ = env.reset(seed=0)
-    twin = make_env("medium")
-    twin.reset(seed=0)
+    twin = start_env("medium")
     pose = observation["ee_pose"] + np.repeat([0.01, 0.05], 3)
     assert data_equivalence(env.step(np.ones(6))[0], twin.step(pose)[0], exact=True)
 
@@ -106,9 +105,7 @@ def test_a_few_centimetres_can_be_chosen(make_env: Callable) -> None:
 
 
 @everywhere
-def test_gymnasium_s_checker_is_silent(
-    arguments: dict[str, Any], make_rl: Callable
-) -> None:
+def test_gymnasium_s_checker_is_silent(arguments, make_rl):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         # It is wrapped, and that is the point.
@@ -116,7 +113,7 @@ def test_gymnasium_s_checker_is_silent(
         check_env(make_rl(**arguments), skip_render_check=True)
 
 
-def test_wrong_actions_are_named(make_env: Callable, make_vec: Callable) -> None:
+def test_wrong_actions_are_named(make_env, make_vec):
     one, many = RelativeAction(make_env()), VectorRelativeAction(make_vec(2))
     for env in (one, many):
         with pytest.raises(gym.error.ResetNeeded):
@@ -134,9 +131,7 @@ def test_wrong_actions_are_named(make_env: Callable, make_vec: Callable) -> None
             env.step(wrong)
 
 
-def test_what_cannot_be_wrapped_is_refused(
-    make_env: Callable, make_vec: Callable
-) -> None:
+def test_what_cannot_be_wrapped_is_refused(make_env, make_vec):
     with pytest.raises(ValueError, match="whose action is a pose"):
         RelativeAction(make_env(id=gplfd_env.IMPEDANCE_ENVIRONMENT_ID))
     with pytest.raises(ValueError, match="above zero, got"):
@@ -147,7 +142,7 @@ def test_what_cannot_be_wrapped_is_refused(
         VectorFlatObservation(VectorFlatObservation(make_vec(2)))
 
 
-def test_the_page_says_what_the_spaces_are(make_rl: Callable) -> None:
+def test_the_page_says_what_the_spaces_are(make_rl):
     section = PAGE.split("\n## Learners\n")[1].split("\n## ")[0]
     rows = re.findall(r"^\| (\d+)-?(\d*) \| `(\w+)`", section, re.MULTILINE)
     inner = make_rl().unwrapped.observation_space
@@ -198,14 +193,14 @@ def formula(angle: float, force: float, slip: float, success: bool) -> float:
 
 
 @given(steps, st.booleans())
-def test_a_return_is_the_formula_of_the_page(rows: Any, success: bool) -> None:
+def test_a_return_is_the_formula_of_the_page(rows, success):
     force = max(max(map(abs, row[1:4])) for row in rows)
     expected = formula(rows[-1][0], force, max(row[4] for row in rows), success)
     assert earned(infos(rows, success)) == pytest.approx(expected, abs=1e-9)
 
 
 @given(steps, steps)
-def test_going_on_earns_no_more_than_the_door_moves(rows: Any, more: Any) -> None:
+def test_going_on_earns_no_more_than_the_door_moves(rows, more):
     """So nothing is gained by staying, or by going to and fro."""
     rest = [(rows[-1][0], *row[1:]) for row in more]
     assert earned(infos([*rows, *rest])) <= earned(infos(rows)) + 1e-9
@@ -213,7 +208,7 @@ def test_going_on_earns_no_more_than_the_door_moves(rows: Any, more: Any) -> Non
 
 
 @given(steps, st.floats(0.1, 100.0))
-def test_every_newton_more_at_the_peak_costs_the_same(rows: Any, more: float) -> None:
+def test_every_newton_more_at_the_peak_costs_the_same(rows, more):
     peak = max(max(abs(row[1]), *row[2:4]) for row in rows)
     harder = [(rows[0][0], peak + more, *rows[0][2:]), *rows[1:]]
     lost = earned(infos(rows, success=True)) - earned(infos(harder, success=True))
@@ -265,9 +260,7 @@ def slamming(step: int, hand: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("door", ["small", "medium", "large", "heavy"])
-def test_a_slam_earns_less_than_a_gentle_opening(
-    door: str, make_rl: Callable, gently: Callable
-) -> None:
+def test_a_slam_earns_less_than_a_gentle_opening(door, make_rl, gently):
     env = make_rl(door=door)
     gentle, dense, calm = play(env, gently(env))
     slammed, dense_slammed, info = play(env, slamming)
@@ -284,9 +277,7 @@ def test_a_slam_earns_less_than_a_gentle_opening(
 
 
 @pytest.mark.parametrize("base", ["fixed", "mobile"])
-def test_a_lever_can_be_opened_within_the_limits(
-    base: str, make_rl: Callable, gently: Callable
-) -> None:
+def test_a_lever_can_be_opened_within_the_limits(base, make_rl, gently):
     env = make_rl(door=LEVER, base=base)
     total, _, info = play(env, gently(env))
     assert info["success"]

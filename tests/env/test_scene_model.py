@@ -1,7 +1,5 @@
 """The compiled scene: everything named, the robot of the URDF, what is only seen."""
 
-from typing import Any
-
 import mujoco
 import numpy as np
 import pytest
@@ -42,7 +40,7 @@ both_bases = pytest.mark.parametrize("base", ["fixed", "mobile"])
 @pytest.mark.parametrize(
     ("grasp", "base"), [("contact", "fixed"), ("weld", "fixed"), ("contact", "mobile")]
 )
-def test_every_element_has_a_name(grasp: Any, base: Any) -> None:
+def test_every_element_has_a_name(grasp, base):
     model = build_scene(DoorConfig(), grasp, base=base)
     for count, kind in NAMED.items():
         indices = range(getattr(model, count))
@@ -54,7 +52,7 @@ def test_every_element_has_a_name(grasp: Any, base: Any) -> None:
 
 
 @both_bases
-def test_scene_keeps_the_urdf_bodies(base: Any) -> None:
+def test_scene_keeps_the_urdf_bodies(base):
     alone = mujoco.MjModel.from_xml_path(str(asset_path("tiago_like.urdf")))
     scene = build_scene(DoorConfig(), base=base)
     for index in range(1, alone.nbody):
@@ -67,7 +65,7 @@ def test_scene_keeps_the_urdf_bodies(base: Any) -> None:
         assert_allclose(limits, (-effort, effort))
 
 
-def test_scenes_are_the_caller_s_own() -> None:
+def test_scenes_are_the_caller_s_own():
     first, second = build_scene(DoorConfig()), build_scene(DoorConfig())
     first.opt.timestep = 1.0
     first.body_mass[:] = 0.0
@@ -78,9 +76,7 @@ def test_scenes_are_the_caller_s_own() -> None:
 @settings(max_examples=12)
 @both_bases
 @given(share=st.floats(0, 1), up=st.floats(0, 1), handle_standoff=st.floats(0.06, 0.12))
-def test_every_door_in_reach_can_be_held(
-    base: Any, share: float, up: float, handle_standoff: float
-) -> None:
+def test_every_door_in_reach_can_be_held(base, share, up, handle_standoff):
     """Hand on the closed handle, arm within limits, robot at rest."""
     door = DoorConfig(
         radius=0.30 + share * (BAR_STANCES[base, "pull"].radius - 0.30),
@@ -102,7 +98,7 @@ def test_every_door_in_reach_can_be_held(
         assert data.sensor(f"{side}_pad_contact").data > 0
 
 
-def test_scene_frames_agree_with_the_task_s_words() -> None:
+def test_scene_frames_agree_with_the_task_s_words():
     """Task frame at the closed handle: y up, x out of the door, hinge at z = -R."""
     model = build_scene(DoorConfig(radius=0.4, handle_height=0.7))
     data = mujoco.MjData(model)
@@ -128,9 +124,7 @@ def looks(model: mujoco.MjModel) -> set[str]:
 
 @both_bases
 @pytest.mark.parametrize("door", ["medium", "room-834", "heavy-fire", "wardrobe"])
-def test_a_scene_without_its_looks_weighs_and_touches_the_same(
-    door: str, base: Any
-) -> None:
+def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
     """Compiled again without them, every body has the same mass, bit for bit.
 
     Before a base that drives the walls are solid; before one that stands still they
@@ -156,7 +150,7 @@ def test_a_scene_without_its_looks_weighs_and_touches_the_same(
 
 
 @pytest.mark.parametrize("door", DOORS)
-def test_every_door_stands_in_a_wall(door: str) -> None:
+def test_every_door_stands_in_a_wall(door):
     for base in ("fixed", "mobile"):
         model = build_scene(DOORS[door], base=base)
         for wall in WALLS:
@@ -164,7 +158,7 @@ def test_every_door_stands_in_a_wall(door: str) -> None:
             assert model.geom(wall).size[2] > 0.5
 
 
-def test_no_wall_hides_the_arm_of_a_robot_that_stands_still_and_pushes() -> None:
+def test_no_wall_hides_the_arm_of_a_robot_that_stands_still_and_pushes():
     """It reaches through beside the lock; the scene is loaded in place."""
     model = build_scene(DOORS["medium"])
     load_scene(model, mujoco.MjData(model), DoorConfig(swing="push"))
@@ -174,9 +168,7 @@ def test_no_wall_hides_the_arm_of_a_robot_that_stands_still_and_pushes() -> None
 
 @pytest.mark.parametrize("handle", ["lever", "knob"])
 @pytest.mark.parametrize("hinge_side", ["right", "left"])
-def test_the_far_handle_is_the_near_one_in_the_mirror(
-    handle: str, hinge_side: str
-) -> None:
+def test_the_far_handle_is_the_near_one_in_the_mirror(handle, hinge_side):
     fields = {"preset": "room-834", "handle": handle, "hinge_side": hinge_side}
     model = build_scene(door_config(fields), base="mobile")
     data = mujoco.MjData(model)
@@ -192,7 +184,7 @@ def test_the_far_handle_is_the_near_one_in_the_mirror(
     assert model.geom("far_handle").size[0] == model.geom("handle_bar").size[0]
 
 
-def test_only_a_hydraulic_closer_is_seen() -> None:
+def test_only_a_hydraulic_closer_is_seen():
     """A lever's seal has tendons, too: the scene is the same, and loaded in place."""
     lever, closed_by = DOORS["room-834"], DOORS["heavy-fire"]
     model = build_scene(lever, base="mobile")
@@ -206,9 +198,7 @@ def test_only_a_hydraulic_closer_is_seen() -> None:
 
 
 @pytest.mark.parametrize("hinge_side", ["right", "left"])
-def test_the_closer_s_arm_ends_at_its_box_however_far_the_door_is_open(
-    hinge_side: str,
-) -> None:
+def test_the_closer_s_arm_ends_at_its_box_however_far_the_door_is_open(hinge_side):
     door = door_config({"preset": "heavy-fire", "hinge_side": hinge_side})
     model = build_scene(door, base="mobile")
     data = mujoco.MjData(model)

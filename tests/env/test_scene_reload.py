@@ -1,6 +1,5 @@
 """One model for every door: brought from door to door it is as if compiled for it."""
 
-from collections.abc import Callable
 from operator import attrgetter
 from typing import Any
 
@@ -107,9 +106,7 @@ def assert_close(model: mujoco.MjModel, compiled: mujoco.MjModel, *but: str) -> 
 @given(first=scenes, second=scenes)
 @example(first=ODD, second=PLAIN)
 @example(first=PLAIN, second=ODD)
-def test_a_scene_does_not_remember_the_one_before(
-    base: Any, first: Any, second: Any
-) -> None:
+def test_a_scene_does_not_remember_the_one_before(base, first, second):
     model = build_scene(first[0], placement=first[1], base=base)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
@@ -121,9 +118,7 @@ def test_a_scene_does_not_remember_the_one_before(
 
 @settings(max_examples=10)
 @given(first=building_doors, second=building_doors)
-def test_a_building_door_is_not_remembered_and_as_compiled(
-    first: DoorConfig, second: DoorConfig
-) -> None:
+def test_a_building_door_is_not_remembered_and_as_compiled(first, second):
     """But for the grasp, and dampers that need the compiled inertia."""
     model = build_scene(first)
     load_scene(model, mujoco.MjData(model), second)
@@ -135,7 +130,7 @@ def test_a_building_door_is_not_remembered_and_as_compiled(
 @settings(max_examples=10)
 @given(scene=scenes, control=st.sampled_from(["pose", "impedance"]))
 @example(scene=ODD, control="pose")
-def test_a_scene_is_what_a_direct_compilation_gives(scene: Any, control: Any) -> None:
+def test_a_scene_is_what_a_direct_compilation_gives(scene, control):
     """Mass and inertia moved by Steiner's theorem agree with those of MuJoCo."""
     door, placement = scene
     loaded = build_scene(door, placement=placement, control=control)
@@ -144,7 +139,7 @@ def test_a_scene_is_what_a_direct_compilation_gives(scene: Any, control: Any) ->
     assert loaded.body("door").mass == pytest.approx(door.panel_mass + 0.4, rel=1e-12)
 
 
-def test_an_unreachable_scene_leaves_the_model_unchanged() -> None:
+def test_an_unreachable_scene_leaves_the_model_unchanged():
     model = build_scene(DoorConfig())
     before = fields(model)
     far = Placement(base_x=-0.05, base_y=-0.05, base_yaw=0.1, grasp_height=-0.05)
@@ -156,9 +151,7 @@ def test_an_unreachable_scene_leaves_the_model_unchanged() -> None:
 
 @pytest.mark.parametrize("id", IDS)
 @pytest.mark.parametrize("randomization", ["none", "hard"])
-def test_an_episode_does_not_depend_on_those_before_it(
-    id: str, randomization: str, make_env: Callable
-) -> None:
+def test_an_episode_does_not_depend_on_those_before_it(id, randomization, make_env):
     """Same seed after other doors, randomisations and actions: same numbers.
 
     The actions are drawn from the whole space: under impedance control the gains of

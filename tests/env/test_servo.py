@@ -21,10 +21,9 @@ RADIUS = 0.5
 
 
 @pytest.fixture
-def free(make_env: Callable, release_handle: Callable) -> DoorOpeningEnv:
+def free(start_env: Callable, release_handle: Callable) -> DoorOpeningEnv:
     """An environment, just reset, whose hand is free."""
-    env = make_env(RADIUS)
-    env.reset(seed=0)
+    env = start_env(RADIUS)
     release_handle(env)
     return env
 
@@ -51,12 +50,9 @@ def dofs(env: DoorOpeningEnv) -> list[int]:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_efforts_stay_within_limits_under_violent_commands(
-    seed: int, make_env: Callable
-) -> None:
+def test_efforts_stay_within_limits_under_violent_commands(seed, start_env):
     """Every physics step; the efforts include carrying the arm's weight."""
-    env = make_env("medium")
-    env.reset(seed=0)
+    env = start_env("medium")
     rng, joints = np.random.default_rng(seed), dofs(env)
     share = np.zeros(7)
     for step in range(1000):
@@ -72,7 +68,7 @@ def test_efforts_stay_within_limits_under_violent_commands(
     assert np.isfinite(env.data.qpos).all()
 
 
-def test_weight_counts_against_the_effort_limit(free: DoorOpeningEnv) -> None:
+def test_weight_counts_against_the_effort_limit(free):
     """With the limits below the weight's torques the arm sinks: no hidden helper."""
     for name in ARM_JOINTS:
         free.model.jnt_actfrcrange[free.model.joint(name).id] = (-0.5, 0.5)
@@ -83,7 +79,7 @@ def test_weight_counts_against_the_effort_limit(free: DoorOpeningEnv) -> None:
 
 
 @pytest.mark.parametrize("axis", range(6))
-def test_hand_follows_each_axis_of_the_command(axis: int, free: DoorOpeningEnv) -> None:
+def test_hand_follows_each_axis_of_the_command(axis, free):
     """From the middle of the opening, where the arm is far from singular."""
     middle = handle_pose_on_arc(RADIUS, np.radians(35.0))
     step = np.zeros(6)
@@ -99,7 +95,7 @@ def test_hand_follows_each_axis_of_the_command(axis: int, free: DoorOpeningEnv) 
     assert (reached.inv() * wanted).magnitude() < 0.02
 
 
-def test_observed_pose_and_twist_belong_together(free: DoorOpeningEnv) -> None:
+def test_observed_pose_and_twist_belong_together(free):
     """The twist is the pose's derivative, both in the task frame."""
     pose, twist = np.empty((150, 6)), np.empty((150, 6))
     for step in range(150):
@@ -115,11 +111,9 @@ def test_observed_pose_and_twist_belong_together(free: DoorOpeningEnv) -> None:
     assert_allclose(twist[40:-1, 3:], spin[39:], atol=2e-2)
 
 
-def test_observation_is_the_state_one_physics_step_ago(make_env: Callable) -> None:
+def test_observation_is_the_state_one_physics_step_ago(start_env):
     """A period is five steps of 2 ms; the sensors sample before the last of them."""
-    env, twin = make_env("small"), make_env("small")
-    env.reset(seed=0)
-    twin.reset(seed=0)
+    env, twin = start_env("small"), start_env("small")
     command = handle_pose_on_arc(0.35, 0.02)
     joints = [int(env.model.joint(name).qposadr[0]) for name in ARM_JOINTS]
     for number in range(1, 4):
@@ -134,7 +128,7 @@ def test_observation_is_the_state_one_physics_step_ago(make_env: Callable) -> No
         assert env.data.time == pytest.approx(number * CONTROL_PERIOD)
 
 
-def test_reset_state_is_at_rest(make_env: Callable) -> None:
+def test_reset_state_is_at_rest(make_env):
     env = make_env("large")
     observation, _ = env.reset(seed=0)
     assert_allclose(observation["ee_pose"], 0.0, atol=5e-4)
@@ -158,9 +152,7 @@ def test_reset_state_is_at_rest(make_env: Callable) -> None:
         (60.0, np.array([0.0, 0.05, 0.0, -0.2, 0.1, 0.3])),
     ],
 )
-def test_free_hand_reads_zero_and_a_known_load_reads_right(
-    degrees: float, turn: np.ndarray, free: DoorOpeningEnv
-) -> None:
+def test_free_hand_reads_zero_and_a_known_load_reads_right(degrees, turn, free):
     """Load: 1.5 kg hung at the gripper's centre of mass, plus a pure moment."""
     calm(free)
     pose = handle_pose_on_arc(RADIUS, np.radians(degrees)) + turn
@@ -182,9 +174,7 @@ def test_free_hand_reads_zero_and_a_known_load_reads_right(
 
 
 @pytest.mark.parametrize("axis", range(3))
-def test_pushing_the_hand_reads_positive_along_the_push(
-    axis: int, free: DoorOpeningEnv
-) -> None:
+def test_pushing_the_hand_reads_positive_along_the_push(axis, free):
     calm(free)
     direction = np.eye(3)[axis]
     force_w = task_rotation_w() @ (8.0 * direction)
@@ -199,10 +189,9 @@ def test_pushing_the_hand_reads_positive_along_the_push(
     assert observation["ee_pose"][axis] == pytest.approx(8.0 / 2000.0, rel=0.1)
 
 
-def test_force_on_the_hand_is_minus_the_force_on_the_handle(make_env: Callable) -> None:
+def test_force_on_the_hand_is_minus_the_force_on_the_handle(start_env):
     """Third law between two separate sensors: wrist and bar contact."""
-    env = make_env({"closer_preload": 6.0, "radius": RADIUS, "hinge_friction": 1.0})
-    env.reset(seed=0)
+    env = start_env({"closer_preload": 6.0, "radius": RADIUS, "hinge_friction": 1.0})
     calm(env)
     target = handle_pose_on_arc(RADIUS, np.radians(35.0))
     target[1] += 0.003
@@ -219,7 +208,7 @@ def test_force_on_the_hand_is_minus_the_force_on_the_handle(make_env: Callable) 
     assert_allclose(observation["wrench"][:3], -on_handle, atol=0.03)
 
 
-def test_sensor_saturates_at_its_range(free: DoorOpeningEnv) -> None:
+def test_sensor_saturates_at_its_range(free):
     free.data.body("gripper_link").xfrc_applied[:3] = [0.0, 0.0, -5000.0]
     observation, *_ = free.step(np.zeros(6))
     assert observation in free.observation_space
@@ -227,7 +216,7 @@ def test_sensor_saturates_at_its_range(free: DoorOpeningEnv) -> None:
     assert np.abs(readings).max() == pytest.approx(500.0)
 
 
-def test_gravity_compensation_carries_the_arm(free: DoorOpeningEnv) -> None:
+def test_gravity_compensation_carries_the_arm(free):
     """At rest and untouched the motors exert exactly the arm's weight torques."""
     calm(free)
     move_slowly(free, np.zeros(6))

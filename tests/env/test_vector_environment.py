@@ -1,6 +1,5 @@
 """The vector environment: registration, what stands still, pictures, seeds."""
 
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -23,7 +22,7 @@ PULL = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("id", IDS)
-def test_make_vec_makes_it(id: str, opened: Callable) -> None:
+def test_make_vec_makes_it(id, opened):
     envs, single = opened(gym.make_vec(id, num_envs=3)), opened(gym.make(id))
     assert type(envs) is IDS[id]
     assert (envs.spec.id, envs.num_envs) == (id, 3)
@@ -38,15 +37,13 @@ def test_make_vec_makes_it(id: str, opened: Callable) -> None:
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_metadata_tells_the_autoreset_mode(
-    mode: AutoresetMode, make_vec: Callable
-) -> None:
+def test_metadata_tells_the_autoreset_mode(mode, make_vec):
     for given in (mode.value, mode):
         assert make_vec(1, autoreset_mode=given).metadata["autoreset_mode"] is mode
     assert DoorOpeningVectorEnv.metadata.get("autoreset_mode") is None, "its own copy"
 
 
-def test_time_limit_is_the_id_s_and_can_be_changed(make_vec: Callable) -> None:
+def test_time_limit_is_the_id_s_and_can_be_changed(make_vec):
     for limit, periods, expected in (
         ({}, 1501, [1500]),
         ({"max_episode_steps": 4}, 14, [4, 9, 14]),
@@ -58,7 +55,7 @@ def test_time_limit_is_the_id_s_and_can_be_changed(make_vec: Callable) -> None:
         assert [s for s in steps if envs.step(np.zeros((1, 6)))[3][0]] == expected
 
 
-def test_ended_simulations_stand_still_until_reset(make_vec: Callable) -> None:
+def test_ended_simulations_stand_still_until_reset(make_vec):
     """Disabled autoreset: the others go on as if alone."""
     envs, alone = (make_vec(n, autoreset_mode="Disabled") for n in (3, 1))
     envs.reset(seed=0)
@@ -96,7 +93,7 @@ def spoil(value: Any) -> None:
 
 
 @pytest.mark.parametrize("id", [*IDS, gplfd_env.RL_ENVIRONMENT_ID])
-def test_what_is_returned_is_the_caller_s_own(id: str, opened: Callable) -> None:
+def test_what_is_returned_is_the_caller_s_own(id, opened):
     envs, untouched = (opened(gym.make_vec(id, 2, door="small")) for _ in range(2))
     spoil(envs.reset(seed=0))
     first, _ = untouched.reset(seed=0)
@@ -111,9 +108,7 @@ def test_what_is_returned_is_the_caller_s_own(id: str, opened: Callable) -> None
 
 
 @pytest.mark.needs("opengl")
-def test_render_returns_a_picture_of_each(
-    make_vec: Callable, make_env: Callable
-) -> None:
+def test_render_returns_a_picture_of_each(make_vec, start_env):
     """The same as of single environments; drawing does not reach the simulations."""
     look = {"render_mode": "rgb_array", "width": 64, "height": 48}
     doors = ["small", "large"]
@@ -124,8 +119,7 @@ def test_render_returns_a_picture_of_each(
         for _ in range(60):
             each.step(pulls)
     for row, (picture, door) in enumerate(zip(envs.render(), doors, strict=True)):
-        single = make_env(door, **look)
-        single.reset(seed=0)
+        single = start_env(door, **look)
         closed = single.render()
         for _ in range(60):
             single.step(pulls[row])
@@ -136,7 +130,7 @@ def test_render_returns_a_picture_of_each(
     assert data_equivalence(*results, exact=True)
 
 
-def test_properties_tell_doors_and_joints(make_vec: Callable) -> None:
+def test_properties_tell_doors_and_joints(make_vec):
     envs = make_vec(2, door=["small", 0.6], randomization={"panel_mass": (5, 50)})
     assert envs.np_random == ()
     _, infos = envs.reset(seed=4)
@@ -151,7 +145,7 @@ def test_properties_tell_doors_and_joints(make_vec: Callable) -> None:
     assert envs.np_random_seed == (4, 5)
 
 
-def test_seeds_may_be_numbers_of_numpy(make_vec: Callable) -> None:
+def test_seeds_may_be_numbers_of_numpy(make_vec):
     envs = make_vec(2)
     for seeds, expected in (
         (np.array([3, 2**40]), (3, 2**40)),
@@ -164,9 +158,7 @@ def test_seeds_may_be_numbers_of_numpy(make_vec: Callable) -> None:
 
 @pytest.mark.parametrize("id", IDS)
 @pytest.mark.parametrize("mode", [AutoresetMode.DISABLED, AutoresetMode.NEXT_STEP])
-def test_actions_of_ended_simulations_are_ignored(
-    mode: AutoresetMode, id: str, make_vec: Callable
-) -> None:
+def test_actions_of_ended_simulations_are_ignored(mode, id, make_vec):
     """Also if they are not numbers, as of a policy that divides by what is left."""
     envs, twin = (
         make_vec(2, id=id, autoreset_mode=mode, max_episode_steps=3) for _ in range(2)

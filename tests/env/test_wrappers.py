@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -46,9 +46,7 @@ def actions(n: int, shape: tuple[int, ...]) -> np.ndarray:
 
 @both
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
-def test_statistics_are_the_sums_of_rewards_of_one_and_of_many(
-    id: str, mode: str, opened: Callable
-) -> None:
+def test_statistics_are_the_sums_of_rewards_of_one_and_of_many(id, mode, opened):
     doors, limit = ["small", "heavy"], 25
     envs = opened(
         vector.RecordEpisodeStatistics(
@@ -79,7 +77,7 @@ def test_statistics_are_the_sums_of_rewards_of_one_and_of_many(
 
 
 @both
-def test_observations_can_be_normalised(id: str, opened: Callable) -> None:
+def test_observations_can_be_normalised(id, opened):
     flat = (lambda env: env) if id == RL else FlattenObservation
     one = NormalizeObservation(flat(gym.make(id, randomization="hard")))
     flat = (lambda envs: envs) if id == RL else vector.FlattenObservation
@@ -97,8 +95,8 @@ def test_observations_can_be_normalised(id: str, opened: Callable) -> None:
     ("id", "numbers"), [(POSE, 33), (gplfd_env.MOBILE_ENVIRONMENT_ID, 39)]
 )
 def test_flat_and_with_rescaled_actions_it_passes_without_a_remark(
-    id: str, numbers: int, make_env: Callable, make_vec: Callable
-) -> None:
+    id, numbers, make_env, make_vec
+):
     """Two wrappers of Gymnasium give learners a Box in and a Box of ±1 out."""
     flat = FlattenObservation(make_env(id=id, randomization="mild"))
     env = RescaleAction(flat, -1.0, 1.0)
@@ -113,7 +111,7 @@ def test_flat_and_with_rescaled_actions_it_passes_without_a_remark(
     assert np.all(envs.single_action_space.high == 1.0)
 
 
-def test_the_number_of_steps_stands_beside_the_time(opened: Callable) -> None:
+def test_the_number_of_steps_stands_beside_the_time(opened):
     """Gymnasium's own name for it is that of the environment's seconds."""
     env = opened(TimeAwareObservation(gym.make(RL)))
     env.reset(seed=0)
@@ -133,7 +131,7 @@ def test_the_number_of_steps_stands_beside_the_time(opened: Callable) -> None:
 
 
 @both
-def test_observations_can_be_stacked(id: str, opened: Callable) -> None:
+def test_observations_can_be_stacked(id, opened):
     env = opened(FrameStackObservation(gym.make(id), 3))
     env.reset(seed=0)
     observation, *_ = env.step(REST)
@@ -143,9 +141,7 @@ def test_observations_can_be_stacked(id: str, opened: Callable) -> None:
 
 
 @both
-def test_single_environments_and_theirs_need_gymnasium_s_vectorisation(
-    id: str, opened: Callable
-) -> None:
+def test_single_environments_and_theirs_need_gymnasium_s_vectorisation(id, opened):
     """The page says what stands in their place here."""
     with pytest.raises(gym.error.Error, match="with the wrappers argument"):
         gym.make_vec(id, 2, wrappers=[RecordEpisodeStatistics])
@@ -171,7 +167,7 @@ def test_single_environments_and_theirs_need_gymnasium_s_vectorisation(
 
 
 @pytest.mark.needs("opengl")
-def test_videos_of_one_and_of_many_can_be_recorded(tmp_path: Path) -> None:
+def test_videos_of_one_and_of_many_can_be_recorded(tmp_path):
     one = gym.make(POSE, max_episode_steps=5, **SMALL)
     many = gym.make_vec(RL, 2, max_episode_steps=5, **SMALL)
     for env, wrap, shape in (
@@ -190,7 +186,7 @@ def test_videos_of_one_and_of_many_can_be_recorded(tmp_path: Path) -> None:
 
 
 @pytest.mark.needs("opengl")
-def test_pictures_are_collected(opened: Callable) -> None:
+def test_pictures_are_collected(opened):
     env = opened(gym.make(RL, **{**SMALL, "render_mode": "rgb_array_list"}))
     env.reset(seed=0)
     env.step(REST)
@@ -209,12 +205,12 @@ def leaves(value: Any) -> Iterator[Any]:
         yield value
 
 
-def test_codes_are_those_of_the_page() -> None:
+def test_codes_are_those_of_the_page():
     (row,) = re.findall(r"^\| `failure` \| str .*$", PAGE, re.MULTILINE)
     assert re.findall(r'`"(\w*)"`', row) == list(FAILURES)
 
 
-def test_an_info_holds_numbers_only(make_env: Callable) -> None:
+def test_an_info_holds_numbers_only(make_env):
     plain, coded = make_env("small"), NumericInfo(make_env("small"))
     plain.reset(seed=0)
     _, after = coded.reset(seed=0)
@@ -233,7 +229,7 @@ def test_an_info_holds_numbers_only(make_env: Callable) -> None:
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
-def test_vectorised_infos_can_become_tensors(make_vec: Callable, mode: str) -> None:
+def test_vectorised_infos_can_become_tensors(make_vec, mode):
     """Other libraries take arrays over by DLPack, as Gymnasium's NumpyToTorch does."""
     plain = make_vec(2, autoreset_mode=mode)
     coded = VectorNumericInfo(make_vec(2, autoreset_mode=mode))
@@ -260,7 +256,7 @@ def test_vectorised_infos_can_become_tensors(make_vec: Callable, mode: str) -> N
     assert [1, 0] in said
 
 
-def test_a_failure_without_a_code_is_named(make_env: Callable) -> None:
+def test_a_failure_without_a_code_is_named(make_env):
     class Odd(gym.Wrapper[Any, Any, Any, Any]):
         def reset(self, **_: Any) -> Any:
             return None, {"failure": "melted"}
