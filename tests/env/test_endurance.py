@@ -30,7 +30,12 @@ MOBILE = gplfd_env.MOBILE_ENVIRONMENT_ID
 N = 8
 
 WIDE = {"preset": "hard", "radius": (0.30, 0.95), "handle_height": (0.60, 1.10)}
-ENDURED = ((POSE, "hard"), (IMPEDANCE, "mild"), (MOBILE, WIDE))
+ENDURED = (
+    (POSE, {"randomization": "hard"}),
+    (IMPEDANCE, {"randomization": "mild"}),
+    (MOBILE, {"randomization": WIDE}),
+    (POSE, {"randomization": "standard", "base": "mobile"}),
+)
 
 DRIVING = (
     (POSE, "grasped"),
@@ -82,13 +87,13 @@ class Extremes(NamedTuple):
         return Extremes(*map(max, self, other))
 
 
-def endure(id: str, randomization: Any, steps: int) -> Counter[str]:
+def endure(id: str, steps: int, **arguments: Any) -> Counter[str]:
     """Step random doors with random actions; return how many episodes ended how.
 
     Half of the simulations get actions from the whole space, which soon tear the hand
     off; the others small ones, which they survive.
     """
-    envs = gym.make_vec(id, N, randomization=randomization, autoreset_mode="SameStep")
+    envs = gym.make_vec(id, N, autoreset_mode="SameStep", **arguments)
     rng = np.random.default_rng(0)
     low, high = envs.single_action_space.low, envs.single_action_space.high
     outcomes: Counter[str] = Counter()
@@ -183,10 +188,10 @@ def exact(value: Any) -> Any:
     return value.hex() if isinstance(value, float) else value
 
 
-@pytest.mark.parametrize(("id", "randomization"), ENDURED)
-def test_random_actions_before_random_doors(id, randomization):
+@pytest.mark.parametrize(("id", "arguments"), ENDURED)
+def test_random_actions_before_random_doors(id, arguments):
     """No exception, no warning, no NaN, nothing outside its space, no divergence."""
-    outcomes = endure(id, randomization, 1600)
+    outcomes = endure(id, 1200, **arguments)
     assert outcomes["grasp_lost"] > 5
     assert outcomes["simulation_error"] == 0
 
@@ -235,4 +240,5 @@ if __name__ == "__main__":
             print(id, start, found)
     else:
         for id, randomization in itertools.product((POSE, IMPEDANCE), ("mild", "hard")):
-            print(id, randomization, endure(id, randomization, number // 4))
+            outcomes = endure(id, number // 4, randomization=randomization)
+            print(id, randomization, outcomes)

@@ -9,7 +9,6 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import gplfd_env
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.opening import SUCCESS_ANGLE
 
@@ -35,14 +34,6 @@ INFO_TYPES = {
 # The action is a pose in metres and radians: ±1 m and ±π/2 rad. Normalising it to
 # ±1 would hide its units, so this one recommendation is declined.
 DECLINED = "For Box action spaces, we recommend using a symmetric and normalized space"
-
-
-def rollout(env: Any, seed: int, steps: int = 60) -> list[Any]:
-    env.action_space.seed(seed)
-    results: list[Any] = [env.reset(seed=seed)]
-    for _ in range(steps):
-        results.append(env.step(0.1 * env.action_space.sample()))
-    return results
 
 
 def assert_identical(first: Any, second: Any) -> None:
@@ -79,37 +70,6 @@ def test_checker_has_one_declined_recommendation_and_no_other_warning(
         check_env(env, skip_render_check=True)
     (message,) = (str(warning.message) for warning in caught)
     assert DECLINED in message
-
-
-def test_an_episode_leaves_nothing_behind(make_env):
-    env = make_env("small")
-    rollout(env, 1)
-    env.data.xfrc_applied[:] = 3.0
-    assert_identical(rollout(env, 2), rollout(make_env("small"), 2))
-
-
-@pytest.mark.parametrize(
-    "door",
-    [
-        "large",
-        0.37,
-        {"preset": "medium", "closer_preload": 2.0},
-        DoorConfig(radius=0.6),
-    ],
-)
-def test_door_chosen_at_reset_equals_door_chosen_at_make(door, make_env):
-    env, fresh = make_env("small"), make_env(door)
-    env.reset(seed=0)
-    options = {"door": door}
-    assert_identical(env.reset(seed=5, options=options), fresh.reset(seed=5))
-    assert options == {"door": door}
-    command = handle_pose_on_arc(0.5, 0.05)
-    for _ in range(30):
-        result = env.step(command)
-        assert_identical(result, fresh.step(command))
-    assert result[4]["door_radius"] == env.door.radius
-    # The choice lasts until the next one.
-    assert env.reset()[1]["door_radius"] == fresh.door.radius
 
 
 def test_model_and_data_are_the_simulation(start_env):

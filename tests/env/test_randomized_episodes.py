@@ -85,16 +85,6 @@ def test_none_is_the_same_as_no_randomization(id, make_env, draw_actions):
     assert data_equivalence(plain.reset(seed=4), first, exact=True)
 
 
-def test_reset_option_changes_it_from_this_episode_on(make_env):
-    env, fresh = make_env("small"), make_env("small", randomization="mild")
-    env.reset(seed=0)
-    changed = env.reset(seed=4, options={"randomization": "mild"})
-    assert data_equivalence(changed, fresh.reset(seed=4), exact=True)
-    assert data_equivalence(env.reset(), fresh.reset(), exact=True)
-    env.reset(options={"randomization": "none", "door": "large"})
-    assert env.variation == Variation(door=DoorConfig(radius=0.65))
-
-
 def test_every_corner_of_the_widest_preset_can_be_held():
     """All extremes of what moves the arm: no reset may fail in an odd draw."""
     preset = RANDOMIZATIONS["hard"]
@@ -141,27 +131,6 @@ def test_standard_doors_change_with_the_seed_alone(make_env):
         seen.append(env.door)
     assert seen[0] == seen[-1]
     assert len(set(seen)) == 4
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_random_commands_before_standard_doors(seed, make_env):
-    """Finite numbers, and a latch that is not drawn is never passed through."""
-    env = make_env(base="mobile", randomization="standard")
-    env.reset(seed=seed)
-    rng, drawn = np.random.default_rng(seed), 0.0
-    pose = np.zeros(6)
-    for _ in range(150):
-        pose += rng.normal(size=6) * [0.01, 0.01, 0.01, 0.03, 0.03, 0.03]
-        pose = np.clip(pose, -0.3, 0.3)
-        observation, reward, terminated, truncated, info = env.step(pose)
-        assert all(np.isfinite(value).all() for value in observation.values())
-        assert np.isfinite(reward)
-        assert not truncated
-        drawn = max(drawn, info["bolt"])
-        if env.door.latch == "spring" and drawn < 0.004:
-            assert info["door_angle"] < np.radians(1.0)
-        if terminated:
-            break
 
 
 # --- Noise ---------------------------------------------------------------------------
