@@ -198,7 +198,8 @@ def test_wrong_actions_move_nothing(make, makers):
     shape = re.escape(str(rest.shape))
     for wrong in (rest[..., :5], rest[None], rest[..., None], 0.0, [], np.zeros(18)):
         given = re.escape(str(np.shape(wrong)))
-        with pytest.raises(ValueError, match=rf"shape {shape}.*got shape {given}"):
+        asked = rf"shape {shape}.*{'stiffness.*' if id == IMPEDANCE else ''}"
+        with pytest.raises(ValueError, match=rf"{asked}got shape {given}"):
             env.step(wrong)
     for wrong in ("pull", {"x": 0.1}, 6 * [10**400], 6 * ["a"]):
         with pytest.raises(ValueError, match=rf"must be numbers of shape {shape}"):
@@ -206,7 +207,7 @@ def test_wrong_actions_move_nothing(make, makers):
     for index, value in ((0, np.nan), (5, np.inf), (-1, -np.inf)):
         wrong = rest.copy()
         wrong[..., index] = value
-        with pytest.raises(ValueError, match=r"must be finite, got .*(nan|inf)"):
+        with pytest.raises(ValueError, match=rf"(?s)be finite, got .*{value}.*policy"):
             env.step(wrong)
     opposite = np.zeros_like(rest)
     opposite[..., :2] = np.inf, -np.inf
