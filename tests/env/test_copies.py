@@ -35,7 +35,7 @@ both_copiers = pytest.mark.parametrize("copied", COPIERS.values(), ids=COPIERS)
 
 @pytest.fixture
 def assert_they_go_on_alike(draw_actions: Callable) -> Callable:
-    def check(*envs: Any, n: int = 50, seed: int = 1) -> None:
+    def check(*envs: Any, n: int = 30, seed: int = 1) -> None:
         for action in draw_actions(envs[0].action_space, n, seed):
             first, *others = [each.step(action.copy()) for each in envs]
             for other in others:

@@ -114,8 +114,10 @@ def test_depth_is_in_metres_and_comes_with_colours(show):
 
 
 @needs_opengl
-@pytest.mark.parametrize("handle", ["bar", "lever", "knob"])
-@pytest.mark.parametrize("base", ["fixed", "mobile"])
+@pytest.mark.parametrize(
+    ("handle", "base"),
+    [("bar", "fixed"), ("lever", "fixed"), ("knob", "mobile"), ("bar", "mobile")],
+)
 def test_the_hand_does_not_hide_the_handle(handle, base, start_env):
     env = start_env({"handle": handle}, base=base)
     bar = env.model.geom("handle_bar").id
