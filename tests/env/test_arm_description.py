@@ -27,7 +27,6 @@ PUBLISHED_CHAIN = {
     "arm_6": ((0, 0, 0.15), (0, -90, -90), (-81, 81), 1.76, 6.6),
     "arm_7": ((0, 0, 0), (90, 0, 90), (-120, 120), 1.76, 6.6),
 }
-
 PUBLISHED_MASSES = {
     "torso_lift_link": 6.93198,
     "arm_1_link": 1.563428,
@@ -43,59 +42,45 @@ PUBLISHED_MASSES = {
 }
 
 
-def numbers(element: ElementTree.Element | None, attribute: str) -> np.ndarray:
+def numbers(element: ElementTree.Element | None, *attributes: str) -> np.ndarray:
     assert element is not None
-    return np.array([float(text) for text in element.attrib[attribute].split()])
+    words = " ".join(element.attrib[name] for name in attributes).split()
+    return np.array([float(word) for word in words])
 
 
-def inertia_matrix(link: str) -> tuple[float, np.ndarray]:
+def inertial(link: str) -> tuple[float, np.ndarray]:
     """Read mass and inertia straight from the text, without any URDF library."""
-    inertial = ROOT.find(f"link[@name='{link}']/inertial")
-    assert inertial is not None, f"{link} has no inertial"
-    mass, tensor = inertial.find("mass"), inertial.find("inertia")
-    assert mass is not None
-    assert tensor is not None
-    i = {name: float(value) for name, value in tensor.attrib.items()}
-    matrix = [
-        [i["ixx"], i["ixy"], i["ixz"]],
-        [i["ixy"], i["iyy"], i["iyz"]],
-        [i["ixz"], i["iyz"], i["izz"]],
-    ]
-    return float(mass.attrib["value"]), np.array(matrix)
+    found = ROOT.find(f"link[@name='{link}']/inertial")
+    assert found is not None, f"{link} has no inertial"
+    xx, yy, zz, xy, xz, yz = numbers(
+        found.find("inertia"), *("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    )
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return numbers(found.find("mass"), "value").item(), matrix
 
 
 @pytest.mark.parametrize("name", PUBLISHED_CHAIN)
-def test_chain_and_limits_are_the_published_ones(name: str) -> None:
+def test_chain_and_limits_are_the_published_ones(name):
     origin, rpy, limits, velocity, effort = PUBLISHED_CHAIN[name]
     joint = ROOT.find(f"joint[@name='{name}_joint']")
     assert joint is not None
     assert_allclose(numbers(joint.find("origin"), "xyz"), origin, atol=1e-12)
     assert_allclose(numbers(joint.find("origin"), "rpy"), np.radians(rpy), atol=1e-9)
     assert_allclose(numbers(joint.find("axis"), "xyz"), (0, 0, 1))
-    limit = joint.find("limit")
-    scale = 1.0 if name == "torso_lift" else math.radians(1.0)
-    assert_allclose(numbers(limit, "lower"), limits[0] * scale, atol=1e-9)
-    assert_allclose(numbers(limit, "upper"), limits[1] * scale, atol=1e-9)
-    assert_allclose(numbers(limit, "velocity"), velocity)
-    assert_allclose(numbers(limit, "effort"), effort)
+    limit, scale = joint.find("limit"), math.radians(1.0) if "arm" in name else 1.0
+    ends = numbers(limit, "lower", "upper")
+    assert_allclose(ends, np.multiply(limits, scale), atol=1e-9)
+    assert_allclose(numbers(limit, "velocity", "effort"), (velocity, effort))
 
 
-def test_masses_are_the_published_ones() -> None:
-    masses = {link: inertia_matrix(link)[0] for link in PUBLISHED_MASSES}
+def test_masses_are_the_published_ones():
+    masses = {link: inertial(link)[0] for link in PUBLISHED_MASSES}
     assert masses == pytest.approx(PUBLISHED_MASSES, rel=1e-5)
 
 
-def test_wrist_to_fingertip_distances() -> None:
-    """Along arm_7's z: sensor 0.05385 m, gripper_link 0.076575 m beyond the origin."""
-    robot = yourdfpy.URDF.load(str(URDF), load_meshes=False)
-    for link, distance in (("wrist_ft_link", 0.05385), ("gripper_link", 0.076575)):
-        offset = robot.get_transform(link, "arm_7_link")[:3, 3]
-        assert_allclose(offset, (0, 0, distance), atol=1e-9)
-
-
 @pytest.mark.parametrize("link", [name for name in LINKS if name != "base_footprint"])
-def test_inertias_are_physical(link: str) -> None:
-    mass, matrix = inertia_matrix(link)
+def test_inertias_are_physical(link):
+    mass, matrix = inertial(link)
     assert mass > 0
     principal = np.linalg.eigvalsh(matrix)
     assert principal[0] > 0
@@ -103,8 +88,8 @@ def test_inertias_are_physical(link: str) -> None:
     assert principal[2] <= principal[0] + principal[1]
 
 
-def test_published_arm_1_inertia_is_why_a_correction_is_needed() -> None:
-    _, corrected = inertia_matrix("arm_1_link")
+def test_published_arm_1_inertia_is_why_a_correction_is_needed():
+    _, corrected = inertial("arm_1_link")
     principal = np.linalg.eigvalsh(corrected - 2.5e-4 * np.eye(3))
     assert principal == pytest.approx([0.00156, 0.00598, 0.00777], abs=5e-6)
     excess = principal[2] - principal[0] - principal[1]
@@ -119,57 +104,49 @@ def test_published_arm_1_inertia_is_why_a_correction_is_needed() -> None:
         ("wrist_ft_tool_link", 0, 0.025, 0.00975),
     ],
 )
-def test_massless_wrist_links_became_solid_cylinders(
-    link: str, axis: int, radius: float, length: float
-) -> None:
+def test_massless_wrist_links_became_solid_cylinders(link, axis, radius, length):
     """Published with 0.1 kg and zero inertia; the cylinder lies along the approach."""
-    mass, matrix = inertia_matrix(link)
-    across = mass * (3 * radius**2 + length**2) / 12
-    expected = np.full(3, across)
+    mass, matrix = inertial(link)
+    expected = np.full(3, mass * (3 * radius**2 + length**2) / 12)
     expected[axis] = mass * radius**2 / 2
     assert mass == pytest.approx(0.1)
     assert_allclose(matrix, np.diag(expected), rtol=1e-5)
 
 
-def test_arm_5_centre_of_mass_lies_inside_the_link() -> None:
-    origin = ROOT.find("link[@name='arm_5_link']/inertial/origin")
-    z = numbers(origin, "xyz")[2]
+def test_arm_5_centre_of_mass_lies_inside_the_link():
+    _, _, z = numbers(ROOT.find("link[@name='arm_5_link']/inertial/origin"), "xyz")
     assert 0.009 < z < 0.189, "the forearm's shell spans 9 to 189 mm"
 
 
-def test_mujoco_accepts_the_file_without_help() -> None:
+def test_mujoco_accepts_the_file_without_help_and_agrees_with_yourdfpy():
     text = URDF.read_text()
     for crutch in ("balanceinertia", "boundmass", "boundinertia", "package://"):
         assert crutch not in text
     model = mujoco.MjModel.from_xml_path(str(URDF))
-    for link in LINKS:
-        assert model.body(link).name == link
-        if link != "base_footprint":
-            mass, matrix = inertia_matrix(link)
-            assert_allclose(model.body(link).mass, mass)
-            assert_allclose(
-                sorted(model.body(link).inertia), np.linalg.eigvalsh(matrix), rtol=1e-6
-            )
+    for link in set(LINKS) - {"base_footprint"}:
+        mass, matrix = inertial(link)
+        assert_allclose(model.body(link).mass, mass)
+        principal = np.linalg.eigvalsh(matrix)
+        assert_allclose(sorted(model.body(link).inertia), principal, rtol=1e-6)
 
-
-def test_forward_kinematics_equals_yourdfpy() -> None:
     robot = yourdfpy.URDF.load(str(URDF), load_meshes=False)
     assert robot.validate()
-    model = mujoco.MjModel.from_xml_path(str(URDF))
+    assert robot.link_map.keys() == set(LINKS)
+    # Along arm_7's z, beyond its origin.
+    for link, distance in (("wrist_ft_link", 0.05385), ("gripper_link", 0.076575)):
+        offset = robot.get_transform(link, "arm_7_link")[:3, 3]
+        assert_allclose(offset, (0, 0, distance), atol=1e-9)
     data = mujoco.MjData(model)
     rng = np.random.default_rng(7)
     low, high = model.jnt_range.T
-    coupled = "gripper_left_finger_joint", "gripper_right_finger_joint"
-    assert robot.link_map.keys() == set(LINKS)
-    for _ in range(40):
+    left, right = (f"gripper_{side}_finger_joint" for side in ("left", "right"))
+    for _ in range(20):
         data.qpos[:] = rng.uniform(low, high)
-        data.joint(coupled[0]).qpos = data.joint(coupled[1]).qpos
+        data.joint(left).qpos = data.joint(right).qpos
         mujoco.mj_kinematics(model, data)
         robot.update_cfg([data.joint(j).qpos[0] for j in robot.actuated_joint_names])
         for link in LINKS:
-            transform = robot.get_transform(link, "base_footprint")
+            transform = robot.get_transform(link, "base_footprint")[:3]
             body = data.body(link)
-            assert_allclose(body.xpos, transform[:3, 3], atol=1e-9, err_msg=link)
-            assert_allclose(
-                body.xmat.reshape(3, 3), transform[:3, :3], atol=1e-9, err_msg=link
-            )
+            pose = np.column_stack([body.xmat.reshape(3, 3), body.xpos])
+            assert_allclose(pose, transform, atol=1e-9, err_msg=link)

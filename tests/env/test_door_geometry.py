@@ -1,16 +1,16 @@
-"""Where the hinge is in the task frame."""
+"""Where the hinge is in the task frame, and how its handle moves."""
 
-import gymnasium as gym
+import itertools
+
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-import gplfd_env
 from gplfd_env import DoorGeometry
-from gplfd_env.conventions.constants import Base
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.variation import Placement, Variation
 from gplfd_env.robot.placement import door_geometry
@@ -18,25 +18,28 @@ from gplfd_env.scene.build import build_scene
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
 ANGLES = np.linspace(0.0, 1.2, 7)
+everywhere = pytest.mark.parametrize(
+    ("swing", "side"), list(itertools.product(("pull", "push"), ("right", "left")))
+)
+all_handles = pytest.mark.parametrize("handle", ["bar", "lever", "knob"])
+three = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_hinge_is_where_the_simulator_has_it(seed: int) -> None:
-    env = gym.make(gplfd_env.ENVIRONMENT_ID, randomization="hard")
+def test_the_hinge_is_where_the_simulator_has_it(seed, make_env):
+    env = make_env(randomization="hard")
     env.reset(seed=seed)
-    inner = env.unwrapped
-    found, data = inner.door_geometry, inner.data  # type: ignore[attr-defined]
-    frame = data.site("task_frame")
+    found, hinge = env.door_geometry, env.data.joint("hinge")
+    frame = env.data.site("task_frame")
     axes = frame.xmat.reshape(3, 3)
-    hinge = axes.T @ (data.joint("hinge").xanchor - frame.xpos)
+    place = axes.T @ (hinge.xanchor - frame.xpos)
     # Any point of an axis that stands upright: its height says nothing.
-    np.testing.assert_allclose(found.hinge[[0, 2]], hinge[[0, 2]], atol=1e-9)
-    axis = axes.T @ data.joint("hinge").xaxis
-    np.testing.assert_allclose(found.axis, axis, atol=1e-12)
+    assert_allclose(found.hinge[[0, 2]], place[[0, 2]], atol=1e-9)
+    assert_allclose(found.axis, axes.T @ hinge.xaxis, atol=1e-12)
 
 
 @given(st.floats(0.3, 0.65), st.floats(-0.1, 0.1))
-def test_a_wrong_heading_turns_the_arc_as_documented(radius: float, psi: float) -> None:
+def test_a_wrong_heading_turns_the_arc_as_documented(radius, psi):
     door = DoorConfig(radius=radius)
     placed = Variation(door=door, placement=Placement(base_yaw=psi))
     poses = door_geometry(placed, "fixed").hand_poses(ANGLES)
@@ -45,43 +48,53 @@ def test_a_wrong_heading_turns_the_arc_as_documented(radius: float, psi: float) 
     z = radius * (np.sin(psi) * sine - np.cos(psi) * rest)
     zero = np.zeros_like(x)
     expected = np.stack([x, zero, z, zero, ANGLES, zero], axis=1)
-    np.testing.assert_allclose(poses, expected, atol=1e-12)
+    assert_allclose(poses, expected, atol=1e-12)
 
 
-@given(st.floats(0.3, 0.65))
-def test_the_nominal_door_is_the_task_s_arc(radius: float) -> None:
-    poses = DoorGeometry.nominal(radius).hand_poses(ANGLES)
-    np.testing.assert_allclose(poses, handle_pose_on_arc(radius, ANGLES), atol=1e-12)
+@pytest.mark.parametrize("radius", [0.3, 0.45, 0.65])
+@everywhere
+def test_the_nominal_arc_of_every_way_and_side(swing, side, radius):
+    """x and z of the right-hinged door that is pulled, mirrored; it begins along pull.
+
+    A bar does not turn.
+    """
+    geometry = DoorGeometry.nominal(radius, swing, side)
+    way, right = (1 if swing == "pull" else -1), (1 if side == "right" else -1)
+    mirror = np.array([way, 1, right, 1, way * right, 1])
+    expected = handle_pose_on_arc(radius, ANGLES) * mirror
+    assert_allclose(geometry.hand_poses(ANGLES), expected, atol=1e-12)
+    begin = geometry.hand_poses(1e-6)[:3] / 1e-6
+    assert_allclose(begin, radius * geometry.pull, atol=1e-6)
+    assert geometry.pull[0] == way
+    with pytest.raises(ValueError, match="does not turn"):
+        geometry.hand_poses(0.1, 0.2)
 
 
+@all_handles
 @pytest.mark.parametrize("swing", ["pull", "push"])
-@pytest.mark.parametrize("handle", ["bar", "lever", "knob"])
-def test_a_hand_turns_by_half_where_it_pushes_something_round(handle, swing) -> None:
+def test_a_hand_turns_by_half_where_it_pushes_something_round(handle, swing):
     latch = "none" if handle == "bar" else "spring"
     door = DoorGeometry.of(
         DoorConfig(radius=0.65, handle=handle, latch=latch, swing=swing)
     )
     turns = 0.0 * ANGLES if handle == "bar" else np.linspace(0.7, 0.1, 7)
     rigid, easy = door.hand_poses(ANGLES, turns), door.easy_hand_poses(ANGLES, turns)
-    np.testing.assert_array_equal(easy[:, :3], rigid[:, :3])
+    assert_array_equal(easy[:, :3], rigid[:, :3])
     if swing == "push" and handle != "lever":
         rigid = door.hand_poses(0.5 * ANGLES, turns)
-    np.testing.assert_array_equal(easy[:, 3:], rigid[:, 3:])
+    assert_array_equal(easy[:, 3:], rigid[:, 3:])
 
 
-@given(*[st.tuples(*[st.floats(-1.0, 1.0)] * 3)] * 2)
-def test_angles_and_directions_are_those_of_the_poses(
-    hinge: tuple[float, ...], axis: tuple[float, ...]
-) -> None:
-    if np.linalg.norm(np.cross(hinge, axis)) < 1e-2:
-        return
+@given(three, three)
+def test_angles_and_directions_are_those_of_the_poses(hinge, axis):
+    assume(np.linalg.norm(np.cross(hinge, axis)) > 1e-2)
     door = DoorGeometry(hinge=np.array(hinge), axis=np.array(axis))
     poses = door.hand_poses(ANGLES)
-    np.testing.assert_allclose(door.angle(poses[:, :3]), ANGLES, atol=1e-9)
+    assert_allclose(door.angle(poses[:, :3]), ANGLES, atol=1e-9)
     ahead = door.hand_poses(ANGLES + 1e-6)[:, :3] - poses[:, :3]
     for angle, step in zip(ANGLES, ahead, strict=True):
         direction = step / np.linalg.norm(step)
-        np.testing.assert_allclose(door.direction(angle), direction, atol=1e-4)
+        assert_allclose(door.direction(angle), direction, atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -93,76 +106,35 @@ def test_angles_and_directions_are_those_of_the_poses(
         ((0.0, 0.0, -0.5), (0.0, np.nan, 0.0), r"DoorGeometry\.axis must be three"),
     ],
 )
-def test_impossible_doors_are_refused(
-    hinge: tuple[float, ...], axis: tuple[float, ...], message: str
-) -> None:
+def test_impossible_doors_are_refused(hinge, axis, message):
     with pytest.raises(ValueError, match=message):
         DoorGeometry(hinge=np.array(hinge), axis=np.array(axis))
 
 
-FOUR = [(swing, side) for swing in ("pull", "push") for side in ("right", "left")]
-
-
 @pytest.mark.parametrize("base", ["fixed", "mobile"])
-@pytest.mark.parametrize("handle", ["bar", "lever", "knob"])
-@pytest.mark.parametrize(("swing", "side"), FOUR)
-def test_a_handle_is_where_the_simulator_has_it(
-    swing: str, side: str, handle: str, base: Base
-) -> None:
+@all_handles
+@everywhere
+def test_a_handle_is_where_the_simulator_has_it(swing, side, handle, base):
     """Poses of a hand that is fixed to the handle, for hinge and handle turned."""
     door = DoorConfig(radius=0.5, handle=handle, swing=swing, hinge_side=side)
-    placed = Variation(
-        door=door, placement=Placement(base_yaw=0.03, base_x=0.01, grasp_depth=0.004)
-    )
-    geometry = door_geometry(placed, base)
-    model = build_scene(door, placement=placed.placement, base=base)
+    placement = Placement(base_yaw=0.03, base_x=0.01, grasp_depth=0.004)
+    geometry = door_geometry(Variation(door=door, placement=placement), base)
+    model = build_scene(door, placement=placement, base=base)
     data = mujoco.MjData(model)
     frame, site = data.site("task_frame"), data.site("handle")
     mujoco.mj_kinematics(model, data)
     hand = site.xmat.reshape(3, 3).T @ (frame.xpos - site.xpos)
-    for turn in (0.0,) if handle == "bar" else (0.0, 0.3, 0.8):
-        for angle in (0.0, 0.2, 1.0):
-            data.joint("hinge").qpos = angle
-            if handle != "bar":
-                data.joint("handle").qpos = turn
-            mujoco.mj_kinematics(model, data)
-            axes = frame.xmat.reshape(3, 3)
-            pose = geometry.hand_poses(angle, turn)
-            held = site.xpos + site.xmat.reshape(3, 3) @ hand
-            position = axes.T @ (held - frame.xpos)
-            np.testing.assert_allclose(pose[:3], position, atol=1e-9)
-            # A wrong heading turns the door in the task frame, not the hand's zero.
-            psi = Rotation.from_rotvec([0.0, -0.03, 0.0])
-            turned = Rotation.from_matrix(axes.T @ site.xmat.reshape(3, 3)) * psi.inv()
-            np.testing.assert_allclose(
-                Rotation.from_rotvec(pose[3:]).as_matrix(),
-                turned.as_matrix(),
-                atol=1e-9,
-            )
-
-
-@pytest.mark.parametrize(("swing", "side"), FOUR)
-def test_the_nominal_arc_of_every_way_and_side(swing: str, side: str) -> None:
-    """x and z of the right-hinged door that is pulled, mirrored."""
-    radius = 0.45
-    poses = DoorGeometry.nominal(radius, swing, side).hand_poses(ANGLES)
-    way, right = (1 if swing == "pull" else -1), (1 if side == "right" else -1)
-    expected = handle_pose_on_arc(radius, ANGLES)
-    expected[:, 0] *= way
-    expected[:, 2] *= right
-    expected[:, 4] *= way * right
-    np.testing.assert_allclose(poses, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize(("swing", "side"), FOUR)
-def test_the_handle_first_moves_along_pull(swing: str, side: str) -> None:
-    geometry = DoorGeometry.nominal(0.5, swing, side)
-    step = 1e-6
-    moved = geometry.hand_poses(step)[:3] / step
-    np.testing.assert_allclose(moved, 0.5 * geometry.pull, atol=1e-6)
-    assert geometry.pull[0] == (1.0 if swing == "pull" else -1.0)
-
-
-def test_a_bar_does_not_turn() -> None:
-    with pytest.raises(ValueError, match="does not turn"):
-        DoorGeometry.nominal(0.5).hand_poses(0.1, 0.2)
+    # A wrong heading turns the door in the task frame, not the hand's zero.
+    psi = Rotation.from_rotvec([0.0, -0.03, 0.0])
+    turns = (0.0,) if handle == "bar" else (0.0, 0.3, 0.8)
+    for turn, angle in itertools.product(turns, (0.0, 0.2, 1.0)):
+        data.joint("hinge").qpos = angle
+        if handle != "bar":
+            data.joint("handle").qpos = turn
+        mujoco.mj_kinematics(model, data)
+        axes, turned = frame.xmat.reshape(3, 3), site.xmat.reshape(3, 3)
+        pose = geometry.hand_poses(angle, turn)
+        position = axes.T @ (site.xpos + turned @ hand - frame.xpos)
+        assert_allclose(pose[:3], position, atol=1e-9)
+        rotation = Rotation.from_rotvec(pose[3:]) * psi
+        assert_allclose(rotation.as_matrix(), axes.T @ turned, atol=1e-9)

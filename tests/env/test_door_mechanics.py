@@ -1,6 +1,4 @@
-"""The door against closed forms: arc, inertia, closer, friction, damping, energy."""
-
-from collections.abc import Callable
+"""The door against closed forms: arc, inertia, friction, closer, stops, energy."""
 
 import mujoco
 import numpy as np
@@ -10,23 +8,17 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.doors.config import DoorConfig
-from gplfd_env.scene.build import GRASP_KEY, build_scene
+from gplfd_env.doors.config import DOORS, DoorConfig
+from gplfd_env.doors.hardware import EN_1154, en1154, leaf, spring_hinge
+from gplfd_env.scene.closer import STICTION_ANGLE, CloserLaw
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.observation import Reader
 
-STOP_ANGLE = DoorConfig().stop_angle
+pytestmark = pytest.mark.slow
 
+FREE = {"hinge_friction": 0.0, "hinge_damping": 0.0}
+OFFICE = {**FREE, "radius": 0.65, "panel_mass": 30.0}
 READER = Reader.of("contact", "pose")
-
-
-def door_alone(**fields: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A scene whose hand and bar pass through each other."""
-    model = build_scene(DoorConfig(**fields))
-    model.geom("handle_bar").conaffinity = 0
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
-    return model, data
 
 
 def hinge_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> float:
@@ -37,9 +29,19 @@ def hinge_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     return float(mass_matrix[dof, dof])
 
 
+def torque_on_leaf(
+    model: mujoco.MjModel, data: mujoco.MjData, angle: float, velocity: float
+) -> float:
+    """Return what all that acts on the moving leaf sums to [N m]: I φ̈."""
+    hinge = data.joint("hinge")
+    hinge.qpos, hinge.qvel = angle, velocity
+    inertia = hinge_inertia(model, data)
+    return inertia * float(hinge.qacc[0])
+
+
 @settings(max_examples=30)
-@given(radius=st.floats(0.30, 0.65), angle=st.floats(0.0, STOP_ANGLE))
-def test_handle_moves_on_the_closed_form_arc(radius: float, angle: float) -> None:
+@given(radius=st.floats(0.30, 0.65), angle=st.floats(0.0, DoorConfig().stop_angle))
+def test_handle_moves_on_the_closed_form_arc(radius, angle, door_alone):
     model, data = door_alone(radius=radius)
     data.joint("hinge").qpos = angle
     mujoco.mj_forward(model, data)
@@ -49,134 +51,116 @@ def test_handle_moves_on_the_closed_form_arc(radius: float, angle: float) -> Non
     position = axes.T @ (handle.xpos - frame.xpos)
     assert_allclose(position, expected[:3], atol=1e-12)
     rotation = axes.T @ handle.xmat.reshape(3, 3)
-    assert_allclose(
-        rotation, Rotation.from_rotvec(expected[3:]).as_matrix(), atol=1e-12
-    )
+    turned = Rotation.from_rotvec(expected[3:]).as_matrix()
+    assert_allclose(rotation, turned, atol=1e-12)
     reading = READER.door_reading(data.sensordata.tolist())
     assert_allclose(reading.handle_position, expected[:3], atol=1e-12)
     assert reading.angle == angle
 
 
-def test_hinge_inertia_is_that_of_leaf_and_handle() -> None:
+def test_hinge_inertia_is_that_of_leaf_and_handle(door_alone):
     radius, mass, standoff = 0.6, 20.0, 0.08
     model, data = door_alone(radius=radius, panel_mass=mass, handle_standoff=standoff)
     width, thickness = radius + 0.01 + 0.08, 0.04
     middle = radius + 0.08 - width / 2
-    leaf = mass * ((width**2 + thickness**2) / 12 + middle**2 + standoff**2)
+    panel = mass * ((width**2 + thickness**2) / 12 + middle**2 + standoff**2)
     handle = (0.3 + 2 * 0.05) * radius**2
-    assert hinge_inertia(model, data) == pytest.approx(leaf + handle + 0.01, rel=2e-3)
+    assert hinge_inertia(model, data) == pytest.approx(panel + handle + 0.01, rel=2e-3)
 
 
-@pytest.mark.parametrize("degrees", [0.0, 20.0, 70.0])
-def test_closer_torque_is_preload_plus_stiffness_times_angle(degrees: float) -> None:
-    model, data = door_alone(closer_preload=3.0, closer_stiffness=2.0)
-    angle = np.radians(degrees)
-    data.joint("hinge").qpos = angle
-    mujoco.mj_forward(model, data)
-    assert data.joint("hinge").qfrc_actuator == pytest.approx(-(3.0 + 2.0 * angle))
-
-
-@pytest.mark.parametrize("degrees", [10.0, 45.0])
-def test_force_at_the_handle_balances_the_closer(degrees: float) -> None:
+@pytest.mark.parametrize("degrees", [1.0, 20.0, 70.0])
+def test_force_at_the_handle_balances_the_closer(degrees, door_alone):
     """Static balance: a tangential force F at radius R against preload + k φ."""
     radius, angle = 0.5, np.radians(degrees)
     model, data = door_alone(
         radius=radius, closer_preload=4.0, closer_stiffness=3.0, hinge_friction=0.0
     )
-    data.joint("hinge").qpos = angle
+    hinge, handle = data.joint("hinge"), data.site("handle")
+    hinge.qpos = angle
     mujoco.mj_forward(model, data)
-    tangent = data.site("handle").xmat.reshape(3, 3)[:, 0]
-    force = (4.0 + 3.0 * angle) / radius * tangent
-    dof = model.joint("hinge").dofadr[0]
-    for extra, sign in ((0.0, 0.0), (0.1, 1.0), (-0.1, -1.0)):
+    torque = 4.0 + 3.0 * angle
+    assert hinge.qfrc_actuator == pytest.approx(-torque)
+    tangent, body = handle.xmat.reshape(3, 3)[:, 0], model.body("door").id
+    signs = []
+    for extra in (0.0, 0.1, -0.1):
         data.qfrc_applied[:] = 0.0
-        push = force + extra * tangent
+        force = (torque / radius + extra) * tangent
         mujoco.mj_applyFT(
-            model,
-            data,
-            push,
-            np.zeros(3),
-            data.site("handle").xpos,
-            model.body("door").id,
-            data.qfrc_applied,
+            model, data, force, np.zeros(3), handle.xpos, body, data.qfrc_applied
         )
         mujoco.mj_forward(model, data)
-        assert np.sign(round(float(data.qacc[dof]), 6)) == sign
+        signs.append(np.sign(round(float(hinge.qacc[0]), 6)))
+    assert signs == [0.0, 1.0, -1.0]
 
 
 @pytest.mark.parametrize("friction", [0.5, 2.0, 20.0])
-def test_a_stuck_hinge_does_not_creep(friction: float) -> None:
-    model, data = door_alone(hinge_friction=friction, hinge_damping=0.0)
-    data.joint("hinge").qpos = 0.3
-    data.joint("hinge").qfrc_applied = 0.9 * friction
-    mujoco.mj_step(model, data, nstep=2500)
-    assert abs(np.degrees(data.joint("hinge").qpos[0] - 0.3)) < 0.05
-
-
-def test_hinge_friction_holds_below_and_yields_above() -> None:
-    for torque, moves in ((1.9, False), (2.1, True)):
-        model, data = door_alone(hinge_friction=2.0, hinge_damping=0.0)
-        dof = model.joint("hinge").dofadr[0]
-        data.qfrc_applied[dof] = torque
+def test_hinge_friction_holds_below_and_yields_above(friction, door_alone):
+    """Held, it does not creep; from rest, φ = (τ - τ_f) t² / (2 I)."""
+    for torque in (0.9 * friction, friction + 0.1):
+        model, data = door_alone(hinge_friction=friction, hinge_damping=0.0)
+        data.joint("hinge").qpos = 0.3
+        data.joint("hinge").qfrc_applied = torque
+        inertia = hinge_inertia(model, data)
         mujoco.mj_step(model, data, nstep=1000)
-        net = (torque - 2.0) if moves else 0.0
-        # Starting from rest for 2 s: φ = (τ - τ_f) t² / (2 I).
-        angle = net * 2.0**2 / (2 * hinge_inertia(model, data))
-        assert data.joint("hinge").qpos == pytest.approx(angle, abs=3e-3)
+        angle = max(torque - friction, 0.0) * 2.0**2 / (2.0 * inertia)
+        moved = data.joint("hinge").qpos[0] - 0.3
+        assert moved == pytest.approx(angle, abs=3e-3 if angle else np.radians(0.02))
 
 
-def test_hinge_damping_sets_the_terminal_speed() -> None:
+def test_hinge_damping_sets_the_terminal_speed(door_alone):
     model, data = door_alone(hinge_friction=0.0, hinge_damping=8.0, radius=0.3)
-    dof = model.joint("hinge").dofadr[0]
-    data.qfrc_applied[dof] = 2.0
+    data.joint("hinge").qfrc_applied = 2.0
     mujoco.mj_step(model, data, nstep=1500)
     time_constant = hinge_inertia(model, data) / 8.0
     expected = 2.0 / 8.0 * (1 - np.exp(-3.0 / time_constant))
     assert data.joint("hinge").qvel == pytest.approx(expected, rel=2e-3)
 
 
-def test_a_frictionless_closer_turns_its_work_into_kinetic_energy() -> None:
-    model, data = door_alone(
-        hinge_friction=0.0,
-        hinge_damping=0.0,
-        closer_preload=2.0,
-        closer_stiffness=5.0,
-    )
-    start = np.radians(60.0)
-    data.joint("hinge").qpos = start
+def test_a_frictionless_closer_turns_its_work_into_kinetic_energy(door_alone):
+    model, data = door_alone(**FREE, closer_preload=2.0, closer_stiffness=5.0)
+    start, hinge = np.radians(60.0), data.joint("hinge")
+    hinge.qpos = start
     inertia = hinge_inertia(model, data)
-    angles, speeds = [], []
-    for _ in range(2000):
-        if data.joint("hinge").qpos < 0.05:
-            break
-        angles.append(data.joint("hinge").qpos[0])
-        speeds.append(data.joint("hinge").qvel[0])
+    rows = []
+    while hinge.qpos > 0.05:
+        rows.append((hinge.qpos[0], hinge.qvel[0]))
         mujoco.mj_step(model, data)
-    work = 2.0 * (start - np.array(angles)) + 2.5 * (start**2 - np.array(angles) ** 2)
+    angles, speeds = np.array(rows).T
+    work = 2.0 * (start - angles) + 2.5 * (start**2 - angles**2)
     assert work[-1] > 4.0
     # Semi-implicit steps of 2 ms err by one step's work: 7 N m times 1.7 rad/s * 2 ms.
     assert_allclose(0.5 * inertia * np.square(speeds), work, atol=0.025)
 
 
-def test_hinge_stops_at_its_range() -> None:
-    model, data = door_alone(hinge_friction=0.0, hinge_damping=1.0)
-    dof = model.joint("hinge").dofadr[0]
-    for torque, stop in ((5.0, STOP_ANGLE), (-5.0, 0.0)):
-        data.qfrc_applied[dof] = torque
-        mujoco.mj_step(model, data, nstep=4000)
-        assert data.joint("hinge").qpos == pytest.approx(stop, abs=0.01)
+@pytest.mark.parametrize("base", ["fixed", "mobile"])
+@pytest.mark.parametrize("name", ["small", "room-834"])
+def test_the_torque_at_the_stop_is_what_presses_the_leaf_against_it(
+    name, base, door_alone
+):
+    door = DOORS[name]
+    model, data = door_alone(base, **door.as_dict())
+    data.joint("hinge").qpos = door.stop_angle
+    data.joint("hinge").qfrc_applied = 50.0
+    mujoco.mj_step(model, data, nstep=500)
+    reader = Reader.of("contact", "pose", base, door.handle, door.swing)
+    reading = reader.door_reading(data.sensordata.tolist())
+    assert reading.angle == pytest.approx(door.stop_angle, abs=2e-3)
+    assert reading.stop_torque == pytest.approx(50.0, rel=0.03)
+    assert reading.handle_angle == pytest.approx(0.0, abs=0.01)
+    data.joint("hinge").qpos = 0.1
+    data.joint("hinge").qfrc_applied = -50.0
+    mujoco.mj_step(model, data, nstep=2000)
+    assert data.joint("hinge").qpos == pytest.approx(0.0, abs=0.01)
 
 
-def test_work_at_the_handle_is_what_the_door_takes(
-    make_env: Callable, arc_commands: Callable
-) -> None:
+def test_work_at_the_handle_is_what_the_door_takes(start_env, arc_commands):
     """∫(F_t R + M) dφ = friction·φ + damping·∫ω dφ + closer work + kinetic energy.
 
     M is the moment that the pads transmit about the bar. Summed over physics steps:
     within a control period the force falls as the hand catches up with its command.
     """
     friction, damping, preload, stiffness, radius = 2.0, 3.0, 1.0, 2.0, 0.5
-    env = make_env(
+    env = start_env(
         {
             "radius": radius,
             "hinge_friction": friction,
@@ -185,7 +169,6 @@ def test_work_at_the_handle_is_what_the_door_takes(
             "closer_stiffness": stiffness,
         }
     )
-    env.reset(seed=0)
     data = env.data
     torque, speed, angle = [], [], [data.joint("hinge").qpos[0]]
     for command in arc_commands(radius, degrees=45.0, duration=4.0)[:400]:
@@ -206,3 +189,130 @@ def test_work_at_the_handle_is_what_the_door_takes(
     expected += hinge_inertia(env.model, data) * speed[-1] ** 2 / 2
     assert opened > np.radians(40)
     assert work == pytest.approx(expected, rel=0.005)
+
+
+# --- Closers -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("velocity", [-0.6, -0.05, 0.05, 0.6])
+@pytest.mark.parametrize("degrees", [0.2, 2.0, 10.0, 40.0, 80.0, 95.0])
+def test_the_scene_exerts_the_law(degrees, velocity, door_alone):
+    """`CloserLaw` within 2 %: what a limit leaves of a damper."""
+    fields = {**OFFICE, **en1154(2), "stiction": 3.0, "seal": 2.0}
+    fields["closer_stiffness"] = 1.5
+    angle = np.radians(degrees)
+    expected = CloserLaw.of(DoorConfig(**fields)).torque(angle, velocity)
+    actual = -torque_on_leaf(*door_alone(**fields), angle, velocity)
+    assert actual == pytest.approx(expected, rel=0.02, abs=0.05)
+
+
+@given(size=st.sampled_from([1, 2, 3, 4]), share=st.floats(0.0, 1.0))
+def test_a_closer_is_what_en_1154_allows(size, share):
+    """Moments of the law itself, quasi-static, against the rows of table 1."""
+    row = EN_1154[size]
+    efficiency = row.efficiency + share * (1.0 - row.efficiency)
+    door = DoorConfig(**{**OFFICE, **en1154(size, efficiency)})
+    slow = 2e-3
+
+    def moment(degrees: float, velocity: float) -> float:
+        still = door.closer_damping + door.closing_damping * (velocity < 0.0)
+        torque = CloserLaw.of(door).torque(np.radians(degrees), velocity)
+        return torque - still * velocity
+
+    closing, opening = moment(0.0, -slow), moment(0.0, slow)
+    assert row.closing[0] - 1e-9 <= closing <= row.closing[1] + 1e-9
+    assert closing / opening == pytest.approx(efficiency)
+    for degrees in range(0, 61, 5):
+        assert moment(degrees, slow) <= row.opening + 1e-9
+    assert moment(90.0, -slow) >= row.closing_open
+
+
+@pytest.mark.parametrize("wrong", [{"size": 5}, {"size": 2, "efficiency": 0.4}])
+def test_a_closer_that_the_standard_does_not_know(wrong):
+    with pytest.raises(ValueError, match="EN 1154"):
+        en1154(**wrong)
+
+
+CLOSERS = {
+    "none": {},
+    "spring hinge": spring_hinge(8.0),
+    "EN 1154 size 1": en1154(1),
+    "EN 1154 size 4": en1154(4),
+    "all at once": {**en1154(2), "stiction": 5.0, "seal": 3.0},
+}
+
+
+@pytest.mark.parametrize("name", CLOSERS)
+def test_a_cycle_creates_no_energy(name, door_alone):
+    """Work that an opening and closing hand does on the door is never negative."""
+    model, data = door_alone(**{**OFFICE, **CLOSERS[name]})
+    hinge = data.joint("hinge")
+    work, duration = 0.0, 6.0
+    for time in np.arange(0.0, duration, model.opt.timestep):
+        wanted = 1.4 * np.sin(np.pi * time / duration) ** 2
+        rate = 1.4 * np.pi / duration * np.sin(2.0 * np.pi * time / duration)
+        torque = 4e3 * (wanted - hinge.qpos[0]) + 300.0 * (rate - hinge.qvel[0])
+        hinge.qfrc_applied = torque
+        before = float(hinge.qpos[0])
+        mujoco.mj_step(model, data)
+        work += float(torque) * (float(hinge.qpos[0]) - before)
+    assert work > -0.02
+    if name.startswith("EN"):
+        assert work > 5.0
+
+
+@settings(max_examples=4)
+@given(
+    angle=st.floats(0.1, 1.6),
+    speed=st.floats(-4.0, 4.0),
+    size=st.sampled_from([1, 2, 3, 4]),
+)
+def test_a_released_door_loses_energy_until_it_is_closed(
+    angle, speed, size, door_alone
+):
+    """Kinetic energy and that of the springs together never rise."""
+    fields = {**OFFICE, **en1154(size), "seal": 2.0}
+    model, data = door_alone(**fields)
+    door = DoorConfig(**fields)
+    inertia = float(1.0 / model.dof_invweight0[model.joint("hinge").dofadr[0]])
+    grid = np.linspace(0.0, 1.8, 3601)
+    spring = np.array([CloserLaw.of(door).torque(phi, 0.0) for phi in grid])
+    steps = 0.5 * (spring[1:] + spring[:-1]) * (grid[1] - grid[0])
+    potential = np.concatenate([[0.0], np.cumsum(steps)])
+    hinge = data.joint("hinge")
+    hinge.qpos, hinge.qvel = angle, speed
+    rows = []
+    for _ in range(10_000):
+        mujoco.mj_step(model, data)
+        rows.append((hinge.qpos[0], hinge.qvel[0]))
+    phi, rate = np.array(rows).T
+    energy = 0.5 * inertia * rate**2 + np.interp(phi, grid, potential)
+    rise = energy[1:] - np.minimum.accumulate(energy)[:-1]
+    moving = (phi[1:] > 0.0) & (phi[1:] < door.stop_angle)
+    assert rise[moving].max() <= 2e-2
+    assert phi[-1] < np.radians(0.5)
+
+
+def test_the_closing_damper_does_not_hinder_opening(door_alone):
+    gentle = {"closer_damping": 5.0, "closing_damping": 75.0}
+    door = door_alone(**OFFICE, **gentle)
+    assert -torque_on_leaf(*door, 0.5, 0.4) == pytest.approx(2.0, rel=0.01)
+    assert torque_on_leaf(*door, 0.5, -0.4) == pytest.approx(32.0, rel=0.01)
+
+
+def test_stiction_is_gone_once_the_door_has_broken_away(door_alone):
+    door = door_alone(**OFFICE, stiction=10.0)
+    held = torque_on_leaf(*door, 0.5 * STICTION_ANGLE, 0.0)
+    assert held == pytest.approx(-5.0, rel=1e-3)
+    free = torque_on_leaf(*door, 1.1 * STICTION_ANGLE, 0.0)
+    assert free == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_leaf_by_din_has_its_radius_mass_and_friction():
+    fields = leaf(0.709, "tubular-core")
+    door = DoorConfig(**{**fields, "radius": 0.65})
+    assert fields["radius"] == pytest.approx(0.654)
+    assert door.panel_mass == pytest.approx(15.0 * 0.709 * 1.972)
+    weight = 9.81 * door.panel_mass
+    expected = 0.04 * (weight * 7.5e-3 + 2.0 * weight * 0.3545 / 1.5 * 4.8e-3)
+    assert door.hinge_friction == pytest.approx(expected)

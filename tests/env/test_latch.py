@@ -1,38 +1,43 @@
-"""A latch holds, lets go, and catches again, for every side and way."""
+"""A latch holds, lets go, and catches again; a hand turns its handle and opens."""
 
 import itertools
+import math
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-
-from gplfd_env.conventions.constants import Base
-from gplfd_env.doors.config import DoorConfig
-from gplfd_env.scene.build import GRASP_KEY, build_scene
+from gymnasium.utils.env_checker import data_equivalence
 
 pytestmark = pytest.mark.slow
 
 CLOSED = np.radians(0.5)
-SIDES = list(itertools.product(("pull", "push"), ("right", "left")))
-BASES: tuple[Base, ...] = ("fixed", "mobile")
 LEAF = {"radius": 0.53, "leaf_width": 0.584, "backset": 0.055, "panel_mass": 14.0}
+LATCHED = {"handle": "lever", "latch": "spring", **LEAF}
+HOLD = 100.0 * LEAF["radius"]
+"""Torque of 100 N at the handle [N m]."""
+
+both_bases = pytest.mark.parametrize("base", ["fixed", "mobile"])
+everywhere = pytest.mark.parametrize(
+    ("swing", "hinge_side"),
+    list(itertools.product(("pull", "push"), ("right", "left"))),
+)
 
 
-def door_alone(
-    base: Base = "fixed", **fields: Any
-) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return a latched door that the robot passes through."""
-    door = DoorConfig(**{"handle": "lever", "latch": "spring", **LEAF, **fields})
-    model = build_scene(door, base=base)
-    for touched in ("handle_bar", "leaf"):
-        model.geom(touched).conaffinity = 0
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
-    return model, data
+@pytest.fixture
+def latched_door(door_alone: Callable) -> Callable:
+    """Return a function that builds a latched door which the robot passes through."""
+
+    def build(base: str = "fixed", **fields: Any) -> tuple[Any, Any]:
+        model, data = door_alone(base, **{**LATCHED, **fields})
+        model.geom("leaf").conaffinity = 0
+        return model, data
+
+    return build
 
 
-def push(model: mujoco.MjModel, data: mujoco.MjData, time: float, **torques: float):
+def push(model: Any, data: Any, time: float, **torques: float) -> float:
     """Let torques act on joints; return the greatest opening angle meanwhile [rad]."""
     greatest = -np.inf
     for _ in range(round(time / model.opt.timestep)):
@@ -43,91 +48,144 @@ def push(model: mujoco.MjModel, data: mujoco.MjData, time: float, **torques: flo
     return greatest
 
 
-@pytest.mark.parametrize("base", BASES)
-@pytest.mark.parametrize("handle", ["lever", "knob"])
-@pytest.mark.parametrize(("swing", "side"), SIDES)
-def test_a_latch_holds_100_newtons(
-    swing: str, side: str, handle: str, base: Base
-) -> None:
-    model, data = door_alone(base, swing=swing, hinge_side=side, handle=handle)
-    assert push(model, data, 2.0, hinge=100.0 * LEAF["radius"]) < CLOSED
+def bolt_and_handle(data: Any) -> tuple[float, float]:
+    return float(data.joint("bolt").qpos[0]), float(data.joint("handle").qpos[0])
 
 
-@pytest.mark.parametrize(("swing", "side"), SIDES)
+@both_bases
+@pytest.mark.parametrize(("handle", "torque"), [("lever", 2.0), ("knob", 0.875)])
+@everywhere
+def test_a_latch_holds_until_the_handle_is_turned_which_springs_back(
+    swing, hinge_side, handle, torque, base, latched_door
+):
+    """100 N do not open it; 5 N m do once the handle is turned."""
+    door = latched_door(base, swing=swing, hinge_side=hinge_side, handle=handle)
+    assert push(*door, 1.0, hinge=HOLD) < CLOSED
+    push(*door, 0.1, hinge=0.0)
+    assert push(*door, 0.5, handle=torque, hinge=5.0) > CLOSED
+    bolt, turn = bolt_and_handle(door[1])
+    assert turn == pytest.approx(0.8, abs=0.02)
+    assert bolt == pytest.approx(0.0127, abs=5e-4)
+    push(*door, 1.0, handle=0.0, hinge=0.0)
+    bolt, turn = bolt_and_handle(door[1])
+    assert turn == pytest.approx(0.0, abs=0.01)
+    assert bolt == pytest.approx(0.0, abs=5e-4)
+
+
+@everywhere
 def test_before_a_robot_that_drives_a_latch_holds_4000_newtons(
-    swing: str, side: str
-) -> None:
+    swing, hinge_side, latched_door
+):
     """What the palm does to the leaf when the base is driven into the door."""
-    model, data = door_alone("mobile", swing=swing, hinge_side=side)
-    assert push(model, data, 0.2, hinge=4000.0 * LEAF["radius"]) < CLOSED
-    assert push(model, data, 0.5, hinge=0.0) < CLOSED
-    assert data.joint("bolt").qpos[0] == pytest.approx(0.0, abs=5e-4)
-
-
-@pytest.mark.parametrize("base", BASES)
-@pytest.mark.parametrize(("swing", "side"), SIDES)
-def test_the_turned_handle_frees_it_and_springs_back(
-    swing: str, side: str, base: Base
-) -> None:
-    model, data = door_alone(base, swing=swing, hinge_side=side)
-    assert push(model, data, 0.5, handle=2.0, hinge=5.0) > CLOSED
-    assert data.joint("handle").qpos[0] == pytest.approx(0.8, abs=0.02)
-    assert data.joint("bolt").qpos[0] == pytest.approx(0.0127, abs=5e-4)
-    push(model, data, 1.0, handle=0.0, hinge=0.0)
-    assert data.joint("handle").qpos[0] == pytest.approx(0.0, abs=0.01)
-    assert data.joint("bolt").qpos[0] == pytest.approx(0.0, abs=5e-4)
+    door = latched_door("mobile", swing=swing, hinge_side=hinge_side)
+    assert push(*door, 0.2, hinge=40.0 * HOLD) < CLOSED
+    assert push(*door, 0.5, hinge=0.0) < CLOSED
+    assert bolt_and_handle(door[1])[0] == pytest.approx(0.0, abs=5e-4)
 
 
 @pytest.mark.parametrize("dead_travel", [0.0, 0.06, 0.2])
-def test_the_bolt_follows_beyond_the_dead_travel(dead_travel: float) -> None:
+def test_the_bolt_follows_beyond_the_dead_travel(dead_travel, latched_door):
     """In proportion: not at the dead travel, whole at the whole travel."""
-    model, data = door_alone(dead_travel=dead_travel)
+    model, data = latched_door(dead_travel=dead_travel)
     for angle in (0.1, 0.3, 0.5, 0.7):
         for _ in range(300):
             error = angle - data.joint("handle").qpos[0]
             torque = 40.0 * error - 0.5 * data.joint("handle").qvel[0] + 0.6
             push(model, data, 0.002, handle=float(torque))
-        at = float(data.joint("handle").qpos[0])
+        bolt, at = bolt_and_handle(data)
         drawn = 0.0127 * max(at - dead_travel, 0.0) / (0.8 - dead_travel)
-        assert data.joint("bolt").qpos[0] == pytest.approx(drawn, abs=2e-4)
+        assert bolt == pytest.approx(drawn, abs=2e-4)
 
 
-@pytest.mark.parametrize("base", BASES)
+@both_bases
 @pytest.mark.parametrize("speed", [0.3, 1.0, 3.0, 8.0])
-@pytest.mark.parametrize(("swing", "side"), SIDES)
-def test_a_slammed_door_latches(
-    swing: str, side: str, speed: float, base: Base
-) -> None:
-    model, data = door_alone(base, swing=swing, hinge_side=side)
+@everywhere
+def test_a_slammed_door_latches(swing, hinge_side, speed, base, latched_door):
+    model, data = latched_door(base, swing=swing, hinge_side=hinge_side)
     data.joint("hinge").qpos, data.joint("hinge").qvel = 0.3, -speed
     push(model, data, 1.5, hinge=-2.5)
-    assert data.joint("hinge").qpos[0] < CLOSED
-    assert push(model, data, 1.0, hinge=100.0 * LEAF["radius"]) < CLOSED
+    assert push(model, data, 0.5, hinge=HOLD) < CLOSED
 
 
 @pytest.mark.parametrize("torque", [5.0, 10.0, 30.0])
-def test_a_door_that_is_closed_slowly_latches(torque: float) -> None:
+def test_a_door_that_is_closed_slowly_latches(torque, latched_door):
     """What it takes is the bolt's spring on a bevel of 45°, 7.8 N at 0.58 m."""
-    model, data = door_alone(hinge_damping=30.0)
+    model, data = latched_door(hinge_damping=30.0)
     data.joint("hinge").qpos = 0.1
     push(model, data, 4.0, hinge=-torque)
-    assert push(model, data, 1.0, hinge=100.0 * LEAF["radius"]) < CLOSED
+    assert push(model, data, 1.0, hinge=HOLD) < CLOSED
 
 
-def test_without_a_latch_a_lever_door_opens_unturned() -> None:
-    model, data = door_alone(latch="none")
-    assert push(model, data, 0.5, hinge=5.0) > CLOSED
-    assert data.joint("handle").qpos[0] == pytest.approx(0.0, abs=0.01)
+def test_without_a_latch_a_lever_door_opens_unturned(latched_door):
+    door = latched_door(latch="none")
+    assert push(*door, 0.5, hinge=5.0) > CLOSED
+    assert door[1].joint("handle").qpos[0] == pytest.approx(0.0, abs=0.01)
 
 
-def test_the_return_spring_is_what_it_is_said_to_be() -> None:
-    """At rest in mid-air the joint's force is preload + stiffness * angle."""
-    model, data = door_alone(handle_preload=0.4, handle_stiffness=1.1)
-    data.joint("handle").qpos = 0.5
-    mujoco.mj_forward(model, data)
-    spring = data.qfrc_spring[model.joint("handle").dofadr[0]]
-    assert spring == pytest.approx(-(0.4 + 1.1 * 0.5), rel=1e-9)
-    data.joint("bolt").qpos = 0.004
-    mujoco.mj_forward(model, data)
-    spring = data.qfrc_spring[model.joint("bolt").dofadr[0]]
-    assert spring == pytest.approx(-(4.0 + 300.0 * 0.004), rel=1e-9)
+def test_the_return_springs_are_what_they_are_said_to_be(latched_door):
+    """At rest in mid-air a joint's force is preload + stiffness * displacement."""
+    model, data = latched_door(handle_preload=0.4, handle_stiffness=1.1)
+    for name, place, force in (("handle", 0.5, 0.4 + 1.1 * 0.5), ("bolt", 0.004, 5.2)):
+        data.joint(name).qpos = place
+        mujoco.mj_forward(model, data)
+        spring = data.qfrc_spring[model.joint(name).dofadr[0]]
+        assert spring == pytest.approx(-force, rel=1e-9)
+
+
+# --- A hand that turns the handle ----------------------------------------------------
+
+LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
+KNOB = {
+    "handle": "knob",
+    "latch": "spring",
+    "radius": 0.45,
+    "handle_preload": 0.2,
+    "handle_stiffness": 0.3,
+}
+
+
+@pytest.mark.parametrize("fields", [LEVER, KNOB], ids=["lever", "knob"])
+@everywhere
+def test_a_hand_turns_the_handle_and_opens(
+    fields, swing, hinge_side, start_env, opening_poses
+):
+    env = start_env({**fields, "hinge_side": hinge_side, "swing": swing})
+    most = dict.fromkeys(("handle_angle", "bolt", "force", "slip"), 0.0)
+    for pose in opening_poses(env.door_geometry, 35.0, 4.0, travel=0.8):
+        *_, info = env.step(pose)
+        forces = [info[f"force_{a}"] for a in ("tangential", "radial", "vertical")]
+        now = {**info, "force": math.hypot(*forces)}
+        most = {name: max(now[name], value) for name, value in most.items()}
+        if info["bolt"] < 0.004:
+            assert info["door_angle"] < CLOSED or most["bolt"] > 0.006
+    assert most["handle_angle"] > 0.7
+    assert most["bolt"] > 0.011
+    assert info["door_angle"] > math.radians(30.0)
+    assert info["grasped"]
+    assert info["handle_angle"] < 0.05
+    assert info["bolt"] < 5e-4
+    assert most["slip"] < 0.005
+    assert most["force"] < 30.0
+
+
+def test_a_pull_alone_does_not_open(start_env, opening_poses):
+    env = start_env(LEVER)
+    poses = opening_poses(env.door_geometry, 35.0, 4.0, travel=0.0)[:300]
+    for pose in poses:
+        *_, info = env.step(pose)
+        assert info["door_angle"] < CLOSED
+    assert info["failure"] == ""
+    for _ in range(60):
+        *_, info = env.step(pose)
+    assert info["failure"] == "latched"
+
+
+@pytest.mark.bits
+def test_a_reset_to_another_structure_is_as_a_new_environment(make_env, opening_poses):
+    used, fresh = make_env("medium"), make_env(LEVER)
+    used.reset(seed=0)
+    used.step(used.action_space.sample())
+    first = used.reset(seed=1, options={"door": LEVER})
+    assert data_equivalence(first, fresh.reset(seed=1), exact=True)
+    for pose in opening_poses(fresh.door_geometry, 20.0, 4.0)[:150]:
+        assert data_equivalence(used.step(pose), fresh.step(pose), exact=True)

@@ -1,18 +1,19 @@
 """Where the robot stands and grasps: what it sees of the door, and what it does not."""
 
 import math
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import data_equivalence
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from gplfd_env.doors.config import DoorConfig
-from gplfd_env.doors.variation import Placement, SensorNoise, Variation
+from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.placement import ARM_JOINTS
 from gplfd_env.robot.stance import BAR_STANCES
 from gplfd_env.scene.build import GRASP_KEY, build_scene
@@ -20,13 +21,6 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.observation import Reader
 
 READER = Reader.of("contact", "pose")
-RANGES = {
-    "base_x": 0.05,
-    "base_y": 0.05,
-    "base_yaw": 0.1,
-    "grasp_height": 0.05,
-    "grasp_depth": 0.008,
-}
 
 # Within these the medium door can be held.
 placements = st.builds(
@@ -54,11 +48,9 @@ def turned(positions: np.ndarray, yaw: float) -> np.ndarray:
     return np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
 
 
-@settings(max_examples=15)
+@settings(max_examples=12)
 @given(placement=placements, angle=st.floats(0.0, 1.7), radius=st.floats(0.3, 0.65))
-def test_the_arc_is_turned_by_minus_the_yaw(
-    placement: Placement, angle: float, radius: float
-) -> None:
+def test_the_arc_is_turned_by_minus_the_yaw(placement, angle, radius):
     """The robot is turned to the left, so to it the door is turned to the right.
 
     The arc begins where the bar really is at the closed grasp.
@@ -77,47 +69,34 @@ def test_the_arc_is_turned_by_minus_the_yaw(
     assert closed[1] == pytest.approx(0.0, abs=1e-9)
 
 
-@settings(max_examples=10)
+@settings(max_examples=12)
 @given(placement=placements)
-def test_the_hand_begins_at_the_origin_wherever_it_takes_hold(
-    placement: Placement,
-) -> None:
+def test_the_hand_begins_at_the_origin_wherever_it_takes_hold(placement):
+    """An error of the base moves the door the other way.
+
+    Base frame = world: base_x ahead, base_y to the left, base_yaw to the left.
+    """
     _, data = at_rest(placement)
-    values = data.sensordata[READER.ee_pose]
-    assert_allclose(values, 0.0, atol=2e-4)
+    assert_allclose(data.sensordata[READER.ee_pose], 0.0, atol=2e-4)
     for side in ("right", "left"):
         assert data.sensor(f"{side}_pad_contact").data > 0
     # The hand is above the middle of the bar by the height of the grasp.
     bar = data.geom("handle_bar").xpos
-    assert data.site("hand").xpos[2] - bar[2] == pytest.approx(
-        placement.grasp_height, abs=1e-4
-    )
+    above = data.site("hand").xpos[2] - bar[2]
+    assert above == pytest.approx(placement.grasp_height, abs=1e-4)
     assert bar[2] == pytest.approx(0.85)
     lift = min(0.85 + placement.grasp_height - 0.5, 0.35)
     assert data.joint("torso_lift_joint").qpos[0] == pytest.approx(lift, abs=1e-3)
 
-
-@settings(max_examples=10)
-@given(placement=placements)
-def test_an_error_of_the_base_moves_the_door_the_other_way(
-    placement: Placement,
-) -> None:
-    """Base frame = world: base_x ahead, base_y to the left, base_yaw to the left."""
-    _, data = at_rest(placement)
+    stance, yaw = BAR_STANCES["fixed", "pull"], placement.base_yaw
     base = np.array([placement.base_x, placement.base_y])
-    yaw = placement.base_yaw
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-    bar = data.geom("handle_bar").xpos[:2]
-    closed = BAR_STANCES["fixed", "pull"].handle_xy_w
-    assert_allclose(base + turn @ bar, closed, atol=1e-12)
-    pull = data.body("door_frame").xmat.reshape(3, 3)[:2, 0]
-    into_door = -turn @ pull
-    assert math.atan2(into_door[1], into_door[0]) == pytest.approx(
-        BAR_STANCES["fixed", "pull"].door_yaw
-    )
+    assert_allclose(base + turn @ bar[:2], stance.handle_xy_w, atol=1e-12)
+    into_door = -turn @ data.body("door_frame").xmat.reshape(3, 3)[:2, 0]
+    assert math.atan2(into_door[1], into_door[0]) == pytest.approx(stance.door_yaw)
 
 
-def test_base_errors_change_the_arm_s_posture_and_heights_do_not() -> None:
+def test_base_errors_change_the_arm_s_posture_and_heights_do_not():
     """The torso goes to the height of the grasp, as far as it goes."""
     usual, ahead, left, low, high = (
         [at_rest(place)[1].sensor(f"{name}_pos").data[0] for name in ARM_JOINTS]
@@ -134,9 +113,9 @@ def test_base_errors_change_the_arm_s_posture_and_heights_do_not() -> None:
         assert np.abs(np.subtract(posture, usual)).max() > 0.02
 
 
-def test_opening_along_the_turned_arc_shows_it_in_observation_and_info(
-    make_env: Callable, arc_commands: Callable
-) -> None:
+def test_a_turned_arc_shows_in_observation_and_info_and_the_unturned_one_resists(
+    make_env, arc_commands
+):
     """The whole way through the environment: hand and handle follow the same arc."""
     env = make_env(0.42, randomization={"base_yaw": 0.06, "base_position": 0.01})
     env.reset(seed=1)
@@ -154,10 +133,6 @@ def test_opening_along_the_turned_arc_shows_it_in_observation_and_info(
     forces = [info[f"force_{name}"] for name in ("tangential", "radial", "vertical")]
     assert np.abs(forces).max() < 2.5, "the right arc needs no force but friction"
 
-
-def test_the_unturned_arc_meets_resistance_of_a_turned_door(
-    make_env: Callable, arc_commands: Callable
-) -> None:
     env = make_env(0.5, randomization={"base_yaw": 0.06})
     env.reset(seed=1)
     for command in arc_commands(0.5, degrees=25.0, duration=4.0):
@@ -166,54 +141,28 @@ def test_the_unturned_arc_meets_resistance_of_a_turned_door(
     assert abs(info["force_radial"]) > 8.0
 
 
+@pytest.mark.parametrize("n", [None, 3])
 def test_an_unreachable_placement_is_told_and_the_next_reset_draws_anew(
-    make_env: Callable,
-) -> None:
-    env = make_env({"handle_height": 0.5})
-    first, _ = env.reset(seed=3)
+    n, make_env, make_vec
+):
+    make = make_env if n is None else partial(make_vec, n)
+    env, fresh = (make(door={"handle_height": 0.5}) for _ in range(2))
+    first = env.reset(seed=3)
     wide = {"base_position": 0.05, "base_yaw": 0.1, "grasp_height": 0.05}
+    action = np.full(env.action_space.shape, 0.001)
     messages = []
-    for seed in range(30):
+    for seed in range(20):
         try:
             env.reset(seed=seed, options={"randomization": wide})
         except ValueError as error:
             messages.append(str(error))
             # What was loaded before stays in place and goes on.
-            assert env.step(np.zeros(6))[0] in env.observation_space
-    assert 0 < len(messages) < 30
-    assert all("move the base back towards its nominal" in one for one in messages)
-    again, _ = env.reset(seed=3, options={"randomization": "none"})
-    for key in first:
-        assert_array_equal(again[key], first[key])
-
-
-@pytest.mark.parametrize("field", RANGES)
-def test_ranges_of_a_placement(field: str) -> None:
-    for sign in (-1, 1):
-        assert getattr(Placement(**{field: sign * RANGES[field]}), field)
-        with pytest.raises(ValueError, match=rf"Placement\.{field} = .* is outside \["):
-            Placement(**{field: sign * RANGES[field] * 1.001})
-    with pytest.raises(TypeError, match=rf"Placement\.{field} must be a number, got"):
-        Placement(**{field: "far"})
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: SensorNoise(position=0.02), r"position = 0\.02 is outside \[0, 0\.01"),
-        (lambda: SensorNoise(force=-1.0), r"SensorNoise\.force = -1\.0 is outside"),
-        (lambda: Variation(delay=11), r"delay = 11 must be a whole number.*0 to 10"),
-        (lambda: Variation(delay=0.5), r"Variation\.delay = 0\.5 must be a whole"),
-    ],
-)
-def test_other_circumstances_out_of_range(make: Callable, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        make()
-
-
-def test_variation_names_every_number() -> None:
-    numbers = Variation(delay=2, noise=SensorNoise(force=1.5)).as_dict()
-    assert numbers["force_noise"] == 1.5
-    assert numbers["delay"] == 2
-    assert {"radius", "base_yaw", "grasp_depth", "torque_noise"} <= numbers.keys()
-    assert len(numbers) == 8 + 5 + 4 + 1
+            assert env.step(action)[0] in env.observation_space
+    assert 0 < len(messages) < 20
+    for message in messages:
+        assert "cannot hold the closed handle" in message
+        assert "move the base back towards its nominal" in message
+    again = env.reset(seed=3, options={"randomization": "none"})
+    assert data_equivalence(again, first, exact=True)
+    fresh.reset(seed=3)
+    assert data_equivalence(env.step(action), fresh.step(action), exact=True)

@@ -1,73 +1,98 @@
-"""Registration: the id, its spec, and what `gym.make` wraps around it."""
+"""Registration: the ids, their specs and versions, and what `gym.make` needs."""
 
 import hashlib
-import json
+import pickle
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import data_equivalence
 
 import gplfd_env
-from gplfd_env.envs.door_opening import DoorOpeningEnv
+from gplfd_env.doors.disturbance import DISTURBANCES
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
-
-def test_time_limit_truncates_after_fifteen_seconds() -> None:
-    env = gym.make(gplfd_env.ENVIRONMENT_ID, door="small")
-    env.reset(seed=0)
-    for step in range(1, 1501):
-        _, _, terminated, truncated, info = env.step(np.zeros(6))
-        assert (terminated, truncated) == (False, step == 1500)
-    assert info["failure"] == "stalled"
-    env.close()
+POSE, IMPEDANCE = gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID
+RL = gplfd_env.RL_ENVIRONMENT_ID
+PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
+upgrading = "ignore:.*upgrading to version:DeprecationWarning"
 
 
-@pytest.mark.parametrize("door", ["small", 0.42, {"radius": 0.4, "panel_mass": 8.0}])
-def test_spec_survives_json(door: Any) -> None:
-    env = gym.make(gplfd_env.ENVIRONMENT_ID, door=door, grasp="weld")
-    assert env.spec is not None
-    restored = gym.envs.registration.EnvSpec.from_json(env.spec.to_json())
-    assert json.loads(env.spec.to_json())["kwargs"]["door"] == door
-    twin = gym.make(restored)
-    for made in (env, twin):
-        assert isinstance(made.unwrapped, DoorOpeningEnv)
-    assert env.unwrapped.door == twin.unwrapped.door  # type: ignore[attr-defined]
-    assert twin.unwrapped.model.neq == 2  # type: ignore[attr-defined]
-    env.close()
-    twin.close()
+@pytest.mark.parametrize(
+    ("id", "arguments"),
+    [
+        (POSE, {"door": {"radius": 0.4, "panel_mass": 8.0}, "grasp": "weld"}),
+        (POSE, {"door": "small", "randomization": "hard", "reward": "sparse"}),
+        (POSE, {"randomization": {"longest_delay": 2}}),
+        (IMPEDANCE, {"randomization": {"preset": "mild", "radius": [0.35, 0.6]}}),
+        (RL, {"door": 0.42}),
+        *[
+            (POSE, {"disturbance": {"preset": name, "bump": {"left": [0.0, 0.01]}}})
+            for name in DISTURBANCES
+        ],
+    ],
+)
+def test_spec_survives_json_and_pickle(id, arguments, opened):
+    env = opened(gym.make(id, **arguments))
+    first = env.reset(seed=9)
+    for spec in (
+        EnvSpec.from_json(env.spec.to_json()),
+        pickle.loads(pickle.dumps(env.spec)),
+    ):
+        assert spec.kwargs == env.spec.kwargs
+        twin = opened(gym.make(spec))
+        assert str(twin) == str(env)
+        assert data_equivalence(twin.reset(seed=9), first, exact=True)
+        assert twin.unwrapped.variation == env.unwrapped.variation
+        assert twin.unwrapped.model.neq == env.unwrapped.model.neq
 
 
-def test_make_by_module_and_id_needs_no_import(tmp_path: Path) -> None:
-    program = (
-        "import gymnasium as gym\n"
-        "env = gym.make('gplfd_env:gplfd/DoorOpening-v1', door='large')\n"
-        "observation, info = env.reset(seed=0)\n"
-        "print(env.spec.id, info['door_radius'])\n"
-    )
-    result = subprocess.run(
+def run_alone(folder: Path, program: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
         [sys.executable, "-W", "error", "-c", program],
         capture_output=True,
         text=True,
         check=False,
-        cwd=tmp_path,
+        cwd=folder,
     )
-    assert result.stderr == ""
-    assert result.stdout.split() == ["gplfd/DoorOpening-v1", "0.65"]
+
+
+def test_the_package_s_name_in_the_id_replaces_the_import(tmp_path):
+    program = (
+        "import gymnasium\n"
+        f"for id in {POSE, RL}:\n"
+        "    for make in (gymnasium.make, gymnasium.make_vec):\n"
+        "        env = make('gplfd_env:' + id, door=0.4)\n"
+        "        env.reset(seed=0); print(env.spec.id); env.close()"
+    )
+    ran = run_alone(tmp_path, program)
+    assert (ran.stderr, ran.stdout.split()) == ("", [POSE, POSE, RL, RL])
+
+
+def test_without_it_gymnasium_names_the_namespace(tmp_path):
+    program = (
+        "import gymnasium\n"
+        "for make in (gymnasium.make, gymnasium.make_vec, gymnasium.spec):\n"
+        "    try:\n"
+        f"        make('{RL}')\n"
+        "    except gymnasium.error.NamespaceNotFound as error:\n"
+        "        print(type(error).__name__, error, sep=': ')"
+    )
+    said = "NamespaceNotFound: Namespace gplfd not found"
+    ran = run_alone(tmp_path, program)
+    assert ran.stdout.count(said) == 3, ran.stderr
+    assert said in PAGE.replace("\n", " ")
 
 
 @pytest.mark.parametrize(
-    ("id", "name"),
-    [
-        ("gplfd/DoorOpening-v1", "DoorOpening"),
-        ("gplfd/DoorOpeningImpedance-v1", "DoorOpeningImpedance"),
-    ],
+    ("id", "name"), [(POSE, "DoorOpening"), (IMPEDANCE, "DoorOpeningImpedance")]
 )
-def test_specs_of_the_registered_ids(id: str, name: str) -> None:
+def test_specs_of_the_registered_ids(id, name):
     spec = gym.spec(id)
     assert spec.entry_point == f"gplfd_env.envs.door_opening:{name}Env"
     assert spec.vector_entry_point == f"gplfd_env.envs.vector:{name}VectorEnv"
@@ -87,12 +112,12 @@ one at which version 0 was the only one."""
 
 @pytest.mark.bits
 @pytest.mark.parametrize("id", FIRST)
-def test_the_first_version_with_a_fixed_base_gives_the_numbers_it_gave(id: str) -> None:
+def test_the_first_version_with_a_fixed_base_gives_the_numbers_it_gave(id, opened):
     """Positions to 1e-6; Gymnasium says which version is newer."""
     with pytest.warns(DeprecationWarning, match="upgrading to version `v1`"):
-        env = gym.make(id, door="small")
+        env = opened(gym.make(id, door="small"))
     with pytest.warns(DeprecationWarning, match="upgrading to version `v1`"):
-        envs = gym.make_vec(id, door="small")
+        envs = opened(gym.make_vec(id, door="small"))
     space: Any = env.action_space
     assert envs.single_action_space == space
     env.reset(seed=1)
@@ -104,45 +129,38 @@ def test_the_first_version_with_a_fixed_base_gives_the_numbers_it_gave(id: str) 
         _, reward, *_ = env.step(action)
         _, rewards, *_ = envs.step(action[None])
         assert rewards.tolist() == [reward]
-        positions.append(env.unwrapped.data.qpos.copy())  # type: ignore[attr-defined]
+        positions.append(env.unwrapped.data.qpos.copy())
     rounded = np.round(positions, 6) + 0.0  # No -0.0.
     assert hashlib.sha256(rounded.tobytes()).hexdigest()[:16] == FIRST[id]
-    env.close()
-    envs.close()
 
 
-@pytest.mark.filterwarnings("ignore:.*upgrading to version:DeprecationWarning")
+@pytest.mark.filterwarnings(upgrading)
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec])
 @pytest.mark.parametrize("id", FIRST)
-def test_the_first_version_refuses_to_drive(id: str, make: Callable) -> None:
+def test_the_first_version_refuses_to_drive(id, make):
     with pytest.raises(ValueError, match=f'mobile" needs {id.replace("-v0", "-v1")}:'):
         make(id, base="mobile")
 
 
-@pytest.mark.filterwarnings("ignore:.*upgrading to version:DeprecationWarning")
-def test_an_id_that_always_drives_has_no_first_version() -> None:
+@pytest.mark.filterwarnings(upgrading)
+def test_an_id_that_always_drives_has_no_first_version():
     with pytest.raises(gym.error.DeprecatedEnv, match="DoorOpeningMobile-v1"):
         gym.make("gplfd/DoorOpeningMobile-v0")
 
 
-def test_async_vector_environments_step(make_env: Callable) -> None:
+def test_async_vector_environments_step(make_env, opened):
     """Copies in other processes give what a single environment gives."""
-    envs = gym.make_vec(
-        gplfd_env.ENVIRONMENT_ID, 2, vectorization_mode="async", door="small"
-    )
+    envs = opened(gym.make_vec(POSE, 2, vectorization_mode="async", door="small"))
     env = make_env("small")
-    try:
-        expected, _ = env.reset(seed=0)
-        batch, _ = envs.reset(seed=0)
-        command = handle_pose_on_arc(0.35, 0.05)
-        for _ in range(3):
-            for key, value in expected.items():
-                assert np.array_equal(batch[key], np.stack([value, value]))
-            batch, *_ = envs.step(np.stack([command, command]))
-            expected, *_ = env.step(command)
-    finally:
-        envs.close()
+    expected, _ = env.reset(seed=0)
+    batch, _ = envs.reset(seed=0)
+    command = handle_pose_on_arc(0.35, 0.05)
+    for _ in range(3):
+        for key, value in expected.items():
+            assert np.array_equal(batch[key], np.stack([value, value]))
+        batch, *_ = envs.step(np.stack([command, command]))
+        expected, *_ = env.step(command)
 
 
-def test_the_package_keeps_no_names_of_the_registration() -> None:
+def test_the_package_keeps_no_names_of_the_registration():
     assert not {"_id", "_name"} & vars(gplfd_env).keys()

@@ -1,8 +1,6 @@
 """``gplfd/DoorOpeningRL-v1``: the same episodes, otherwise told, and what they earn."""
 
-import copy
 import math
-import pickle
 import re
 import warnings
 from collections.abc import Callable
@@ -13,9 +11,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from hypothesis import given
+from hypothesis import strategies as st
 
 import gplfd_env
+from gplfd_env.task.opening import SUCCESS_ANGLE
 from gplfd_env.wrappers import (
     LIMITS,
     FlatObservation,
@@ -26,28 +26,22 @@ from gplfd_env.wrappers import (
     action_of,
     command_of,
 )
-from gplfd_env.wrappers.gentle_reward import FORCE_SCALE, SLIP_SCALE
+from gplfd_env.wrappers.gentle_reward import FORCE_SCALE, SLIP_SCALE, Score
 
 pytestmark = pytest.mark.slow
 
-ID = gplfd_env.RL_ENVIRONMENT_ID
 PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
 LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
-DOORS: list[dict[str, Any]] = [
-    {"door": "small", "randomization": "hard", "disturbance": "person"},
-    {"door": "heavy"},
-    {"door": LEVER},
-    {"door": {**LEVER, "swing": "push", "hinge_side": "left"}, "base": "mobile"},
-    {"door": "office-closer-2", "base": "mobile", "randomization": "mild"},
-]
-everywhere = pytest.mark.parametrize("arguments", DOORS)
-
-
-def drawn_actions(n: int, seed: int = 0) -> np.ndarray:
-    """Return actions that change slowly, some of them beyond what is allowed."""
-    rng = np.random.default_rng(seed)
-    steps = rng.normal(0.0, 0.2, (n, 6)).cumsum(axis=0)
-    return steps.astype(np.float32)
+everywhere = pytest.mark.parametrize(
+    "arguments",
+    [
+        {"door": "small", "randomization": "hard", "disturbance": "person"},
+        {"door": "heavy", "start": "approach"},
+        {"door": LEVER},
+        {"door": {**LEVER, "swing": "push", "hinge_side": "left"}, "base": "mobile"},
+        {"door": "office-closer-2", "base": "mobile", "randomization": "mild"},
+    ],
+)
 
 
 # --- The same episode ----------------------------------------------------------------
@@ -56,32 +50,31 @@ def drawn_actions(n: int, seed: int = 0) -> np.ndarray:
 @pytest.mark.bits
 @everywhere
 def test_the_same_commands_give_the_same_episode_under_both_ids(
-    arguments: dict[str, Any], make_rl: Callable
-) -> None:
-    wrapped = make_rl(**arguments)
-    plain = gym.make(gplfd_env.ENVIRONMENT_ID, **arguments)
+    arguments, make_rl, make_env
+):
+    wrapped, plain = make_rl(**arguments), make_env(**arguments)
     observation, info = plain.reset(seed=4)
     flat, said = wrapped.reset(seed=4)
-    own = ("reward_terms", "peak_force", "peak_slip", "return")
-    for action in drawn_actions(80):
+    # They change slowly; some of them are beyond what is allowed.
+    actions = np.random.default_rng(0).normal(0.0, 0.2, (80, 6)).cumsum(axis=0)
+    for action in actions.astype(np.float32):
         expected = gym.spaces.flatten(plain.observation_space, observation)
         assert np.array_equal(flat, expected.astype(np.float32))
         assert flat.dtype == np.float32
         assert flat in wrapped.observation_space
-        for key in own:
+        for key in ("reward_terms", "peak_force", "peak_slip", "return"):
             said.pop(key), info.pop(key, None)
         assert data_equivalence(said, info, exact=True)
         command = command_of(action, observation["ee_pose"])
         observation, _, *ended, info = plain.step(command)
         flat, reward, *also_ended, said = wrapped.step(action)
+        # The time limit is the wrapper's, and far away.
         assert also_ended == ended
         assert type(reward) is float
-    inner, other = wrapped.unwrapped, plain.unwrapped
-    assert np.array_equal(inner.data.qpos, other.data.qpos)  # type: ignore[attr-defined]
-    plain.close()
+    assert np.array_equal(wrapped.unwrapped.data.qpos, plain.data.qpos)
 
 
-def test_a_command_is_the_hand_plus_the_limits() -> None:
+def test_a_command_is_the_hand_plus_the_limits():
     hand = np.array([0.1, 0.0, -0.2, 0.0, 0.4, 0.0])
     command = command_of([1.0, -0.5, 0.0, 0.0, 3.0, 0.0], hand)
     metres, radians = LIMITS
@@ -91,7 +84,7 @@ def test_a_command_is_the_hand_plus_the_limits() -> None:
     assert action_of(hand, hand).tolist() == 6 * [0.0]
 
 
-def test_zero_lets_the_hand_rest(make_rl: Callable) -> None:
+def test_zero_lets_the_hand_rest(make_rl):
     env = make_rl(door="medium")
     env.reset(seed=0)
     for _ in range(300):
@@ -100,67 +93,19 @@ def test_zero_lets_the_hand_rest(make_rl: Callable) -> None:
     assert info["peak_force"] < 1.0
 
 
-@pytest.mark.bits
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-@pytest.mark.parametrize("randomization", ["none", "hard"])
-def test_many_are_single_ones_bit_for_bit(
-    mode: AutoresetMode, randomization: str
-) -> None:
-    doors = ["small", 0.42, LEVER, "heavy"]
-    arguments = {"max_episode_steps": 40, "randomization": randomization}
-
-    def single(door: Any) -> Callable[[], gym.Env]:
-        return lambda: gym.make(ID, door=door, **arguments)
-
-    model = SyncVectorEnv([single(door) for door in doors], autoreset_mode=mode)
-    ours = gym.make_vec(ID, 4, door=doors, autoreset_mode=mode, **arguments)
-    assert ours.single_observation_space == model.single_observation_space
-    assert ours.action_space == model.action_space
-    actions = np.stack([drawn_actions(95, row) for row in range(4)], axis=1)
-    actions[:, 0] = [1, 1, 1, 0, 0, 0]  # off the handle
-    assert_same(ours.reset(seed=5), model.reset(seed=5))
-    alone = 0
-    for action in actions:
-        result = ours.step(action)
-        assert_same(result, model.step(action))
-        ended = result[2] | result[3]
-        alone += 0 < ended.sum() < 4
-        if mode is AutoresetMode.DISABLED and ended.any():
-            masks = ({"reset_mask": ended.copy()} for _ in range(2))
-            assert_same(
-                ours.reset(options=next(masks)), model.reset(options=next(masks))
-            )
-    assert alone > 0
-    ours.close()
-    model.close()
-
-
-def assert_same(ours: Any, model: Any) -> None:
-    *ours, said = ours
-    *model, expected = model
-    assert data_equivalence(ours, model, exact=True)
-    assert_same_info(said, expected)
-
-
-def assert_same_info(said: Any, expected: Any) -> None:
-    assert said.keys() == expected.keys()
-    for key, value in expected.items():
-        if isinstance(value, dict):
-            assert_same_info(said[key], value)
-        elif key.startswith("_"):
-            assert np.array_equal(said[key], value), key
-        else:
-            rows = expected[f"_{key}"]
-            assert data_equivalence(said[key][rows], value[rows], exact=True), key
+def test_a_few_centimetres_can_be_chosen(make_env, start_env):
+    env = GentleReward(RelativeAction(make_env("medium"), limits=(0.01, 0.05)))
+    observation, _ = env.reset(seed=0)
+    twin = start_env("medium")
+    pose = observation["ee_pose"] + np.repeat([0.01, 0.05], 3)
+    assert data_equivalence(env.step(np.ones(6))[0], twin.step(pose)[0], exact=True)
 
 
 # --- Contracts -----------------------------------------------------------------------
 
 
 @everywhere
-def test_gymnasium_s_checker_is_silent(
-    arguments: dict[str, Any], make_rl: Callable
-) -> None:
+def test_gymnasium_s_checker_is_silent(arguments, make_rl):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         # It is wrapped, and that is the point.
@@ -168,88 +113,25 @@ def test_gymnasium_s_checker_is_silent(
         check_env(make_rl(**arguments), skip_render_check=True)
 
 
-@pytest.mark.parametrize(
-    "copied", [copy.deepcopy, lambda e: pickle.loads(pickle.dumps(e))]
-)
-def test_a_copy_goes_on_like_the_original(copied: Callable, make_rl: Callable) -> None:
-    env = make_rl(door="small", randomization="hard")
-    env.reset(seed=1)
-    for action in drawn_actions(20):
-        env.step(action)
-    twin = copied(env)
-    for action in drawn_actions(20, seed=1):
-        assert data_equivalence(env.step(action), twin.step(action), exact=True)
+def test_wrong_actions_are_named(make_env, make_vec):
+    one, many = RelativeAction(make_env()), VectorRelativeAction(make_vec(2))
+    for env in (one, many):
+        with pytest.raises(gym.error.ResetNeeded):
+            env.step(np.zeros(env.action_space.shape))
+        env.reset(seed=0)
+    for env, wrong, message in (
+        (one, np.zeros(5), r"numbers of shape \(6,\).*relative to the hand.*got array"),
+        (one, "pull", r"numbers of shape \(6,\).*got 'pull'"),
+        (one, np.full(6, np.nan), "the action must be finite"),
+        (one, np.full(6, np.inf), "the action must be finite"),
+        (many, np.zeros(6), r"shape \(2, 6\)"),
+        (many, np.full((2, 6), np.nan), "must be finite"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            env.step(wrong)
 
 
-def test_the_spec_makes_it_again(make_rl: Callable) -> None:
-    env = make_rl(door=0.42)
-    again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
-    assert str(again) == str(env)
-    assert data_equivalence(env.reset(seed=3), again.reset(seed=3), exact=True)
-    again.close()
-
-
-def test_what_is_returned_is_the_caller_s_own() -> None:
-    ours, other = (gym.make_vec(ID, 2, door="small") for _ in range(2))
-    for envs in (ours, other):
-        envs.reset(seed=0)
-    for action in drawn_actions(20):
-        both = np.stack([action, action])
-        result, expected = ours.step(both), other.step(both)
-        assert data_equivalence(result, expected, exact=True)
-        observations, rewards, *_, infos = result
-        for array in (
-            observations,
-            rewards,
-            infos["return"],
-            infos["peak_force"],
-            infos["slip"],
-            infos["door_angle"],
-            *infos["reward_terms"].values(),
-        ):
-            array[:] = 1.0
-    ours.close()
-    other.close()
-
-
-def test_a_reward_of_another_kind_is_refused() -> None:
-    for make in (gym.make, gym.make_vec):
-        with pytest.raises(ValueError, match=r"has a reward of its own.*got reward='d"):
-            make(ID, reward="dense")
-
-
-@pytest.mark.parametrize(
-    ("action", "message"),
-    [
-        (np.zeros(5), r"numbers of shape \(6,\).*relative to the hand.*got array"),
-        ("pull", r"numbers of shape \(6,\).*got 'pull'"),
-        (np.full(6, np.nan), "the action must be finite"),
-        (np.full(6, np.inf), "the action must be finite"),
-    ],
-)
-def test_a_wrong_action_is_named(action: Any, message: str, make_env: Callable) -> None:
-    env = RelativeAction(make_env())
-    with pytest.raises(gym.error.ResetNeeded):
-        env.step(np.zeros(6))
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match=message):
-        env.step(action)
-
-
-def test_many_wrong_actions_are_named(make_vec: Callable) -> None:
-    envs = VectorRelativeAction(make_vec(2))
-    with pytest.raises(gym.error.ResetNeeded):
-        envs.step(np.zeros((2, 6)))
-    envs.reset(seed=0)
-    with pytest.raises(ValueError, match=r"shape \(2, 6\)"):
-        envs.step(np.zeros(6))
-    with pytest.raises(ValueError, match="must be finite"):
-        envs.step(np.full((2, 6), np.nan))
-
-
-def test_what_cannot_be_wrapped_is_refused(
-    make_env: Callable, make_vec: Callable
-) -> None:
+def test_what_cannot_be_wrapped_is_refused(make_env, make_vec):
     with pytest.raises(ValueError, match="whose action is a pose"):
         RelativeAction(make_env(id=gplfd_env.IMPEDANCE_ENVIRONMENT_ID))
     with pytest.raises(ValueError, match="above zero, got"):
@@ -260,18 +142,7 @@ def test_what_cannot_be_wrapped_is_refused(
         VectorFlatObservation(VectorFlatObservation(make_vec(2)))
 
 
-def test_a_few_centimetres_can_be_chosen(make_env: Callable) -> None:
-    env = GentleReward(RelativeAction(make_env("medium"), limits=(0.01, 0.05)))
-    observation, _ = env.reset(seed=0)
-    twin = make_env("medium")
-    twin.reset(seed=0)
-    pose = observation["ee_pose"] + np.repeat([0.01, 0.05], 3)
-    expected, *_ = twin.step(pose)
-    observation, *_ = env.step(np.ones(6))
-    assert data_equivalence(observation, expected, exact=True)
-
-
-def test_the_page_says_what_the_spaces_are(make_rl: Callable) -> None:
+def test_the_page_says_what_the_spaces_are(make_rl):
     section = PAGE.split("\n## Learners\n")[1].split("\n## ")[0]
     rows = re.findall(r"^\| (\d+)-?(\d*) \| `(\w+)`", section, re.MULTILINE)
     inner = make_rl().unwrapped.observation_space
@@ -279,10 +150,135 @@ def test_the_page_says_what_the_spaces_are(make_rl: Callable) -> None:
     assert told == {name: box.shape[0] for name, box in inner.spaces.items()}
     assert list(told) == list(inner.spaces)
     metres, radians = LIMITS
-    for said in (
-        f"{metres:g} m",
-        f"{radians:g} rad",
-        f"{FORCE_SCALE:g} N",
-        f"{1e3 * SLIP_SCALE:g} mm",
-    ):
+    millimetres = 1e3 * SLIP_SCALE
+    for said in (f"{metres:g} m", f"{radians:g} rad", f"{FORCE_SCALE:g} N"):
         assert said in section
+    assert f"{millimetres:g} mm" in section
+
+
+# --- What it earns -------------------------------------------------------------------
+
+numbers = st.floats(0.0, 200.0)
+steps = st.lists(
+    st.tuples(
+        st.floats(-0.01, 1.75), st.floats(-200.0, 200.0), numbers, numbers,
+        st.floats(0.0, 0.05),
+    ),
+    min_size=1,
+    max_size=20,
+)  # fmt: skip
+
+
+def infos(rows: Any, success: bool = False) -> list[dict[str, Any]]:
+    names = ("door_angle", "force_radial", "person_force", "stop_force", "slip")
+    said = [{**dict(zip(names, row, strict=True)), "success": False} for row in rows]
+    said[-1]["success"] = success
+    return said
+
+
+def earned(said: list[dict[str, Any]]) -> float:
+    score = Score(infos([(0.0, 0.0, 0.0, 0.0, 0.0)])[0])
+    total = 0.0
+    for info in said:
+        score.advance(info)
+        total += score.reward
+    assert total == pytest.approx(score.earned, abs=1e-12)
+    return total
+
+
+def formula(angle: float, force: float, slip: float, success: bool) -> float:
+    """What the page says."""
+    progress = min(angle, SUCCESS_ANGLE) / SUCCESS_ANGLE
+    return progress - force / FORCE_SCALE - slip / SLIP_SCALE + success
+
+
+@given(steps, st.booleans())
+def test_a_return_is_the_formula_of_the_page(rows, success):
+    force = max(max(map(abs, row[1:4])) for row in rows)
+    expected = formula(rows[-1][0], force, max(row[4] for row in rows), success)
+    assert earned(infos(rows, success)) == pytest.approx(expected, abs=1e-9)
+
+
+@given(steps, steps)
+def test_going_on_earns_no_more_than_the_door_moves(rows, more):
+    """So nothing is gained by staying, or by going to and fro."""
+    rest = [(rows[-1][0], *row[1:]) for row in more]
+    assert earned(infos([*rows, *rest])) <= earned(infos(rows)) + 1e-9
+    assert earned(infos([*rows, *more, rows[-1]])) <= earned(infos(rows)) + 1e-9
+
+
+@given(steps, st.floats(0.1, 100.0))
+def test_every_newton_more_at_the_peak_costs_the_same(rows, more):
+    peak = max(max(abs(row[1]), *row[2:4]) for row in rows)
+    harder = [(rows[0][0], peak + more, *rows[0][2:]), *rows[1:]]
+    lost = earned(infos(rows, success=True)) - earned(infos(harder, success=True))
+    assert lost == pytest.approx(more / FORCE_SCALE, abs=1e-9)
+
+
+def play(env: Any, decide: Callable) -> tuple[float, float, dict[str, Any]]:
+    """Return what an episode earns, what the dense reward says of it, its last info."""
+    observation, info = env.reset(seed=0)
+    assert info["return"] == 0.0
+    begun, before = worth(info), info["door_angle"]
+    total, dense, peak = 0.0, 0.0, abs(info["force_radial"])
+    for step in range(1400):
+        hand = observation[:6].astype(float)
+        observation, reward, ended, _, info = env.step(decide(step, hand))
+        assert list(info["reward_terms"]) == ["progress", "force", "slip", "success"]
+        assert reward == pytest.approx(sum(info["reward_terms"].values()), abs=1e-12)
+        total += reward
+        assert info["return"] == pytest.approx(total, abs=1e-9)
+        peak = max(peak, abs(info["force_radial"]))
+        assert info["peak_force"] == peak
+        dense += (info["door_angle"] - before) / SUCCESS_ANGLE + info["success"]
+        dense -= 1e-5 * abs(info["force_radial"])
+        before = info["door_angle"]
+        if ended:
+            break
+    assert info["return"] == pytest.approx(worth(info) - begun, abs=1e-9)
+    assert all(type(info[k]) is float for k in ("return", "peak_force", "peak_slip"))
+    return total, dense, info
+
+
+def worth(info: dict[str, Any]) -> float:
+    names = ("door_angle", "peak_force", "peak_slip", "success")
+    return formula(*(info[name] for name in names))
+
+
+@pytest.fixture
+def gently(opening_poses: Callable) -> Callable:
+    def decided(env: Any) -> Callable:
+        poses = opening_poses(env.unwrapped.door_geometry, 66.0, duration=6.0)
+        return lambda step, hand: action_of(poses[min(step, len(poses) - 1)], hand)
+
+    return decided
+
+
+def slamming(step: int, hand: np.ndarray) -> np.ndarray:
+    """Pull as far as actions go, turning with the hand."""
+    return np.array([math.cos(hand[4]), 0.0, -math.sin(hand[4]), 0.0, 0.5, 0.0])
+
+
+@pytest.mark.parametrize("door", ["small", "medium", "large", "heavy"])
+def test_a_slam_earns_less_than_a_gentle_opening(door, make_rl, gently):
+    env = make_rl(door=door)
+    gentle, dense, calm = play(env, gently(env))
+    slammed, dense_slammed, info = play(env, slamming)
+    assert calm["success"]
+    assert calm["peak_force"] < 3.0
+    assert gentle > 1.8
+    assert info["peak_force"] > 20.0
+    harder = info["peak_force"] - calm["peak_force"]
+    assert slammed < gentle - harder / FORCE_SCALE + 0.1
+    if door == "medium":
+        # The defect that this reward is for: a slam opens farther, and that paid.
+        assert info["success"]
+        assert dense_slammed > dense + 0.1
+
+
+@pytest.mark.parametrize("base", ["fixed", "mobile"])
+def test_a_lever_can_be_opened_within_the_limits(base, make_rl, gently):
+    env = make_rl(door=LEVER, base=base)
+    total, _, info = play(env, gently(env))
+    assert info["success"]
+    assert total > 0.3

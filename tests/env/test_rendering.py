@@ -12,10 +12,12 @@ import time
 from collections.abc import Callable, Iterator
 from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import data_equivalence
 from mujoco import mjtRndFlag as RenderFlag
 from mujoco.batch import MODEL_FIELDS
 from scipy.ndimage import median_filter
@@ -27,10 +29,19 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 pytestmark = pytest.mark.slow
 
 
-def picture(env) -> np.ndarray:
-    image = env.render()
-    assert isinstance(image, np.ndarray)
-    return image
+needs_opengl = pytest.mark.needs("opengl")
+
+
+@pytest.fixture
+def show(start_env: Callable) -> Callable[..., Any]:
+    """Return a function: an environment, just reset, that draws small pictures."""
+
+    def shown(door: Any = "medium", **look: Any) -> Any:
+        small = {"render_mode": "rgb_array", "width": 160, "height": 120}
+        env = start_env(door, **small | look)
+        return env
+
+    return shown
 
 
 def run_alone(
@@ -49,38 +60,130 @@ def run_alone(
     )
 
 
-@pytest.mark.needs("opengl")
+# --- Pictures ------------------------------------------------------------------------
+
+
+@needs_opengl
 @pytest.mark.parametrize("camera", ["overview", "top", "head", "hand_camera"])
-def test_colour_picture_from_every_camera(camera: str, make_env: Callable) -> None:
-    env = make_env(
-        "medium", render_mode="rgb_array", camera_name=camera, width=160, height=120
-    )
-    env.reset(seed=0)
-    image = picture(env)
-    assert image.shape == (120, 160, 3)
-    assert image.dtype == np.uint8
+def test_colour_picture_from_every_camera(camera, show):
+    image = show(camera_name=camera).render()
+    assert (image.shape, image.dtype) == ((120, 160, 3), np.uint8)
     assert image.std() > 10, "something must be in the picture"
 
 
-@pytest.mark.needs("opengl")
-def test_picture_changes_with_the_door_and_is_reproducible(make_env: Callable) -> None:
-    env = make_env("medium", render_mode="rgb_array", width=160, height=120)
-    env.reset(seed=0)
-    closed = picture(env)
-    again = picture(env)
-    assert np.array_equal(closed, again)
+@needs_opengl
+def test_default_size_and_a_size_beyond_the_offscreen_buffer(show):
+    for height, width in ((480, 640), (1000, 1600)):
+        assert show(width=width, height=height).render().shape == (height, width, 3)
+
+
+@needs_opengl
+def test_pictures_show_the_door_and_are_reproducible(show):
+    """Also after a reset, after closing, and of another door."""
+    env = show()
+    closed = env.render()
+    assert np.array_equal(env.render(), closed)
     for step in range(200):
         env.step(handle_pose_on_arc(0.5, np.radians(15.0) * min(1.0, step / 150)))
-    opened = picture(env)
     # One per cent of the picture and more than sensor-like noise.
-    changed = np.abs(opened.astype(int) - closed.astype(int)).max(axis=2) > 20
+    changed = np.abs(env.render().astype(int) - closed.astype(int)).max(axis=2) > 20
     assert changed.mean() > 0.01
     env.reset(seed=0)
-    assert np.array_equal(picture(env), closed)
+    assert np.array_equal(env.render(), closed)
+    env.close()
+    env.close()
+    assert np.array_equal(env.render(), closed)
+    env.reset(options={"door": "large"})
+    assert not np.array_equal(env.render(), closed)
+    assert np.array_equal(env.render(), show("large").render())
 
+
+@needs_opengl
+def test_depth_is_in_metres_and_comes_with_colours(show):
+    top = {"camera_name": "top"}
+    env = show(render_mode="depth_array", **top)
+    depth = env.render()
+    assert (depth.shape, depth.dtype) == ((120, 160), np.float32)
+    # The camera sees the floor and the lintel's top at 2.05 m.
+    height = env.model.camera("top").pos[2]
+    assert depth.max() == pytest.approx(height, abs=0.02)
+    assert depth.min() == pytest.approx(height - 2.05, abs=0.02)
+    colour, together = show(render_mode="rgbd_tuple", **top).render()
+    assert np.array_equal(colour, show(**top).render())
+    assert np.array_equal(together, depth)
+
+
+@needs_opengl
+@pytest.mark.parametrize(
+    ("handle", "base"),
+    [("bar", "fixed"), ("lever", "fixed"), ("knob", "mobile"), ("bar", "mobile")],
+)
+def test_the_hand_does_not_hide_the_handle(handle, base, start_env):
+    env = start_env({"handle": handle}, base=base)
+    bar = env.model.geom("handle_bar").id
+    with mujoco.Renderer(env.model, 480, 640) as renderer:
+        renderer.enable_segmentation_rendering()
+        renderer.update_scene(env.data, "overview")
+        assert np.sum(renderer.render()[..., 0] == bar) > 15
+
+
+@needs_opengl
+@pytest.mark.parametrize("door", ["medium", "room-834"])
+@pytest.mark.parametrize("effects", [False, True])
+def test_nothing_seen_from_above_is_overexposed(door, effects, show):
+    look = {"camera_name": "top", "effects": effects, "width": 320, "height": 240}
+    image = show(door, base="mobile", **look).render()
+    assert np.mean(image.min(axis=2) >= 254) < 0.001
+
+
+@needs_opengl
+def test_effects_are_off_unless_asked_for_and_have_no_speckles(show):
+    """Without a graphics card they cost ten times the rest of the picture.
+
+    Speckles are single dark pixels, as a surface has that shadows itself.
+    """
+    images, dark = [], []
+    for effects in (False, True):
+        look = {"width": 320, "height": 240, "effects": effects}
+        env = show(**look)
+        images.append(env.render().astype(int))
+        renderer = env._camera._renderer
+        for flag in (RenderFlag.mjRND_SHADOW, RenderFlag.mjRND_REFLECTION):
+            assert bool(renderer.scene.flags[flag]) is effects
+        assert (renderer._mjr_context.offSamples > 0) is effects
+        grey = show("room-834", base="mobile", **look).render().mean(axis=2)
+        dark.append(np.sum(median_filter(grey, 3) - grey > 12))
+    difference = np.abs(images[1] - images[0]).max(axis=2)
+    assert (difference > 10).mean() > 0.01, "shadows must be seen"
+    assert (difference > 60).mean() < 0.2, "and little else"
+    assert dark[1] - dark[0] < 300
+
+
+@needs_opengl
+@pytest.mark.parametrize("effects", [False, True])
+def test_pictures_leave_the_model_as_it_is(effects, show, start_env):
+    """Size and quality are the renderer's; the simulation goes on as if unseen."""
+    env = show(width=1400, height=8, effects=effects)
+    unseen = start_env()
+    action = np.full(6, 0.01)
+    for _ in range(3):
+        env.render()
+        assert data_equivalence(env.step(action), unseen.step(action), exact=True)
+    for name in sorted(MODEL_FIELDS):
+        read = attrgetter(name)
+        assert np.array_equal(read(env.model), read(unseen.model)), name
+    for one in (env, unseen):
+        visual = one.model.vis
+        assert (visual.global_.offwidth, visual.global_.offheight) == (1280, 960)
+        assert visual.quality.offsamples == 4
+
+
+# --- What is in the picture ----------------------------------------------------------
 
 ROBOT_GROUP = 1
 """Of the robot's geoms that are there to be seen."""
+
+CAMERAS = ("overview", "top")
 
 
 def seen_at(model: mujoco.MjModel, camera: str, points: np.ndarray) -> np.ndarray:
@@ -112,39 +215,36 @@ def robot_and_leaf(env: DoorOpeningEnv) -> np.ndarray:
 
 @pytest.mark.parametrize("door", DOORS)
 @pytest.mark.parametrize("base", ["fixed", "mobile"])
-@pytest.mark.parametrize("camera", ["overview", "top"])
 def test_robot_and_leaf_fill_the_picture_from_the_closed_to_the_open_door(
-    door: str, base: str, camera: str, make_env: Callable
-) -> None:
+    door, base, start_env
+):
     """The leaf is turned by hand; where the base drives is the next test's."""
-    env = make_env(door, base=base)
-    env.reset(seed=0)
-    shown = []
+    env = start_env(door, base=base)
+    points = []
     for degrees in (0.0, 35.0, 67.0):
         env.data.joint("hinge").qpos = np.radians(degrees)
         mujoco.mj_kinematics(env.model, env.data)
-        shown.append(seen_at(env.model, camera, robot_and_leaf(env)))
-        assert np.abs(shown[-1]).max() < 1.0, degrees
-    if base == "fixed":
-        extent = np.ptp(np.concatenate(shown), axis=0) / 2.0
-        assert extent.max() > 0.85, "little of the picture is wasted"
+        points.append(robot_and_leaf(env))
+    for camera in CAMERAS:
+        places = seen_at(env.model, camera, np.concatenate(points))
+        assert np.abs(places).max() < 1.0, camera
+        if base == "fixed":
+            extent = np.ptp(places, axis=0) / 2.0
+            assert extent.max() > 0.85, "little of the picture is wasted"
 
 
 @pytest.mark.parametrize("swing", ["pull", "push"])
 @pytest.mark.parametrize("hinge_side", ["right", "left"])
-def test_a_base_that_drives_stays_in_the_picture(
-    swing: str, hinge_side: str, make_env: Callable
-) -> None:
+def test_a_base_that_drives_stays_in_the_picture(swing, hinge_side, start_env):
     door = {"radius": 0.6, "swing": swing, "hinge_side": hinge_side}
-    env = make_env(door, base="mobile")
-    env.reset(seed=0)
+    env = start_env(door, base="mobile")
     mirror = np.array([1.0, 1.0, env.door.side, 1.0, env.door.side, 1.0])
     mirror[[0, 4]] *= env.door.way
     for step in range(500):
         angle = np.radians(67.0) * min(1.0, step / 450)
         *_, info = env.step(mirror * handle_pose_on_arc(0.6, angle))
         if step % 50 == 0:
-            for camera in ("overview", "top"):
+            for camera in CAMERAS:
                 places = seen_at(env.model, camera, robot_and_leaf(env))
                 assert np.abs(places).max() < 1.0, (camera, step)
     # Pushed with its hinge on the left, a bar leads the palm against the jamb.
@@ -152,139 +252,10 @@ def test_a_base_that_drives_stays_in_the_picture(
     assert np.degrees(info["door_angle"]) > reached
 
 
-@pytest.mark.needs("opengl")
-@pytest.mark.parametrize("handle", ["bar", "lever", "knob"])
-@pytest.mark.parametrize("base", ["fixed", "mobile"])
-def test_the_hand_does_not_hide_the_handle(
-    handle: str, base: str, make_env: Callable
-) -> None:
-    env = make_env({"handle": handle}, base=base)
-    env.reset(seed=0)
-    bar = env.model.geom("handle_bar").id
-    with mujoco.Renderer(env.model, 480, 640) as renderer:
-        renderer.enable_segmentation_rendering()
-        renderer.update_scene(env.data, "overview")
-        assert np.sum(renderer.render()[..., 0] == bar) > 15
+# --- Without a screen, and with one ---------------------------------------------------
 
 
-@pytest.mark.needs("opengl")
-@pytest.mark.parametrize("door", ["medium", "room-834"])
-@pytest.mark.parametrize("effects", [False, True])
-def test_nothing_seen_from_above_is_overexposed(
-    door: str, effects: bool, make_env: Callable
-) -> None:
-    env = make_env(
-        door,
-        base="mobile",
-        render_mode="rgb_array",
-        camera_name="top",
-        effects=effects,
-    )
-    env.reset(seed=0)
-    assert np.mean(picture(env).min(axis=2) >= 254) < 0.001
-
-
-@pytest.mark.needs("opengl")
-def test_shadows_have_no_speckles(make_env: Callable) -> None:
-    """Single dark pixels, as a surface has that shadows itself."""
-    dark = []
-    for effects in (False, True):
-        env = make_env(
-            "room-834",
-            base="mobile",
-            render_mode="rgb_array",
-            width=320,
-            height=240,
-            effects=effects,
-        )
-        env.reset(seed=0)
-        grey = picture(env).mean(axis=2)
-        dark.append(np.sum(median_filter(grey, 3) - grey > 12))
-    assert dark[1] - dark[0] < 300
-
-
-@pytest.mark.needs("opengl")
-def test_pictures_follow_a_change_of_door(make_env: Callable) -> None:
-    env = make_env("small", render_mode="rgb_array", width=160, height=120)
-    large = make_env("large", render_mode="rgb_array", width=160, height=120)
-    env.reset(seed=0)
-    before = picture(env)
-    env.reset(options={"door": "large"})
-    large.reset()
-    assert not np.array_equal(picture(env), before)
-    assert np.array_equal(picture(env), picture(large))
-
-
-@pytest.mark.needs("opengl")
-def test_depth_picture_is_in_metres(make_env: Callable) -> None:
-    env = make_env(
-        "medium", render_mode="depth_array", camera_name="top", width=160, height=120
-    )
-    env.reset(seed=0)
-    depth = picture(env)
-    assert depth.shape == (120, 160)
-    assert depth.dtype == np.float32
-    # The camera sees the floor and the lintel's top at 2.05 m.
-    height = env.model.camera("top").pos[2]
-    assert depth.max() == pytest.approx(height, abs=0.02)
-    assert depth.min() == pytest.approx(height - 2.05, abs=0.02)
-
-
-@pytest.mark.needs("opengl")
-def test_colour_and_depth_together(make_env: Callable) -> None:
-    size = {"width": 64, "height": 48}
-    both = make_env(render_mode="rgbd_tuple", **size)
-    colour = make_env(render_mode="rgb_array", **size)
-    depth = make_env(render_mode="depth_array", **size)
-    for env in (both, colour, depth):
-        env.reset(seed=0)
-    pictures = both.render()
-    assert isinstance(pictures, tuple)
-    for one, env in zip(pictures, (colour, depth), strict=True):
-        assert np.array_equal(one, picture(env))
-
-
-@pytest.mark.needs("opengl")
-@pytest.mark.parametrize("effects", [False, True])
-def test_pictures_leave_the_model_as_it_is(effects: bool, make_env: Callable) -> None:
-    """Size and quality are the renderer's; the simulation goes on as if unseen."""
-    env = make_env(render_mode="rgb_array", width=1400, height=8, effects=effects)
-    unseen = make_env()
-    env.reset(seed=0)
-    unseen.reset(seed=0)
-    for _ in range(3):
-        picture(env)
-        observation, *_ = env.step(np.full(6, 0.01))
-        expected, *_ = unseen.step(np.full(6, 0.01))
-        for key in expected:
-            assert np.array_equal(observation[key], expected[key])
-    for name in sorted(MODEL_FIELDS):
-        read = attrgetter(name)
-        assert np.array_equal(read(env.model), read(unseen.model)), name
-    for one in (env, unseen):
-        visual = one.model.vis
-        assert (visual.global_.offwidth, visual.global_.offheight) == (1280, 960)
-        assert visual.quality.offsamples == 4
-
-
-@pytest.mark.needs("opengl")
-def test_effects_are_off_unless_asked_for(make_env: Callable) -> None:
-    """Without a graphics card they cost ten times the rest of the picture."""
-    images = []
-    for effects in (False, True):
-        env = make_env(render_mode="rgb_array", width=320, height=240, effects=effects)
-        env.reset(seed=0)
-        images.append(picture(env).astype(int))
-        renderer = env._camera._renderer
-        for flag in (RenderFlag.mjRND_SHADOW, RenderFlag.mjRND_REFLECTION):
-            assert bool(renderer.scene.flags[flag]) is effects
-        assert (renderer._mjr_context.offSamples > 0) is effects
-    difference = np.abs(images[1] - images[0]).max(axis=2)
-    assert (difference > 10).mean() > 0.01, "shadows must be seen"
-    assert (difference > 60).mean() < 0.2, "and little else"
-
-
-def test_without_opengl_the_message_says_what_to_install(tmp_path: Path) -> None:
+def test_without_opengl_the_message_says_what_to_install(tmp_path):
     """Every time: asked again, MuJoCo itself would abort Python.
 
     In a process of its own, since MuJoCo chooses its OpenGL once.
@@ -313,9 +284,7 @@ def test_without_opengl_the_message_says_what_to_install(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("variables", [{}, {"DISPLAY": ":59999"}], ids=["none", "gone"])
-def test_a_window_without_a_display_is_refused(
-    variables: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_window_without_a_display_is_refused(variables, tmp_path):
     """In a process of its own, which GLFW would abort."""
     program = """
         import gymnasium as gym
@@ -329,30 +298,6 @@ def test_a_window_without_a_display_is_refused(
     result = run_alone(program, tmp_path, **variables)
     assert result.returncode == 0, result.stderr
     assert "needs a display; without one use" in result.stdout
-
-
-@pytest.mark.needs("opengl")
-def test_default_size_and_a_size_beyond_the_offscreen_buffer(
-    make_env: Callable,
-) -> None:
-    default = make_env(render_mode="rgb_array")
-    default.reset(seed=0)
-    assert picture(default).shape == (480, 640, 3)
-    big = make_env(render_mode="rgb_array", width=1600, height=1000)
-    big.reset(seed=0)
-    assert picture(big).shape == (1000, 1600, 3)
-
-
-@pytest.mark.needs("opengl")
-def test_close_may_be_called_twice_and_rendering_starts_again(
-    make_env: Callable,
-) -> None:
-    env = make_env(render_mode="rgb_array", width=64, height=48)
-    env.reset(seed=0)
-    first = picture(env)
-    env.close()
-    env.close()
-    assert np.array_equal(picture(env), first)
 
 
 def wait_for_display(number: str, patience: float = 30.0) -> None:
@@ -405,9 +350,7 @@ def virtual_display() -> Iterator[str]:
 
 
 @pytest.mark.needs("xvfb")
-def test_window_and_the_checker_s_render_check(
-    virtual_display: str, tmp_path: Path
-) -> None:
+def test_window_and_the_checker_s_render_check(virtual_display, tmp_path):
     """In a process of its own, so that everything else stays without a screen.
 
     Every warning is an error but the declined one about normalised actions; the

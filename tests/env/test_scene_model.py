@@ -1,85 +1,71 @@
-"""The compiled scene: everything named, the robot in it the one of the URDF."""
+"""The compiled scene: everything named, the robot of the URDF, what is only seen."""
 
 import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.conventions.assets import asset_path
-from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.robot.placement import ARM_JOINTS
 from gplfd_env.robot.stance import BAR_STANCES
-from gplfd_env.scene.build import GRASP_KEY, build_scene
+from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
+from gplfd_env.scene.visuals import CLOSER_ARM, CLOSER_PARTS, GROUP
 
+OBJECTS = mujoco.mjtObj
 NAMED = {
-    "nbody": mujoco.mjtObj.mjOBJ_BODY,
-    "njnt": mujoco.mjtObj.mjOBJ_JOINT,
-    "ngeom": mujoco.mjtObj.mjOBJ_GEOM,
-    "nsite": mujoco.mjtObj.mjOBJ_SITE,
-    "ncam": mujoco.mjtObj.mjOBJ_CAMERA,
-    "nlight": mujoco.mjtObj.mjOBJ_LIGHT,
-    "ntex": mujoco.mjtObj.mjOBJ_TEXTURE,
-    "nmat": mujoco.mjtObj.mjOBJ_MATERIAL,
-    "npair": mujoco.mjtObj.mjOBJ_PAIR,
-    "nexclude": mujoco.mjtObj.mjOBJ_EXCLUDE,
-    "neq": mujoco.mjtObj.mjOBJ_EQUALITY,
-    "ntendon": mujoco.mjtObj.mjOBJ_TENDON,
-    "nactuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
-    "nsensor": mujoco.mjtObj.mjOBJ_SENSOR,
-    "nkey": mujoco.mjtObj.mjOBJ_KEY,
+    "nbody": OBJECTS.mjOBJ_BODY,
+    "njnt": OBJECTS.mjOBJ_JOINT,
+    "ngeom": OBJECTS.mjOBJ_GEOM,
+    "nsite": OBJECTS.mjOBJ_SITE,
+    "ncam": OBJECTS.mjOBJ_CAMERA,
+    "nlight": OBJECTS.mjOBJ_LIGHT,
+    "ntex": OBJECTS.mjOBJ_TEXTURE,
+    "nmat": OBJECTS.mjOBJ_MATERIAL,
+    "npair": OBJECTS.mjOBJ_PAIR,
+    "nexclude": OBJECTS.mjOBJ_EXCLUDE,
+    "neq": OBJECTS.mjOBJ_EQUALITY,
+    "ntendon": OBJECTS.mjOBJ_TENDON,
+    "nactuator": OBJECTS.mjOBJ_ACTUATOR,
+    "nsensor": OBJECTS.mjOBJ_SENSOR,
+    "nkey": OBJECTS.mjOBJ_KEY,
 }
+WALLS = {"wall_hinge", "wall_lock"}
+
+both_bases = pytest.mark.parametrize("base", ["fixed", "mobile"])
 
 
 @pytest.mark.parametrize(
     ("grasp", "base"), [("contact", "fixed"), ("weld", "fixed"), ("contact", "mobile")]
 )
-@pytest.mark.parametrize("count", NAMED)
-def test_every_element_has_a_name(count: str, grasp: str, base: str) -> None:
+def test_every_element_has_a_name(grasp, base):
     model = build_scene(DoorConfig(), grasp, base=base)
-    names = [
-        mujoco.mj_id2name(model, NAMED[count], index)
-        for index in range(getattr(model, count))
-    ]
-    assert all(names), f"unnamed elements among {names}"
-    assert len(set(names)) == len(names)
-
-
-def test_scene_has_the_expected_parts() -> None:
-    model = build_scene(DoorConfig())
+    for count, kind in NAMED.items():
+        indices = range(getattr(model, count))
+        names = [mujoco.mj_id2name(model, kind, index) for index in indices]
+        assert all(names), f"unnamed elements among {names}"
+        assert len(set(names)) == len(names)
     assert model.ncam >= 2
-    assert (model.neq, model.nkey) == (1, 1)
-    assert build_scene(DoorConfig(), "weld").neq == 2
-    for limits, effort in zip(
-        model.jnt_actfrcrange[1:8], (43, 43, 26, 26, 3, 6.6, 6.6), strict=True
-    ):
-        assert_allclose(limits, (-effort, effort))
+    assert (model.neq, model.nkey) == (2 if grasp == "weld" else 1, 1)
 
 
-@pytest.mark.parametrize("base", ["fixed", "mobile"])
-def test_scene_keeps_the_urdf_bodies(base: str) -> None:
+@both_bases
+def test_scene_keeps_the_urdf_bodies(base):
     alone = mujoco.MjModel.from_xml_path(str(asset_path("tiago_like.urdf")))
     scene = build_scene(DoorConfig(), base=base)
     for index in range(1, alone.nbody):
         name = alone.body(index).name
         for field in ("mass", "inertia", "ipos", "pos", "quat"):
-            assert_allclose(
-                getattr(scene.body(name), field), getattr(alone.body(name), field)
-            )
+            in_scene = getattr(scene.body(name), field)
+            assert_allclose(in_scene, getattr(alone.body(name), field))
+    for joint, effort in zip(ARM_JOINTS, (43, 43, 26, 26, 3, 6.6, 6.6), strict=True):
+        limits = scene.jnt_actfrcrange[scene.joint(joint).id]
+        assert_allclose(limits, (-effort, effort))
 
 
-def test_only_pads_and_bar_collide() -> None:
-    model = build_scene(DoorConfig())
-    active = {
-        model.geom(index).name
-        for index in range(model.ngeom)
-        if model.geom_contype[index] or model.geom_conaffinity[index]
-    }
-    assert active == {"right_finger_pad", "left_finger_pad", "handle_bar"}
-
-
-def test_scenes_are_the_caller_s_own() -> None:
+def test_scenes_are_the_caller_s_own():
     first, second = build_scene(DoorConfig()), build_scene(DoorConfig())
     first.opt.timestep = 1.0
     first.body_mass[:] = 0.0
@@ -88,11 +74,9 @@ def test_scenes_are_the_caller_s_own() -> None:
 
 
 @settings(max_examples=12)
-@pytest.mark.parametrize("base", ["fixed", "mobile"])
+@both_bases
 @given(share=st.floats(0, 1), up=st.floats(0, 1), handle_standoff=st.floats(0.06, 0.12))
-def test_every_door_in_reach_can_be_held(
-    base: str, share: float, up: float, handle_standoff: float
-) -> None:
+def test_every_door_in_reach_can_be_held(base, share, up, handle_standoff):
     """Hand on the closed handle, arm within limits, robot at rest."""
     door = DoorConfig(
         radius=0.30 + share * (BAR_STANCES[base, "pull"].radius - 0.30),
@@ -114,10 +98,9 @@ def test_every_door_in_reach_can_be_held(
         assert data.sensor(f"{side}_pad_contact").data > 0
 
 
-def test_scene_frames_agree_with_the_task_s_words() -> None:
+def test_scene_frames_agree_with_the_task_s_words():
     """Task frame at the closed handle: y up, x out of the door, hinge at z = -R."""
-    door = DoorConfig(radius=0.4, handle_height=0.7)
-    model = build_scene(door)
+    model = build_scene(DoorConfig(radius=0.4, handle_height=0.7))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     frame = data.site("task_frame")
@@ -129,3 +112,100 @@ def test_scene_frames_agree_with_the_task_s_words() -> None:
     assert_allclose(data.joint("hinge").xaxis, y, atol=1e-12)
     leaf_from_bar = data.geom("leaf").xpos - frame.xpos
     assert leaf_from_bar @ x == pytest.approx(-0.07), "the robot pulls towards +x"
+
+
+# --- What is only seen ---------------------------------------------------------------
+
+
+def looks(model: mujoco.MjModel) -> set[str]:
+    geoms = (model.geom(index) for index in range(model.ngeom))
+    return {geom.name for geom in geoms if geom.group[0] == GROUP}
+
+
+@both_bases
+@pytest.mark.parametrize("door", ["medium", "room-834", "heavy-fire", "wardrobe"])
+def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
+    """Compiled again without them, every body has the same mass, bit for bit.
+
+    Before a base that drives the walls are solid; before one that stands still they
+    are only to be seen.
+    """
+    spec = build_spec(door_config(door), base=base)
+    dressed = spec.compile()
+    seen = looks(dressed) | (WALLS if base == "fixed" else set())
+    for geom in [one for one in spec.geoms if one.name in seen]:
+        spec.delete(geom)
+    for tendon in [one for one in spec.tendons if one.name == CLOSER_ARM]:
+        spec.delete(tendon)
+    bare = spec.compile()
+    for field in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "dof_M0"):
+        assert_array_equal(getattr(dressed, field), getattr(bare, field))
+    assert (dressed.nq, dressed.nv, dressed.nu) == (bare.nq, bare.nv, bare.nu)
+    for name in seen:
+        assert dressed.geom(name).contype == dressed.geom(name).conaffinity == 0
+    assert dressed.ngeom - bare.ngeom == len(seen)
+    if door in ("medium", "wardrobe"):
+        # A door with a bar has no looks of its own, but those of its closer.
+        assert looks(dressed) == (set() if door == "medium" else set(CLOSER_PARTS))
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_every_door_stands_in_a_wall(door):
+    for base in ("fixed", "mobile"):
+        model = build_scene(DOORS[door], base=base)
+        for wall in WALLS:
+            assert model.geom(wall).rgba[3] == 1.0
+            assert model.geom(wall).size[2] > 0.5
+
+
+def test_no_wall_hides_the_arm_of_a_robot_that_stands_still_and_pushes():
+    """It reaches through beside the lock; the scene is loaded in place."""
+    model = build_scene(DOORS["medium"])
+    load_scene(model, mujoco.MjData(model), DoorConfig(swing="push"))
+    assert model.geom("wall_lock").size[2] < 0.01
+    assert model.geom("wall_hinge").size[2] > 0.5
+
+
+@pytest.mark.parametrize("handle", ["lever", "knob"])
+@pytest.mark.parametrize("hinge_side", ["right", "left"])
+def test_the_far_handle_is_the_near_one_in_the_mirror(handle, hinge_side):
+    fields = {"preset": "room-834", "handle": handle, "hinge_side": hinge_side}
+    model = build_scene(door_config(fields), base="mobile")
+    data = mujoco.MjData(model)
+    data.joint("handle").qpos = 0.5
+    mujoco.mj_kinematics(model, data)
+    axes = data.body("door").xmat.reshape(3, 3)
+    near, far, leaf = (
+        axes.T @ (data.geom(name).xpos - data.body("door").xpos)
+        for name in ("handle_bar", "far_handle", "leaf")
+    )
+    assert_allclose(far[1:], near[1:], atol=1e-9)
+    assert near[0] + far[0] == pytest.approx(2.0 * leaf[0])
+    assert model.geom("far_handle").size[0] == model.geom("handle_bar").size[0]
+
+
+def test_only_a_hydraulic_closer_is_seen():
+    """A lever's seal has tendons, too: the scene is the same, and loaded in place."""
+    lever, closed_by = DOORS["room-834"], DOORS["heavy-fire"]
+    model = build_scene(lever, base="mobile")
+    data = mujoco.MjData(model)
+    arm = model.tendon(CLOSER_ARM).id
+    for door, seen in ((lever, 0.0), (closed_by, 1.0), (lever, 0.0)):
+        load_scene(model, data, door, base="mobile")
+        assert [model.geom(part).rgba[3] for part in CLOSER_PARTS] == [seen, seen]
+        assert model.tendon_rgba[arm, 3] == seen
+        assert (model.tendon_width[arm] > 1e-3) == (seen > 0.0)
+
+
+@pytest.mark.parametrize("hinge_side", ["right", "left"])
+def test_the_closer_s_arm_ends_at_its_box_however_far_the_door_is_open(hinge_side):
+    door = door_config({"preset": "heavy-fire", "hinge_side": hinge_side})
+    model = build_scene(door, base="mobile")
+    data = mujoco.MjData(model)
+    for angle in (0.0, 0.8, 1.6):
+        data.joint("hinge").qpos = angle
+        mujoco.mj_kinematics(model, data)
+        spindle, foot = data.site("closer_spindle").xpos, data.site("closer_foot").xpos
+        assert np.linalg.norm(spindle - data.geom("closer_box").xpos) < 0.13
+        assert_array_equal(foot, data.geom("closer_shoe").xpos)
+        assert 0.05 < np.linalg.norm(spindle - foot) < 0.65

@@ -1,31 +1,59 @@
-"""The Cartesian servo: stiffness, straight axes, and effort limits that hold."""
+"""The Cartesian servo and the wrist: axes, effort limits, what a known load reads."""
 
 from collections.abc import Callable
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.robot.model import COMMAND_LIMITS
-from gplfd_env.robot.placement import ARM_JOINTS
+from gplfd_env.robot.placement import ARM_JOINTS, task_rotation_w
 from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
 EFFORT_LIMITS = np.array([43.0, 43.0, 26.0, 26.0, 3.0, 6.6, 6.6])
+RADIUS = 0.5
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_efforts_stay_within_limits_under_violent_commands(
-    seed: int, make_env: Callable
-) -> None:
+@pytest.fixture
+def free(start_env: Callable, release_handle: Callable) -> DoorOpeningEnv:
+    """An environment, just reset, whose hand is free."""
+    env = start_env(RADIUS)
+    release_handle(env)
+    return env
+
+
+def calm(env: DoorOpeningEnv) -> None:
+    """Let the arm's self-motion die out quickly; statics do not depend on it."""
+    for name in ARM_JOINTS:
+        env.model.joint(name).damping = 2.0
+
+
+def move_slowly(env: DoorOpeningEnv, pose: np.ndarray, steps: int = 500) -> Any:
+    start = env.data.ctrl[:6].copy()
+    for step in range(steps):
+        share = min(1.0, 2 * (step + 1) / steps)
+        observation, *_ = env.step(start + (pose - start) * share)
+    return observation
+
+
+def dofs(env: DoorOpeningEnv) -> list[int]:
+    return [int(env.model.joint(name).dofadr[0]) for name in ARM_JOINTS]
+
+
+# --- The servo -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_efforts_stay_within_limits_under_violent_commands(seed, start_env):
     """Every physics step; the efforts include carrying the arm's weight."""
-    env = make_env("medium")
-    env.reset(seed=0)
-    rng = np.random.default_rng(seed)
-    joints = [int(env.model.joint(name).dofadr[0]) for name in ARM_JOINTS]
+    env = start_env("medium")
+    rng, joints = np.random.default_rng(seed), dofs(env)
     share = np.zeros(7)
     for step in range(1000):
         if step % 50 == 0:
@@ -40,50 +68,26 @@ def test_efforts_stay_within_limits_under_violent_commands(
     assert np.isfinite(env.data.qpos).all()
 
 
-def test_weight_counts_against_the_effort_limit(
-    make_env: Callable, release_handle: Callable
-) -> None:
+def test_weight_counts_against_the_effort_limit(free):
     """With the limits below the weight's torques the arm sinks: no hidden helper."""
-    env = make_env("medium")
-    env.reset(seed=0)
-    release_handle(env)
     for name in ARM_JOINTS:
-        env.model.jnt_actfrcrange[env.model.joint(name).id] = (-0.5, 0.5)
-    start = env.data.site("hand").xpos[2]
+        free.model.jnt_actfrcrange[free.model.joint(name).id] = (-0.5, 0.5)
+    start = free.data.site("hand").xpos[2]
     for _ in range(60):
-        env.step(np.zeros(6))
-    assert env.data.site("hand").xpos[2] < start - 0.05
-
-
-def test_commands_beyond_the_action_space_are_clamped(make_env: Callable) -> None:
-    env, twin = make_env("medium"), make_env("medium")
-    env.reset(seed=0)
-    twin.reset(seed=0)
-    for _ in range(5):
-        observation, *_ = env.step(10.0 * env.action_space.high)
-        expected, *_ = twin.step(env.action_space.high)
-    for key in expected:
-        assert_allclose(observation[key], expected[key], rtol=0, atol=0)
-    assert_allclose(
-        env.action_space.high, [COMMAND_LIMITS[0]] * 3 + [COMMAND_LIMITS[1]] * 3
-    )
+        free.step(np.zeros(6))
+    assert free.data.site("hand").xpos[2] < start - 0.05
 
 
 @pytest.mark.parametrize("axis", range(6))
-def test_hand_follows_each_axis_of_the_command(
-    axis: int, make_env: Callable, release_handle: Callable
-) -> None:
+def test_hand_follows_each_axis_of_the_command(axis, free):
     """From the middle of the opening, where the arm is far from singular."""
-    env = make_env(0.5)
-    env.reset(seed=0)
-    release_handle(env)
-    middle = handle_pose_on_arc(0.5, np.radians(35.0))
+    middle = handle_pose_on_arc(RADIUS, np.radians(35.0))
     step = np.zeros(6)
     step[axis] = 0.03 if axis < 3 else 0.1
-    for k in range(600):
+    for k in range(500):
         blend = min(1.0, k / 200)
         shift = min(1.0, max(0.0, (k - 250) / 100))
-        observation, *_ = env.step(blend * middle + shift * step)
+        observation, *_ = free.step(blend * middle + shift * step)
     assert_allclose(observation["ee_pose"][:3], (middle + step)[:3], atol=2e-3)
     # Rotation vectors are compared as rotations.
     reached = Rotation.from_rotvec(observation["ee_pose"][3:])
@@ -91,52 +95,40 @@ def test_hand_follows_each_axis_of_the_command(
     assert (reached.inv() * wanted).magnitude() < 0.02
 
 
-def test_observed_pose_and_twist_belong_together(
-    make_env: Callable, release_handle: Callable
-) -> None:
+def test_observed_pose_and_twist_belong_together(free):
     """The twist is the pose's derivative, both in the task frame."""
-    env = make_env(0.5)
-    env.reset(seed=0)
-    release_handle(env)
-    rows = []
+    pose, twist = np.empty((150, 6)), np.empty((150, 6))
     for step in range(150):
-        s = min(1.0, step / 120)
-        command = [0.2 * s, 0.05 * s, -0.1 * s, 0.2 * s, 0.4 * s, -0.1 * s]
-        observation, *_ = env.step(np.array(command))
-        rows.append(np.concatenate([observation["ee_pose"], observation["ee_twist"]]))
-    log = np.array(rows)
-    pose, twist = log[:, :6], log[:, 6:]
+        command = min(1.0, step / 120) * np.array([0.2, 0.05, -0.1, 0.2, 0.4, -0.1])
+        observation, *_ = free.step(command)
+        pose[step], twist[step] = observation["ee_pose"], observation["ee_twist"]
     velocity = (pose[2:, :3] - pose[:-2, :3]) / (2 * CONTROL_PERIOD)
-    turn = (
-        Rotation.from_rotvec(pose[2:, 3:]) * Rotation.from_rotvec(pose[:-2, 3:]).inv()
-    )
-    spin = turn.as_rotvec() / (2 * CONTROL_PERIOD)
+    turns = Rotation.from_rotvec(pose[:, 3:])
+    spin = (turns[2:] * turns[:-2].inv()).as_rotvec() / (2 * CONTROL_PERIOD)
     assert np.abs(velocity).max() > 0.1
     assert np.abs(spin).max() > 0.2
     assert_allclose(twist[40:-1, :3], velocity[39:], atol=5e-3)
     assert_allclose(twist[40:-1, 3:], spin[39:], atol=2e-2)
 
 
-def test_observation_is_the_state_one_physics_step_ago(make_env: Callable) -> None:
+def test_observation_is_the_state_one_physics_step_ago(start_env):
     """A period is five steps of 2 ms; the sensors sample before the last of them."""
-    env, twin = make_env("small"), make_env("small")
-    env.reset(seed=0)
-    twin.reset(seed=0)
+    env, twin = start_env("small"), start_env("small")
     command = handle_pose_on_arc(0.35, 0.02)
     joints = [int(env.model.joint(name).qposadr[0]) for name in ARM_JOINTS]
     for number in range(1, 4):
         twin.data.ctrl[:6] = command
         mujoco.mj_step(twin.model, twin.data, nstep=4)
         observation, *_ = env.step(command)
-        assert np.array_equal(observation["joint_pos"], twin.data.qpos[joints])
-        assert np.array_equal(observation["joint_vel"], twin.data.qvel[joints])
+        assert_array_equal(observation["joint_pos"], twin.data.qpos[joints])
+        assert_array_equal(observation["joint_vel"], twin.data.qvel[joints])
         mujoco.mj_step(twin.model, twin.data)
-        assert np.array_equal(env.data.qpos, twin.data.qpos)
+        assert_array_equal(env.data.qpos, twin.data.qpos)
         assert observation["time"] == pytest.approx([number * CONTROL_PERIOD])
         assert env.data.time == pytest.approx(number * CONTROL_PERIOD)
 
 
-def test_reset_state_is_at_rest(make_env: Callable) -> None:
+def test_reset_state_is_at_rest(make_env):
     env = make_env("large")
     observation, _ = env.reset(seed=0)
     assert_allclose(observation["ee_pose"], 0.0, atol=5e-4)
@@ -144,3 +136,91 @@ def test_reset_state_is_at_rest(make_env: Callable) -> None:
     assert_allclose(observation["wrench"], 0.0, atol=0.05)
     assert observation["time"] == [0.0]
     assert_allclose(env.data.qpos, env.model.key_qpos[GRASP_KEY])
+    assert_allclose(env.action_space.high, np.repeat(COMMAND_LIMITS, 3))
+
+
+# --- The wrist -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("degrees", "turn"),
+    [
+        (0.0, np.zeros(6)),
+        (0.0, np.array([0.0, 0.05, 0.0, -0.2, 0.1, 0.3])),
+        (30.0, np.array([0.0, 0.0, 0.0, 0.3, 0.0, 0.0])),
+        (60.0, np.zeros(6)),
+        (60.0, np.array([0.0, 0.05, 0.0, -0.2, 0.1, 0.3])),
+    ],
+)
+def test_free_hand_reads_zero_and_a_known_load_reads_right(degrees, turn, free):
+    """Load: 1.5 kg hung at the gripper's centre of mass, plus a pure moment."""
+    calm(free)
+    pose = handle_pose_on_arc(RADIUS, np.radians(degrees)) + turn
+    observation = move_slowly(free, pose)
+    assert_allclose(observation["ee_pose"], pose, atol=0.05)
+    assert_allclose(observation["wrench"], 0.0, atol=2e-3)
+
+    weight_w, moment_w = np.array([0.0, 0.0, -1.5 * 9.81]), np.array([0.2, 0.3, -0.1])
+    gripper = free.data.body("gripper_link")
+    gripper.xfrc_applied[:] = [*weight_w, *moment_w]
+    observation = move_slowly(free, free.data.ctrl[:6].copy())
+    lever_w = gripper.xipos - free.data.site("hand").xpos
+    to_task = task_rotation_w().T
+    force = to_task @ weight_w
+    moment = to_task @ (np.cross(lever_w, weight_w) + moment_w)
+    assert force[1] == pytest.approx(-14.715), "the weight points down: -y"
+    assert np.linalg.norm(np.cross(lever_w, weight_w)) > 1.0
+    assert_allclose(observation["wrench"], [*force, *moment], atol=5e-3)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_pushing_the_hand_reads_positive_along_the_push(axis, free):
+    calm(free)
+    direction = np.eye(3)[axis]
+    force_w = task_rotation_w() @ (8.0 * direction)
+    gripper = free.data.body("gripper_link")
+    for _ in range(300):
+        lever = free.data.site("hand").xpos - gripper.xipos
+        gripper.xfrc_applied[:] = [*force_w, *np.cross(lever, force_w)]
+        observation, *_ = free.step(np.zeros(6))
+    assert_allclose(observation["wrench"][:3], 8.0 * direction, atol=0.01)
+    assert_allclose(observation["wrench"][3:], 0.0, atol=0.02)
+    # ... and the servo gives way by force over stiffness.
+    assert observation["ee_pose"][axis] == pytest.approx(8.0 / 2000.0, rel=0.1)
+
+
+def test_force_on_the_hand_is_minus_the_force_on_the_handle(start_env):
+    """Third law between two separate sensors: wrist and bar contact."""
+    env = start_env({"closer_preload": 6.0, "radius": RADIUS, "hinge_friction": 1.0})
+    calm(env)
+    target = handle_pose_on_arc(RADIUS, np.radians(35.0))
+    target[1] += 0.003
+    observation = move_slowly(env, target, steps=800)
+    info = env.step(target)[-1]
+    sine, cosine = np.sin(info["door_angle"]), np.cos(info["door_angle"])
+    on_handle = (
+        info["force_tangential"] * np.array([cosine, 0.0, -sine])
+        + info["force_radial"] * np.array([sine, 0.0, cosine])
+        + info["force_vertical"] * np.array([0.0, 1.0, 0.0])
+    )
+    assert info["force_tangential"] * RADIUS == pytest.approx(6.0, abs=1.2)
+    assert info["force_vertical"] > 1.0
+    assert_allclose(observation["wrench"][:3], -on_handle, atol=0.03)
+
+
+def test_sensor_saturates_at_its_range(free):
+    free.data.body("gripper_link").xfrc_applied[:3] = [0.0, 0.0, -5000.0]
+    observation, *_ = free.step(np.zeros(6))
+    assert observation in free.observation_space
+    readings = free.data.sensor("wrist_force").data
+    assert np.abs(readings).max() == pytest.approx(500.0)
+
+
+def test_gravity_compensation_carries_the_arm(free):
+    """At rest and untouched the motors exert exactly the arm's weight torques."""
+    calm(free)
+    move_slowly(free, np.zeros(6))
+    mujoco.mj_forward(free.model, free.data)
+    weight = free.data.qfrc_bias[dofs(free)]
+    assert_allclose(free.data.qfrc_actuator[dofs(free)], weight, atol=5e-3)
+    assert np.abs(weight).max() > 5.0

@@ -2,8 +2,7 @@
 
 import json
 import os
-import subprocess
-import sys
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -55,7 +54,8 @@ def pair(request: pytest.FixtureRequest) -> Any:
     model.close()
 
 
-def test_it_is_stable_baselines3_s_own_bit_for_bit(pair: Any) -> None:
+def test_it_is_stable_baselines3_s_own_bit_for_bit(pair):
+    """As the vector environment is; see tests/env/test_one_and_many.py."""
     for envs in pair:
         envs.seed(4)
     ours, model = pair
@@ -76,37 +76,8 @@ def test_it_is_stable_baselines3_s_own_bit_for_bit(pair: Any) -> None:
     assert False in cut, "some must end by themselves"
 
 
-def test_it_is_the_vector_environment_step_for_step() -> None:
-    ours = make_sb3(3, door=DOORS, max_episode_steps=LIMIT)
-    model = gym.make_vec(
-        RL, 3, door=DOORS, max_episode_steps=LIMIT, autoreset_mode="SameStep"
-    )
-    ours.seed(2)
-    assert np.array_equal(ours.reset(), model.reset(seed=2)[0])
-    for actions in drawn_actions(LIMIT + 20):
-        observations, rewards, dones, infos = ours.step(actions)
-        seen, earned, terminations, truncations, said = model.step(actions)
-        assert np.array_equal(observations, seen)
-        assert np.array_equal(rewards, earned.astype(np.float32))
-        assert np.array_equal(dones, terminations | truncations)
-        for row in range(3):
-            if dones[row]:
-                last = infos[row]["terminal_observation"]
-                assert np.array_equal(last, said["final_obs"][row])
-                known = said["final_info"]
-            else:
-                known = said
-            assert infos[row]["TimeLimit.truncated"] == (
-                truncations[row] and not terminations[row]
-            )
-            for name in ("door_angle", "return", "peak_force", "failure"):
-                assert infos[row][name] == known[name][row]
-    ours.close()
-    model.close()
-
-
 @pytest.mark.parametrize("door", ["medium", LEVER])
-def test_stable_baselines3_s_checker_is_silent(door: Any) -> None:
+def test_stable_baselines3_s_checker_is_silent(door):
     env = gym.make(RL, door=door)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -114,7 +85,7 @@ def test_stable_baselines3_s_checker_is_silent(door: Any) -> None:
     env.close()
 
 
-def test_dictionaries_are_taken_too() -> None:
+def test_dictionaries_are_taken_too():
     envs = make_sb3(2, id=POSE, max_episode_steps=5)
     model = PPO("MultiInputPolicy", envs, n_steps=8, batch_size=16, n_epochs=1)
     model.learn(32)
@@ -122,7 +93,7 @@ def test_dictionaries_are_taken_too() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 7])
-def test_learners_learn_from_it_and_equal_seeds_learn_equally(seed: int) -> None:
+def test_learners_learn_from_it_and_equal_seeds_learn_equally(seed):
     weights = []
     for _ in range(2):
         envs = VecMonitor(make_sb3(2, door="small", max_episode_steps=30))
@@ -134,7 +105,7 @@ def test_learners_learn_from_it_and_equal_seeds_learn_equally(seed: int) -> None
     assert torch.equal(*weights)
 
 
-def test_an_off_policy_learner_and_its_evaluation() -> None:
+def test_an_off_policy_learner_and_its_evaluation():
     envs = VecMonitor(make_sb3(2, door="small", max_episode_steps=30))
     model = SAC("MlpPolicy", envs, learning_starts=20, batch_size=16, seed=0)
     model.learn(60)
@@ -143,7 +114,7 @@ def test_an_off_policy_learner_and_its_evaluation() -> None:
     envs.close()
 
 
-def test_seeds_and_options_are_used_once() -> None:
+def test_seeds_and_options_are_used_once():
     envs = make_sb3(2, door="small", randomization="hard")
     envs.seed(5)
     envs.set_options({"door": ["small", 0.42]})
@@ -160,7 +131,7 @@ def test_seeds_and_options_are_used_once() -> None:
     envs.close()
 
 
-def test_what_it_does_not_have_is_said() -> None:
+def test_what_it_does_not_have_is_said():
     envs = make_sb3(3, door=DOORS)
     envs.reset()
     geometries = envs.get_attr("door_geometry", indices=[0, 2])
@@ -180,14 +151,14 @@ def test_what_it_does_not_have_is_said() -> None:
 
 
 @pytest.mark.needs("opengl")
-def test_pictures_are_tiled() -> None:
+def test_pictures_are_tiled():
     envs = make_sb3(2, render_mode="rgb_array", width=64, height=48)
     envs.reset()
     assert envs.render("rgb_array").shape == (96, 64, 3)
     envs.close()
 
 
-def test_gymnasium_s_tensors() -> None:
+def test_gymnasium_s_tensors():
     """`NumpyToTorch` takes numbers alone, hence the wrapper below it."""
     one = gym.wrappers.NumpyToTorch(NumericInfo(gym.make(RL)))
     many = gym.wrappers.vector.NumpyToTorch(VectorNumericInfo(gym.make_vec(RL, 2)))
@@ -203,7 +174,7 @@ def test_gymnasium_s_tensors() -> None:
 ROOT = Path(__file__).parents[2]
 
 
-def test_the_benchmark_runs_and_draws(tmp_path: Path) -> None:
+def test_the_benchmark_runs_and_draws(tmp_path, run_python):
     for seed, opened in enumerate(([0, 5, 3, 5, 5], [0, 1, 1, 1, 4])):
         rows = [
             {"steps": 1000 * at, "of": 5, "opened": n, "return": n, "peak_force": 3.0}
@@ -214,12 +185,12 @@ def test_the_benchmark_runs_and_draws(tmp_path: Path) -> None:
     small = ("--repeats", "1", "--counts", "2", "--policies", "gp")
     curves = ("--curves", "seed-0/curve.json", "seed-1/curve.json")
     drawn = ("--figure", "figure.png")
-    said = ran(tmp_path, "benchmarks/learners.py", *small, *curves, *drawn)
+    benchmark = ROOT / "benchmarks" / "learners.py"
+    said = run_python(benchmark, *small, *curves, *drawn)
     assert "make_sb3, 2: of the wrapped" in said
-    line = next(one for one in said.splitlines() if one.startswith("a slam's return"))
-    assert line.endswith(" met")
-    line = next(one for one in said.splitlines() if one.startswith("gp "))
-    assert line.split()[1] == "5"
+    assert re.search(r"^a slam's return.* met$", said, re.MULTILINE)
+    opened = next(one for one in said.splitlines() if one.startswith("gp "))
+    assert opened.split()[1] == "5"
     lines = {one.split()[0]: one.split()[1:] for one in said.splitlines() if one}
     assert lines["seed-0"] == ["4000", "5", "5", "5", "3", "3000"]
     assert lines["seed-1"] == ["4000", "5", "4", "4", "3", "inf"]
@@ -227,28 +198,15 @@ def test_the_benchmark_runs_and_draws(tmp_path: Path) -> None:
     assert (tmp_path / "figure.png").stat().st_size > 10_000
 
 
-def test_what_was_learned_is_a_policy_like_the_others(tmp_path: Path) -> None:
+def test_what_was_learned_is_a_policy_like_the_others(tmp_path, run_python):
     """Learned for a moment, it opens nothing; that is a result, too."""
     example = ROOT / "examples" / "learned_policy.py"
-    ran(tmp_path, example, "--steps", "10000", "--out", "results/ppo")
+    run_python(example, "--steps", "10000", "--out", "results/ppo")
     curve = json.loads((tmp_path / "results/ppo/curve.json").read_text())
     assert curve[0]["steps"] == 0
     assert curve[0]["of"] == 5
     assert curve[-1]["steps"] == 10240, "judged at the end, after a whole rollout"
     command = ("run", "--policy", f"{example}:make", "--doors", "small", "--json")
-    (metrics,) = json.loads(ran(tmp_path, "-m", "gplfd", *command, "--quiet"))
+    (metrics,) = json.loads(run_python("-m", "gplfd", *command, "--quiet"))
     assert metrics["door"] == "small"
     assert not metrics["success"]
-
-
-def ran(folder: Path, *arguments: Any) -> str:
-    command = [ROOT / one if str(one).startswith("bench") else one for one in arguments]
-    result = subprocess.run(
-        [sys.executable, *command],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert result.returncode == 0, result.stderr
-    return result.stdout

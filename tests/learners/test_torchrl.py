@@ -17,13 +17,13 @@ from torchrl.envs import GymEnv, check_env_specs
 RL = gplfd_env.RL_ENVIRONMENT_ID
 
 
-def test_its_specs_hold() -> None:
+def test_its_specs_hold():
     env = GymEnv(RL, door="small")
     check_env_specs(env)
     env.close()
 
 
-def test_its_episode_is_gymnasium_s_bit_for_bit() -> None:
+def test_its_episode_is_gymnasium_s_bit_for_bit():
     rng = np.random.default_rng(0)
     actions = (0.2 * rng.uniform(-1.0, 1.0, (40, 6))).astype(np.float32)
     actions[:, :3] += np.float32([0.5, 0.0, 0.0])
