@@ -4,17 +4,23 @@ import inspect
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import jaxtyping
 import numpy as np
 import pytest
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies.demonstrations.alignment import align
-from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies import (
+    AlignedDemonstrations,
+    Demonstration,
+    Method,
+    Skill,
+    TrainingInput,
+    align,
+    fit_skill,
+)
 from gplfd_policies.movements.movement import Movement
-from gplfd_policies.movements.skill import Skill, fit_skill
-from gplfd_policies.registry.method import Method, TrainingInput
 
 RADII = (0.35, 0.50, 0.65)
 
@@ -46,8 +52,20 @@ def demonstrations() -> tuple[Demonstration, ...]:
 
 
 @pytest.fixture(scope="session")
-def skill(demonstrations: tuple[Demonstration, ...]) -> Skill:
-    return fit_skill(align(demonstrations))
+def aligned(demonstrations: tuple[Demonstration, ...]) -> AlignedDemonstrations:
+    return align(demonstrations)
+
+
+@pytest.fixture(scope="session")
+def skill(aligned: AlignedDemonstrations) -> Skill:
+    return fit_skill(aligned)
+
+
+@pytest.fixture(scope="session")
+def library() -> dict[str, np.ndarray]:
+    """Results of movement_primitives; data/make_movement_primitives.py tells which."""
+    with np.load(Path(__file__).parent / "data/movement_primitives.npz") as stored:
+        return dict(stored)
 
 
 @pytest.fixture(scope="module")

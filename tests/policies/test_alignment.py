@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.se3 import canonical_rotvec, pose_distance
-from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies import AlignedDemonstrations, Demonstration, align
 from gplfd_policies.demonstrations.completion import (
     denoised_steps,
     task_completion_index,
 )
-from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 
 METHODS = ["interpolation", "directions", "dtw", "dtw-euclidean"]
@@ -30,12 +29,12 @@ def as_for_users(monkeypatch):
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
-def minimum_jerk(time: np.ndarray) -> np.ndarray:
+def minimum_jerk(time):
     time = np.clip(time, 0.0, 1.0)
     return time**3 * (10 - 15 * time + 6 * time**2)
 
 
-def door_arc(progress: np.ndarray, radius: float = 0.5) -> np.ndarray:
+def door_arc(progress, radius=0.5):
     angle = 1.2 * progress
     poses = np.zeros((len(angle), 6))
     poses[:, 0] = radius * np.sin(angle)
@@ -46,7 +45,7 @@ def door_arc(progress: np.ndarray, radius: float = 0.5) -> np.ndarray:
 
 def demonstration(
     clock=minimum_jerk, path=door_arc, n=200, duration=3.0, noise=0.0, seed=0, start=0.0
-) -> Demonstration:
+):
     time = np.linspace(0.0, 1.0, n)
     sensor = noise * np.random.default_rng(seed).normal(size=(n, 6))
     return Demonstration(
@@ -54,7 +53,7 @@ def demonstration(
     )
 
 
-def true_completion(clock, path, n: int) -> np.ndarray:
+def true_completion(clock, path, n):
     fine = np.linspace(0.0, 1.0, 20_001)
     step = np.diff(path(clock(fine)), axis=0)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
@@ -75,7 +74,7 @@ def test_demonstration_is_a_read_only_float64_copy():
         recorded.poses[0, 0] = 1.0
 
 
-def broken(**changes) -> dict[str, np.ndarray]:
+def broken(**changes):
     fields = {"times": np.linspace(0, 1, 5), "poses": door_arc(np.linspace(0, 1, 5))}
     for name, (index, value) in changes.items():
         fields[name] = fields[name].copy()
@@ -122,8 +121,8 @@ def test_from_quaternions_gives_continuous_rotation_vectors():
     recorded = Demonstration.from_quaternions(
         np.arange(30.0), positions, quaternions, order="xyzw"
     )
-    np.testing.assert_allclose(recorded.poses[:, 3:], rotvecs, atol=1e-12)
-    np.testing.assert_array_equal(recorded.poses[:, :3], positions)
+    assert_allclose(recorded.poses[:, 3:], rotvecs, atol=1e-12)
+    assert_array_equal(recorded.poses[:, :3], positions)
 
 
 def test_from_quaternions_refuses_mismatched_positions():
@@ -140,7 +139,7 @@ def test_eq16_is_the_share_of_the_path_covered():
     poses = np.zeros((5, 6))
     poses[:, 0] = [0.0, 0.1, 0.1, 0.4, 0.5]
     recorded = Demonstration(times=np.array([0, 1, 5, 6, 7.0]), poses=poses)
-    np.testing.assert_allclose(
+    assert_allclose(
         task_completion_index(recorded), [0.0, 0.2, 0.2, 0.8, 1.0], atol=1e-15
     )
 
@@ -173,7 +172,7 @@ def test_eq16_runs_from_zero_to_one_without_falling(n, noise, seed):
     assert np.all(np.diff(completion) >= 0.0)
 
 
-def rests_at_both_ends(time: np.ndarray) -> np.ndarray:
+def rests_at_both_ends(time):
     return minimum_jerk((time - 0.4) / 0.2)
 
 
@@ -223,22 +222,13 @@ def test_denoising_costs_clean_demonstrations_little(n, clock, cost):
     recorded = demonstration(clock, n=n)
     clean = task_completion_index(recorded)
     raw = task_completion_index(recorded, denoise=False)
-    np.testing.assert_allclose(clean, raw, atol=cost)
+    assert_allclose(clean, raw, atol=cost)
 
 
 def test_denoising_keeps_the_ends_of_the_path():
     recorded = demonstration(lambda time: time, n=100)
     length = pose_distance(recorded.poses[1:], recorded.poses[:-1]).sum()
     assert denoised_steps(recorded.poses, 0.5).sum() == pytest.approx(length, rel=1e-4)
-
-
-@pytest.mark.filterwarnings("ignore:sensor noise")
-def test_noise_in_rests_is_not_progress():
-    completion = task_completion_index(
-        demonstration(rests_at_both_ends, n=1000, noise=1e-3)
-    )
-    assert completion[350] < 0.02
-    assert completion[650] > 0.98
 
 
 def test_noisy_path_warns_with_ratio_and_remedy():
@@ -274,7 +264,7 @@ def test_motion_the_weight_does_not_count_is_refused():
 # --- Alignment ---------------------------------------------------------------
 
 
-def slow_start(time: np.ndarray) -> np.ndarray:
+def slow_start(time):
     return minimum_jerk(time**1.8)
 
 
@@ -291,8 +281,8 @@ def test_endpoints_map_to_endpoints(method):
     assert aligned.duration == pytest.approx(3.5)
     tolerance = 0.0 if method == "interpolation" else 2e-3
     for poses, demo in zip(aligned.poses, recorded, strict=True):
-        np.testing.assert_allclose(poses[0], demo.poses[0], atol=tolerance)
-        np.testing.assert_allclose(poses[-1], demo.poses[-1], atol=tolerance)
+        assert_allclose(poses[0], demo.poses[0], atol=tolerance)
+        assert_allclose(poses[-1], demo.poses[-1], atol=tolerance)
 
 
 @pytest.mark.parametrize(
@@ -313,9 +303,9 @@ def test_time_warped_copies_align_to_the_same_poses(warp):
     ]
     aligned = align(recorded, trim_rests=False)
     # The denoiser rounds abrupt changes of speed, which the copies have elsewhere.
-    np.testing.assert_allclose(aligned.poses[0], aligned.poses[1], atol=5e-3)
+    assert_allclose(aligned.poses[0], aligned.poses[1], atol=5e-3)
     exact = align(recorded, denoise=False, trim_rests=False)
-    np.testing.assert_allclose(exact.poses[0], exact.poses[1], atol=1e-3)
+    assert_allclose(exact.poses[0], exact.poses[1], atol=1e-3)
     unaligned = minimum_jerk(warp(aligned.times)) - minimum_jerk(aligned.times)
     assert np.abs(unaligned).max() > 0.2
 
@@ -329,7 +319,7 @@ def test_common_clock_keeps_the_shared_timing():
     expected = np.stack(
         [door_arc(minimum_jerk(aligned.times), radius) for radius in (0.35, 0.65)]
     )
-    np.testing.assert_allclose(aligned.poses, expected, atol=5e-4)
+    assert_allclose(aligned.poses, expected, atol=5e-4)
 
 
 def test_rest_shared_by_all_is_a_rest_of_the_result():
@@ -357,9 +347,9 @@ def test_lengths_rates_and_durations_may_differ_freely(method):
     aligned = align(recorded, method=method, n_samples=50)
     # Warping repeats one of the two samples, which is wrong by up to half their step.
     tolerance = 1e-3 if method == "interpolation" else 0.061
-    np.testing.assert_allclose(aligned.poses[0], aligned.poses[1], atol=tolerance)
+    assert_allclose(aligned.poses[0], aligned.poses[1], atol=tolerance)
     expected = door_arc(0.1 * aligned.times)
-    np.testing.assert_allclose(aligned.poses[1], expected, atol=1e-3)
+    assert_allclose(aligned.poses[1], expected, atol=1e-3)
     assert aligned.duration == pytest.approx(500.5)
 
 
@@ -368,17 +358,17 @@ def test_aligned_poses_are_the_samples_as_recorded():
     noisy = demonstration(n=200, noise=1e-3)
     with pytest.warns(UserWarning, match="sensor noise"):
         aligned = align([noisy], n_samples=200)
-    np.testing.assert_allclose(aligned.poses[0], noisy.poses, atol=1e-12)
+    assert_allclose(aligned.poses[0], noisy.poses, atol=1e-12)
 
 
 def test_rotations_of_all_demonstrations_share_one_branch():
-    def turned(angle: float) -> Demonstration:
+    def turned(angle):
         poses = door_arc(np.linspace(0.0, 1.0, 60))
         poses[:, 3:] = [0.0, 0.0, 1.0] * (angle + poses[:, 4:5])
         return Demonstration(times=np.arange(60.0), poses=poses)
 
     aligned = align([turned(3.0), turned(3.02 - 2 * np.pi), turned(3.04 + 4 * np.pi)])
-    np.testing.assert_allclose(
+    assert_allclose(
         aligned.poses[1:, :, 5] - aligned.poses[0, :, 5],
         [[0.02] * 200, [0.04] * 200],
         atol=1e-3,
@@ -388,7 +378,7 @@ def test_rotations_of_all_demonstrations_share_one_branch():
 # --- Dynamic time warping ----------------------------------------------------
 
 
-def naive_cost(costs: np.ndarray) -> float:
+def naive_cost(costs):
     total = np.full(costs.shape, np.inf)
     for i in range(costs.shape[0]):
         for j in range(costs.shape[1]):
@@ -440,21 +430,10 @@ def test_dtw_on_rising_completion_is_interpolation_within_half_a_sample():
     assert np.abs(matched - exact)[1:-1].max() <= 0.5 + 1e-9
 
 
-def test_dtw_makes_staircases_and_interpolation_does_not():
-    recorded = [demonstration(n=200), demonstration(slow_start, n=210)]
-    roughness = {
-        method: np.abs(
-            np.diff(align(recorded, method=method, trim_rests=False).poses, 2, axis=1)
-        ).max()
-        for method in ("interpolation", "dtw")
-    }
-    assert roughness["dtw"] > 5 * roughness["interpolation"]
-
-
-def shelf(height: float):
+def shelf(height):
     """Lift an object to a shelf and put it in; higher is also deeper."""
 
-    def path(progress: np.ndarray) -> np.ndarray:
+    def path(progress):
         poses = np.zeros((len(progress), 6))
         poses[:, 1] = height * np.clip(progress / 0.6, 0, 1)
         poses[:, 0] = height * np.clip((progress - 0.6) / 0.9, 0, 0.4 / 0.9)
@@ -493,10 +472,10 @@ def letter(sizes, again=False):
     places = [0.0, 1.0, 2.0, 1.5, 2.0, 3.0] if again else [0.0, 1.0, 2.0, 3.0]
     knots = np.cumsum(np.abs(np.diff(places, prepend=0.0)))
 
-    def stroke(progress: np.ndarray) -> np.ndarray:
+    def stroke(progress):
         return np.interp(progress, knots / knots[-1], places)
 
-    def path(progress: np.ndarray) -> np.ndarray:
+    def path(progress):
         poses = np.zeros((len(progress), 6))
         for axis in range(2):
             column = np.interp(stroke(progress), np.arange(4.0), corners[:, axis])
@@ -566,12 +545,6 @@ def test_unusable_aligned_demonstrations_are_refused(fields, message):
         AlignedDemonstrations(**(good | fields))
 
 
-def test_aligned_demonstrations_are_read_only():
-    aligned = align([demonstration()])
-    with pytest.raises(ValueError, match="read-only"):
-        aligned.poses[0, 0, 0] = 1.0
-
-
 @pytest.mark.parametrize("method", ["interpolation", "dtw"])
 def test_clocks_say_when_each_demonstration_was_there(method):
     """Straight paths at paces t and t²: what is reached at a phase has its clock."""
@@ -584,18 +557,6 @@ def test_clocks_say_when_each_demonstration_was_there(method):
     aligned = align(recorded, method=method, n_samples=50, denoise=False)
     for found, poses, path in zip(aligned.clocks, aligned.poses, paths, strict=True):
         reached = np.interp(found, clock, path[:, 0])
-        np.testing.assert_allclose(reached, poses[:, 0], atol=4e-3)
+        assert_allclose(reached, poses[:, 0], atol=4e-3)
     if method == "interpolation":
-        np.testing.assert_allclose(aligned.clocks.mean(axis=0), aligned.times)
-
-
-@pytest.mark.parametrize(
-    "clocks", [np.full((2, 5), 1.5), np.full((2, 5), np.nan), np.zeros((2, 4))]
-)
-def test_clocks_are_shares_of_a_duration(clocks, monkeypatch):
-    # What a user meets, whose types nobody checks.
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-    with pytest.raises(ValueError, match=r"clocks must be None, or of shape \(K, M\)"):
-        AlignedDemonstrations(
-            times=np.linspace(0.0, 1.0, 5), poses=np.zeros((2, 5, 6)), clocks=clocks
-        )
+        assert_allclose(aligned.clocks.mean(axis=0), aligned.times)

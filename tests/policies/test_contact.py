@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from gplfd_env.robot.model import SERVO_STIFFNESS
 from gplfd_policies.control.admittance import Admittance
@@ -58,14 +59,6 @@ def test_stiffer_than_the_servo_it_is_stable_at_least_so_long(k, d, m):
     assert growth(k, d, m, periods) < 1.0 + 1e-9
 
 
-@pytest.mark.parametrize("periods", [1, 2, 3])
-def test_edges_at_critical_damping_are_those_that_were_measured_on_agents(periods):
-    """Unstable below k = 92, 292 and 517 N/m at one to three periods, with m = 1 kg."""
-    edge = {1: 91.1, 2: 291.8, 3: 516.6}[periods]
-    for k, stable in ((edge - 1.0, False), (edge + 1.0, True)):
-        assert (tolerated(k, 2.0 * np.sqrt(k), 1.0) > periods * H) == stable
-
-
 @pytest.mark.parametrize("periods", [0, 1, 2, 3])
 @pytest.mark.parametrize("k", [100.0, 200.0, 330.0, 500.0])
 @pytest.mark.parametrize("least", [0.0, 60.0])
@@ -117,19 +110,5 @@ def test_fast_control_is_the_loop_in_continuous_time(k, m):
     assert tolerated(k, d, m, fast) == pytest.approx(expected, rel=1e-4)
 
 
-def test_phase_at_unit_gain_is_half_a_turn_with_the_tolerated_delay():
-    """Nyquist's curve of the discretised loop goes through -1."""
-    k, d, m = 150.0, 30.0, 1.4
-    delay = tolerated(k, d, m)
-    angles = np.linspace(1e-3, np.pi, 400_001)
-    back = np.exp(-1j * angles)
-    loop = (
-        HELD
-        * np.exp(-1j * angles * (1.0 + delay / H))
-        / (m / H**2 * (1 - back) ** 2 + d / H * (1 - back) + k)
-    )
-    assert np.abs(loop + 1.0).min() < 1e-4
-
-
 def test_held_hand_is_that_of_the_robot():
-    np.testing.assert_array_equal(HELD_HAND.stiffness, np.repeat(SERVO_STIFFNESS, 3))
+    assert_array_equal(HELD_HAND.stiffness, np.repeat(SERVO_STIFFNESS, 3))

@@ -1,17 +1,16 @@
 """What the settings of controller, phase and handles refuse, and how they say it."""
 
 from dataclasses import replace
-from typing import Any
 
 import jaxtyping
 import numpy as np
 import pytest
 
+from gplfd_policies import AgentStep
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.contact import ContactLoop
 from gplfd_policies.control.load import CarriedLoad, LearnedLoad
 from gplfd_policies.control.rendering import ArmRendering
-from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.control.stiffness import (
     DEFAULT_PROFILE,
     PAPER_DYNAMICS,
@@ -55,9 +54,7 @@ NUMBERS = [
 
 
 @pytest.mark.parametrize(("record", "name", "value"), NUMBERS)
-def test_a_number_outside_its_range_is_refused(
-    record: type, name: str, value: float
-) -> None:
+def test_a_number_outside_its_range_is_refused(record, name, value):
     message = rf"^{record.__name__}\.{name} = {value} is outside [\[(]"
     with pytest.raises(ValueError, match=message):
         record(**{name: value})
@@ -125,19 +122,14 @@ def test_a_number_outside_its_range_is_refused(
         (AgentStep(action=ONES), {"phase": ONES}, r"\.phase .* \(\), got \(6,\)"),
     ],
 )
-def test_an_unusable_setting_is_refused(
-    record: Any,
-    changes: dict[str, Any],
-    message: str,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_unusable_setting_is_refused(record, changes, message, monkeypatch):
     # What a user meets, whose types nobody checks.
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     with pytest.raises(ValueError, match=message):
         replace(record, **changes)
 
 
-def test_ranges_that_touch_their_limits_are_allowed() -> None:
+def test_ranges_that_touch_their_limits_are_allowed():
     ComplianceConfig(profile=PAPER_PROFILE)
     PhaseNoise(position=0.0, rotation=0.0, heading=0.0)
     HandleConfig(following_share=1.0, gear_rate=0.0, max_gear=1.0)

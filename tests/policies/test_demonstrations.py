@@ -5,17 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies import Demonstration
 
 NUMBERS = st.floats(-2.0, 2.0)
 
 
 @given(steps=arrays(np.float64, (5, 6), elements=NUMBERS), seed=st.integers(0, 9))
-def test_relative_poses_composed_with_the_first_are_the_poses(
-    steps: np.ndarray, seed: int
-) -> None:
+def test_relative_poses_composed_with_the_first_are_the_poses(steps, seed):
     """T_0 (T_0⁻¹ T) = T, with SciPy's rotations."""
     # Small turns, so that nothing jumps, and a way to go.
     start = np.random.default_rng(seed).uniform(-1.0, 1.0, 6)
@@ -29,14 +28,14 @@ def test_relative_poses_composed_with_the_first_are_the_poses(
 
     relative = recorded.relative_to_first()
 
-    np.testing.assert_array_equal(relative.times, recorded.times)
-    np.testing.assert_allclose(relative.poses[0], np.zeros(6), atol=1e-12)
+    assert_array_equal(relative.times, recorded.times)
+    assert_allclose(relative.poses[0], np.zeros(6), atol=1e-12)
     # Copies: SciPy's rotations take no read-only arrays.
     first, poses = Rotation.from_rotvec(recorded.poses[0, 3:].copy()), relative.poses
     again = first.apply(poses[:, :3].copy()) + recorded.poses[0, :3]
-    np.testing.assert_allclose(again, recorded.poses[:, :3], atol=1e-12)
+    assert_allclose(again, recorded.poses[:, :3], atol=1e-12)
     error = (first * Rotation.from_rotvec(poses[:, 3:].copy())).inv() * turned
-    np.testing.assert_allclose(error.magnitude(), 0.0, atol=1e-12)
+    assert_allclose(error.magnitude(), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("width", [2, 3])
@@ -44,7 +43,7 @@ def test_positions_alone_are_a_demonstration(width):
     times = np.linspace(0.0, 1.0, 5)
     positions = np.random.default_rng(0).normal(size=(5, width))
     poses = Demonstration.from_positions(times, positions).poses
-    np.testing.assert_array_equal(poses[:, :width], positions)
+    assert_array_equal(poses[:, :width], positions)
     assert not poses[:, width:].any()
 
 

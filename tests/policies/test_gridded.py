@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd_policies.adaptation import OwnAdaptation, ProcessAdaptation, adapt
+from gplfd_policies import ViaPoint, adapt, align, fit_skill
+from gplfd_policies.adaptation import OwnAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.gridded import GriddedMovement, GriddedMovements
-from gplfd_policies.demonstrations.alignment import align
-from gplfd_policies.movements.skill import fit_skill
-from gplfd_policies.movements.trajectory import ViaPoint
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -27,7 +26,7 @@ def test_grid_points_are_met_exactly(skill):
     movement = GriddedMovement(skill, None, 11)
     exact = skill.predict(np.linspace(0.0, 1.0, 11))
     for index in (0, 5, 10):
-        np.testing.assert_allclose(movement.at(index / 10)[0], exact.mean[index])
+        assert_allclose(movement.at(index / 10)[0], exact.mean[index])
 
 
 def test_observing_changes_the_movement_and_reset_undoes_it(skill):
@@ -37,7 +36,7 @@ def test_observing_changes_the_movement_and_reset_undoes_it(skill):
     movement.observe(ViaPoint(phase=0.6, pose=target))
     assert np.abs(movement.at(0.7)[0] - before).max() > 0.01
     movement.reset()
-    np.testing.assert_array_equal(movement.at(0.7)[0], before)
+    assert_array_equal(movement.at(0.7)[0], before)
 
 
 def test_answers_may_be_changed_by_the_caller(skill):
@@ -57,7 +56,7 @@ def test_looking_does_not_forget_via_points(skill):
     movement.observe(
         ViaPoint(phase=0.6, pose=skill.predict(np.array([0.6])).mean[0] + 1)
     )
-    np.testing.assert_array_equal(movement.at(0.6), movement.at(0.6))
+    assert_array_equal(movement.at(0.6), movement.at(0.6))
     assert movement.at(0.6)[0][0] > 0.5
 
 
@@ -82,7 +81,7 @@ def test_any_movement_that_adapts_can_be_gridded(skill):
         for via_point in via_points:
             movement.observe(via_point)
     readapted, online = (np.stack(movement.at(0.7)) for movement in movements)
-    np.testing.assert_allclose(readapted, online, atol=1e-12)
+    assert_allclose(readapted, online, atol=1e-12)
 
 
 @pytest.mark.bits
@@ -103,8 +102,8 @@ def test_members_are_looked_up_as_each_alone(skill, demonstrations):
         for row, column in np.ndindex(means.shape[:2]):
             member = members[column]
             mean, std = alone[member].at(phases[row, member])
-            np.testing.assert_array_equal(means[row, column], mean)
-            np.testing.assert_array_equal(stds[row, column], std)
+            assert_array_equal(means[row, column], mean)
+            assert_array_equal(stds[row, column], std)
 
 
 def test_members_are_reset_alone(skill):
@@ -119,6 +118,6 @@ def test_members_are_reset_alone(skill):
     adapted = together.at(phases)[0]
     together.reset(np.array([1]))
     after = together.at(phases)[0]
-    np.testing.assert_array_equal(after[1], before[1])
-    np.testing.assert_array_equal(after[[0, 2]], adapted[[0, 2]])
+    assert_array_equal(after[1], before[1])
+    assert_array_equal(after[[0, 2]], adapted[[0, 2]])
     assert np.abs(adapted - before).min(axis=1).max() > 0.0

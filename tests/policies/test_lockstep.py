@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_policies import POLICIES, fit_skill, make_agent
+from gplfd_policies import POLICIES, AgentStep, batch_agents, fit_skill, make_agent
 from gplfd_policies.agents.agent import CompliantAgent
-from gplfd_policies.agents.lockstep import AgentBatch, batch_agents
+from gplfd_policies.agents.lockstep import AgentBatch
 from gplfd_policies.agents.model_based.oracle import OracleAgent
 from gplfd_policies.arrays.rows import ALL_ROWS
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import YieldToAll
-from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.gp.noise import KerstingNoise
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
@@ -120,8 +120,8 @@ def row_of(observations, row):
 def assert_same_row(steps, row, step):
     for name in FIELDS:
         found, expected = getattr(steps.row(row), name), getattr(step, name)
-        np.testing.assert_array_equal(found, expected, err_msg=name)
-        np.testing.assert_array_equal(getattr(steps, name)[row], expected)
+        assert_array_equal(found, expected, err_msg=name)
+        assert_array_equal(getattr(steps, name)[row], expected)
 
 
 def steps_of(
@@ -171,8 +171,8 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
         expected = agent.forecast()
         assert (forecasts[row] is None) == (expected is None)
         if expected is not None:
-            np.testing.assert_array_equal(forecasts[row].mean, expected.mean)
-            np.testing.assert_array_equal(forecasts[row].std, expected.std)
+            assert_array_equal(forecasts[row].mean, expected.mean)
+            assert_array_equal(forecasts[row].std, expected.std)
 
 
 def off_by_eight_bytes(rows):
@@ -242,20 +242,20 @@ def test_agents_that_do_not_act_hold_still(name, agents_of):
     given = {name: rows.copy() for name, rows in observations.items()}
     before = batch.act(observations)
     for name, rows in given.items():
-        np.testing.assert_array_equal(observations[name], rows)
+        assert_array_equal(observations[name], rows)
         assert observations[name].flags.writeable
     kept = {name: getattr(before, name).copy() for name in FIELDS}
     for rows in observations.values():
         rows[1] = np.nan  # not read
     steps = batch.act(observations, np.array([True, False, True]))
-    np.testing.assert_array_equal(steps.action[1], before.action[1])
+    assert_array_equal(steps.action[1], before.action[1])
     assert not steps.via_point[1]
     for name in set(FIELDS) - {"action", "via_point"}:
         assert np.isnan(getattr(steps, name)[1]).all()
     again = batch.act(observations, np.zeros(3, dtype=bool))
-    np.testing.assert_array_equal(again.action, steps.action)
+    assert_array_equal(again.action, steps.action)
     for name in FIELDS:
-        np.testing.assert_array_equal(getattr(before, name), kept[name])
+        assert_array_equal(getattr(before, name), kept[name])
         with pytest.raises(ValueError, match="read-only"):
             getattr(before, name)[0] = 0
     with pytest.raises(ValueError, match=r"boolean of shape \(3,\)"):

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies import GaussianTrajectory, align, fit_skill
 from gplfd_policies.movements.movement import EmpiricalDistribution
-from gplfd_policies.movements.skill import fit_skill
-from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.phase.heading import Heading, HeadingConfig, directions
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
@@ -72,7 +71,7 @@ def test_clock_phase_is_the_command_s():
     seen = clock.update(np.full(6, 9.0), NOWHERE, now)
     assert (seen.phase, seen.std) == (0.37, 0.0)
     assert np.isnan(seen.misfit)
-    np.testing.assert_array_equal(clock.rate(now), np.zeros(6))
+    assert_array_equal(clock.rate(now), np.zeros(6))
 
 
 def test_phase_std_is_the_size_of_the_errors(skill):
@@ -223,7 +222,7 @@ def test_stacked_rules_tell_what_each_would(skill, demonstrations):
             assert found.phase[index] == seen.phase
             assert found.std[index] == seen.std
             assert found.misfit[index] == seen.misfit
-            np.testing.assert_array_equal(rates[index], rate)
+            assert_array_equal(rates[index], rate)
 
 
 def test_distribution_without_spread_is_refused(skill):
@@ -243,9 +242,7 @@ def test_rate_is_the_derivative_of_the_mean(skill):
     estimator, step = PathPhase(skill, skill.aligned), 1e-5
     around = skill.predict(np.array([0.5 - step, 0.5 + step])).mean
     numerical = (around[1] - around[0]) / (2 * step)
-    np.testing.assert_allclose(
-        estimator.rate(np.float64(0.5)), numerical, rtol=1e-5, atol=1e-6
-    )
+    assert_allclose(estimator.rate(np.float64(0.5)), numerical, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("radius", [0.35, 0.50, 0.65])

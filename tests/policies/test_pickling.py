@@ -6,6 +6,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from gplfd_env import DoorGeometry
 from gplfd_env.spatial.arc import handle_pose_on_arc
@@ -33,7 +34,7 @@ def assert_equal(one, other):
     names = [field.name for field in dataclasses.fields(one) if field.compare]
     names += ["covariance"] if hasattr(one, "covariance") else []
     for name in set(names) - {"covariance_function"}:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
+        assert_array_equal(getattr(one, name), getattr(other, name), name)
 
 
 def observations(count):

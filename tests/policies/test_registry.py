@@ -7,7 +7,7 @@ from functools import partial
 import jaxtyping
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from numpy.testing import assert_allclose
 
 from gplfd_env import DoorGeometry
 from gplfd_env.spatial.arc import handle_pose_on_arc
@@ -161,26 +161,10 @@ def test_motions_of_any_task_are_learned(name):
     method = POLICIES[name].method
     movement = method.learn(TrainingInput(demonstrations=shown))
     mean = movement.predict(np.array([0.0, movement.aligned.end])).mean
-    np.testing.assert_allclose(mean[:, 0], [5.0, 6.0], atol=0.2)
-    np.testing.assert_allclose(mean[:, 2:], 0.0, atol=1e-3)
+    assert_allclose(mean[:, 0], [5.0, 6.0], atol=0.2)
+    assert_allclose(mean[:, 2:], 0.0, atol=1e-3)
     with pytest.raises(ValueError, match=r"demonstration 0 .* closed handle"):
         make_agent(name, shown)
-
-
-def test_remedy_for_demonstrations_that_start_elsewhere_works(demonstrations):
-    one = demonstrations[0]
-    start = np.array([0.5, 0.1, 0.2, 0.1, -0.4, 0.3])
-    turn = Rotation.from_rotvec(start[3:])
-    moved = Demonstration.from_quaternions(
-        one.times,
-        start[:3] + turn.apply(one.poses[:, :3].copy()),
-        (turn * Rotation.from_rotvec(one.poses[:, 3:].copy())).as_quat(),
-        order="xyzw",
-    )
-    with pytest.raises(ValueError, match=r"demonstration\.relative_to_first\(\)"):
-        make_agent("gp-fixed", [moved])
-    remedied = moved.relative_to_first().poses
-    np.testing.assert_allclose(remedied, one.poses, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -195,34 +179,11 @@ def test_only_sequences_of_demonstrations_are_learned_from(
         make_agent("gp", wrong(demonstrations))
 
 
-@pytest.mark.parametrize("name", ["gp", "gp-product", "gp-fixed"])
-def test_same_demonstrations_give_the_same_bits(name, demonstrations):
-    actions = []
-    for _ in range(2):
-        agent = make_agent(name, demonstrations)
-        observation = {"ee_pose": np.zeros(6), "wrench": np.full(6, 0.3)}
-        agent.reset(observation)
-        actions.append([agent.act(observation).action for _ in range(10)])
-    np.testing.assert_array_equal(*actions)
-
-
 @pytest.mark.parametrize("name", sorted(POLICIES))
 def test_policies_can_be_sent_to_other_processes(name):
     policy = pickle.loads(pickle.dumps(POLICIES[name]))
     assert policy.summary == POLICIES[name].summary
     assert repr(policy.method) == repr(POLICIES[name].method)
-
-
-def test_agents_can_be_kept_in_the_middle_of_an_episode(agent_of):
-    agent = agent_of("gp")
-    observation = {"ee_pose": np.full(6, 0.01), "wrench": np.full(6, 0.3)}
-    agent.reset(observation)
-    for _ in range(10):
-        agent.act(observation)
-    again = pickle.loads(pickle.dumps(agent))
-    for _ in range(10):
-        kept, other = agent.act(observation), again.act(observation)
-        np.testing.assert_array_equal(kept.action, other.action)
 
 
 @pytest.mark.parametrize(
@@ -231,13 +192,6 @@ def test_agents_can_be_kept_in_the_middle_of_an_episode(agent_of):
 )
 def test_an_unknown_policy_or_no_demonstration_is_an_error(name, message):
     with pytest.raises(ValueError, match=message):
-        make_agent(name, ())
-
-
-def test_model_based_policies_need_no_demonstrations():
-    learn_nothing = {name for name, one in POLICIES.items() if one.kind == "reference"}
-    assert learn_nothing >= {"hinge-fit", "oracle"}
-    for name in learn_nothing:
         make_agent(name, ())
 
 
@@ -255,4 +209,4 @@ def test_settings_of_phase_and_handles_are_those_of_a_method(demonstrations, lea
     assert agent.phases.settings == window
     assert agent.handle_config == handle
     beta = agent.config.profile.beta / usual.config.profile.beta
-    np.testing.assert_allclose(beta, [2.0, 4.0, 2.0, 1.0, 1.0, 1.0])
+    assert_allclose(beta, [2.0, 4.0, 2.0, 1.0, 1.0, 1.0])

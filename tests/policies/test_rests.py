@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies.demonstrations.alignment import align
-from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies import POLICIES, Demonstration, align
 from gplfd_policies.demonstrations.rests import without_rests
-from gplfd_policies.registry.catalogue import POLICIES
 
 MOVING = 5.0
 FINAL_ANGLE = np.radians(67.0)
@@ -85,7 +84,7 @@ def test_a_rest_in_the_middle_carries_no_progress(noise):
     assert np.all(np.diff(left.times) > 0.0)
     # The poses are those of the recording, and the clock is closed over the gap.
     kept = (recorded.times < rest.start) | (recorded.times >= rest.end)
-    np.testing.assert_array_equal(left.poses, recorded.poses[kept])
+    assert_array_equal(left.poses, recorded.poses[kept])
     assert np.diff(left.times).max() < 2.0 / 120.0
 
 
@@ -108,7 +107,7 @@ def test_alignment_with_rests_is_that_without():
         rested = align(
             [opening(radius=radius, before=2.0, after=1.0) for radius in (0.35, 0.65)]
         )
-    np.testing.assert_allclose(rested.poses, moving.poses, atol=0.015)
+    assert_allclose(rested.poses, moving.poses, atol=0.015)
 
 
 def test_few_samples_are_left_alone():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, ViaPoint
@@ -39,8 +40,8 @@ def test_published_settings_are_those_of_the_registered_method(
     ours, theirs = (
         adapted(one, learned(one, demonstrations)) for one in (again, registered)
     )
-    np.testing.assert_array_equal(ours.mean, theirs.mean)
-    np.testing.assert_array_equal(ours.std, theirs.std)
+    assert_array_equal(ours.mean, theirs.mean)
+    assert_array_equal(ours.std, theirs.std)
 
 
 def test_every_method_of_the_comparison_has_a_space():
