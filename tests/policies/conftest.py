@@ -68,6 +68,12 @@ def library() -> dict[str, np.ndarray]:
         return dict(stored)
 
 
+@pytest.fixture
+def as_for_users(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Switch run-time type checks off, which would come before a message."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+
+
 @pytest.fixture(scope="module")
 def unchecked_types() -> Iterator[None]:
     """Switch run-time type checks off, which take nine tenths of a control step.

@@ -12,6 +12,7 @@ from gplfd_policies import AlignedDemonstrations, ViaPoint, adapt, fit_skill
 from gplfd_policies.adaptation import (
     ADAPTATIONS,
     Adaptation,
+    ExactAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
     begin_adaptation,
@@ -151,8 +152,6 @@ def test_adapt_without_via_points_is_the_prediction(skill, form):
     adapted = adapt(skill, [], form).predict(TIMES)
     assert_array_equal(adapted.mean, predicted.mean)
     assert_array_equal(adapted.std, predicted.std)
-    with pytest.raises(ValueError, match=r"form 'proces'.*exact.*process.*product"):
-        adapt(skill, [], "proces")
 
 
 @pytest.mark.parametrize("form", INDEPENDENT)
@@ -219,10 +218,14 @@ def test_noise_free_and_contradicting_via_points_are_survived(skill, form):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_trajectory_is_a_snapshot(skill, form):
+def test_trajectory_is_a_snapshot_and_views_are_current(skill, form):
     adaptation = ADAPTATIONS[form](skill, TIMES)
     adaptation.observe(via(skill, 0.2, 0.05))
     before = adaptation.trajectory()
+    assert_allclose(adaptation.mean, before.mean, atol=1e-12)
+    assert_allclose(adaptation.std, before.std, atol=1e-12)
+    with pytest.raises(ValueError, match="read-only"):
+        adaptation.mean[0, 0] = 1.0
     mean = before.mean.copy()
     adaptation.observe(via(skill, 0.6, 0.05))
     assert_array_equal(before.mean, mean)
@@ -293,8 +296,29 @@ def test_grid_may_reach_beyond_the_demonstrations(skill, form):
     grid = np.linspace(-0.05, 1.1, 40)
     adapted = adapt(skill, [via(skill, 1.05, 0.05)], form).predict(grid)
     assert np.isfinite(adapted.std).all()
-    with pytest.raises(ValueError, match="too far beyond"):
-        ADAPTATIONS[form](skill, np.array([0.0, 50.0]))
+
+
+@pytest.mark.parametrize("form", [ExactAdaptation, ProcessAdaptation])
+def test_what_no_form_can_use_is_refused(skill, form):
+    refused = {
+        "too far beyond": lambda: form(skill, np.array([0.0, 50.0])),
+        "finite grid": lambda: form(skill, np.array([])),
+        "finite grid phases": lambda: form(skill, np.array([0.0, np.nan])),
+        r"phase 1.5 is outside the range": lambda: adapt(
+            skill, [via(skill, 1.5, 0.0)], form
+        ).predict(TIMES),
+        "must increase strictly": lambda: ProductAdaptation(skill, np.full(2, 0.5)),
+        r"empirical_share must be within \[0, 1\]": lambda: ProcessAdaptation(
+            skill, TIMES, empirical_share=1.1
+        ),
+        "empirical_share must be": lambda: ProcessAdaptation(
+            skill, TIMES, empirical_share=np.nan
+        ),
+        r"form 'proces'.*exact.*process.*product": lambda: adapt(skill, [], "proces"),
+    }
+    for message, call in refused.items():
+        with pytest.raises(ValueError, match=message):
+            call()
 
 
 def test_without_a_share_their_number_says_how_much_the_curves_count(skill):

@@ -1,19 +1,17 @@
-"""Demonstrations, the task completion index and temporal alignment."""
+"""The task completion index and temporal alignment."""
 
-import re
 import warnings
 
-import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.signal import butter, sosfiltfilt
-from scipy.spatial.transform import Rotation
 
-from gplfd_env.spatial.se3 import canonical_rotvec, pose_distance
-from gplfd_policies import AlignedDemonstrations, Demonstration, align
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import pose_distance
+from gplfd_policies import Demonstration, align
 from gplfd_policies.demonstrations.completion import (
     denoised_steps,
     task_completion_index,
@@ -23,113 +21,34 @@ from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warp
 METHODS = ["interpolation", "directions", "dtw", "dtw-euclidean"]
 
 
-@pytest.fixture
-def as_for_users(monkeypatch):
-    """Without the shape checks of this test suite, which would come first."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-
-
 def minimum_jerk(time):
     time = np.clip(time, 0.0, 1.0)
     return time**3 * (10 - 15 * time + 6 * time**2)
 
 
 def door_arc(progress, radius=0.5):
-    angle = 1.2 * progress
-    poses = np.zeros((len(angle), 6))
-    poses[:, 0] = radius * np.sin(angle)
-    poses[:, 2] = -radius * (1 - np.cos(angle))
-    poses[:, 4] = angle
-    return poses
+    return handle_pose_on_arc(radius, 1.2 * progress)
 
 
 def demonstration(
-    clock=minimum_jerk, path=door_arc, n=200, duration=3.0, noise=0.0, seed=0, start=0.0
+    clock=minimum_jerk, path=door_arc, n=200, duration=3.0, noise=0.0, seed=0
 ):
     time = np.linspace(0.0, 1.0, n)
     sensor = noise * np.random.default_rng(seed).normal(size=(n, 6))
-    return Demonstration(
-        times=start + duration * time, poses=path(clock(time)) + sensor
-    )
+    return Demonstration(times=duration * time, poses=path(clock(time)) + sensor)
 
 
-def true_completion(clock, path, n):
+def completion_errors(recorded, clock):
+    """Errors of the index of an opening, with and without its denoising."""
     fine = np.linspace(0.0, 1.0, 20_001)
-    step = np.diff(path(clock(fine)), axis=0)
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
-    return np.interp(np.linspace(0.0, 1.0, n), fine, length / length[-1])
-
-
-# --- Demonstration -----------------------------------------------------------
-
-
-@pytest.mark.usefixtures("as_for_users")
-def test_demonstration_is_a_read_only_float64_copy():
-    times, poses = np.array([0, 1, 2]), np.arange(18).reshape(3, 6) / 100
-    recorded = Demonstration(times=times, poses=poses)
-    poses[0, 0] = 9.0
-    assert recorded.poses[0, 0] == 0.0
-    assert recorded.times.dtype == recorded.poses.dtype == np.float64
-    with pytest.raises(ValueError, match="read-only"):
-        recorded.poses[0, 0] = 1.0
-
-
-def broken(**changes):
-    fields = {"times": np.linspace(0, 1, 5), "poses": door_arc(np.linspace(0, 1, 5))}
-    for name, (index, value) in changes.items():
-        fields[name] = fields[name].copy()
-        fields[name][index] = value
-    return fields
-
-
-@pytest.mark.usefixtures("as_for_users")
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        (broken(poses=((3, 2), np.nan)), r"poses\[3\] = .* is not finite"),
-        (broken(times=(4, np.inf)), r"times\[4\] = inf is not finite"),
-        ({"times": np.zeros(0), "poses": np.zeros((0, 6))}, "is empty"),
-        ({"times": np.zeros(1), "poses": np.zeros((1, 6))}, "has one sample"),
-        (broken(times=(2, 0.9)), r"times\[3\] = 0.75 is earlier than times\[2\] = 0.9"),
-        (broken(times=(2, 0.25)), r"times\[2\] = 0.25 repeats times\[1\] = 0.25"),
-        ({"times": np.arange(3.0), "poses": np.zeros((3, 7))}, r"\(3,\) and \(3, 7\)"),
-        ({"times": np.arange(4.0), "poses": np.zeros((3, 6))}, r"\(4,\) and \(3, 6\)"),
-        ({"times": np.arange(3.0), "poses": np.ones((3, 6))}, "never moves"),
-    ],
-)
-def test_unusable_demonstration_is_refused(fields, message):
-    with pytest.raises(ValueError, match=message):
-        Demonstration(**fields)
-
-
-def test_rotation_vectors_that_jump_are_refused_with_the_way_out():
-    angle = np.linspace(3.0, 3.3, 7)
-    poses = np.zeros((7, 6))
-    poses[:, 3:] = canonical_rotvec(angle[:, None] * np.array([0.0, 0.6, 0.8]))
-    with pytest.raises(
-        ValueError, match=r"jump at sample 3.*from_quaternions.*unwrap_rotvecs"
-    ):
-        Demonstration(times=np.arange(7.0), poses=poses)
-
-
-def test_from_quaternions_gives_continuous_rotation_vectors():
-    angle = np.linspace(2.8, 3.6, 30)
-    rotvecs = angle[:, None] * np.array([0.0, -0.6, 0.8])
-    quaternions = Rotation.from_rotvec(rotvecs).as_quat(scalar_first=False)
-    quaternions[::3] *= -1
-    positions = np.random.default_rng(0).normal(size=(30, 3))
-    recorded = Demonstration.from_quaternions(
-        np.arange(30.0), positions, quaternions, order="xyzw"
-    )
-    assert_allclose(recorded.poses[:, 3:], rotvecs, atol=1e-12)
-    assert_array_equal(recorded.poses[:, :3], positions)
-
-
-def test_from_quaternions_refuses_mismatched_positions():
-    with pytest.raises(ValueError, match=r"one row per quaternion, got \(2, 3\) for 3"):
-        Demonstration.from_quaternions(
-            np.arange(3.0), np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (3, 1))
-        )
+    step = np.linalg.norm(np.diff(door_arc(clock(fine)), axis=0), axis=1)
+    length = np.append(0.0, np.cumsum(step))
+    times = recorded.times / recorded.times[-1]
+    truth = np.interp(times, fine, length / length[-1])
+    return [
+        np.sqrt(np.mean((task_completion_index(recorded, denoise=on) - truth) ** 2))
+        for on in (True, False)
+    ]
 
 
 # --- Task completion index ---------------------------------------------------
@@ -179,22 +98,17 @@ def rests_at_both_ends(time):
 @pytest.mark.parametrize(
     ("clock", "limit"), [(minimum_jerk, 0.006), (rests_at_both_ends, 0.02)]
 )
-@pytest.mark.parametrize("n", [200, 1000, 5000])
-@pytest.mark.parametrize("noise", [1e-3, 2e-3])
+@pytest.mark.parametrize(("n", "noise"), [(200, 2e-3), (1000, 1e-3), (5000, 2e-3)])
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_phase_error_with_noise_stays_below(clock, limit, n, noise):
-    truth = true_completion(clock, door_arc, n)
-    errors = {}
-    for denoise in (True, False):
-        completion = task_completion_index(
-            demonstration(clock, n=n, noise=noise, seed=3), denoise=denoise
-        )
-        errors[denoise] = np.sqrt(np.mean((completion - truth) ** 2))
-    assert errors[True] < limit
-    assert errors[False] > 5 * errors[True]
+    denoised, raw = completion_errors(
+        demonstration(clock, n=n, noise=noise, seed=3), clock
+    )
+    assert denoised < limit
+    assert raw > 5 * denoised
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_phase_error_with_filtered_noise_stays_below(seed):
     # What a suit reports: 60 Hz, low-passed at 8 Hz, 1 mm and 0.3 degrees.
@@ -204,16 +118,12 @@ def test_phase_error_with_filtered_noise_stays_below(seed):
     poses = door_arc(minimum_jerk(np.linspace(0.0, 1.0, n)))
     poses += filtered / filtered.std(axis=0) * np.repeat([1e-3, 5e-3], 3)
     recorded = Demonstration(times=np.arange(n) / 60.0, poses=poses)
-    truth = true_completion(minimum_jerk, door_arc, n)
-    errors = [
-        np.sqrt(np.mean((task_completion_index(recorded, denoise=on) - truth) ** 2))
-        for on in (True, False)
-    ]
-    assert errors[0] < 0.02
-    assert errors[1] > 3 * errors[0]
+    denoised, raw = completion_errors(recorded, minimum_jerk)
+    assert denoised < 0.02
+    assert raw > 3 * denoised
 
 
-@pytest.mark.parametrize("n", [6, 12, 20, 60, 200, 1000])
+@pytest.mark.parametrize("n", [6, 20, 200])
 @pytest.mark.parametrize(
     ("clock", "cost"),
     [(minimum_jerk, 1.3e-3), (rests_at_both_ends, 0.03), (lambda time: time, 1e-5)],
@@ -253,36 +163,11 @@ def test_motion_within_the_noise_falls_back_to_the_raw_path():
     assert np.isfinite(completion).all()
 
 
-def test_motion_the_weight_does_not_count_is_refused():
-    poses = np.zeros((4, 6))
-    poses[:, 0] = np.arange(4)
-    recorded = Demonstration(times=np.arange(4.0), poses=poses)
-    with pytest.raises(ValueError, match=r"does not move under rotation_weight=1\.0"):
-        task_completion_index(recorded, rotation_weight=1.0)
-
-
 # --- Alignment ---------------------------------------------------------------
 
 
 def slow_start(time):
     return minimum_jerk(time**1.8)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_endpoints_map_to_endpoints(method):
-    recorded = [
-        demonstration(n=150, duration=2.0),
-        demonstration(slow_start, n=230, duration=5.0, start=100.0),
-    ]
-    aligned = align(recorded, method=method, n_samples=80, trim_rests=False)
-    assert aligned.times[0] == 0.0
-    assert aligned.times[-1] == 1.0
-    assert np.all(np.diff(aligned.times) > 0)
-    assert aligned.duration == pytest.approx(3.5)
-    tolerance = 0.0 if method == "interpolation" else 2e-3
-    for poses, demo in zip(aligned.poses, recorded, strict=True):
-        assert_allclose(poses[0], demo.poses[0], atol=tolerance)
-        assert_allclose(poses[-1], demo.poses[-1], atol=tolerance)
 
 
 @pytest.mark.parametrize(
@@ -333,6 +218,16 @@ def test_rest_shared_by_all_is_a_rest_of_the_result():
     resting = aligned.times < 0.39  # the mean rest lasts 0.4
     assert np.abs(aligned.poses[:, resting]).max() < 2e-3
     assert np.abs(aligned.poses[:, aligned.times > 0.5]).max(axis=(1, 2)).min() > 0.1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_endpoints_map_to_endpoints(method):
+    recorded = [demonstration(n=150), demonstration(slow_start, n=230)]
+    aligned = align(recorded, method=method, n_samples=80, trim_rests=False)
+    assert aligned.times[0] == 0.0
+    assert aligned.times[-1] == 1.0
+    for poses, demo in zip(aligned.poses, recorded, strict=True):
+        assert_allclose(poses[[0, -1]], demo.poses[[0, -1]], atol=2e-3)
 
 
 @pytest.mark.parametrize("method", ["interpolation", "dtw"])
@@ -409,13 +304,6 @@ def test_dtw_cost_equals_the_naive_recursion(rows, columns, seed, ties):
     assert set(map(tuple, steps.tolist())) <= {(0, 1), (1, 0), (1, 1)}
     assert (path.rows[0], path.columns[0]) == (0, 0)
     assert (path.rows[-1], path.columns[-1]) == (rows - 1, columns - 1)
-
-
-def test_dtw_of_very_long_sequences_is_refused_before_it_takes_memory():
-    with pytest.raises(
-        ValueError, match=r"of 20,000 and 30,000 samples.*10,000 samples or fewer"
-    ):
-        dynamic_time_warping(lambda row: np.zeros(30_000), 20_000)
 
 
 def test_dtw_on_rising_completion_is_interpolation_within_half_a_sample():
@@ -507,42 +395,6 @@ def test_directions_tell_strokes_apart_where_completion_does_not(letters, share)
         ]
         differ[method] = np.sqrt(np.mean(np.var(strokes, axis=0)))
     assert differ["directions"] <= share * differ["interpolation"]
-
-
-# --- Edges -------------------------------------------------------------------
-
-
-@pytest.mark.usefixtures("as_for_users")
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"demonstrations": []}, "at least one demonstration is needed"),
-        ({"method": "linear"}, re.escape(str(sorted(METHODS)))),
-        ({"n_samples": 1}, "n_samples must be at least 2, got 1"),
-        ({"rotation_weight": 2.0}, r"rotation_weight must lie in \[0, 1\]"),
-    ],
-)
-def test_unusable_alignment_arguments_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        align(**({"demonstrations": [demonstration()]} | arguments))
-
-
-@pytest.mark.usefixtures("as_for_users")
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"times": np.linspace(0, 1, 4)}, r"\(4,\) and \(2, 3, 6\)"),
-        ({"times": np.array([0.0, 0.5, 0.5])}, "increase strictly"),
-        ({"times": np.array([0.0, 0.5, 1.5])}, "divide seconds by the duration"),
-        ({"poses": np.full((2, 3, 6), np.nan)}, "must be finite"),
-        ({"poses": np.zeros((0, 3, 6))}, "got 0 and 3"),
-        ({"duration": 0.0}, "duration must be positive"),
-    ],
-)
-def test_unusable_aligned_demonstrations_are_refused(fields, message):
-    good = {"times": np.linspace(0, 1, 3), "poses": np.zeros((2, 3, 6))}
-    with pytest.raises(ValueError, match=message):
-        AlignedDemonstrations(**(good | fields))
 
 
 @pytest.mark.parametrize("method", ["interpolation", "dtw"])

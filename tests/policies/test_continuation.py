@@ -199,29 +199,3 @@ def test_a_path_of_few_samples_or_of_none_but_turns_goes_on(count):
         assert longer.poses[0, -1, 4] == pytest.approx(end, abs=1e-6)
         assert_allclose(longer.poses[0, :, :3], 0.0, atol=1e-9)
         assert_allclose(longer.drift, 0.0, atol=1e-6)
-
-
-def test_a_path_that_turns_round_and_round_goes_on_turning():
-    phases = np.linspace(0.0, 1.0, 400)
-    poses = np.zeros((1, 400, 6))
-    poses[0, :, 0], poses[0, :, 3] = 0.1 * phases, 6.0 * np.pi * phases
-    longer = continued(AlignedDemonstrations(times=phases, poses=poses), 0.5)
-    assert_allclose(longer.poses[0, -1, [0, 3]], [0.15, 9.0 * np.pi], rtol=1e-3)
-
-
-@pytest.mark.parametrize("beyond", [-0.1, np.nan, np.inf])
-def test_an_impossible_share_is_refused(beyond):
-    with pytest.raises(ValueError, match="beyond must be finite and >= 0"):
-        continued(aligned(drawer()), beyond)
-
-
-def test_phases_must_be_those_of_a_whole_task():
-    half = AlignedDemonstrations(times=0.5 * PHASES, poses=drawer()[None])
-    with pytest.raises(ValueError, match=r"on phases 0 to 1 .* got phases 0.0 to 0.5"):
-        continued(half, 0.5)
-
-
-def test_a_continuation_is_not_continued():
-    once = continued(aligned(drawer()), 0.5)
-    with pytest.raises(ValueError, match="are continued already, from phase"):
-        continued(once, 0.5)
