@@ -144,6 +144,27 @@ def smooth_repetition(length_scale=0.2, kept=48):
     return repetition, curves
 
 
+def test_sequential_updates_equal_batch_conditioning():
+    """200 updates off the grid against one dense solve on the kernel itself."""
+    process = ConditionedProcess(smooth_repetition()[0], TIMES)
+    rng = np.random.default_rng(1)
+    phases = rng.uniform(0.0, 1.0, 200)
+    poses = np.sin(3.0 * phases)[:, None] + 0.05 * rng.normal(size=(200, 6))
+    for phase, pose in zip(phases, poses, strict=True):
+        process.update(process.at(phase), pose, np.full(6, 1e-4), np.zeros(6))
+    kernel = RBF(length_scale=0.2, signal_std=0.1)
+    gram = kernel(phases, phases) + 1e-4 * np.eye(200)
+    cross = kernel(TIMES, phases)
+    mean = np.sin(3.0 * TIMES)[:, None] + cross @ np.linalg.solve(
+        gram, poses - np.sin(3.0 * phases)[:, None]
+    )
+    covariance = kernel(TIMES, TIMES) - cross @ np.linalg.solve(gram, cross.T)
+    assert_allclose(process.mean, mean, atol=1e-12)
+    assert_allclose(process.variance()[:, 0], np.diag(covariance) + 1e-12, atol=1e-14)
+    full = process.distribution(np.ones(6), None).covariance
+    assert_allclose(full[3], covariance + 1e-12 * np.eye(60), atol=1e-14)
+
+
 def dense_conditioning(phases, poses, along, variance):
     """One Gaussian over six outputs at all times, (6M, 6M), conditioned at once."""
     kernel = RBF(length_scale=0.2, signal_std=0.1)
@@ -174,6 +195,20 @@ def test_shared_error_equals_dense_conditioning(repeated):
     mean, variance = dense_conditioning(phases, poses, along, 1e-4)
     assert_allclose(process.mean, mean, atol=1e-11)
     assert_allclose(process.variance(), variance + 1e-12, atol=1e-13)
+
+
+def test_shared_error_leaves_what_is_across_the_path_certain():
+    """The path runs along (1, 1, 0, ...): its sum is uncertain, its difference not."""
+    process = ConditionedProcess(smooth_repetition()[0], TIMES)
+    pose = np.full(6, np.sin(1.5)) + np.array([0.05, -0.05, 0.0, 0.0, 0.0, 0.0])
+    along = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    process.update(process.at(0.5), pose, np.full(6, 1e-6), along)
+    moved = process.mean - np.sin(3.0 * TIMES)[:, None]
+    here = np.argmin(np.abs(TIMES - 0.5))
+    assert_allclose(moved[here, :2], [0.05, -0.05], rtol=1e-2)
+    alone = ConditionedProcess(smooth_repetition()[0], TIMES)
+    alone.update(alone.at(0.5), pose, 1e-6 + along**2, np.zeros(6))
+    assert np.abs(alone.mean - np.sin(3.0 * TIMES)[:, None])[:, :2].max() < 1e-3
 
 
 def test_a_free_output_takes_no_part():
@@ -335,6 +370,23 @@ def test_nothing_observed_is_the_prediction_for_noisy_demonstrations_too():
     assert skill.deviations[0].white > 0.5
     adaptation = ProcessAdaptation(skill, TIMES)
     assert_allclose(adaptation.std, skill.predict(TIMES).std, rtol=1e-4)
+
+
+def test_demonstrated_curves_shape_what_follows():
+    """Early high, late low in every demonstration: no stationary model expects it."""
+    rng = np.random.default_rng(0)
+    swing = np.multiply.outer(rng.normal(size=8), 0.1 * np.cos(np.pi * TIMES))
+    poses = np.tile(door(0.5), (8, 1, 1))
+    poses[:, :, 0] += swing + 0.001 * rng.normal(size=swing.shape)
+    skill = fit_skill(AlignedDemonstrations(times=TIMES, poses=poses))
+    before = skill.predict(TIMES).mean
+    adaptation = ProcessAdaptation(skill, TIMES)
+    for index in (3, 6, 9):
+        shift = 0.08 * np.cos(np.pi * TIMES[index])
+        pose = np.full(6, np.nan)
+        pose[0] = before[index, 0] + shift
+        adaptation.observe(ViaPoint(phase=float(TIMES[index]), pose=pose))
+    assert (adaptation.mean - before)[-3, 0] < -0.001
 
 
 def test_deviation_covariance_has_the_demonstrated_variance():

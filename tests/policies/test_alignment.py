@@ -141,6 +141,15 @@ def test_denoising_keeps_the_ends_of_the_path():
     assert denoised_steps(recorded.poses, 0.5).sum() == pytest.approx(length, rel=1e-4)
 
 
+@pytest.mark.filterwarnings("ignore:sensor noise")
+def test_noise_in_rests_is_not_progress():
+    completion = task_completion_index(
+        demonstration(rests_at_both_ends, n=1000, noise=1e-3)
+    )
+    assert completion[350] < 0.02
+    assert completion[650] > 0.98
+
+
 def test_noisy_path_warns_with_ratio_and_remedy():
     noisy = demonstration(n=1000, noise=1e-3)
     with pytest.warns(
@@ -316,6 +325,17 @@ def test_dtw_on_rising_completion_is_interpolation_within_half_a_sample():
     exact = np.interp(first, second, np.arange(len(second)))
     # At the ends a run of matches is averaged; elsewhere half a sample is the bound.
     assert np.abs(matched - exact)[1:-1].max() <= 0.5 + 1e-9
+
+
+def test_dtw_makes_staircases_and_interpolation_does_not():
+    recorded = [demonstration(n=200), demonstration(slow_start, n=210)]
+    roughness = {
+        method: np.abs(
+            np.diff(align(recorded, method=method, trim_rests=False).poses, 2, axis=1)
+        ).max()
+        for method in ("interpolation", "dtw")
+    }
+    assert roughness["dtw"] > 5 * roughness["interpolation"]
 
 
 def shelf(height):

@@ -86,6 +86,13 @@ def test_one_frame_is_gaussian_mixture_regression(aligned):
     assert_allclose(ours.std, gmr.std, rtol=1e-6)
 
 
+def test_two_equal_frames_halve_the_variance(mixture):
+    once = mixture.means[0], mixture.covariances[0]
+    mean, covariance = product_of_gaussians(*(np.stack([one, one]) for one in once))
+    assert_allclose(mean, once[0], atol=1e-9)
+    assert_allclose(covariance, 0.5 * once[1], atol=1e-12)
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.4, -1.0])
 def test_a_turned_hinge_turns_the_path(mixture, angle):
     """Of the hinge's frame alone, as the handle's has not turned."""

@@ -59,6 +59,14 @@ def test_stiffer_than_the_servo_it_is_stable_at_least_so_long(k, d, m):
     assert growth(k, d, m, periods) < 1.0 + 1e-9
 
 
+@pytest.mark.parametrize("periods", [1, 2, 3])
+def test_edges_at_critical_damping_are_those_that_were_measured_on_agents(periods):
+    """Unstable below k = 92, 292 and 517 N/m at one to three periods, with m = 1 kg."""
+    edge = {1: 91.1, 2: 291.8, 3: 516.6}[periods]
+    for k, stable in ((edge - 1.0, False), (edge + 1.0, True)):
+        assert (tolerated(k, 2.0 * np.sqrt(k), 1.0) > periods * H) == stable
+
+
 @pytest.mark.parametrize("periods", [0, 1, 2, 3])
 @pytest.mark.parametrize("k", [100.0, 200.0, 330.0, 500.0])
 @pytest.mark.parametrize("least", [0.0, 60.0])

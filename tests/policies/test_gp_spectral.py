@@ -175,3 +175,12 @@ def test_noise_and_kernel_are_recovered_together(size):
     samples = np.sin(4.0 * times) + 0.1 * rng.normal(size=(12, size))
     _, variance = fit_kernel_and_noise(Replicates.from_samples(times, samples))
     assert np.sqrt(variance) == pytest.approx(0.1, rel=0.1)
+
+
+def test_cost_of_the_evidence_does_not_grow_with_the_samples():
+    basis = LegendreBasis(start=0.0, stop=1.0, size=48)
+    for size in (100, 3000):
+        times, samples, noise = demonstrations(1, size)
+        reduced = SpectralEvidence.reduce(basis, times, samples[0], noise)
+        assert reduced.triangle.shape == (48, 48)
+        assert reduced.projected.shape == (48,)

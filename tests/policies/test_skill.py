@@ -85,6 +85,22 @@ def test_independent_deviations_are_told_from_smooth_ones(skill):
     assert skill.smoothness < 0.1
 
 
+@pytest.mark.parametrize("correlation", [0.0, 0.6, 0.9, 0.99])
+def test_degrees_of_freedom_count_independent_looks(correlation):
+    """The variance of an empirical variance tells how many looks it had."""
+    rng = np.random.default_rng(0)
+    window, repetitions = 20, 4000
+    noise = np.empty((window, repetitions))
+    noise[0] = rng.normal(size=repetitions)
+    for row in range(1, window):
+        fresh = np.sqrt(1.0 - correlation**2) * rng.normal(size=repetitions)
+        noise[row] = correlation * noise[row - 1] + fresh
+    looks = 2.0 / np.var(np.mean(noise**2, axis=0))
+    squared = correlation**2
+    counted = max(window * (1.0 - squared) / (1.0 + squared), 1.0)
+    assert counted == pytest.approx(looks, rel=0.35)
+
+
 def test_inside_and_outside_agree_at_the_ends(skill):
     inside = skill.predict(np.array([0.0, 1.0]))
     outside = skill.predict(np.array([-1e-9, 1.0 + 1e-9]))

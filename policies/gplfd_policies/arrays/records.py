@@ -26,12 +26,7 @@ def freeze(record: object, *names: str) -> None:
 
 
 class Settings:
-    """Base of frozen records of numbers that are declared by `quantity`.
-
-    Raises:
-        ValueError: A number is outside its range.
-        TypeError: A value is no number.
-    """
+    """Base of frozen records of numbers that are declared by `quantity`."""
 
     __slots__ = ()
 

@@ -52,10 +52,6 @@ class DecodingBudget:
     of an array, as the float64 that it becomes, before it allocates the array. All
     arrays of a file together may take 20 times the size of the file, or 64 MiB if that
     is more.
-
-    Args:
-        size: Size of the file [bytes].
-        least: Bytes that are allowed however small the file is.
     """
 
     def __init__(self, size: int, *, least: int = _ALLOWANCE) -> None:
@@ -65,15 +61,7 @@ class DecodingBudget:
         """Bytes that may still be claimed."""
 
     def claim(self, amount: int, what: str) -> None:
-        """Take bytes from the budget.
-
-        Args:
-            amount: Bytes about to be allocated.
-            what: Name of the array, for the message.
-
-        Raises:
-            ValueError: The budget has not so many left.
-        """
+        """Take bytes for ``what``, which is about to be allocated, or refuse them."""
         if not 0 <= amount <= self.left:
             raise ValueError(
                 f"it unpacks to more than its size allows: with {what} of {amount:,} "
@@ -89,15 +77,7 @@ def decompressed(
 ) -> bytes:
     """Decompress frames that follow each other, to no more than a budget allows.
 
-    Args:
-        data: The compressed frames.
-        decompressor: Makes a decompressor for one frame, as in `bz2`, `lz4.frame` and
-            `compression.zstd`.
-        budget: From which the result is claimed.
-        what: Name of the data, for a message.
-
-    Raises:
-        ValueError: The data are cut off, or hold more than the budget allows.
+    A decompressor is for one frame, as in `bz2`, `lz4.frame` and `compression.zstd`.
     """
     parts = []
     rest: bytes | None = data
@@ -116,9 +96,6 @@ def inflated(data: bytes, budget: DecodingBudget, what: str) -> bytes:
     """Decompress one zlib stream, to no more than a budget allows.
 
     Bytes that follow the stream are ignored.
-
-    Raises:
-        ValueError: The data are damaged, cut off, or hold more than the budget allows.
     """
     stream = zlib.decompressobj()
     try:
@@ -132,16 +109,7 @@ def inflated(data: bytes, budget: DecodingBudget, what: str) -> bytes:
 
 
 def regular_file(path: str | Path, kind: str = "a file") -> Path:
-    """Return a path that can be opened for reading without waiting for a writer.
-
-    Args:
-        path: The path; a link is followed.
-        kind: Expected content, for the message.
-
-    Raises:
-        FileNotFoundError: There is nothing.
-        ValueError: It is a folder, a named pipe, a device or a socket.
-    """
+    """Return a path that can be opened for reading without waiting for a writer."""
     path = Path(path)
     if path.is_file():
         return path
@@ -159,9 +127,6 @@ def complete_or_absent(path: str | Path) -> Iterator[Path]:
     Folders above ``path`` are created. When the block raises, the temporary file is
     removed and an existing ``path`` stays as it was. The content is on the disk before
     it gets its name, so that a loss of power leaves no half of it.
-
-    Raises:
-        OSError: The folder or the file cannot be written.
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -185,17 +150,7 @@ def complete_or_absent(path: str | Path) -> Iterator[Path]:
 def write_archive(
     path: str | Path, *, kind: str, version: int, arrays: Mapping[str, Any]
 ) -> None:
-    """Write named arrays as one compressed .npz file, complete or not at all.
-
-    Args:
-        path: File to write; an existing one is replaced.
-        kind: Content of the file, checked on reading.
-        version: Version of the layout of ``kind``.
-        arrays: Numbers, strings and arrays of them by name; no objects.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write named arrays as one compressed .npz file, complete or not at all."""
     with complete_or_absent(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(
             stream, format=np.array(kind), format_version=np.array(version), **arrays
@@ -210,20 +165,7 @@ def read_archive(
     The file is not trusted. Nothing in it is executed, only members that ``build``
     requests are unpacked, the size of an array is that of its bytes and not of its
     header, and together they take at most the memory that a `DecodingBudget` allows.
-
-    Args:
-        path: File to read.
-        kind: Required content.
-        version: Version of the layout that ``build`` understands.
-        build: Makes the record from the members, each of which it requests by name
-            once. Any exception that it raises is reported as a fault of the file.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        OSError: The file cannot be read.
-        ValueError: It is no regular file, is cut, is not an .npz, holds something else,
-            has another version, lacks a member, has another one, or ``build`` refuses
-            it.
+    Whatever ``build`` raises is reported as a fault of the file.
     """
     path = regular_file(path, f"a file (.npz) that holds {kind}")
     content = path.read_bytes()
@@ -256,10 +198,6 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     """Return all arrays of numbers or text in an untrusted .npz file.
 
     Other members, such as pickled objects, are left out.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is no .npz, or damaged.
     """
     content = regular_file(path).read_bytes()
     arrays = {}
@@ -272,15 +210,7 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def array_of(content: bytes, name: str) -> np.ndarray:
-    """Return the array of a .npy file: of numbers or text, read-only.
-
-    Args:
-        content: Of the file.
-        name: Its name, for a message.
-
-    Raises:
-        ValueError: It is damaged, or holds something else.
-    """
+    """Return the array of a .npy file: of numbers or text, read-only."""
     stream = io.BytesIO(content)
     if np.lib.format.read_magic(stream) != (1, 0):
         raise ValueError(f"{name!r} is not an array of version 1.0")
@@ -298,11 +228,7 @@ def array_of(content: bytes, name: str) -> np.ndarray:
 
 
 def settings(member: np.ndarray) -> dict[str, Any]:
-    """Parse a member that holds a JSON object.
-
-    Raises:
-        ValueError: It holds something else.
-    """
+    """Parse a member that holds a JSON object."""
     found = json.loads(str(member))
     if not isinstance(found, dict):
         raise ValueError(f"its settings must be a JSON object, got {found!r:.40}")

@@ -249,14 +249,6 @@ def corrected_completions(
     mean over the demonstrations, by dynamic time warping with the cost
     ``|u_a - u_b|² + (ζ_a - ζ_b)² / 4``; where the direction does not change, on a
     straight line, completion alone decides. The resulting correction is smoothed.
-
-    Args:
-        completions: Strictly increasing from 0 to 1, (N,) each.
-        poses: Of the same samples [m, rad], (N, 6) each.
-        rotation_weight: ω₁ of Eq. (17), which weighs turning against moving.
-
-    Returns:
-        Completions from 0 to 1, never falling, (N,) each.
     """
     steps = np.linspace(0.0, 1.0, _STEPS)
     scale = np.repeat(np.sqrt([1.0 - rotation_weight, rotation_weight]), 3)

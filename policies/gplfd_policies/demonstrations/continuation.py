@@ -106,12 +106,7 @@ def drift(aligned: AlignedDemonstrations) -> Pose:
 
 
 def carried_on(poses: Outputs, shares: Shares) -> Float[np.ndarray, "S 6"]:
-    """Return the screw continuation of a path.
-
-    Args:
-        poses: The path, with rotation vectors on one branch.
-        shares: Distances beyond its end, as shares of its length.
-    """
+    """Return the screw continuation of a path."""
     return _screwed(poses, _way(poses), 1.0, shares)
 
 

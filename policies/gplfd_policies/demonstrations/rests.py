@@ -59,10 +59,6 @@ def without_rests(
     stopping gently survives. Everything is relative to the demonstration: the result
     depends neither on the rate of the recording nor on its duration or size, and on
     noise only through the smoother.
-
-    Returns:
-        The recording without the parts that were left out, its clock closed over the
-        gaps; and these parts, in order.
     """
     times, poses = demonstration.times, demonstration.poses
     # Continued by its mirror image: a path that ends at rest stays there.

@@ -80,10 +80,6 @@ class TurnedHandle:
 
         The handle is turned as expected, and the hand is moved along the handle's path
         to where it was expected: along it, the handle's spring decides.
-
-        Args:
-            pose: Observed pose of the hand.
-            mean: Expected pose of the hand.
         """
         _, turn = self.turns(mean[3:])
         x, y, z, *rotation = self.held(pose, turn)
@@ -155,7 +151,7 @@ class TurnedHandle:
 
 
 def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
-    """Find the handle that demonstrations turn first.
+    """Find the handle that demonstrations turn first; None for a bar.
 
     The hand must turn about one axis first, end turned about another, and have a point
     s fixed to it that rests during the first turn,
@@ -163,9 +159,6 @@ def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
         p + (R - 1) s = 0,
 
     by least squares over positions p and rotations R of all demonstrations.
-
-    Returns:
-        The handle; None for a bar, or where no point rests.
     """
     firsts, lasts, rows, sides = [], [], [], []
     for poses in aligned.demonstrated.poses:

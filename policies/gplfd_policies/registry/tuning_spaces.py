@@ -110,11 +110,7 @@ class Space:
         return {name: setting.at(share) for (name, setting), share in pairs}
 
     def method(self, registered: Method, values: Values) -> Method:
-        """Return a method with other settings.
-
-        Raises:
-            ValueError: A setting is missing, unknown or outside the space.
-        """
+        """Return a method with other settings."""
         if values.keys() != self.settings.keys():
             raise ValueError(
                 f"the settings are {', '.join(self.settings)}, got {', '.join(values)}"

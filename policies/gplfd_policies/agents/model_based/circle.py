@@ -111,12 +111,7 @@ class Circle:
         return DoorGeometry(hinge=-axes[:, 2] / self.curvature, axis=axes[:, 1])
 
     def updated(self, points: Points, steps: int = 1) -> Circle:
-        """Return the estimate after some Gauss-Newton steps from this one.
-
-        Args:
-            points: All that was seen of the path, finite [m].
-            steps: How many; one if this estimate is one point old.
-        """
+        """Return the estimate after some Gauss-Newton steps from this one."""
         prior, information, circle = self.prior, self.prior.information, self
         for _ in range(steps):
             local = (points @ circle.axes).T
@@ -135,15 +130,7 @@ class Circle:
 
 
 def fit_circle(points: Points, prior: CirclePrior = UPRIGHT) -> Circle:
-    """Return the most probable circle through the origin and along points.
-
-    Args:
-        points: Of the hand's path, which starts at the origin [m].
-        prior: What is known beforehand.
-
-    Raises:
-        ValueError: A point is not finite.
-    """
+    """Return the most probable circle through the origin and along points."""
     if not np.isfinite(points).all():
         raise ValueError("points of a path must be finite; leave out what was not seen")
     return Circle.expected(prior).updated(points, steps=15)

@@ -108,12 +108,6 @@ class DynamicMovementPrimitive(LearnedMovement):
         of the system: 0 with zero slope at the start, 0.998 at τ with the defaults:
         p'(t) = p(t) + h(t) (p_g' - p_g) and e'(t) = e(t) + (1 - h(t)) (e_0' - e_0). The
         path is neither scaled nor turned.
-
-        Args:
-            pose: where to end [m, rad], (6,).
-
-        Raises:
-            ValueError: if the pose is not six finite numbers.
         """
         pose = np.asarray(pose, dtype=np.float64)
         if pose.shape != (6,) or not np.isfinite(pose).all():
@@ -197,10 +191,6 @@ def fit_dmp(
     forcing term that would reproduce it exactly follows from its derivatives and the
     transformation system; the weights fit that by least squares. As usual for
     movements from point to point, start and end are taken to be at rest.
-
-    Args:
-        aligned: one demonstration or more on common phases.
-        config: constants; default `DMPConfig`.
     """
     config = DMPConfig() if config is None else config
     phases, mean = aligned.times, aligned.poses.mean(axis=0)

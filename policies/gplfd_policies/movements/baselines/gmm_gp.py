@@ -52,10 +52,6 @@ class LengthScaleConfig(Settings):
 
     The letters were written over 2 s and vary by 25 cm², so seconds are halved and
     variances divided by 25.
-
-    Raises:
-        ValueError: if a range is not positive and increasing, or there are fewer than
-            two phases.
     """
 
     length_scale_range: tuple[float, float] = (0.005, 5.0)
@@ -180,11 +176,7 @@ class Evidence:
     def negative_log_likelihood(
         self, log_parameters: Float[np.ndarray, " H"]
     ) -> tuple[float, Float[np.ndarray, " H"]]:
-        """Value and gradient, up to a constant.
-
-        Args:
-            log_parameters: log ℓ_l of every component, then log σ².
-        """
+        """Value and gradient, up to a constant."""
         length_scales = np.exp(log_parameters[:-1])
         noise = float(np.exp(log_parameters[-1]))
         kernel = MixtureKernel(
@@ -262,10 +254,6 @@ class GMMGaussianProcess(MomentMovement):
 
         The noise of a via-point is its own standard deviation, where the published code
         takes one noise for all, learned from the demonstrations.
-
-        Args:
-            via_points: poses to be reached, in any order; NaN or an infinite standard
-                deviation leaves an output free.
         """
         return replace(self, via_points=(*self.via_points, *via_points))
 
@@ -335,15 +323,7 @@ class GMMGaussianProcess(MomentMovement):
 def fit_gmm_gp(
     aligned: AlignedDemonstrations, config: GMMGPConfig | None = None
 ) -> GMMGaussianProcess:
-    """Learn the process: fit the mixture, then the length-scales by likelihood.
-
-    Args:
-        aligned: demonstrations on common phases.
-        config: how; the defaults of `GMMGPConfig` if None.
-
-    Raises:
-        ValueError: if there are more components than phases.
-    """
+    """Learn the process: fit the mixture, then the length-scales by likelihood."""
     config = GMMGPConfig() if config is None else config
     regression, scales = fit_gmr(aligned, config.mixture), config.length_scales
     evidence = Evidence.of(regression, scales.phases, config.weight_power)

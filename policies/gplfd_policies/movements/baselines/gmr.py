@@ -10,7 +10,7 @@ CoRL 2019, Section 2.1.
 Outputs are standardised per axis before the mixture is fitted, because its
 regularisation is an absolute number: 1e-4 is a tenth of a millimetre squared for
 outputs in centimetres and a whole centimetre squared for outputs in metres. Fitted this
-way, the result does not depend on units (``test_result_does_not_depend_on_units``).
+way, the result does not depend on units (``test_units_do_not_matter``).
 """
 
 import warnings
@@ -190,18 +190,7 @@ class GaussianMixtureRegression(MomentMovement):
 def fit_gmr(
     aligned: AlignedDemonstrations, config: GMRConfig | None = None
 ) -> GaussianMixtureRegression:
-    """Fit the mixture by expectation maximisation from equal bins of time.
-
-    Args:
-        aligned: demonstrations on common phases.
-        config: how; the defaults of `GMRConfig` if None.
-
-    Raises:
-        ValueError: if there are more components than phases.
-
-    Warns:
-        UserWarning: if expectation maximisation did not converge.
-    """
+    """Fit the mixture by expectation maximisation from equal bins of time."""
     config = GMRConfig() if config is None else config
     config.check_phases(len(aligned.times))
     standardisation = Standardisation.of(aligned.poses)

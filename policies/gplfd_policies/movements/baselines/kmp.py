@@ -228,10 +228,6 @@ class KernelizedMovementPrimitive(MomentMovement):
         via-point among 400 entries demands 0.2 mm. An error that outputs share counts
         as one of each: as a covariance, the primitive followed it into the sensors'
         noise (under ``"hard"`` 8 of 18 doors opened, for 13).
-
-        Args:
-            via_points: poses to be reached, in any order; NaN or an infinite standard
-                deviation leaves an output free.
         """
         standardisation = self.regression.standardisation
         count = self.config.references
@@ -268,18 +264,7 @@ class KernelizedMovementPrimitive(MomentMovement):
 def fit_kmp(
     aligned: AlignedDemonstrations, config: KMPConfig | None = None
 ) -> KernelizedMovementPrimitive:
-    """Learn a primitive: fit the mixture and take the reference from it.
-
-    Args:
-        aligned: demonstrations on common phases.
-        config: how; the defaults of `KMPConfig` if None.
-
-    Raises:
-        ValueError: if there are more components than phases.
-
-    Warns:
-        UserWarning: if expectation maximisation did not converge.
-    """
+    """Learn a primitive: fit the mixture and take the reference from it."""
     config = KMPConfig() if config is None else config
     regression = fit_gmr(aligned, config.mixture)
     phases = np.linspace(aligned.times[0], aligned.times[-1], config.references)

@@ -132,15 +132,6 @@ def fit_local_gp(
     The replicates collapse exactly (`gplfd_policies.gp.replicates`), so the cost does
     not grow with the number of demonstrations. With a single one the noise is the
     scatter of its samples around smooth curves: nothing is known about repetitions.
-
-    Args:
-        aligned: D demonstrations on common phases.
-        config: clusters and weights.
-        centred: whether the prior mean of a cluster's processes is the average of their
-            samples, or zero.
-
-    Raises:
-        ValueError: if a cluster has too few samples for its processes.
     """
     times, poses = aligned.times, aligned.poses
     # Lloyd's k-means on sorted phases, from clusters of equally many.

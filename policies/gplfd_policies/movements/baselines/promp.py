@@ -133,10 +133,6 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         A demand is on the movement φᵀ w itself, without observation noise. Demands
         that contradict each other without any tolerance are met in the least-squares
         sense.
-
-        Args:
-            via_points: poses to be reached, in any order. Outputs with NaN in the pose
-                or infinite std are free; the covariance with the others moves them.
         """
         phases = np.array([float(point.phase) for point in via_points])
         variances = np.array([point.own_variance for point in via_points])
@@ -180,14 +176,6 @@ def fit_promp(
     Every demonstration is fitted by ridge regression; μ and S are mean and sample
     covariance (divisor D - 1) of the weights, and R is the mean squared residual per
     degree of freedom that the fits leave.
-
-    Args:
-        aligned: two demonstrations or more on common phases, more phases than basis
-            functions.
-        config: constants; default `ProMPConfig`.
-
-    Raises:
-        ValueError: for a single demonstration, or too few phases.
     """
     config = ProMPConfig() if config is None else config
     count, n_phases, _ = aligned.poses.shape

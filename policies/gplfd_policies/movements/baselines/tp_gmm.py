@@ -174,11 +174,7 @@ class TaskParameterisedMixture(LearnedMovement):
         freeze(self, "weights", "means", "covariances")
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "TaskParameterisedMixture":
-        """The movement around the hinge that follows from ``via_points``.
-
-        Args:
-            via_points: poses that were seen or are wanted, in any order.
-        """
+        """The movement around the hinge that follows from ``via_points``."""
         if self.circle is None:
             return self
         return replace(self, circle=self.circle.through(via_points))
@@ -263,17 +259,6 @@ def fit_mixture_of_views(
     It starts from equal bins of time. The views of a sample are independent given its
     component; with one view it is that of `fit_gmr`
     (``test_one_frame_is_gaussian_mixture_regression``).
-
-    Args:
-        times: common phases.
-        views: the poses as seen from each of P frames; standardised for the fit.
-        config: settings of the fit.
-
-    Returns:
-        Weights, and centres and covariances in the units of the views.
-
-    Warns:
-        UserWarning: if expectation maximisation did not converge.
     """
     standardisations = [Standardisation.of(view) for view in views]
     standardised = [
@@ -329,19 +314,7 @@ def _maximised(
 def fit_tp_gmm(
     aligned: AlignedDemonstrations, config: GMRConfig | None = None
 ) -> TaskParameterisedMixture:
-    """Fit the mixture of all views by expectation maximisation.
-
-    Args:
-        aligned: demonstrations on common phases.
-        config: how; the defaults of `GMRConfig` if None. Outputs are standardised in
-            every frame.
-
-    Raises:
-        ValueError: if there are more components than phases.
-
-    Warns:
-        UserWarning: if expectation maximisation did not converge.
-    """
+    """Fit the mixture of all views by expectation maximisation."""
     config = GMRConfig() if config is None else config
     config.check_phases(len(aligned.times))
     fits = [fit_circle(poses[:, PLANE]) for poses in aligned.poses]

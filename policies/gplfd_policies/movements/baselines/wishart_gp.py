@@ -121,17 +121,7 @@ def fit_wishart_gp(
     *,
     centred: bool = True,
 ) -> WishartProcessMovement:
-    """Learn mean and variability from aligned demonstrations.
-
-    Args:
-        aligned: D ≥ 2 demonstrations on common phases.
-        config: prior and sampler.
-        seed: of the sampler; the same seed gives the same movement.
-        centred: whether the prior mean is the demonstrations' average, or zero.
-
-    Raises:
-        ValueError: for a single demonstration.
-    """
+    """Learn mean and variability from aligned demonstrations."""
     times, poses = aligned.times, aligned.poses
     if len(poses) < 2:
         raise ValueError(
