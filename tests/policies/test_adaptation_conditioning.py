@@ -272,29 +272,6 @@ def test_process_conditions_its_own_prior(skill):
         assert_allclose(adaptation.mean[:, output], mean, atol=1e-5)
 
 
-def test_knowing_the_radius_early_predicts_the_rest(skill):
-    """The reason for the process form: where the paper's model learns nothing."""
-    truth, seen = door(0.42), TIMES < 0.4
-    forms = {}
-    for name, form in (("process", ProcessAdaptation), ("exact", ExactAdaptation)):
-        adaptation = form(skill, TIMES)
-        for phase, pose in zip(TIMES[seen], truth[seen], strict=True):
-            adaptation.observe(ViaPoint(phase=float(phase), pose=pose))
-        forms[name] = adaptation
-    error = {
-        name: np.sqrt(np.mean((form.mean - truth)[~seen][:, [0, 2]] ** 2))
-        for name, form in forms.items()
-    }
-    before = np.sqrt(
-        np.mean((skill.predict(TIMES).mean - truth)[~seen][:, [0, 2]] ** 2)
-    )
-    assert error["process"] < 0.25 * before
-    assert error["process"] < 0.5 * error["exact"]
-    assert (
-        forms["process"].std[45, [0, 2]] < 0.85 * forms["exact"].std[45, [0, 2]]
-    ).all()
-
-
 def test_process_covers_doors_never_demonstrated():
     """Leave one radius out: 95 % intervals hold about that of the rest of the path."""
     inside, total = 0, 0

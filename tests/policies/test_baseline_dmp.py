@@ -108,14 +108,6 @@ def goal_of(dmp):
     return np.array(dmp.goal[3:])
 
 
-def test_without_forcing_orientation_goes_straight_in_the_space_of_the_logarithm():
-    dmp = turning()
-    expected = fading(GRID, dmp.config)[:, None] * TURN
-    assert_allclose(errors(dmp, GRID), expected, atol=1e-5)
-    position = (1.0 - fading(GRID, dmp.config))[:, None] * [0.3, 0.0, -0.2]
-    assert_allclose(dmp.predict(GRID).mean[:, :3], position, atol=1e-6)
-
-
 def ude_rotations(dmp, clock):
     """The form of Ude et al.: the same constants, with the angular velocity as rate.
 

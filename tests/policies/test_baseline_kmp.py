@@ -96,33 +96,6 @@ def test_prediction_is_the_published_dense_formula(small, times, lambda_c):
             )
 
 
-def test_total_is_epistemic_plus_aleatoric(aligned):
-    """The decomposition of Silvério et al. (2019), by Woodbury's identity.
-
-    α [k − k* (K + λ Σ)⁻¹ k*ᵀ] = α [k − k* K⁻¹ k*ᵀ] + α k* (K (λ Σ)⁻¹ K + K)⁻¹ k*ᵀ
-    """
-    config = KMPConfig(references=7, length_scale=0.1, covariance_regularisation=3.0)
-    primitive = fit_kmp(aligned, config)
-    phases = primitive.reference.phases
-    kernel = np.kron(correlation(phases, phases, 0.1), np.eye(6))
-    across = np.kron(correlation(GRID, phases, 0.1), np.eye(6))
-    noise = config.covariance_regularisation * blocks(primitive)
-    epistemic = 1.0 - np.sum(across * np.linalg.solve(kernel, across.T).T, axis=1)
-    middle = kernel @ np.linalg.solve(noise, kernel) + kernel
-    aleatoric = np.sum(across * np.linalg.solve(middle, across.T).T, axis=1)
-    total = 7.0 / 3.0 * (epistemic + aleatoric).reshape(-1, 6)
-    variance = (
-        primitive.predict(GRID).std / primitive.regression.standardisation.scale
-    ) ** 2
-    assert_allclose(variance, total, rtol=1e-6, atol=1e-9)
-
-
-def test_a_dominant_via_point_is_predicted_with_its_own_std(primitive):
-    via_point = shifted(primitive, 0.5, 1.0, 1e-4)
-    here = primitive.adapt([via_point]).predict(np.array([0.5]))
-    assert_allclose(here.std[0], 1e-4, rtol=0.05)
-
-
 def test_far_from_the_reference_it_returns_to_the_average(primitive):
     far = primitive.predict(np.array([-4.0, 6.0]))
     samples = primitive.aligned.poses.reshape(-1, 6)

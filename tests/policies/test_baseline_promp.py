@@ -196,17 +196,6 @@ def test_few_demonstrations_span_few_movements(aligned):
     assert np.max(np.abs(after.mean - before.mean) / before.std) > 2.5
 
 
-def test_independent_weights_adapt_only_near_the_via_point(aligned):
-    movement = fit_promp(aligned, ProMPConfig(shrinkage=1.0))
-    before, after = (
-        each.predict(GRID)
-        for each in (movement, movement.adapt([via_point(0.3, std=1e-6)]))
-    )
-    far = GRID > 0.7
-    assert_allclose(after.mean[far], before.mean[far], atol=1e-6)
-    assert_allclose(after.std[far], before.std[far], rtol=1e-6)
-
-
 def test_outside_the_task_the_distribution_stands_still(promp):
     far = promp.predict(np.array([-40.0, 40.0]))
     weights = promp.weight_mean.reshape(6, -1)

@@ -51,15 +51,6 @@ def test_a_grid_of_one_point_is_refused(skill):
         GriddedMovement(skill, None, 1)
 
 
-def test_looking_does_not_forget_via_points(skill):
-    movement = GriddedMovement(skill, ProcessAdaptation, 50)
-    movement.observe(
-        ViaPoint(phase=0.6, pose=skill.predict(np.array([0.6])).mean[0] + 1)
-    )
-    assert_array_equal(movement.at(0.6), movement.at(0.6))
-    assert movement.at(0.6)[0][0] > 0.5
-
-
 def test_any_movement_that_adapts_can_be_gridded(skill):
     """Readapted to all via-points at once, it is what online adaptation makes of it."""
     via_points = [

@@ -2,7 +2,7 @@
 
 import copy
 import dataclasses
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,14 +14,11 @@ from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_policies import POLICIES, AgentStep, batch_agents, fit_skill, make_agent
+from gplfd_policies import POLICIES, AgentStep, batch_agents, make_agent
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.lockstep import AgentBatch
 from gplfd_policies.agents.model_based.oracle import OracleAgent
-from gplfd_policies.arrays.rows import ALL_ROWS
 from gplfd_policies.control.compliance import ComplianceConfig
-from gplfd_policies.control.load import YieldToAll
-from gplfd_policies.gp.noise import KerstingNoise
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -50,11 +47,8 @@ WAYS_TO_FOLLOW = {
 def agents_of(demonstrations, learned):
     """One agent per door, by name; learned once: a reset makes them as new.
 
-    ``"levers"`` are those of ``"gp"`` that were taught to turn a handle. The paper's
-    method learns in one iteration instead of ten, which take half a minute and change
-    nothing of how it is followed.
+    ``"levers"`` are those of ``"gp"`` that were taught to turn a handle.
     """
-    quick = {"gp-paper": partial(fit_skill, noise=KerstingNoise(n_iterations=1))}
 
     @cache
     def make(name):
@@ -69,7 +63,6 @@ def agents_of(demonstrations, learned):
         if method is None:
             agents = [make_agent(name, one) for _ in RADII]
         else:
-            method = dataclasses.replace(method, fit=quick.get(name, method.fit))
             movements = [learned(method, lesson) for lesson in (other, one, other)]
             # One stiffness law for all: those of one configuration act at once.
             config = method.follow(movements[0]).config
@@ -260,27 +253,6 @@ def test_agents_that_do_not_act_hold_still(name, agents_of):
             getattr(before, name)[0] = 0
     with pytest.raises(ValueError, match=r"boolean of shape \(3,\)"):
         batch.reset(observations, np.ones(2, dtype=bool))
-
-
-def test_batches_of_one_configuration_decide_at_once(agents_of):
-    """The load rule is asked once, not once per row."""
-    calls = []
-
-    class Counting(YieldToAll):
-        def update(self, contact, rows=ALL_ROWS):
-            calls.append(len(contact.wrench))
-            return super().update(contact, rows)
-
-    rule = Counting()
-    agents = [
-        dataclasses.replace(agent, config=ComplianceConfig(load=rule))
-        for agent in agents_of("gp-fixed")
-    ]
-    batch, doors = batch_agents(agents), Doors(BARS)
-    batch.reset(doors.observe())
-    batch.act(doors.observe())
-    batch.act(doors.observe(), np.array([True, False, True]))
-    assert calls == [3, 2]
 
 
 @pytest.mark.parametrize("other", ["gp-clock", "gp-constant-500", "oracle", "levers"])

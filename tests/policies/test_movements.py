@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_policies import PosePath, ViaPoint, align, fit_skill
 from gplfd_policies.adaptation import OwnAdaptation
+from gplfd_policies.gp.noise import KerstingNoise, MapNoise
 from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
 from gplfd_policies.movements.baselines.gmm_gp import (
     GMMGPConfig,
@@ -366,6 +367,9 @@ def test_too_few_demonstrations_or_phases_are_refused(fit, message, aligned):
         (LengthScaleConfig, "phases", 1, "must be a whole number from 2"),
         (LocalGPConfig, "clusters", 0, "clusters = 0 must be a whole number from 1"),
         (LocalGPConfig, "width", 11.0, r"width = 11.0 is outside \[0.1, 10\]"),
+        (KerstingNoise, "n_iterations", 0, "= 0 must be a whole number from 1"),
+        (KerstingNoise, "shortest_scale", 0.05, r"= 0.05 is outside \[0.1, 1\]"),
+        (MapNoise, "shortest_scale", 0.05, r"= 0.05 is outside \[0.1, 1\]"),
         (WishartGPConfig, "degrees", 5, "degrees = 5 must be a whole number from 6"),
         (WishartGPConfig, "length_scale", 0.01, r"= 0.01 is outside \[0.02, 10\]"),
         (WishartGPConfig, "floor", 0.0, r"floor = 0.0 is outside \[1e-08, 1\)"),

@@ -161,16 +161,6 @@ def test_adaptation_is_that_of_the_residual_plus_the_prior_mean(form, doors):
     assert_allclose(trajectory.mean_rate, other.mean_rate + Line().slope, atol=1e-3)
 
 
-def test_adapting_at_once_equals_adapting_online(movement):
-    via_points = [moved(point, Line()) for point in VIA_POINTS]
-    online = begin_adaptation(movement, ProcessAdaptation, GRID)
-    for via_point in via_points:
-        online.observe(via_point)
-    at_once = adapt(movement, via_points).predict(GRID)
-    assert_array_equal(at_once.mean, online.mean)
-    assert_array_equal(at_once.covariance, online.trajectory().covariance)
-
-
 def test_method_without_via_points_has_none_around_a_prior_mean_either(doors):
     fit = partial(fit_local_gp, config=LocalGPConfig(), centred=False)
     learned = fit_residual(doors, Line(), fit)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gplfd_env import DoorGeometry
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, align, make_agent
 from gplfd_policies.adaptation import (
@@ -29,24 +28,10 @@ from gplfd_policies.registry.method import path_phase, profile_of_spread
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def agent_of(demonstrations, learned):
-    """Agents by name, whose movements are learned once for all that learn alike."""
-
-    def make(name):
-        method = POLICIES[name].method
-        if method is None:
-            return make_agent(name, demonstrations)
-        return method.follow(learned(method, demonstrations))
-
-    return make
-
-
 @pytest.mark.parametrize("name", sorted(POLICIES))
-def test_every_policy_makes_finite_steps(name, agent_of):
+def test_every_policy_makes_finite_steps(name, learned_agent):
     """From the closed handle on, and until the first via-point is taken."""
-    agent = agent_of(name)
-    agent.inform(DoorGeometry.nominal(0.5))
+    agent = learned_agent(name)
     observation = {"ee_pose": np.zeros(6), "wrench": np.zeros(6)}
     agent.reset(observation)
     step = agent.act(observation)
@@ -125,8 +110,8 @@ DIFFERENCES = {
 
 @pytest.mark.parametrize("name", DIFFERENCES)
 @pytest.mark.filterwarnings("ignore:sensor noise")
-def test_ablations_differ_from_gp_where_their_name_says(name, agent_of):
-    assert parts(agent_of(name)) == parts(agent_of("gp")) | DIFFERENCES[name]
+def test_ablations_differ_from_gp_where_their_name_says(name, learned_agent):
+    assert parts(learned_agent(name)) == parts(learned_agent("gp")) | DIFFERENCES[name]
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, align
@@ -99,15 +99,6 @@ def test_alignment_says_what_it_left_out():
     whole = align(recorded, trim_rests=False)
     assert whole.rests == ()
     assert whole.duration == pytest.approx(MOVING + 1.0)
-
-
-def test_alignment_with_rests_is_that_without():
-    moving = align([opening(radius=radius) for radius in (0.35, 0.65)])
-    with pytest.warns(UserWarning, match="rests: 2 of 2"):
-        rested = align(
-            [opening(radius=radius, before=2.0, after=1.0) for radius in (0.35, 0.65)]
-        )
-    assert_allclose(rested.poses, moving.poses, atol=0.015)
 
 
 def test_few_samples_are_left_alone():

@@ -221,20 +221,6 @@ def test_one_demonstration_needs_another_noise_model():
         assert_allclose(predicted.mean, poses[0], atol=0.25)
 
 
-def test_door_arcs_spread_where_radii_differ():
-    rng = np.random.default_rng(2)
-    poses = arcs([0.35, 0.35, 0.5, 0.5, 0.65, 0.65], rng)
-    predicted = fit_skill(aligned(poses)).predict(TIMES)
-    empirical = poses.std(axis=0, ddof=1) * np.sqrt(7.0 / 6.0)
-    late = TIMES > 0.3
-    for output in (0, 2):
-        ratio = predicted.std[late, output] / empirical[late, output]
-        assert (np.abs(np.log(ratio)) < 0.25).all()
-    assert predicted.std[0, 0] < 0.1 * predicted.std[-1, 0]
-    # The pose outputs that do not vary stay certain.
-    assert (predicted.std[:, 1] < 0.01).all()
-
-
 def crossing():
     slope = np.multiply.outer(np.array([1.0, -1.0]), TIMES - 0.5)
     return np.repeat(slope[:, :, None], 6, axis=2)

@@ -157,30 +157,6 @@ def assert_condition_2_in_discrete_time(stiffness, profile, dynamics, dt=DT):
     assert np.all(k_rate + gamma * d_rate - 2 * gamma * stiffness[:-1] < 0)
 
 
-def jumps(beta):
-    return np.where(np.arange(200)[:, None] // 20 % 2, 0.0, 5.0) * beta
-
-
-def sawtooth(beta):
-    return 2.0 * (1 - np.arange(200)[:, None] / 7 % 1) * beta
-
-
-@pytest.mark.parametrize(("profile", "dynamics"), SETTINGS)
-@pytest.mark.parametrize("uncertainty", [jumps, sawtooth])
-@pytest.mark.parametrize("dt", [0.001, 0.01])
-def test_governor_holds_the_bound_where_the_profile_breaks_it(
-    profile, dynamics, uncertainty, dt
-):
-    std = uncertainty(profile.beta)
-    wished = profile.stiffness(std)
-    wished_rate = np.diff(wished, axis=0) / dt
-    broken = rate_bound(wished[:-1], profile.k_min, dynamics) - wished_rate
-    assert broken.min() < 0
-    stiffness, _, margin = govern(profile, dynamics, std, dt)
-    assert margin.min() > 0
-    assert_condition_2_in_discrete_time(stiffness, profile, dynamics, dt)
-
-
 @given(
     units=arrays(np.float64, (30, 6), elements=st.floats(0.0, 4.0)),
     dt=st.sampled_from([1e-4, 0.01, 1.0]),
