@@ -77,6 +77,7 @@ def test_pose_and_stiffness_are_a_step_of_an_agent_that_says_so(given):
 
 
 POSE, TWELVE = "six finite numbers", "twelve finite numbers"
+PAIR = AgentStep(action=np.zeros((2, 6)), stiffness=np.ones((2, 6)))
 
 
 @pytest.mark.parametrize(
@@ -84,17 +85,9 @@ POSE, TWELVE = "six finite numbers", "twelve finite numbers"
     [
         (Returning, np.zeros(3), rf"array\(\[0\., 0\., 0\.\]\).*{POSE}"),
         (Returning, np.zeros((1, 6)), rf"array\(\[\[0\., 0\..*{POSE}"),
-        (
-            Returning,
-            AgentStep(action=np.zeros((2, 6))),
-            rf"AgentStep\(action=array\(\[\[0.*{POSE}",
-        ),
+        (Returning, PAIR, rf"AgentStep\(action=array\(\[\[0.*{POSE}"),
         (Returning, np.full(6, np.nan), rf"array\(\[nan.*{POSE}"),
-        (
-            Returning,
-            AgentStep(action=np.full(6, np.inf)),
-            rf"AgentStep\(action=array\(\[inf.*{POSE}",
-        ),
+        (Returning, AgentStep(action=np.full(6, np.inf)), rf"array\(\[inf.*{POSE}"),
         (Returning, 0.5, rf"0.5.*{POSE}"),
         (Returning, None, rf"None.*{POSE}"),
         (Returning, {"action": np.zeros(6)}, rf"{{'action': array.*{POSE}"),
@@ -103,11 +96,7 @@ POSE, TWELVE = "six finite numbers", "twelve finite numbers"
         (Soft, np.zeros(6), TWELVE),
         (Soft, np.full(12, np.nan), TWELVE),
         (Soft, AgentStep(action=np.zeros(6)), TWELVE),
-        (
-            Soft,
-            AgentStep(action=np.zeros((2, 6)), stiffness=np.ones((2, 6))),
-            TWELVE,
-        ),
+        (Soft, PAIR, TWELVE),
     ],
 )
 def test_what_is_no_command_is_reported_with_its_step(kind, given, what):
