@@ -70,16 +70,6 @@ def test_via_point_is_hit_within_its_noise(skill, form, std):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_weak_via_points_change_nothing(skill, form):
-    reference = ADAPTATIONS[form](skill, TIMES)
-    weak = adapt(skill, [via(skill, 0.4, 1.0, 1e6)], form).predict(TIMES)
-    # A product multiplies with the via-points' prior, however weak they are.
-    assert_allclose(weak.mean, reference.mean, atol=1e-9)
-    if form != "product":
-        assert_allclose(weak.std, reference.std, rtol=1e-9)
-
-
-@pytest.mark.parametrize("form", FORMS)
 def test_order_of_via_points_does_not_matter(skill, form):
     points = [via(skill, phase, 0.03 * k) for k, phase in enumerate((0.2, 0.5, 0.63))]
     forward, backward = (

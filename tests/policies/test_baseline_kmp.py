@@ -127,12 +127,3 @@ def test_an_error_that_outputs_share_counts_as_one_of_each(primitive):
     variance = (asked.own_variance + along**2) / scale**2
     expected = np.diag(primitive.config.references / variance)
     assert_allclose(reference.precisions[entry], expected)
-
-
-def test_a_free_output_is_not_asked_for(primitive):
-    """Without a demand, an entry at a new phase only counts in N/λ_c."""
-    wanted = shifted(primitive, 0.5006, 3.0, 1e-4)
-    free = replace(wanted, std=np.inf)
-    before, after = primitive.predict(GRID), primitive.adapt([free]).predict(GRID)
-    assert_allclose(after.mean, before.mean, atol=1e-9)
-    assert_allclose(after.std, np.sqrt(401 / 400) * before.std, rtol=1e-6)

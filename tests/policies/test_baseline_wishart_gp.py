@@ -89,11 +89,3 @@ def test_outputs_that_vary_together_are_seen_to():
     correlation = covariance / (std[:, :, None] * std[:, None, :])
     assert (correlation[:, 0, 1] < -0.95).all()
     assert abs(correlation[:, 2, 3].mean()) < 0.2
-
-
-def test_spread_outside_the_demonstrations_is_that_of_the_nearer_end(movement):
-    spread = movement.aleatoric(np.array([-0.3, 0.0, 1.0, 1.4]))
-    # Equal to rounding: rows of a matrix product.
-    assert_allclose(spread[0], spread[1], rtol=1e-12)
-    assert_allclose(spread[3], spread[2], rtol=1e-12)
-    assert np.isfinite(movement.predict(np.array([-0.3, 1.4])).std).all()

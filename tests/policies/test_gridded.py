@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd_policies import ViaPoint, adapt, align, fit_skill
+from gplfd_policies import ViaPoint, adapt
 from gplfd_policies.adaptation import OwnAdaptation, ProcessAdaptation
-from gplfd_policies.adaptation.gridded import GriddedMovement, GriddedMovements
+from gplfd_policies.adaptation.gridded import GriddedMovement
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -73,42 +73,3 @@ def test_any_movement_that_adapts_can_be_gridded(skill):
             movement.observe(via_point)
     readapted, online = (np.stack(movement.at(0.7)) for movement in movements)
     assert_allclose(readapted, online, atol=1e-12)
-
-
-@pytest.mark.bits
-def test_members_are_looked_up_as_each_alone(skill, demonstrations):
-    other = fit_skill(align(demonstrations[:4]))
-    alone = [
-        GriddedMovement(one, ProcessAdaptation, 50) for one in (skill, other, skill)
-    ]
-    together = GriddedMovements(
-        [GriddedMovement(one, ProcessAdaptation, 50) for one in (skill, other, skill)]
-    )
-    via_point = ViaPoint(phase=0.6, pose=other.predict(np.array([0.6])).mean[0] + 0.05)
-    alone[1].observe(via_point)
-    together.observe(1, via_point)
-    phases = np.array([[0.0, 0.31, 1.0], [0.5, 0.77, 0.98]])
-    for members in (np.arange(3), np.array([2, 1])):
-        means, stds = together.at(phases[:, members], members)
-        for row, column in np.ndindex(means.shape[:2]):
-            member = members[column]
-            mean, std = alone[member].at(phases[row, member])
-            assert_array_equal(means[row, column], mean)
-            assert_array_equal(stds[row, column], std)
-
-
-def test_members_are_reset_alone(skill):
-    together = GriddedMovements(
-        [GriddedMovement(skill, ProcessAdaptation, 50) for _ in range(3)]
-    )
-    phases = np.full(3, 0.6)
-    before = together.at(phases)[0]
-    pose = skill.predict(np.array([0.6])).mean[0] + 0.05
-    for member in range(3):
-        together.observe(member, ViaPoint(phase=0.6, pose=pose))
-    adapted = together.at(phases)[0]
-    together.reset(np.array([1]))
-    after = together.at(phases)[0]
-    assert_array_equal(after[1], before[1])
-    assert_array_equal(after[[0, 2]], adapted[[0, 2]])
-    assert np.abs(adapted - before).min(axis=1).max() > 0.0

@@ -61,17 +61,14 @@ def test_a_method_without_spread_writes_nan(skill, tmp_path):
     assert np.isnan(table(tmp_path / "a.csv")[:, 8:]).all()
 
 
-@pytest.mark.parametrize("duration", [0.0, -1.0, np.nan, np.inf])
-def test_the_duration_is_positive(skill, tmp_path, duration):
-    with pytest.raises(ValueError, match="duration must be positive and finite"):
-        skill.predict(TIMES).to_csv(tmp_path / "a.csv", duration=duration)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_times_increase_and_the_poses_are_finite(skill, tmp_path):
+def test_what_is_no_table_is_refused(skill, tmp_path):
+    good, path = skill.predict(TIMES), tmp_path / "a.csv"
+    for duration in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match="duration must be positive and finite"):
+            good.to_csv(path, duration=duration)
     with pytest.raises(ValueError, match="times of a table must increase strictly"):
-        skill.predict(TIMES[::-1]).to_csv(tmp_path / "a.csv", duration=8.0)
-    lost = replace(skill.predict(TIMES), mean=np.full((40, 6), np.nan))
+        skill.predict(TIMES[::-1]).to_csv(path, duration=8.0)
+    lost = replace(good, mean=np.full((40, 6), np.nan))
     with pytest.raises(ValueError, match="poses of a table must be finite"):
-        lost.to_csv(tmp_path / "a.csv", duration=8.0)
+        lost.to_csv(path, duration=8.0)
     assert list(tmp_path.iterdir()) == []
