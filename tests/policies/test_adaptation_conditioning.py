@@ -339,16 +339,6 @@ def test_hostile_demonstrations_can_be_adapted(name):
             assert np.isfinite(values).all()
 
 
-def test_nothing_observed_is_the_prediction_for_noisy_demonstrations_too():
-    """White noise in the demonstrations: the parts still add up to r + r/D."""
-    rng = np.random.default_rng(0)
-    poses = np.tile(door(0.5), (6, 1, 1)) + 0.01 * rng.normal(size=(6, 60, 6))
-    skill = fit_skill(AlignedDemonstrations(times=TIMES, poses=poses))
-    assert skill.deviations[0].white > 0.5
-    adaptation = ProcessAdaptation(skill, TIMES)
-    assert_allclose(adaptation.std, skill.predict(TIMES).std, rtol=1e-4)
-
-
 def test_demonstrated_curves_shape_what_follows():
     """Early high, late low in every demonstration: no stationary model expects it."""
     rng = np.random.default_rng(0)

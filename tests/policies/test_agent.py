@@ -68,7 +68,7 @@ def stacked(steps, name):
     return np.array([getattr(step, name) for step in steps])
 
 
-@pytest.mark.parametrize("radius", [0.35, 0.50, 0.65, 0.42])
+@pytest.mark.parametrize("radius", [0.35, 0.42, 0.65])
 def test_adaptation_finds_the_radius_of_an_ideal_door(skill, radius):
     agent = agent_of(skill)
     _, angles = ideal_door(agent, radius, 700)
@@ -151,34 +151,6 @@ def test_force_across_the_path_is_yielded_to(skill):
     step = held_still(agent_of(skill, None), 100, force=(0.0, 5.0, 0.0))[-1]
     expected = 5.0 / step.stiffness[1]
     assert step.action[1] - step.desired[1] == pytest.approx(expected, rel=0.05)
-
-
-def held_hand(agent, delay, steps=600):
-    """Hold the hand by a rigid bar across the path, commands being late by periods.
-
-    Returns how far the set-point was displaced upwards, after a push of 10 N.
-    """
-    agent.reset(observed(AT_REST))
-    # A command holds for one period; then it is felt, without any delay.
-    late, displaced = [0.0] * (delay + 1), []
-    for count in range(steps):
-        push = 10.0 if count < 20 else 0.0
-        felt = observed(AT_REST, force=(0.0, push - 2000.0 * late[0], 0.0))
-        step = agent.act(felt)
-        late = [*late[1:], step.action[1]]
-        displaced.append(step.action[1] - step.desired[1])
-    return np.abs(displaced)
-
-
-@pytest.mark.parametrize("stiffness", [100.0, 200.0, 330.0])
-def test_a_held_hand_stays_calm_although_commands_are_late(skill, stiffness):
-    constant = np.repeat([stiffness, 0.1 * stiffness], 3)
-    profile = dataclasses.replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
-    displaced = held_hand(agent_of(skill, None, profile=profile), 3)
-    assert displaced[-100:].max() < 0.05 * displaced.max()
-    undamped = dataclasses.replace(DEFAULT_DYNAMICS, least_damping=np.zeros(6))
-    displaced = held_hand(agent_of(skill, None, profile=profile, dynamics=undamped), 3)
-    assert displaced[-100:].max() > 10.0 * displaced[:30].max()
 
 
 def test_a_hand_that_is_held_becomes_soft(skill):

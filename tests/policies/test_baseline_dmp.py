@@ -180,17 +180,6 @@ def test_any_forcing_ends_at_the_goal_and_stays(dmp, seed, size):
     assert_array_equal(late.mean_rate[2], 0.0)
 
 
-def test_after_the_demonstration_the_forcing_is_off(dmp):
-    after = dmp.predict(np.linspace(1.0, 1.5, 51)).mean
-    assert np.abs(after - dmp.goal).max() < 2e-3
-
-
-def test_rollout_is_the_same_at_any_times_in_any_order(dmp):
-    order = np.random.default_rng(0).permutation(GRID.size)
-    assert_array_equal(dmp.predict(GRID[order]).mean, dmp.predict(GRID).mean[order])
-    assert_array_equal(dmp.predict(GRID[37:38]).mean[0], dmp.predict(GRID).mean[37])
-
-
 def test_part_of_the_task_is_learned_at_its_own_pace(aligned, dmp):
     late = AlignedDemonstrations(times=0.2 + 0.6 * aligned.times, poses=aligned.poses)
     part, whole = fit_dmp(late), dmp.predict(GRID)

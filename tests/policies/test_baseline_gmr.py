@@ -55,14 +55,6 @@ def test_one_component_is_linear_regression_on_phase():
     assert_allclose(predicted.std, np.tile(residual, (60, 1)), rtol=1e-6)
 
 
-def test_covariance_over_time_is_diagonal(regression):
-    predicted = regression.predict(np.linspace(0.0, 1.0, 7))
-    for output in range(6):
-        assert_allclose(
-            predicted.covariance[output], np.diag(predicted.std[:, output] ** 2)
-        )
-
-
 @pytest.mark.parametrize("phase", [-60.0, 60.0])
 def test_far_outside_one_component_goes_on(regression, phase):
     """Every density underflows there; their ratio does not."""

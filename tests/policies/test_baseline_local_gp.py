@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 from sklearn.gaussian_process import GaussianProcessRegressor
@@ -109,17 +107,6 @@ def test_local_noise_tracks_a_step_of_the_variance(movement):
     assert_allclose(one.std[loud].mean(), 0.036, rtol=0.1)
 
 
-def test_coverage_where_samples_deviate_independently():
-    std, inside = 0.02 * np.exp(np.sin(5.0 * TIMES)), []
-    for seed in range(2):
-        aligned = demonstrations(std, seed=seed)
-        predicted = fit_local_gp(aligned, LocalGPConfig(clusters=4)).predict(TIMES)
-        held_out = demonstrations(std, count=50, seed=100 + seed).poses
-        low, high = predicted.interval(0.95)
-        inside.append(np.mean((held_out > low) & (held_out < high)))
-    assert np.mean(inside) == pytest.approx(0.95, abs=0.015)
-
-
 def test_plain_product_is_over_confident(movement):
     """Where nothing was seen the weighted product keeps the prior variance."""
     unseen = np.array([30.0])
@@ -135,18 +122,6 @@ def test_plain_product_is_over_confident(movement):
     plain = np.sqrt(1.0 / np.sum(1.0 / seen, axis=0))
     assert np.mean(deviation < 1.96 * plain) < 0.9
     assert np.mean(deviation < 1.96 * movement.predict(TIMES).std) > 0.93
-
-
-@settings(max_examples=20)
-@given(time=st.floats(-1e3, 1e3))
-def test_variance_lies_between_the_local_ones(movement, time):
-    times = np.array([time])
-    _, variances = experts(movement, times)
-    weights = movement.weights(times)
-    assert_allclose(weights.sum(axis=0), 1.0)
-    variance = movement.predict(times).std ** 2
-    assert (variance >= variances.min(axis=0) * (1.0 - 1e-9)).all()
-    assert (variance <= variances.max(axis=0) * (1.0 + 1e-9)).all()
 
 
 def test_clusters_of_uneven_phases_are_those_of_k_means():

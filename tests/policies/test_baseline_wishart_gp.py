@@ -69,16 +69,6 @@ def test_mean_and_spread_are_the_demonstrated_ones():
     assert_allclose(ratio, 1.0, atol=0.3)
 
 
-def test_coverage_where_samples_deviate_independently():
-    inside = []
-    for seed in range(2):
-        predicted = fit_wishart_gp(demonstrations(seed=seed), QUICK, seed)
-        low, high = predicted.predict(TIMES).interval(0.95)
-        held_out = demonstrations(50, seed=100 + seed).poses
-        inside.append(np.mean((held_out > low) & (held_out < high)))
-    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
-
-
 def test_outputs_that_vary_together_are_seen_to():
     poses = demonstrations(20).poses.copy()
     deviation = poses - curves()

@@ -51,11 +51,6 @@ def test_default_estimate_starts_from_an_unbiased_level():
     assert np.mean(levels) == pytest.approx(np.mean(np.log(TRUE)), abs=0.15)
 
 
-def test_default_estimate_follows_the_spread():
-    estimate = MapNoise().fit(TIMES, samples(6, 1)).log_variance(TIMES)
-    assert np.sqrt(np.mean((estimate - np.log(TRUE)) ** 2)) < 0.3
-
-
 def test_kersting_converges_to_too_small_a_spread():
     """Its standard deviation is about 0.81 of the truth for every D."""
     for count in (6, 20):

@@ -9,14 +9,12 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies import as_agent, batch_agents, make_agent
 from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
-from gplfd_policies.agents.model_based.oracle import OracleAgent, ToldHandleAgent
+from gplfd_policies.agents.model_based.oracle import OracleAgent
 from gplfd_policies.agents.model_based.path import HandPath, turned_towards
 from gplfd_policies.agents.model_based.pulling import (
     ChordAgent,
-    CompliantPullAgent,
     ReflexAgent,
 )
-from gplfd_policies.agents.model_based.yielding import Yielding
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -214,22 +212,3 @@ def test_their_speed_is_an_argument(usual, quicker):
         agent.inform(door)
         opened.append(follow(agent, door, 150)[0])
     assert opened[1] > 1.05 * opened[0]
-
-
-@pytest.mark.parametrize("agent", [OracleAgent, ToldHandleAgent])
-def test_how_a_handle_is_turned_is_an_argument(agent):
-    usual, slower = (
-        -acted(one, 60, door=LATCHED)[-1].action[3]
-        for one in (agent(), agent(turning=2.0))
-    )
-    assert slower < 0.6 * usual
-
-
-def test_pull_and_compliance_are_arguments():
-    weak, strong = (
-        acted(CompliantPullAgent(force=force), 20)[-1].action for force in (10.0, 20.0)
-    )
-    assert_allclose(strong, 2.0 * weak)
-    stiff = Yielding(stiffness=(500.0, 50.0))
-    step = [stiff.step(np.zeros(6), np.full(6, 5.0)) for _ in range(500)][-1]
-    assert_allclose(step.action[:3], 5.0 / 500.0, rtol=0.2)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
@@ -77,6 +77,7 @@ def test_a_path_too_short_to_tell_leaves_the_prior():
     assert_allclose(circle.door().radius, UPRIGHT.radius, rtol=0.02)
 
 
+@settings(max_examples=15)
 @given(st.tuples(*[st.floats(-3.0, 3.0)] * 3), RADII, HEADINGS, st.integers(0, 9))
 def test_a_turned_task_turns_the_estimate(turn, radius, heading, seed):
     rotation = Rotation.from_rotvec(turn).as_matrix()

@@ -105,14 +105,6 @@ def test_phase_follows_a_door_that_swings_back(skill):
     assert phase[-1] == pytest.approx(true_phase(skill, back[-1]), abs=0.02)
 
 
-def test_phase_is_independent_of_speed(skill):
-    slow, fast = (
-        follow(skill, arc(0.5, np.linspace(0.0, np.radians(50.0), samples)))[0][-1]
-        for samples in (600, 60)
-    )
-    assert slow == pytest.approx(fast, abs=5e-3)
-
-
 def test_search_begins_where_it_is_told(skill):
     pose, true = handle_pose_on_arc(0.5, 1.0), true_phase(skill, 1.0)
     close = estimate(skill, pose, true - 0.1)

@@ -132,7 +132,7 @@ def test_demonstrations_must_start_at_the_closed_handle(
         make_agent("gp", [one, moved])
 
 
-@pytest.mark.parametrize("name", ["gp", "promp", "gmr", "kmp", "dmp"])
+@pytest.mark.parametrize("name", ["gp", "promp", "dmp"])
 def test_motions_of_any_task_are_learned(name):
     # In the plane, far from the origin, of different lengths, rates and starts.
     rng = np.random.default_rng(0)

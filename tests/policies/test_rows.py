@@ -1,13 +1,11 @@
 """One contract of all parts of the controller: a row of a batch is as if alone."""
 
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gplfd_policies import AgentStep
 from gplfd_policies.arrays.rows import ALL_ROWS, rows_of
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.contact import HELD_HAND
@@ -29,7 +27,6 @@ from gplfd_policies.handles.adapter import HandleCompensation, HandleConfig, Han
 
 N, DT = 5, 0.01
 LEVER = TurnedHandle(point=(0.0, 0.0, 0.1), axis=(-1.0, 0.0, 0.0), travel=0.8)
-Values = dict[str, Any]
 
 
 def inputs(rng):
@@ -169,12 +166,3 @@ def test_a_period_that_is_not_positive_is_refused(name, dt):
     arrays = [np.ones(6)] * (2 if name == "admittance" else 1)
     with pytest.raises(ValueError, match="dt must be positive"):
         MAKE[name](()).step(*arrays, dt)
-
-
-def test_rows_that_did_not_act_keep_their_action():
-    actions = np.arange(18.0).reshape(3, 6)
-    some = AgentStep(action=-actions[:2], phase=np.array([0.1, 0.2]))
-    everyone = some.among(np.array([0, 2]), actions)
-    assert_array_equal(everyone.action, [-actions[0], actions[1], -actions[1]])
-    assert_array_equal(everyone.phase, [0.1, np.nan, 0.2])
-    assert some.among(ALL_ROWS, actions) is some

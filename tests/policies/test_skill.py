@@ -116,17 +116,6 @@ def test_uncertainty_grows_outside_the_demonstrations(skill):
         assert (std[-1] > 2.0 * std[0]).all()
 
 
-def test_covariance_has_the_predicted_variances_and_is_lazy(skill):
-    predicted = skill.predict(TIMES)
-    assert "covariance" not in predicted.__dict__
-    covariance = predicted.covariance
-    assert covariance is predicted.covariance
-    assert covariance.shape == (6, 60, 60)
-    diagonal = np.diagonal(covariance, axis1=1, axis2=2).T
-    assert_allclose(diagonal, predicted.std**2, rtol=1e-12)
-    assert (np.linalg.eigvalsh(covariance)[:, 0] > 0.0).all()
-
-
 def test_covariance_stretches_that_of_the_mean(skill):
     """The floor r/D on the variance of the mean scales it; correlations stay."""
     predicted, moments = skill.predict(TIMES), skill.processes.moments(TIMES)
@@ -284,14 +273,6 @@ def test_any_number_of_samples(size):
         assert_allclose(predicted.mean, truth, atol=0.01)
         assert_allclose(predicted.std, 0.02 * np.sqrt(1.2), rtol=0.1)
     assert np.isfinite(predicted.std).all()
-
-
-def test_unequal_phases_within_the_unit_interval():
-    times = 0.2 + 0.6 * np.linspace(0.0, 1.0, 60) ** 2
-    poses = independent_noise(5, np.random.default_rng(0))
-    predicted = fit_skill(aligned(poses, times)).predict(np.array([0.0, 0.5, 1.0]))
-    assert np.isfinite(predicted.std).all()
-    assert (predicted.std[0] > predicted.std[1]).all()
 
 
 def test_unknown_noise_model_lists_the_known():

@@ -1,8 +1,5 @@
 """The record of a control step: one agent or many, with or without explanations."""
 
-import dataclasses
-import pickle
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -34,13 +31,6 @@ def test_an_action_is_a_whole_step(action):
         assert np.isnan(value).all()
 
 
-def test_shapes_are_those_of_the_fields():
-    assert list(STEP_SHAPES) == [one.name for one in dataclasses.fields(AgentStep)]
-    step = AgentStep(action=ACTIONS[0])
-    for name, shape in STEP_SHAPES.items():
-        assert np.shape(getattr(step, name)) == shape
-
-
 def test_what_was_given_stays_the_givers():
     action = ACTIONS[0].copy()
     step = AgentStep(action=action)
@@ -57,8 +47,3 @@ def test_rows_of_a_stack_are_the_steps():
     for row, step in enumerate(steps):
         assert_same(stack.row(row), step)
     assert AgentStep.stacked([]).action.shape == (0, 6)
-
-
-def test_steps_can_be_pickled():
-    step = random_step(np.random.default_rng(0))
-    assert_same(pickle.loads(pickle.dumps(step)), step)

@@ -36,20 +36,13 @@ class AgentBatch(Protocol):
         """Give every agent the door of its next episode; only oracles use it."""
 
     def reset(self, observations: Observation, mask: Mask | None = None) -> None:
-        """Let agents begin an episode at the closed, grasped door.
-
-        Args:
-            observations: One row per agent of the batch, (N, ...).
-            mask: Which agents begin, (N,); None means all.
-        """
+        """Let agents of the mask (N,), or all, begin at the closed, grasped door."""
 
     def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
-        """Return the commands for the next control period.
+        """Return the next commands of the agents of the mask (N,), or of all.
 
-        Args:
-            observations: One row per agent of the batch, (N, ...).
-            mask: Which agents act, (N,); None means all. The others' rows are not
-                read, and nothing changes for them.
+        The others' rows of the observations (N, ...) are not read, and nothing changes
+        for them.
         """
 
     def forecast(self, row: SupportsIndex) -> GaussianTrajectory | None:

@@ -105,10 +105,7 @@ class ReachingAgent:
 
     @property
     def gripper_width(self) -> float:
-        """What goes with the last pose where the gripper is commanded, too [m].
-
-        Wide open until the hand is at the handle, and then closed.
-        """
+        """What goes with the last pose [m]: wide open to the handle, then closed."""
         return GRIPPER_WIDTH if self._elapsed < self._reach.duration else 0.0
 
     def forecast(self) -> GaussianTrajectory | None:

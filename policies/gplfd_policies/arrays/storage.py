@@ -48,10 +48,8 @@ class Members(Protocol):
 class DecodingBudget:
     """Bytes of memory that the content of one file may still take when it is decoded.
 
-    A compressed file of some kilobytes can hold gigabytes. Every reader claims the size
-    of an array, as the float64 that it becomes, before it allocates the array. All
-    arrays of a file together may take 20 times the size of the file, or 64 MiB if that
-    is more.
+    A compressed file of some kilobytes can hold gigabytes, so every reader claims the
+    size of an array, as the float64 that it becomes, before it allocates it.
     """
 
     def __init__(self, size: int, *, least: int = _ALLOWANCE) -> None:
@@ -93,10 +91,7 @@ def decompressed(
 
 
 def inflated(data: bytes, budget: DecodingBudget, what: str) -> bytes:
-    """Decompress one zlib stream, to no more than a budget allows.
-
-    Bytes that follow the stream are ignored.
-    """
+    """Decompress one zlib stream within a budget; bytes that follow it are ignored."""
     stream = zlib.decompressobj()
     try:
         content = stream.decompress(data, budget.left + 1)
@@ -124,9 +119,8 @@ def regular_file(path: str | Path, kind: str = "a file") -> Path:
 def complete_or_absent(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path to write to; it becomes ``path`` when the block succeeds.
 
-    Folders above ``path`` are created. When the block raises, the temporary file is
-    removed and an existing ``path`` stays as it was. The content is on the disk before
-    it gets its name, so that a loss of power leaves no half of it.
+    When the block raises, an existing ``path`` stays as it was. The content is on the
+    disk before it gets its name, so that a loss of power leaves no half of it.
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -160,12 +154,11 @@ def write_archive(
 def read_archive(
     path: str | Path, *, kind: str, version: int, build: Callable[[Members], RecordT]
 ) -> RecordT:
-    """Build a record from a file of `write_archive`.
+    """Build a record from a file of `write_archive`, which is not trusted.
 
-    The file is not trusted. Nothing in it is executed, only members that ``build``
-    requests are unpacked, the size of an array is that of its bytes and not of its
-    header, and together they take at most the memory that a `DecodingBudget` allows.
-    Whatever ``build`` raises is reported as a fault of the file.
+    Nothing in it is executed, only members that ``build`` requests are unpacked, and
+    the size of an array is that of its bytes. Whatever ``build`` raises is reported as
+    a fault of the file.
     """
     path = regular_file(path, f"a file (.npz) that holds {kind}")
     content = path.read_bytes()
@@ -195,10 +188,7 @@ def read_archive(
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """Return all arrays of numbers or text in an untrusted .npz file.
-
-    Other members, such as pickled objects, are left out.
-    """
+    """Return all arrays of numbers or text in an untrusted .npz file, and no others."""
     content = regular_file(path).read_bytes()
     arrays = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:

@@ -43,10 +43,8 @@ def task_completion_index(
 ) -> Float[np.ndarray, " N"]:
     """Return ζ: the part of the path's length covered up to each sample, Eq. (16).
 
-    Note:
-        Cumulated raw, as printed, ζ measures the noise: 1 mm of it at 1000 samples
-        shifts the phase by several per cent. By default the noise's share is removed:
-        `test_phase_error_with_noise_stays_below`.
+    Cumulated raw, as printed, ζ measures the noise, whose share is therefore removed
+    (`test_phase_error_with_noise_stays_below`).
     """
     completion = measure_completion(demonstration, rotation_weight, denoise)
     warn_of_noise([completion], denoise)
@@ -104,12 +102,9 @@ def denoised_steps(
 ) -> Float[np.ndarray, " N-1"]:
     """Return the distances between successive poses, Eq. (17), of the smoothed path.
 
-    Sensor noise makes every step of a path longer, most of all where the hand rests, so
-    the length of a densely sampled path is mostly noise. The smoother is Gaussian, has
-    a fixed share of the demonstration as its width, and keeps both ends in place. Rules
-    that estimate the noise from neighbouring samples resolve white noise better, but
-    motion capture filters its output: its noise looks like motion to such rules, and
-    they leave it in (`test_phase_error_with_filtered_noise_stays_below`).
+    The smoother is Gaussian with a fixed share of the demonstration as its width. Rules
+    that estimate the noise from neighbouring samples leave in what motion capture has
+    filtered (`test_phase_error_with_filtered_noise_stays_below`).
     """
     size = len(poses)
     bandwidth = _BANDWIDTH * size

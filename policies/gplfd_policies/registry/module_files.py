@@ -29,10 +29,7 @@ def module_file(name: str, folder: Path) -> Path | None:
 
 
 def module_files(name: str, folder: Path) -> tuple[Path, ...]:
-    """Return the files of a module in a folder, sorted; none if it is elsewhere.
-
-    Modules that are imported by anything but an ``import`` statement are not found.
-    """
+    """Return the files of a module in a folder, sorted; none if it is elsewhere."""
     found: dict[str, Path | None] = {}
     waiting = [name]
     while waiting:

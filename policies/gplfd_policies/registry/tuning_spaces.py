@@ -58,10 +58,7 @@ class Setting:
     """Whether ratios of it are what matters, not differences."""
 
     def at(self, share: float) -> Value:
-        """Return the value at a share in [0, 1] of the way from low to high.
-
-        Floats have three digits, enough to be told apart and few enough to be read.
-        """
+        """Return the value at a share of the way from low to high, in three digits."""
         if isinstance(self.published, bool | int):
             count = int(self.high) - int(self.low) + 1
             whole = int(self.low) + min(int(share * count), count - 1)

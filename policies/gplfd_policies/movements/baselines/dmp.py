@@ -102,12 +102,11 @@ class DynamicMovementPrimitive(LearnedMovement):
     """W, the weights of the forcing term."""
 
     def with_goal(self, pose: Pose) -> "DynamicMovementPrimitive":
-        """The movement to another goal.
+        """The movement to another goal, with the same forcing term.
 
-        The forcing term stays. The change enters along the smooth step response h(t)
-        of the system: 0 with zero slope at the start, 0.998 at τ with the defaults:
-        p'(t) = p(t) + h(t) (p_g' - p_g) and e'(t) = e(t) + (1 - h(t)) (e_0' - e_0). The
-        path is neither scaled nor turned.
+        The change enters along the step response h(t) of the system, 0 at the start and
+        0.998 at τ: p'(t) = p(t) + h(t) (p_g' - p_g), e'(t) = e(t) + (1 - h(t)) (e_0' -
+        e_0).
         """
         pose = np.asarray(pose, dtype=np.float64)
         if pose.shape != (6,) or not np.isfinite(pose).all():
@@ -120,13 +119,8 @@ class DynamicMovementPrimitive(LearnedMovement):
     def predict(self, times: Times) -> GaussianTrajectory:
         """The rollout at ``times``; without a spread, std and covariance are NaN.
 
-        Args:
-            times: phases, shape (M,). Before the first demonstrated phase the pose is
-                the start; after the last one the attractor continues to the goal, and
-                stays there.
-
-        Raises:
-            ValueError: if there are no times, or one is not finite.
+        Before the first demonstrated phase the pose is the start; after the last one
+        the attractor continues to the goal.
         """
         times = checked_times(times)
         within = np.clip(times, self._rollout.x[0], self._rollout.x[-1])
@@ -186,11 +180,9 @@ def fit_dmp(
 ) -> DynamicMovementPrimitive:
     """Learn a dynamic movement primitive from the mean of the demonstrations.
 
-    The method takes one demonstration. Here it is the mean of the aligned ones, of
-    positions and of rotation vectors, so that all methods use the same data. The
-    forcing term that would reproduce it exactly follows from its derivatives and the
-    transformation system; the weights fit that by least squares. As usual for
-    movements from point to point, start and end are taken to be at rest.
+    The forcing term that would reproduce it exactly follows from its derivatives and
+    the transformation system; the weights fit that by least squares. Start and end are
+    taken to be at rest.
     """
     config = DMPConfig() if config is None else config
     phases, mean = aligned.times, aligned.poses.mean(axis=0)

@@ -136,10 +136,9 @@ class MixtureKernel:
 class Evidence:
     """How well a kernel explains the demonstrations, as one function seen with noise.
 
-    As published, the likelihood takes D demonstrations for D noisy views of a single
-    function with prior mean m(t) and covariance K. They share their phases, so their
-    average and their scatter about it are sufficient, exactly: the average is seen with
-    noise σ²/D, and the scatter only bears on σ².
+    As published, they are D noisy views of one function with prior mean m(t) and
+    covariance K. Their average, seen with noise σ²/D, and their scatter, which only
+    bears on σ², are sufficient.
     """
 
     regression: GaussianMixtureRegression
@@ -233,11 +232,7 @@ class _Posterior:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class GMMGaussianProcess(MomentMovement):
-    """A learned movement that via-points adapt; made by `fit_gmm_gp`, immutable.
-
-    For V via-points and M phases a prediction costs O(V³ D³ + V² D² M D), D = 6; no
-    via-point is left out to save time.
-    """
+    """A learned movement that via-points adapt; made by `fit_gmm_gp`, immutable."""
 
     kernel: MixtureKernel
     """Prior covariance, and the regression that is the prior mean."""
@@ -250,11 +245,7 @@ class GMMGaussianProcess(MomentMovement):
         return self.kernel.regression
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "GMMGaussianProcess":
-        """The process conditioned on further via-points.
-
-        The noise of a via-point is its own standard deviation, where the published code
-        takes one noise for all, learned from the demonstrations.
-        """
+        """The process conditioned on further via-points, each with its own noise."""
         return replace(self, via_points=(*self.via_points, *via_points))
 
     @cached_property

@@ -63,11 +63,7 @@ _SMALLEST_EIGENVALUE = 1e-15
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class KMPConfig(Settings):
-    """How the reference is made and smoothed; published values, translated.
-
-    Only the ratios λ/N and λ_c/N matter: twice the references under twice the
-    regularisation is the same primitive.
-    """
+    """How the reference is made and smoothed; only the ratios λ/N and λ_c/N matter."""
 
     mixture: GMRConfig = field(default_factory=lambda: GMRConfig(components=8))
     """The mixture behind the reference; 8 components as published."""
@@ -113,10 +109,7 @@ class Reference:
         precision: Float[np.ndarray, "6 6"],
         tolerance: float,
     ) -> "Reference":
-        """The reference with one more entry, which replaces those at the same phase.
-
-        Phases that are less than ``tolerance`` apart coincide.
-        """
+        """The reference with one more entry in place of those within ``tolerance``."""
         kept = np.abs(self.phases - phase) >= tolerance
         return Reference(
             phases=np.append(self.phases[kept], phase),
@@ -218,16 +211,12 @@ class KernelizedMovementPrimitive(MomentMovement):
     """The reference with via-points, standardised."""
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "KernelizedMovementPrimitive":
-        """The primitive with via-points in its reference.
+        """The primitive with via-points, which replace references at their phase.
 
-        A via-point replaces the entry whose phase coincides with its own, be it an
-        earlier via-point, and is appended where there is none. With standard deviation
-        σ it is given the covariance σ²/N: in Eqs. (21) and (26) every entry counts for
-        one N-th, and only so is σ what the primitive predicts at a via-point that
-        dominates its surroundings. In this measure the published 1e-6 cm² of a
-        via-point among 400 entries demands 0.2 mm. An error that outputs share counts
-        as one of each: as a covariance, the primitive followed it into the sensors'
-        noise (under ``"hard"`` 8 of 18 doors opened, for 13).
+        A standard deviation σ is given the covariance σ²/N: in Eqs. (21) and (26) every
+        entry counts for one N-th, and only so is σ what the primitive predicts at a
+        via-point that dominates its surroundings. An error that outputs share counts as
+        one of each: as a covariance, the primitive followed it into the sensors' noise.
         """
         standardisation = self.regression.standardisation
         count = self.config.references

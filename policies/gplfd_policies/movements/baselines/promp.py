@@ -78,15 +78,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
 
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution of the pose at ``times``, observation noise included.
-
-        Args:
-            times: phases, shape (M,). Outside 0 to 1 the distribution soon stands
-                still, at that of the first or last weight.
-
-        Raises:
-            ValueError: if there are no times, or one is not finite.
-        """
+        """The distribution of the pose at ``times``, observation noise included."""
         times = checked_times(times)
         config, size = self.config, self.config.n_basis
         basis = _basis(times, config)
@@ -174,8 +166,7 @@ def fit_promp(
     """Learn a probabilistic movement primitive from aligned demonstrations.
 
     Every demonstration is fitted by ridge regression; μ and S are mean and sample
-    covariance (divisor D - 1) of the weights, and R is the mean squared residual per
-    degree of freedom that the fits leave.
+    covariance of the weights, and R the mean squared residual per degree of freedom.
     """
     config = ProMPConfig() if config is None else config
     count, n_phases, _ = aligned.poses.shape

@@ -116,10 +116,10 @@ class Circle:
         freeze(self, "mean", "covariance")
 
     def through(self, via_points: Sequence[ViaPoint]) -> "Circle":
-        """The circle conditioned on further points of it.
+        """The circle conditioned on the further points of it that know x and z.
 
         An error e of a point is one of 2 (p − c)ᵀe in its equation, zero along the
-        path. Via-points that leave x or z free are ignored.
+        path.
         """
         poses = np.array([point.pose for point in via_points])[:, PLANE]
         noise = np.array([point.noise_variance for point in via_points])[:, PLANE]
@@ -156,10 +156,7 @@ def fit_circle(points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, " 3"] | No
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class TaskParameterisedMixture(LearnedMovement):
-    """A mixture seen from several frames; made by `fit_tp_gmm`, immutable.
-
-    It holds phase and pose, in this order, in the units of each frame.
-    """
+    """A mixture seen from several frames; made by `fit_tp_gmm`, immutable."""
 
     weights: Float[np.ndarray, " C"]
     """π_i."""
@@ -213,15 +210,7 @@ class TaskParameterisedMixture(LearnedMovement):
 
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution of the pose at ``times``; samples are white around the mean.
-
-        Args:
-            times: phases, strictly increasing, shape (M,). Outside the demonstrated
-                range one component continues along its straight line.
-
-        Raises:
-            ValueError: if there are no times, or they do not increase.
-        """
+        """The distribution of the pose at ``times``; samples are white around it."""
         return self.regression.predict(checked_times(times))
 
 

@@ -244,9 +244,8 @@ def sample_posterior(
 ) -> WishartPosterior:
     """Average over an elliptical slice chain that starts at a mode of the posterior.
 
-    From a draw of the prior the chain would still be on its way after 5000 steps: the
-    likelihood of hundreds of weights is narrow, so steps are short. At a mode the
-    likelihood is about what it is in the long run.
+    From a draw of the prior it would still be on its way after 5000 steps: the
+    likelihood of hundreds of weights is narrow, so steps are short.
     """
 
     def objective(flat: np.ndarray) -> tuple[float, np.ndarray]:
