@@ -11,7 +11,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar, runtime_checkable
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -30,19 +30,6 @@ _FILE_TYPES: Final = (
 )
 
 RecordT = TypeVar("RecordT")
-
-
-@runtime_checkable
-class Members(Protocol):
-    """The members of an archive by name."""
-
-    def __call__(self, name: str) -> np.ndarray:
-        """Return a member; once."""
-        ...
-
-    def __contains__(self, name: str) -> bool:
-        """Return whether there is such a member, not yet returned."""
-        ...
 
 
 class DecodingBudget:
@@ -68,6 +55,42 @@ class DecodingBudget:
                 "memory"
             )
         self.left -= amount
+
+
+class Members:
+    """The members of an archive: called with a name it returns that one, once."""
+
+    def __init__(self, archive: zipfile.ZipFile, budget: DecodingBudget) -> None:
+        self._archive = archive
+        self._budget = budget
+        infos = archive.infolist()
+        self._infos = {info.filename.removesuffix(".npy"): info for info in infos}
+        if len(self._infos) < len(infos):
+            raise ValueError("it holds two members of one name")
+
+    def __call__(self, name: str) -> np.ndarray:
+        """Return a member that was not yet returned, or refuse it."""
+        if name not in self._infos:
+            raise ValueError(f"it lacks {name!r}")
+        info = self._infos.pop(name)
+        if info.flag_bits & 1 or info.compress_type not in _COMPRESSIONS:
+            raise ValueError(f"{name!r} is encrypted, or compressed in an unusual way")
+        self._budget.claim(info.file_size, f"{name!r:.40}")
+        with self._archive.open(info) as stream:
+            # With a size it unpacks no more, even if the compressed bytes hold more.
+            array = array_of(stream.read(info.file_size), name)
+        if array.dtype.kind in "biuf":
+            # Computation converts it to float64.
+            self._budget.claim(max(0, 8 * array.size - array.nbytes), f"{name!r:.40}")
+        return array
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._infos
+
+    @property
+    def left(self) -> list[str]:
+        """Names of the members that were not yet returned."""
+        return list(self._infos)
 
 
 def decompressed(
@@ -164,7 +187,7 @@ def read_archive(
     content = path.read_bytes()
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            members = _Members(archive, DecodingBudget(len(content)))
+            members = Members(archive, DecodingBudget(len(content)))
             found = str(members("format")) if "format" in members else "something else"
             if found != kind:
                 raise ValueError(f"it holds {found:.80}")
@@ -192,7 +215,7 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     content = regular_file(path).read_bytes()
     arrays = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        members = _Members(archive, DecodingBudget(len(content)))
+        members = Members(archive, DecodingBudget(len(content)))
         for name in members.left:
             with contextlib.suppress(_NotPlainError):
                 arrays[name] = members(name)
@@ -227,38 +250,3 @@ def settings(member: np.ndarray) -> dict[str, Any]:
 
 class _NotPlainError(ValueError):
     """An array holds neither numbers nor text."""
-
-
-class _Members:
-    """Returns every member of an archive once; raises an error for damage."""
-
-    def __init__(self, archive: zipfile.ZipFile, budget: DecodingBudget) -> None:
-        self._archive = archive
-        self._budget = budget
-        infos = archive.infolist()
-        self._infos = {info.filename.removesuffix(".npy"): info for info in infos}
-        if len(self._infos) < len(infos):
-            raise ValueError("it holds two members of one name")
-
-    def __call__(self, name: str) -> np.ndarray:
-        if name not in self._infos:
-            raise ValueError(f"it lacks {name!r}")
-        info = self._infos.pop(name)
-        if info.flag_bits & 1 or info.compress_type not in _COMPRESSIONS:
-            raise ValueError(f"{name!r} is encrypted, or compressed in an unusual way")
-        self._budget.claim(info.file_size, f"{name!r:.40}")
-        with self._archive.open(info) as stream:
-            # With a size it unpacks no more, even if the compressed bytes hold more.
-            array = array_of(stream.read(info.file_size), name)
-        if array.dtype.kind in "biuf":
-            # Computation converts it to float64.
-            self._budget.claim(max(0, 8 * array.size - array.nbytes), f"{name!r:.40}")
-        return array
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._infos
-
-    @property
-    def left(self) -> list[str]:
-        """Names of the members that were not yet returned."""
-        return list(self._infos)

@@ -1,39 +1,20 @@
 """Dynamic movement primitives, the first method of Table 1.
 
-Papers: Ijspeert et al., *Dynamical Movement Primitives: Learning Attractor Models for
-Motor Behaviors*, Neural Computation 25(2), 2013; Pastor et al., *Learning and
-Generalization of Motor Skills by Learning from Demonstration*, ICRA 2009, for how the
-goal enters; Koutras and Doulgeri, *A correct formulation for the Orientation Dynamic
-Movement Primitives for robot control in the Cartesian space*, CoRL 2019, for the
-orientation.
+Ijspeert et al., *Dynamical Movement Primitives*, Neural Computation 25(2), 2013; the
+goal enters as in Pastor et al., ICRA 2009, and orientation as in Koutras and Doulgeri,
+*A correct formulation for the Orientation Dynamic Movement Primitives*, CoRL 2019.
 
-Notation; τ is the phase from start to end, a dot the derivative by phase:
-    x       phase variable, τ ẋ = -α_x x, x = 1 at the start
-    ξ       state, (6,): position p [m] and orientation error e [rad]
-    ξ_0     state at the start, (p_0, e_0)
-    ξ_g     state at the goal, (p_g, 0)
-    ψ_i(x)  Gaussian basis functions, normalised to sum 1
-    W       weights, (N, 6)
-    f(x)    forcing term x Σ_i ψ_i(x) W_i: it fades with x, so the goal always attracts
+With τ the phase from start to end, x the phase variable (τ ẋ = -α_x x, 1 at the start),
+ξ = (p, e) position [m] and orientation error [rad], ψ_i normalised Gaussians:
 
-Transformation system, the same for the six components of ξ:
     τ² ξ̈ = α β (ξ_g - ξ) - α τ ξ̇ - α β (ξ_g - ξ_0) x + f(x),   β = α / 4
+    f(x) = x Σ_i ψ_i(x) W_i: it fades with x, so the goal always attracts
 
-Orientation. With q_g the goal, e = 2 log(q_g q*) is the rotation vector that leads from
-q to the goal (times 2 because the logarithm of a quaternion is half of it), and it is
-e that obeys the equation above. Rotations come back as q = exp(e / 2)* q_g. So the
-system is linear with constant coefficients, and every component of e a critically
-damped oscillator of its own. The older form of Ude et al. (ICRA 2014) has the angular
-velocity ω in the place of -ė. From d/dt exp(e) = -exp(e) [ω]× follows
-ė = -J(e)⁻¹ ω with J the right Jacobian of SO(3), which is the identity only for e = 0
-or ω parallel to e. In that form, then, the components of e are coupled, more so the
-farther the goal, and a motion that does not head straight for the goal is distorted
-(``test_forcing_superposes_in_the_error_and_not_in_the_angular_velocity``).
-
-Koutras and Doulgeri scale f(x) by the components of e_0, and Ijspeert et al. by those
-of p_g - p_0. A door's handle comes back to its height and turns about one axis only:
-three of six components end where they begin, and such a scale is noise. The term in x
-of Pastor et al. takes its place, for position and orientation alike.
+e = 2 log(q_g q*) is the rotation vector from q to the goal q_g, so that every component
+is a damped oscillator of its own. With the angular velocity in the place of -ė (Ude et
+al., ICRA 2014) they are coupled, and motions that do not head straight for the goal are
+distorted (``test_forcing_superposes_in_the_error_and_not_in_the_angular_velocity``).
+f(x) is not scaled by goal minus start, which is noise where a handle ends as it began.
 """
 
 from dataclasses import dataclass, replace

@@ -1,23 +1,17 @@
 """A Gaussian process whose prior is a Gaussian mixture regression.
 
 Equation numbers refer to Jaquier, Ginsbourger, Calinon, *Learning from demonstration
-with model-based Gaussian process*, CoRL 2019.
-
-The prior mean is the mean m(t) of the regression, the prior covariance between two
-phases
+with model-based Gaussian process*, CoRL 2019. The prior mean is the mean m(t) of the
+regression, the prior covariance between two phases
 
     K(t, t') = Σ_l h_l(t) h_l(t') Σ̂_l k_l(t, t'),
 
 with the responsibilities h_l and conditional covariances Σ̂_l (6 × 6) of the mixture and
 a Matérn-5/2 correlation k_l per component. Demonstrations teach the mixture and the
-length-scales; then they are discarded, and only via-points are conditioned on. Beyond
-the length-scales, and where no component is shared, the movement stays as demonstrated.
+length-scales; only via-points are conditioned on.
 
-Note:
-    K(t, t) = Σ_l h_l² Σ̂_l is less than the covariance of the regression where
-    components overlap: up to C times, and the disagreement of their means is missing.
-    The published method is over-confident there. ``weight_power = 0.5`` gives
-    Σ_l h_l Σ̂_l instead.
+As published, K(t, t) = Σ_l h_l² Σ̂_l is less than the covariance of the regression where
+components overlap, and over-confident there. ``weight_power = 0.5`` gives Σ_l h_l Σ̂_l.
 """
 
 from collections.abc import Sequence

@@ -1,16 +1,9 @@
 """Gaussian mixture regression: a joint density of phase and pose, conditioned on phase.
 
-The GMM-GMR of Table 1 in Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979, and the reference of
-`gplfd_policies.movements.baselines.kmp` and
-`gplfd_policies.movements.baselines.gmm_gp`. Equation numbers refer to Jaquier,
-Ginsbourger, Calinon, *Learning from demonstration with model-based Gaussian process*,
-CoRL 2019, Section 2.1.
-
-Outputs are standardised per axis before the mixture is fitted, because its
-regularisation is an absolute number: 1e-4 is a tenth of a millimetre squared for
-outputs in centimetres and a whole centimetre squared for outputs in metres. Fitted this
-way, the result does not depend on units (``test_units_do_not_matter``).
+The GMM-GMR of Table 1 in Arduengo et al., arXiv:2002.09979; equation numbers refer to
+Jaquier, Ginsbourger, Calinon, *Learning from demonstration with model-based Gaussian
+process*, CoRL 2019, Section 2.1. Outputs are standardised per axis, because the
+regularisation is an absolute number (``test_units_do_not_matter``).
 """
 
 import warnings

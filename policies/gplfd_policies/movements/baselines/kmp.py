@@ -3,11 +3,7 @@
 Equation numbers refer to Huang, Rozo, Silvério, Caldwell, *Kernelized movement
 primitives*, IJRR 2019: a mixture regression gives a reference of means and covariances,
 Eqs. (21) and (26) smooth it, and a via-point is one more entry of the reference, or
-replaces one.
-
-What was published for letters in centimetres over two seconds is translated to phase
-and standardised outputs; `KMPConfig` says how. Left out is the velocity, which the
-published time-driven form stacks under the position: via-points here are poses.
+replaces one. Via-points are poses: the velocity of the time-driven form is left out.
 
 With N phases t_i, standardised means μ_i and covariances Σ_i (D × D, D = 6), K =
 [k(t_i, t_j) I_D], Σ = blockdiag(Σ_i), μ stacked and k* = [k(t, t_i) I_D], the smoothed
@@ -16,17 +12,14 @@ reference is
     mean(t) = k* (K + λ Σ)⁻¹ μ                                              Eq. (21)
     cov(t, t') = (N/λ_c) [k(t, t') I_D − k* (K + λ_c Σ)⁻¹ k*'ᵀ]             Eq. (26)
 
-Neither N D × N D matrix is formed. K smooths so strongly that k(t, t_i) = φ(t) φ(t_i)ᵀ
-with a few tens of features, to rounding. With one common Λ = Σ_i φ_i φ_iᵀ ⊗ Σ_i⁻¹ of
-that size and A = I + Λ/λ, A_c = I + Λ/λ_c, the same two equations read
+K smooths so strongly that k(t, t_i) = φ(t) φ(t_i)ᵀ with a few tens of features. With
+Λ = Σ_i φ_i φ_iᵀ ⊗ Σ_i⁻¹, A = I + Λ/λ and A_c = I + Λ/λ_c the same equations read
 
     mean(t) = φ(t) A⁻¹ Σ_i (φ_i ⊗ Σ_i⁻¹ μ_i) / λ
     cov(t, t') = (N/λ_c) [k(t, t') − φ(t) φ(t')ᵀ + φ(t) A_c⁻¹ φ(t')ᵀ]
 
-which is the parametric form that the kernel form was derived from
 (``test_prediction_is_the_published_dense_formula``). The cost hardly depends on N, and
-an output left free is a precision of zero, where the published code has a variance of
-1000.
+an output left free is a precision of zero.
 """
 
 from collections.abc import Sequence

@@ -1,24 +1,15 @@
 """Probabilistic movement primitives, the second method of Table 1.
 
-Papers: Paraschos et al., *Probabilistic Movement Primitives*, NeurIPS 2013, and *Using
+Paraschos et al., *Probabilistic Movement Primitives*, NeurIPS 2013, and *Using
 Probabilistic Movement Primitives in Robotics*, Autonomous Robots 42, 2018.
 
-Notation:
-    φ(t)    Gaussian basis functions at phase t, normalised to sum 1, (B,)
-    w       weights of one movement, (6 B,), output by output: y_d(t) = φ(t)ᵀ w_d
-    μ, Σ    mean and covariance of the weights over the demonstrations
-    R       variance of the observation noise, one per output, (6,)
-    H       rows of the via-points in weight space; H w are the demanded numbers
+A movement is y(t) = φ(t)ᵀ w + ε with B normalised Gaussian basis functions φ, weights
+w ~ N(μ, Σ), output by output (6 B,), and observation noise ε ~ N(0, R) per output. Σ is
+a full matrix over all outputs: where x is known, z is known better.
 
-A movement is y(t) = φ(t)ᵀ w + ε with w ~ N(μ, Σ) and ε ~ N(0, R). Σ is a full matrix
-over all outputs: where x is known, z is known better.
-
-Few demonstrations. The covariance of D weight vectors has rank D - 1, at most five for
-six demonstrations and 6 B weights. Via-points outside the span of the demonstrations
-then leave only bad choices: the mean misses a demand whose standard deviation is not
-small against what `shrinkage` adds, and a stronger demand is met by bending the rest of
-the movement (``test_few_demonstrations_span_few_movements``). That is the method as
-published; raise `ProMPConfig.shrinkage` for a covariance of full rank.
+The covariance of D weight vectors has rank D - 1. Via-points outside the span of the
+demonstrations are missed, or met by bending the rest of the movement, unless
+`ProMPConfig.shrinkage` is raised (``test_few_demonstrations_span_few_movements``).
 """
 
 from collections.abc import Sequence

@@ -2,35 +2,26 @@
 
 Calinon, *A tutorial on task-parameterized movement learning and retrieval*, Intelligent
 Service Robotics 9, 2016. A demonstration ξ is seen from P frames {A_j, b_j}, as
-A_j⁻¹ (ξ − b_j), and one mixture is learned of all views together: its components share
-their weights π_i and have a centre μ_ij and a covariance Σ_ij in every frame. In a new
-situation every Gaussian is brought there by the new frames, and these are multiplied,
+A_j⁻¹ (ξ − b_j), and one mixture is learned of all views together, with common weights
+π_i. In a new situation the Gaussians of all frames are brought there and multiplied,
 
     Σ_i⁻¹ = Σ_j Σ̂_ij⁻¹,   μ_i = Σ_i Σ_j Σ̂_ij⁻¹ μ̂_ij,                            Eq. (6)
 
-with μ̂_ij = A_j μ_ij + b_j and Σ̂_ij = A_j Σ_ij A_jᵀ. The result is a mixture of
-phase and pose, which `gplfd_policies.movements.baselines.gmr` regresses. Frames that
-agree count as independent: where both predict the same, the spread is 1/√2 of theirs,
-as published (``test_two_equal_frames_halve_the_variance``).
+with μ̂_ij = A_j μ_ij + b_j and Σ̂_ij = A_j Σ_ij A_jᵀ, and the mixture is regressed.
+Frames that agree count as independent (``test_two_equal_frames_halve_the_variance``).
 
 Choices that the tutorial leaves to the user:
 
-* Frames. One is the task frame, whose origin is the closed handle. The other has its
-  origin at the hinge c and the vector from the hinge to the closed handle for its third
-  axis, with its length; the first axis is as long. There all doors are one door of unit
-  radius. With axes of unit length, x = R sin φ would be the same in both frames, and
-  none would depend on the radius. Height and rotations have the task frame's axes.
-* The hinge of a demonstration. It is the centre of a circle through the hand's path
-  (Kåsa's fit: |p|² = 2 pᵀc + k is linear in c and k), which an observer could measure.
-  If a demonstrated path is no circle, the method has one frame and is GMM-GMR.
-* The phase, which all frames share: they multiply their distributions of the pose at a
-  phase. As one more output, the phase would be witnessed twice, components would
-  follow each other abruptly, and the mean would miss the demonstrations' by 4 cm.
-* Where the hinge is in a new situation. Before anything has moved, where it was
-  demonstrated on average, as uncertain as it varied; via-points are more points of the
-  circle, and (c, k) is Gaussian given all of them. The path is linear in c, so that an
-  uncertain c adds G C Gᵀ to a Gaussian of this frame, to first order. A via-point moves
-  the hinge, not the path directly: it need not be met, and rotations learn nothing.
+* One frame is the task frame. The other has its origin at the hinge c and the vector
+  from there to the closed handle for its third axis, with its length; the first axis is
+  as long. In it all doors are one door of unit radius.
+* The hinge of a demonstration is the centre of a circle through the hand's path (Kåsa's
+  fit: |p|² = 2 pᵀc + k is linear in c and k). Without a circle there is one frame.
+* The phase is shared: as an output of each frame it would be witnessed twice, and the
+  mean would miss the demonstrations' by 4 cm.
+* In a new situation (c, k) is Gaussian as demonstrated, and via-points are further
+  points of the circle. An uncertain c adds G C Gᵀ to a Gaussian of this frame, to first
+  order. A via-point need not be met, and rotations learn nothing from it.
 """
 
 from collections.abc import Sequence
