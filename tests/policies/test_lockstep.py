@@ -16,7 +16,6 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import POLICIES, AgentStep, batch_agents, make_agent
 from gplfd_policies.agents.agent import CompliantAgent
-from gplfd_policies.agents.lockstep import AgentBatch
 from gplfd_policies.agents.model_based.oracle import OracleAgent
 from gplfd_policies.control.compliance import ComplianceConfig
 
@@ -146,9 +145,8 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
         return np.array([time < 14, not 16 < time < 20, time > 0])
 
     batch = batch_agents(agents_of(name))
-    assert isinstance(batch, AgentBatch)
     at_once = isinstance(agents_of(name)[0], CompliantAgent)
-    assert type(batch).__name__ == ("_AllAtOnce" if at_once else "_OneByOne")
+    assert type(batch).__name__ == ("_AllAtOnce" if at_once else "AgentBatch")
     geometries = LEVERS if name == "levers" else BARS
     history = steps_of(batch, geometries, closing=20, active=active)
     if name == "gp":
