@@ -4,7 +4,6 @@ import dataclasses
 import pickle
 from functools import partial
 
-import jaxtyping
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -152,14 +151,11 @@ def test_motions_of_any_task_are_learned(name):
         make_agent(name, shown)
 
 
+@pytest.mark.usefixtures("as_for_users")
 @pytest.mark.parametrize(
     "wrong", [lambda ones: ones[0], lambda ones: [one.poses for one in ones], align]
 )
-def test_only_sequences_of_demonstrations_are_learned_from(
-    wrong, demonstrations, monkeypatch
-):
-    # What a user meets, whose types nobody checks.
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+def test_only_sequences_of_demonstrations_are_learned_from(wrong, demonstrations):
     with pytest.raises(TypeError, match=r"sequence of .*Demonstration, got .*\[demo"):
         make_agent("gp", wrong(demonstrations))
 

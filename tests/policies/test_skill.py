@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from jaxtyping import config
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import t as student
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -305,9 +304,7 @@ def test_impossible_via_points_are_refused(arguments, message):
         ViaPoint(**arguments)
 
 
-def test_demonstrations_that_are_not_aligned_are_refused(demonstrations, monkeypatch):
-    # What a user meets, whose types nobody checks.
-    monkeypatch.setattr(config, "jaxtyping_disable", True)
+def test_demonstrations_that_are_not_aligned_are_refused(demonstrations):
     with pytest.raises(TypeError, match=r"tuple; call fit_skill\(align\(demo"):
         fit_skill(demonstrations)
 
