@@ -164,10 +164,8 @@ def _space(
 _VIA_STD_FACTOR: Final = _log(1.0, 0.2, 10.0)
 """Of every method with via-points: how much less exact they are than 1 mm, 0.03 rad."""
 
-_MIXTURE: Final = {
-    "components": _linear(10, 3, 20),
-    "regularisation": _log(4e-6, 1e-7, 1e-2),
-}
+_COMPONENTS: Final = _linear(10, 3, 20)
+_REGULARISATION: Final = _log(4e-6, 1e-7, 1e-2)
 
 SPACES: Final[Mapping[str, Space]] = MappingProxyType(
     {
@@ -186,9 +184,18 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             shrinkage=_log(1e-6, 1e-8, 0.5),
             via_std_factor=_VIA_STD_FACTOR,
         ),
-        "gmr": _space(fit_gmr, GMRConfig, **_MIXTURE),
+        "gmr": _space(
+            fit_gmr,
+            GMRConfig,
+            components=_COMPONENTS,
+            regularisation=_REGULARISATION,
+        ),
         "tp-gmm": _space(
-            fit_tp_gmm, GMRConfig, **_MIXTURE, via_std_factor=_VIA_STD_FACTOR
+            fit_tp_gmm,
+            GMRConfig,
+            components=_COMPONENTS,
+            regularisation=_REGULARISATION,
+            via_std_factor=_VIA_STD_FACTOR,
         ),
         "local-gp": _space(
             fit_local_gp,
