@@ -17,6 +17,8 @@ from gplfd_policies.movements.baselines.dmp import (
     fit_dmp,
 )
 
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
 GRID = np.linspace(0.0, 1.0, 101)
 TURN = np.array([1.5, -1.0, 0.8])
 """A rotation vector of 2 rad about a skew axis."""

@@ -11,7 +11,7 @@ from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.contact import HELD_HAND, ContactLoop
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.usefixtures("unchecked_types")
 
 H, HELD = 0.01, 2000.0
 LOOP = ContactLoop(stiffness=np.full(6, HELD), delay=0.03)

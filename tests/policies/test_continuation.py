@@ -14,6 +14,8 @@ from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.demonstrations.continuation import carried_on, continued, drift
 from gplfd_policies.movements.prior_mean import Stretched
 
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
 PHASES = np.linspace(0.0, 1.0, 200)
 
 

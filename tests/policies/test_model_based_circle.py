@@ -17,7 +17,7 @@ from gplfd_policies.agents.model_based.circle import (
     fit_circle,
 )
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 CERTAIN = replace(UPRIGHT, noise=1e-6)
 RADII = st.floats(0.3, 1.0)
