@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations, ViaPoint
@@ -91,27 +90,6 @@ def test_two_equal_frames_halve_the_variance(mixture):
     mean, covariance = product_of_gaussians(*(np.stack([one, one]) for one in once))
     assert_allclose(mean, once[0], atol=1e-9)
     assert_allclose(covariance, 0.5 * once[1], atol=1e-12)
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.4, -1.0])
-def test_a_turned_hinge_turns_the_path(mixture, angle):
-    """Of the hinge's frame alone, as the handle's has not turned."""
-    vague = np.array([1e9, 1.0])[:, None, None, None] * np.eye(7)
-    covariances = np.where(vague > 1e8, vague, mixture.covariances)
-    covariances[..., 0, 0] = mixture.covariances[..., 0, 0]
-    turn = Rotation.from_rotvec([0.0, angle, 0.0])
-    hinges = [np.array([0.0, 0.0, -0.5]), turn.apply([0.0, 0.0, -0.5])]
-    straight, turned = (
-        replace(
-            mixture,
-            covariances=covariances,
-            circle=Circle(mean=np.append(h[[0, 2]], 0.0), covariance=np.zeros((3, 3))),
-        )
-        .predict(GRID)
-        .mean
-        for h in hinges
-    )
-    assert_allclose(turned[:, :3], turn.apply(straight[:, :3].copy()), atol=1e-6)
 
 
 @pytest.mark.parametrize("radius", [0.3, 0.35, 0.5, 0.65])

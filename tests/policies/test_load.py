@@ -122,12 +122,6 @@ def test_a_hand_that_stands_still_learns_nothing():
     assert compensated_at(load, 0.1, force=24.0) == pytest.approx(5.0, abs=0.1)
 
 
-def test_the_step_that_counts_as_moved_is_a_setting():
-    coarse = LearnedLoad(step=0.1).begin(DEFAULT_PROFILE)
-    moved(coarse, 5.0, 0.09)
-    assert compensated_at(coarse, 0.09, force=24.0) == 24.0
-
-
 @pytest.mark.parametrize("lag", [0.0, 0.005, 0.02, 0.06])
 def test_what_is_carried_falls_with_the_give(lag):
     """No more than k(g) ℓ, Eq. (24); a lag across the path or forward is none."""
