@@ -4,17 +4,29 @@ import inspect
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import jaxtyping
 import numpy as np
 import pytest
 
+from gplfd_env import DoorGeometry
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies.demonstrations.alignment import align
-from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies import (
+    POLICIES,
+    Agent,
+    AlignedDemonstrations,
+    Demonstration,
+    Method,
+    Skill,
+    TrainingInput,
+    align,
+    fit_skill,
+    make_agent,
+)
+from gplfd_policies.gp.noise import KerstingNoise
+from gplfd_policies.movements.baselines.wishart_gp import WishartGPConfig
 from gplfd_policies.movements.movement import Movement
-from gplfd_policies.movements.skill import Skill, fit_skill
-from gplfd_policies.registry.method import Method, TrainingInput
 
 RADII = (0.35, 0.50, 0.65)
 
@@ -46,8 +58,26 @@ def demonstrations() -> tuple[Demonstration, ...]:
 
 
 @pytest.fixture(scope="session")
-def skill(demonstrations: tuple[Demonstration, ...]) -> Skill:
-    return fit_skill(align(demonstrations))
+def aligned(demonstrations: tuple[Demonstration, ...]) -> AlignedDemonstrations:
+    return align(demonstrations)
+
+
+@pytest.fixture(scope="session")
+def skill(aligned: AlignedDemonstrations) -> Skill:
+    return fit_skill(aligned)
+
+
+@pytest.fixture(scope="session")
+def library() -> dict[str, np.ndarray]:
+    """Results of movement_primitives; data/make_movement_primitives.py tells which."""
+    with np.load(Path(__file__).parent / "data/movement_primitives.npz") as stored:
+        return dict(stored)
+
+
+@pytest.fixture
+def as_for_users(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Switch run-time type checks off, which would come before a message."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
 @pytest.fixture(scope="module")
@@ -61,12 +91,25 @@ def unchecked_types() -> Iterator[None]:
         yield
 
 
+def in_few_iterations(fit: Callable[..., Movement]) -> Callable[..., Movement]:
+    """Shorten chains of samples and the paper's noise model, which takes seconds."""
+    match getattr(fit, "keywords", {}):
+        case {"config": WishartGPConfig() as chain}:
+            short = replace(chain, steps=20, discarded=5, times=15, mode_iterations=20)
+            return partial(fit, config=short)
+        case {"noise": KerstingNoise() as noise}:
+            return partial(fit, noise=replace(noise, n_iterations=1))
+        case {"noise": "kersting"}:
+            return partial(fit, noise=KerstingNoise(n_iterations=1))
+    return fit
+
+
 @pytest.fixture(scope="session")
 def learned() -> Callable[[Method, Sequence[Demonstration]], Movement]:
     """Learn movements, each once for all methods that learn alike.
 
-    From 80 samples instead of 200, and without type checks: tests of each method have
-    both.
+    From 80 samples instead of 200, in few iterations, and without type checks: tests
+    of each method have them all.
     """
     movements: dict[str, Movement] = {}
     lessons = []  # kept, so that no other demonstration gets the identity of one
@@ -78,9 +121,29 @@ def learned() -> Callable[[Method, Sequence[Demonstration]], Movement]:
             lessons.append(lesson)
             if "n_samples" in inspect.signature(method.align).parameters:
                 method = replace(method, align=partial(method.align, n_samples=80))
+            method = replace(method, fit=in_few_iterations(method.fit))
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
                 movements[key] = method.learn(TrainingInput(demonstrations=lesson))
         return movements[key]
 
     return learn
+
+
+@pytest.fixture(scope="session")
+def learned_agent(
+    demonstrations: tuple[Demonstration, ...],
+    learned: Callable[[Method, Sequence[Demonstration]], Movement],
+) -> Callable[[str], Agent]:
+    """Return agents by the name of a policy, which are told a door of half a metre."""
+
+    def make(name: str) -> Agent:
+        method = POLICIES[name].method
+        if method is None:
+            agent = make_agent(name, ())
+        else:
+            agent = method.follow(learned(method, demonstrations))
+        agent.inform(DoorGeometry.nominal(0.5))
+        return agent
+
+    return make

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import Demonstration, PosePath, ViaPoint, adapt, align, fit_skill
@@ -28,15 +29,15 @@ TIMING = RBF(length_scale=0.25, signal_std=0.04)
 PLACES = np.arange(1.0, 7.0)
 
 
-def mean(phases: np.ndarray) -> np.ndarray:
+def mean(phases):
     return np.sin(np.multiply.outer(phases, PLACES))
 
 
-def slope(phases: np.ndarray) -> np.ndarray:
+def slope(phases):
     return PLACES * np.cos(np.multiply.outer(phases, PLACES))
 
 
-def repetition(timing: RBF | None = TIMING) -> Repetition:
+def repetition(timing=TIMING):
     basis = LegendreBasis(start=0.0, stop=1.0, size=48)
     root = basis.root_weights[:, None]
     curves = np.zeros((48, 0))
@@ -53,9 +54,7 @@ def repetition(timing: RBF | None = TIMING) -> Repetition:
     )
 
 
-def dense(
-    first: np.ndarray, second: np.ndarray, timing: RBF | None = TIMING
-) -> np.ndarray:
+def dense(first, second, timing=TIMING):
     """Prior covariance between six outputs at phases, (6N, 6M)."""
     covariance = np.kron(np.eye(6), PATH(first, second))
     if timing is not None:
@@ -82,14 +81,12 @@ def test_timing_equals_dense_conditioning(timing):
         gram[np.ix_(places, places)] += np.outer(along[number], along[number])
     cross = dense(TIMES, phases, timing)
     step = cross @ np.linalg.solve(gram, (poses - mean(phases)).T.ravel())
-    np.testing.assert_allclose(
-        process.mean, mean(TIMES) + step.reshape(6, -1).T, atol=1e-8
-    )
+    assert_allclose(process.mean, mean(TIMES) + step.reshape(6, -1).T, atol=1e-8)
     full = dense(TIMES, TIMES, timing) - cross @ np.linalg.solve(gram, cross.T)
     blocks = process.distribution(np.ones(6), None).covariance
     for output in range(6):
         part = slice(60 * output, 60 * output + 60)
-        np.testing.assert_allclose(blocks[output], full[part, part], atol=1e-9)
+        assert_allclose(blocks[output], full[part, part], atol=1e-9)
 
 
 def test_rates_are_the_slopes_of_mean_and_spread():
@@ -103,10 +100,10 @@ def test_rates_are_the_slopes_of_mean_and_spread():
         (found.std_rate, found.std),
     ):
         differences = np.gradient(curve, fine, axis=0)
-        np.testing.assert_allclose(rate[2:-2], differences[2:-2], atol=2e-4)
+        assert_allclose(rate[2:-2], differences[2:-2], atol=2e-4)
 
 
-def paced_arc(radius: float, hurry: float, rng: np.random.Generator) -> Demonstration:
+def paced_arc(radius, hurry, rng):
     clock = np.linspace(0.0, 1.0, 200)
     paced = clock + hurry * clock * (1.0 - clock)
     poses = handle_pose_on_arc(radius, 1.2 * paced**2 * (3.0 - 2.0 * paced))
@@ -174,18 +171,18 @@ def test_own_clock_is_the_mixture_of_its_two_filters(openings):
     mixed = adaptation.trajectory()
     second_moment = share * (first.std**2 + first.mean**2)
     second_moment += (1.0 - share) * (second.std**2 + second.mean**2)
-    np.testing.assert_allclose(mixed.std**2 + mixed.mean**2, second_moment, atol=1e-12)
-    np.testing.assert_array_equal(mixed.mean, adaptation.mean)
-    np.testing.assert_allclose(mixed.std, adaptation.std, rtol=1e-12)
+    assert_allclose(mixed.std**2 + mixed.mean**2, second_moment, atol=1e-12)
+    assert_array_equal(mixed.mean, adaptation.mean)
+    assert_allclose(mixed.std, adaptation.std, rtol=1e-12)
     diagonal = np.diagonal(mixed.covariance, axis1=1, axis2=2).T
-    np.testing.assert_allclose(np.sqrt(diagonal), mixed.std, rtol=1e-6, atol=1e-9)
+    assert_allclose(np.sqrt(diagonal), mixed.std, rtol=1e-6, atol=1e-9)
     fine = np.linspace(0.0, 1.0, 1001)
     adaptation, _ = forecast(
         lambda skill, _: OwnClockAdaptation(skill, fine), skill, unseen[1], 2
     )
     mixed = adaptation.trajectory()
     slopes = np.gradient(mixed.std, fine, axis=0)
-    np.testing.assert_allclose(mixed.std_rate[2:-2], slopes[2:-2], atol=5e-3)
+    assert_allclose(mixed.std_rate[2:-2], slopes[2:-2], atol=5e-3)
 
 
 def test_without_clocks_phases_are_certain(openings):
@@ -205,7 +202,7 @@ def test_timing_covariance_has_the_size_of_the_clocks():
     bump = TIMES * (1.0 - TIMES)
     clocks = TIMES + np.multiply.outer(hurries - hurries.mean(), bump)
     covariance = timing_covariance(TIMES, clocks, TIMES[::3])
-    np.testing.assert_allclose(
+    assert_allclose(
         np.sqrt(np.diag(covariance)), 0.2 * bump[::3], rtol=0.05, atol=1e-12
     )
     # Half of it is the demonstrated shape, the rest any as smooth as a quarter.
@@ -232,7 +229,7 @@ def test_timing_of_a_bend_has_its_moments(openings):
         spread = before.variance()[place] + poses.var(axis=0)
         tolerance = 0.03 * poses.std(axis=0)
         assert (np.abs(after.mean[place] - poses.mean(axis=0)) < tolerance).all()
-        np.testing.assert_allclose(after.variance()[place], spread, rtol=0.05)
+        assert_allclose(after.variance()[place], spread, rtol=0.05)
 
 
 def test_intervals_keep_the_degrees_of_freedom_of_the_demonstrations(openings):

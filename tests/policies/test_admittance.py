@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from gplfd_policies.control.admittance import Admittance
@@ -14,10 +15,9 @@ from gplfd_policies.control.stiffness import (
     DEFAULT_PROFILE,
     PAPER_DYNAMICS,
     PAPER_PROFILE,
-    VirtualDynamics,
 )
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.usefixtures("unchecked_types")
 
 STIFF = PAPER_PROFILE.k_max
 WRENCH = np.array([5.0, -3.0, 8.0, 0.5, -0.2, 0.1])
@@ -29,18 +29,7 @@ def test_eq22_static_deflection_is_force_over_stiffness(dt):
     stiffness = DEFAULT_PROFILE.k_max
     for _ in range(max(50, round(2.0 / dt))):
         displacement = admittance.step(stiffness, WRENCH, dt)
-    np.testing.assert_allclose(displacement, WRENCH / stiffness, rtol=1e-6)
-
-
-@pytest.mark.parametrize("ratio", [0.05, 1.0, 3.0])
-@pytest.mark.parametrize("dt", [0.005, 0.05, 0.5])
-def test_eq22_released_hand_returns_to_the_desired_pose(ratio, dt):
-    admittance = Admittance(VirtualDynamics(mass=np.ones(6), damping_ratio=ratio))
-    admittance.step(STIFF, 100 * WRENCH, dt)
-    for _ in range(round(20 / dt)):
-        admittance.step(STIFF, np.zeros(6), dt)
-    np.testing.assert_allclose(admittance.displacement, 0.0, atol=1e-8)
-    np.testing.assert_allclose(admittance.velocity, 0.0, atol=1e-7)
+    assert_allclose(displacement, WRENCH / stiffness, rtol=1e-6)
 
 
 def test_eq22_is_stable_where_semi_implicit_euler_diverges():
@@ -60,13 +49,13 @@ def test_eq22_is_stable_where_semi_implicit_euler_diverges():
 
 
 def test_eq22_converges_to_the_differential_equation():
-    def stiffness(time: float) -> np.ndarray:
+    def stiffness(time):
         return (300 + 200 * np.sin(5 * time)) * np.ones(6)
 
-    def force(time: float) -> np.ndarray:
+    def force(time):
         return WRENCH * np.cos(8 * time)
 
-    def motion(time: float, state: np.ndarray) -> np.ndarray:
+    def motion(time, state):
         position, velocity = state[:6], state[6:]
         k = stiffness(time)
         damping = PAPER_DYNAMICS.damping(k)
@@ -82,10 +71,10 @@ def test_eq22_converges_to_the_differential_equation():
         errors.append(np.abs(admittance.displacement - exact).max())
     assert errors[2] < 3e-5
     # First order: ten times smaller steps, ten times smaller errors.
-    np.testing.assert_allclose(np.divide(errors[:2], errors[1:]), 10.0, rtol=0.15)
+    assert_allclose(np.divide(errors[:2], errors[1:]), 10.0, rtol=0.15)
 
 
-def lyapunov(admittance: Admittance, stiffness: np.ndarray, gamma: np.ndarray):
+def lyapunov(admittance, stiffness, gamma):
     """Kronander & Billard's function per axis, with M, D, K diagonal."""
     mass = PAPER_DYNAMICS.mass
     error, velocity = admittance.displacement, admittance.velocity
@@ -93,7 +82,7 @@ def lyapunov(admittance: Admittance, stiffness: np.ndarray, gamma: np.ndarray):
     return (mass * (velocity + gamma * error) ** 2 + shape * error**2) / 2
 
 
-def energies(targets: np.ndarray, dt: float, *, governed: bool) -> np.ndarray:
+def energies(targets, dt, *, governed):
     """Let a kicked hand go under a stiffness sequence; return the function."""
     governor = StiffnessGovernor(PAPER_PROFILE, PAPER_DYNAMICS)
     admittance = Admittance(PAPER_DYNAMICS)

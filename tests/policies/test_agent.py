@@ -1,13 +1,14 @@
 """The compliant agent: movement, adaptation, stiffness and admittance together."""
 
 import dataclasses
-from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_policies import GaussianTrajectory
 from gplfd_policies.adaptation import ProcessAdaptation
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
@@ -16,19 +17,14 @@ from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.stability import rate_bound
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
-from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.movements.movement import EmpiricalDistribution
-from gplfd_policies.movements.skill import fit_skill
-from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.phase.path_phase import PathPhase
 from gplfd_policies.phase.phase_rule import POSE_ERROR, ClockPhase, PhaseEstimate
-from gplfd_policies.registry.catalogue import POLICIES
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 PERIOD = 0.01
 AT_REST = np.zeros(6)
-QUICK_FIT = partial(fit_skill, noise=KerstingNoise(n_iterations=1))
 
 
 def agent_of(skill, form=ProcessAdaptation, **config):
@@ -72,21 +68,14 @@ def stacked(steps, name):
     return np.array([getattr(step, name) for step in steps])
 
 
-@pytest.mark.parametrize("radius", [0.35, 0.50, 0.65, 0.42])
+@pytest.mark.parametrize("radius", [0.35, 0.42, 0.65])
 def test_adaptation_finds_the_radius_of_an_ideal_door(skill, radius):
     agent = agent_of(skill)
     _, angles = ideal_door(agent, radius, 700)
     assert angles[-1] > np.radians(62.0)
     end = agent.forecast().mean[-1]
     expected = handle_pose_on_arc(radius, end[4])
-    np.testing.assert_allclose(end[[0, 2]], expected[[0, 2]], atol=0.03)
-
-
-def test_without_adaptation_the_policy_stays_as_demonstrated(skill):
-    agent = agent_of(skill, None)
-    before = agent.forecast().mean
-    ideal_door(agent, 0.35, 200)
-    np.testing.assert_array_equal(agent.forecast().mean, before)
+    assert_allclose(end[[0, 2]], expected[[0, 2]], atol=0.03)
 
 
 def test_step_reports_the_uncertainty_that_set_the_stiffness(skill):
@@ -94,7 +83,7 @@ def test_step_reports_the_uncertainty_that_set_the_stiffness(skill):
     stds, stiffness = stacked(steps, "std"), stacked(steps, "stiffness")
     for values, name in ((stds, "std_rate"), (stiffness, "stiffness_rate")):
         expected = np.diff(values, axis=0) / PERIOD
-        np.testing.assert_allclose(stacked(steps, name)[1:], expected, atol=1e-6)
+        assert_allclose(stacked(steps, name)[1:], expected, atol=1e-6)
     assert np.all(stiffness <= DEFAULT_PROFILE.stiffness(stds) + 1e-9)
 
 
@@ -114,13 +103,8 @@ def test_rendered_stiffness_keeps_the_stability_bound(skill, radius):
 
 
 @pytest.mark.parametrize("name", ["gp-paper", "gp"])
-def test_fig10_compliance_towards_the_hinge_rises_to_the_end(
-    name, demonstrations, learned
-):
-    method = POLICIES[name].method
-    if name == "gp-paper":  # ten iterations take half a minute and change little
-        method = dataclasses.replace(method, fit=QUICK_FIT)
-    agent = method.follow(learned(method, demonstrations))
+def test_fig10_compliance_towards_the_hinge_rises_to_the_end(name, learned_agent):
+    agent = learned_agent(name)
     duration = agent.movement.learned.duration
     steps, angles = ideal_door(agent, 0.5, round(duration / PERIOD))
     stiffness = stacked(steps, "stiffness")[:, 2]
@@ -142,11 +126,11 @@ def test_via_points_share_what_the_phase_leaves_open(skill, monkeypatch):
             rates.append(agent.phases.rate(np.float64(seen[-1].phase)))
     assert len(seen) > 10
     for via_point, rate in zip(seen, rates, strict=True):
-        np.testing.assert_array_equal(via_point.std, np.repeat(POSE_ERROR, 3))
+        assert_array_equal(via_point.std, np.repeat(POSE_ERROR, 3))
         # Along the path, by one standard deviation of the phase.
         std = np.linalg.norm(via_point.along) / np.linalg.norm(rate)
         assert std > 0.0
-        np.testing.assert_allclose(via_point.along, std * rate, rtol=1e-9)
+        assert_allclose(via_point.along, std * rate, rtol=1e-9)
 
 
 def test_clock_runs_at_the_demonstrated_speed_on_a_free_door(skill):
@@ -163,49 +147,10 @@ def test_lag_does_not_slow_the_clock_down(skill):
     assert steps[-1].phase == pytest.approx(expected, rel=1e-6)
 
 
-def test_set_point_waits_at_the_largest_load(skill):
-    steps = held_still(agent_of(skill), 100, force=(-20.0, 0.0, 0.0))
-    assert steps[-1].phase < 0.05 * 100 * PERIOD / skill.duration
-
-
-def test_resistance_along_the_path_is_carried_not_yielded_to(skill):
-    step = held_still(agent_of(skill), 200, force=(-10.0, 0.0, 0.0))[-1]
-    # Along the pull nothing gives way; the tangent is x up to the path's first bend.
-    assert abs(step.action[0] - step.desired[0]) < 5e-3
-
-
 def test_force_across_the_path_is_yielded_to(skill):
     step = held_still(agent_of(skill, None), 100, force=(0.0, 5.0, 0.0))[-1]
     expected = 5.0 / step.stiffness[1]
     assert step.action[1] - step.desired[1] == pytest.approx(expected, rel=0.05)
-
-
-def held_hand(agent, delay, steps=600):
-    """Hold the hand by a rigid bar across the path, commands being late by periods.
-
-    Returns how far the set-point was displaced upwards, after a push of 10 N.
-    """
-    agent.reset(observed(AT_REST))
-    # A command holds for one period; then it is felt, without any delay.
-    late, displaced = [0.0] * (delay + 1), []
-    for count in range(steps):
-        push = 10.0 if count < 20 else 0.0
-        felt = observed(AT_REST, force=(0.0, push - 2000.0 * late[0], 0.0))
-        step = agent.act(felt)
-        late = [*late[1:], step.action[1]]
-        displaced.append(step.action[1] - step.desired[1])
-    return np.abs(displaced)
-
-
-@pytest.mark.parametrize("stiffness", [100.0, 200.0, 330.0])
-def test_a_held_hand_stays_calm_although_commands_are_late(skill, stiffness):
-    constant = np.repeat([stiffness, 0.1 * stiffness], 3)
-    profile = dataclasses.replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
-    displaced = held_hand(agent_of(skill, None, profile=profile), 3)
-    assert displaced[-100:].max() < 0.05 * displaced.max()
-    undamped = dataclasses.replace(DEFAULT_DYNAMICS, least_damping=np.zeros(6))
-    displaced = held_hand(agent_of(skill, None, profile=profile, dynamics=undamped), 3)
-    assert displaced[-100:].max() > 10.0 * displaced[:30].max()
 
 
 def test_a_hand_that_is_held_becomes_soft(skill):
@@ -234,7 +179,7 @@ def test_rotation_offset_is_composed_not_added(skill):
         step = agent.act(observation)
     turn = Rotation.from_rotvec(step.action[3:].copy())
     offset = turn * Rotation.from_rotvec(step.desired[3:].copy()).inv()
-    np.testing.assert_allclose(offset.as_rotvec()[1:], 0.0, atol=1e-9)
+    assert_allclose(offset.as_rotvec()[1:], 0.0, atol=1e-9)
     assert offset.as_rotvec()[0] > 0.005
 
 
@@ -242,15 +187,8 @@ def test_rotation_leads_by_less_than_the_pull(skill):
     agent = agent_of(skill, None, max_turn_lead=0.05)
     step = held_still(agent, 300)[-1]
     ahead, _ = agent.movement.at(step.observed_phase + 0.05)
-    np.testing.assert_allclose(step.desired[3:], ahead[3:])
+    assert_allclose(step.desired[3:], ahead[3:])
     assert step.phase > step.observed_phase + 0.2
-
-
-def test_reset_forgets_the_last_door(skill):
-    fresh, used = agent_of(skill), agent_of(skill)
-    ideal_door(used, 0.35, 150)
-    (ours, _), (others, _) = (ideal_door(one, 0.6, 150) for one in (fresh, used))
-    np.testing.assert_array_equal(stacked(ours, "action"), stacked(others, "action"))
 
 
 def test_via_points_are_spaced_in_phase(skill):
@@ -298,7 +236,7 @@ def test_direction_is_that_of_the_path_as_just_adapted(skill):
         ahead = min(step.observed_phase + 0.05, 1.0)
         chord = (agent.movement.at(ahead)[0] - agent.movement.at(ahead - 0.05)[0])[:3]
         expected = chord / np.linalg.norm(chord)
-        np.testing.assert_allclose(directions[-1], expected, atol=1e-5)
+        assert_allclose(directions[-1], expected, atol=1e-5)
 
 
 class Curve:
@@ -323,14 +261,8 @@ def test_policy_without_uncertainty_is_followed_stiffly(skill):
     steps, angles = ideal_door(agent, 0.5, 300)
     assert angles[-1] > np.radians(20.0)
     for step in steps:
-        np.testing.assert_array_equal(step.stiffness, DEFAULT_PROFILE.k_max)
+        assert_array_equal(step.stiffness, DEFAULT_PROFILE.k_max)
         for field in dataclasses.fields(step):
             unknown = field.name in ("std", "std_rate", "predicted_std")
             value = np.asarray(getattr(step, field.name))
             assert np.isnan(value).all() if unknown else np.isfinite(value).all()
-
-
-def test_agents_cannot_be_changed_in_place(skill):
-    # Their parts are put together once: a change would go unnoticed.
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        agent_of(skill).config = ComplianceConfig()

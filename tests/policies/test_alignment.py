@@ -1,136 +1,54 @@
-"""Demonstrations, the task completion index and temporal alignment."""
+"""The task completion index and temporal alignment."""
 
-import re
 import warnings
 
-import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from scipy.signal import butter, sosfiltfilt
-from scipy.spatial.transform import Rotation
 
-from gplfd_env.spatial.se3 import canonical_rotvec, pose_distance
-from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.demonstrations.alignment import align
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import pose_distance
+from gplfd_policies import Demonstration, align
 from gplfd_policies.demonstrations.completion import (
     denoised_steps,
     task_completion_index,
 )
-from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 
 METHODS = ["interpolation", "directions", "dtw", "dtw-euclidean"]
 
 
-@pytest.fixture
-def as_for_users(monkeypatch):
-    """Without the shape checks of this test suite, which would come first."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-
-
-def minimum_jerk(time: np.ndarray) -> np.ndarray:
+def minimum_jerk(time):
     time = np.clip(time, 0.0, 1.0)
     return time**3 * (10 - 15 * time + 6 * time**2)
 
 
-def door_arc(progress: np.ndarray, radius: float = 0.5) -> np.ndarray:
-    angle = 1.2 * progress
-    poses = np.zeros((len(angle), 6))
-    poses[:, 0] = radius * np.sin(angle)
-    poses[:, 2] = -radius * (1 - np.cos(angle))
-    poses[:, 4] = angle
-    return poses
+def door_arc(progress, radius=0.5):
+    return handle_pose_on_arc(radius, 1.2 * progress)
 
 
 def demonstration(
-    clock=minimum_jerk, path=door_arc, n=200, duration=3.0, noise=0.0, seed=0, start=0.0
-) -> Demonstration:
+    clock=minimum_jerk, path=door_arc, n=200, duration=3.0, noise=0.0, seed=0
+):
     time = np.linspace(0.0, 1.0, n)
     sensor = noise * np.random.default_rng(seed).normal(size=(n, 6))
-    return Demonstration(
-        times=start + duration * time, poses=path(clock(time)) + sensor
-    )
+    return Demonstration(times=duration * time, poses=path(clock(time)) + sensor)
 
 
-def true_completion(clock, path, n: int) -> np.ndarray:
+def completion_errors(recorded, clock):
+    """Errors of the index of an opening, with and without its denoising."""
     fine = np.linspace(0.0, 1.0, 20_001)
-    step = np.diff(path(clock(fine)), axis=0)
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
-    return np.interp(np.linspace(0.0, 1.0, n), fine, length / length[-1])
-
-
-# --- Demonstration -----------------------------------------------------------
-
-
-@pytest.mark.usefixtures("as_for_users")
-def test_demonstration_is_a_read_only_float64_copy():
-    times, poses = np.array([0, 1, 2]), np.arange(18).reshape(3, 6) / 100
-    recorded = Demonstration(times=times, poses=poses)
-    poses[0, 0] = 9.0
-    assert recorded.poses[0, 0] == 0.0
-    assert recorded.times.dtype == recorded.poses.dtype == np.float64
-    with pytest.raises(ValueError, match="read-only"):
-        recorded.poses[0, 0] = 1.0
-
-
-def broken(**changes) -> dict[str, np.ndarray]:
-    fields = {"times": np.linspace(0, 1, 5), "poses": door_arc(np.linspace(0, 1, 5))}
-    for name, (index, value) in changes.items():
-        fields[name] = fields[name].copy()
-        fields[name][index] = value
-    return fields
-
-
-@pytest.mark.usefixtures("as_for_users")
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        (broken(poses=((3, 2), np.nan)), r"poses\[3\] = .* is not finite"),
-        (broken(times=(4, np.inf)), r"times\[4\] = inf is not finite"),
-        ({"times": np.zeros(0), "poses": np.zeros((0, 6))}, "is empty"),
-        ({"times": np.zeros(1), "poses": np.zeros((1, 6))}, "has one sample"),
-        (broken(times=(2, 0.9)), r"times\[3\] = 0.75 is earlier than times\[2\] = 0.9"),
-        (broken(times=(2, 0.25)), r"times\[2\] = 0.25 repeats times\[1\] = 0.25"),
-        ({"times": np.arange(3.0), "poses": np.zeros((3, 7))}, r"\(3,\) and \(3, 7\)"),
-        ({"times": np.arange(4.0), "poses": np.zeros((3, 6))}, r"\(4,\) and \(3, 6\)"),
-        ({"times": np.arange(3.0), "poses": np.ones((3, 6))}, "never moves"),
-    ],
-)
-def test_unusable_demonstration_is_refused(fields, message):
-    with pytest.raises(ValueError, match=message):
-        Demonstration(**fields)
-
-
-def test_rotation_vectors_that_jump_are_refused_with_the_way_out():
-    angle = np.linspace(3.0, 3.3, 7)
-    poses = np.zeros((7, 6))
-    poses[:, 3:] = canonical_rotvec(angle[:, None] * np.array([0.0, 0.6, 0.8]))
-    with pytest.raises(
-        ValueError, match=r"jump at sample 3.*from_quaternions.*unwrap_rotvecs"
-    ):
-        Demonstration(times=np.arange(7.0), poses=poses)
-
-
-def test_from_quaternions_gives_continuous_rotation_vectors():
-    angle = np.linspace(2.8, 3.6, 30)
-    rotvecs = angle[:, None] * np.array([0.0, -0.6, 0.8])
-    quaternions = Rotation.from_rotvec(rotvecs).as_quat(scalar_first=False)
-    quaternions[::3] *= -1
-    positions = np.random.default_rng(0).normal(size=(30, 3))
-    recorded = Demonstration.from_quaternions(
-        np.arange(30.0), positions, quaternions, order="xyzw"
-    )
-    np.testing.assert_allclose(recorded.poses[:, 3:], rotvecs, atol=1e-12)
-    np.testing.assert_array_equal(recorded.poses[:, :3], positions)
-
-
-def test_from_quaternions_refuses_mismatched_positions():
-    with pytest.raises(ValueError, match=r"one row per quaternion, got \(2, 3\) for 3"):
-        Demonstration.from_quaternions(
-            np.arange(3.0), np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (3, 1))
-        )
+    step = np.linalg.norm(np.diff(door_arc(clock(fine)), axis=0), axis=1)
+    length = np.append(0.0, np.cumsum(step))
+    times = recorded.times / recorded.times[-1]
+    truth = np.interp(times, fine, length / length[-1])
+    return [
+        np.sqrt(np.mean((task_completion_index(recorded, denoise=on) - truth) ** 2))
+        for on in (True, False)
+    ]
 
 
 # --- Task completion index ---------------------------------------------------
@@ -140,7 +58,7 @@ def test_eq16_is_the_share_of_the_path_covered():
     poses = np.zeros((5, 6))
     poses[:, 0] = [0.0, 0.1, 0.1, 0.4, 0.5]
     recorded = Demonstration(times=np.array([0, 1, 5, 6, 7.0]), poses=poses)
-    np.testing.assert_allclose(
+    assert_allclose(
         task_completion_index(recorded), [0.0, 0.2, 0.2, 0.8, 1.0], atol=1e-15
     )
 
@@ -173,29 +91,24 @@ def test_eq16_runs_from_zero_to_one_without_falling(n, noise, seed):
     assert np.all(np.diff(completion) >= 0.0)
 
 
-def rests_at_both_ends(time: np.ndarray) -> np.ndarray:
+def rests_at_both_ends(time):
     return minimum_jerk((time - 0.4) / 0.2)
 
 
 @pytest.mark.parametrize(
     ("clock", "limit"), [(minimum_jerk, 0.006), (rests_at_both_ends, 0.02)]
 )
-@pytest.mark.parametrize("n", [200, 1000, 5000])
-@pytest.mark.parametrize("noise", [1e-3, 2e-3])
+@pytest.mark.parametrize(("n", "noise"), [(200, 2e-3), (1000, 1e-3), (5000, 2e-3)])
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_phase_error_with_noise_stays_below(clock, limit, n, noise):
-    truth = true_completion(clock, door_arc, n)
-    errors = {}
-    for denoise in (True, False):
-        completion = task_completion_index(
-            demonstration(clock, n=n, noise=noise, seed=3), denoise=denoise
-        )
-        errors[denoise] = np.sqrt(np.mean((completion - truth) ** 2))
-    assert errors[True] < limit
-    assert errors[False] > 5 * errors[True]
+    denoised, raw = completion_errors(
+        demonstration(clock, n=n, noise=noise, seed=3), clock
+    )
+    assert denoised < limit
+    assert raw > 5 * denoised
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_phase_error_with_filtered_noise_stays_below(seed):
     # What a suit reports: 60 Hz, low-passed at 8 Hz, 1 mm and 0.3 degrees.
@@ -205,16 +118,12 @@ def test_phase_error_with_filtered_noise_stays_below(seed):
     poses = door_arc(minimum_jerk(np.linspace(0.0, 1.0, n)))
     poses += filtered / filtered.std(axis=0) * np.repeat([1e-3, 5e-3], 3)
     recorded = Demonstration(times=np.arange(n) / 60.0, poses=poses)
-    truth = true_completion(minimum_jerk, door_arc, n)
-    errors = [
-        np.sqrt(np.mean((task_completion_index(recorded, denoise=on) - truth) ** 2))
-        for on in (True, False)
-    ]
-    assert errors[0] < 0.02
-    assert errors[1] > 3 * errors[0]
+    denoised, raw = completion_errors(recorded, minimum_jerk)
+    assert denoised < 0.02
+    assert raw > 3 * denoised
 
 
-@pytest.mark.parametrize("n", [6, 12, 20, 60, 200, 1000])
+@pytest.mark.parametrize("n", [6, 20, 200])
 @pytest.mark.parametrize(
     ("clock", "cost"),
     [(minimum_jerk, 1.3e-3), (rests_at_both_ends, 0.03), (lambda time: time, 1e-5)],
@@ -223,7 +132,7 @@ def test_denoising_costs_clean_demonstrations_little(n, clock, cost):
     recorded = demonstration(clock, n=n)
     clean = task_completion_index(recorded)
     raw = task_completion_index(recorded, denoise=False)
-    np.testing.assert_allclose(clean, raw, atol=cost)
+    assert_allclose(clean, raw, atol=cost)
 
 
 def test_denoising_keeps_the_ends_of_the_path():
@@ -263,36 +172,11 @@ def test_motion_within_the_noise_falls_back_to_the_raw_path():
     assert np.isfinite(completion).all()
 
 
-def test_motion_the_weight_does_not_count_is_refused():
-    poses = np.zeros((4, 6))
-    poses[:, 0] = np.arange(4)
-    recorded = Demonstration(times=np.arange(4.0), poses=poses)
-    with pytest.raises(ValueError, match=r"does not move under rotation_weight=1\.0"):
-        task_completion_index(recorded, rotation_weight=1.0)
-
-
 # --- Alignment ---------------------------------------------------------------
 
 
-def slow_start(time: np.ndarray) -> np.ndarray:
+def slow_start(time):
     return minimum_jerk(time**1.8)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_endpoints_map_to_endpoints(method):
-    recorded = [
-        demonstration(n=150, duration=2.0),
-        demonstration(slow_start, n=230, duration=5.0, start=100.0),
-    ]
-    aligned = align(recorded, method=method, n_samples=80, trim_rests=False)
-    assert aligned.times[0] == 0.0
-    assert aligned.times[-1] == 1.0
-    assert np.all(np.diff(aligned.times) > 0)
-    assert aligned.duration == pytest.approx(3.5)
-    tolerance = 0.0 if method == "interpolation" else 2e-3
-    for poses, demo in zip(aligned.poses, recorded, strict=True):
-        np.testing.assert_allclose(poses[0], demo.poses[0], atol=tolerance)
-        np.testing.assert_allclose(poses[-1], demo.poses[-1], atol=tolerance)
 
 
 @pytest.mark.parametrize(
@@ -313,9 +197,9 @@ def test_time_warped_copies_align_to_the_same_poses(warp):
     ]
     aligned = align(recorded, trim_rests=False)
     # The denoiser rounds abrupt changes of speed, which the copies have elsewhere.
-    np.testing.assert_allclose(aligned.poses[0], aligned.poses[1], atol=5e-3)
+    assert_allclose(aligned.poses[0], aligned.poses[1], atol=5e-3)
     exact = align(recorded, denoise=False, trim_rests=False)
-    np.testing.assert_allclose(exact.poses[0], exact.poses[1], atol=1e-3)
+    assert_allclose(exact.poses[0], exact.poses[1], atol=1e-3)
     unaligned = minimum_jerk(warp(aligned.times)) - minimum_jerk(aligned.times)
     assert np.abs(unaligned).max() > 0.2
 
@@ -329,7 +213,7 @@ def test_common_clock_keeps_the_shared_timing():
     expected = np.stack(
         [door_arc(minimum_jerk(aligned.times), radius) for radius in (0.35, 0.65)]
     )
-    np.testing.assert_allclose(aligned.poses, expected, atol=5e-4)
+    assert_allclose(aligned.poses, expected, atol=5e-4)
 
 
 def test_rest_shared_by_all_is_a_rest_of_the_result():
@@ -345,6 +229,16 @@ def test_rest_shared_by_all_is_a_rest_of_the_result():
     assert np.abs(aligned.poses[:, aligned.times > 0.5]).max(axis=(1, 2)).min() > 0.1
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_endpoints_map_to_endpoints(method):
+    recorded = [demonstration(n=150), demonstration(slow_start, n=230)]
+    aligned = align(recorded, method=method, n_samples=80, trim_rests=False)
+    assert aligned.times[0] == 0.0
+    assert aligned.times[-1] == 1.0
+    for poses, demo in zip(aligned.poses, recorded, strict=True):
+        assert_allclose(poses[[0, -1]], demo.poses[[0, -1]], atol=2e-3)
+
+
 @pytest.mark.parametrize("method", ["interpolation", "dtw"])
 def test_lengths_rates_and_durations_may_differ_freely(method):
     two_samples = Demonstration(
@@ -357,9 +251,9 @@ def test_lengths_rates_and_durations_may_differ_freely(method):
     aligned = align(recorded, method=method, n_samples=50)
     # Warping repeats one of the two samples, which is wrong by up to half their step.
     tolerance = 1e-3 if method == "interpolation" else 0.061
-    np.testing.assert_allclose(aligned.poses[0], aligned.poses[1], atol=tolerance)
+    assert_allclose(aligned.poses[0], aligned.poses[1], atol=tolerance)
     expected = door_arc(0.1 * aligned.times)
-    np.testing.assert_allclose(aligned.poses[1], expected, atol=1e-3)
+    assert_allclose(aligned.poses[1], expected, atol=1e-3)
     assert aligned.duration == pytest.approx(500.5)
 
 
@@ -368,17 +262,17 @@ def test_aligned_poses_are_the_samples_as_recorded():
     noisy = demonstration(n=200, noise=1e-3)
     with pytest.warns(UserWarning, match="sensor noise"):
         aligned = align([noisy], n_samples=200)
-    np.testing.assert_allclose(aligned.poses[0], noisy.poses, atol=1e-12)
+    assert_allclose(aligned.poses[0], noisy.poses, atol=1e-12)
 
 
 def test_rotations_of_all_demonstrations_share_one_branch():
-    def turned(angle: float) -> Demonstration:
+    def turned(angle):
         poses = door_arc(np.linspace(0.0, 1.0, 60))
         poses[:, 3:] = [0.0, 0.0, 1.0] * (angle + poses[:, 4:5])
         return Demonstration(times=np.arange(60.0), poses=poses)
 
     aligned = align([turned(3.0), turned(3.02 - 2 * np.pi), turned(3.04 + 4 * np.pi)])
-    np.testing.assert_allclose(
+    assert_allclose(
         aligned.poses[1:, :, 5] - aligned.poses[0, :, 5],
         [[0.02] * 200, [0.04] * 200],
         atol=1e-3,
@@ -388,7 +282,7 @@ def test_rotations_of_all_demonstrations_share_one_branch():
 # --- Dynamic time warping ----------------------------------------------------
 
 
-def naive_cost(costs: np.ndarray) -> float:
+def naive_cost(costs):
     total = np.full(costs.shape, np.inf)
     for i in range(costs.shape[0]):
         for j in range(costs.shape[1]):
@@ -421,13 +315,6 @@ def test_dtw_cost_equals_the_naive_recursion(rows, columns, seed, ties):
     assert (path.rows[-1], path.columns[-1]) == (rows - 1, columns - 1)
 
 
-def test_dtw_of_very_long_sequences_is_refused_before_it_takes_memory():
-    with pytest.raises(
-        ValueError, match=r"of 20,000 and 30,000 samples.*10,000 samples or fewer"
-    ):
-        dynamic_time_warping(lambda row: np.zeros(30_000), 20_000)
-
-
 def test_dtw_on_rising_completion_is_interpolation_within_half_a_sample():
     first, second = (
         task_completion_index(demonstration(lambda time, p=power: time**p, n=n))
@@ -451,10 +338,10 @@ def test_dtw_makes_staircases_and_interpolation_does_not():
     assert roughness["dtw"] > 5 * roughness["interpolation"]
 
 
-def shelf(height: float):
+def shelf(height):
     """Lift an object to a shelf and put it in; higher is also deeper."""
 
-    def path(progress: np.ndarray) -> np.ndarray:
+    def path(progress):
         poses = np.zeros((len(progress), 6))
         poses[:, 1] = height * np.clip(progress / 0.6, 0, 1)
         poses[:, 0] = height * np.clip((progress - 0.6) / 0.9, 0, 0.4 / 0.9)
@@ -493,10 +380,10 @@ def letter(sizes, again=False):
     places = [0.0, 1.0, 2.0, 1.5, 2.0, 3.0] if again else [0.0, 1.0, 2.0, 3.0]
     knots = np.cumsum(np.abs(np.diff(places, prepend=0.0)))
 
-    def stroke(progress: np.ndarray) -> np.ndarray:
+    def stroke(progress):
         return np.interp(progress, knots / knots[-1], places)
 
-    def path(progress: np.ndarray) -> np.ndarray:
+    def path(progress):
         poses = np.zeros((len(progress), 6))
         for axis in range(2):
             column = np.interp(stroke(progress), np.arange(4.0), corners[:, axis])
@@ -530,48 +417,6 @@ def test_directions_tell_strokes_apart_where_completion_does_not(letters, share)
     assert differ["directions"] <= share * differ["interpolation"]
 
 
-# --- Edges -------------------------------------------------------------------
-
-
-@pytest.mark.usefixtures("as_for_users")
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"demonstrations": []}, "at least one demonstration is needed"),
-        ({"method": "linear"}, re.escape(str(sorted(METHODS)))),
-        ({"n_samples": 1}, "n_samples must be at least 2, got 1"),
-        ({"rotation_weight": 2.0}, r"rotation_weight must lie in \[0, 1\]"),
-    ],
-)
-def test_unusable_alignment_arguments_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        align(**({"demonstrations": [demonstration()]} | arguments))
-
-
-@pytest.mark.usefixtures("as_for_users")
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"times": np.linspace(0, 1, 4)}, r"\(4,\) and \(2, 3, 6\)"),
-        ({"times": np.array([0.0, 0.5, 0.5])}, "increase strictly"),
-        ({"times": np.array([0.0, 0.5, 1.5])}, "divide seconds by the duration"),
-        ({"poses": np.full((2, 3, 6), np.nan)}, "must be finite"),
-        ({"poses": np.zeros((0, 3, 6))}, "got 0 and 3"),
-        ({"duration": 0.0}, "duration must be positive"),
-    ],
-)
-def test_unusable_aligned_demonstrations_are_refused(fields, message):
-    good = {"times": np.linspace(0, 1, 3), "poses": np.zeros((2, 3, 6))}
-    with pytest.raises(ValueError, match=message):
-        AlignedDemonstrations(**(good | fields))
-
-
-def test_aligned_demonstrations_are_read_only():
-    aligned = align([demonstration()])
-    with pytest.raises(ValueError, match="read-only"):
-        aligned.poses[0, 0, 0] = 1.0
-
-
 @pytest.mark.parametrize("method", ["interpolation", "dtw"])
 def test_clocks_say_when_each_demonstration_was_there(method):
     """Straight paths at paces t and t²: what is reached at a phase has its clock."""
@@ -584,18 +429,6 @@ def test_clocks_say_when_each_demonstration_was_there(method):
     aligned = align(recorded, method=method, n_samples=50, denoise=False)
     for found, poses, path in zip(aligned.clocks, aligned.poses, paths, strict=True):
         reached = np.interp(found, clock, path[:, 0])
-        np.testing.assert_allclose(reached, poses[:, 0], atol=4e-3)
+        assert_allclose(reached, poses[:, 0], atol=4e-3)
     if method == "interpolation":
-        np.testing.assert_allclose(aligned.clocks.mean(axis=0), aligned.times)
-
-
-@pytest.mark.parametrize(
-    "clocks", [np.full((2, 5), 1.5), np.full((2, 5), np.nan), np.zeros((2, 4))]
-)
-def test_clocks_are_shares_of_a_duration(clocks, monkeypatch):
-    # What a user meets, whose types nobody checks.
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-    with pytest.raises(ValueError, match=r"clocks must be None, or of shape \(K, M\)"):
-        AlignedDemonstrations(
-            times=np.linspace(0.0, 1.0, 5), poses=np.zeros((2, 5, 6)), clocks=clocks
-        )
+        assert_allclose(aligned.clocks.mean(axis=0), aligned.times)

@@ -4,52 +4,41 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
-from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies import ViaPoint
 from gplfd_policies.movements.baselines.gmm_gp import (
     Evidence,
-    GMMGaussianProcess,
     GMMGPConfig,
     LengthScaleConfig,
     MixtureKernel,
     fit_gmm_gp,
 )
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
-from gplfd_policies.movements.trajectory import ViaPoint
 
 GRID = np.linspace(0.0, 1.0, 41)
 
 
 @pytest.fixture(scope="module")
-def aligned(demonstrations) -> AlignedDemonstrations:
-    return align(demonstrations)
-
-
-@pytest.fixture(scope="module")
-def process(aligned) -> GMMGaussianProcess:
+def process(aligned):
     return fit_gmm_gp(aligned)
 
 
-def shifted(
-    process: GMMGaussianProcess, phase: float, stds: float, sigma: float
-) -> ViaPoint:
+def shifted(process, phase, stds, sigma):
     """A demand ``stds`` standard deviations beside the mean."""
     here = process.predict(np.array([phase]))
     return ViaPoint(phase=phase, pose=here.mean[0] + stds * here.std[0], std=sigma)
 
 
-def with_scales(process: GMMGaussianProcess, scale: float) -> GMMGaussianProcess:
+def with_scales(process, scale):
     scales = np.full(len(process.regression.weights), scale)
     return replace(process, kernel=replace(process.kernel, length_scales=scales))
 
 
-def published_kernel(
-    process: GMMGaussianProcess, a: np.ndarray, b: np.ndarray
-) -> np.ndarray:
+def published_kernel(process, a, b):
     """K(t, t') = Σ_l h_l(t) h_l(t') Σ̂_l k_l(t, t') [m, rad], shape (A, 6, B, 6)."""
     regression = process.regression
     shares_a, shares_b = regression.responsibilities(a), regression.responsibilities(b)
@@ -64,19 +53,15 @@ def published_kernel(
     return total
 
 
-def test_prior_is_the_regression_with_the_published_covariance(process):
+def test_prior_is_the_regression_with_the_published_covariance(process, aligned):
     predicted = process.predict(GRID)
-    mean, mixture = process.regression.moments(GRID)
-    np.testing.assert_array_equal(predicted.mean, mean)
+    mean, mixture = fit_gmr(aligned, GMRConfig(components=6)).moments(GRID)
+    assert_array_equal(predicted.mean, mean)
     expected = published_kernel(process, GRID, GRID)
     for output in range(6):
         block = expected[:, output, :, output]
-        np.testing.assert_allclose(
-            predicted.covariance[output], block, atol=1e-9 * block.max()
-        )
-        np.testing.assert_allclose(
-            predicted.std[:, output], np.sqrt(np.diag(block)), rtol=1e-9
-        )
+        assert_allclose(predicted.covariance[output], block, atol=1e-9 * block.max())
+        assert_allclose(predicted.std[:, output], np.sqrt(np.diag(block)), rtol=1e-9)
     # Σ h² Σ̂ is the smaller, as the module says.
     ratio = predicted.std**2 / np.diagonal(mixture, axis1=1, axis2=2)
     assert ratio.max() < 1.0 + 1e-9
@@ -87,9 +72,7 @@ def test_half_the_power_gives_the_covariance_within_components(process):
     kernel = replace(process.kernel, weight_power=0.5)
     shares = process.regression.responsibilities(GRID)
     within = np.tensordot(shares, process.regression.conditional_covariances, axes=1)
-    np.testing.assert_allclose(
-        kernel.variance(GRID), np.diagonal(within, axis1=1, axis2=2)
-    )
+    assert_allclose(kernel.variance(GRID), np.diagonal(within, axis1=1, axis2=2))
 
 
 def test_via_points_condition_it_as_any_gaussian(process):
@@ -122,13 +105,11 @@ def test_via_points_condition_it_as_any_gaussian(process):
     covariance = covariance.reshape(len(GRID), 6, len(GRID), 6)
 
     predicted = process.adapt(via_points).predict(GRID)
-    np.testing.assert_allclose(predicted.mean, mean.reshape(-1, 6), atol=1e-9)
+    assert_allclose(predicted.mean, mean.reshape(-1, 6), atol=1e-9)
     for output in range(6):
         block = covariance[:, output, :, output]
-        np.testing.assert_allclose(predicted.covariance[output], block, atol=1e-10)
-        np.testing.assert_allclose(
-            predicted.std[:, output] ** 2, np.diag(block), atol=1e-10
-        )
+        assert_allclose(predicted.covariance[output], block, atol=1e-10)
+        assert_allclose(predicted.std[:, output] ** 2, np.diag(block), atol=1e-10)
 
 
 def test_one_component_is_an_ordinary_gaussian_process(aligned):
@@ -154,15 +135,13 @@ def test_one_component_is_an_ordinary_gaussian_process(aligned):
     oracle.fit(phases[:, None], wanted - prior)
     correction, std = oracle.predict(GRID[:, None], return_std=True)
     predicted, before = adapted.predict(GRID), single.predict(GRID)
-    np.testing.assert_allclose(
-        predicted.mean[:, 0], before.mean[:, 0] + correction, atol=1e-9
-    )
-    np.testing.assert_allclose(predicted.std[:, 0], std, rtol=1e-6)
+    assert_allclose(predicted.mean[:, 0], before.mean[:, 0] + correction, atol=1e-9)
+    assert_allclose(predicted.std[:, 0], std, rtol=1e-6)
     # The other outputs follow by their regression on x.
     for output in range(1, 6):
         slope = joint[output, 0] / joint[0, 0]
         moved = predicted.mean[:, output] - before.mean[:, output]
-        np.testing.assert_allclose(moved, slope * correction, atol=1e-9)
+        assert_allclose(moved, slope * correction, atol=1e-9)
 
 
 @pytest.mark.parametrize("sigma", [0.0, 1e-6])
@@ -172,16 +151,7 @@ def test_a_strong_via_point_is_hit_with_its_own_std(process, sigma):
     scale = process.regression.standardisation.scale
     assert (np.abs(here.mean[0] - via_point.pose) < 1e-3 * scale).all()
     floor = np.maximum(sigma, 1e-4 * scale)
-    np.testing.assert_allclose(here.std[0], floor, rtol=0.05)
-
-
-def test_far_from_a_via_point_nothing_changes(process):
-    local = with_scales(process, 0.05)
-    before = local.predict(GRID)
-    after = local.adapt([shifted(local, 0.9, 2.0, 1e-4)]).predict(GRID)
-    far = GRID < 0.4
-    np.testing.assert_allclose(after.mean[far], before.mean[far], atol=1e-6)
-    np.testing.assert_allclose(after.std[far], before.std[far], rtol=1e-4)
+    assert_allclose(here.std[0], floor, rtol=0.05)
 
 
 @pytest.mark.parametrize("weight_power", [1.0, 0.5])
@@ -198,7 +168,7 @@ def test_likelihood_gradient_equals_finite_differences(process, weight_power):
         / (2.0 * step)
         for unit in np.eye(7)
     ]
-    np.testing.assert_allclose(gradient, numeric, rtol=1e-5, atol=1e-5)
+    assert_allclose(gradient, numeric, rtol=1e-5, atol=1e-5)
 
 
 def test_likelihood_is_that_of_all_demonstrations_stacked(process):
@@ -211,13 +181,13 @@ def test_likelihood_is_that_of_all_demonstrations_stacked(process):
     mean = np.tile(regression.standardised_moments(evidence.times)[0].T.ravel(), count)
     stacked = samples.transpose(0, 2, 1).reshape(-1)
 
-    def dense(scales: np.ndarray, noise: float) -> float:
+    def dense(scales, noise):
         kernel = MixtureKernel(regression=regression, length_scales=scales)
         block = kernel(evidence.times, evidence.times).reshape(48, 48)
         joint = np.tile(block, (count, count)) + noise * np.eye(48 * count)
         return -float(multivariate_normal.logpdf(stacked, mean, joint))
 
-    def reduced(scales: np.ndarray, noise: float) -> float:
+    def reduced(scales, noise):
         return evidence.negative_log_likelihood(np.log([*scales, noise]))[0]
 
     one = (np.linspace(0.1, 0.6, 6), 1e-2)
@@ -240,9 +210,3 @@ def test_length_scales_are_the_most_likely_within_their_range(process):
     assert np.abs(gradient[:-1][inside]).max() < 0.05
     first = np.log([*np.full(6, config.first_length_scale), noise])
     assert best < evidence.negative_log_likelihood(first)[0] - 10.0
-
-
-def test_prior_mean_is_that_of_the_same_regression(process, aligned):
-    regression = fit_gmr(aligned, GMRConfig(components=6))
-    expected = regression.predict(GRID).mean
-    np.testing.assert_array_equal(process.predict(GRID).mean, expected)

@@ -6,16 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies import AlignedDemonstrations, ViaPoint
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
 from gplfd_policies.movements.baselines.tp_gmm import (
-    HANDLE,
     Circle,
-    Frame,
     TaskParameterisedMixture,
     fit_circle,
     fit_mixture_of_views,
@@ -24,7 +21,6 @@ from gplfd_policies.movements.baselines.tp_gmm import (
     hinge_uncertainty,
     product_of_gaussians,
 )
-from gplfd_policies.movements.trajectory import ViaPoint
 
 pytestmark = pytest.mark.slow
 
@@ -32,24 +28,17 @@ GRID = np.linspace(0.0, 1.0, 60)
 
 
 @pytest.fixture(scope="module")
-def aligned(demonstrations) -> AlignedDemonstrations:
-    return align(demonstrations)
-
-
-@pytest.fixture(scope="module")
-def mixture(aligned) -> TaskParameterisedMixture:
+def mixture(aligned):
     return fit_tp_gmm(aligned)
 
 
-def at_hinge(
-    mixture: TaskParameterisedMixture, radius: float
-) -> TaskParameterisedMixture:
+def at_hinge(mixture, radius):
     """The movement for a door whose hinge is known."""
     circle = Circle(mean=np.array([0.0, -radius, 0.0]), covariance=np.zeros((3, 3)))
     return replace(mixture, circle=circle)
 
 
-def arc(radius: float, angles: np.ndarray, std: float = 1e-3) -> list[ViaPoint]:
+def arc(radius, angles, std=1e-3):
     poses = handle_pose_on_arc(radius, angles)
     return [
         ViaPoint(phase=0.5 * angle, pose=pose, std=std)
@@ -57,17 +46,9 @@ def arc(radius: float, angles: np.ndarray, std: float = 1e-3) -> list[ViaPoint]:
     ]
 
 
-def radial_error(path: np.ndarray, radius: float) -> float:
+def radial_error(path, radius):
     """Largest distance from the handle's circle, where the door is well open [m]."""
     return float(np.abs(np.hypot(path[30:, 0], path[30:, 2] + radius) - radius).max())
-
-
-def test_product_of_gaussians_in_closed_form():
-    means = np.array([[[1.0, 0.0]], [[4.0, 2.0]]])
-    covariances = np.array([np.diag([1.0, 4.0]), np.diag([2.0, 4.0])])[:, None]
-    mean, covariance = product_of_gaussians(means, covariances)
-    np.testing.assert_allclose(mean, [[2.0, 1.0]])
-    np.testing.assert_allclose(covariance[0], np.diag([2.0 / 3.0, 2.0]))
 
 
 def test_product_is_proportional_to_the_densities_multiplied():
@@ -84,7 +65,7 @@ def test_product_is_proportional_to_the_densities_multiplied():
         - log_density(x, mean[0], covariance[0])
         for x in rng.normal(size=(5, 3))
     ]
-    np.testing.assert_allclose(differences, differences[0], atol=1e-10)
+    assert_allclose(differences, differences[0], atol=1e-10)
 
 
 def test_one_frame_is_gaussian_mixture_regression(aligned):
@@ -100,71 +81,15 @@ def test_one_frame_is_gaussian_mixture_regression(aligned):
     )
     ours = single.predict(GRID)
     gmr = fit_gmr(aligned, GMRConfig(components=6)).predict(GRID)
-    np.testing.assert_allclose(ours.mean, gmr.mean, atol=1e-9)
-    np.testing.assert_allclose(ours.std, gmr.std, rtol=1e-6)
+    assert_allclose(ours.mean, gmr.mean, atol=1e-9)
+    assert_allclose(ours.std, gmr.std, rtol=1e-6)
 
 
 def test_two_equal_frames_halve_the_variance(mixture):
     once = mixture.means[0], mixture.covariances[0]
     mean, covariance = product_of_gaussians(*(np.stack([one, one]) for one in once))
-    np.testing.assert_allclose(mean, once[0], atol=1e-9)
-    np.testing.assert_allclose(covariance, 0.5 * once[1], atol=1e-12)
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.4, -1.0])
-def test_a_turned_hinge_turns_the_path(mixture, angle):
-    """Of the hinge's frame alone, as the handle's has not turned."""
-    vague = np.array([1e9, 1.0])[:, None, None, None] * np.eye(7)
-    covariances = np.where(vague > 1e8, vague, mixture.covariances)
-    covariances[..., 0, 0] = mixture.covariances[..., 0, 0]
-    turn = Rotation.from_rotvec([0.0, angle, 0.0])
-    hinges = [np.array([0.0, 0.0, -0.5]), turn.apply([0.0, 0.0, -0.5])]
-    straight, turned = (
-        replace(
-            mixture,
-            covariances=covariances,
-            circle=Circle(mean=np.append(h[[0, 2]], 0.0), covariance=np.zeros((3, 3))),
-        )
-        .predict(GRID)
-        .mean
-        for h in hinges
-    )
-    np.testing.assert_allclose(
-        turned[:, :3], turn.apply(straight[:, :3].copy()), atol=1e-6
-    )
-
-
-def test_moving_all_frames_rigidly_moves_the_product(mixture):
-    rng = np.random.default_rng(1)
-    basis, shift = np.eye(6), rng.normal(size=6)
-    basis[:3, :3] = basis[3:, 3:] = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix()
-
-    def product(frames):
-        means = [f.pose(m[:, 1:]) for f, m in zip(frames, mixture.means, strict=True)]
-        covariances = [
-            f.basis @ c[:, 1:, 1:] @ f.basis.T
-            for f, c in zip(frames, mixture.covariances, strict=True)
-        ]
-        return product_of_gaussians(np.array(means), np.array(covariances))
-
-    frames = (HANDLE, hinge_frame(np.array([0.02, -0.5])))
-    moved = [
-        Frame(basis=basis @ frame.basis, origin=basis @ frame.origin + shift)
-        for frame in frames
-    ]
-    mean, covariance = product(frames)
-    moved_mean, moved_covariance = product(moved)
-    np.testing.assert_allclose(moved_mean, mean @ basis.T + shift, atol=1e-8)
-    np.testing.assert_allclose(
-        moved_covariance, basis @ covariance @ basis.T, atol=1e-10
-    )
-
-
-def test_a_frame_undoes_what_it_does():
-    frame = hinge_frame(np.array([0.1, -0.4]))
-    poses = np.random.default_rng(2).normal(size=(5, 6))
-    np.testing.assert_allclose(frame.pose(frame.seen(poses)), poses)
-    np.testing.assert_allclose(frame.seen(np.zeros((1, 6)))[0, :3], [0.0, 0.0, 1.0])
+    assert_allclose(mean, once[0], atol=1e-9)
+    assert_allclose(covariance, 0.5 * once[1], atol=1e-12)
 
 
 @pytest.mark.parametrize("radius", [0.3, 0.35, 0.5, 0.65])
@@ -173,8 +98,8 @@ def test_from_the_hinge_all_doors_are_one(radius):
     seen = hinge_frame(np.array([0.0, -radius])).seen(
         handle_pose_on_arc(radius, angles)
     )
-    np.testing.assert_allclose(seen[:, 0], np.sin(angles), atol=1e-12)
-    np.testing.assert_allclose(seen[:, 2], np.cos(angles), atol=1e-12)
+    assert_allclose(seen[:, 0], np.sin(angles), atol=1e-12)
+    assert_allclose(seen[:, 2], np.cos(angles), atol=1e-12)
 
 
 @pytest.mark.parametrize("centre", [(0.0, -0.5), (0.03, -0.35), (-0.2, 0.6)])
@@ -183,23 +108,16 @@ def test_circle_through_points_of_one(centre):
     points = np.array(centre) + 0.4 * np.column_stack([np.sin(angles), np.cos(angles)])
     theta = fit_circle(points)
     assert theta is not None
-    np.testing.assert_allclose(theta[:2], centre, atol=1e-9)
-    np.testing.assert_allclose(theta @ (*centre, 1.0), 0.4**2, atol=1e-9)
+    assert_allclose(theta[:2], centre, atol=1e-9)
+    assert_allclose(theta @ (*centre, 1.0), 0.4**2, atol=1e-9)
 
 
 def test_demonstrated_hinges_are_where_the_doors_have_them(mixture):
     fitted = [fit_circle(poses[:, [0, 2]]) for poses in mixture.aligned.poses]
     radii = -np.array(fitted)[:, 1]
-    np.testing.assert_allclose(radii, np.repeat([0.35, 0.5, 0.65], 2), atol=0.01)
-    np.testing.assert_allclose(mixture.circle.mean[1], -radii.mean())
-    np.testing.assert_allclose(mixture.circle.covariance[1, 1], radii.var(ddof=1))
-
-
-@pytest.mark.parametrize("radius", [0.35, 0.5, 0.65])
-def test_a_demonstrated_radius_is_reproduced(mixture, radius):
-    path = at_hinge(mixture, radius).predict(GRID).mean
-    assert radial_error(path, radius) < 0.01
-    assert np.degrees(path[-1, 4]) == pytest.approx(67.0, abs=3.0)
+    assert_allclose(radii, np.repeat([0.35, 0.5, 0.65], 2), atol=0.01)
+    assert_allclose(mixture.circle.mean[1], -radii.mean())
+    assert_allclose(mixture.circle.covariance[1, 1], radii.var(ddof=1))
 
 
 @pytest.mark.parametrize("radius", [0.3, 0.42, 0.58])
@@ -233,10 +151,8 @@ def test_conditioning_a_circle_is_bayesian_regression():
     told = rows.T @ (weight * np.sum(points**2, axis=1))
     expected = np.linalg.solve(precision, information @ prior.mean + told)
     posterior = prior.through(via_points)
-    np.testing.assert_allclose(posterior.mean, expected, rtol=1e-6)
-    np.testing.assert_allclose(
-        posterior.covariance, np.linalg.inv(precision), rtol=1e-5
-    )
+    assert_allclose(posterior.mean, expected, rtol=1e-6)
+    assert_allclose(posterior.covariance, np.linalg.inv(precision), rtol=1e-5)
 
 
 def test_demands_that_leave_a_length_free_say_nothing(mixture):
@@ -248,7 +164,7 @@ def test_demands_that_leave_a_length_free_say_nothing(mixture):
             ViaPoint(phase=0.6, pose=np.ones(6), std=loose),
         ]
     )
-    np.testing.assert_array_equal(adapted.circle.mean, mixture.circle.mean)
+    assert_array_equal(adapted.circle.mean, mixture.circle.mean)
 
 
 def test_an_uncertain_hinge_spreads_the_path_as_sampled_hinges_do(mixture):
@@ -263,9 +179,7 @@ def test_an_uncertain_hinge_spreads_the_path_as_sampled_hinges_do(mixture):
     ]
     places = np.array([frame.pose(mixture.means[1][:, 1:]) for frame in frames])
     expected = (places[:2] - places[2:]) / 2.0
-    np.testing.assert_allclose(
-        added, np.einsum("sci,scj->cij", expected, expected), atol=1e-12
-    )
+    assert_allclose(added, np.einsum("sci,scj->cij", expected, expected), atol=1e-12)
 
 
 @pytest.mark.parametrize("path", ["straight", "resting", "wound"])
@@ -281,7 +195,7 @@ def test_without_a_circle_it_is_gaussian_mixture_regression(path):
     straight = fit_tp_gmm(AlignedDemonstrations(times=GRID, poses=poses))
     assert straight.circle is None
     gmr = fit_gmr(straight.aligned).predict(GRID)
-    np.testing.assert_allclose(straight.predict(GRID).mean, gmr.mean, atol=1e-3)
+    assert_allclose(straight.predict(GRID).mean, gmr.mean, atol=1e-3)
     via_point = ViaPoint(phase=0.5, pose=np.ones(6))
     assert straight.adapt([via_point]) is straight
 
@@ -289,12 +203,7 @@ def test_without_a_circle_it_is_gaussian_mixture_regression(path):
 def test_one_demonstration_knows_its_hinge(aligned):
     one = fit_tp_gmm(replace(aligned, poses=aligned.poses[:1], clocks=None))
     elsewhere = one.adapt(arc(0.6, np.linspace(0.1, 0.6, 9)))
-    np.testing.assert_allclose(elsewhere.circle.mean, one.circle.mean, atol=1e-12)
-
-
-def test_what_gmr_warns_of(aligned):
-    with pytest.warns(UserWarning, match="did not converge in 1 iterations"):
-        fit_tp_gmm(aligned, GMRConfig(max_iterations=1))
+    assert_allclose(elsewhere.circle.mean, one.circle.mean, atol=1e-12)
 
 
 EARLY_STOPS = """\

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies import AlignedDemonstrations
 from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
-    WishartProcessMovement,
     fit_wishart_gp,
 )
 
@@ -17,18 +17,18 @@ STD = 0.02 * np.exp(1.2 * np.sin(5.0 * TIMES))
 QUICK = WishartGPConfig(steps=200, discarded=60)
 
 
-def curves() -> np.ndarray:
+def curves():
     return np.stack([np.sin(3.0 * TIMES + k) for k in range(6)], axis=1)
 
 
-def demonstrations(count: int = 6, seed: int = 0) -> AlignedDemonstrations:
+def demonstrations(count=6, seed=0):
     noise = np.random.default_rng(seed).normal(size=(count, len(TIMES), 6))
     poses = curves() + STD[:, None] * noise
     return AlignedDemonstrations(times=TIMES, poses=poses, duration=4.0)
 
 
 @pytest.fixture(scope="module")
-def movement() -> WishartProcessMovement:
+def movement():
     return fit_wishart_gp(demonstrations(), QUICK, 0)
 
 
@@ -38,16 +38,14 @@ def test_variance_is_that_of_the_mean_and_of_repetitions(movement):
     aleatoric = movement.aleatoric(grid)
     spread = np.diagonal(aleatoric, axis1=1, axis2=2)
     predicted = movement.predict(grid)
-    np.testing.assert_array_equal(predicted.mean, moments.mean)
-    np.testing.assert_allclose(predicted.std**2, moments.latent + spread)
+    assert_array_equal(predicted.mean, moments.mean)
+    assert_allclose(predicted.std**2, moments.latent + spread)
     assert (np.linalg.eigvalsh(aleatoric)[:, 0] > 0.0).all()
     for output, covariance in enumerate(predicted.covariance):
-        np.testing.assert_allclose(
-            np.diag(covariance), predicted.std[:, output] ** 2, rtol=1e-9
-        )
+        assert_allclose(np.diag(covariance), predicted.std[:, output] ** 2, rtol=1e-9)
         white = covariance - np.diag(spread[:, output])
         latent = movement.processes.latent_covariance(grid)[output]
-        np.testing.assert_allclose(white, latent, atol=1e-12)
+        assert_allclose(white, latent, atol=1e-12)
 
 
 def test_prior_mean_is_the_pooled_covariance(movement):
@@ -57,9 +55,7 @@ def test_prior_mean_is_the_pooled_covariance(movement):
         axis=0,
     )
     lower = movement.variability.prior.lower
-    np.testing.assert_allclose(
-        QUICK.degrees * lower @ lower.T, pooled, rtol=1e-5, atol=1e-9
-    )
+    assert_allclose(QUICK.degrees * lower @ lower.T, pooled, rtol=1e-5, atol=1e-9)
 
 
 @pytest.mark.bits
@@ -67,20 +63,10 @@ def test_mean_and_spread_are_the_demonstrated_ones():
     # So many that the prior, twenty times as wide at the end, hardly counts there.
     many = fit_wishart_gp(demonstrations(200), QUICK, 0)
     predicted = many.predict(TIMES)
-    np.testing.assert_allclose(predicted.mean, curves(), atol=0.02)
+    assert_allclose(predicted.mean, curves(), atol=0.02)
     ratio = predicted.std.mean(axis=1) / STD
-    np.testing.assert_allclose(ratio[2:-2], 1.0, atol=0.15)
-    np.testing.assert_allclose(ratio, 1.0, atol=0.3)
-
-
-def test_coverage_where_samples_deviate_independently():
-    inside = []
-    for seed in range(2):
-        predicted = fit_wishart_gp(demonstrations(seed=seed), QUICK, seed)
-        low, high = predicted.predict(TIMES).interval(0.95)
-        held_out = demonstrations(50, seed=100 + seed).poses
-        inside.append(np.mean((held_out > low) & (held_out < high)))
-    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
+    assert_allclose(ratio[2:-2], 1.0, atol=0.15)
+    assert_allclose(ratio, 1.0, atol=0.3)
 
 
 def test_outputs_that_vary_together_are_seen_to():
@@ -93,38 +79,3 @@ def test_outputs_that_vary_together_are_seen_to():
     correlation = covariance / (std[:, :, None] * std[:, None, :])
     assert (correlation[:, 0, 1] < -0.95).all()
     assert abs(correlation[:, 2, 3].mean()) < 0.2
-
-
-def test_spread_outside_the_demonstrations_is_that_of_the_nearer_end(movement):
-    spread = movement.aleatoric(np.array([-0.3, 0.0, 1.0, 1.4]))
-    # Equal to rounding: rows of a matrix product.
-    np.testing.assert_allclose(spread[0], spread[1], rtol=1e-12)
-    np.testing.assert_allclose(spread[3], spread[2], rtol=1e-12)
-    assert np.isfinite(movement.predict(np.array([-0.3, 1.4])).std).all()
-
-
-def test_order_of_the_demonstrations_hardly_matters(movement):
-    swapped = AlignedDemonstrations(times=TIMES, poses=movement.aligned.poses[::-1])
-    other = fit_wishart_gp(swapped, QUICK, 0).predict(TIMES)
-    predicted = movement.predict(TIMES)
-    np.testing.assert_allclose(other.mean, predicted.mean, atol=1e-9)
-    ratio = np.log(other.std / predicted.std)
-    assert np.sqrt(np.mean(ratio**2)) < 0.15
-
-
-def test_another_seed_gives_almost_the_same_numbers(movement):
-    predicted = movement.predict(TIMES)
-    other = fit_wishart_gp(movement.aligned, QUICK, 1).predict(TIMES)
-    assert (other.std != predicted.std).any()
-    assert np.sqrt(np.mean(np.log(other.std / predicted.std) ** 2)) < 0.15
-
-
-def test_outputs_that_never_vary_are_predicted_as_such():
-    poses = np.repeat(curves()[None], 3, axis=0)
-    poses[:, :, 2] = 0.5
-    predicted = fit_wishart_gp(
-        AlignedDemonstrations(times=TIMES, poses=poses), QUICK, 0
-    ).predict(TIMES)
-    np.testing.assert_allclose(predicted.mean, poses[0], atol=1e-4)
-    assert (predicted.std > 0.0).all()
-    assert (predicted.std < 1e-4).all()

@@ -1,17 +1,15 @@
 """What the settings of controller, phase and handles refuse, and how they say it."""
 
 from dataclasses import replace
-from typing import Any
 
-import jaxtyping
 import numpy as np
 import pytest
 
+from gplfd_policies import AgentStep
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.contact import ContactLoop
 from gplfd_policies.control.load import CarriedLoad, LearnedLoad
 from gplfd_policies.control.rendering import ArmRendering
-from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.control.stiffness import (
     DEFAULT_PROFILE,
     PAPER_DYNAMICS,
@@ -26,6 +24,9 @@ from gplfd_policies.phase.phase_rule import PhaseNoise
 ONES, NAN, INF = np.ones(6), np.nan, np.inf
 ACTIONS = np.arange(18.0).reshape(3, 6)
 LOOP = ContactLoop(stiffness=ONES, delay=0.03)
+STEP = AgentStep(action=ONES)
+IN_ARM = ComplianceConfig(rendering=ArmRendering())
+SOFT = replace(DEFAULT_PROFILE, k_min=np.full(6, 5.0))
 LEARNED = ("limit", "hook_grasp_gain", "least", "stretch", "reach", "lag", "step")
 
 NUMBERS = [
@@ -55,14 +56,13 @@ NUMBERS = [
 
 
 @pytest.mark.parametrize(("record", "name", "value"), NUMBERS)
-def test_a_number_outside_its_range_is_refused(
-    record: type, name: str, value: float
-) -> None:
+def test_a_number_outside_its_range_is_refused(record, name, value):
     message = rf"^{record.__name__}\.{name} = {value} is outside [\[(]"
     with pytest.raises(ValueError, match=message):
         record(**{name: value})
 
 
+@pytest.mark.usefixtures("as_for_users")
 @pytest.mark.parametrize(
     ("record", "changes", "message"),
     [
@@ -71,28 +71,16 @@ def test_a_number_outside_its_range_is_refused(
         (
             PathPhaseConfig(),
             {"window": (0.1, NAN)},
-            r"PathPhaseConfig\.window must be two finite phases >= 0",
+            r"window must be two finite",
         ),
+        (ComplianceConfig(), {"via_std": (-1e-3, 0.0)}, r"Config\.via_std must be two"),
+        (ComplianceConfig(), {"load": object()}, r"Config\.load must be a load rule"),
         (
-            ComplianceConfig(),
-            {"via_std": (-1e-3, 0.0)},
-            r"ComplianceConfig\.via_std must be two finite numbers >= 0",
-        ),
-        (
-            ComplianceConfig(),
-            {"load": object()},
-            r"ComplianceConfig\.load must be a load rule, with begin\(profile",
-        ),
-        (
-            ComplianceConfig(rendering=ArmRendering()),
+            IN_ARM,
             {"profile": PAPER_PROFILE},
-            r"asks for .* 500\..*its rendering can do from .* to .* 100\. *100\.\]",
+            r"asks for .* 500\..* 100\. *100\.\]",
         ),
-        (
-            ComplianceConfig(rendering=ArmRendering()),
-            {"profile": replace(DEFAULT_PROFILE, k_min=np.full(6, 5.0))},
-            r"asks for \[5\. 5\..* from \[20\. 20\.",
-        ),
+        (IN_ARM, {"profile": SOFT}, r"asks for \[5\. 5\..* from \[20\. 20\."),
         (PAPER_PROFILE, {"k_min": np.zeros(6)}, "0 < k_min <= k_max"),
         (PAPER_PROFILE, {"k_min": np.full(6, 501.0)}, "0 < k_min <= k_max"),
         (PAPER_PROFILE, {"alpha": np.zeros(6)}, "set k_min = k_max"),
@@ -102,8 +90,8 @@ def test_a_number_outside_its_range_is_refused(
         (PAPER_DYNAMICS, {"mass": np.full(6, INF)}, "mass must be six finite numbers"),
         (
             PAPER_DYNAMICS,
-            {"least_damping": np.full(6, -1.0)},
-            "least_damping must not be negative",
+            {"least_damping": -ONES},
+            "damping must not be negative",
         ),
         (LOOP, {"stiffness": np.ones(5)}, r"six positive finite numbers"),
         (LOOP, {"stiffness": np.full(6, NAN)}, r"six positive finite numbers"),
@@ -111,33 +99,18 @@ def test_a_number_outside_its_range_is_refused(
         (LOOP, {"delay": -0.1}, r"delay must be finite and >= 0 \[s\], got -0.1"),
         (LOOP, {"period": 0.0}, r"ContactLoop\.period = 0\.0 is outside \(0, inf\)"),
         (PAPER_DYNAMICS, {"damping_ratio": NAN}, r"damping_ratio = nan is outside"),
-        (
-            AgentStep(action=ONES),
-            {"action": np.zeros(3)},
-            r"AgentStep\.action .* \(6,\), got \(3,\)",
-        ),
-        (
-            AgentStep(action=ONES),
-            {"action": 0.5},
-            r"AgentStep\.action .* \(6,\), got \(\)",
-        ),
+        (STEP, {"action": np.zeros(3)}, r"AgentStep\.action .* \(6,\), got \(3,\)"),
+        (STEP, {"action": 0.5}, r"AgentStep\.action .* \(6,\), got \(\)"),
         (AgentStep(action=ACTIONS), {"std": ONES}, r"\.std .* \(3, 6\), got \(6,\)"),
-        (AgentStep(action=ONES), {"phase": ONES}, r"\.phase .* \(\), got \(6,\)"),
+        (STEP, {"phase": ONES}, r"\.phase .* \(\), got \(6,\)"),
     ],
 )
-def test_an_unusable_setting_is_refused(
-    record: Any,
-    changes: dict[str, Any],
-    message: str,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    # What a user meets, whose types nobody checks.
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+def test_an_unusable_setting_is_refused(record, changes, message):
     with pytest.raises(ValueError, match=message):
         replace(record, **changes)
 
 
-def test_ranges_that_touch_their_limits_are_allowed() -> None:
+def test_ranges_that_touch_their_limits_are_allowed():
     ComplianceConfig(profile=PAPER_PROFILE)
     PhaseNoise(position=0.0, rotation=0.0, heading=0.0)
     HandleConfig(following_share=1.0, gear_rate=0.0, max_gear=1.0)

@@ -1,21 +1,58 @@
-"""Demonstrations in another frame."""
+"""The record of a demonstration, and what alignment and continuation refuse."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.spatial.se3 import canonical_rotvec
+from gplfd_policies import AlignedDemonstrations, Demonstration, align
+from gplfd_policies.demonstrations.completion import task_completion_index
+from gplfd_policies.demonstrations.continuation import continued
+from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 
+SECONDS = np.linspace(0.0, 1.0, 5)
 NUMBERS = st.floats(-2.0, 2.0)
+LINE = np.outer(np.linspace(0.0, 0.4, 5), np.eye(6)[0])
+
+
+@pytest.mark.usefixtures("as_for_users")
+def test_demonstration_is_a_read_only_float64_copy():
+    times, poses = np.array([0, 1, 2]), np.arange(18).reshape(3, 6) / 100
+    recorded = Demonstration(times=times, poses=poses)
+    poses[0, 0] = 9.0
+    assert recorded.poses[0, 0] == 0.0
+    assert recorded.times.dtype == recorded.poses.dtype == np.float64
+    with pytest.raises(ValueError, match="read-only"):
+        recorded.poses[0, 0] = 1.0
+
+
+def test_from_quaternions_gives_continuous_rotation_vectors():
+    rotvecs = np.outer(np.linspace(2.8, 3.6, 30), [0.0, -0.6, 0.8])
+    quaternions = Rotation.from_rotvec(rotvecs).as_quat(scalar_first=False)
+    quaternions[::3] *= -1
+    positions = np.random.default_rng(0).normal(size=(30, 3))
+    recorded = Demonstration.from_quaternions(
+        np.arange(30.0), positions, quaternions, order="xyzw"
+    )
+    assert_allclose(recorded.poses[:, 3:], rotvecs, atol=1e-12)
+    assert_array_equal(recorded.poses[:, :3], positions)
+
+
+@pytest.mark.parametrize("width", [2, 3])
+def test_positions_alone_are_a_demonstration(width):
+    positions = np.random.default_rng(0).normal(size=(5, width))
+    poses = Demonstration.from_positions(np.arange(5.0), positions).poses
+    assert_array_equal(poses[:, :width], positions)
+    assert not poses[:, width:].any()
 
 
 @given(steps=arrays(np.float64, (5, 6), elements=NUMBERS), seed=st.integers(0, 9))
-def test_relative_poses_composed_with_the_first_are_the_poses(
-    steps: np.ndarray, seed: int
-) -> None:
+def test_relative_poses_composed_with_the_first_are_the_poses(steps, seed):
     """T_0 (T_0⁻¹ T) = T, with SciPy's rotations."""
     # Small turns, so that nothing jumps, and a way to go.
     start = np.random.default_rng(seed).uniform(-1.0, 1.0, 6)
@@ -26,28 +63,94 @@ def test_relative_poses_composed_with_the_first_are_the_poses(
     recorded = Demonstration.from_quaternions(
         np.arange(6.0), path[:, :3] + start[:3], turned.as_quat(), order="xyzw"
     )
-
     relative = recorded.relative_to_first()
-
-    np.testing.assert_array_equal(relative.times, recorded.times)
-    np.testing.assert_allclose(relative.poses[0], np.zeros(6), atol=1e-12)
+    assert_array_equal(relative.times, recorded.times)
+    assert_allclose(relative.poses[0], np.zeros(6), atol=1e-12)
     # Copies: SciPy's rotations take no read-only arrays.
     first, poses = Rotation.from_rotvec(recorded.poses[0, 3:].copy()), relative.poses
     again = first.apply(poses[:, :3].copy()) + recorded.poses[0, :3]
-    np.testing.assert_allclose(again, recorded.poses[:, :3], atol=1e-12)
+    assert_allclose(again, recorded.poses[:, :3], atol=1e-12)
     error = (first * Rotation.from_rotvec(poses[:, 3:].copy())).inv() * turned
-    np.testing.assert_allclose(error.magnitude(), 0.0, atol=1e-12)
+    assert_allclose(error.magnitude(), 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("width", [2, 3])
-def test_positions_alone_are_a_demonstration(width):
-    times = np.linspace(0.0, 1.0, 5)
-    positions = np.random.default_rng(0).normal(size=(5, width))
-    poses = Demonstration.from_positions(times, positions).poses
-    np.testing.assert_array_equal(poses[:, :width], positions)
-    assert not poses[:, width:].any()
+# --- What is refused ---------------------------------------------------------
 
 
-def test_positions_of_another_shape_are_refused():
-    with pytest.raises(ValueError, match=r"\(N, 3\) or \(N, 2\), got \(5, 4\)"):
-        Demonstration.from_positions(np.arange(5.0), np.zeros((5, 4)))
+def shown(times=SECONDS, poses=LINE):
+    return Demonstration(times=times, poses=poses)
+
+
+def changed(array, index, value):
+    array = array.copy()
+    array[index] = value
+    return array
+
+
+def timed(index, value):
+    return shown(times=changed(SECONDS, index, value))
+
+
+def jumping():
+    turns = np.outer(np.linspace(3.0, 3.3, 5), [0.0, 0.6, 0.8])
+    return shown(poses=np.hstack([np.zeros((5, 3)), canonical_rotvec(turns)]))
+
+
+def aligned(**fields):
+    good = {"times": SECONDS, "poses": np.stack([LINE, LINE])}
+    return AlignedDemonstrations(**(good | fields))
+
+
+def by_quaternions(positions):
+    quaternions = np.tile([1.0, 0, 0, 0], (3, 1))
+    return Demonstration.from_quaternions(np.arange(3.0), positions, quaternions)
+
+
+def by_positions(positions):
+    return Demonstration.from_positions(np.arange(5.0), positions)
+
+
+ARC = aligned(poses=handle_pose_on_arc(0.5, np.linspace(0.0, 0.8, 5))[None])
+REFUSED = {
+    r"poses\[3\] = .* is not finite": lambda: shown(poses=changed(LINE, 3, np.nan)),
+    r"times\[4\] = inf is not finite": lambda: timed(4, np.inf),
+    r"times\[3\] = 0.75 is earlier than times\[2\] = 0.9": lambda: timed(2, 0.9),
+    r"times\[2\] = 0.25 repeats times\[1\] = 0.25": lambda: timed(2, 0.25),
+    "is empty": lambda: shown(np.zeros(0), np.zeros((0, 6))),
+    "has one sample": lambda: shown(np.zeros(1), np.zeros((1, 6))),
+    r"\(5,\) and \(5, 7\)": lambda: shown(poses=np.zeros((5, 7))),
+    r"\(5,\) and \(3, 6\)": lambda: shown(poses=np.zeros((3, 6))),
+    "never moves": lambda: shown(poses=np.ones((5, 6))),
+    r"jump at sample 2.*from_quaternions.*unwrap_rotvecs": jumping,
+    r"one row per quaternion, .* for 3": lambda: by_quaternions(np.zeros((2, 3))),
+    r"\(N, 3\) or \(N, 2\), got \(5, 4\)": lambda: by_positions(np.zeros((5, 4))),
+    r"not move under rotation_weight=1\.0": lambda: task_completion_index(shown(), 1.0),
+    "of 20,000 and 30,000 samples.*10,000 samples or fewer": lambda: (
+        dynamic_time_warping(lambda row: np.zeros(30_000), 20_000)
+    ),
+    "at least one demonstration is needed": lambda: align([]),
+    "directions.*dtw-euclidean.*inter": lambda: align([shown()], method="linear"),
+    "n_samples must be at least 2, got 1": lambda: align([shown()], n_samples=1),
+    "rotation_weight must lie in": lambda: align([shown()], rotation_weight=2.0),
+    r"\(4,\) and \(2, 5, 6\)": lambda: aligned(times=np.linspace(0, 1, 4)),
+    "increase strictly": lambda: aligned(times=np.zeros(5)),
+    "divide seconds by the duration": lambda: aligned(times=np.arange(5.0)),
+    "must be finite": lambda: aligned(poses=np.full((2, 5, 6), np.nan)),
+    "got 0 and 5": lambda: aligned(poses=np.zeros((0, 5, 6))),
+    "duration must be positive": lambda: aligned(duration=0.0),
+    "clocks must be None, or of": lambda: aligned(clocks=np.full((2, 5), 1.5)),
+    "clocks must be .* got": lambda: aligned(clocks=np.full((2, 5), np.nan)),
+    r"clocks must be .* shape": lambda: aligned(clocks=np.zeros((2, 4))),
+    "beyond must be finite and >= 0": lambda: continued(ARC, -0.1),
+    "beyond must be finite": lambda: continued(ARC, np.nan),
+    "beyond must be": lambda: continued(ARC, np.inf),
+    "got phases 0.0 to 0.5": lambda: continued(aligned(times=0.5 * ARC.times), 0.5),
+    "are continued already, from": lambda: continued(continued(ARC, 0.5), 0.5),
+}
+
+
+@pytest.mark.usefixtures("as_for_users")
+@pytest.mark.parametrize("message", REFUSED)
+def test_unusable_input_is_refused(message):
+    with pytest.raises(ValueError, match=message):
+        REFUSED[message]()

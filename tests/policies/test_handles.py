@@ -10,10 +10,9 @@ from scipy.spatial.transform import Rotation
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.data.teacher import Teacher
+from gplfd_policies import Demonstration, align
 from gplfd_policies.control.load import ContactState, LearnedLoad
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
-from gplfd_policies.demonstrations.alignment import align
-from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
 from gplfd_policies.handles.adapter import HandleCompensation, HandleConfig, HandleLoad
 from gplfd_policies.movements.movement import EmpiricalDistribution
@@ -32,7 +31,7 @@ PULL = np.array([1.0, 0.0, 0.0])
 PERIOD = 0.01
 
 
-def shown(door: DoorConfig, seed: int = 0) -> TurnedHandle | None:
+def shown(door, seed=0):
     return turned_handle(align(Teacher().standard_demonstrations(seed=seed, like=door)))
 
 
@@ -40,7 +39,7 @@ def shown(door: DoorConfig, seed: int = 0) -> TurnedHandle | None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_demonstrations_tell_where_a_lever_s_axis_is(seed: int) -> None:
+def test_demonstrations_tell_where_a_lever_s_axis_is(seed):
     """To the centimetre by which the sensor is beside the place of the grasp."""
     handle = shown(LEVER, seed)
     assert handle is not None
@@ -48,18 +47,18 @@ def test_demonstrations_tell_where_a_lever_s_axis_is(seed: int) -> None:
     assert_allclose(handle.axis, EXACT.axis, atol=0.06)
 
 
-def test_a_left_hinged_door_s_lever_points_to_the_other_side() -> None:
+def test_a_left_hinged_door_s_lever_points_to_the_other_side():
     handle = shown(DoorConfig(handle="lever", latch="spring", hinge_side="left"))
     assert handle is not None
     assert_allclose(handle.point, (0.0, 0.0, -ARM), atol=0.012)
     assert_allclose(handle.axis, (1.0, 0.0, 0.0), atol=0.06)
 
 
-def test_a_bar_is_no_handle_that_turns() -> None:
+def test_a_bar_is_no_handle_that_turns():
     assert shown(DoorConfig()) is None
 
 
-def test_a_hand_that_turns_while_it_goes_on_turns_no_handle() -> None:
+def test_a_hand_that_turns_while_it_goes_on_turns_no_handle():
     """About one axis first and about another later, but no point of it rests."""
     s = np.linspace(0.0, 1.0, 200)
     first, later = np.minimum(s / 0.4, 1.0), np.maximum(s - 0.4, 0.0)
@@ -70,7 +69,7 @@ def test_a_hand_that_turns_while_it_goes_on_turns_no_handle() -> None:
     assert turned_handle(aligned) is None
 
 
-def test_the_axis_goes_along_the_door_s_circle_whatever_the_handle_does() -> None:
+def test_the_axis_goes_along_the_door_s_circle_whatever_the_handle_does():
     angles = np.linspace(0.0, 1.2, 13)
     turns = 0.7 * np.sin(5.0 * angles) ** 2
     places = EXACT.places(GEOMETRY.hand_poses(angles, turns))[:, :3]
@@ -82,9 +81,7 @@ def test_the_axis_goes_along_the_door_s_circle_whatever_the_handle_does() -> Non
 @pytest.mark.parametrize(
     ("angle", "turn"), [(0.0, 0.3), (0.5, 0.7), (1.0, 0.0), (1.2, -0.1)]
 )
-def test_a_hand_s_turn_is_the_leaf_s_and_the_handle_s(
-    angle: float, turn: float
-) -> None:
+def test_a_hand_s_turn_is_the_leaf_s_and_the_handle_s(angle, turn):
     """And its way is where it goes while the handle turns."""
     before, here, after = GEOMETRY.hand_poses(angle, turn + np.array([-1e-4, 0, 1e-4]))
     leaf, handle = EXACT.turns(here[3:].tolist())
@@ -94,7 +91,7 @@ def test_a_hand_s_turn_is_the_leaf_s_and_the_handle_s(
     assert_allclose(EXACT.way(here.tolist()), way / np.linalg.norm(way), atol=1e-6)
 
 
-def test_a_handle_that_goes_back_tells_nothing_of_the_door() -> None:
+def test_a_handle_that_goes_back_tells_nothing_of_the_door():
     """It goes back because the policy has it go: the phase is that of the leaf."""
     aligned = align(Teacher().standard_demonstrations(seed=0, like=LEVER))
     angles = np.linspace(0.0, 0.6, 200)
@@ -111,7 +108,7 @@ def test_a_handle_that_goes_back_tells_nothing_of_the_door() -> None:
     assert phases[0] == pytest.approx(phases[1], abs=0.01)
 
 
-def test_a_knob_has_no_way() -> None:
+def test_a_knob_has_no_way():
     handle = shown(DoorConfig(handle="knob", latch="spring"))
     assert handle is not None
     assert handle.way([0.0] * 6) == (0.0, 0.0, 0.0)
@@ -120,16 +117,16 @@ def test_a_knob_has_no_way() -> None:
 # --- How far it is turned on this door ---------------------------------------
 
 
-def compensation(**config: float) -> HandleCompensation:
+def compensation(**config):
     return HandleCompensation([EXACT], (), HandleConfig(**config))
 
 
-def held_shut(handles: HandleCompensation, turn: float, force: float = 15.0) -> bool:
+def held_shut(handles, turn, force=15.0):
     pose = GEOMETRY.hand_poses(0.0, turn)
     return bool(handles.turn_further(pose, PULL, np.float64(force), PERIOD))
 
 
-def turned_further(seconds: float = 0.2, **config: float) -> HandleCompensation:
+def turned_further(seconds=0.2, **config):
     """Return the handle of a door that did not give for a while."""
     handles, turn = compensation(**config), 0.8
     for _ in range(round(seconds / PERIOD)):
@@ -138,12 +135,12 @@ def turned_further(seconds: float = 0.2, **config: float) -> HandleCompensation:
     return handles
 
 
-def gear(handles: HandleCompensation) -> float:
+def gear(handles):
     """Return what a turn of 1 rad that was shown is on the row's own handle."""
     return -float(handles.add_handle_motion(GEOMETRY.hand_poses(0.0, 1.0))[3])
 
 
-def test_a_door_that_does_not_give_has_its_handle_turned_on() -> None:
+def test_a_door_that_does_not_give_has_its_handle_turned_on():
     assert gear(turned_further(0.2)) == pytest.approx(1.1)
     assert gear(turned_further(0.2, gear_rate=1.0)) == pytest.approx(1.2)
     handles = turned_further(0.4)
@@ -152,7 +149,7 @@ def test_a_door_that_does_not_give_has_its_handle_turned_on() -> None:
     assert gear(handles) == pytest.approx(1.0)
 
 
-def test_a_handle_goes_back_as_shown_from_further_away() -> None:
+def test_a_handle_goes_back_as_shown_from_further_away():
     """As the geometry has it: all turns are multiplied, and the leaf stays."""
     handles = turned_further()
     angles, turns = np.array([0.0, 0.1, 0.4, 1.0]), np.array([0.8, 0.8, 0.3, 0.1])
@@ -170,9 +167,7 @@ def test_a_handle_goes_back_as_shown_from_further_away() -> None:
         pytest.param(0.03, 0.8, 15.0, {"closed_distance": 0.03}, id="open"),
     ],
 )
-def test_no_handle_is_turned_on_without_need(
-    angle: float, turn: float, force: float, config: dict[str, float]
-) -> None:
+def test_no_handle_is_turned_on_without_need(angle, turn, force, config):
     """But the thresholds are settings."""
     pose = GEOMETRY.hand_poses(angle, turn)
     handles = compensation()
@@ -182,7 +177,7 @@ def test_no_handle_is_turned_on_without_need(
     assert eager.turn_further(pose, PULL, np.float64(force), PERIOD)
 
 
-def test_a_handle_at_its_stop_is_not_turned_further() -> None:
+def test_a_handle_at_its_stop_is_not_turned_further():
     """Nor while the hand turns on the lever, which does not follow."""
     handles = compensation()
     while held_shut(handles, 0.8):
@@ -196,7 +191,7 @@ def test_a_handle_at_its_stop_is_not_turned_further() -> None:
     assert 0.8 * gear(handles) == pytest.approx(1.0, abs=0.02)
 
 
-def test_a_knob_is_turned_on_by_the_hand_s_turn_alone() -> None:
+def test_a_knob_is_turned_on_by_the_hand_s_turn_alone():
     knob = replace(EXACT, point=(0.0, 0.0, 0.0))
     handles = HandleCompensation([knob], (), HandleConfig())
     pose = np.array([0.004, -0.008, 0.003, -0.8, 0.0, 0.0])
@@ -204,7 +199,7 @@ def test_a_knob_is_turned_on_by_the_hand_s_turn_alone() -> None:
 
 
 @pytest.mark.parametrize("most", [1.2, 1.6])
-def test_handles_are_turned_on_within_bounds(most: float) -> None:
+def test_handles_are_turned_on_within_bounds(most):
     handles = compensation(max_gear=most)
     while held_shut(handles, 2.0):
         pass
@@ -212,7 +207,7 @@ def test_handles_are_turned_on_within_bounds(most: float) -> None:
 
 
 @pytest.mark.parametrize(("angle", "turn"), [(0.0, 0.4), (0.2, 0.8), (0.9, 0.1)])
-def test_a_door_is_told_by_its_axis_and_its_leaf(angle: float, turn: float) -> None:
+def test_a_door_is_told_by_its_axis_and_its_leaf(angle, turn):
     """However far the handle is turned, and wherever its spring has the hand."""
     mean = GEOMETRY.hand_poses(angle + 0.02, 0.6)
     expected = GEOMETRY.hand_poses(angle, 0.6)
@@ -225,26 +220,12 @@ def test_a_door_is_told_by_its_axis_and_its_leaf(angle: float, turn: float) -> N
         assert_allclose(compensation().axis_pose(pose, mean, 0), expected, atol=1e-12)
 
 
-def test_a_door_s_way_begins_where_its_handle_s_axis_moves() -> None:
+def test_a_door_s_way_begins_where_its_handle_s_axis_moves():
     handles = HandleCompensation(
         [replace(EXACT, opens=0.1), EXACT], (2,), HandleConfig()
     )
     assert_array_equal(handles.opening_phases(np.array([0.05, 0.05])), [0.1, 0.2])
     assert_array_equal(handles.opening_phases(np.array([0.3, 0.3])), [0.3, 0.3])
-
-
-@pytest.mark.bits
-def test_one_hand_and_many_turn_handles_alike() -> None:
-    rows = np.array([1, 2])
-    many = HandleCompensation([EXACT] * 3, (3,), HandleConfig())
-    poses = GEOMETRY.hand_poses(0.0, np.array([0.3, 0.8]))
-    forces, paths = np.array([15.0, 15.0]), np.tile(PULL, (2, 1))
-    for _ in range(20):
-        turned = many.turn_further(poses, paths, forces, PERIOD, rows)
-        assert_array_equal(turned, [False, True])
-    asked = many.add_handle_motion(np.tile(poses[1], (3, 1)))
-    assert_array_equal(asked[:2], poses[[1, 1]])
-    assert_array_equal(asked[2], turned_further().add_handle_motion(poses[1]))
 
 
 # --- Its load, and the door's ------------------------------------------------
@@ -253,7 +234,7 @@ PRESSED = GEOMETRY.hand_poses(0.0, 0.7)
 WAY = np.array(EXACT.way(PRESSED.tolist()))
 
 
-def contact(force: np.ndarray) -> ContactState:
+def contact(force):
     wrench = np.concatenate([force, np.zeros(3)])
     return ContactState(
         wrench=wrench, direction=PULL, pose=PRESSED, displacement=np.zeros(3)
@@ -261,13 +242,11 @@ def contact(force: np.ndarray) -> ContactState:
 
 
 @pytest.fixture
-def load() -> HandleLoad:
+def load():
     return HandleLoad(LearnedLoad(), DEFAULT_PROFILE, compensation(), (), PERIOD)
 
 
-def test_the_spring_of_a_lever_is_carried_while_the_door_is_pulled(
-    load: HandleLoad,
-) -> None:
+def test_the_spring_of_a_lever_is_carried_while_the_door_is_pulled(load):
     """And what is across both ways is yielded to, as it is where nothing turns."""
     spring, across = -6.0 * WAY, 3.0 * np.cross(PULL, WAY)
     response = load.update(contact(spring + across - 8.0 * PULL))
@@ -275,30 +254,26 @@ def test_the_spring_of_a_lever_is_carried_while_the_door_is_pulled(
     assert response.compensated_load == pytest.approx(8.0)
 
 
-def test_what_presses_a_lever_further_is_yielded_to(load: HandleLoad) -> None:
+def test_what_presses_a_lever_further_is_yielded_to(load):
     response = load.update(contact(6.0 * WAY))
     assert_allclose(response.compliant_wrench[:3], 6.0 * WAY)
 
 
-def test_a_door_behind_a_handle_may_be_heavier_than_a_friction_grasp_holds(
-    load: HandleLoad,
-) -> None:
+def test_a_door_behind_a_handle_may_be_heavier_than_a_friction_grasp_holds(load):
     bar = LearnedLoad().begin(DEFAULT_PROFILE)
     for hand, carried in ((bar, 25.0), (load, 45.0)):
         response = hand.update(contact(-45.0 * PULL))
         assert response.compensated_load == pytest.approx(carried)
 
 
-def test_a_hand_that_turns_the_handle_further_does_not_pull_harder(
-    load: HandleLoad,
-) -> None:
+def test_a_hand_that_turns_the_handle_further_does_not_pull_harder(load):
     light = load.update(contact(-9.0 * PULL))
     assert light.pace > 0.9
     stuck = replace(contact(-15.0 * PULL), pose=GEOMETRY.hand_poses(0.0, 0.8))
     assert load.update(stuck).pace <= 0.0
 
 
-def test_turning_a_handle_teaches_nothing_of_the_door(load: HandleLoad) -> None:
+def test_turning_a_handle_teaches_nothing_of_the_door(load):
     """A door behind a light lever is expected to be as heavy as any other."""
     for turn in np.linspace(0.0, 0.7, 60):
         pose = GEOMETRY.hand_poses(0.0, turn)

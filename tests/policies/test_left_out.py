@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.stats import invwishart
 from scipy.stats import t as student
 
@@ -23,7 +24,7 @@ PROCESS = DeviationProcess(
 )
 
 
-def wandering(count: int, seed: int) -> np.ndarray:
+def wandering(count, seed):
     """Curves that start apart and wander on, (count, 30, 6)."""
     rng = np.random.default_rng(seed)
     scale = np.exp(-0.5 * (np.subtract.outer(TIMES, TIMES) / 0.15) ** 2)
@@ -69,7 +70,7 @@ def test_wobble_is_what_forecasts_left_out_demonstrations_best():
     assert factor > 16.0
     assert chosen[0] == replace(PROCESS, wobble=chosen[0].wobble)
 
-    def score(wobble: float) -> float:
+    def score(wobble):
         process = replace(PROCESS, wobble=wobble)
         smooth = process.smooth_covariance(TIMES, noise[:, 0])
         white = process.white_variance(noise[:, 0])
@@ -105,7 +106,7 @@ def test_mixed_covariance_is_the_mean_of_the_inverse_wishart_posterior():
     expected = np.einsum("n,nij->ij", weights / weights.sum(), drawn)
     share = conjugate_share(count)
     mixed = (1.0 - share) * model + share * scatter / (count - 1)
-    np.testing.assert_allclose(mixed, expected, atol=0.01)
+    assert_allclose(mixed, expected, atol=0.01)
 
 
 def test_share_of_the_demonstrations_grows_with_their_number():

@@ -2,26 +2,22 @@
 
 import copy
 import dataclasses
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_policies import POLICIES, fit_skill, make_agent
+from gplfd_policies import POLICIES, AgentStep, batch_agents, make_agent
 from gplfd_policies.agents.agent import CompliantAgent
-from gplfd_policies.agents.lockstep import AgentBatch, batch_agents
 from gplfd_policies.agents.model_based.oracle import OracleAgent
-from gplfd_policies.arrays.rows import ALL_ROWS
 from gplfd_policies.control.compliance import ComplianceConfig
-from gplfd_policies.control.load import YieldToAll
-from gplfd_policies.control.steps import AgentStep
-from gplfd_policies.gp.noise import KerstingNoise
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -50,11 +46,8 @@ WAYS_TO_FOLLOW = {
 def agents_of(demonstrations, learned):
     """One agent per door, by name; learned once: a reset makes them as new.
 
-    ``"levers"`` are those of ``"gp"`` that were taught to turn a handle. The paper's
-    method learns in one iteration instead of ten, which take half a minute and change
-    nothing of how it is followed.
+    ``"levers"`` are those of ``"gp"`` that were taught to turn a handle.
     """
-    quick = {"gp-paper": partial(fit_skill, noise=KerstingNoise(n_iterations=1))}
 
     @cache
     def make(name):
@@ -69,7 +62,6 @@ def agents_of(demonstrations, learned):
         if method is None:
             agents = [make_agent(name, one) for _ in RADII]
         else:
-            method = dataclasses.replace(method, fit=quick.get(name, method.fit))
             movements = [learned(method, lesson) for lesson in (other, one, other)]
             # One stiffness law for all: those of one configuration act at once.
             config = method.follow(movements[0]).config
@@ -120,8 +112,8 @@ def row_of(observations, row):
 def assert_same_row(steps, row, step):
     for name in FIELDS:
         found, expected = getattr(steps.row(row), name), getattr(step, name)
-        np.testing.assert_array_equal(found, expected, err_msg=name)
-        np.testing.assert_array_equal(getattr(steps, name)[row], expected)
+        assert_array_equal(found, expected, err_msg=name)
+        assert_array_equal(getattr(steps, name)[row], expected)
 
 
 def steps_of(
@@ -153,9 +145,8 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
         return np.array([time < 14, not 16 < time < 20, time > 0])
 
     batch = batch_agents(agents_of(name))
-    assert isinstance(batch, AgentBatch)
     at_once = isinstance(agents_of(name)[0], CompliantAgent)
-    assert type(batch).__name__ == ("_AllAtOnce" if at_once else "_OneByOne")
+    assert type(batch).__name__ == ("_AllAtOnce" if at_once else "AgentBatch")
     geometries = LEVERS if name == "levers" else BARS
     history = steps_of(batch, geometries, closing=20, active=active)
     if name == "gp":
@@ -171,8 +162,8 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
         expected = agent.forecast()
         assert (forecasts[row] is None) == (expected is None)
         if expected is not None:
-            np.testing.assert_array_equal(forecasts[row].mean, expected.mean)
-            np.testing.assert_array_equal(forecasts[row].std, expected.std)
+            assert_array_equal(forecasts[row].mean, expected.mean)
+            assert_array_equal(forecasts[row].std, expected.std)
 
 
 def off_by_eight_bytes(rows):
@@ -242,45 +233,24 @@ def test_agents_that_do_not_act_hold_still(name, agents_of):
     given = {name: rows.copy() for name, rows in observations.items()}
     before = batch.act(observations)
     for name, rows in given.items():
-        np.testing.assert_array_equal(observations[name], rows)
+        assert_array_equal(observations[name], rows)
         assert observations[name].flags.writeable
     kept = {name: getattr(before, name).copy() for name in FIELDS}
     for rows in observations.values():
         rows[1] = np.nan  # not read
     steps = batch.act(observations, np.array([True, False, True]))
-    np.testing.assert_array_equal(steps.action[1], before.action[1])
+    assert_array_equal(steps.action[1], before.action[1])
     assert not steps.via_point[1]
     for name in set(FIELDS) - {"action", "via_point"}:
         assert np.isnan(getattr(steps, name)[1]).all()
     again = batch.act(observations, np.zeros(3, dtype=bool))
-    np.testing.assert_array_equal(again.action, steps.action)
+    assert_array_equal(again.action, steps.action)
     for name in FIELDS:
-        np.testing.assert_array_equal(getattr(before, name), kept[name])
+        assert_array_equal(getattr(before, name), kept[name])
         with pytest.raises(ValueError, match="read-only"):
             getattr(before, name)[0] = 0
     with pytest.raises(ValueError, match=r"boolean of shape \(3,\)"):
         batch.reset(observations, np.ones(2, dtype=bool))
-
-
-def test_batches_of_one_configuration_decide_at_once(agents_of):
-    """The load rule is asked once, not once per row."""
-    calls = []
-
-    class Counting(YieldToAll):
-        def update(self, contact, rows=ALL_ROWS):
-            calls.append(len(contact.wrench))
-            return super().update(contact, rows)
-
-    rule = Counting()
-    agents = [
-        dataclasses.replace(agent, config=ComplianceConfig(load=rule))
-        for agent in agents_of("gp-fixed")
-    ]
-    batch, doors = batch_agents(agents), Doors(BARS)
-    batch.reset(doors.observe())
-    batch.act(doors.observe())
-    batch.act(doors.observe(), np.array([True, False, True]))
-    assert calls == [3, 2]
 
 
 @pytest.mark.parametrize("other", ["gp-clock", "gp-constant-500", "oracle", "levers"])

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
@@ -16,7 +17,7 @@ from gplfd_policies.agents.model_based.circle import (
     fit_circle,
 )
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 CERTAIN = replace(UPRIGHT, noise=1e-6)
 RADII = st.floats(0.3, 1.0)
@@ -53,7 +54,7 @@ def test_noise_of_a_millimetre_is_averaged(radius, heading, seed):
     points = way(true, radius)
     points += 1e-3 * np.random.default_rng(seed).normal(size=points.shape)
     found = fit_circle(points).door()
-    np.testing.assert_allclose(found.radius, radius, rtol=0.05)
+    assert_allclose(found.radius, radius, rtol=0.05)
 
 
 def test_short_arcs_are_not_pulled_inwards_by_noise():
@@ -73,9 +74,10 @@ def test_short_arcs_are_not_pulled_inwards_by_noise():
 
 def test_a_path_too_short_to_tell_leaves_the_prior():
     circle = fit_circle(way(door(0.3), 0.01))
-    np.testing.assert_allclose(circle.door().radius, UPRIGHT.radius, rtol=0.02)
+    assert_allclose(circle.door().radius, UPRIGHT.radius, rtol=0.02)
 
 
+@settings(max_examples=15)
 @given(st.tuples(*[st.floats(-3.0, 3.0)] * 3), RADII, HEADINGS, st.integers(0, 9))
 def test_a_turned_task_turns_the_estimate(turn, radius, heading, seed):
     rotation = Rotation.from_rotvec(turn).as_matrix()
@@ -84,8 +86,8 @@ def test_a_turned_task_turns_the_estimate(turn, radius, heading, seed):
     turned = replace(UPRIGHT, axes=rotation @ UPRIGHT.axes)
     here = fit_circle(points).door()
     there = fit_circle(points @ rotation.T, turned).door()
-    np.testing.assert_allclose(there.hinge, rotation @ here.hinge, atol=1e-7)
-    np.testing.assert_allclose(there.axis, rotation @ here.axis, atol=1e-7)
+    assert_allclose(there.hinge, rotation @ here.hinge, atol=1e-7)
+    assert_allclose(there.axis, rotation @ here.axis, atol=1e-7)
 
 
 @pytest.mark.parametrize("place", [0, 10, 25, 58])
@@ -98,7 +100,7 @@ def test_one_wrong_point_changes_little(place):
     for count in range(len(points)):
         circle = circle.updated(points[: count + 1])
         assert 0.3 < circle.door().radius < 0.7
-    np.testing.assert_allclose(circle.door().radius, 0.4, rtol=0.02)
+    assert_allclose(circle.door().radius, 0.4, rtol=0.02)
 
 
 @pytest.mark.parametrize(
@@ -139,4 +141,4 @@ def test_derivatives_are_those_of_the_distances(curvature, seed):
     for number, analytic in enumerate(_distances(points.T, curvature)[1]):
         change = step * np.eye(4)[number]
         numeric = (distances(change) - distances(-change)) / (2.0 * step)
-        np.testing.assert_allclose(numeric, analytic, atol=1e-8)
+        assert_allclose(numeric, analytic, atol=1e-8)

@@ -1,14 +1,17 @@
 """The contract of every learned movement, whatever method learned it."""
 
+import itertools
 import pickle
 from dataclasses import fields, replace
 from functools import cache, partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd_policies import AlignedDemonstrations, PosePath, ViaPoint, align, fit_skill
+from gplfd_policies import PosePath, ViaPoint, align, fit_skill
 from gplfd_policies.adaptation import OwnAdaptation
+from gplfd_policies.gp.noise import KerstingNoise, MapNoise
 from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
 from gplfd_policies.movements.baselines.gmm_gp import (
     GMMGPConfig,
@@ -58,14 +61,14 @@ FITS = {
 }
 ADAPTABLE = ("promp", "tp-gmm", "kmp", "gmm-gp")
 """Movements with a method ``adapt``; a skill is adapted by `gplfd_policies.adapt`."""
-SMOOTH = [name for name in FITS if name != "dmp with a spread"]
 SCALED = [name for name in FITS if name not in ("tp-gmm", "gp around a prior mean")]
 DIFFERENCES = ("gmr", "tp-gmm", "local-gp", "wishart-gp", "kmp", "gmm-gp")
 """Movements whose rates are differences of their moments."""
+ANALYTIC = [name for name in FITS if name not in (*DIFFERENCES, "dmp with a spread")]
 
 
 @pytest.fixture(scope="module")
-def aligned(demonstrations) -> AlignedDemonstrations:
+def aligned(demonstrations):
     return align(demonstrations, n_samples=60)
 
 
@@ -75,14 +78,14 @@ def learned(aligned):
     return cache(lambda name: FITS[name](aligned))
 
 
-def same_bits(one, other) -> bool:
+def same_bits(one, other):
     return all(
         getattr(one, name).tobytes() == getattr(other, name).tobytes()
         for name in ARRAYS
     )
 
 
-def demonstrated(aligned, place: int, row: int = 0, std: float = 1e-3) -> ViaPoint:
+def demonstrated(aligned, place, row=0, std=1e-3):
     """A pose of one of the demonstrations."""
     return ViaPoint(phase=aligned.times[place], pose=aligned.poses[row, place], std=std)
 
@@ -112,7 +115,7 @@ def test_predictions_have_their_shapes_and_a_covariance_of_their_variances(
     name, learned
 ):
     predicted = learned(name).predict(GRID)
-    np.testing.assert_array_equal(predicted.times, GRID)
+    assert_array_equal(predicted.times, GRID)
     assert np.isfinite(predicted.mean).all()
     for curve in ARRAYS[1:5]:
         assert getattr(predicted, curve).shape == (31, 6)
@@ -122,23 +125,35 @@ def test_predictions_have_their_shapes_and_a_covariance_of_their_variances(
         assert np.isnan(predicted.covariance).all()
         return
     variance = np.diagonal(predicted.covariance, axis1=1, axis2=2).T
-    np.testing.assert_allclose(variance, predicted.std**2, rtol=1e-5, atol=1e-12)
+    assert_allclose(variance, predicted.std**2, rtol=1e-5, atol=1e-12)
     for covariance in predicted.covariance:
-        np.testing.assert_allclose(
-            covariance, covariance.T, atol=1e-9 * covariance.max()
-        )
+        assert_allclose(covariance, covariance.T, atol=1e-9 * covariance.max())
         assert np.linalg.eigvalsh(covariance)[0] > -1e-9 * covariance.max()
 
 
-@pytest.mark.parametrize("name", SMOOTH)
+@pytest.mark.parametrize("name", ANALYTIC)
+def test_rates_are_the_derivatives_of_mean_and_spread(name, learned, aligned):
+    """Also outside the demonstrations, and after a via-point."""
+    movement, step = learned(name), 1e-6
+    times = np.append(np.linspace(0.013, 0.987, 37), [-0.27, -0.1, 1.1, 1.27])
+    movements = [movement]
+    if name in ADAPTABLE:
+        movements.append(movement.adapt([demonstrated(aligned, 24)]))
+    for each in movements:
+        here, up, down = (each.predict(times + by) for by in (0.0, step, -step))
+        for curve in ("mean", "std"):
+            slope = (getattr(up, curve) - getattr(down, curve)) / (2.0 * step)
+            assert_allclose(getattr(here, f"{curve}_rate"), slope, atol=1e-5, rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", DIFFERENCES)
 def test_rates_are_the_slopes_of_mean_and_spread(name, learned):
     fine = np.linspace(0.1, 0.9, 801)
     predicted = learned(name).predict(fine)
     for curve, rate in (("mean", "mean_rate"), ("std", "std_rate")):
         slope = np.gradient(getattr(predicted, curve), fine, axis=0)[2:-2]
         found = getattr(predicted, rate)[2:-2]
-        size = max(np.nanmax(np.abs(slope), initial=0.0), 1e-9)
-        np.testing.assert_allclose(found, slope, atol=0.01 * size)
+        assert_allclose(found, slope, atol=0.01 * np.abs(slope).max())
 
 
 @pytest.mark.parametrize("name", FITS)
@@ -177,10 +192,18 @@ def test_units_do_not_matter(name, learned, aligned):
     if name.startswith("dmp"):
         powers = [10.0, 10.0, 10.0, 0.0, 0.0, 0.0]  # rotations are no numbers here
     factor = 2.0 ** np.array(powers)
-    other = FITS[name](replace(aligned, poses=factor * aligned.poses)).predict(GRID)
-    ours, size = learned(name).predict(GRID), aligned.poses.std(axis=(0, 1))
-    np.testing.assert_allclose((other.mean / factor - ours.mean) / size, 0.0, atol=1e-6)
-    np.testing.assert_allclose(other.std / factor, ours.std, rtol=1e-6)
+    size = aligned.poses.std(axis=(0, 1))
+    ours = learned(name)
+    theirs = FITS[name](replace(aligned, poses=factor * aligned.poses))
+    predicted = [(ours.predict(GRID), theirs.predict(GRID))]
+    if name in ADAPTABLE:
+        here = demonstrated(aligned, 24)
+        there = replace(here, pose=factor * here.pose, std=factor * here.std)
+        adapted = ours.adapt([here]), theirs.adapt([there])
+        predicted.append(tuple(each.predict(GRID) for each in adapted))
+    for own, other in predicted:
+        assert_allclose((other.mean / factor - own.mean) / size, 0.0, atol=1e-6)
+        assert_allclose(other.std / factor, own.std, rtol=1e-6)
 
 
 @pytest.mark.parametrize("times", [[], [0.1, np.nan], [np.inf]])
@@ -227,14 +250,14 @@ def test_via_points_may_come_in_any_order_and_grouping(name, learned, aligned):
     ):
         # Around a hinge, errors are linear in the hinge that was believed before.
         near = 5e-3 if name == "tp-gmm" else 1e-8
-        np.testing.assert_allclose(other.predict(GRID).mean, together.mean, atol=near)
+        assert_allclose(other.predict(GRID).mean, together.mean, atol=near)
 
 
 @pytest.mark.parametrize("name", ADAPTABLE)
 def test_adapting_online_is_adapting_to_all_at_once(name, learned, aligned):
     movement = learned(name)
     online = OwnAdaptation(movement, GRID)
-    np.testing.assert_array_equal(online.mean, movement.predict(GRID).mean)
+    assert_array_equal(online.mean, movement.predict(GRID).mean)
     points = [demonstrated(aligned, place) for place in (18, 21, 24)]
     for point in points:
         online.observe(point)
@@ -251,15 +274,15 @@ def test_free_outputs_are_not_asked_for(name, learned, aligned):
         replace(point, std=np.where(free, np.inf, point.std)),
     ]
     ours, theirs = (movement.adapt([each]).predict(GRID) for each in some)
-    np.testing.assert_allclose(ours.mean, theirs.mean, atol=1e-12)
-    np.testing.assert_allclose(ours.std, theirs.std, rtol=1e-12)
+    assert_allclose(ours.mean, theirs.mean, atol=1e-12)
+    assert_allclose(ours.std, theirs.std, rtol=1e-12)
     before = movement.predict(GRID)
     for nothing in (
         replace(point, pose=np.full(6, np.nan)),
         replace(point, std=np.inf),
     ):
         after = movement.adapt([nothing]).predict(GRID)
-        np.testing.assert_allclose(after.mean, before.mean, atol=1e-9)
+        assert_allclose(after.mean, before.mean, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ADAPTABLE)
@@ -270,7 +293,24 @@ def test_contradicting_demands_of_no_tolerance_have_an_answer(name, learned, ali
     assert np.isfinite(here.mean).all()
     if name in ("promp", "gmm-gp"):
         average = 0.5 * (both[0].pose + both[1].pose)
-        np.testing.assert_allclose(here.mean[0], average, atol=5e-3)
+        assert_allclose(here.mean[0], average, atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [*itertools.product(("gmr", "tp-gmm", "local-gp"), (1, 6)), ("wishart-gp", 6)],
+)
+def test_outputs_that_never_vary_are_predicted_as_such(name, count, aligned):
+    """Also by those that learn from one demonstration, which they then follow."""
+    poses = aligned.poses[:count].copy()
+    poses[:, :, 1] = 0.25
+    predicted = FITS[name](replace(aligned, poses=poses, clocks=None)).predict(GRID)
+    assert np.abs(predicted.mean[:, 1] - 0.25).max() < 1e-4
+    assert (predicted.std > 0.0).all()
+    assert (predicted.std[:, 1] < 1e-4).all()
+    if count == 1:
+        shown = np.interp(GRID, aligned.times, poses[0, :, 0])
+        assert_allclose(predicted.mean[:, 0], shown, atol=0.01)
 
 
 @pytest.mark.parametrize(
@@ -327,6 +367,9 @@ def test_too_few_demonstrations_or_phases_are_refused(fit, message, aligned):
         (LengthScaleConfig, "phases", 1, "must be a whole number from 2"),
         (LocalGPConfig, "clusters", 0, "clusters = 0 must be a whole number from 1"),
         (LocalGPConfig, "width", 11.0, r"width = 11.0 is outside \[0.1, 10\]"),
+        (KerstingNoise, "n_iterations", 0, "= 0 must be a whole number from 1"),
+        (KerstingNoise, "shortest_scale", 0.05, r"= 0.05 is outside \[0.1, 1\]"),
+        (MapNoise, "shortest_scale", 0.05, r"= 0.05 is outside \[0.1, 1\]"),
         (WishartGPConfig, "degrees", 5, "degrees = 5 must be a whole number from 6"),
         (WishartGPConfig, "length_scale", 0.01, r"= 0.01 is outside \[0.02, 10\]"),
         (WishartGPConfig, "floor", 0.0, r"floor = 0.0 is outside \[1e-08, 1\)"),
@@ -344,12 +387,10 @@ def test_impossible_settings_are_refused(settings, field, value, message):
 def test_the_empirical_distribution_has_the_moments_of_the_samples(aligned):
     trajectory = EmpiricalDistribution(aligned).predict(aligned.times)
     poses = aligned.poses
-    np.testing.assert_allclose(trajectory.mean, poses.mean(axis=0), atol=1e-14)
-    np.testing.assert_allclose(trajectory.std, poses.std(axis=0, ddof=1), atol=1e-14)
+    assert_allclose(trajectory.mean, poses.mean(axis=0), atol=1e-14)
+    assert_allclose(trajectory.std, poses.std(axis=0, ddof=1), atol=1e-14)
     some = EmpiricalDistribution(aligned).predict(GRID)
     curves = [np.interp(GRID, aligned.times, pose[:, 4]) for pose in poses]
-    np.testing.assert_allclose(
-        some.covariance[4], np.cov(np.array(curves).T), atol=1e-14
-    )
+    assert_allclose(some.covariance[4], np.cov(np.array(curves).T), atol=1e-14)
     one = EmpiricalDistribution(replace(aligned, poses=poses[:1], clocks=None))
-    np.testing.assert_array_equal(one.predict(GRID).std, 0.0)
+    assert_array_equal(one.predict(GRID).std, 0.0)

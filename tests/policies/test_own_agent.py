@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from gplfd_env import DoorGeometry
-from gplfd_policies.agents.agent import Agent, CompliantAgent, as_agent
-from gplfd_policies.agents.lockstep import batch_agents
+from gplfd_policies import Agent, AgentStep, GaussianTrajectory, as_agent, batch_agents
+from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.control.compliance import ComplianceConfig
-from gplfd_policies.control.steps import AgentStep
-from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 EXPECTED = GaussianTrajectory.from_moments(
     np.zeros(1), np.zeros((1, 6)), np.zeros((1, 6)), lambda: np.zeros((6, 1, 1))
@@ -23,10 +22,10 @@ OBSERVATION = {"ee_pose": np.zeros(6), "wrench": np.zeros(6)}
 class Counting:
     """Commands the number of its steps; knows nothing else."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.steps = 0
 
-    def act(self, observation: Any) -> np.ndarray:
+    def act(self, observation):
         self.steps += 1
         return np.full(6, float(self.steps))
 
@@ -34,11 +33,11 @@ class Counting:
 class Returning(Counting):
     """Returns what it was given, and good poses until then."""
 
-    def __init__(self, given: Any, good: int = 0) -> None:
+    def __init__(self, given, good=0):
         super().__init__()
         self.given, self.good = given, good
 
-    def act(self, observation: Any) -> Any:
+    def act(self, observation):
         pose = super().act(observation)
         return pose if self.steps <= self.good else self.given
 
@@ -56,28 +55,29 @@ SOFTLY = AgentStep(action=np.arange(6.0), stiffness=np.arange(6.0, 12.0), phase=
     "given",
     [np.arange(6.0), list(range(6)), (0, 1, 2, 3, 4, 5)],
 )
-def test_a_pose_is_a_step(given: Any) -> None:
+def test_a_pose_is_a_step(given):
     agent = as_agent(Returning(given))
     assert isinstance(agent, Agent)
     agent.reset(OBSERVATION)
     step = agent.act(OBSERVATION)
-    np.testing.assert_array_equal(step.action, np.arange(6.0))
+    assert_array_equal(step.action, np.arange(6.0))
     assert np.isnan(step.std).all()
     assert agent.forecast() is None
 
 
 @pytest.mark.parametrize("given", [np.arange(12.0), list(range(12)), SOFTLY])
-def test_pose_and_stiffness_are_a_step_of_an_agent_that_says_so(given: Any) -> None:
+def test_pose_and_stiffness_are_a_step_of_an_agent_that_says_so(given):
     agent = as_agent(Soft(given))
     assert agent.control == "impedance"
     step = agent.act(OBSERVATION)
-    np.testing.assert_array_equal(step.action, np.arange(6.0))
-    np.testing.assert_array_equal(step.stiffness, np.arange(6.0, 12.0))
-    np.testing.assert_array_equal(step.command(agent.control), np.arange(12.0))
-    np.testing.assert_array_equal(step.command("pose"), np.arange(6.0))
+    assert_array_equal(step.action, np.arange(6.0))
+    assert_array_equal(step.stiffness, np.arange(6.0, 12.0))
+    assert_array_equal(step.command(agent.control), np.arange(12.0))
+    assert_array_equal(step.command("pose"), np.arange(6.0))
 
 
 POSE, TWELVE = "six finite numbers", "twelve finite numbers"
+PAIR = AgentStep(action=np.zeros((2, 6)), stiffness=np.ones((2, 6)))
 
 
 @pytest.mark.parametrize(
@@ -85,17 +85,9 @@ POSE, TWELVE = "six finite numbers", "twelve finite numbers"
     [
         (Returning, np.zeros(3), rf"array\(\[0\., 0\., 0\.\]\).*{POSE}"),
         (Returning, np.zeros((1, 6)), rf"array\(\[\[0\., 0\..*{POSE}"),
-        (
-            Returning,
-            AgentStep(action=np.zeros((2, 6))),
-            rf"AgentStep\(action=array\(\[\[0.*{POSE}",
-        ),
+        (Returning, PAIR, rf"AgentStep\(action=array\(\[\[0.*{POSE}"),
         (Returning, np.full(6, np.nan), rf"array\(\[nan.*{POSE}"),
-        (
-            Returning,
-            AgentStep(action=np.full(6, np.inf)),
-            rf"AgentStep\(action=array\(\[inf.*{POSE}",
-        ),
+        (Returning, AgentStep(action=np.full(6, np.inf)), rf"array\(\[inf.*{POSE}"),
         (Returning, 0.5, rf"0.5.*{POSE}"),
         (Returning, None, rf"None.*{POSE}"),
         (Returning, {"action": np.zeros(6)}, rf"{{'action': array.*{POSE}"),
@@ -104,16 +96,10 @@ POSE, TWELVE = "six finite numbers", "twelve finite numbers"
         (Soft, np.zeros(6), TWELVE),
         (Soft, np.full(12, np.nan), TWELVE),
         (Soft, AgentStep(action=np.zeros(6)), TWELVE),
-        (
-            Soft,
-            AgentStep(action=np.zeros((2, 6)), stiffness=np.ones((2, 6))),
-            TWELVE,
-        ),
+        (Soft, PAIR, TWELVE),
     ],
 )
-def test_what_is_no_command_is_reported_with_its_step(
-    kind: type[Returning], given: Any, what: str
-) -> None:
+def test_what_is_no_command_is_reported_with_its_step(kind, given, what):
     good = 2 if kind is Returning else 0
     agent = as_agent(kind(given, good=good))
     agent.reset(OBSERVATION)
@@ -125,7 +111,7 @@ def test_what_is_no_command_is_reported_with_its_step(
     assert re.search(what, str(error.value))
 
 
-def test_unknown_control_is_reported_at_once() -> None:
+def test_unknown_control_is_reported_at_once():
     own = Counting()
     own.control = "force"  # type: ignore[attr-defined]
     with pytest.raises(ValueError, match=r"Counting\.control is 'force'; .* 'pose'"):
@@ -140,7 +126,7 @@ def test_unknown_control_is_reported_at_once() -> None:
         (Counting, r"<class '.*Counting'> itself, no object of it,"),
     ],
 )
-def test_what_cannot_act_is_refused(candidate: object, what: str) -> None:
+def test_what_cannot_act_is_refused(candidate, what):
     with pytest.raises(ValueError, match=rf"^{what} is no agent: .*act\(observation\)"):
         as_agent(candidate)
     with pytest.raises(ValueError, match="is no agent"):
@@ -152,18 +138,18 @@ class Whole(Counting):
 
     forecasted: Any = EXPECTED
 
-    def inform(self, door: DoorGeometry) -> None:
+    def inform(self, door):
         self.door = door
 
-    def reset(self, observation: Any) -> None:
+    def reset(self, observation):
         self.began_with = observation
         self.steps = 0
 
-    def forecast(self) -> Any:
+    def forecast(self):
         return self.forecasted
 
 
-def test_other_methods_are_called_where_they_exist() -> None:
+def test_other_methods_are_called_where_they_exist():
     own, doors = Whole(), [DoorGeometry.nominal(radius) for radius in (0.4, 0.5)]
     agent = as_agent(own)
     agent.inform(doors[0])
@@ -180,7 +166,7 @@ def test_other_methods_are_called_where_they_exist() -> None:
         agent.forecast()
 
 
-def test_agents_and_steps_are_wrapped_once() -> None:
+def test_agents_and_steps_are_wrapped_once():
     step = AgentStep(action=np.zeros(6), std=np.ones(6), phase=0.25)
     agent = as_agent(Returning(step))
     assert agent.act(OBSERVATION) is step
@@ -191,22 +177,22 @@ def test_agents_and_steps_are_wrapped_once() -> None:
     assert as_agent(compliant) is compliant
 
 
-def test_agents_of_ones_own_act_in_a_batch() -> None:
+def test_agents_of_ones_own_act_in_a_batch():
     batch = batch_agents([Counting(), Counting()])
     observations = {name: np.zeros((2, 6)) for name in OBSERVATION}
     batch.reset(observations)
     batch.act(observations, np.array([True, False]))
     steps = batch.act(observations)
-    np.testing.assert_array_equal(steps.action[:, 0], [2.0, 1.0])
+    assert_array_equal(steps.action[:, 0], [2.0, 1.0])
     assert batch.forecast(0) is None
 
 
-def test_a_batch_commands_one_thing() -> None:
+def test_a_batch_commands_one_thing():
     soft = [Soft(np.zeros(12)), Soft(SOFTLY)]
     batch = batch_agents(soft)
     assert (batch.control, batch_agents([Counting()]).control) == ("impedance", "pose")
     rows = {name: np.stack([row, row]) for name, row in OBSERVATION.items()}
     command = batch.act(rows).command(batch.control)
-    np.testing.assert_array_equal(command, [np.zeros(12), np.arange(12.0)])
+    assert_array_equal(command, [np.zeros(12), np.arange(12.0)])
     with pytest.raises(ValueError, match=r"some command poses and others .* batch of"):
         batch_agents([*soft, Counting()])

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies import GaussianTrajectory
 from gplfd_policies.movements.movement import EmpiricalDistribution
-from gplfd_policies.movements.skill import fit_skill
-from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.phase.heading import Heading, HeadingConfig, directions
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
@@ -72,7 +71,7 @@ def test_clock_phase_is_the_command_s():
     seen = clock.update(np.full(6, 9.0), NOWHERE, now)
     assert (seen.phase, seen.std) == (0.37, 0.0)
     assert np.isnan(seen.misfit)
-    np.testing.assert_array_equal(clock.rate(now), np.zeros(6))
+    assert_array_equal(clock.rate(now), np.zeros(6))
 
 
 def test_phase_std_is_the_size_of_the_errors(skill):
@@ -104,14 +103,6 @@ def test_phase_follows_a_door_that_swings_back(skill):
     back = np.radians(np.linspace(40, 25, 200))
     phase = follow(skill, arc(0.5, back), rule=rule, start=opened[-1])[0]
     assert phase[-1] == pytest.approx(true_phase(skill, back[-1]), abs=0.02)
-
-
-def test_phase_is_independent_of_speed(skill):
-    slow, fast = (
-        follow(skill, arc(0.5, np.linspace(0.0, np.radians(50.0), samples)))[0][-1]
-        for samples in (600, 60)
-    )
-    assert slow == pytest.approx(fast, abs=5e-3)
 
 
 def test_search_begins_where_it_is_told(skill):
@@ -201,31 +192,6 @@ def test_search_is_the_one_that_is_defined(skill, previous):
         assert float(found.phase) == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.bits
-def test_stacked_rules_tell_what_each_would(skill, demonstrations):
-    """Rows that differ in skill, phase and pose, all of them or only some."""
-    other = fit_skill(align(demonstrations[:4]))
-    rules = [PathPhase(one, one.aligned) for one in (skill, other, skill)]
-    together = PathPhase.stacked(rules)
-    angles = (0.01, 0.7, 1.16)
-    poses = np.stack([handle_pose_on_arc(0.5, angle) for angle in angles])
-    previous = true_phase(skill, angles)
-    alone = [
-        (rule.update(pose, phase, NOWHERE), rule.rate(phase))
-        for rule, pose, phase in zip(rules, poses, previous, strict=True)
-    ]
-    for rows in (np.arange(3), np.array([1]), np.array([2, 0])):
-        together.reset(rows)
-        found = together.update(poses[rows], previous[rows], previous[rows], rows)
-        rates = together.rate(previous[rows], rows)
-        for index, row in enumerate(rows):
-            seen, rate = alone[row]
-            assert found.phase[index] == seen.phase
-            assert found.std[index] == seen.std
-            assert found.misfit[index] == seen.misfit
-            np.testing.assert_array_equal(rates[index], rate)
-
-
 def test_distribution_without_spread_is_refused(skill):
     class Curve:
         def predict(self, times):
@@ -243,9 +209,7 @@ def test_rate_is_the_derivative_of_the_mean(skill):
     estimator, step = PathPhase(skill, skill.aligned), 1e-5
     around = skill.predict(np.array([0.5 - step, 0.5 + step])).mean
     numerical = (around[1] - around[0]) / (2 * step)
-    np.testing.assert_allclose(
-        estimator.rate(np.float64(0.5)), numerical, rtol=1e-5, atol=1e-6
-    )
+    assert_allclose(estimator.rate(np.float64(0.5)), numerical, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("radius", [0.35, 0.50, 0.65])
@@ -337,16 +301,3 @@ def test_heading_is_the_posterior_of_its_model(skill):
     assert heading.yaw == pytest.approx(expected, abs=np.radians(0.05))
     posterior = (weights * (yaws - expected) ** 2).sum() + np.radians(0.5) ** 2
     assert heading.variance == pytest.approx(posterior, rel=0.05)
-
-
-def test_reset_forgets_the_path_of_these_rows_alone(skill):
-    together = PathPhase.stacked([PathPhase(skill, skill.aligned) for _ in range(2)])
-    angles = np.linspace(0.0, 1.0, 100)
-    askew = turned(arc(0.5, angles), 0.08)
-    for pose, phase in zip(askew, true_phase(skill, angles), strict=True):
-        seen = together.update(np.tile(pose, (2, 1)), np.full(2, phase), np.zeros(2))
-    assert seen.phase[0] == seen.phase[1]
-    together.reset(np.array([1]))
-    again = together.update(np.tile(askew[-1], (2, 1)), seen.phase, np.zeros(2))
-    assert again.phase[0] == seen.phase[0]
-    assert again.phase[1] > again.phase[0] + 0.02

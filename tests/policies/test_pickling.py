@@ -2,21 +2,14 @@
 
 import dataclasses
 import pickle
-from functools import cache, partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
-from gplfd_env import DoorGeometry
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies import POLICIES, ViaPoint, align, fit_skill, make_agent
+from gplfd_policies import POLICIES, ViaPoint, align
 from gplfd_policies.adaptation import ADAPTATIONS
-from gplfd_policies.demonstrations.continuation import continued
-from gplfd_policies.gp.noise import KerstingNoise
-from gplfd_policies.movements.baselines.wishart_gp import (
-    WishartGPConfig,
-    fit_wishart_gp,
-)
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -33,7 +26,7 @@ def assert_equal(one, other):
     names = [field.name for field in dataclasses.fields(one) if field.compare]
     names += ["covariance"] if hasattr(one, "covariance") else []
     for name in set(names) - {"covariance_function"}:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
+        assert_array_equal(getattr(one, name), getattr(other, name), name)
 
 
 def observations(count):
@@ -46,34 +39,10 @@ def observations(count):
         }
 
 
-@pytest.fixture(scope="module")
-def agents(demonstrations):
-    """Every policy's agent; policies that fit alike follow the same movement."""
-    aligned = align(demonstrations, n_samples=40)
-    chain = WishartGPConfig(steps=20, discarded=5, times=15)
-    wishart = partial(fit_wishart_gp, config=chain, seed=0)
-    paper = partial(fit_skill, noise=KerstingNoise(n_iterations=1))
-    quick = {"gp-paper": paper, "wishart-gp": wishart}
-    learned = cache(lambda fit, beyond: fit(continued(aligned, beyond)))
-
-    @cache
-    def make(name):
-        method = POLICIES[name].method
-        if method is None:
-            agent = make_agent(name, demonstrations)
-        else:
-            fit = quick.get(name, method.fit)
-            agent = method.follow(learned(fit, method.beyond))
-        agent.inform(DoorGeometry.nominal(0.42))
-        return agent
-
-    return make
-
-
 @pytest.mark.parametrize("name", [name for name in POLICIES if "-tuned" not in name])
 @pytest.mark.filterwarnings("ignore:sensor noise")
-def test_agents_act_on_as_if_nothing_had_happened(name, agents):
-    agent = agents(name)
+def test_agents_act_on_as_if_nothing_had_happened(name, learned_agent):
+    agent = learned_agent(name)
     copy = sent(agent)
     for time, observation in enumerate(observations(6)):
         if time == 0:

@@ -1,13 +1,11 @@
 """Reaching: a learned movement to the handle, and who acts then."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_policies import Agent, AgentStep, Demonstration, as_agent
+from gplfd_policies import AgentStep, Demonstration, as_agent
 from gplfd_policies.agents.reaching import (
     CLOSING,
     ReachingAgent,
@@ -15,7 +13,6 @@ from gplfd_policies.agents.reaching import (
     learn_reach,
     parted,
 )
-from gplfd_policies.movements.movement import Movement
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -25,22 +22,22 @@ ELSEWHERE = np.array([0.136, 0.02, -0.064, 0.0, 0.05, 0.0])
 class Holding:
     """Commands one pose and remembers how it was begun."""
 
-    def __init__(self, control: str = "pose") -> None:
+    def __init__(self, control="pose"):
         self.control, self.begun = control, list[float]()
 
-    def reset(self, observation: Any) -> None:
+    def reset(self, observation):
         self.begun.append(float(observation["time"][0]))
 
-    def act(self, observation: Any) -> AgentStep:
+    def act(self, observation):
         return AgentStep(action=np.full(6, 0.5), stiffness=np.full(6, 50.0))
 
 
 @pytest.fixture(scope="module")
-def reach() -> Movement:
+def reach():
     return learn_reach(Teacher().standard_reaches(seed=0))
 
 
-def commands(agent: Agent, start: np.ndarray, seconds: float) -> list[AgentStep]:
+def commands(agent, start, seconds):
     steps = []
     for step in range(round(seconds / CONTROL_PERIOD)):
         observation = {"ee_pose": start, "time": np.array([step * CONTROL_PERIOD])}
@@ -50,7 +47,7 @@ def commands(agent: Agent, start: np.ndarray, seconds: float) -> list[AgentStep]
     return steps
 
 
-def test_parts_are_what_they_were_joined_from() -> None:
+def test_parts_are_what_they_were_joined_from():
     teacher, rng = Teacher(), np.random.default_rng(0)
     reached, opening = teacher.demonstrate_reach(rng), teacher.demonstrate(0.5, rng)
     whole = joined(reached, opening)
@@ -64,7 +61,7 @@ def test_parts_are_what_they_were_joined_from() -> None:
 @pytest.mark.parametrize(
     "grasped", [[0, 0, 0, 0], [1, 1, 1, 1], [0, 0, 0, 1], [0, 1, 0, 1]]
 )
-def test_who_never_takes_hold_or_lets_go_teaches_no_reach(grasped: list[int]) -> None:
+def test_who_never_takes_hold_or_lets_go_teaches_no_reach(grasped):
     poses = np.outer(np.arange(4.0), np.ones(6))
     shown = Demonstration(times=np.arange(4.0), poses=poses)
     with pytest.raises(ValueError, match="must begin without the handle, take hold"):
@@ -72,9 +69,7 @@ def test_who_never_takes_hold_or_lets_go_teaches_no_reach(grasped: list[int]) ->
 
 
 @pytest.mark.parametrize("away", [0.8 * ELSEWHERE, ELSEWHERE, 1.3 * ELSEWHERE])
-def test_it_leads_from_where_the_hand_is_to_the_handle(
-    reach: Movement, away: np.ndarray
-) -> None:
+def test_it_leads_from_where_the_hand_is_to_the_handle(reach, away):
     agent = ReachingAgent(reach, as_agent(Holding()))
     path = np.array(
         [step.action for step in commands(agent, away, reach.duration + CLOSING)]
@@ -88,14 +83,14 @@ def test_it_leads_from_where_the_hand_is_to_the_handle(
     assert np.abs(waiting).max() < 2e-3
 
 
-def test_it_is_surest_at_the_handle(reach: Movement) -> None:
+def test_it_is_surest_at_the_handle(reach):
     agent = ReachingAgent(reach, as_agent(Holding()))
     steps = commands(agent, ELSEWHERE, reach.duration)
     spread = np.array([np.linalg.norm(step.std[:3]) for step in steps])
     assert spread[-1] < 0.1 * spread.max()
 
 
-def test_it_hands_over_once_when_the_gripper_has_closed(reach: Movement) -> None:
+def test_it_hands_over_once_when_the_gripper_has_closed(reach):
     then = Holding()
     agent = ReachingAgent(reach, as_agent(then))
     steps = commands(agent, ELSEWHERE, reach.duration + CLOSING + 0.5)
@@ -108,7 +103,7 @@ def test_it_hands_over_once_when_the_gripper_has_closed(reach: Movement) -> None
     assert len(then.begun) == 1, "the next episode begins with another reach"
 
 
-def test_it_is_stiff_where_the_other_commands_stiffness(reach: Movement) -> None:
+def test_it_is_stiff_where_the_other_commands_stiffness(reach):
     soft = ReachingAgent(reach, as_agent(Holding("impedance")))
     assert soft.control == "impedance"
     (step,) = commands(soft, ELSEWHERE, CONTROL_PERIOD)

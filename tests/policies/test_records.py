@@ -11,10 +11,6 @@ import gplfd_policies
 from gplfd_policies import AlignedDemonstrations, PosePath, align
 
 
-def test_a_skill_says_what_it_was_learned_from(skill):
-    assert repr(skill) == f"Skill(6 demonstrations, 200 phases, {skill.duration:.3g} s)"
-
-
 def test_a_continued_skill_tells_its_demonstrations_from_what_follows(skill):
     """Five seconds were demonstrated; the skill goes on to seven for larger doors."""
     aligned = replace(skill.aligned, duration=7.0, end=5.0 / 7.0)

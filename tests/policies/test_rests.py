@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies.demonstrations.alignment import align
-from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies import POLICIES, Demonstration, align
 from gplfd_policies.demonstrations.rests import without_rests
-from gplfd_policies.registry.catalogue import POLICIES
 
 MOVING = 5.0
 FINAL_ANGLE = np.radians(67.0)
@@ -85,7 +84,7 @@ def test_a_rest_in_the_middle_carries_no_progress(noise):
     assert np.all(np.diff(left.times) > 0.0)
     # The poses are those of the recording, and the clock is closed over the gap.
     kept = (recorded.times < rest.start) | (recorded.times >= rest.end)
-    np.testing.assert_array_equal(left.poses, recorded.poses[kept])
+    assert_array_equal(left.poses, recorded.poses[kept])
     assert np.diff(left.times).max() < 2.0 / 120.0
 
 
@@ -100,15 +99,6 @@ def test_alignment_says_what_it_left_out():
     whole = align(recorded, trim_rests=False)
     assert whole.rests == ()
     assert whole.duration == pytest.approx(MOVING + 1.0)
-
-
-def test_alignment_with_rests_is_that_without():
-    moving = align([opening(radius=radius) for radius in (0.35, 0.65)])
-    with pytest.warns(UserWarning, match="rests: 2 of 2"):
-        rested = align(
-            [opening(radius=radius, before=2.0, after=1.0) for radius in (0.35, 0.65)]
-        )
-    np.testing.assert_allclose(rested.poses, moving.poses, atol=0.015)
 
 
 def test_few_samples_are_left_alone():

@@ -1,10 +1,10 @@
 """One contract of all parts of the controller: a row of a batch is as if alone."""
 
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from gplfd_policies.arrays.rows import ALL_ROWS, rows_of
 from gplfd_policies.control.admittance import Admittance
@@ -21,17 +21,15 @@ from gplfd_policies.control.rendering import (
     VirtualRendering,
 )
 from gplfd_policies.control.stability import StiffnessGovernor
-from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
 from gplfd_policies.handles.adapter import HandleCompensation, HandleConfig, HandleLoad
 
 N, DT = 5, 0.01
 LEVER = TurnedHandle(point=(0.0, 0.0, 0.1), axis=(-1.0, 0.0, 0.0), travel=0.8)
-Values = dict[str, Any]
 
 
-def inputs(rng: np.random.Generator) -> Values:
+def inputs(rng):
     directions = rng.normal(size=(N, 3))
     return {
         "wrench": 15.0 * rng.normal(size=(N, 6)),
@@ -42,28 +40,28 @@ def inputs(rng: np.random.Generator) -> Values:
     }
 
 
-def handle_load(shape: tuple[int, ...]) -> HandleLoad:
+def handle_load(shape):
     handles = HandleCompensation([LEVER] * (shape or (1,))[0], shape, HandleConfig())
     return HandleLoad(LearnedLoad(), DEFAULT_PROFILE, handles, shape, DT)
 
 
-def admitted(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
+def admitted(part, given, rows):
     found = part.step(given["stiffness"], given["wrench"], DT, rows)
     return found, part.velocity[rows]
 
 
-def governed(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
+def governed(part, given, rows):
     found = part.step(given["stiffness"], DT, rows)
     return tuple(getattr(found, one.name) for one in fields(found))
 
 
-def loaded(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
+def loaded(part, given, rows):
     contact = {one.name: given[one.name] for one in fields(ContactState)[:-1]}
     found = part.update(ContactState(**contact), rows)
     return tuple(getattr(found, one.name) for one in fields(found))
 
 
-def rendered(part: Any, given: Values, rows: Any) -> tuple[Any, ...]:
+def rendered(part, given, rows):
     displaced = part.displacement(given["pose"][..., :3], rows)
     action = part.step(
         given["pose"],
@@ -99,14 +97,14 @@ STEPS = {
 }
 
 
-def row_of(values: Values, row: Any) -> Values:
+def row_of(values, row):
     # Copies: alone, an array begins where memory does.
     return {name: each[row].copy() for name, each in values.items()}
 
 
 @pytest.mark.bits
 @pytest.mark.parametrize("name", MAKE)
-def test_a_row_of_a_batch_is_as_if_alone(name: str) -> None:
+def test_a_row_of_a_batch_is_as_if_alone(name):
     """Rows are left out and reset at different times; the others go on."""
     rng = np.random.default_rng(0)
     together, alone = MAKE[name]((N,)), [MAKE[name](()) for _ in range(N)]
@@ -120,11 +118,11 @@ def test_a_row_of_a_batch_is_as_if_alone(name: str) -> None:
         for index, row in enumerate(rows):
             own = STEPS[name](alone[row], row_of(values, row), ALL_ROWS)
             for batch, single in zip(found, own, strict=True):
-                np.testing.assert_array_equal(batch[index], single)
+                assert_array_equal(batch[index], single)
 
 
 @pytest.mark.parametrize("name", MAKE)
-def test_what_is_given_stays_and_what_is_returned_may_be_changed(name: str) -> None:
+def test_what_is_given_stays_and_what_is_returned_may_be_changed(name):
     """And a reset forgets everything."""
     part, other = MAKE[name](()), MAKE[name](())
     for _ in range(2):
@@ -135,28 +133,28 @@ def test_what_is_given_stays_and_what_is_returned_may_be_changed(name: str) -> N
             found = STEPS[name](part, given, ALL_ROWS)
             expected = STEPS[name](other, kept, ALL_ROWS)
             for changed, same in zip(found, expected, strict=True):
-                np.testing.assert_array_equal(changed, same)
+                assert_array_equal(changed, same)
                 if isinstance(changed, np.ndarray) and name != "yield to all":
                     changed[...] = 9.0
             for key, each in given.items():
-                np.testing.assert_array_equal(each, kept[key])
+                assert_array_equal(each, kept[key])
         part.reset()
         other = MAKE[name](())
 
 
 @pytest.mark.bits
-def test_margins_do_not_depend_on_the_memory_layout() -> None:
+def test_margins_do_not_depend_on_the_memory_layout():
     rng = np.random.default_rng(0)
     stiffness, damping = rng.uniform(1.0, 500.0, (2, N, 6))
     packed = HELD_HAND.margin(stiffness, damping, DEFAULT_DYNAMICS.mass)
     strided = np.asfortranarray(stiffness)
     found = HELD_HAND.margin(strided, damping, DEFAULT_DYNAMICS.mass)
-    np.testing.assert_array_equal(found, packed)
+    assert_array_equal(found, packed)
 
 
-def test_a_mask_selects_rows() -> None:
+def test_a_mask_selects_rows():
     assert rows_of(None, 3) == rows_of(np.ones(3, bool), 3) == ALL_ROWS
-    np.testing.assert_array_equal(rows_of(np.array([True, False, True]), 3), [0, 2])
+    assert_array_equal(rows_of(np.array([True, False, True]), 3), [0, 2])
     for wrong in (np.ones(3), np.ones(2, bool), np.array([True])):
         with pytest.raises(ValueError, match=r"boolean of shape \(3,\)"):
             rows_of(wrong, 3)
@@ -164,18 +162,7 @@ def test_a_mask_selects_rows() -> None:
 
 @pytest.mark.parametrize("dt", [0.0, -0.01, np.nan])
 @pytest.mark.parametrize("name", ["admittance", "governor"])
-def test_a_period_that_is_not_positive_is_refused(name: str, dt: float) -> None:
+def test_a_period_that_is_not_positive_is_refused(name, dt):
     arrays = [np.ones(6)] * (2 if name == "admittance" else 1)
     with pytest.raises(ValueError, match="dt must be positive"):
         MAKE[name](()).step(*arrays, dt)
-
-
-def test_rows_that_did_not_act_keep_their_action() -> None:
-    actions = np.arange(18.0).reshape(3, 6)
-    some = AgentStep(action=-actions[:2], phase=np.array([0.1, 0.2]))
-    everyone = some.among(np.array([0, 2]), actions)
-    np.testing.assert_array_equal(
-        everyone.action, [-actions[0], actions[1], -actions[1]]
-    )
-    np.testing.assert_array_equal(everyone.phase, [0.1, np.nan, 0.2])
-    assert some.among(ALL_ROWS, actions) is some

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from gplfd_policies import PosePath, ViaPoint, align, fit_skill, load_skill
 from gplfd_policies.adaptation import ADAPTATIONS
@@ -69,8 +70,8 @@ def test_a_continuation_is_kept(demonstrations, tmp_path):
     fit_skill(longer).save(tmp_path / "skill.npz")
     kept = load_skill(tmp_path / "skill.npz").aligned
     assert kept.end == longer.end < 1.0
-    np.testing.assert_array_equal(kept.drift, longer.drift)
-    np.testing.assert_array_equal(kept.clocks, longer.clocks)
+    assert_array_equal(kept.drift, longer.drift)
+    assert_array_equal(kept.clocks, longer.clocks)
 
 
 @pytest.mark.parametrize("noise", [KerstingNoise(n_iterations=1), "homoscedastic"])
@@ -84,7 +85,7 @@ def test_clocks_are_kept_as_known_or_as_unknown(small, tmp_path):
     for each in (small, unknown):
         each.save(tmp_path / "skill.npz")
         loaded = load_skill(tmp_path / "skill.npz").aligned.clocks
-        np.testing.assert_array_equal(loaded, each.aligned.clocks)
+        assert_array_equal(loaded, each.aligned.clocks)
 
 
 def test_a_skill_of_one_demonstration(demonstrations, tmp_path):

@@ -1,30 +1,29 @@
 """The record of a control step: one agent or many, with or without explanations."""
 
-import dataclasses
-import pickle
-
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
-from gplfd_policies.control.steps import STEP_SHAPES, AgentStep
+from gplfd_policies import AgentStep
+from gplfd_policies.control.steps import STEP_SHAPES
 
 ACTIONS = np.arange(18.0).reshape(3, 6)
 
 
-def random_step(rng: np.random.Generator, *leading: int) -> AgentStep:
+def random_step(rng, *leading):
     fields = {name: rng.random((*leading, *STEP_SHAPES[name])) for name in STEP_SHAPES}
     return AgentStep(**fields | {"via_point": fields["via_point"] > 0.5})
 
 
-def assert_same(one: AgentStep, other: AgentStep) -> None:
+def assert_same(one, other):
     for name in STEP_SHAPES:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
+        assert_array_equal(getattr(one, name), getattr(other, name), name)
 
 
 @pytest.mark.parametrize("action", [ACTIONS[0], ACTIONS])
-def test_an_action_is_a_whole_step(action: np.ndarray) -> None:
+def test_an_action_is_a_whole_step(action):
     step = AgentStep(action=action)
-    np.testing.assert_array_equal(step.action, action)
+    assert_array_equal(step.action, action)
     assert not np.any(step.via_point)
     for name in set(STEP_SHAPES) - {"action", "via_point"}:
         value = getattr(step, name)
@@ -32,14 +31,7 @@ def test_an_action_is_a_whole_step(action: np.ndarray) -> None:
         assert np.isnan(value).all()
 
 
-def test_shapes_are_those_of_the_fields() -> None:
-    assert list(STEP_SHAPES) == [one.name for one in dataclasses.fields(AgentStep)]
-    step = AgentStep(action=ACTIONS[0])
-    for name, shape in STEP_SHAPES.items():
-        assert np.shape(getattr(step, name)) == shape
-
-
-def test_what_was_given_stays_the_givers() -> None:
+def test_what_was_given_stays_the_givers():
     action = ACTIONS[0].copy()
     step = AgentStep(action=action)
     action[0] = 7.0
@@ -48,15 +40,10 @@ def test_what_was_given_stays_the_givers() -> None:
         step.action[0] = 1.0
 
 
-def test_rows_of_a_stack_are_the_steps() -> None:
+def test_rows_of_a_stack_are_the_steps():
     steps = [random_step(np.random.default_rng(seed)) for seed in range(3)]
     stack = AgentStep.stacked(steps)
     assert stack.action.shape == (3, 6)
     for row, step in enumerate(steps):
         assert_same(stack.row(row), step)
     assert AgentStep.stacked([]).action.shape == (0, 6)
-
-
-def test_steps_can_be_pickled() -> None:
-    step = random_step(np.random.default_rng(0))
-    assert_same(pickle.loads(pickle.dumps(step)), step)

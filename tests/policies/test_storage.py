@@ -1,4 +1,7 @@
+"""Files that are complete or absent, and archives that are not trusted."""
+
 import bz2
+import contextlib
 import io
 import json
 import os
@@ -75,14 +78,26 @@ def refused(path, reason):
     )
 
 
+@contextlib.contextmanager
+def taking_at_most(memory):
+    tracemalloc.start()
+    yield
+    assert tracemalloc.get_traced_memory()[1] < memory
+    tracemalloc.stop()
+
+
 def test_content_appears_under_the_name_only_when_complete(tmp_path):
-    target = tmp_path / "new" / "file.txt"
+    """As readable by others as the umask allows; a killed process leaves no result."""
+    target, plain = tmp_path / "new" / "file.json", tmp_path / "plain"
+    plain.touch()
     with complete_or_absent(target) as temporary:
         temporary.write_text("half")
-        assert not target.exists()
+        assert [path.suffix for path in target.parent.iterdir()] == [".tmp"]
         temporary.write_text("whole")
     assert target.read_text() == "whole"
     assert list(target.parent.iterdir()) == [target]
+    modes = [stat.S_IMODE(path.stat().st_mode) for path in (target, plain)]
+    assert modes[0] == modes[1]
 
 
 def test_interruption_keeps_the_old_file_and_leaves_no_temporary(tmp_path):
@@ -100,20 +115,6 @@ def test_interruption_keeps_the_old_file_and_leaves_no_temporary(tmp_path):
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_what_a_killed_process_leaves_is_no_result(tmp_path):
-    with complete_or_absent(tmp_path / "result.json"):
-        assert [path.suffix for path in tmp_path.iterdir()] == [".tmp"]
-
-
-def test_result_is_readable_by_others_as_the_umask_allows(tmp_path):
-    plain = tmp_path / "plain"
-    plain.touch()
-    with complete_or_absent(tmp_path / "file") as temporary:
-        temporary.touch()
-    mode = stat.S_IMODE((tmp_path / "file").stat().st_mode)
-    assert mode == stat.S_IMODE(plain.stat().st_mode)
-
-
 def test_archive_round_trip_is_exact(archive):
     found = read(archive)
     for name, array in ARRAYS.items():
@@ -122,20 +123,15 @@ def test_archive_round_trip_is_exact(archive):
         assert np.array_equal(found[name], array)
 
 
-def test_missing_file_is_told_from_a_damaged_one(tmp_path):
+def test_what_is_no_regular_file_is_refused_without_waiting(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"there is no file .*nothing\.npz"):
         read(tmp_path / "nothing.npz")
-
-
-def test_what_is_no_regular_file_is_refused_without_waiting(tmp_path):
-    with pytest.raises(ValueError, match=r"is a folder; give a file .* holds a test"):
-        read(tmp_path)
     os.mkfifo(tmp_path / "pipe.npz")
-    with pytest.raises(ValueError, match=r"pipe\.npz is a named pipe; give a file"):
-        read(tmp_path / "pipe.npz")
     (tmp_path / "zero.npz").symlink_to("/dev/zero")
-    with pytest.raises(ValueError, match=r"zero\.npz is a device; give a file"):
-        read(tmp_path / "zero.npz")
+    kinds = {"": "a folder", "pipe.npz": "a named pipe", "zero.npz": "a device"}
+    for name, kind in kinds.items():
+        with pytest.raises(ValueError, match=rf"{name} is {kind}; give a .* a test"):
+            read(tmp_path / name)
 
 
 @pytest.mark.parametrize("size", [0, 1, 200, -1])
@@ -145,15 +141,20 @@ def test_cut_archive(archive, size):
         read(archive)
 
 
-def test_another_kind_or_version(archive):
-    write_archive(archive, kind="another", version=3, arrays=ARRAYS)
-    with refused(archive, "it holds another"):
-        read(archive)
-    write_archive(archive, kind=KIND, version=4, arrays=ARRAYS)
-    with refused(archive, "it has version 4, and this program reads version 3"):
-        read(archive)
-    np.savez(archive, a=np.zeros(3))
-    with refused(archive, "it holds something else"):
+@pytest.mark.parametrize(
+    ("kind", "version", "reason"),
+    [
+        ("another", 3, "it holds another"),
+        (KIND, 4, "it has version 4, and this program reads version 3"),
+        (None, None, "it holds something else"),
+    ],
+)
+def test_another_kind_or_version(archive, kind, version, reason):
+    if kind is None:
+        np.savez(archive, a=np.zeros(3))
+    else:
+        write_archive(archive, kind=kind, version=version, arrays=ARRAYS)
+    with refused(archive, reason):
         read(archive)
 
 
@@ -183,24 +184,17 @@ def test_wrong_member(archive, content, reason):
         read(archive)
 
 
-def test_member_that_does_not_belong_is_refused_unread(archive):
-    bomb = npy(np.zeros(2**27 // 8))
-    rewrite(archive, zipfile.ZIP_DEFLATED, bomb=bomb)
-    del bomb
-    tracemalloc.start()
-    with refused(archive, "it holds 'bomb', which does not belong there"):
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("bomb", "it holds 'bomb', which does not belong there"),
+        ("curve", "it unpacks to more than its size allows"),
+    ],
+)
+def test_a_large_member_is_refused_unread(archive, name, reason):
+    rewrite(archive, zipfile.ZIP_DEFLATED, **{name: npy(np.zeros(2**27 // 8))})
+    with taking_at_most(2**24), refused(archive, reason):
         read(archive)
-    assert tracemalloc.get_traced_memory()[1] < 2**24
-    tracemalloc.stop()
-
-
-def test_member_that_unpacks_to_more_than_it_may_is_refused_unread(archive):
-    rewrite(archive, zipfile.ZIP_DEFLATED, curve=npy(np.zeros(2**27 // 8)))
-    tracemalloc.start()
-    with refused(archive, "it unpacks to more than its size allows"):
-        read(archive)
-    assert tracemalloc.get_traced_memory()[1] < 2**24
-    tracemalloc.stop()
 
 
 def test_members_count_as_the_float64_that_they_become(archive):
@@ -227,11 +221,9 @@ def test_frames_are_decompressed_to_no_more_than_the_budget():
     with pytest.raises(ValueError, match="a chunk is cut off"):
         decompressed(frames[:-5], bz2.BZ2Decompressor, budget, "a chunk")
     bomb = bz2.compress(bytes(2**26 + 2**20))
-    tracemalloc.start()
-    with pytest.raises(ValueError, match="unpacks to more than its size allows"):
+    too_much = pytest.raises(ValueError, match="unpacks to more than its size allows")
+    with taking_at_most(3 * 2**26), too_much:
         decompressed(bomb, bz2.BZ2Decompressor, budget, "a chunk")
-    assert tracemalloc.get_traced_memory()[1] < 3 * 2**26
-    tracemalloc.stop()
     with pytest.raises(ValueError, match="an element is cut off"):
         inflated(zlib.compress(b"content")[:-2], budget, "an element")
     with pytest.raises(ValueError, match="an element is damaged"):
@@ -243,11 +235,8 @@ def test_member_that_lies_about_its_size_is_not_unpacked_further(archive):
     with zipfile.ZipFile(archive) as whole:
         true = struct.pack("<L", whole.getinfo("curve.npy").file_size)
     archive.write_bytes(archive.read_bytes().replace(true, struct.pack("<L", 10**4)))
-    tracemalloc.start()
-    with refused(archive, "Bad CRC-32"):
+    with taking_at_most(2**24), refused(archive, "Bad CRC-32"):
         read(archive)
-    assert tracemalloc.get_traced_memory()[1] < 2**24
-    tracemalloc.stop()
 
 
 @pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])

@@ -4,9 +4,11 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm, t
 
-from gplfd_policies.movements.trajectory import GaussianTrajectory, white_covariance
+from gplfd_policies import GaussianTrajectory
+from gplfd_policies.movements.trajectory import white_covariance
 
 TIMES = np.linspace(0.0, 1.0, 50)
 
@@ -43,7 +45,7 @@ def test_inside_is_what_lies_in_the_interval():
     poses = distribution.mean + 0.05 * np.linspace(-1.0, 1.0, 300).reshape(50, 6)
     low, high = distribution.interval(0.9)
     inside = distribution.inside(poses, 0.9)
-    np.testing.assert_array_equal(inside, (poses >= low) & (poses <= high))
+    assert_array_equal(inside, (poses >= low) & (poses <= high))
     assert inside.mean() == distribution.coverage(poses, 0.9)
     with pytest.raises(ValueError, match=r"level must be in \(0, 1\), got 1.0"):
         distribution.inside(poses, 1.0)
@@ -76,7 +78,7 @@ def test_some_of_the_times(skill, rows):
     whole = skill.predict(TIMES)
     part = whole[rows]
     for name in ("times", "mean", "std", "mean_rate", "std_rate"):
-        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[rows])
+        assert_array_equal(getattr(part, name), getattr(whole, name)[rows])
     variance = np.diagonal(part.covariance, axis1=1, axis2=2).T
-    np.testing.assert_allclose(variance, part.std**2, rtol=1e-12)
+    assert_allclose(variance, part.std**2, rtol=1e-12)
     assert part.degrees_of_freedom == whole.degrees_of_freedom

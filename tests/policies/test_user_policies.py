@@ -7,17 +7,22 @@ import json
 import pickle
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
-from gplfd_policies import Demonstration, Method, make_agent, policy_named
+from gplfd_policies import (
+    POLICIES,
+    Method,
+    PolicyOrigin,
+    load_policy,
+    make_agent,
+    policy_named,
+)
 from gplfd_policies.registry import module_files, user_policies
-from gplfd_policies.registry.catalogue import POLICIES, load_policy
-from gplfd_policies.registry.policy import PolicyOrigin
 from gplfd_policies.registry.user_policies import packaged_policies
 
 MODULE = '''
@@ -60,7 +65,7 @@ OBSERVATION = {"ee_pose": np.ones(6), "wrench": np.zeros(6)}
 
 
 @pytest.fixture(autouse=True)
-def forgotten_modules() -> Iterator[None]:
+def forgotten_modules():
     """Forget what a test imported."""
     before, path = set(sys.modules), list(sys.path)
     yield
@@ -70,7 +75,7 @@ def forgotten_modules() -> Iterator[None]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """A working folder with a module of somebody's."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(MODULE)
@@ -80,9 +85,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     "name", ["mine:make", "mine.py:make", "./mine.py:make", "{folder}/mine.py:make"]
 )
-def test_a_function_in_a_file_is_a_policy(
-    name: str, folder: Path, demonstrations: tuple[Demonstration, ...]
-) -> None:
+def test_a_function_in_a_file_is_a_policy(name, folder, demonstrations):
     name = name.format(folder=folder)
     policy = policy_named(name)
     assert policy.summary == "Stay where the handle is closed."
@@ -96,7 +99,7 @@ def test_a_function_in_a_file_is_a_policy(
     )
     agent = make_agent(name, demonstrations)
     agent.reset(OBSERVATION)
-    np.testing.assert_array_equal(agent.act(OBSERVATION).action, np.zeros(6))
+    assert_array_equal(agent.act(OBSERVATION).action, np.zeros(6))
 
 
 @pytest.mark.parametrize(
@@ -108,15 +111,13 @@ def test_a_function_in_a_file_is_a_policy(
     ],
 )
 @pytest.mark.usefixtures("folder")
-def test_classes_methods_and_policies_are_policies(
-    attribute: str, summary: str, is_method: bool
-) -> None:
+def test_classes_methods_and_policies_are_policies(attribute, summary, is_method):
     policy = policy_named(f"mine:{attribute}")
     assert policy.summary.startswith(summary)
     assert isinstance(policy.method, Method) is is_method
 
 
-def test_modules_in_packages_and_helpers_beside_them_are_found(folder: Path) -> None:
+def test_modules_in_packages_and_helpers_beside_them_are_found(folder):
     package = folder / "laboratory" / "doors"
     package.mkdir(parents=True)
     (folder / "laboratory" / "__init__.py").touch()
@@ -126,9 +127,7 @@ def test_modules_in_packages_and_helpers_beside_them_are_found(folder: Path) -> 
     assert policy_named("laboratory.doors.best:mine.Still").method is None
 
 
-def test_files_elsewhere_find_what_lies_beside_them(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_elsewhere_find_what_lies_beside_them(folder, monkeypatch):
     (folder / "beside.py").write_text("from mine import make\n")
     elsewhere = folder / "elsewhere"
     elsewhere.mkdir()
@@ -161,9 +160,7 @@ def test_files_elsewhere_find_what_lies_beside_them(
         ("os.path:absent", r"'os.path:absent': module posixpath"),
     ],
 )
-def test_what_cannot_be_used_is_refused_at_once(
-    name: str, message: str, folder: Path
-) -> None:
+def test_what_cannot_be_used_is_refused_at_once(name, message, folder):
     (folder / "broken.py").write_text("\n1 / 0\n")
     (folder / "users.py").write_text("import broken\n")
     (folder / "leaving.py").write_text("raise SystemExit(3)\n")
@@ -174,16 +171,14 @@ def test_what_cannot_be_used_is_refused_at_once(
 
 
 @pytest.mark.usefixtures("folder")
-def test_functions_that_make_no_agent_are_refused(
-    demonstrations: tuple[Demonstration, ...],
-) -> None:
+def test_functions_that_make_no_agent_are_refused(demonstrations):
     with pytest.raises(ValueError, match=r"NoneType.* is no agent"):
         make_agent("mine:make_nothing", demonstrations)
 
 
 def test_origins_are_plain_data_with_which_another_process_finds_the_policy(
-    folder: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+    folder, tmp_path_factory
+):
     origin = policy_named("mine:make").origin
     assert origin is not None
     assert PolicyOrigin(**json.loads(json.dumps(dataclasses.asdict(origin)))) == origin
@@ -202,7 +197,7 @@ def test_origins_are_plain_data_with_which_another_process_finds_the_policy(
     assert ran.stdout.decode().strip() == "Stay where the handle is closed."
 
 
-def forget(*modules: str) -> None:
+def forget(*modules):
     """Forget modules and their files, as another process would."""
     for name in modules:
         del sys.modules[name]
@@ -220,9 +215,7 @@ def forget(*modules: str) -> None:
         ("pack.users", {"helper.py": "", "pack/__init__.py": "NUMBER = 1"}),
     ],
 )
-def test_a_policy_is_also_what_it_imports_beside_it(
-    folder: Path, name: str, helpers: dict[str, str]
-) -> None:
+def test_a_policy_is_also_what_it_imports_beside_it(folder, name, helpers):
     own = Path(name.replace(".", "/") + ".py")
     for file, text in {str(own): f"import helper, json\n{MODULE}", **helpers}.items():
         (folder / file).parent.mkdir(exist_ok=True)
@@ -246,7 +239,7 @@ def test_a_policy_is_also_what_it_imports_beside_it(
     assert policy_named(policy).origin.sha256 == before
 
 
-def test_another_file_is_not_the_policy_that_was_chosen(folder: Path) -> None:
+def test_another_file_is_not_the_policy_that_was_chosen(folder):
     origin = policy_named("mine:make").origin
     assert origin is not None
     assert load_policy(origin).origin == origin
@@ -263,17 +256,17 @@ def test_another_file_is_not_the_policy_that_was_chosen(folder: Path) -> None:
         load_policy(origin)
 
 
-def test_built_in_policies_are_found_again() -> None:
+def test_built_in_policies_are_found_again():
     origin = policy_named("gp").origin
     assert origin == PolicyOrigin(name="gp", kind="built-in")
     assert load_policy(origin).make is POLICIES["gp"].make
 
 
 @pytest.fixture
-def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def install(tmp_path, monkeypatch):
     """Installs a package that offers policies: name, version, entry points, module."""
 
-    def make(package: str, version: str, entries: str, module: str = MODULE) -> None:
+    def make(package, version, entries, module=MODULE):
         site = tmp_path / "site"
         information = site / f"{package}-{version}.dist-info"
         information.mkdir(parents=True)
@@ -290,12 +283,10 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.parametrize("library", ["importlib.metadata", "a backport of it"])
-def test_packages_offer_policies_by_name(
-    install, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_packages_offer_policies_by_name(install, library, tmp_path, monkeypatch):
     if library != "importlib.metadata":
         # The backport's finder answers in its place, with entry points of its own.
-        def backported(**selection: str) -> list[SimpleNamespace]:
+        def backported(**selection):
             return [
                 SimpleNamespace(
                     name=entry.name,
@@ -335,7 +326,7 @@ def test_packages_offer_policies_by_name(
         policy_named("bets")
 
 
-def test_broken_packages_are_listed_with_the_reason(install) -> None:
+def test_broken_packages_are_listed_with_the_reason(install):
     install(
         "theirs", "1.2", "gp = theirs:make\nabsent = theirs:absent\nfine = theirs:make"
     )

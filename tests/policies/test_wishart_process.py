@@ -1,12 +1,11 @@
 """Elliptical slice sampling and the Wishart process, against closed forms."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import kstest, multivariate_normal
+from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal
 
 from gplfd_policies.movements.baselines.wishart_process import (
     WishartLikelihood,
@@ -21,7 +20,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 MEAN = np.array([[4.0, 1.0], [1.0, 2.0]])
 
 
-def prior(degrees: int = 3, floor: float = 1e-3) -> WishartPrior:
+def prior(degrees=3, floor=1e-3):
     return WishartPrior.over((0.0, 1.0), 0.2, MEAN, degrees, floor)
 
 
@@ -30,44 +29,21 @@ def last_state(log_likelihood, start, steps, rng):
     return last
 
 
-def test_sampler_leaves_the_prior_as_it_is():
-    rng = np.random.default_rng(0)
-    ends = [
-        last_state(lambda x: 0.0, rng.standard_normal(2), 1, rng) for _ in range(4000)
-    ]
-    for column in np.transpose(ends):
-        assert kstest(column, "norm").pvalue > 0.01
-
-
-def test_one_step_leaves_a_posterior_as_it_is():
-    """x ~ N(0, 1), 1.5 ~ N(x, 0.2): the posterior is N(1.25, 1/6)."""
-
-    def log_likelihood(x: np.ndarray) -> float:
-        return -0.5 * float((x[0] - 1.5) ** 2) / 0.2
-
-    rng = np.random.default_rng(1)
-    std = np.sqrt(1.0 / 6.0)
-    starts = 1.25 + std * rng.standard_normal((4000, 1))
-    ends = np.array([last_state(log_likelihood, x, 1, rng)[0] for x in starts])
-    assert kstest(ends, "norm", args=(1.25, std)).pvalue > 0.01
-    assert abs(np.corrcoef(starts[:, 0], ends)[0, 1]) < 0.9
-
-
 def test_sampler_meets_a_gaussian_posterior():
     mixing = np.array([[1.0, 0.5], [0.0, 2.0]])
     observed, variance = np.array([1.0, -1.0]), 0.3
     precision = np.eye(2) + mixing.T @ mixing / variance
     mean = np.linalg.solve(precision, mixing.T @ observed / variance)
 
-    def log_likelihood(x: np.ndarray) -> float:
+    def log_likelihood(x):
         return -0.5 * float(np.sum((observed - mixing @ x) ** 2)) / variance
 
     chain = elliptical_slice_chain(
         log_likelihood, np.array([3.0, 3.0]), 6000, np.random.default_rng(2)
     )
     states = np.array(list(chain))[100:]
-    np.testing.assert_allclose(states.mean(axis=0), mean, atol=0.03)
-    np.testing.assert_allclose(np.cov(states.T), np.linalg.inv(precision), atol=0.02)
+    assert_allclose(states.mean(axis=0), mean, atol=0.03)
+    assert_allclose(np.cov(states.T), np.linalg.inv(precision), atol=0.02)
 
 
 def test_sampler_refuses_an_impossible_start():
@@ -78,7 +54,7 @@ def test_sampler_refuses_an_impossible_start():
 def test_prior_draws_average_to_nu_l_lt():
     process, rng = prior(degrees=3, floor=0.1), np.random.default_rng(0)
     lower = np.linalg.cholesky(MEAN / 3)
-    np.testing.assert_allclose(process.lower, lower)
+    assert_allclose(process.lower, lower)
     times = np.array([0.1, 0.3, 0.9])
     draws = np.array(
         [
@@ -86,17 +62,15 @@ def test_prior_draws_average_to_nu_l_lt():
             for _ in range(4000)
         ]
     )
-    np.testing.assert_allclose(draws.mean(axis=0), np.tile(MEAN, (3, 1, 1)), atol=0.1)
+    assert_allclose(draws.mean(axis=0), np.tile(MEAN, (3, 1, 1)), atol=0.1)
     # A Wishart variance of ν degrees of freedom, less the floor: 2 (Σ_ii)²/ν.
     variances = draws[:, :, [0, 1], [0, 1]]
     expected = np.sqrt(2.0 / 3.0) * 0.9 * np.diag(MEAN)
-    np.testing.assert_allclose(
-        variances.std(axis=0), np.tile(expected, (3, 1)), rtol=0.05
-    )
+    assert_allclose(variances.std(axis=0), np.tile(expected, (3, 1)), rtol=0.05)
     # Squares of Gaussians of correlation κ are correlated κ².
     correlation = np.corrcoef(variances[:, :, 0].T)
     kappa = np.exp(-0.5 * (np.subtract.outer(times, times) / 0.2) ** 2)
-    np.testing.assert_allclose(correlation, kappa**2, atol=0.03)
+    assert_allclose(correlation, kappa**2, atol=0.03)
 
 
 @given(
@@ -108,13 +82,13 @@ def test_covariances_are_positive_definite_everywhere(seed, size, times):
     process = prior()
     weights = size * np.random.default_rng(seed).standard_normal(process.shape)
     covariances = process.covariance(weights, np.array(times))
-    np.testing.assert_allclose(covariances, covariances.swapaxes(1, 2))
+    assert_allclose(covariances, covariances.swapaxes(1, 2))
     floor = 1e-3 * np.linalg.eigvalsh(MEAN)[0]
     largest = np.linalg.eigvalsh(covariances)[:, 1]
     assert (np.linalg.eigvalsh(covariances)[:, 0] > 0.9 * floor - 1e-12 * largest).all()
 
 
-def likelihood_case() -> tuple[WishartPrior, np.ndarray, WishartLikelihood]:
+def likelihood_case():
     process, rng = prior(), np.random.default_rng(3)
     curves = rng.normal(size=(5, 7, 2)) + 4.0
     times = np.linspace(0.0, 1.0, 7)
@@ -157,7 +131,7 @@ def test_likelihood_gradient_equals_finite_differences():
         moved = step * (np.arange(len(flat)) == index)
         rise = likelihood(flat + moved) - likelihood(flat - moved)
         numeric[index] = rise / (2.0 * step)
-    np.testing.assert_allclose(likelihood.gradient(flat), numeric, rtol=1e-5, atol=1e-6)
+    assert_allclose(likelihood.gradient(flat), numeric, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.bits
@@ -169,42 +143,13 @@ def test_posterior_averages_the_covariances_of_its_samples():
     posterior = WishartPosterior(prior=process, moment=moment)
     times = np.array([-0.5, 0.0, 0.33, 1.0, 2.0])
     expected = np.mean([process.covariance(w, times) for w in samples], axis=0)
-    np.testing.assert_allclose(posterior.covariance(times), expected, rtol=1e-9)
+    assert_allclose(posterior.covariance(times), expected, rtol=1e-9)
     # Matrix products of five and of two rows may add in another order.
-    np.testing.assert_allclose(
+    assert_allclose(
         posterior.covariance(times)[[0, 4]],
         posterior.covariance(times[[1, 3]]),
         rtol=1e-12,
     )
-
-
-def known_covariance(times: np.ndarray) -> np.ndarray:
-    """Standard deviations that vary threefold, a correlation that changes its sign."""
-    first, second = 1.0 + 0.5 * np.sin(4.0 * times), 0.5 + 0.3 * np.cos(5.0 * times)
-    cross = 0.8 * np.cos(3.0 * times) * first * second
-    rows = [np.stack([first**2, cross], 1), np.stack([cross, second**2], 1)]
-    return np.stack(rows, axis=1)
-
-
-@pytest.mark.bits
-def test_posterior_concentrates_on_the_truth():
-    times = np.linspace(0.0, 1.0, 30)
-    truth = known_covariance(times)
-    roots = np.linalg.cholesky(truth)
-    errors = {6: 0.0, 400: 0.0}
-    # Three data sets: with one of them the sampler alone moves the error by a third.
-    for count, seed in itertools.product(errors, range(3)):
-        rng = np.random.default_rng(seed)
-        drawn = np.einsum("tij,ktj->kti", roots, rng.normal(size=(count, 30, 2)))
-        deviations = drawn - drawn.mean(axis=0)
-        pooled = np.einsum("kti,ktj->ij", deviations, deviations) / (30 * (count - 1))
-        process = WishartPrior.over((0.0, 1.0), 0.2, pooled, 3, 1e-3)
-        likelihood = WishartLikelihood.of(process, times, deviations)
-        posterior = sample_posterior(likelihood, 300, 100, rng)
-        error = np.linalg.norm(posterior.covariance(times) - truth, axis=(1, 2))
-        errors[count] += np.mean(error / np.linalg.norm(truth, axis=(1, 2))) / 3
-    assert errors[400] < 0.05
-    assert errors[6] > 3.0 * errors[400]
 
 
 def test_sampler_averages_what_the_posterior_says():

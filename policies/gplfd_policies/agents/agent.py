@@ -74,11 +74,7 @@ def as_agent(candidate: object) -> Agent:
 
 
 class CheckedAgent:
-    """A user's agent: what it leaves out is filled in, what it returns is checked.
-
-    Args:
-        candidate: The user's object; see `as_agent`.
-    """
+    """A user's agent: what it leaves out is filled in, what it returns is checked."""
 
     def __init__(self, candidate: Any) -> None:
         self._candidate = candidate
@@ -106,12 +102,7 @@ class CheckedAgent:
 
     @one_thread
     def act(self, observation: Observation) -> AgentStep:
-        """Return the command for the next control period.
-
-        Raises:
-            ValueError: If it is not what its control says; the message says what it
-                is, and when.
-        """
+        """Return the command for the next control period."""
         self._step += 1
         given = self._candidate.act(observation)
         try:
@@ -138,11 +129,7 @@ class CheckedAgent:
 
     @one_thread
     def forecast(self) -> GaussianTrajectory | None:
-        """Return what the agent now expects of the whole task, or None.
-
-        Raises:
-            ValueError: If it is something else.
-        """
+        """Return what the agent now expects of the whole task, or None."""
         if not hasattr(self._candidate, "forecast"):
             return None
         forecast = self._candidate.forecast()
@@ -216,12 +203,7 @@ class CompliantAgent:
 
     @one_thread
     def act(self, observation: Observation) -> AgentStep:
-        """Return the command for the next control period.
-
-        Args:
-            observation: ``ee_pose`` (6,) [m, rad] and ``wrench`` (6,) [N, N m] on the
-                hand, both in the task frame.
-        """
+        """Return the command from ``ee_pose`` [m, rad] and ``wrench`` [N, N m]."""
         return self._controller.decide(observation["ee_pose"], observation["wrench"])
 
     @one_thread

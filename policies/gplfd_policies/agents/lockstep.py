@@ -6,7 +6,7 @@ one configuration that act in lockstep share it, and decide as they would alone.
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from typing import Any, Protocol, SupportsIndex, runtime_checkable
+from typing import Any, SupportsIndex
 
 import numpy as np
 
@@ -24,36 +24,85 @@ Mask = np.ndarray
 """Boolean, (N,), which is checked."""
 
 
-@runtime_checkable
-class AgentBatch(Protocol):
-    """N agents in lockstep, one per row, each with its own door."""
+class AgentBatch:
+    """N agents in lockstep, one per row with a door of its own, called one by one."""
 
-    @property
-    def control(self) -> Control:
-        """What all of them command."""
+    def __init__(self, agents: Sequence[Agent]) -> None:
+        self._agents = tuple(agents)
+        self._actions = np.full((len(agents), 6), np.nan)
+        self.control: Control = agents[0].control
 
+    @one_thread
     def inform(self, doors: Sequence[DoorGeometry]) -> None:
         """Give every agent the door of its next episode; only oracles use it."""
+        for agent, door in zip(self._agents, doors, strict=True):
+            agent.inform(door)
 
+    @one_thread
     def reset(self, observations: Observation, mask: Mask | None = None) -> None:
-        """Let agents begin an episode at the closed, grasped door.
+        """Let agents of the mask (N,), or all, begin at the closed, grasped door."""
+        self._reset(observations, rows_of(mask, len(self._agents)))
 
-        Args:
-            observations: One row per agent of the batch, (N, ...).
-            mask: Which agents begin, (N,); None means all.
-        """
-
+    @one_thread
     def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
-        """Return the commands for the next control period.
+        """Return the next commands of the agents of the mask (N,), or of all.
 
-        Args:
-            observations: One row per agent of the batch, (N, ...).
-            mask: Which agents act, (N,); None means all. The others' rows are not
-                read, and nothing changes for them.
+        The others' rows of the observations (N, ...) are not read, and nothing changes
+        for them.
         """
+        rows = rows_of(mask, len(self._agents))
+        steps = self._decide(observations, rows).among(rows, self._actions)
+        self._actions = steps.action
+        return steps
 
+    @one_thread
     def forecast(self, row: SupportsIndex) -> GaussianTrajectory | None:
         """Return what one agent now expects of the whole task, or None."""
+        return self._agents[row].forecast()
+
+    def _reset(self, observations: Observation, rows: Rows) -> None:
+        for agent, observation in self._each(observations, rows):
+            agent.reset(observation)
+
+    def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
+        """Return the steps of these rows alone."""
+        return AgentStep.stacked(
+            [
+                agent.act(observation)
+                for agent, observation in self._each(observations, rows)
+            ]
+        )
+
+    def _each(
+        self, observations: Observation, rows: Rows
+    ) -> Iterator[tuple[Agent, Observation]]:
+        for row in np.arange(len(self._agents))[rows].tolist():
+            yield (
+                self._agents[row],
+                {name: values[row] for name, values in observations.items()},
+            )
+
+
+class _AllAtOnce(AgentBatch):
+    """Compliant agents with one configuration, computed together."""
+
+    def __init__(self, agents: Sequence[CompliantAgent]) -> None:
+        super().__init__(agents)
+        first = agents[0]
+        self._controller = controller_of(
+            [agent.movement for agent in agents],
+            first.phases.stacked([agent.phases for agent in agents]),
+            first.config,
+            [agent.handle for agent in agents if agent.handle is not None],
+            first.handle_config,
+        )
+
+    def _reset(self, observations: Observation, rows: Rows) -> None:
+        self._controller.reset(rows)
+
+    def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
+        poses, wrenches = observations["ee_pose"][rows], observations["wrench"][rows]
+        return self._controller.decide(poses, wrenches, rows)
 
 
 @one_thread
@@ -94,7 +143,7 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
         _shared(agent) == _shared(alike[0]) for agent in alike
     ):
         return _AllAtOnce(alike)
-    return _OneByOne(checked)
+    return AgentBatch(checked)
 
 
 def _shared(agent: CompliantAgent) -> tuple[object, ...]:
@@ -117,76 +166,3 @@ def _shared(agent: CompliantAgent) -> tuple[object, ...]:
 
 def _values(record: Any) -> list[Any]:
     return [getattr(record, one.name) for one in dataclasses.fields(record)]
-
-
-class _OneByOne:
-    """Any agents, called one after the other."""
-
-    def __init__(self, agents: Sequence[Agent]) -> None:
-        self._agents = tuple(agents)
-        self._actions = np.full((len(agents), 6), np.nan)
-        self.control: Control = agents[0].control
-
-    @one_thread
-    def inform(self, doors: Sequence[DoorGeometry]) -> None:
-        for agent, door in zip(self._agents, doors, strict=True):
-            agent.inform(door)
-
-    @one_thread
-    def reset(self, observations: Observation, mask: Mask | None = None) -> None:
-        self._reset(observations, rows_of(mask, len(self._agents)))
-
-    @one_thread
-    def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
-        rows = rows_of(mask, len(self._agents))
-        steps = self._decide(observations, rows).among(rows, self._actions)
-        self._actions = steps.action
-        return steps
-
-    @one_thread
-    def forecast(self, row: SupportsIndex) -> GaussianTrajectory | None:
-        return self._agents[row].forecast()
-
-    def _reset(self, observations: Observation, rows: Rows) -> None:
-        for agent, observation in self._each(observations, rows):
-            agent.reset(observation)
-
-    def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
-        """Return the steps of these rows alone."""
-        return AgentStep.stacked(
-            [
-                agent.act(observation)
-                for agent, observation in self._each(observations, rows)
-            ]
-        )
-
-    def _each(
-        self, observations: Observation, rows: Rows
-    ) -> Iterator[tuple[Agent, Observation]]:
-        for row in np.arange(len(self._agents))[rows].tolist():
-            yield (
-                self._agents[row],
-                {name: values[row] for name, values in observations.items()},
-            )
-
-
-class _AllAtOnce(_OneByOne):
-    """Compliant agents with one configuration, computed together."""
-
-    def __init__(self, agents: Sequence[CompliantAgent]) -> None:
-        super().__init__(agents)
-        first = agents[0]
-        self._controller = controller_of(
-            [agent.movement for agent in agents],
-            first.phases.stacked([agent.phases for agent in agents]),
-            first.config,
-            [agent.handle for agent in agents if agent.handle is not None],
-            first.handle_config,
-        )
-
-    def _reset(self, observations: Observation, rows: Rows) -> None:
-        self._controller.reset(rows)
-
-    def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
-        poses, wrenches = observations["ee_pose"][rows], observations["wrench"][rows]
-        return self._controller.decide(poses, wrenches, rows)

@@ -35,19 +35,7 @@ _STIFFEST: Final = np.repeat([most for _, most in ArmRendering.stiffness_range],
 def parted(
     demonstration: Demonstration, grasped: Bool[np.ndarray, " N"]
 ) -> tuple[Demonstration, Demonstration]:
-    """Part a demonstration where its hand takes hold.
-
-    Args:
-        demonstration: Reaches for a handle and opens a door.
-        grasped: Of every sample, whether the hand holds the handle.
-
-    Returns:
-        The reach and the opening; the sample in which the hand takes hold is in both.
-
-    Raises:
-        ValueError: The hand does not take hold after the first sample and before the
-            last, or lets go.
-    """
+    """Part a demonstration at the sample where its hand takes hold, which both have."""
     first = int(np.argmax(grasped))
     if first == 0 or first >= len(grasped) - 1 or not grasped[first:].all():
         raise ValueError(
@@ -60,12 +48,7 @@ def parted(
 
 
 def joined(reach: Demonstration, opening: Demonstration) -> Demonstration:
-    """Return the demonstration of which `parted` makes these two.
-
-    Args:
-        reach: Ends where and when the hand takes hold.
-        opening: Begins there and then.
-    """
+    """Return the demonstration of which `parted` makes these two."""
     return Demonstration(
         times=np.concatenate([reach.times, opening.times[1:]]),
         poses=np.concatenate([reach.poses, opening.poses[1:]]),
@@ -74,22 +57,13 @@ def joined(reach: Demonstration, opening: Demonstration) -> Demonstration:
 
 @one_thread
 def learn_reach(reaches: Sequence[Demonstration]) -> Movement:
-    """Learn to reach.
-
-    Args:
-        reaches: At least two, which end at the handle in the frame that they share.
-    """
+    """Learn to reach from two demonstrations or more that end at the handle."""
     # The rest at the end is a part of the task: the hand closes.
     return fit_skill(align(reaches, trim_rests=False))
 
 
 class ReachingAgent:
-    """Reaches for the handle, waits until the gripper has closed, and lets another act.
-
-    Args:
-        reach: The learned reach.
-        then: The agent that opens the door.
-    """
+    """Reaches for the handle, waits until the gripper closed, and lets another act."""
 
     @one_thread
     def __init__(self, reach: Movement, then: Agent) -> None:
@@ -131,10 +105,7 @@ class ReachingAgent:
 
     @property
     def gripper_width(self) -> float:
-        """What goes with the last pose where the gripper is commanded, too [m].
-
-        Wide open until the hand is at the handle, and then closed.
-        """
+        """What goes with the last pose [m]: wide open to the handle, then closed."""
         return GRIPPER_WIDTH if self._elapsed < self._reach.duration else 0.0
 
     def forecast(self) -> GaussianTrajectory | None:

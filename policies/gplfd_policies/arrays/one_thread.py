@@ -18,9 +18,8 @@ from typing import Any
 class _OneThread(contextlib.ContextDecorator):
     """The limit of the process; entering it again takes about a microsecond.
 
-    BLAS has one number of threads for the whole process. It is restored when the last
-    computing thread has left. A forked child starts without the limit: the threads that
-    would leave it stay in the parent.
+    It is lifted when the last computing thread has left. A forked child starts without:
+    the threads that would leave it stay in the parent.
     """
 
     def __init__(self) -> None:

@@ -10,10 +10,7 @@ from gplfd_env.validation.fields import check_quantities
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """Return a read-only copy in float64.
-
-    In C order, so that a copy that was pickled or stored gives the same bits.
-    """
+    """Return a read-only float64 copy in C order: stored, it gives equal bits."""
     copy = np.array(array, dtype=np.float64, order="C")
     copy.setflags(write=False)
     return copy
@@ -26,12 +23,7 @@ def freeze(record: object, *names: str) -> None:
 
 
 class Settings:
-    """Base of frozen records of numbers that are declared by `quantity`.
-
-    Raises:
-        ValueError: A number is outside its range.
-        TypeError: A value is no number.
-    """
+    """Base of frozen records of numbers that are declared by `quantity`."""
 
     __slots__ = ()
 

@@ -16,15 +16,7 @@ ALL_ROWS: Final = ()
 
 
 def rows_of(mask: np.ndarray | None, count: int) -> Rows:
-    """Return the rows that a mask selects.
-
-    Args:
-        mask: True for each selected row, (N,); None selects all.
-        count: Number of rows N.
-
-    Raises:
-        ValueError: If the mask is not boolean of shape (N,).
-    """
+    """Return the rows that a mask (N,) selects; None selects all."""
     if mask is None:
         return ALL_ROWS
     given = np.asarray(mask)

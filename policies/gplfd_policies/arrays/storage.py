@@ -11,7 +11,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar, runtime_checkable
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -32,30 +32,11 @@ _FILE_TYPES: Final = (
 RecordT = TypeVar("RecordT")
 
 
-@runtime_checkable
-class Members(Protocol):
-    """The members of an archive by name."""
-
-    def __call__(self, name: str) -> np.ndarray:
-        """Return a member; once."""
-        ...
-
-    def __contains__(self, name: str) -> bool:
-        """Return whether there is such a member, not yet returned."""
-        ...
-
-
 class DecodingBudget:
     """Bytes of memory that the content of one file may still take when it is decoded.
 
-    A compressed file of some kilobytes can hold gigabytes. Every reader claims the size
-    of an array, as the float64 that it becomes, before it allocates the array. All
-    arrays of a file together may take 20 times the size of the file, or 64 MiB if that
-    is more.
-
-    Args:
-        size: Size of the file [bytes].
-        least: Bytes that are allowed however small the file is.
+    A compressed file of some kilobytes can hold gigabytes, so every reader claims the
+    size of an array, as the float64 that it becomes, before it allocates it.
     """
 
     def __init__(self, size: int, *, least: int = _ALLOWANCE) -> None:
@@ -65,15 +46,7 @@ class DecodingBudget:
         """Bytes that may still be claimed."""
 
     def claim(self, amount: int, what: str) -> None:
-        """Take bytes from the budget.
-
-        Args:
-            amount: Bytes about to be allocated.
-            what: Name of the array, for the message.
-
-        Raises:
-            ValueError: The budget has not so many left.
-        """
+        """Take bytes for ``what``, which is about to be allocated, or refuse them."""
         if not 0 <= amount <= self.left:
             raise ValueError(
                 f"it unpacks to more than its size allows: with {what} of {amount:,} "
@@ -84,20 +57,48 @@ class DecodingBudget:
         self.left -= amount
 
 
+class Members:
+    """The members of an archive: called with a name it returns that one, once."""
+
+    def __init__(self, archive: zipfile.ZipFile, budget: DecodingBudget) -> None:
+        self._archive = archive
+        self._budget = budget
+        infos = archive.infolist()
+        self._infos = {info.filename.removesuffix(".npy"): info for info in infos}
+        if len(self._infos) < len(infos):
+            raise ValueError("it holds two members of one name")
+
+    def __call__(self, name: str) -> np.ndarray:
+        """Return a member that was not yet returned, or refuse it."""
+        if name not in self._infos:
+            raise ValueError(f"it lacks {name!r}")
+        info = self._infos.pop(name)
+        if info.flag_bits & 1 or info.compress_type not in _COMPRESSIONS:
+            raise ValueError(f"{name!r} is encrypted, or compressed in an unusual way")
+        self._budget.claim(info.file_size, f"{name!r:.40}")
+        with self._archive.open(info) as stream:
+            # With a size it unpacks no more, even if the compressed bytes hold more.
+            array = array_of(stream.read(info.file_size), name)
+        if array.dtype.kind in "biuf":
+            # Computation converts it to float64.
+            self._budget.claim(max(0, 8 * array.size - array.nbytes), f"{name!r:.40}")
+        return array
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._infos
+
+    @property
+    def left(self) -> list[str]:
+        """Names of the members that were not yet returned."""
+        return list(self._infos)
+
+
 def decompressed(
     data: bytes, decompressor: Callable[[], Any], budget: DecodingBudget, what: str
 ) -> bytes:
     """Decompress frames that follow each other, to no more than a budget allows.
 
-    Args:
-        data: The compressed frames.
-        decompressor: Makes a decompressor for one frame, as in `bz2`, `lz4.frame` and
-            `compression.zstd`.
-        budget: From which the result is claimed.
-        what: Name of the data, for a message.
-
-    Raises:
-        ValueError: The data are cut off, or hold more than the budget allows.
+    A decompressor is for one frame, as in `bz2`, `lz4.frame` and `compression.zstd`.
     """
     parts = []
     rest: bytes | None = data
@@ -113,13 +114,7 @@ def decompressed(
 
 
 def inflated(data: bytes, budget: DecodingBudget, what: str) -> bytes:
-    """Decompress one zlib stream, to no more than a budget allows.
-
-    Bytes that follow the stream are ignored.
-
-    Raises:
-        ValueError: The data are damaged, cut off, or hold more than the budget allows.
-    """
+    """Decompress one zlib stream within a budget; bytes that follow it are ignored."""
     stream = zlib.decompressobj()
     try:
         content = stream.decompress(data, budget.left + 1)
@@ -132,16 +127,7 @@ def inflated(data: bytes, budget: DecodingBudget, what: str) -> bytes:
 
 
 def regular_file(path: str | Path, kind: str = "a file") -> Path:
-    """Return a path that can be opened for reading without waiting for a writer.
-
-    Args:
-        path: The path; a link is followed.
-        kind: Expected content, for the message.
-
-    Raises:
-        FileNotFoundError: There is nothing.
-        ValueError: It is a folder, a named pipe, a device or a socket.
-    """
+    """Return a path that can be opened for reading without waiting for a writer."""
     path = Path(path)
     if path.is_file():
         return path
@@ -156,12 +142,8 @@ def regular_file(path: str | Path, kind: str = "a file") -> Path:
 def complete_or_absent(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path to write to; it becomes ``path`` when the block succeeds.
 
-    Folders above ``path`` are created. When the block raises, the temporary file is
-    removed and an existing ``path`` stays as it was. The content is on the disk before
-    it gets its name, so that a loss of power leaves no half of it.
-
-    Raises:
-        OSError: The folder or the file cannot be written.
+    When the block raises, an existing ``path`` stays as it was. The content is on the
+    disk before it gets its name, so that a loss of power leaves no half of it.
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -185,17 +167,7 @@ def complete_or_absent(path: str | Path) -> Iterator[Path]:
 def write_archive(
     path: str | Path, *, kind: str, version: int, arrays: Mapping[str, Any]
 ) -> None:
-    """Write named arrays as one compressed .npz file, complete or not at all.
-
-    Args:
-        path: File to write; an existing one is replaced.
-        kind: Content of the file, checked on reading.
-        version: Version of the layout of ``kind``.
-        arrays: Numbers, strings and arrays of them by name; no objects.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write named arrays as one compressed .npz file, complete or not at all."""
     with complete_or_absent(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(
             stream, format=np.array(kind), format_version=np.array(version), **arrays
@@ -205,31 +177,17 @@ def write_archive(
 def read_archive(
     path: str | Path, *, kind: str, version: int, build: Callable[[Members], RecordT]
 ) -> RecordT:
-    """Build a record from a file of `write_archive`.
+    """Build a record from a file of `write_archive`, which is not trusted.
 
-    The file is not trusted. Nothing in it is executed, only members that ``build``
-    requests are unpacked, the size of an array is that of its bytes and not of its
-    header, and together they take at most the memory that a `DecodingBudget` allows.
-
-    Args:
-        path: File to read.
-        kind: Required content.
-        version: Version of the layout that ``build`` understands.
-        build: Makes the record from the members, each of which it requests by name
-            once. Any exception that it raises is reported as a fault of the file.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        OSError: The file cannot be read.
-        ValueError: It is no regular file, is cut, is not an .npz, holds something else,
-            has another version, lacks a member, has another one, or ``build`` refuses
-            it.
+    Nothing in it is executed, only members that ``build`` requests are unpacked, and
+    the size of an array is that of its bytes. Whatever ``build`` raises is reported as
+    a fault of the file.
     """
     path = regular_file(path, f"a file (.npz) that holds {kind}")
     content = path.read_bytes()
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            members = _Members(archive, DecodingBudget(len(content)))
+            members = Members(archive, DecodingBudget(len(content)))
             found = str(members("format")) if "format" in members else "something else"
             if found != kind:
                 raise ValueError(f"it holds {found:.80}")
@@ -253,18 +211,11 @@ def read_archive(
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """Return all arrays of numbers or text in an untrusted .npz file.
-
-    Other members, such as pickled objects, are left out.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is no .npz, or damaged.
-    """
+    """Return all arrays of numbers or text in an untrusted .npz file, and no others."""
     content = regular_file(path).read_bytes()
     arrays = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        members = _Members(archive, DecodingBudget(len(content)))
+        members = Members(archive, DecodingBudget(len(content)))
         for name in members.left:
             with contextlib.suppress(_NotPlainError):
                 arrays[name] = members(name)
@@ -272,15 +223,7 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def array_of(content: bytes, name: str) -> np.ndarray:
-    """Return the array of a .npy file: of numbers or text, read-only.
-
-    Args:
-        content: Of the file.
-        name: Its name, for a message.
-
-    Raises:
-        ValueError: It is damaged, or holds something else.
-    """
+    """Return the array of a .npy file: of numbers or text, read-only."""
     stream = io.BytesIO(content)
     if np.lib.format.read_magic(stream) != (1, 0):
         raise ValueError(f"{name!r} is not an array of version 1.0")
@@ -298,11 +241,7 @@ def array_of(content: bytes, name: str) -> np.ndarray:
 
 
 def settings(member: np.ndarray) -> dict[str, Any]:
-    """Parse a member that holds a JSON object.
-
-    Raises:
-        ValueError: It holds something else.
-    """
+    """Parse a member that holds a JSON object."""
     found = json.loads(str(member))
     if not isinstance(found, dict):
         raise ValueError(f"its settings must be a JSON object, got {found!r:.40}")
@@ -311,38 +250,3 @@ def settings(member: np.ndarray) -> dict[str, Any]:
 
 class _NotPlainError(ValueError):
     """An array holds neither numbers nor text."""
-
-
-class _Members:
-    """Returns every member of an archive once; raises an error for damage."""
-
-    def __init__(self, archive: zipfile.ZipFile, budget: DecodingBudget) -> None:
-        self._archive = archive
-        self._budget = budget
-        infos = archive.infolist()
-        self._infos = {info.filename.removesuffix(".npy"): info for info in infos}
-        if len(self._infos) < len(infos):
-            raise ValueError("it holds two members of one name")
-
-    def __call__(self, name: str) -> np.ndarray:
-        if name not in self._infos:
-            raise ValueError(f"it lacks {name!r}")
-        info = self._infos.pop(name)
-        if info.flag_bits & 1 or info.compress_type not in _COMPRESSIONS:
-            raise ValueError(f"{name!r} is encrypted, or compressed in an unusual way")
-        self._budget.claim(info.file_size, f"{name!r:.40}")
-        with self._archive.open(info) as stream:
-            # With a size it unpacks no more, even if the compressed bytes hold more.
-            array = array_of(stream.read(info.file_size), name)
-        if array.dtype.kind in "biuf":
-            # Computation converts it to float64.
-            self._budget.claim(max(0, 8 * array.size - array.nbytes), f"{name!r:.40}")
-        return array
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._infos
-
-    @property
-    def left(self) -> list[str]:
-        """Names of the members that were not yet returned."""
-        return list(self._infos)

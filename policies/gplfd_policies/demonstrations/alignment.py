@@ -239,24 +239,11 @@ def corrected_completions(
 ) -> list[Float[np.ndarray, " _"]]:
     """Return completions at which demonstrations move in the same directions.
 
-    How much of its path a hand has covered tells how far it is in the task only if the
-    parts of the task are equally large shares of every path. They are not where a
-    demonstration came from farther away, did a part twice, or made one stroke longer
-    than the others. The direction of motion tells these apart: it depends neither on
-    where a path lies nor on how large its parts are.
-
-    Each demonstration's directions at equal steps of completion are matched with their
-    mean over the demonstrations, by dynamic time warping with the cost
-    ``|u_a - u_b|² + (ζ_a - ζ_b)² / 4``; where the direction does not change, on a
-    straight line, completion alone decides. The resulting correction is smoothed.
-
-    Args:
-        completions: Strictly increasing from 0 to 1, (N,) each.
-        poses: Of the same samples [m, rad], (N, 6) each.
-        rotation_weight: ω₁ of Eq. (17), which weighs turning against moving.
-
-    Returns:
-        Completions from 0 to 1, never falling, (N,) each.
+    Completion tells how far a hand is only if the parts of the task are equal shares of
+    every path, which they are not where one came from farther away or did a part twice.
+    So each one's directions at equal steps of completion are matched with their mean,
+    by dynamic time warping with the cost ``|u_a - u_b|² + (ζ_a - ζ_b)² / 4``, and the
+    resulting correction is smoothed.
     """
     steps = np.linspace(0.0, 1.0, _STEPS)
     scale = np.repeat(np.sqrt([1.0 - rotation_weight, rotation_weight]), 3)

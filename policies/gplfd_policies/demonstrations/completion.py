@@ -43,24 +43,8 @@ def task_completion_index(
 ) -> Float[np.ndarray, " N"]:
     """Return ζ: the part of the path's length covered up to each sample, Eq. (16).
 
-    Note:
-        Cumulated raw, as printed, ζ measures the noise: 1 mm of it at 1000 samples
-        shifts the phase by several per cent. By default the noise's share is removed:
-        `test_phase_error_with_noise_stays_below`.
-
-    Args:
-        demonstration: The motion.
-        rotation_weight: ω₁ of Eq. (17), within [0, 1].
-        denoise: Whether to remove the noise's share of the length.
-
-    Returns:
-        Completion from 0 to 1, (N,), never falling.
-
-    Raises:
-        ValueError: If nothing moves that the weight counts.
-
-    Warns:
-        UserWarning: If the raw path is more than 1.1 times as long as the denoised one.
+    Cumulated raw, as printed, ζ measures the noise, whose share is therefore removed
+    (`test_phase_error_with_noise_stays_below`).
     """
     completion = measure_completion(demonstration, rotation_weight, denoise)
     warn_of_noise([completion], denoise)
@@ -70,10 +54,7 @@ def task_completion_index(
 def measure_completion(
     demonstration: Demonstration, rotation_weight: float, denoise: bool
 ) -> Completion:
-    """Return ζ with the length ratio that tells how noisy the recording is.
-
-    Args and errors are those of `task_completion_index`.
-    """
+    """Return ζ with the length ratio that tells how noisy the recording is."""
     poses = demonstration.poses
     raw = pose_steps(poses, rotation_weight)
     raw_length = float(np.sum(raw))
@@ -121,19 +102,9 @@ def denoised_steps(
 ) -> Float[np.ndarray, " N-1"]:
     """Return the distances between successive poses, Eq. (17), of the smoothed path.
 
-    Sensor noise makes every step of a path longer, most of all where the hand rests, so
-    the length of a densely sampled path is mostly noise. The smoother is Gaussian, has
-    a fixed share of the demonstration as its width, and keeps both ends in place. Rules
-    that estimate the noise from neighbouring samples resolve white noise better, but
-    motion capture filters its output: its noise looks like motion to such rules, and
-    they leave it in (`test_phase_error_with_filtered_noise_stays_below`).
-
-    Args:
-        poses: Continuous poses [m, rad], (N, 6).
-        rotation_weight: ω₁ of Eq. (17).
-
-    Returns:
-        Step lengths, (N - 1,), not negative.
+    The smoother is Gaussian with a fixed share of the demonstration as its width. Rules
+    that estimate the noise from neighbouring samples leave in what motion capture has
+    filtered (`test_phase_error_with_filtered_noise_stays_below`).
     """
     size = len(poses)
     bandwidth = _BANDWIDTH * size

@@ -34,20 +34,10 @@ Shares = Float[np.ndarray, " S"]
 
 
 def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstrations:
-    """Continue demonstrations beyond their end.
+    """Continue demonstrations on phases 0 to 1 by a share of each path's length.
 
-    Args:
-        aligned: Demonstrations on phases 0 to 1.
-        beyond: Share of each path's length by which it is continued, at the mean
-            speed after a gentle start; 0 for none.
-
-    Returns:
-        As many samples on phases 0 to 1 of the longer task. Its `end` is the phase at
-        which the demonstrations ended, and `drift` the error of the continuation.
-
-    Raises:
-        ValueError: `beyond` is negative or not finite, or the demonstrations are not on
-            phases 0 to 1, or continued already.
+    The result has as many samples on phases 0 to 1 of the longer task; its `end` is
+    where the demonstrations ended, and `drift` the error of the continuation.
     """
     if not 0.0 <= beyond < np.inf:
         raise ValueError(f"beyond must be finite and >= 0, got {beyond}")
@@ -89,10 +79,10 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
 
 
 def drift(aligned: AlignedDemonstrations) -> Pose:
-    """Return the error of a continuation per length of path that it adds.
+    """Return the error of a continuation per length of path that it adds [m, rad].
 
-    Root mean square over demonstrations, cuts and distances h of error/h [m, rad]: the
-    error of a slightly wrong direction grows in proportion to the distance.
+    Root mean square of error/h over demonstrations, cuts and distances h, with which
+    the error of a slightly wrong direction grows.
     """
     errors = []
     for poses in aligned.poses:
@@ -106,12 +96,7 @@ def drift(aligned: AlignedDemonstrations) -> Pose:
 
 
 def carried_on(poses: Outputs, shares: Shares) -> Float[np.ndarray, "S 6"]:
-    """Return the screw continuation of a path.
-
-    Args:
-        poses: The path, with rotation vectors on one branch.
-        shares: Distances beyond its end, as shares of its length.
-    """
+    """Return the screw continuation of a path."""
     return _screwed(poses, _way(poses), 1.0, shares)
 
 
@@ -136,10 +121,7 @@ def _screwed(
 
 
 def _way(poses: Outputs) -> Times:
-    """Return the path length up to each sample, turns included, as a share.
-
-    A path that rests is taken to progress evenly.
-    """
+    """Return the share of the path up to each sample; at rest it progresses evenly."""
     way = np.concatenate([[0.0], np.cumsum(pose_steps(poses))])
     if way[-1] <= 0.0:
         return np.linspace(0.0, 1.0, len(poses))

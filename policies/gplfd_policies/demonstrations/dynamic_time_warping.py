@@ -33,16 +33,6 @@ def dynamic_time_warping(
     row without a loop: with S the cumulated cost of the row and v_j the cheaper of the
     two entries above, D_ij - S_j = min over l ≤ j of (v_l - S_{l-1}), a running
     minimum. Memory is one byte per cell.
-
-    Args:
-        cost_row: Costs of matching row i with every column, (M,), finite.
-        n_rows: Length of the first sequence.
-
-    Returns:
-        The path and its cost.
-
-    Raises:
-        ValueError: If there are more than `LARGEST_TABLE` cells.
     """
     total = np.cumsum(cost_row(0))
     if n_rows * len(total) > LARGEST_TABLE:

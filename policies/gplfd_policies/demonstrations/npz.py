@@ -170,10 +170,7 @@ def demonstrations_file(path: str | Path) -> Path:
 
 
 def hash_of(demonstrations: Sequence[Demonstration]) -> str:
-    """Return a hash of demonstrations, to a micrometre and a microradian.
-
-    Coarse enough to be the same on machines whose last bits differ.
-    """
+    """Return a hash of demonstrations, coarse enough (1 µm) for all machines."""
     digest = hashlib.sha256()
     for one in demonstrations:
         for values in (one.times, one.poses):

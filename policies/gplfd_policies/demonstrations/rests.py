@@ -50,19 +50,12 @@ class Rest:
 def without_rests(
     demonstration: Demonstration,
 ) -> tuple[Demonstration, tuple[Rest, ...]]:
-    """Return a demonstration whose rests are shortened to those of a gentle motion.
+    """Return a demonstration whose rests are shortened, and the parts left out.
 
     A hand rests where its speed, of chords of the smoothed path, stays below 5 % of the
-    motion's fast speed for longer than 10 % of the time that is left for moving, and
-    where it covers less than 1 % of the path: a hand that unlatches a door is slow,
-    too. Of a rest 5 % of that time is kept, next to the motion, so that starting and
-    stopping gently survives. Everything is relative to the demonstration: the result
-    depends neither on the rate of the recording nor on its duration or size, and on
-    noise only through the smoother.
-
-    Returns:
-        The recording without the parts that were left out, its clock closed over the
-        gaps; and these parts, in order.
+    motion's fast speed for longer than 10 % of the moving time, while it covers less
+    than 1 % of the path: a hand that unlatches a door is slow, too. 5 % of that time is
+    kept, next to the motion, so that starting and stopping gently survives.
     """
     times, poses = demonstration.times, demonstration.poses
     # Continued by its mirror image: a path that ends at rest stays there.
@@ -111,10 +104,7 @@ def without_rests(
 
 
 def moving_span(demonstration: Demonstration) -> tuple[float, float]:
-    """Return when a demonstration begins and ends without the rests at its ends [s].
-
-    As much of these is kept as `without_rests` keeps; rests in between stay.
-    """
+    """Return when a demonstration begins and ends without the rests at its ends [s]."""
     start, end = (float(demonstration.times[place]) for place in (0, -1))
     first, last = start, end
     _, rests = without_rests(demonstration)

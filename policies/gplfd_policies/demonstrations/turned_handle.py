@@ -62,10 +62,7 @@ class TurnedHandle:
     """Phase from which on its axis, and with it the door, moves."""
 
     def held(self, pose: list[float], turn: float) -> list[float]:
-        """Return the hand pose with the handle turned by another angle [rad].
-
-        The leaf, and with it the handle's axis, keeps its pose.
-        """
+        """Return the hand pose with another turn of the handle, the leaf as it is."""
         leaf, _ = self.turns(pose[3:])
         ax, ay, az = self.axis
         handle = [turn * ax, turn * ay, turn * az]
@@ -78,12 +75,8 @@ class TurnedHandle:
     def told(self, pose: list[float], mean: list[float]) -> list[float]:
         """Return the hand pose with the handle's own motion removed.
 
-        The handle is turned as expected, and the hand is moved along the handle's path
-        to where it was expected: along it, the handle's spring decides.
-
-        Args:
-            pose: Observed pose of the hand.
-            mean: Expected pose of the hand.
+        The handle is turned, and the hand moved along its path, as far as expected of
+        it.
         """
         _, turn = self.turns(mean[3:])
         x, y, z, *rotation = self.held(pose, turn)
@@ -101,10 +94,7 @@ class TurnedHandle:
         return x + (rx - sx), y + (ry - sy), z + (rz - sz)
 
     def way(self, pose: list[float]) -> Vector:
-        """Return the hand's unit direction of motion while the handle turns, R (s × a).
-
-        Zero for a knob.
-        """
+        """Return the hand's way while the handle turns, R (s × a); zero for a knob."""
         lever, arm = self._lever()
         if arm < _LEAST_ARM:
             return 0.0, 0.0, 0.0
@@ -114,7 +104,7 @@ class TurnedHandle:
     def turned(self, pose: list[float]) -> float:
         """Return the turn of a closed door's handle [rad].
 
-        The hand may turn on a lever. So its displacement along the handle's path counts
+        The hand may turn on a lever, so its displacement along the handle's path counts
         as well: an axis that rests contributes nothing.
         """
         _, turn = self.turns(pose[3:])
@@ -132,12 +122,7 @@ class TurnedHandle:
         return (x, y, z), math.sqrt(x * x + y * y + z * z)
 
     def turns(self, rotation: list[float]) -> tuple[Vector, float]:
-        """Split the hand's rotation vector into leaf and handle: hand = leaf ∘ handle.
-
-        Returns:
-            The leaf's swing, a rotation vector across the axis, and the handle's twist
-            about the axis, an angle [rad].
-        """
+        """Split a rotation vector into the leaf's swing and the handle's turn [rad]."""
         w, x, y, z = _quaternion(rotation)
         ax, ay, az = self.axis
         half = math.atan2(x * ax + y * ay + z * az, w)
@@ -155,7 +140,7 @@ class TurnedHandle:
 
 
 def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
-    """Find the handle that demonstrations turn first.
+    """Find the handle that demonstrations turn first; None for a bar.
 
     The hand must turn about one axis first, end turned about another, and have a point
     s fixed to it that rests during the first turn,
@@ -163,9 +148,6 @@ def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
         p + (R - 1) s = 0,
 
     by least squares over positions p and rotations R of all demonstrations.
-
-    Returns:
-        The handle; None for a bar, or where no point rests.
     """
     firsts, lasts, rows, sides = [], [], [], []
     for poses in aligned.demonstrated.poses:

@@ -85,9 +85,7 @@ PAPER: Final = Method(
     # `gp-clock`), and the governor in place of hand tuning.
     profile=FixedProfile(profile=PAPER_PROFILE),
     config=ComplianceConfig(
-        load=YieldToAll(),
-        dynamics=PAPER_DYNAMICS,
-        max_turn_lead=1.0,
+        load=YieldToAll(), dynamics=PAPER_DYNAMICS, max_turn_lead=1.0
     ),
 )
 """What the paper states."""
@@ -122,11 +120,15 @@ def _ablation(summary: str, **changes: Any) -> Policy:
     return Policy(summary=summary, make=replace(GP, **changes), kind="ablation")
 
 
-def _constant(translation: float) -> FixedProfile:
-    """Return one stiffness [N/m]; in rotation a tenth of it [N m/rad]."""
-    constant = np.repeat([translation, 0.1 * translation], 3)
+def _constant(translation: int) -> Policy:
+    """Return `GP` with one stiffness [N/m]; in rotation a tenth of it [N m/rad]."""
+    constant = np.repeat([float(translation), 0.1 * translation], 3)
     profile = replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
-    return FixedProfile(profile=profile)
+    end = {100: " (its minimum)", 500: " (its maximum)"}.get(translation, "")
+    return _ablation(
+        f"gp with constant stiffness of {translation} N/m{end}",
+        profile=FixedProfile(profile=profile),
+    )
 
 
 def _method(summary: str, fit: Callable[..., Movement], **fields: Any) -> Policy:
@@ -134,8 +136,7 @@ def _method(summary: str, fit: Callable[..., Movement], **fields: Any) -> Policy
 
 
 def _model_based(agent: Callable[[], object], summary: str) -> Policy:
-    make = partial(_untaught, agent)
-    return Policy(summary=summary, make=make, kind="reference")
+    return Policy(summary=summary, make=partial(_untaught, agent), kind="reference")
 
 
 def _untaught(agent: Callable[[], object], training: TrainingInput) -> object:
@@ -215,20 +216,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             summary="the paper's method (Kersting noise, product of Gaussians)",
             make=PAPER,
         ),
-        "gp-constant-100": _ablation(
-            "gp with constant stiffness of 100 N/m (its minimum)",
-            profile=_constant(100.0),
-        ),
-        "gp-constant-200": _ablation(
-            "gp with constant stiffness of 200 N/m", profile=_constant(200.0)
-        ),
-        "gp-constant-330": _ablation(
-            "gp with constant stiffness of 330 N/m", profile=_constant(330.0)
-        ),
-        "gp-constant-500": _ablation(
-            "gp with constant stiffness of 500 N/m (its maximum)",
-            profile=_constant(500.0),
-        ),
+        **{f"gp-constant-{k}": _constant(k) for k in (100, 200, 330, 500)},
         "gp-impedance": _ablation(
             "gp with stiffness realised by the arm's impedance control",
             config=ComplianceConfig(rendering=ArmRendering(), dynamics=ARM_DYNAMICS),

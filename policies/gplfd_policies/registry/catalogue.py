@@ -114,11 +114,7 @@ def load_policy(origin: PolicyOrigin) -> Policy:
 
 
 def tuned(name: str, values: Values) -> Policy:
-    """Return a policy of `SPACES` in ``tuning_spaces`` with other settings.
-
-    Raises:
-        ValueError: The settings are outside the method's space.
-    """
+    """Return a policy of `SPACES` in ``tuning_spaces`` with other settings."""
     method = AS_PUBLISHED[name].method
     assert method is not None, "spaces are those of methods"
     text = ", ".join(f"{setting} {value}" for setting, value in values.items())

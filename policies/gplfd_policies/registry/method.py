@@ -69,10 +69,7 @@ class TrainingInput:
 
 
 def path_phase(movement: Movement, config: PathPhaseConfig = _PATH_PHASE) -> PhaseRule:
-    """Find the phase of a pose on the path, by the movement's own mean and spread.
-
-    Other settings by ``functools.partial``, as with the functions below.
-    """
+    """Find the phase of a pose on the path, by the movement's own mean and spread."""
     return PathPhase(movement, movement.aligned, config)
 
 
@@ -96,15 +93,10 @@ def clock_phase(movement: Movement) -> PhaseRule:
 def profile_of_spread(
     aligned: AlignedDemonstrations, resolution: tuple[float, float] = (1e-3, 3e-2)
 ) -> StiffnessProfile:
-    """Scale the stiffness profile by the spread of the demonstrations.
+    """Scale the stiffness profile by the demonstrations' spread, root mean square.
 
-    `spread_profile` of their spread over the demonstrated task (root mean square);
-    `DEFAULT_PROFILE` where a single one has no spread.
-
-    Args:
-        aligned: The demonstrations.
-        resolution: Residual pose uncertainty after a long observation [m, rad]. Tuned;
-            another one by ``functools.partial``.
+    ``resolution`` is the residual pose uncertainty after a long observation [m, rad].
+    Tuned; another one by ``functools.partial``.
     """
     poses = aligned.demonstrated.poses
     if len(poses) < 2:

@@ -29,10 +29,7 @@ def module_file(name: str, folder: Path) -> Path | None:
 
 
 def module_files(name: str, folder: Path) -> tuple[Path, ...]:
-    """Return the files of a module in a folder, sorted; none if it is elsewhere.
-
-    Modules that are imported by anything but an ``import`` statement are not found.
-    """
+    """Return the files of a module in a folder, sorted; none if it is elsewhere."""
     found: dict[str, Path | None] = {}
     waiting = [name]
     while waiting:
@@ -48,15 +45,7 @@ def module_files(name: str, folder: Path) -> tuple[Path, ...]:
 
 
 def content_hash(files: Sequence[Path], folder: Path) -> str:
-    """Return the SHA-256 of a file, or of the names and contents of several.
-
-    Args:
-        files: Sorted.
-        folder: Names are relative to it.
-
-    Raises:
-        ValueError: If one has changed since this process first looked.
-    """
+    """Return the SHA-256 of a file, or of the names and contents of several."""
     hashes = {file: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
     for file, sha256 in hashes.items():
         if _FIRST_SEEN.setdefault(file, sha256) != sha256:

@@ -58,10 +58,7 @@ class Setting:
     """Whether ratios of it are what matters, not differences."""
 
     def at(self, share: float) -> Value:
-        """Return the value at a share in [0, 1] of the way from low to high.
-
-        Floats have three digits, enough to be told apart and few enough to be read.
-        """
+        """Return the value at a share of the way from low to high, in three digits."""
         if isinstance(self.published, bool | int):
             count = int(self.high) - int(self.low) + 1
             whole = int(self.low) + min(int(share * count), count - 1)
@@ -110,11 +107,7 @@ class Space:
         return {name: setting.at(share) for (name, setting), share in pairs}
 
     def method(self, registered: Method, values: Values) -> Method:
-        """Return a method with other settings.
-
-        Raises:
-            ValueError: A setting is missing, unknown or outside the space.
-        """
+        """Return a method with other settings."""
         if values.keys() != self.settings.keys():
             raise ValueError(
                 f"the settings are {', '.join(self.settings)}, got {', '.join(values)}"
@@ -159,104 +152,96 @@ def _gmm_gp_config(
     )
 
 
+def _space(
+    fit: Callable[..., Movement],
+    config: Callable[..., object],
+    argument: str = "config",
+    **settings: Setting,
+) -> Space:
+    return Space(fit=fit, config=config, argument=argument, settings=settings)
+
+
 _VIA_STD_FACTOR: Final = _log(1.0, 0.2, 10.0)
 """Of every method with via-points: how much less exact they are than 1 mm, 0.03 rad."""
 
+_COMPONENTS: Final = _linear(10, 3, 20)
+_REGULARISATION: Final = _log(4e-6, 1e-7, 1e-2)
+
 SPACES: Final[Mapping[str, Space]] = MappingProxyType(
     {
-        "dmp": Space(
-            fit=fit_dmp,
-            config=DMPConfig,
-            settings={
-                "n_basis": _linear(30, 10, 60),
-                "alpha": _log(25.0, 10.0, 60.0),
-                "spread": _linear(False, False, True),
-            },
+        "dmp": _space(
+            fit_dmp,
+            DMPConfig,
+            n_basis=_linear(30, 10, 60),
+            alpha=_log(25.0, 10.0, 60.0),
+            spread=_linear(False, False, True),
         ),
-        "promp": Space(
-            fit=fit_promp,
-            config=ProMPConfig,
-            settings={
-                "n_basis": _linear(20, 8, 40),
-                "overlap": _linear(0.7, 0.3, 0.95),
-                "shrinkage": _log(1e-6, 1e-8, 0.5),
-                "via_std_factor": _VIA_STD_FACTOR,
-            },
+        "promp": _space(
+            fit_promp,
+            ProMPConfig,
+            n_basis=_linear(20, 8, 40),
+            overlap=_linear(0.7, 0.3, 0.95),
+            shrinkage=_log(1e-6, 1e-8, 0.5),
+            via_std_factor=_VIA_STD_FACTOR,
         ),
-        "gmr": Space(
-            fit=fit_gmr,
-            config=GMRConfig,
-            settings={
-                "components": _linear(10, 3, 20),
-                "regularisation": _log(4e-6, 1e-7, 1e-2),
-            },
+        "gmr": _space(
+            fit_gmr,
+            GMRConfig,
+            components=_COMPONENTS,
+            regularisation=_REGULARISATION,
         ),
-        "tp-gmm": Space(
-            fit=fit_tp_gmm,
-            config=GMRConfig,
-            settings={
-                "components": _linear(10, 3, 20),
-                "regularisation": _log(4e-6, 1e-7, 1e-2),
-                "via_std_factor": _VIA_STD_FACTOR,
-            },
+        "tp-gmm": _space(
+            fit_tp_gmm,
+            GMRConfig,
+            components=_COMPONENTS,
+            regularisation=_REGULARISATION,
+            via_std_factor=_VIA_STD_FACTOR,
         ),
-        "local-gp": Space(
-            fit=fit_local_gp,
-            config=LocalGPConfig,
-            settings={
-                "clusters": _linear(8, 2, 16),
-                "width": _log(0.35, 0.15, 2.0),
-            },
+        "local-gp": _space(
+            fit_local_gp,
+            LocalGPConfig,
+            clusters=_linear(8, 2, 16),
+            width=_log(0.35, 0.15, 2.0),
         ),
-        "wishart-gp": Space(
-            fit=fit_wishart_gp,
-            config=WishartGPConfig,
-            settings={
-                "degrees": _linear(7, 6, 20),
-                "length_scale": _log(0.15, 0.05, 1.0),
-                "floor": _log(1e-3, 1e-4, 0.1),
-            },
+        "wishart-gp": _space(
+            fit_wishart_gp,
+            WishartGPConfig,
+            degrees=_linear(7, 6, 20),
+            length_scale=_log(0.15, 0.05, 1.0),
+            floor=_log(1e-3, 1e-4, 0.1),
         ),
-        "kmp": Space(
-            fit=fit_kmp,
-            config=_kmp_config,
-            settings={
-                "components": _linear(8, 4, 15),
-                "length_scale": _log(0.144, 0.05, 0.6),
-                "mean_regularisation": _log(1.0, 0.05, 50.0),
-                "covariance_regularisation": _log(400.0, 20.0, 3000.0),
-                "via_std_factor": _VIA_STD_FACTOR,
-            },
+        "kmp": _space(
+            fit_kmp,
+            _kmp_config,
+            components=_linear(8, 4, 15),
+            length_scale=_log(0.144, 0.05, 0.6),
+            mean_regularisation=_log(1.0, 0.05, 50.0),
+            covariance_regularisation=_log(400.0, 20.0, 3000.0),
+            via_std_factor=_VIA_STD_FACTOR,
         ),
-        "gmm-gp": Space(
-            fit=fit_gmm_gp,
-            config=_gmm_gp_config,
-            settings={
-                "components": _linear(6, 3, 12),
-                "weight_power": _linear(1.0, 0.4, 1.0),
-                "shortest_length_scale": _log(0.005, 0.005, 1.0),
-                "via_std_factor": _VIA_STD_FACTOR,
-            },
+        "gmm-gp": _space(
+            fit_gmm_gp,
+            _gmm_gp_config,
+            components=_linear(6, 3, 12),
+            weight_power=_linear(1.0, 0.4, 1.0),
+            shortest_length_scale=_log(0.005, 0.005, 1.0),
+            via_std_factor=_VIA_STD_FACTOR,
         ),
-        "gp-paper": Space(
-            fit=fit_skill,
-            config=KerstingNoise,
-            argument="noise",
-            settings={
-                "n_iterations": _linear(10, 2, 30),
-                "shortest_scale": _log(0.15, 0.1, 0.6),
-                "via_std_factor": _VIA_STD_FACTOR,
-            },
+        "gp-paper": _space(
+            fit_skill,
+            KerstingNoise,
+            "noise",
+            n_iterations=_linear(10, 2, 30),
+            shortest_scale=_log(0.15, 0.1, 0.6),
+            via_std_factor=_VIA_STD_FACTOR,
         ),
-        "gp": Space(
-            fit=fit_skill,
-            config=MapNoise,
-            argument="noise",
-            settings={
-                "shortest_scale": _log(0.15, 0.1, 0.6),
-                "empirical_share": _linear(0.3, 0.0, 0.9),
-                "via_std_factor": _VIA_STD_FACTOR,
-            },
+        "gp": _space(
+            fit_skill,
+            MapNoise,
+            "noise",
+            shortest_scale=_log(0.15, 0.1, 0.6),
+            empirical_share=_linear(0.3, 0.0, 0.9),
+            via_std_factor=_VIA_STD_FACTOR,
         ),
     }
 )

@@ -50,16 +50,7 @@ class PackagedPolicy:
 
 
 def module_policy(name: str, folder: Path) -> Policy:
-    """Import a policy from a module of the user's.
-
-    Args:
-        name: ``module:attribute`` or ``path/to/file.py:attribute``.
-        folder: Where relative paths begin, and where modules are looked for first.
-
-    Raises:
-        ValueError: If there is no such file, module or attribute, the module cannot be
-            imported, or the attribute is no policy.
-    """
+    """Import a policy from a module of the user's."""
     module_name, first, attribute = _place(name, folder)
     if not module_name:
         raise ValueError(
@@ -106,11 +97,7 @@ def packaged_names() -> tuple[str, ...]:
 
 
 def packaged_policy(name: str) -> Policy | None:
-    """Import the policy that an installed package offers under a name, if one does.
-
-    Raises:
-        ValueError: If it cannot be used, or several packages offer the name.
-    """
+    """Import the policy that an installed package offers under a name, if one does."""
     offers = [entry for entry in _offers() if entry.name == name]
     if not offers:
         return None
@@ -134,11 +121,7 @@ def packaged_policy(name: str) -> Policy | None:
 
 
 def packaged_policies(taken: Collection[str]) -> tuple[PackagedPolicy, ...]:
-    """Import all that installed packages offer; what is broken is among it.
-
-    Args:
-        taken: Names that packages cannot use.
-    """
+    """Import all that installed packages offer; what is broken is among it."""
     listed = []
     for entry in sorted(_offers(), key=operator.attrgetter("name")):
         policy, problem = None, "a built-in policy has this name"
@@ -175,11 +158,7 @@ def _place(name: str, folder: Path) -> tuple[str, Path, str]:
 
 
 def _imported(name: str, folder: Path | None = None) -> ModuleType:
-    """Import a module, perhaps of a folder, or say in one sentence why it cannot be.
-
-    Raises:
-        ValueError: Whatever went wrong.
-    """
+    """Import a module, perhaps of a folder, or say in one sentence why it cannot be."""
     try:
         return importlib.import_module(name)
     # Anything: it is the user's code that runs here.
@@ -199,11 +178,7 @@ def _imported(name: str, folder: Path | None = None) -> ModuleType:
 
 
 def _policy(module: ModuleType, attribute: str) -> Policy:
-    """Return what a module has under a name as a policy.
-
-    Raises:
-        ValueError: It has no such thing, or it is no policy.
-    """
+    """Return what a module has under a name as a policy."""
     where = f"{module.__name__} ({_file(module)})"
     try:
         found = operator.attrgetter(attribute)(module)
@@ -246,11 +221,7 @@ def _file(module: ModuleType) -> str:
 def _source(
     module: ModuleType, files: Sequence[Path] = (), folder: Path | None = None
 ) -> dict[str, str]:
-    """Return file and content hash of a module, or of several files of a folder.
-
-    Raises:
-        ValueError: If a file has changed since this process first looked.
-    """
+    """Return file and content hash of a module, or of several files of a folder."""
     file = Path(_file(module))
     if not file.is_file():
         return {}

@@ -7,23 +7,18 @@ coordinates q = Eᵀ p, and lies on the circle of curvature κ about the hinge -
     radial:  r = (|u| - 1)/κ = 0,  u = (κ q_t, κ q_n + 1),
     across:  q_a = 0.
 
-These are geometric distances [m], not algebraic ones, so that the noise of a short arc
-does not shrink the circle (as it does in Kåsa's fit), and a straight line is the
-ordinary case κ = 0: r = (κ(q_t² + q_n²) + 2 q_n)/(|u| + 1). With E = E₀ exp(ω), the
-estimate is the most probable one,
+These are geometric distances [m], so that the noise of a short arc does not shrink the
+circle (as in Kåsa's fit), and a straight line is the ordinary case κ = 0: r = (κ(q_t² +
+q_n²) + 2 q_n)/(|u| + 1). With E = E₀ exp(ω), the estimate is the most probable one,
 
     min over ω, κ:  Σ_i ρ(‖(r_i, q_a,i)‖/σ) + Σ_j (ω_j/σ_j)² + ((κ - κ₀)/σ_κ)²,
 
-with ρ(e) = c² log(1 + e²/c²), the logarithm of heavy tails, which takes from a wrong
-point what it could do the farther it is. Gauss-Newton with weights 1/(1 + e²/c²)
-converges in a few steps from anywhere near, and a fit that is continued with every new
-point needs one. The prior is what an engineer knows before touching the door: it faces
-the robot within a few degrees, hinges stand upright, and a radius is half a metre, give
-or take. A path too short to tell leaves it so.
+with ρ(e) = c² log(1 + e²/c²), by Gauss-Newton with weights 1/(1 + e²/c²); a fit that is
+continued with every new point needs one step. The prior is what an engineer knows: the
+door faces the robot, hinges stand upright, and a radius is half a metre, give or take.
 
-Sources: N. Chernov, *Circular and Linear Regression*, 2010, ch. 4-6 (geometric fit,
-bias of algebraic ones, curvature as parameter); P. J. Huber, *Robust Statistics*, 1981
-(M-estimates by weights).
+N. Chernov, *Circular and Linear Regression*, 2010, ch. 4-6; P. J. Huber, *Robust
+Statistics*, 1981.
 """
 
 from __future__ import annotations
@@ -111,12 +106,7 @@ class Circle:
         return DoorGeometry(hinge=-axes[:, 2] / self.curvature, axis=axes[:, 1])
 
     def updated(self, points: Points, steps: int = 1) -> Circle:
-        """Return the estimate after some Gauss-Newton steps from this one.
-
-        Args:
-            points: All that was seen of the path, finite [m].
-            steps: How many; one if this estimate is one point old.
-        """
+        """Return the estimate after some Gauss-Newton steps from this one."""
         prior, information, circle = self.prior, self.prior.information, self
         for _ in range(steps):
             local = (points @ circle.axes).T
@@ -135,15 +125,7 @@ class Circle:
 
 
 def fit_circle(points: Points, prior: CirclePrior = UPRIGHT) -> Circle:
-    """Return the most probable circle through the origin and along points.
-
-    Args:
-        points: Of the hand's path, which starts at the origin [m].
-        prior: What is known beforehand.
-
-    Raises:
-        ValueError: A point is not finite.
-    """
+    """Return the most probable circle through the origin and along points."""
     if not np.isfinite(points).all():
         raise ValueError("points of a path must be finite; leave out what was not seen")
     return Circle.expected(prior).updated(points, steps=15)

@@ -72,11 +72,7 @@ class OracleAgent(_HandleTurner):
         self._turned = self._phase = 0.0
 
     def act(self, observation: Observation) -> AgentStep:
-        """Return the next pose on the arc; nothing observed is used.
-
-        Raises:
-            ValueError: It was not told the door.
-        """
+        """Return the next pose on the arc; nothing observed is used."""
         door = self._door
         if door is None:
             raise ValueError(
@@ -119,11 +115,7 @@ class ToldHandleAgent(_HandleTurner):
         self._opener.reset(observation)
 
     def act(self, observation: Observation) -> AgentStep:
-        """Return the command for the next control period.
-
-        Raises:
-            ValueError: It was not told the handle.
-        """
+        """Return the command for the next control period."""
         door = self._door
         if door is None:
             raise ValueError(

@@ -47,11 +47,7 @@ class HandPath:
         return True
 
     def direction(self) -> Point:
-        """Return the direction of the last displacement, a unit vector.
-
-        Before there is any it is the direction of the pull: as if the hand had come
-        straight to the handle.
-        """
+        """Return the direction of the last displacement; at first that of the pull."""
         missing = self._chord - len(self._points)
         if missing == self._chord:
             return _PULL
@@ -63,10 +59,7 @@ class HandPath:
 
 
 def turned_towards(direction: Point) -> Point:
-    """Return the shortest rotation from the pull onto a unit vector, a rotation vector.
-
-    A hand that turns so keeps the angle at which it took the handle.
-    """
+    """Return the shortest turn from the pull onto a unit vector, a rotation vector."""
     _, up, left = direction
     across = np.array([0.0, -left, up])
     sine = math.hypot(up, left)

@@ -50,13 +50,7 @@ class Yielding:
         wrench: Float[np.ndarray, " 6"],
         **known: Any,
     ) -> AgentStep:
-        """Return the step that commands a pose, displaced by a wrench.
-
-        Args:
-            desired: The pose [m, rad].
-            wrench: Compliant wrench, task frame [N, N m].
-            known: Further fields of the step.
-        """
+        """Return the step that commands a pose, displaced by a wrench."""
         offset = self._admittance.step(self._stiffness, wrench, CONTROL_PERIOD)
         action = desired + offset
         action[3:] = compose_rotvecs(offset[3:], desired[3:])

@@ -1,39 +1,20 @@
 """Dynamic movement primitives, the first method of Table 1.
 
-Papers: Ijspeert et al., *Dynamical Movement Primitives: Learning Attractor Models for
-Motor Behaviors*, Neural Computation 25(2), 2013; Pastor et al., *Learning and
-Generalization of Motor Skills by Learning from Demonstration*, ICRA 2009, for how the
-goal enters; Koutras and Doulgeri, *A correct formulation for the Orientation Dynamic
-Movement Primitives for robot control in the Cartesian space*, CoRL 2019, for the
-orientation.
+Ijspeert et al., *Dynamical Movement Primitives*, Neural Computation 25(2), 2013; the
+goal enters as in Pastor et al., ICRA 2009, and orientation as in Koutras and Doulgeri,
+*A correct formulation for the Orientation Dynamic Movement Primitives*, CoRL 2019.
 
-Notation; τ is the phase from start to end, a dot the derivative by phase:
-    x       phase variable, τ ẋ = -α_x x, x = 1 at the start
-    ξ       state, (6,): position p [m] and orientation error e [rad]
-    ξ_0     state at the start, (p_0, e_0)
-    ξ_g     state at the goal, (p_g, 0)
-    ψ_i(x)  Gaussian basis functions, normalised to sum 1
-    W       weights, (N, 6)
-    f(x)    forcing term x Σ_i ψ_i(x) W_i: it fades with x, so the goal always attracts
+With τ the phase from start to end, x the phase variable (τ ẋ = -α_x x, 1 at the start),
+ξ = (p, e) position [m] and orientation error [rad], ψ_i normalised Gaussians:
 
-Transformation system, the same for the six components of ξ:
     τ² ξ̈ = α β (ξ_g - ξ) - α τ ξ̇ - α β (ξ_g - ξ_0) x + f(x),   β = α / 4
+    f(x) = x Σ_i ψ_i(x) W_i: it fades with x, so the goal always attracts
 
-Orientation. With q_g the goal, e = 2 log(q_g q*) is the rotation vector that leads from
-q to the goal (times 2 because the logarithm of a quaternion is half of it), and it is
-e that obeys the equation above. Rotations come back as q = exp(e / 2)* q_g. So the
-system is linear with constant coefficients, and every component of e a critically
-damped oscillator of its own. The older form of Ude et al. (ICRA 2014) has the angular
-velocity ω in the place of -ė. From d/dt exp(e) = -exp(e) [ω]× follows
-ė = -J(e)⁻¹ ω with J the right Jacobian of SO(3), which is the identity only for e = 0
-or ω parallel to e. In that form, then, the components of e are coupled, more so the
-farther the goal, and a motion that does not head straight for the goal is distorted
-(``test_forcing_superposes_in_the_error_and_not_in_the_angular_velocity``).
-
-Koutras and Doulgeri scale f(x) by the components of e_0, and Ijspeert et al. by those
-of p_g - p_0. A door's handle comes back to its height and turns about one axis only:
-three of six components end where they begin, and such a scale is noise. The term in x
-of Pastor et al. takes its place, for position and orientation alike.
+e = 2 log(q_g q*) is the rotation vector from q to the goal q_g, so that every component
+is a damped oscillator of its own. With the angular velocity in the place of -ė (Ude et
+al., ICRA 2014) they are coupled, and motions that do not head straight for the goal are
+distorted (``test_forcing_superposes_in_the_error_and_not_in_the_angular_velocity``).
+f(x) is not scaled by goal minus start, which is noise where a handle ends as it began.
 """
 
 from dataclasses import dataclass, replace
@@ -102,18 +83,11 @@ class DynamicMovementPrimitive(LearnedMovement):
     """W, the weights of the forcing term."""
 
     def with_goal(self, pose: Pose) -> "DynamicMovementPrimitive":
-        """The movement to another goal.
+        """The movement to another goal, with the same forcing term.
 
-        The forcing term stays. The change enters along the smooth step response h(t)
-        of the system: 0 with zero slope at the start, 0.998 at τ with the defaults:
-        p'(t) = p(t) + h(t) (p_g' - p_g) and e'(t) = e(t) + (1 - h(t)) (e_0' - e_0). The
-        path is neither scaled nor turned.
-
-        Args:
-            pose: where to end [m, rad], (6,).
-
-        Raises:
-            ValueError: if the pose is not six finite numbers.
+        The change enters along the step response h(t) of the system, 0 at the start and
+        0.998 at τ: p'(t) = p(t) + h(t) (p_g' - p_g), e'(t) = e(t) + (1 - h(t)) (e_0' -
+        e_0).
         """
         pose = np.asarray(pose, dtype=np.float64)
         if pose.shape != (6,) or not np.isfinite(pose).all():
@@ -126,13 +100,8 @@ class DynamicMovementPrimitive(LearnedMovement):
     def predict(self, times: Times) -> GaussianTrajectory:
         """The rollout at ``times``; without a spread, std and covariance are NaN.
 
-        Args:
-            times: phases, shape (M,). Before the first demonstrated phase the pose is
-                the start; after the last one the attractor continues to the goal, and
-                stays there.
-
-        Raises:
-            ValueError: if there are no times, or one is not finite.
+        Before the first demonstrated phase the pose is the start; after the last one
+        the attractor continues to the goal.
         """
         times = checked_times(times)
         within = np.clip(times, self._rollout.x[0], self._rollout.x[-1])
@@ -192,15 +161,9 @@ def fit_dmp(
 ) -> DynamicMovementPrimitive:
     """Learn a dynamic movement primitive from the mean of the demonstrations.
 
-    The method takes one demonstration. Here it is the mean of the aligned ones, of
-    positions and of rotation vectors, so that all methods use the same data. The
-    forcing term that would reproduce it exactly follows from its derivatives and the
-    transformation system; the weights fit that by least squares. As usual for
-    movements from point to point, start and end are taken to be at rest.
-
-    Args:
-        aligned: one demonstration or more on common phases.
-        config: constants; default `DMPConfig`.
+    The forcing term that would reproduce it exactly follows from its derivatives and
+    the transformation system; the weights fit that by least squares. Start and end are
+    taken to be at rest.
     """
     config = DMPConfig() if config is None else config
     phases, mean = aligned.times, aligned.poses.mean(axis=0)

@@ -1,23 +1,17 @@
 """A Gaussian process whose prior is a Gaussian mixture regression.
 
 Equation numbers refer to Jaquier, Ginsbourger, Calinon, *Learning from demonstration
-with model-based Gaussian process*, CoRL 2019.
-
-The prior mean is the mean m(t) of the regression, the prior covariance between two
-phases
+with model-based Gaussian process*, CoRL 2019. The prior mean is the mean m(t) of the
+regression, the prior covariance between two phases
 
     K(t, t') = Σ_l h_l(t) h_l(t') Σ̂_l k_l(t, t'),
 
 with the responsibilities h_l and conditional covariances Σ̂_l (6 × 6) of the mixture and
 a Matérn-5/2 correlation k_l per component. Demonstrations teach the mixture and the
-length-scales; then they are discarded, and only via-points are conditioned on. Beyond
-the length-scales, and where no component is shared, the movement stays as demonstrated.
+length-scales; only via-points are conditioned on.
 
-Note:
-    K(t, t) = Σ_l h_l² Σ̂_l is less than the covariance of the regression where
-    components overlap: up to C times, and the disagreement of their means is missing.
-    The published method is over-confident there. ``weight_power = 0.5`` gives
-    Σ_l h_l Σ̂_l instead.
+As published, K(t, t) = Σ_l h_l² Σ̂_l is less than the covariance of the regression where
+components overlap, and over-confident there. ``weight_power = 0.5`` gives Σ_l h_l Σ̂_l.
 """
 
 from collections.abc import Sequence
@@ -52,10 +46,6 @@ class LengthScaleConfig(Settings):
 
     The letters were written over 2 s and vary by 25 cm², so seconds are halved and
     variances divided by 25.
-
-    Raises:
-        ValueError: if a range is not positive and increasing, or there are fewer than
-            two phases.
     """
 
     length_scale_range: tuple[float, float] = (0.005, 5.0)
@@ -140,10 +130,9 @@ class MixtureKernel:
 class Evidence:
     """How well a kernel explains the demonstrations, as one function seen with noise.
 
-    As published, the likelihood takes D demonstrations for D noisy views of a single
-    function with prior mean m(t) and covariance K. They share their phases, so their
-    average and their scatter about it are sufficient, exactly: the average is seen with
-    noise σ²/D, and the scatter only bears on σ².
+    As published, they are D noisy views of one function with prior mean m(t) and
+    covariance K. Their average, seen with noise σ²/D, and their scatter, which only
+    bears on σ², are sufficient.
     """
 
     regression: GaussianMixtureRegression
@@ -180,11 +169,7 @@ class Evidence:
     def negative_log_likelihood(
         self, log_parameters: Float[np.ndarray, " H"]
     ) -> tuple[float, Float[np.ndarray, " H"]]:
-        """Value and gradient, up to a constant.
-
-        Args:
-            log_parameters: log ℓ_l of every component, then log σ².
-        """
+        """Value and gradient, up to a constant."""
         length_scales = np.exp(log_parameters[:-1])
         noise = float(np.exp(log_parameters[-1]))
         kernel = MixtureKernel(
@@ -241,11 +226,7 @@ class _Posterior:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class GMMGaussianProcess(MomentMovement):
-    """A learned movement that via-points adapt; made by `fit_gmm_gp`, immutable.
-
-    For V via-points and M phases a prediction costs O(V³ D³ + V² D² M D), D = 6; no
-    via-point is left out to save time.
-    """
+    """A learned movement that via-points adapt; made by `fit_gmm_gp`, immutable."""
 
     kernel: MixtureKernel
     """Prior covariance, and the regression that is the prior mean."""
@@ -258,15 +239,7 @@ class GMMGaussianProcess(MomentMovement):
         return self.kernel.regression
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "GMMGaussianProcess":
-        """The process conditioned on further via-points.
-
-        The noise of a via-point is its own standard deviation, where the published code
-        takes one noise for all, learned from the demonstrations.
-
-        Args:
-            via_points: poses to be reached, in any order; NaN or an infinite standard
-                deviation leaves an output free.
-        """
+        """The process conditioned on further via-points, each with its own noise."""
         return replace(self, via_points=(*self.via_points, *via_points))
 
     @cached_property
@@ -335,15 +308,7 @@ class GMMGaussianProcess(MomentMovement):
 def fit_gmm_gp(
     aligned: AlignedDemonstrations, config: GMMGPConfig | None = None
 ) -> GMMGaussianProcess:
-    """Learn the process: fit the mixture, then the length-scales by likelihood.
-
-    Args:
-        aligned: demonstrations on common phases.
-        config: how; the defaults of `GMMGPConfig` if None.
-
-    Raises:
-        ValueError: if there are more components than phases.
-    """
+    """Learn the process: fit the mixture, then the length-scales by likelihood."""
     config = GMMGPConfig() if config is None else config
     regression, scales = fit_gmr(aligned, config.mixture), config.length_scales
     evidence = Evidence.of(regression, scales.phases, config.weight_power)

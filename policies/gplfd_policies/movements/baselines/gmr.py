@@ -1,16 +1,9 @@
 """Gaussian mixture regression: a joint density of phase and pose, conditioned on phase.
 
-The GMM-GMR of Table 1 in Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979, and the reference of
-`gplfd_policies.movements.baselines.kmp` and
-`gplfd_policies.movements.baselines.gmm_gp`. Equation numbers refer to Jaquier,
-Ginsbourger, Calinon, *Learning from demonstration with model-based Gaussian process*,
-CoRL 2019, Section 2.1.
-
-Outputs are standardised per axis before the mixture is fitted, because its
-regularisation is an absolute number: 1e-4 is a tenth of a millimetre squared for
-outputs in centimetres and a whole centimetre squared for outputs in metres. Fitted this
-way, the result does not depend on units (``test_result_does_not_depend_on_units``).
+The GMM-GMR of Table 1 in Arduengo et al., arXiv:2002.09979; equation numbers refer to
+Jaquier, Ginsbourger, Calinon, *Learning from demonstration with model-based Gaussian
+process*, CoRL 2019, Section 2.1. Outputs are standardised per axis, because the
+regularisation is an absolute number (``test_units_do_not_matter``).
 """
 
 import warnings
@@ -32,12 +25,7 @@ from gplfd_policies.movements.trajectory import white_covariance
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GMRConfig(Settings):
-    """How the mixture is fitted.
-
-    There is no seed: expectation maximisation starts from equal bins of time, as the
-    published codes do, and nothing is drawn at random. The same demonstrations give
-    the same mixture, bit for bit on one machine.
-    """
+    """How the mixture is fitted; from equal bins of time, so that nothing is random."""
 
     components: int = quantity(10, low=1)
     """Number of Gaussians C, at most the number of phases of the demonstrations."""
@@ -62,12 +50,9 @@ class GMRConfig(Settings):
 
 
 def warn_of_early_stop(config: GMRConfig, stacklevel: int) -> None:
-    """Warn the caller of a fit that expectation maximisation did not converge.
+    """Warn that expectation maximisation did not converge.
 
-    Args:
-        config: Of the fit.
-        stacklevel: See `warnings.warn`; 1 is this function, and every decorator
-            between it and the caller counts as well.
+    Of ``stacklevel``, every decorator between this function and the caller counts one.
     """
     warnings.warn(
         f"Expectation maximisation did not converge in {config.max_iterations} "
@@ -118,11 +103,9 @@ class Standardisation:
 class GaussianMixtureRegression(MomentMovement):
     """A learned movement without via-points; made by `fit_gmr`, immutable.
 
-    The mixture holds phase and standardised pose, in this order. It takes samples for
-    independent given their phase: it models the spread of poses, not the duration of a
-    deviation, so the covariance over time is diagonal and sampled trajectories
-    are white around the mean. Outside the demonstrated range one component continues
-    along its straight line.
+    The mixture holds phase and standardised pose, in this order. Samples count as
+    independent given their phase, so the covariance over time is diagonal. Outside the
+    demonstrated range one component continues along its straight line.
     """
 
     standardisation: Standardisation
@@ -147,11 +130,7 @@ class GaussianMixtureRegression(MomentMovement):
         return np.asarray(self.covariances[:, 1:, 1:] - explained)
 
     def responsibilities(self, times: Times) -> Float[np.ndarray, "M C"]:
-        """h_l(t), the share of every component at a phase; rows sum to one.
-
-        Normalised in logarithms: far outside the demonstrations, where every density
-        underflows, the widest component takes all.
-        """
+        """h_l(t), the share of every component at a phase, normalised in logarithms."""
         variance = self.covariances[:, 0, 0]
         squared = np.subtract.outer(times, self.means[:, 0]) ** 2 / variance
         log_density = np.log(self.weights) - 0.5 * (squared + np.log(variance))
@@ -190,18 +169,7 @@ class GaussianMixtureRegression(MomentMovement):
 def fit_gmr(
     aligned: AlignedDemonstrations, config: GMRConfig | None = None
 ) -> GaussianMixtureRegression:
-    """Fit the mixture by expectation maximisation from equal bins of time.
-
-    Args:
-        aligned: demonstrations on common phases.
-        config: how; the defaults of `GMRConfig` if None.
-
-    Raises:
-        ValueError: if there are more components than phases.
-
-    Warns:
-        UserWarning: if expectation maximisation did not converge.
-    """
+    """Fit the mixture by expectation maximisation from equal bins of time."""
     config = GMRConfig() if config is None else config
     config.check_phases(len(aligned.times))
     standardisation = Standardisation.of(aligned.poses)

@@ -3,11 +3,7 @@
 Equation numbers refer to Huang, Rozo, Silvério, Caldwell, *Kernelized movement
 primitives*, IJRR 2019: a mixture regression gives a reference of means and covariances,
 Eqs. (21) and (26) smooth it, and a via-point is one more entry of the reference, or
-replaces one.
-
-What was published for letters in centimetres over two seconds is translated to phase
-and standardised outputs; `KMPConfig` says how. Left out is the velocity, which the
-published time-driven form stacks under the position: via-points here are poses.
+replaces one. Via-points are poses: the velocity of the time-driven form is left out.
 
 With N phases t_i, standardised means μ_i and covariances Σ_i (D × D, D = 6), K =
 [k(t_i, t_j) I_D], Σ = blockdiag(Σ_i), μ stacked and k* = [k(t, t_i) I_D], the smoothed
@@ -16,17 +12,14 @@ reference is
     mean(t) = k* (K + λ Σ)⁻¹ μ                                              Eq. (21)
     cov(t, t') = (N/λ_c) [k(t, t') I_D − k* (K + λ_c Σ)⁻¹ k*'ᵀ]             Eq. (26)
 
-Neither N D × N D matrix is formed. K smooths so strongly that k(t, t_i) = φ(t) φ(t_i)ᵀ
-with a few tens of features, to rounding. With one common Λ = Σ_i φ_i φ_iᵀ ⊗ Σ_i⁻¹ of
-that size and A = I + Λ/λ, A_c = I + Λ/λ_c, the same two equations read
+K smooths so strongly that k(t, t_i) = φ(t) φ(t_i)ᵀ with a few tens of features. With
+Λ = Σ_i φ_i φ_iᵀ ⊗ Σ_i⁻¹, A = I + Λ/λ and A_c = I + Λ/λ_c the same equations read
 
     mean(t) = φ(t) A⁻¹ Σ_i (φ_i ⊗ Σ_i⁻¹ μ_i) / λ
     cov(t, t') = (N/λ_c) [k(t, t') − φ(t) φ(t')ᵀ + φ(t) A_c⁻¹ φ(t')ᵀ]
 
-which is the parametric form that the kernel form was derived from
 (``test_prediction_is_the_published_dense_formula``). The cost hardly depends on N, and
-an output left free is a precision of zero, where the published code has a variance of
-1000.
+an output left free is a precision of zero.
 """
 
 from collections.abc import Sequence
@@ -63,11 +56,7 @@ _SMALLEST_EIGENVALUE = 1e-15
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class KMPConfig(Settings):
-    """How the reference is made and smoothed; published values, translated.
-
-    Only the ratios λ/N and λ_c/N matter: twice the references under twice the
-    regularisation is the same primitive.
-    """
+    """How the reference is made and smoothed; only the ratios λ/N and λ_c/N matter."""
 
     mixture: GMRConfig = field(default_factory=lambda: GMRConfig(components=8))
     """The mixture behind the reference; 8 components as published."""
@@ -113,10 +102,7 @@ class Reference:
         precision: Float[np.ndarray, "6 6"],
         tolerance: float,
     ) -> "Reference":
-        """The reference with one more entry, which replaces those at the same phase.
-
-        Phases that are less than ``tolerance`` apart coincide.
-        """
+        """The reference with one more entry in place of those within ``tolerance``."""
         kept = np.abs(self.phases - phase) >= tolerance
         return Reference(
             phases=np.append(self.phases[kept], phase),
@@ -218,20 +204,12 @@ class KernelizedMovementPrimitive(MomentMovement):
     """The reference with via-points, standardised."""
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "KernelizedMovementPrimitive":
-        """The primitive with via-points in its reference.
+        """The primitive with via-points, which replace references at their phase.
 
-        A via-point replaces the entry whose phase coincides with its own, be it an
-        earlier via-point, and is appended where there is none. With standard deviation
-        σ it is given the covariance σ²/N: in Eqs. (21) and (26) every entry counts for
-        one N-th, and only so is σ what the primitive predicts at a via-point that
-        dominates its surroundings. In this measure the published 1e-6 cm² of a
-        via-point among 400 entries demands 0.2 mm. An error that outputs share counts
-        as one of each: as a covariance, the primitive followed it into the sensors'
-        noise (under ``"hard"`` 8 of 18 doors opened, for 13).
-
-        Args:
-            via_points: poses to be reached, in any order; NaN or an infinite standard
-                deviation leaves an output free.
+        A standard deviation σ is given the covariance σ²/N: in Eqs. (21) and (26) every
+        entry counts for one N-th, and only so is σ what the primitive predicts at a
+        via-point that dominates its surroundings. An error that outputs share counts as
+        one of each: as a covariance, the primitive followed it into the sensors' noise.
         """
         standardisation = self.regression.standardisation
         count = self.config.references
@@ -268,18 +246,7 @@ class KernelizedMovementPrimitive(MomentMovement):
 def fit_kmp(
     aligned: AlignedDemonstrations, config: KMPConfig | None = None
 ) -> KernelizedMovementPrimitive:
-    """Learn a primitive: fit the mixture and take the reference from it.
-
-    Args:
-        aligned: demonstrations on common phases.
-        config: how; the defaults of `KMPConfig` if None.
-
-    Raises:
-        ValueError: if there are more components than phases.
-
-    Warns:
-        UserWarning: if expectation maximisation did not converge.
-    """
+    """Learn a primitive: fit the mixture and take the reference from it."""
     config = KMPConfig() if config is None else config
     regression = fit_gmr(aligned, config.mixture)
     phases = np.linspace(aligned.times[0], aligned.times[-1], config.references)

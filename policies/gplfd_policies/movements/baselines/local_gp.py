@@ -105,12 +105,11 @@ class LocalGaussianProcesses(MomentMovement):
         return mean, np.sqrt(variance)
 
     def _covariance(self, times: Times) -> Covariances:
-        """Covariance over time of the product.
+        """Covariance over time of the product, whose mean is Σ_k (w_k v/v_k) μ_k.
 
-        Its mean is Σ_k (w_k v/v_k) μ_k. Errors of the local predictions that are
-        independent between clusters and have the covariances C_k(t, t')/√(w_k w_k'),
-        the power's effect on a Gaussian, give Σ_k s_k(t) s_k(t') C_k(t, t') with the
-        shares s_k: v on the diagonal, and the covariance of a plain process for C = 1.
+        Errors independent between clusters with covariances C_k(t, t')/√(w_k w_k'), the
+        power's effect on a Gaussian, give Σ_k s_k(t) s_k(t') C_k(t, t') with the shares
+        s_k.
         """
         total = np.zeros((6, len(times), len(times)))
         *_, shares = self._product(times)
@@ -127,21 +126,7 @@ class LocalGaussianProcesses(MomentMovement):
 def fit_local_gp(
     aligned: AlignedDemonstrations, config: LocalGPConfig, *, centred: bool = True
 ) -> LocalGaussianProcesses:
-    """Learn local Gaussian processes from aligned demonstrations.
-
-    The replicates collapse exactly (`gplfd_policies.gp.replicates`), so the cost does
-    not grow with the number of demonstrations. With a single one the noise is the
-    scatter of its samples around smooth curves: nothing is known about repetitions.
-
-    Args:
-        aligned: D demonstrations on common phases.
-        config: clusters and weights.
-        centred: whether the prior mean of a cluster's processes is the average of their
-            samples, or zero.
-
-    Raises:
-        ValueError: if a cluster has too few samples for its processes.
-    """
+    """Learn local Gaussian processes; of one demonstration, its samples' scatter."""
     times, poses = aligned.times, aligned.poses
     # Lloyd's k-means on sorted phases, from clusters of equally many.
     count = config.clusters

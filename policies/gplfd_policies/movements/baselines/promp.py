@@ -1,24 +1,15 @@
 """Probabilistic movement primitives, the second method of Table 1.
 
-Papers: Paraschos et al., *Probabilistic Movement Primitives*, NeurIPS 2013, and *Using
+Paraschos et al., *Probabilistic Movement Primitives*, NeurIPS 2013, and *Using
 Probabilistic Movement Primitives in Robotics*, Autonomous Robots 42, 2018.
 
-Notation:
-    φ(t)    Gaussian basis functions at phase t, normalised to sum 1, (B,)
-    w       weights of one movement, (6 B,), output by output: y_d(t) = φ(t)ᵀ w_d
-    μ, Σ    mean and covariance of the weights over the demonstrations
-    R       variance of the observation noise, one per output, (6,)
-    H       rows of the via-points in weight space; H w are the demanded numbers
+A movement is y(t) = φ(t)ᵀ w + ε with B normalised Gaussian basis functions φ, weights
+w ~ N(μ, Σ), output by output (6 B,), and observation noise ε ~ N(0, R) per output. Σ is
+a full matrix over all outputs: where x is known, z is known better.
 
-A movement is y(t) = φ(t)ᵀ w + ε with w ~ N(μ, Σ) and ε ~ N(0, R). Σ is a full matrix
-over all outputs: where x is known, z is known better.
-
-Few demonstrations. The covariance of D weight vectors has rank D - 1, at most five for
-six demonstrations and 6 B weights. Via-points outside the span of the demonstrations
-then leave only bad choices: the mean misses a demand whose standard deviation is not
-small against what `shrinkage` adds, and a stronger demand is met by bending the rest of
-the movement (``test_few_demonstrations_span_few_movements``). That is the method as
-published; raise `ProMPConfig.shrinkage` for a covariance of full rank.
+The covariance of D weight vectors has rank D - 1. Via-points outside the span of the
+demonstrations are missed, or met by bending the rest of the movement, unless
+`ProMPConfig.shrinkage` is raised (``test_few_demonstrations_span_few_movements``).
 """
 
 from collections.abc import Sequence
@@ -78,15 +69,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
 
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution of the pose at ``times``, observation noise included.
-
-        Args:
-            times: phases, shape (M,). Outside 0 to 1 the distribution soon stands
-                still, at that of the first or last weight.
-
-        Raises:
-            ValueError: if there are no times, or one is not finite.
-        """
+        """The distribution of the pose at ``times``, observation noise included."""
         times = checked_times(times)
         config, size = self.config, self.config.n_basis
         basis = _basis(times, config)
@@ -133,10 +116,6 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         A demand is on the movement φᵀ w itself, without observation noise. Demands
         that contradict each other without any tolerance are met in the least-squares
         sense.
-
-        Args:
-            via_points: poses to be reached, in any order. Outputs with NaN in the pose
-                or infinite std are free; the covariance with the others moves them.
         """
         phases = np.array([float(point.phase) for point in via_points])
         variances = np.array([point.own_variance for point in via_points])
@@ -178,16 +157,7 @@ def fit_promp(
     """Learn a probabilistic movement primitive from aligned demonstrations.
 
     Every demonstration is fitted by ridge regression; μ and S are mean and sample
-    covariance (divisor D - 1) of the weights, and R is the mean squared residual per
-    degree of freedom that the fits leave.
-
-    Args:
-        aligned: two demonstrations or more on common phases, more phases than basis
-            functions.
-        config: constants; default `ProMPConfig`.
-
-    Raises:
-        ValueError: for a single demonstration, or too few phases.
+    covariance of the weights, and R the mean squared residual per degree of freedom.
     """
     config = ProMPConfig() if config is None else config
     count, n_phases, _ = aligned.poses.shape

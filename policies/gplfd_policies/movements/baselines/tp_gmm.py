@@ -2,35 +2,26 @@
 
 Calinon, *A tutorial on task-parameterized movement learning and retrieval*, Intelligent
 Service Robotics 9, 2016. A demonstration ξ is seen from P frames {A_j, b_j}, as
-A_j⁻¹ (ξ − b_j), and one mixture is learned of all views together: its components share
-their weights π_i and have a centre μ_ij and a covariance Σ_ij in every frame. In a new
-situation every Gaussian is brought there by the new frames, and these are multiplied,
+A_j⁻¹ (ξ − b_j), and one mixture is learned of all views together, with common weights
+π_i. In a new situation the Gaussians of all frames are brought there and multiplied,
 
     Σ_i⁻¹ = Σ_j Σ̂_ij⁻¹,   μ_i = Σ_i Σ_j Σ̂_ij⁻¹ μ̂_ij,                            Eq. (6)
 
-with μ̂_ij = A_j μ_ij + b_j and Σ̂_ij = A_j Σ_ij A_jᵀ. The result is a mixture of
-phase and pose, which `gplfd_policies.movements.baselines.gmr` regresses. Frames that
-agree count as independent: where both predict the same, the spread is 1/√2 of theirs,
-as published (``test_two_equal_frames_halve_the_variance``).
+with μ̂_ij = A_j μ_ij + b_j and Σ̂_ij = A_j Σ_ij A_jᵀ, and the mixture is regressed.
+Frames that agree count as independent (``test_two_equal_frames_halve_the_variance``).
 
 Choices that the tutorial leaves to the user:
 
-* Frames. One is the task frame, whose origin is the closed handle. The other has its
-  origin at the hinge c and the vector from the hinge to the closed handle for its third
-  axis, with its length; the first axis is as long. There all doors are one door of unit
-  radius. With axes of unit length, x = R sin φ would be the same in both frames, and
-  none would depend on the radius. Height and rotations have the task frame's axes.
-* The hinge of a demonstration. It is the centre of a circle through the hand's path
-  (Kåsa's fit: |p|² = 2 pᵀc + k is linear in c and k), which an observer could measure.
-  If a demonstrated path is no circle, the method has one frame and is GMM-GMR.
-* The phase, which all frames share: they multiply their distributions of the pose at a
-  phase. As one more output, the phase would be witnessed twice, components would
-  follow each other abruptly, and the mean would miss the demonstrations' by 4 cm.
-* Where the hinge is in a new situation. Before anything has moved, where it was
-  demonstrated on average, as uncertain as it varied; via-points are more points of the
-  circle, and (c, k) is Gaussian given all of them. The path is linear in c, so that an
-  uncertain c adds G C Gᵀ to a Gaussian of this frame, to first order. A via-point moves
-  the hinge, not the path directly: it need not be met, and rotations learn nothing.
+* One frame is the task frame. The other has its origin at the hinge c and the vector
+  from there to the closed handle for its third axis, with its length; the first axis is
+  as long. In it all doors are one door of unit radius.
+* The hinge of a demonstration is the centre of a circle through the hand's path (Kåsa's
+  fit: |p|² = 2 pᵀc + k is linear in c and k). Without a circle there is one frame.
+* The phase is shared: as an output of each frame it would be witnessed twice, and the
+  mean would miss the demonstrations' by 4 cm.
+* In a new situation (c, k) is Gaussian as demonstrated, and via-points are further
+  points of the circle. An uncertain c adds G C Gᵀ to a Gaussian of this frame, to first
+  order. A via-point need not be met, and rotations learn nothing from it.
 """
 
 from collections.abc import Sequence
@@ -116,10 +107,10 @@ class Circle:
         freeze(self, "mean", "covariance")
 
     def through(self, via_points: Sequence[ViaPoint]) -> "Circle":
-        """The circle conditioned on further points of it.
+        """The circle conditioned on the further points of it that know x and z.
 
         An error e of a point is one of 2 (p − c)ᵀe in its equation, zero along the
-        path. Via-points that leave x or z free are ignored.
+        path.
         """
         poses = np.array([point.pose for point in via_points])[:, PLANE]
         noise = np.array([point.noise_variance for point in via_points])[:, PLANE]
@@ -156,10 +147,7 @@ def fit_circle(points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, " 3"] | No
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class TaskParameterisedMixture(LearnedMovement):
-    """A mixture seen from several frames; made by `fit_tp_gmm`, immutable.
-
-    It holds phase and pose, in this order, in the units of each frame.
-    """
+    """A mixture seen from several frames; made by `fit_tp_gmm`, immutable."""
 
     weights: Float[np.ndarray, " C"]
     """π_i."""
@@ -174,11 +162,7 @@ class TaskParameterisedMixture(LearnedMovement):
         freeze(self, "weights", "means", "covariances")
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "TaskParameterisedMixture":
-        """The movement around the hinge that follows from ``via_points``.
-
-        Args:
-            via_points: poses that were seen or are wanted, in any order.
-        """
+        """The movement around the hinge that follows from ``via_points``."""
         if self.circle is None:
             return self
         return replace(self, circle=self.circle.through(via_points))
@@ -217,15 +201,7 @@ class TaskParameterisedMixture(LearnedMovement):
 
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution of the pose at ``times``; samples are white around the mean.
-
-        Args:
-            times: phases, strictly increasing, shape (M,). Outside the demonstrated
-                range one component continues along its straight line.
-
-        Raises:
-            ValueError: if there are no times, or they do not increase.
-        """
+        """The distribution of the pose at ``times``; samples are white around it."""
         return self.regression.predict(checked_times(times))
 
 
@@ -263,17 +239,6 @@ def fit_mixture_of_views(
     It starts from equal bins of time. The views of a sample are independent given its
     component; with one view it is that of `fit_gmr`
     (``test_one_frame_is_gaussian_mixture_regression``).
-
-    Args:
-        times: common phases.
-        views: the poses as seen from each of P frames; standardised for the fit.
-        config: settings of the fit.
-
-    Returns:
-        Weights, and centres and covariances in the units of the views.
-
-    Warns:
-        UserWarning: if expectation maximisation did not converge.
     """
     standardisations = [Standardisation.of(view) for view in views]
     standardised = [
@@ -329,19 +294,7 @@ def _maximised(
 def fit_tp_gmm(
     aligned: AlignedDemonstrations, config: GMRConfig | None = None
 ) -> TaskParameterisedMixture:
-    """Fit the mixture of all views by expectation maximisation.
-
-    Args:
-        aligned: demonstrations on common phases.
-        config: how; the defaults of `GMRConfig` if None. Outputs are standardised in
-            every frame.
-
-    Raises:
-        ValueError: if there are more components than phases.
-
-    Warns:
-        UserWarning: if expectation maximisation did not converge.
-    """
+    """Fit the mixture of all views by expectation maximisation."""
     config = GMRConfig() if config is None else config
     config.check_phases(len(aligned.times))
     fits = [fit_circle(poses[:, PLANE]) for poses in aligned.poses]

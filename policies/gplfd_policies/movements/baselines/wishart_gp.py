@@ -81,8 +81,7 @@ class WishartGPConfig(Settings):
 class WishartProcessMovement(MomentMovement):
     """A movement with Wishart variability; made by `fit_wishart_gp`, immutable.
 
-    The variance is that of the mean plus the diagonal of `aleatoric`. Outside the
-    demonstrated range the mean returns to its prior mean and its uncertainty grows.
+    The variance is that of the mean plus the diagonal of `aleatoric`.
     """
 
     processes: MultiOutputGP
@@ -91,11 +90,7 @@ class WishartProcessMovement(MomentMovement):
     """How repetitions of the task vary."""
 
     def aleatoric(self, times: Times) -> Float[np.ndarray, "M 6 6"]:
-        """Covariance of the outputs between repetitions, shape (M, 6, 6).
-
-        Outside the demonstrated range it keeps the value of the nearer end: a spread
-        that was never demonstrated must not shrink.
-        """
+        """Covariance between repetitions; outside the task that of its nearer end."""
         return self.variability.covariance(times)
 
     def _moments(self, times: Times) -> Moments:
@@ -121,17 +116,7 @@ def fit_wishart_gp(
     *,
     centred: bool = True,
 ) -> WishartProcessMovement:
-    """Learn mean and variability from aligned demonstrations.
-
-    Args:
-        aligned: D ≥ 2 demonstrations on common phases.
-        config: prior and sampler.
-        seed: of the sampler; the same seed gives the same movement.
-        centred: whether the prior mean is the demonstrations' average, or zero.
-
-    Raises:
-        ValueError: for a single demonstration.
-    """
+    """Learn mean and variability from aligned demonstrations."""
     times, poses = aligned.times, aligned.poses
     if len(poses) < 2:
         raise ValueError(

@@ -67,19 +67,7 @@ class WishartPrior:
         degrees: int,
         floor: float,
     ) -> "WishartPrior":
-        """The prior with a radial basis function κ and the mean ν L Lᵀ = ``mean``.
-
-        Args:
-            interval: first and last time.
-            length_scale: of κ, in the unit of time.
-            mean: E Σ(t), positive definite, shape (d, d).
-            degrees: ν.
-            floor: ε.
-
-        Raises:
-            ValueError: if the length-scale is too short for any basis, or there are
-                fewer degrees of freedom than outputs.
-        """
+        """The prior with a radial basis function κ and the mean ν L Lᵀ = ``mean``."""
         if degrees < len(mean):
             raise ValueError(
                 f"A Wishart process of {len(mean)} outputs needs at least as many "
@@ -220,15 +208,6 @@ def elliptical_slice_chain(
     through x and a draw from the prior, to a point that is uniform on the part of the
     ellipse where the likelihood exceeds a random level below its present one. It leaves
     the posterior invariant (``test_sampler_meets_a_gaussian_posterior``).
-
-    Args:
-        log_likelihood: x ↦ log p(y | x); the prior of x is N(0, I).
-        start: first state; not yielded.
-        steps: number of states.
-        rng: source of randomness.
-
-    Raises:
-        ValueError: if the likelihood of the start is zero or undefined.
     """
     state, value = start, log_likelihood(start)
     if not np.isfinite(value):
@@ -265,16 +244,8 @@ def sample_posterior(
 ) -> WishartPosterior:
     """Average over an elliptical slice chain that starts at a mode of the posterior.
 
-    From a draw of the prior the chain would still be on its way after 5000 steps: the
-    likelihood of hundreds of weights is narrow, so steps are short. At a mode the
-    likelihood is about what it is in the long run.
-
-    Args:
-        likelihood: of the deviations.
-        steps: length of the chain.
-        discarded: steps at its beginning that are left out of the average.
-        rng: source of randomness.
-        mode_iterations: iterations of the search for the mode, at most.
+    From a draw of the prior it would still be on its way after 5000 steps: the
+    likelihood of hundreds of weights is narrow, so steps are short.
     """
 
     def objective(flat: np.ndarray) -> tuple[float, np.ndarray]:
