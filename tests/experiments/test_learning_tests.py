@@ -521,3 +521,13 @@ def test_kinds_of_tasks_share_their_names_but_for_the_extra_tests():
     assert other - one == {
         *("outputs_cpu_s", "outputs_nlpd", "outputs_nlpd_change", "tumbling_error")
     }
+
+
+def test_errors_with_a_prior_mean_are_not_hidden():
+    def fit(training: TrainingInput) -> Known:
+        if training.prior_mean is not None:
+            raise ValueError("something else")
+        return Known(align(training.demonstrations))
+
+    with pytest.raises(ValueError, match="something else"):
+        used_by(Untaught(fit=fit, accepts_prior_mean=True))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import errno
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 
 from gplfd_env.doors.config import door_config
 from gplfd_experiments.episodes import build
+from gplfd_experiments.episodes.metrics import EpisodeMetrics
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies import jobs
 from gplfd_experiments.studies.engines.processes import Processes
@@ -244,3 +246,10 @@ def test_a_learning_test_is_measured_without_a_robot(opened, monkeypatch):
         "far": None,
         "cpu": {"2": None, "6": [1.0, 2]},
     }
+
+
+def test_metrics_that_json_cannot_express_are_an_error(opened, monkeypatch):
+    monkeypatch.setattr(EpisodeMetrics, "as_json", lambda _: {"bad": {1, 2}})
+    (result,) = run_job((task("oracle"),))
+    assert result["error"].startswith("TypeError: Object of type set")
+    json.dumps(result)

@@ -231,6 +231,19 @@ def test_an_idea_shows_where_its_interval_leaves_zero_out(
             assert answer.shift.estimate == pytest.approx(estimate, abs=tolerance)
 
 
+def test_shares_and_missing_numbers_are_summed_up(write_study, episode_result):
+    results = outcomes(episode_result, "gp", [*SOME, 1.0, 1.0], "recovery_time")
+    for seed, result in enumerate(results):
+        result["metrics"]["success"] = seed >= 3
+    for result in results[:2]:
+        del result["metrics"]
+        result["error"] = "ValueError: no"
+    own = of_trial(read_results(write_study(results)).episodes, "stop")["gp"]["stop"]
+    assert summary(own, "recovery_time").n == 6
+    rate = summary(own, "success")
+    assert (rate.successes, rate.trials) == (5, 8)
+
+
 @pytest.mark.parametrize("share", ["success", "grasp_kept"])
 def test_an_error_of_the_policy_is_a_failure_in_every_share(
     share, write_study, episode_result
