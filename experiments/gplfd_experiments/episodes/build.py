@@ -126,9 +126,9 @@ def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> g
     """
     return gym.make(
         ENVIRONMENT_IDS[control],
+        **_circumstances(task),
         base=task.base,
         start=task.start,
-        **_circumstances(task),
         **arguments,
     )
 
