@@ -43,12 +43,7 @@ out: no via-point can observe them."""
 def basis_for_grid(
     times: Float[np.ndarray, " N"], grid: Times, shortest_scale: float
 ) -> LegendreBasis:
-    """A basis that covers the demonstrations and the grid.
-
-    Raises:
-        ValueError: if the grid is empty or not finite, or so much wider than the
-            demonstrations that no basis represents the process on it.
-    """
+    """Return a basis over demonstrations and grid; raise if there is none for it."""
     if len(grid) == 0 or not np.isfinite(grid).all():
         raise ValueError(f"Adaptation needs finite grid phases, got {grid}.")
     start = float(min(times[0], np.min(grid)))
@@ -129,12 +124,7 @@ class Repetition:
 def leading_curves(
     covariance: Float[np.ndarray, "*N Q Q"], left_out: float
 ) -> Float[np.ndarray, "*N Q R"]:
-    """Leading eigenvectors times the roots of their eigenvalues, equally many of each.
-
-    Args:
-        covariance: of coefficients.
-        left_out: share of the largest eigenvalue below which all others are left out.
-    """
+    """Eigenvectors times roots of eigenvalues above a share of the largest, padded."""
     values, vectors = np.linalg.eigh(covariance)
     values = np.maximum(values, 0.0)
     kept = values > left_out * values[..., -1:]
@@ -175,12 +165,7 @@ _DIAGONAL = np.diag_indices(6)
 
 
 class ConditionedProcess:
-    """Six curves on a grid, updated in place.
-
-    Args:
-        prior: the repetition before any via-point.
-        grid: phases at which mean and variance are reported.
-    """
+    """Six curves, reported on a grid of phases, conditioned in place."""
 
     def __init__(self, prior: Repetition, grid: Times) -> None:
         self.grid = grid
@@ -275,12 +260,7 @@ class ConditionedProcess:
     def distribution(
         self, stretch: Pose, degrees_of_freedom: float | None
     ) -> GaussianTrajectory:
-        """The current distribution; later updates do not change it.
-
-        Args:
-            stretch: factor on every output's standard deviation.
-            degrees_of_freedom: see `GaussianTrajectory`.
-        """
+        """The current distribution with every output's σ stretched, as a copy."""
         blocks = self._covariance[self._places[:, :, None], self._places[:, None, :]]
         basis = self._prior.basis
         rates = basis.matrix(self.grid) @ basis.differentiate(self._table)

@@ -21,30 +21,17 @@ LOOK_AHEAD: Final = 0.05
 def look_ahead(
     phases: Float[Numbers, "*N"], start: Float[Numbers, "*N"]
 ) -> Float[np.ndarray, "*S"]:
-    """Return phases, and the ends of chords of the path that begin at other phases.
-
-    Args:
-        phases: Phases in [0, 1].
-        start: Begin of each chord, or earlier at the end of the task.
-    """
+    """Phases, and both ends of chords of the path from ``start``, or the last one."""
     end = np.minimum(start + LOOK_AHEAD, 1.0)
     return np.array([phases, end - LOOK_AHEAD, end])
 
 
 class GriddedMovement:
-    """A movement under one form of adaptation, evaluated on a uniform grid of phases.
+    """A movement under one form of adaptation, on a uniform grid of phases.
 
     Between grid points mean and σ are interpolated linearly: at 100 points the arc of
-    a 0.65 m door is accurate within 0.06 mm.
-
-    Args:
-        movement: The learned movement; NaN σ for a method without any.
-        form: In which form it adapts to via-points, see `gplfd_policies.adaptation`;
-            None for a movement that does not.
-        n_grid: Number of grid points M, at least 2.
-
-    Raises:
-        ValueError: Fewer than two grid points.
+    a 0.65 m door is accurate within 0.06 mm. The form None is for a movement that does
+    not adapt.
     """
 
     def __init__(
@@ -108,10 +95,7 @@ class GriddedMovement:
 
     @property
     def drift(self) -> Outputs:
-        """Error of the continuation, added to σ on the grid [m, rad].
-
-        Zero up to where the demonstrations end, or up to the last via-point.
-        """
+        """Error of the continuation beyond what was seen, added to σ [m, rad]."""
         aligned = self._learned.aligned
         grid = np.linspace(0.0, 1.0, self._n_grid)
         unseen = np.maximum(grid - max(aligned.end, self._seen), 0.0)
@@ -124,14 +108,10 @@ def _drifting(known: GaussianTrajectory, drift: Outputs) -> Covariances:
 
 
 class GriddedMovements:
-    """Movements on grids of equal size, looked up all at once.
+    """Movements on grids of equal size in one table, looked up all at once.
 
-    Mean and σ of every member are kept in one table, of which a via-point renews only
-    the member's own part.
-
-    Args:
-        movements: One per member, or a single one, of which arrays have no leading
-            axis; adapted in place.
+    A single movement, of which arrays have no leading axis, or one per row; adapted in
+    place.
     """
 
     def __init__(self, movements: GriddedMovement | Sequence[GriddedMovement]) -> None:
@@ -173,12 +153,7 @@ class GriddedMovements:
     def at(
         self, phases: Float[Numbers, "*S"], rows: Rows = ALL_ROWS
     ) -> tuple[Float[np.ndarray, "*S 6"], Float[np.ndarray, "*S 6"]]:
-        """Return means and standard deviations of these rows.
-
-        Args:
-            phases: Phases in [0, 1], one per member along the last axis.
-            rows: The rows that are meant.
-        """
+        """Return means and standard deviations at one phase in [0, 1] per row."""
         position = phases * (self._n_grid - 1)
         left = position.astype(np.int64)
         share = np.asarray(position - left)[..., None]
@@ -199,15 +174,7 @@ class GriddedMovements:
     ) -> tuple[
         Float[np.ndarray, "*N 6"], Float[np.ndarray, "*N 6"], Float[np.ndarray, "*N 3"]
     ]:
-        """Return mean, standard deviation, and the direction of the path from there.
-
-        Args:
-            phases: Phases in [0, 1], one per member.
-            rows: The rows that are meant.
-
-        Returns:
-            Means and standard deviations [m, rad], and unit vectors in the task frame.
-        """
+        """Return mean and σ [m, rad], and the unit vector of the path from there."""
         means, stds = self.at(look_ahead(phases, phases), rows)
         return means[0], stds[0], self.direction(means[1:])
 

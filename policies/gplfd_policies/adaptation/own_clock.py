@@ -52,13 +52,7 @@ _POINTS: Final = 7
 def timing_covariance(
     times: Times, clocks: Curves, phases: Float[np.ndarray, " N"]
 ) -> Float[np.ndarray, "N N"]:
-    """K_τ at any phases.
-
-    Args:
-        times: common phases.
-        clocks: own clock of D ≥ 2 demonstrations there.
-        phases: where K_τ is evaluated; beyond the ends as at the ends.
-    """
+    """K_τ at phases, beyond the ends as at the ends, from D ≥ 2 clocks at ``times``."""
     count = len(clocks)
     late = np.stack([np.interp(phases, times, clock - times) for clock in clocks])
     sample = late.T @ late / (count - 1)
@@ -70,9 +64,11 @@ def timing_covariance(
 
 
 class OwnClockAdaptation:
-    """Exact conditioning of path and timing together, weighed against path alone.
+    """Conditioning of path and timing together, mixed with that of path alone.
 
-    Mean and variance are those of the mixture of the two.
+    Raises:
+        ValueError: if the demonstrations' clocks are not known, and as
+            `ProcessAdaptation`.
     """
 
     @one_thread

@@ -100,12 +100,6 @@ class ComplianceController:
 
     `gplfd_policies.handles.adapter.controller_of` makes one, with adapters around
     movements, phases and load where handles turn.
-
-    Args:
-        movements: The movements that are followed; adapted in place.
-        phases: Finds the phases of observed poses.
-        load: State of `ComplianceConfig.load`.
-        config: Stiffness, timing and via-points.
     """
 
     def __init__(
@@ -142,10 +136,7 @@ class ComplianceController:
     def decide(self, poses: Poses, wrenches: Poses, rows: Rows = ALL_ROWS) -> AgentStep:
         """Return the commands of these rows for the next control period.
 
-        Args:
-            poses: Poses of these rows' hands, task frame [m, rad].
-            wrenches: Forces and moments on them [N, N m].
-            rows: The rows that act. Nothing changes for the others.
+        Poses [m, rad] and wrenches [N, N m] are those of their hands in the task frame.
         """
         config, movements = self._config, self._movements
         period = config.control_period

@@ -32,12 +32,7 @@ Axes = Float[np.ndarray, "*N 6"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ContactLoop:
-    """Admittance, delay, servo and a rigidly held hand, axis by axis; read-only.
-
-    Raises:
-        ValueError: If the stiffness is not (6,), finite and positive, the delay
-            negative or infinite, or the period not positive and finite.
-    """
+    """Admittance, delay, servo and a rigidly held hand, axis by axis; read-only."""
 
     stiffness: Float[np.ndarray, " 6"]
     """k_s: force per displacement of the command [N/m, N m/rad]."""
@@ -65,8 +60,7 @@ class ContactLoop:
     def sufficient_damping(self) -> Float[np.ndarray, " 6"]:
         """k_s τ: damping with which the loop is stable for every m > 0 and k > 0.
 
-        For whole periods of delay; without any delay it asks for
-        4m/h² + 2d/h + k > k_s besides. No smaller damping will do for every mass.
+        For whole periods τ > 0; no smaller damping will do for every mass.
         """
         return np.asarray(self.stiffness * self.delay)
 
@@ -83,11 +77,6 @@ class ContactLoop:
         and its phase reaches -180° there with a delay of
         h/θ arctan2(B √(p(1 - p)), A p - k). Infinite where the gain is below one at
         every frequency, zero where it is above.
-
-        Args:
-            stiffness: k of the admittance [N/m, N m/rad].
-            damping: d with which it is rendered [N s/m, N m s/rad].
-            mass: m [kg, kg m²].
         """
         inertia = mass / (self.period * self.period)
         resistance = damping / self.period + stiffness
@@ -108,10 +97,7 @@ class ContactLoop:
     def margin(
         self, stiffness: Axes, damping: Axes, mass: Float[np.ndarray, " 6"]
     ) -> Axes:
-        """Return how much more delay than `delay` the loop tolerates [s].
-
-        Negative: a held hand begins to oscillate. Arguments as in `tolerated_delay`.
-        """
+        """Return the delay tolerated beyond `delay` [s]; negative if it oscillates."""
         return self.tolerated_delay(stiffness, damping, mass) - self.delay
 
 

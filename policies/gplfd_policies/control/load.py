@@ -82,12 +82,7 @@ class LoadRule(Protocol):
     """
 
     def begin(self, profile: StiffnessProfile, shape: tuple[int, ...] = ()) -> Load:
-        """Return the rule's state before the first step.
-
-        Args:
-            profile: Stiffness as a function of uncertainty.
-            shape: Leading axes of all arrays: () for one hand, (N,) for N hands.
-        """
+        """Return the rule's state for one hand, shape (), or for N hands, (N,)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -159,9 +159,6 @@ class ArmRendering:
     * The servo's damper brakes the hand's own motion, that of the virtual dynamics its
       deviation. The set-point leads by d v/k where it moves at v, smoothed: load sets
       the clock's pace, and with it v, which sets the load.
-
-    Raises:
-        ValueError: If the smoothing is negative or not finite.
     """
 
     control: ClassVar[Control] = "impedance"

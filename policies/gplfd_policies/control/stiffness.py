@@ -16,12 +16,7 @@ from gplfd_policies.control.contact import HELD_HAND
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StiffnessProfile:
-    """The sigmoid from σ to stiffness, Eq. (24), one per axis; read-only.
-
-    Raises:
-        ValueError: If an array is not (6,) and finite, or not 0 < k_min ≤ k_max,
-            alpha > 0 and beta ≥ 0.
-    """
+    """The sigmoid from σ to stiffness, Eq. (24), one per axis; read-only."""
 
     k_max: Float[np.ndarray, " 6"]
     """Stiffness where the policy is certain [N/m, N m/rad]."""
@@ -48,16 +43,9 @@ class StiffnessProfile:
             )
 
     def stiffness(self, std: Float[np.ndarray, "*T 6"]) -> Float[np.ndarray, "*T 6"]:
-        """Return k_p(σ), Eq. (24).
+        """Return k_p(σ), Eq. (24) [N/m, N m/rad]; k_max where σ is NaN.
 
-        Args:
-            std: Standard deviations σ [m, rad]. NaN means that nothing is known about
-                the spread, as of a policy without uncertainty: the hand then follows
-                the policy as stiffly as it may.
-
-        Returns:
-            Stiffness [N/m, N m/rad], between k_min and k_max, falling with σ; k_max
-            where σ is NaN.
+        NaN is the σ of a policy without uncertainty, which the hand follows stiffly.
         """
         softening = (self.k_max - self.k_min) * scipy.special.expit(self._argument(std))
         # The lesser of the two, where NaN does not count.
@@ -68,19 +56,10 @@ class StiffnessProfile:
     ) -> Float[np.ndarray, "*T 6"]:
         """Return dk_p/dt = -α (k_max - k_p)(k_p - k_min)/(k_max - k_min) dσ/dt.
 
-        This is the derivative of Eq. (24). Its size is largest half-way between k_min
-        and k_max: α/4 (k_max - k_min) |dσ/dt|, the bound of Eq. (26).
-
-        Note:
-            The printed Eq. (25), see `printed_rate`, has the opposite sign and lacks
-            k_min: `test_eq25_rate_is_the_derivative_of_eq24`.
-
-        Args:
-            std: Standard deviations σ [m, rad].
-            std_rate: dσ/dt [m/s, rad/s].
-
-        Returns:
-            Stiffness rate [N/(m s), N m/(rad s)].
+        The derivative of Eq. (24) [N/(m s), N m/(rad s)], largest half-way between
+        k_min and k_max: α/4 (k_max - k_min) |dσ/dt|, the bound of Eq. (26). The printed
+        Eq. (25), see `printed_rate`, has the opposite sign and lacks k_min:
+        `test_eq25_rate_is_the_derivative_of_eq24`.
         """
         argument = self._argument(std)
         # (k_max - k)(k - k_min)/(k_max - k_min)², free of cancellation at both ends.
@@ -92,17 +71,7 @@ class StiffnessProfile:
     ) -> Float[np.ndarray, "*T 6"]:
         """Return α k_p (1 - k_p/(k_max - k_min)) dσ/dt, Eq. (25) as printed.
 
-        Wrong, and here to be compared with `rate`.
-
-        Args:
-            std: Standard deviations σ [m, rad].
-            std_rate: dσ/dt [m/s, rad/s].
-
-        Returns:
-            What the printed equation gives [N/(m s), N m/(rad s)].
-
-        Raises:
-            ValueError: If k_max = k_min on some axis, where it divides by zero.
+        Wrong, and here to be compared with `rate`; it divides by zero if k_max = k_min.
         """
         if np.any(self.k_max == self.k_min):
             raise ValueError(
@@ -121,12 +90,7 @@ class StiffnessProfile:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class VirtualDynamics:
-    """Mass and damping of the virtual spring-mass-damper, Eq. (22); read-only.
-
-    Raises:
-        ValueError: If the mass is not (6,), finite and positive, the damping ratio not
-            finite and positive, or the least damping not (6,), finite and ≥ 0.
-    """
+    """Mass and damping of the virtual spring-mass-damper, Eq. (22); read-only."""
 
     mass: Float[np.ndarray, " 6"]
     """Virtual mass [kg] and inertia [kg m²] per axis."""
@@ -179,17 +143,12 @@ of its range from k_max."""
 def spread_profile(
     spread: Float[np.ndarray, " 6"], resolution: Float[np.ndarray, " 6"]
 ) -> StiffnessProfile:
-    """Return Eq. (24) for a task whose demonstrations spread by so much.
+    """Return Eq. (24) for a task whose demonstrations spread by so much [m, rad].
 
     β is where a policy knows half of what there is to know, on the scale of orders of
     magnitude: the geometric mean of the demonstrations' spread, its σ before it has
-    seen the task at hand, and of what an observation leaves open. The shape over σ/β is
-    the published one, and so are the stiffnesses.
-
-    Args:
-        spread: Standard deviation of the demonstrations per axis [m, rad]; an axis in
-            which they do not differ counts as one that is as uncertain as observed.
-        resolution: Standard deviation of an observation per axis [m, rad].
+    seen the task at hand, and of the resolution of an observation, which is the least
+    spread. The shape over σ/β is the published one, and so are the stiffnesses.
     """
     beta = np.sqrt(resolution * np.maximum(spread, resolution))
     return StiffnessProfile(

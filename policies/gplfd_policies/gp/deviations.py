@@ -69,19 +69,12 @@ _STARTS = (0.2, 0.35, 0.5)
 
 
 def conjugate_share(count: int) -> float:
-    """The demonstrations' own share of the covariance of a deviation.
+    """The demonstrations' own share (D − 1)/(w + D − 1) of a deviation's covariance.
 
     A process's covariance C that is inverse-Wishart a priori, around the model's and
     with the weight of w independent deviations, has the posterior mean
     (w C_model + S)/(w + D − 1), S = Σ_k e_k e_kᵀ
     (``test_mixed_covariance_is_the_mean_of_the_inverse_wishart_posterior``).
-
-    Args:
-        count: D ≥ 1 demonstrations; their deviations from their mean are D − 1
-            independent ones.
-
-    Returns:
-        (D − 1)/(w + D − 1), the share of S/(D − 1).
     """
     return float((count - 1) / (MODEL_WORTH + count - 1))
 
@@ -205,13 +198,7 @@ class DeviationLikelihood:
 
 
 def fit_deviations(times: Times, deviations: Curves, noise: Curve) -> DeviationProcess:
-    """The most likely covariance of one output's deviations.
-
-    Args:
-        times: common times.
-        deviations: e_k = y_k − ȳ of D ≥ 2 demonstrations.
-        noise: r(t) > 0.
-    """
+    """The most likely covariance of one output's deviations e_k = y_k − ȳ, D ≥ 2."""
     likelihood = DeviationLikelihood.of(times, deviations, noise)
     average = float(np.mean(noise))
     span = float(times[-1] - times[0])
@@ -250,12 +237,7 @@ def wobbling(
 ) -> tuple[DeviationProcess, ...]:
     """The processes with the wobble that forecasts left-out demonstrations best.
 
-    Args:
-        processes: the most likely one of every output.
-        times: common times.
-        deviations: e_k = y_k − ȳ. Two demonstrations have one deviation between them,
-            and none to leave out: nothing changes.
-        noise: r(t) > 0.
+    Two demonstrations have one deviation between them, none to leave out.
     """
     if len(deviations) < 3:
         return tuple(processes)
@@ -291,14 +273,10 @@ def forecast_score(
     deviations: Float[np.ndarray, "D N"],
     empirical_share: float,
 ) -> float:
-    """Mean log density of the rest of a demonstration, over demonstrations and starts.
+    """Mean log density of the rest of a demonstration, over D ≥ 3 of them and starts.
 
-    Args:
-        smooth: covariance of a deviation at N phases.
-        white: its white part.
-        deviations: e_k = y_k − ȳ of D ≥ 3 demonstrations.
-        empirical_share: share of the smooth covariance that is replaced by that of the
-            other demonstrations' own curves.
+    ``smooth`` and ``white`` are the model's covariance of a deviation; a share of the
+    smooth one is replaced by that of the other demonstrations' own curves.
     """
     count, size = deviations.shape
     products = np.einsum("km,kn->kmn", deviations, deviations)

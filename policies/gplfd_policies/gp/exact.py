@@ -52,13 +52,6 @@ def factorise(matrix: Float[np.ndarray, "N N"]) -> CholeskyFactor:
     Jitter is a model change: 1e-4 of the signal variance already moves the posterior
     standard deviation of a smooth output by a quarter. So none is added while the
     plain factorisation works, and the amount is reported when it does not.
-
-    Args:
-        matrix: symmetric, positive semi-definite up to rounding, shape (N, N).
-
-    Raises:
-        ValueError: if the matrix is not finite, or is indefinite by more than 1e-6 of
-            its mean diagonal.
     """
     if not np.isfinite(matrix).all():
         raise ValueError("A covariance must be finite; found NaN or infinity in it.")
@@ -137,12 +130,7 @@ class ExactGP:
     def likelihood_gradient(
         self,
     ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, " N"]]:
-        """Derivatives of Eq. (7).
-
-        Returns:
-            With respect to (log l, log σ_f), shape (2,), and with respect to the
-            logarithm of every noise variance, shape (N,).
-        """
+        """Derivatives of Eq. (7) by (log l, log σ_f) and by each log noise."""
         inverse = self.factor.solve(np.eye(len(self.times)))
         # d log p = ½ tr((ααᵀ − K_y⁻¹) dK_y)
         sensitivity = 0.5 * (np.outer(self.weights, self.weights) - inverse)
@@ -169,10 +157,7 @@ class ExactGP:
         )
 
     def rates(self, times: Times) -> tuple[Curve, Curve]:
-        """Time derivatives of mean − prior mean, and of the variance.
-
-        The caller adds the derivative of the prior mean.
-        """
+        """Time derivatives of mean − prior mean, and of the variance."""
         slope = self.kernel.time_derivative(times, self.times)
         cross = self.kernel(self.times, times)
         mean_rate = slope @ self.weights

@@ -17,11 +17,7 @@ from jaxtyping import Float
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RBF:
-    """k(t, t') = σ_f² exp(−(t − t')² / (2 l²)), Eq. (13).
-
-    Raises:
-        ValueError: if a hyper-parameter is not positive and finite.
-    """
+    """k(t, t') = σ_f² exp(−(t − t')² / (2 l²)), Eq. (13)."""
 
     length_scale: float
     """Length-scale l, in the unit of time (phase once aligned)."""
@@ -59,10 +55,7 @@ class RBF:
     def log_gradients(
         self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
     ) -> Float[np.ndarray, "2 A B"]:
-        """Derivatives of k with respect to (log l, log σ_f).
-
-        ∂k/∂log l = (a − b)²/l² · k and ∂k/∂log σ_f = 2 k.
-        """
+        """∂k/∂log l = (a − b)²/l² · k and ∂k/∂log σ_f = 2 k."""
         values = self(a, b)
         scaled = np.subtract.outer(a, b) / self.length_scale
         return np.stack([scaled**2 * values, 2.0 * values])

@@ -66,11 +66,7 @@ def _unit_tables(size: int) -> _UnitTables:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LegendreBasis:
-    """Orthonormal polynomials a_i(t) on [start, stop], one per Gauss–Legendre node.
-
-    Raises:
-        ValueError: if the interval is empty.
-    """
+    """Orthonormal polynomials a_i(t) on [start, stop], one per Gauss–Legendre node."""
 
     start: float
     """Left end of the interval."""
@@ -107,11 +103,7 @@ class LegendreBasis:
         return _unit_tables(self.size).root_weights
 
     def matrix(self, times: Times) -> Float[np.ndarray, "M Q"]:
-        """a_i(t) at ``times`` inside the interval, by barycentric interpolation.
-
-        Raises:
-            ValueError: if a time lies outside; polynomials do not extrapolate.
-        """
+        """a_i(t) at ``times`` inside the interval, by barycentric interpolation."""
         if not self.covers(times):
             raise ValueError(
                 f"Times must lie in [{self.start}, {self.stop}], got a range of "

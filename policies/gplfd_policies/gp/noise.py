@@ -143,11 +143,7 @@ class MapNoise(Settings):
     """Least standard deviation of repetitions, relative to that of the output."""
 
     def fit(self, times: Times, samples: Curves) -> NoiseProfile:
-        """Estimate r(t) from D curves of order one on M common times.
-
-        Raises:
-            ValueError: for a single demonstration, which has no spread.
-        """
+        """Estimate r(t) from D ≥ 2 curves of order one on M common times."""
         replicates = Replicates.from_samples(times, samples)
         free = replicates.count - 1
         if free < 1:

@@ -43,9 +43,6 @@ class HandleConfig:
 
     The hand cannot observe whether the bolt is free. It observes that the door does not
     move under load, and then turns the handle further, up to a stop.
-
-    Raises:
-        ValueError: If a number is outside its range.
     """
 
     latched_force: float = quantity(10.0, above=0.0, unit="N")
@@ -73,15 +70,9 @@ def controller_of(
     handles: Sequence[TurnedHandle],
     handle_config: HandleConfig,
 ) -> ComplianceController:
-    """Return the controller of one hand or many, for bars or for turned handles.
+    """Return the controller of one hand or many, for bars or for the rows' handles.
 
-    Args:
-        movements: The movement that is followed, or one per row, on grids of one size;
-            adapted in place.
-        phases: Finds the phases of observed poses.
-        config: Stiffness, load, timing and via-points.
-        handles: The handle that each row turns; empty for bars.
-        handle_config: When and how far handles are turned beyond the demonstration.
+    Movements are on grids of one size, and adapted in place; without handles, bars.
     """
     shape = () if isinstance(movements, GriddedMovement) else (len(movements),)
     if not handles:
@@ -99,7 +90,7 @@ def controller_of(
 
 
 class HandleCompensation:
-    """Handle compensation for a batch of hands.
+    """Handle compensation for one hand, shape (), or a batch, shape (N,).
 
     * A door's path is that of the handle's axis
       (`gplfd_policies.demonstrations.turned_handle`), not the hand's.
@@ -110,11 +101,6 @@ class HandleCompensation:
       goes back as demonstrated, from further away.
 
     All is computed in single numbers, so that one hand and many give the same bits.
-
-    Args:
-        handles: The handle that each row turns.
-        shape: Leading axes of all arrays: () for one hand, (N,) for N hands.
-        config: When and how far they are turned beyond the demonstration.
     """
 
     def __init__(
@@ -190,15 +176,8 @@ class HandleCompensation:
     ) -> np.ndarray:
         """Turn handles further whose doors do not move; return which, bool (*N).
 
-        A handle is turned further if the door holds the hand back, has not moved, and
-        the handle has come as far as was commanded.
-
-        Args:
-            poses: Of the hands [m, rad].
-            direction: Of their doors' paths, unit vectors.
-            load: What holds the hands back along them [N].
-            period: Time since the last call [s].
-            rows: The rows that are meant.
+        A handle is turned further if the door holds the hand back along its path by a
+        load [N], has not moved, and the handle has come as far as was commanded.
         """
         config = self._config
         turned = np.zeros(np.shape(load), dtype=np.bool_)
@@ -308,10 +287,7 @@ class HandleLoad:
         self._handle.reset(rows)
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
-        """Return the response to a contact whose direction is that of the door's path.
-
-        A handle whose door does not move is turned further meanwhile.
-        """
+        """Respond along the door's path; turn a handle further that does not open."""
         poses = contact.pose
         axes = self._handles.axis_positions(poses, rows)
         turning = replace(

@@ -101,12 +101,7 @@ class MomentMovement(LearnedMovement, ABC):
 
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution of the pose at phases ``times``, strictly increasing.
-
-        Raises:
-            ValueError: if there are no times, one is not finite, or they do not
-                increase.
-        """
+        """The distribution of the pose at phases ``times``, strictly increasing."""
         times = checked_times(times)
         mean, std = self._moments(times)
         covariance = partial(self._covariance, times)
@@ -117,8 +112,7 @@ class EmpiricalDistribution:
     """Sample mean and sample standard deviation of aligned demonstrations, by phase.
 
     For methods that predict no uncertainty. Between the phases of the alignment the
-    demonstrations are interpolated linearly. The standard deviation of a single
-    demonstration is zero.
+    demonstrations are interpolated linearly; a single one has σ = 0.
     """
 
     def __init__(self, aligned: AlignedDemonstrations) -> None:

@@ -122,21 +122,14 @@ class ResidualMovement(LearnedMovement):
     """Learned from the demonstrations less m(t), with a prior mean of zero."""
 
     def save(self, path: str | Path) -> None:
-        """Refuse: a prior mean may be any code, which no file of arrays holds.
-
-        Raises:
-            ValueError: always.
-        """
+        """Raise: a prior mean may be any code, which no file of arrays holds."""
         raise ValueError(
             f"a movement around a prior mean cannot be saved to {path}: the prior mean "
             "may be any code. Save the demonstrations, and learn from them again"
         )
 
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution of the pose at phases ``times``.
-
-        Far outside the demonstrated range the mean is the prior mean.
-        """
+        """The distribution at ``times``; far from demonstrations, the prior mean."""
         return _raised(self.residual.predict(times), self.prior_mean)
 
 
@@ -147,14 +140,7 @@ def fit_residual(
 ) -> ResidualMovement:
     """Learn a movement around a prior mean.
 
-    Args:
-        aligned: D demonstrations on common phases.
-        prior_mean: m(t).
-        fit: learns the residual with a prior mean of zero, such as
-            ``partial(fit_skill, centred=False)``.
-
-    Raises:
-        ValueError: if the prior mean is not a finite pose at every phase.
+    The fit has a prior mean of zero, such as ``partial(fit_skill, centred=False)``.
     """
     expected = np.asarray(prior_mean.mean(aligned.times))
     if expected.shape != aligned.poses.shape[1:] or not np.isfinite(expected).all():
@@ -169,13 +155,7 @@ def fit_residual(
 
 
 class ResidualAdaptation:
-    """Online adaptation of a residual, reported with its prior mean.
-
-    Args:
-        form: adapts the residual.
-        movement: the learned movement.
-        grid: phases at which the distribution is reported.
-    """
+    """Online adaptation of a residual, reported with its prior mean."""
 
     def __init__(
         self, form: AdaptationForm, movement: ResidualMovement, grid: Times

@@ -26,12 +26,8 @@ class HingeFitAgent:
     Args:
         speed: Angular speed of the opening [rad/s]. Tuned.
         acceleration: With which it is reached and left [rad/s²]. Tuned.
-        fading: Share of a jump between two estimates that is left after a control
-            period, from 0 to 1. Tuned.
+        fading: Share of a jump between two estimates left after a period, 0..1. Tuned.
         prior: What is known of the circle beforehand.
-
-    Attributes:
-        observed_angle: How far the hand has come on the present circle [rad].
     """
 
     def __init__(

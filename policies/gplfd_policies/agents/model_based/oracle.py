@@ -48,9 +48,6 @@ class _HandleTurner:
 class OracleAgent(_HandleTurner):
     """Turns the handle and follows the true arc with minimum-jerk timing, not yielding.
 
-    The handle is let go back while the door opens, and held as is easy for the arm, see
-    `gplfd_env.DoorGeometry.easy_hand_poses`.
-
     Args:
         duration: Time from the closed door to `DEMONSTRATED_ANGLE` [s].
         turning: Time in which a handle is turned before [s].
