@@ -1,9 +1,9 @@
 """The virtual spring-mass-damper that turns forces into displacements."""
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
+from gplfd_policies.arrays.shapes import Axes
 from gplfd_policies.control.stiffness import VirtualDynamics
 
 
@@ -25,12 +25,12 @@ class Admittance:
         self._velocity = np.zeros((*shape, 6))
 
     @property
-    def displacement(self) -> Float[np.ndarray, "*N 6"]:
+    def displacement(self) -> Axes:
         """e: commanded minus desired pose [m, rad]."""
         return self._displacement.copy()
 
     @property
-    def velocity(self) -> Float[np.ndarray, "*N 6"]:
+    def velocity(self) -> Axes:
         """Rate of e [m/s, rad/s]."""
         return self._velocity.copy()
 
@@ -41,11 +41,11 @@ class Admittance:
 
     def step(
         self,
-        stiffness: Float[np.ndarray, "*N 6"],
-        wrench: Float[np.ndarray, "*N 6"],
+        stiffness: Axes,
+        wrench: Axes,
         dt: float,
         rows: Rows = ALL_ROWS,
-    ) -> Float[np.ndarray, "*N 6"]:
+    ) -> Axes:
         """Advance these rows by a period [s]; return e at its end, yours to change."""
         if not dt > 0.0:
             raise ValueError(f"dt must be positive [s], got {dt}")

@@ -17,12 +17,12 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
+from gplfd_policies.arrays.shapes import Axes
 from gplfd_policies.control.load import ContactState, LearnedLoad, Load, LoadRule
 from gplfd_policies.control.rendering import Rendering, VirtualRendering
 from gplfd_policies.control.stability import StiffnessGovernor
@@ -36,8 +36,6 @@ from gplfd_policies.control.stiffness import (
 from gplfd_policies.movements.trajectory import ViaPoint
 from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseObserver
 
-Poses = Float[np.ndarray, "*N 6"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ComplianceConfig:
@@ -45,29 +43,21 @@ class ComplianceConfig:
 
     load: LoadRule = field(default_factory=LearnedLoad)
     """How the load of the door is compensated."""
-
     profile: StiffnessProfile = DEFAULT_PROFILE
     """Stiffness as a function of uncertainty, Eq. (24)."""
-
     dynamics: VirtualDynamics = DEFAULT_DYNAMICS
     """Mass and damping ratio of what the stiffness is rendered with, Eq. (22)."""
-
     rendering: Rendering = field(default_factory=VirtualRendering)
     """What renders it: virtual dynamics, or the arm itself."""
-
     control_period: float = quantity(CONTROL_PERIOD, above=0.0, unit="s")
     """Time between two commands [s]."""
-
     via_spacing: float = quantity(0.01, above=0.0)
     """Progress between two via-points, in phase."""
-
     via_std: tuple[float, float] = POSE_ERROR
     """Noise of an observed via-point: position [m], rotation [rad]."""
-
     max_turn_lead: float = quantity(0.05, above=0.0)
     """How far the set-point's rotation may run ahead of the hand, in phase. It turns
     with the handle: turning first would only twist the hand on the bar."""
-
     phase_drop: float = quantity(0.1, above=0.0)
     """Fall of the observed phase below the last via-point, in phase, from which that
     phase counts as wrong and via-points are taken again. Tuned: ten times
@@ -133,10 +123,10 @@ class ComplianceController:
             phase[rows] = 0.0
         self._std[rows] = np.nan
 
-    def decide(self, poses: Poses, wrenches: Poses, rows: Rows = ALL_ROWS) -> AgentStep:
+    def decide(self, poses: Axes, wrenches: Axes, rows: Rows = ALL_ROWS) -> AgentStep:
         """Return the commands of these rows for the next control period.
 
-        Poses [m, rad] and wrenches [N, N m] are those of their hands in the task frame.
+        Axes [m, rad] and wrenches [N, N m] are those of their hands in the task frame.
         """
         config, movements = self._config, self._movements
         period = config.control_period

@@ -21,20 +21,18 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import freeze
-
-Axes = Float[np.ndarray, "*N 6"]
+from gplfd_policies.arrays.shapes import Axes, SixAxes
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ContactLoop:
     """Admittance, delay, servo and a rigidly held hand, axis by axis; read-only."""
 
-    stiffness: Float[np.ndarray, " 6"]
+    stiffness: SixAxes
     """k_s: force per displacement of the command [N/m, N m/rad]."""
     delay: float
     """τ: longest time from a command to its effect on the measured force, beyond the
@@ -57,16 +55,14 @@ class ContactLoop:
             )
 
     @property
-    def sufficient_damping(self) -> Float[np.ndarray, " 6"]:
+    def sufficient_damping(self) -> SixAxes:
         """k_s τ: damping with which the loop is stable for every m > 0 and k > 0.
 
         For whole periods τ > 0; no smaller damping will do for every mass.
         """
         return np.asarray(self.stiffness * self.delay)
 
-    def tolerated_delay(
-        self, stiffness: Axes, damping: Axes, mass: Float[np.ndarray, " 6"]
-    ) -> Axes:
+    def tolerated_delay(self, stiffness: Axes, damping: Axes, mass: SixAxes) -> Axes:
         """Return the delay up to which the loop is stable [s].
 
         Where k < k_s it is unstable at every longer one. The gain of the loop is one
@@ -94,9 +90,7 @@ class ContactLoop:
         delay = self.period * lead / (2.0 * np.arcsin(np.sqrt(share)))
         return np.where(crosses, delay, np.inf)
 
-    def margin(
-        self, stiffness: Axes, damping: Axes, mass: Float[np.ndarray, " 6"]
-    ) -> Axes:
+    def margin(self, stiffness: Axes, damping: Axes, mass: SixAxes) -> Axes:
         """Return the delay tolerated beyond `delay` [s]; negative if it oscillates."""
         return self.tolerated_delay(stiffness, damping, mass) - self.delay
 

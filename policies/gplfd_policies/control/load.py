@@ -15,12 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
+from gplfd_policies.arrays.shapes import Axes, Vectors
 from gplfd_policies.control.stiffness import StiffnessProfile
 
-Wrench = Float[np.ndarray, "*N 6"]
-Pose = Float[np.ndarray, "*N 6"]
-Direction = Float[np.ndarray, "*N 3"]
 Amount = Float[Numbers, "*N"]
 
 _NO_STIFFNESS: Final = 1e-9
@@ -33,13 +32,13 @@ _NO_LIMIT: Final = "to carry nothing use YieldToAll"
 class ContactState:
     """Contact of some hands in one control step; task frame."""
 
-    wrench: Wrench
+    wrench: Axes
     """Force and moment on the hand [N, N m]."""
-    direction: Direction
+    direction: Vectors
     """Unit vector along which the policy moves the hand."""
-    pose: Pose
+    pose: Axes
     """Pose of the hand [m, rad]."""
-    displacement: Direction
+    displacement: Vectors
     """How far it has been displaced: e of Eq. (22) [m]."""
     hook_grasp: bool = False
     """Whether the fingers stand behind a handle that they have turned, and do not hold
@@ -50,7 +49,7 @@ class ContactState:
 class LoadResponse:
     """Response to a contact state."""
 
-    compliant_wrench: Wrench
+    compliant_wrench: Axes
     """Wrench that displaces the set-point: F of Eq. (22) [N, N m]."""
     compensated_load: Amount
     """Resistance along the path that is compensated, not part of `compliant_wrench`
@@ -215,8 +214,16 @@ class LoadLearner:
         )
 
 
+class _Stateless(Load):
+    """Base of rules that are their own state, because they have none."""
+
+    def begin(self, profile: StiffnessProfile, shape: tuple[int, ...] = ()) -> Load:
+        """Return itself."""
+        return self
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
-class CarriedLoad:
+class CarriedLoad(_Stateless, Settings):
     """Compensates resistance along the path up to a limit; yields to everything else.
 
     The clock's pace is 1 without load, 0 at the limit, and down to -1 from 1.19 times
@@ -227,23 +234,11 @@ class CarriedLoad:
     """Greatest resistance that is compensated [N]. A friction grasp of 16 N per finger
     slips at 37 N."""
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-    def begin(
-        self, profile: StiffnessProfile, shape: tuple[int, ...] = ()
-    ) -> "CarriedLoad":
-        """Return itself: the rule has no state."""
-        return self
-
-    def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Do nothing: the rule has no state."""
-
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
         """Return the response to the contact, see `compensate`."""
         return self.compensate(contact.wrench, contact.direction)
 
-    def compensate(self, wrench: Wrench, direction: Direction) -> LoadResponse:
+    def compensate(self, wrench: Axes, direction: Vectors) -> LoadResponse:
         """Return the response to wrenches on hands that move along directions."""
         resistance = _resistance(wrench, direction)
         compensated = np.minimum(resistance, self.limit)
@@ -256,17 +251,8 @@ class CarriedLoad:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class YieldToAll:
+class YieldToAll(_Stateless):
     """Every force displaces the set-point, which never waits: Eq. (22) as printed."""
-
-    def begin(
-        self, profile: StiffnessProfile, shape: tuple[int, ...] = ()
-    ) -> "YieldToAll":
-        """Return itself: the rule has no state."""
-        return self
-
-    def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Do nothing: the rule has no state."""
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
         """Return the wrenches as they are, and the clock's pace."""
@@ -279,23 +265,23 @@ class YieldToAll:
         )
 
 
-def _along(direction: Direction, vectors: Float[np.ndarray, "*N V"]) -> Amount:
+def _along(direction: Vectors, vectors: Float[np.ndarray, "*N V"]) -> Amount:
     """Return the component of the first three numbers along a direction."""
     # Not `vecdot`: see `gplfd_policies.control.compliance`.
     return np.asarray(np.add.reduce(direction * vectors[..., :3], axis=-1))
 
 
-def _stretched(stiffness: Float[np.ndarray, "*#N 6"], direction: Direction) -> Amount:
+def _stretched(stiffness: Float[np.ndarray, "*#N 6"], direction: Vectors) -> Amount:
     """Return the stiffness against a displacement along a direction [N/m]."""
     return _along(direction, stiffness[..., :3] * direction)
 
 
-def _resistance(wrench: Wrench, direction: Direction) -> Amount:
+def _resistance(wrench: Axes, direction: Vectors) -> Amount:
     """Return the force along the path that holds the hands back [N]."""
     return np.asarray(np.maximum(-_along(direction, wrench), 0.0))
 
 
-def _without(wrench: Wrench, load: Amount, direction: Direction) -> Wrench:
+def _without(wrench: Axes, load: Amount, direction: Vectors) -> Axes:
     """Return the wrenches without the load that is compensated."""
     left = wrench.copy()
     left[..., :3] += np.asarray(load)[..., None] * direction

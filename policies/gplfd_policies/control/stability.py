@@ -14,18 +14,16 @@ Only a *rising* stiffness is bounded, and the stiffness rises when the uncertain
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
+from gplfd_policies.arrays.shapes import Axes, SixAxes
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
 
 _USED_SHARE = 0.999
 """The conditions are strict inequalities: the governor stops just short of equality."""
 
 
-def decay_rate(
-    k_min: Float[np.ndarray, " 6"], dynamics: VirtualDynamics
-) -> Float[np.ndarray, " 6"]:
+def decay_rate(k_min: SixAxes, dynamics: VirtualDynamics) -> SixAxes:
     """Return γ = d(k_min)/m [1/s], the largest for which γM - D stays negative.
 
     Without least damping it is 2δ√(k_min/m).
@@ -34,12 +32,12 @@ def decay_rate(
 
 
 def rate_bound(
-    stiffness: Float[np.ndarray, "*T 6"],
-    k_min: Float[np.ndarray, " 6"],
+    stiffness: Axes,
+    k_min: SixAxes,
     dynamics: VirtualDynamics,
     *,
     printed: bool = False,
-) -> Float[np.ndarray, "*T 6"]:
+) -> Axes:
     """Return the tight bound on dk/dt at a stiffness: 2γ k^{3/2}/(√k + δγ√m).
 
     `test_eq23_tight_bound_follows_from_condition_2` derives it [N/(m s), N m/(rad s)].
@@ -57,7 +55,7 @@ def rate_bound(
 
 def uncertainty_fall_bound(
     profile: StiffnessProfile, dynamics: VirtualDynamics, *, printed: bool = False
-) -> Float[np.ndarray, " 6"]:
+) -> SixAxes:
     """Return the bound on -dσ/dt that keeps the profile stable at every σ, Eq. (28).
 
     16δ k_min^{3/2}/(α (k_max - k_min)(1 + 2δ²)√m) [m/s, rad/s]: the bound at k_min over
@@ -78,11 +76,11 @@ def uncertainty_fall_bound(
 class GovernedStiffness:
     """What a `StiffnessGovernor` allows in one control step."""
 
-    stiffness: Float[np.ndarray, "*N 6"]
+    stiffness: Axes
     """Stiffness to render [N/m, N m/rad]."""
-    rate: Float[np.ndarray, "*N 6"]
+    rate: Axes
     """Its rate over the step [N/(m s), N m/(rad s)]."""
-    margin: Float[np.ndarray, "*N 6"]
+    margin: Axes
     """The tight pointwise bound minus the rate; always positive."""
 
 
@@ -118,7 +116,7 @@ class StiffnessGovernor:
 
     def step(
         self,
-        target: Float[np.ndarray, "*N 6"],
+        target: Axes,
         dt: float,
         rows: Rows = ALL_ROWS,
     ) -> GovernedStiffness:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import read_only
+from gplfd_policies.arrays.shapes import Axes, SixAxes
 from gplfd_policies.control.contact import HELD_HAND
 
 
@@ -18,13 +19,13 @@ from gplfd_policies.control.contact import HELD_HAND
 class StiffnessProfile:
     """The sigmoid from σ to stiffness, Eq. (24), one per axis; read-only."""
 
-    k_max: Float[np.ndarray, " 6"]
+    k_max: SixAxes
     """Stiffness where the policy is certain [N/m, N m/rad]."""
-    k_min: Float[np.ndarray, " 6"]
+    k_min: SixAxes
     """Stiffness where it is not [N/m, N m/rad]."""
-    alpha: Float[np.ndarray, " 6"]
+    alpha: SixAxes
     """Steepness of the transition [1/m, 1/rad]."""
-    beta: Float[np.ndarray, " 6"]
+    beta: SixAxes
     """Standard deviation at the middle of the transition [m, rad]."""
 
     def __post_init__(self) -> None:
@@ -42,7 +43,7 @@ class StiffnessProfile:
                 "k_min = k_max"
             )
 
-    def stiffness(self, std: Float[np.ndarray, "*T 6"]) -> Float[np.ndarray, "*T 6"]:
+    def stiffness(self, std: Axes) -> Axes:
         """Return k_p(σ), Eq. (24) [N/m, N m/rad]; k_max where σ is NaN.
 
         NaN is the σ of a policy without uncertainty, which the hand follows stiffly.
@@ -51,9 +52,7 @@ class StiffnessProfile:
         # The lesser of the two, where NaN does not count.
         return np.asarray(np.fmin(self.k_max - softening, self.k_max))
 
-    def rate(
-        self, std: Float[np.ndarray, "*T 6"], std_rate: Float[np.ndarray, "*T 6"]
-    ) -> Float[np.ndarray, "*T 6"]:
+    def rate(self, std: Axes, std_rate: Axes) -> Axes:
         """Return dk_p/dt = -α (k_max - k_p)(k_p - k_min)/(k_max - k_min) dσ/dt.
 
         The derivative of Eq. (24) [N/(m s), N m/(rad s)], largest half-way between
@@ -66,9 +65,7 @@ class StiffnessProfile:
         slope = scipy.special.expit(argument) * scipy.special.expit(-argument)
         return np.asarray(-self.alpha * (self.k_max - self.k_min) * slope * std_rate)
 
-    def printed_rate(
-        self, std: Float[np.ndarray, "*T 6"], std_rate: Float[np.ndarray, "*T 6"]
-    ) -> Float[np.ndarray, "*T 6"]:
+    def printed_rate(self, std: Axes, std_rate: Axes) -> Axes:
         """Return α k_p (1 - k_p/(k_max - k_min)) dσ/dt, Eq. (25) as printed.
 
         Wrong, and here to be compared with `rate`; it divides by zero if k_max = k_min.
@@ -82,7 +79,7 @@ class StiffnessProfile:
         shortfall = 1.0 - stiffness / (self.k_max - self.k_min)
         return np.asarray(self.alpha * stiffness * shortfall * std_rate)
 
-    def _argument(self, std: Float[np.ndarray, "*T 6"]) -> Float[np.ndarray, "*T 6"]:
+    def _argument(self, std: Axes) -> Axes:
         """Return α(σ - β); it may overflow to infinity, where the sigmoid is flat."""
         with np.errstate(over="ignore"):
             return np.asarray(self.alpha * (std - self.beta))
@@ -92,11 +89,11 @@ class StiffnessProfile:
 class VirtualDynamics:
     """Mass and damping of the virtual spring-mass-damper, Eq. (22); read-only."""
 
-    mass: Float[np.ndarray, " 6"]
+    mass: SixAxes
     """Virtual mass [kg] and inertia [kg m²] per axis."""
     damping_ratio: float = quantity(1.0, above=0.0)
     """δ: 1 is critical damping at every stiffness."""
-    least_damping: Float[np.ndarray, " 6"] = field(default_factory=lambda: np.zeros(6))
+    least_damping: SixAxes = field(default_factory=lambda: np.zeros(6))
     """d is never less than this [N s/m, N m s/rad]; zero for none."""
 
     def __post_init__(self) -> None:
@@ -111,15 +108,13 @@ class VirtualDynamics:
                 f"{self.least_damping}"
             )
 
-    def damping(
-        self, stiffness: Float[np.ndarray, "*T 6"]
-    ) -> Float[np.ndarray, "*T 6"]:
+    def damping(self, stiffness: Axes) -> Axes:
         """Return d = max(2δ√(m k), least) [N s/m, N m s/rad] at a stiffness k."""
         critical = 2.0 * np.sqrt(self.mass * stiffness)
         return np.asarray(np.maximum(self.damping_ratio * critical, self.least_damping))
 
 
-def _six(name: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, " 6"]:
+def _six(name: str, values: Float[np.ndarray, "..."]) -> SixAxes:
     """Return a read-only float64 copy, or raise unless it is (6,) and finite."""
     array = read_only(np.asarray(values))
     if array.shape != (6,) or not np.isfinite(array).all():
@@ -130,7 +125,7 @@ def _six(name: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, " 6"]
     return array
 
 
-def _by_kind(translation: float, rotation: float) -> Float[np.ndarray, " 6"]:
+def _by_kind(translation: float, rotation: float) -> SixAxes:
     """Return one number for the three translations and one for the rotations."""
     return np.repeat([translation, rotation], 3)
 
@@ -140,9 +135,7 @@ _STEEPNESS = 6.0
 of its range from k_max."""
 
 
-def spread_profile(
-    spread: Float[np.ndarray, " 6"], resolution: Float[np.ndarray, " 6"]
-) -> StiffnessProfile:
+def spread_profile(spread: SixAxes, resolution: SixAxes) -> StiffnessProfile:
     """Return Eq. (24) for a task whose demonstrations spread by so much [m, rad].
 
     β is where a policy knows half of what there is to know, on the scale of orders of

@@ -104,7 +104,6 @@ class NoiseModel(Protocol):
 
     def fit(self, times: Times, samples: Curves) -> NoiseProfile:
         """Estimate r(t) from D curves of order one on M common times."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -18,13 +18,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import quantity
 from gplfd_policies.adaptation.gridded import (
     GriddedMovement,
     GriddedMovements,
     look_ahead,
 )
+from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
+from gplfd_policies.arrays.shapes import Pose, Vectors
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.load import ContactState, LoadResponse, LoadRule
 from gplfd_policies.control.stiffness import StiffnessProfile
@@ -32,13 +34,11 @@ from gplfd_policies.demonstrations.turned_handle import TurnedHandle
 from gplfd_policies.movements.trajectory import ViaPoint
 from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseRule, Phases, Poses
 
-Pose = Float[np.ndarray, " 6"]
-Vectors = Float[np.ndarray, "*N 3"]
 Amount = Float[Numbers, "*N"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class HandleConfig:
+class HandleConfig(Settings):
     """When and how far a handle is turned beyond the demonstrated turn.
 
     The hand cannot observe whether the bolt is free. It observes that the door does not
@@ -58,9 +58,6 @@ class HandleConfig:
     was demonstrated, half of the demonstrated pace."""
     max_gear: float = quantity(1.6, low=1.0)
     """Greatest gear: no handle turns further than about 75°."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 def controller_of(
@@ -247,7 +244,7 @@ class HandleMovements(GriddedMovements):
 
     def ahead(
         self, phases: Phases, rows: Rows = ALL_ROWS
-    ) -> tuple[Poses, Poses, Float[np.ndarray, "*N 3"]]:
+    ) -> tuple[Poses, Poses, Vectors]:
         """Return mean, σ, and the direction of the axis's path where it opens next."""
         points = look_ahead(phases, self._handles.opening_phases(phases, rows))
         means, stds = self.at(points, rows)

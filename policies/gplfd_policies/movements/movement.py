@@ -34,7 +34,6 @@ class Predictor(Protocol):
 
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution at phases ``times``; NaN std for a method without any."""
-        ...
 
 
 @runtime_checkable
@@ -44,12 +43,10 @@ class Movement(Predictor, Protocol):
     @property
     def aligned(self) -> AlignedDemonstrations:
         """The demonstrations it was learned from."""
-        ...
 
     @property
     def duration(self) -> float:
         """Nominal duration of phases 0 to 1 [s]."""
-        ...
 
 
 @runtime_checkable
@@ -58,7 +55,6 @@ class Adaptable(Movement, Protocol):
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> Predictor:
         """The movement conditioned on ``via_points``, all of them at once."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -143,21 +139,17 @@ class Adaptation(Protocol):
 
     def observe(self, via_point: ViaPoint) -> None:
         """Take one more via-point, in place."""
-        ...
 
     @property
     def mean(self) -> Outputs:
         """Current mean on the grid [m, rad], read-only."""
-        ...
 
     @property
     def std(self) -> Outputs:
         """Current standard deviation on the grid [m, rad]."""
-        ...
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution; later via-points do not change it."""
-        ...
 
 
 AdaptationForm = Callable[[Any, np.ndarray], Adaptation]

@@ -36,11 +36,9 @@ class PriorMean(Protocol):
 
     def mean(self, times: Times) -> Outputs:
         """Poses [m, rad] at phases, task frame."""
-        ...
 
     def rate(self, times: Times) -> Outputs:
         """Their derivative, per unit phase."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
