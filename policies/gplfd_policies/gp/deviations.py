@@ -36,10 +36,20 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from gplfd_policies.arrays.shapes import Curve, Curves, OutputCurves, Outputs, Times
+from gplfd_policies.arrays.shapes import (
+    Curve,
+    Curves,
+    Gram,
+    OutputCurves,
+    Outputs,
+    Times,
+)
 from gplfd_policies.demonstrations.aligned import thinned
 from gplfd_policies.gp.exact import factorise
 from gplfd_policies.gp.kernels import RBF
+
+Parameters = Float[np.ndarray, "5"]
+"""θ = (log c, logit w, logit g, log L, log S)."""
 
 _GRID = 60
 """Samples of a demonstration used: deviations are smooth, and the cost is cubic."""
@@ -95,17 +105,13 @@ class DeviationProcess:
     short_scale: float
     """S, in the unit of time."""
 
-    def split(
-        self, noise: Float[np.ndarray, " N"]
-    ) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
+    def split(self, noise: Curve) -> tuple[Curve, Curve]:
         """r(t) as (u(t), v(t)): task variation and wobble."""
         excess = np.log1p((noise / self.wobble) ** _SHARPNESS) / _SHARPNESS
         # u = r − v without cancellation where the spread is all wobble
         return -noise * np.expm1(-excess), noise * np.exp(-excess)
 
-    def smooth_covariance(
-        self, times: Float[np.ndarray, " N"], noise: Float[np.ndarray, " N"]
-    ) -> Float[np.ndarray, "N N"]:
+    def smooth_covariance(self, times: Times, noise: Curve) -> Gram:
         """C without its white part, for r(t) = ``noise``."""
         task, wobble = (np.sqrt(part) for part in self.split(noise))
         long = RBF(length_scale=self.long_scale, signal_std=1.0)(times, times)
@@ -115,20 +121,20 @@ class DeviationProcess:
         covariance += (1.0 - self.white) * np.outer(wobble, wobble) * short
         return covariance
 
-    def white_variance(self, noise: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
+    def white_variance(self, noise: Curve) -> Curve:
         """The white part of C."""
         return self.white * self.split(noise)[1]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DeviationLikelihood:
-    """The log-likelihood of θ = (log c, logit w, logit g, log L, log S)."""
+    """The log-likelihood of θ."""
 
-    times: Float[np.ndarray, " N"]
+    times: Times
     """Some of the common times."""
-    noise: Float[np.ndarray, " N"]
+    noise: Curve
     """r(t) there."""
-    scatter: Float[np.ndarray, "N N"]
+    scatter: Gram
     """The sum of products Σ_k e_k e_kᵀ."""
     free: int
     """Its degrees of freedom, D − 1."""
@@ -148,7 +154,7 @@ class DeviationLikelihood:
             free=len(deviations) - 1,
         )
 
-    def process(self, theta: Float[np.ndarray, "5"]) -> DeviationProcess:
+    def process(self, theta: Parameters) -> DeviationProcess:
         """The covariance that θ stands for."""
         return DeviationProcess(
             wobble=float(np.exp(theta[0])),
@@ -158,9 +164,7 @@ class DeviationLikelihood:
             short_scale=float(np.exp(theta[4])),
         )
 
-    def __call__(
-        self, theta: Float[np.ndarray, "5"]
-    ) -> tuple[float, Float[np.ndarray, "5"]]:
+    def __call__(self, theta: Parameters) -> tuple[float, Parameters]:
         """Its value at θ, and its gradient, (5,)."""
         process = self.process(theta)
         covariance = process.smooth_covariance(self.times, self.noise)
@@ -268,9 +272,9 @@ def wobbling(
 
 
 def forecast_score(
-    smooth: Float[np.ndarray, "N N"],
-    white: Float[np.ndarray, " N"],
-    deviations: Float[np.ndarray, "D N"],
+    smooth: Gram,
+    white: Curve,
+    deviations: Curves,
     empirical_share: float,
 ) -> float:
     """Mean log density of the rest of a demonstration, over D ≥ 3 of them and starts.

@@ -24,7 +24,7 @@ _RELATIVE_JITTERS = tuple(10.0**power for power in range(-15, -5))
 class CholeskyFactor:
     """A + jitter·I = L Lᵀ with L lower triangular."""
 
-    lower: Float[np.ndarray, "N N"]
+    lower: Gram
     """The factor L."""
     jitter: float
     """Amount added to the diagonal; 0 unless the plain factor failed."""
@@ -46,7 +46,7 @@ class CholeskyFactor:
         return 2.0 * float(np.sum(np.log(np.diag(self.lower))))
 
 
-def factorise(matrix: Float[np.ndarray, "N N"]) -> CholeskyFactor:
+def factorise(matrix: Gram) -> CholeskyFactor:
     """Cholesky factor of a covariance, with the least jitter that works.
 
     Jitter is a model change: 1e-4 of the signal variance already moves the posterior
@@ -88,11 +88,11 @@ class ExactGP:
 
     kernel: RBF
     """Prior covariance k(t, t')."""
-    times: Float[np.ndarray, " N"]
+    times: Curve
     """Observation times t."""
-    values: Float[np.ndarray, " N"]
+    values: Curve
     """Observations y."""
-    noise_variance: Float[np.ndarray, " N"]
+    noise_variance: Curve
     """Noise variance of every observation: constant σ_n² (Eq. 3) or r(t) (Eq. 10)."""
     prior_mean: Callable[[np.ndarray], np.ndarray] = zero_mean
     """Prior mean m(t), Eq. (1): any function (M,) → (M,)."""
@@ -113,11 +113,11 @@ class ExactGP:
         )
 
     @cached_property
-    def _residual(self) -> Float[np.ndarray, " N"]:
+    def _residual(self) -> Curve:
         return np.asarray(self.values - self.prior_mean(self.times))
 
     @cached_property
-    def weights(self) -> Float[np.ndarray, " N"]:
+    def weights(self) -> Curve:
         """K_y⁻¹ (y − m(t))."""
         return self.factor.solve(self._residual)
 
@@ -129,7 +129,7 @@ class ExactGP:
 
     def likelihood_gradient(
         self,
-    ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, " N"]]:
+    ) -> tuple[Float[np.ndarray, "2"], Curve]:
         """Derivatives of Eq. (7) by (log l, log σ_f) and by each log noise."""
         inverse = self.factor.solve(np.eye(len(self.times)))
         # d log p = ½ tr((ααᵀ − K_y⁻¹) dK_y)

@@ -14,8 +14,7 @@ import numpy as np
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle, CirclePrior
-from gplfd_policies.agents.model_based.path import HandPath
-from gplfd_policies.agents.model_based.yielding import Yielding
+from gplfd_policies.agents.model_based.following import HandPath, Yielding
 from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.steps import AgentStep, Observation
 

@@ -9,8 +9,11 @@ import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_policies.agents.model_based.path import HandPath, turned_towards
-from gplfd_policies.agents.model_based.yielding import Yielding
+from gplfd_policies.agents.model_based.following import (
+    HandPath,
+    Yielding,
+    turned_towards,
+)
 from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.steps import AgentStep, Observation
 
