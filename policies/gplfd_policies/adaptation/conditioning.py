@@ -1,21 +1,21 @@
 """Gaussian conditioning of six smooth curves together, one via-point at a time.
 
-A repetition of the task is six curves (`Repetition`), the mean plus deviations that are
-few standard-normal numbers z_i of each output, and how early or late the repetition is,
-few numbers z_τ that all outputs share,
+A repetition of the task is the mean plus deviations that are few standard-normal
+numbers z_i of each output, and how early or late the repetition is, few numbers z_τ
+that all outputs share, all independent a priori,
 
-    y_i(t) = m_i(t) + φ_i(t)ᵀ z_i + ṁ_i(t) ψ(t)ᵀ z_τ + white noise,
+    y_i(t) = m_i(t) + φ_i(t)ᵀ z_i + ṁ_i(t) ψ(t)ᵀ z_τ + white noise.
 
-independent a priori. A via-point at *any* phase observes all of them at once, with
-noise of each output's own and one error that they share (`ViaPoint.along`): its
-covariance over the outputs is diag(σ²) + ρ ρᵀ. With H the 6 × n matrix of the curves,
+A via-point at *any* phase observes all outputs at once, with noise of its own and one
+error that they share (`ViaPoint.along`): covariance diag(σ²) + ρ ρᵀ. With H the 6 × n
+matrix of the curves,
 
     S = H C Hᵀ + diag(σ²) + ρ ρᵀ = L Lᵀ,  B = C Hᵀ L⁻ᵀ,
     z ← z + B L⁻¹ (y − m − H z),  C ← C − B Bᵀ,
 
 exact for any ρ (``test_shared_error_equals_dense_conditioning``) and ψ
-(``test_timing_equals_dense_conditioning``), and the grid on which mean and variance are
-reported has no influence. Where ρ = 0 and ψ = 0 the outputs stay independent
+(``test_timing_equals_dense_conditioning``); the grid of the report has no influence.
+Where ρ = 0 and ψ = 0 the outputs stay independent
 (``test_sequential_updates_equal_batch_conditioning``).
 """
 

@@ -1,10 +1,9 @@
 """Exact Gaussian conditioning on via-points, in two forms.
 
 `ProcessAdaptation` is ours: a repetition of the task deviates from the mean as the
-demonstrations did (`gplfd_policies.gp.deviations`), so that once the door's radius is
-known, it is known for the rest of the motion. `ExactAdaptation` conditions the paper's
-model, whose deviations are white. The paper's own approximation of the latter is
-`gplfd_policies.adaptation.product`.
+demonstrations did (`gplfd_policies.gp.deviations`), so that the door's radius, once
+known, is known for the rest of the motion. `ExactAdaptation` conditions the paper's
+model, whose deviations are white.
 """
 
 from dataclasses import replace

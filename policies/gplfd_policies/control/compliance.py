@@ -1,16 +1,11 @@
 """Compliance control: movement, adaptation, stiffness and admittance, step by step.
 
-Implements Section IV-B of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979: the door's motion, observed while opening it, adapts
-the movement; its uncertainty sets the stiffness; the virtual dynamics move the
-set-point of a position-controlled arm.
-
-One implementation serves one hand and many. The arrays of many hands have a leading
-axis of rows, each with its own door, which share the cost of NumPy's calls. A row's
-result does not depend on the other rows, to the last bit: arithmetic is elementwise,
-a sum over a direction is taken by NumPy in one order, and matrices (of one row's
-policy) have the same shape in a batch as alone. BLAS products such as ``vecdot`` are
-not used across rows: some kernels add in an order that depends on the memory address.
+Section IV-B of Arduengo et al., *Gaussian-Process-based Robot Learning from
+Demonstration*, arXiv:2002.09979. One implementation serves one hand and many, whose
+arrays have a leading axis of rows. A row's result does not depend on the other rows, to
+the last bit: arithmetic is elementwise, a sum over a direction is taken by NumPy in one
+order, and BLAS products such as ``vecdot``, some of which add in an order that depends
+on the memory address, are not used across rows.
 """
 
 import math

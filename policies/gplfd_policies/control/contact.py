@@ -1,9 +1,7 @@
 """Stability of the admittance while something rigid holds the hand.
 
-The conditions of `gplfd_policies.control.stability` are those of the virtual
-dynamics alone, Eq. (22) with F = 0. A hand that is held closes another loop: the
-displacement e of the command stretches the servo, whose force comes back as F after a
-delay τ,
+A hand that is held closes a loop around the virtual dynamics: the displacement e of the
+command stretches the servo, whose force comes back as F after a delay τ,
 
     m ë(t) + d ė(t) + k e(t) = F(t) = -k_s e(t - τ),
 

@@ -1,11 +1,10 @@
 """Load compensation along the path: what the hand does about the door's resistance.
 
-In Eq. (22) of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979, every external force displaces the set-point. A force
-*across* the path shows that the path is wrong, and yielding is right. The force *along*
-it may be the door's weight, to which yielding only stretches the virtual spring until a
-heavy door stalls; or a person who holds the hand, for whom yielding is right. The past
-distinguishes them: a door was as heavy a centimetre ago.
+In Eq. (22) of Arduengo et al., arXiv:2002.09979, every external force displaces the
+set-point. A force *across* the path shows that the path is wrong, and yielding is
+right. The force *along* it may be the door's weight, under which a hand that yields
+stalls, or a person who holds the hand. The past distinguishes them: a door was as heavy
+a centimetre ago.
 """
 
 from dataclasses import dataclass
@@ -99,21 +98,17 @@ class LearnedLoad:
     not where the policy has it, so σ'² = σ² + (g u)² sets the stiffness. A hand that is
     held becomes soft; a free one becomes stiff again, as fast as the governor lets it.
 
-    r̂ is `limit` at first, for a door that has not moved yet, and then follows, over
-    `stretch` metres of path, what it took to move the hand on: the maximum in a step of
-    `step` metres, for a leaf that sticks and slips resists less where it moves than
-    where it has to be started. Standing still changes nothing: a person who holds the
-    hand is not the door's weight.
+    r̂ is `limit` at first, and then follows, over `stretch` metres of path, what it
+    took to move the hand on: the maximum in a step of `step` metres, for a leaf that sticks
+    and slips resists less where it moves than where it has to be started. A person who
+    holds the hand, which then stands still, is not the door's weight.
 
     The clock slows down as the hand lags, and waits at `lag`: of the lag itself and, as
     far as the door is known (from 0 to 1 over the same way as r̂), of that to which the
     force will lead, (r - compensated)/k_min. What holds the hand finally bears
     k_min (ℓ + `lag`), 13 N with the default profile
-    (``test_what_holds_the_hand_bears_the_least_stiffness``).
-
-    All this is for a friction grasp. Fingers that stand behind a handle do not slip:
-    h `limit` and h ℓ take the places of `limit` and ℓ, and what holds the hand bears
-    26 N.
+    (``test_what_holds_the_hand_bears_the_least_stiffness``). Behind a handle, where
+    fingers do not slip, h `limit` and h ℓ take the places of `limit` and ℓ: 26 N.
     """
 
     limit: float = quantity(25.0, above=0.0, unit="N", reason=_NO_LIMIT)

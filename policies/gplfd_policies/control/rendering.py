@@ -1,10 +1,9 @@
 """Where compliance is realised: in the set-point (virtual dynamics) or in the arm.
 
-Both renderings get the desired pose, the stiffness, the wrench to yield to and the
-force to compensate. Virtual dynamics move the set-point of a stiff arm by the measured
-force, Eq. (22) of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979. A commanded stiffness makes the arm itself compliant,
-without force measurement.
+Virtual dynamics move the set-point of a stiff arm by the measured force, Eq. (22) of
+Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
+arXiv:2002.09979. A commanded stiffness makes the arm itself compliant, without force
+measurement.
 """
 
 import math

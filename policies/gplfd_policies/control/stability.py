@@ -3,12 +3,9 @@
 Kronander & Billard, *Stability Considerations for Variable Impedance Control*, IEEE
 T-RO 32(5), 2016: the system M ë + D(t) ė + K(t) e = 0 is globally asymptotically stable
 if for some γ > 0 the matrices γM - D and K̇ + γḊ - 2γK are negative (semi-) definite.
-With diagonal matrices and d = 2δ√(m k), this bounds the rate of every k. With
-``printed=True`` the bounds keep the constants of Arduengo et al., arXiv:2002.09979,
-which are on the safe side but larger than needed.
-
-Only a *rising* stiffness is bounded, and the stiffness rises when the uncertainty
-*falls*.
+With diagonal matrices and d = 2δ√(m k), this bounds the rate of every k while it rises,
+which is while the uncertainty *falls*. The constants of Arduengo et al.,
+arXiv:2002.09979, are on the safe side but larger than needed (``printed=True``).
 """
 
 from dataclasses import dataclass

@@ -125,11 +125,6 @@ def _six(name: str, values: Float[np.ndarray, "..."]) -> SixAxes:
     return array
 
 
-def _by_kind(translation: float, rotation: float) -> SixAxes:
-    """Return one number for the three translations and one for the rotations."""
-    return np.repeat([translation, rotation], 3)
-
-
 _STEEPNESS = 6.0
 """αβ: that of the published values, with which the stiffness at σ = 0 is within 0.25 %
 of its range from k_max."""
@@ -145,29 +140,29 @@ def spread_profile(spread: SixAxes, resolution: SixAxes) -> StiffnessProfile:
     """
     beta = np.sqrt(resolution * np.maximum(spread, resolution))
     return StiffnessProfile(
-        k_max=_by_kind(500.0, 50.0),
-        k_min=_by_kind(100.0, 10.0),
+        k_max=np.repeat([500.0, 50.0], 3),
+        k_min=np.repeat([100.0, 10.0], 3),
         alpha=_STEEPNESS / beta,
         beta=beta,
     )
 
 
 PAPER_PROFILE = StiffnessProfile(
-    k_max=_by_kind(500.0, 500.0),
-    k_min=_by_kind(100.0, 100.0),
-    alpha=_by_kind(600.0, 600.0),
-    beta=_by_kind(0.01, 0.01),
+    k_max=np.repeat([500.0, 500.0], 3),
+    k_min=np.repeat([100.0, 100.0], 3),
+    alpha=np.repeat([600.0, 600.0], 3),
+    beta=np.repeat([0.01, 0.01], 3),
 )
 """Section IV-B: the same law for all six axes, although metres and radians differ."""
 
-PAPER_DYNAMICS = VirtualDynamics(mass=_by_kind(1.0, 1.0), damping_ratio=1.0)
+PAPER_DYNAMICS = VirtualDynamics(mass=np.repeat([1.0, 1.0], 3), damping_ratio=1.0)
 """Section IV-B: m = 1 on all six axes, δ = 1."""
 
 DEFAULT_PROFILE = StiffnessProfile(
-    k_max=_by_kind(500.0, 50.0),
-    k_min=_by_kind(100.0, 10.0),
-    alpha=_by_kind(600.0, 120.0),
-    beta=_by_kind(0.01, 0.05),
+    k_max=np.repeat([500.0, 50.0], 3),
+    k_min=np.repeat([100.0, 10.0], 3),
+    alpha=np.repeat([600.0, 120.0], 3),
+    beta=np.repeat([0.01, 0.05], 3),
 )
 """The published values in translation. In rotation the transition is at 0.05 rad, which
 is 1 cm at a lever of 0.2 m, with the same αβ = 6: both sigmoids have one shape over σ/β
@@ -175,7 +170,7 @@ and are within 0.25 % of their range from k_max at σ = 0. With a tenth of the n
 N m/rad, an error of 0.05 rad costs 2.5 N m where one of 1 cm costs 5 N."""
 
 DEFAULT_DYNAMICS = VirtualDynamics(
-    mass=_by_kind(1.0, 0.1),
+    mass=np.repeat([1.0, 0.1], 3),
     damping_ratio=1.0,
     least_damping=HELD_HAND.sufficient_damping,
 )

@@ -9,9 +9,9 @@ r(t) with covariance
   + √(v(t) v(t')) [(1 − w) k(t, t'; S) + w 1(t = t')]    the hand's wobble, white noise
 
 where v = (r⁻ᵖ + c⁻ᵖ)^(−1/p), p = _SHARPNESS, is a wobble of constant variance c that
-never exceeds the spread, u = r − v is the rest, and k is a unit RBF. The amplitudes
-matter: were the wobble a constant *share* of r, late centimetres of radius would make
-early millimetres unpredictable.
+never exceeds the spread, u = r − v is the rest, and k is a unit RBF. Were the wobble a
+constant *share* of r, late centimetres of radius would make early millimetres
+unpredictable.
 
 The five parameters maximise the likelihood of the deviations e_k = y_k − ȳ. These sum
 to zero, which leaves D − 1 independent ones
@@ -19,12 +19,11 @@ to zero, which leaves D − 1 independent ones
 
     log p = −½ [(D − 1) log |C| + tr(C⁻¹ Σ_k e_k e_kᵀ)] + const.
 
-The likelihood of whole curves mainly determines how they vary between neighbouring
-samples, whereas a forecast needs their variation over half a task. So one factor on the
-wobbles' variances c of all outputs is chosen by `forecast_score`: every demonstration
-in turn is compared to the mean of the others, e_k D/(D − 1), its start is conditioned
-on, and the rest is scored by its Student-t density, ν = D − 1, sample by sample. All
-other parameters remain those of the likelihood
+That mainly determines how curves vary between neighbouring samples; a forecast needs
+their variation over half a task. So one factor on the wobbles' variances c of all
+outputs is chosen by `forecast_score`: every demonstration in turn is compared to the
+mean of the others, e_k D/(D − 1), its start is conditioned on, and the rest is scored
+by its Student-t density, ν = D − 1, sample by sample
 (``test_wobble_is_what_forecasts_left_out_demonstrations_best``).
 """
 

@@ -1,8 +1,6 @@
-"""Exact Gaussian-process regression of one output, by Cholesky factors.
+"""Exact Gaussian-process regression of one output, by Cholesky factors, O(N³).
 
-Eqs. (1)–(5), (7), and (10)–(11) when the noise differs from point to point. Dense,
-O(N³); `gplfd_policies.gp.legendre` has the form whose cost does not grow with the
-number of samples.
+Eqs. (1)–(5), (7), and (10)–(11) when the noise differs from point to point.
 """
 
 from collections.abc import Callable

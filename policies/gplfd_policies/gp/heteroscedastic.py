@@ -1,7 +1,6 @@
-"""Heteroscedastic Gaussian processes: of one output, and of all outputs together.
+"""Heteroscedastic Gaussian processes: of one output, and of all, independent a priori.
 
-Eqs. (10)–(13) and (15): outputs independent a priori, which is Eq. (6) with a diagonal
-B.
+Eqs. (10)–(13) and (15), which is Eq. (6) with a diagonal B.
 """
 
 from dataclasses import dataclass

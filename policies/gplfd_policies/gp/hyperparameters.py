@@ -1,9 +1,7 @@
 """Maximum-likelihood length-scales, signal and noise levels.
 
-Eq. (7) has several local optima when the noise is free. With replicated demonstrations
-the within-demonstration scatter pins the noise and few remain: screening three
-length-scales and polishing the best one reaches the same optimum as thirty random
-starts.
+Replicated demonstrations pin the noise: screening three length-scales and polishing the
+best one reaches the same optimum of Eq. (7) as thirty random starts.
 """
 
 from collections.abc import Callable

@@ -1,12 +1,8 @@
-"""The radial basis function kernel, its hyper-parameter and its time derivatives.
+"""The radial basis function kernel of Eq. (13), and its derivatives.
 
-The kernel is Eq. (13), with the ½ in the exponent.
-
-Note:
-    The multi-output kernel is printed in Eq. (14) without the minus sign and without
-    the ½. As printed it grows with distance and is not positive definite; here every
-    output uses Eq. (13). ``test_printed_multi_output_kernel_is_not_a_covariance``
-    settles it.
+Eq. (14), the multi-output kernel, is printed without the minus sign and the ½: it grows
+with distance, and is no covariance
+(``test_printed_multi_output_kernel_is_not_a_covariance``). Outputs use Eq. (13).
 """
 
 from dataclasses import dataclass

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial.legendre import leggauss, legvander
 
+from gplfd_policies.arrays.records import read_only
 from gplfd_policies.arrays.shapes import Times
 from gplfd_policies.gp.kernels import RBF
 
@@ -53,15 +54,13 @@ def _unit_tables(size: int) -> _UnitTables:
     odd = (degrees[None, :] - degrees[:, None]) % 2 == 1
     below = odd & (degrees[:, None] < degrees[None, :])
     ratio = np.sqrt(np.multiply.outer(degrees + 0.5, degrees + 0.5))
-    tables = _UnitTables(
-        nodes=nodes,
-        root_weights=roots,
-        barycentric=np.where(degrees % 2, -1.0, 1.0) * np.sqrt(1.0 - nodes**2) * roots,
-        slope=modes.T @ (np.where(below, 2.0 * ratio, 0.0) @ modes),
+    signs = np.where(degrees % 2, -1.0, 1.0)
+    return _UnitTables(
+        nodes=read_only(nodes),
+        root_weights=read_only(roots),
+        barycentric=read_only(signs * np.sqrt(1.0 - nodes**2) * roots),
+        slope=read_only(modes.T @ (np.where(below, 2.0 * ratio, 0.0) @ modes)),
     )
-    for name in ("nodes", "root_weights", "barycentric", "slope"):
-        getattr(tables, name).setflags(write=False)
-    return tables
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

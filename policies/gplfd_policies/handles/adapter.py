@@ -1,15 +1,12 @@
 """Lets a controller for doors with a fixed handle open doors whose handle turns.
 
-The controller of `gplfd_policies.control.compliance` knows a movement, a phase rule and
-a load rule, and no handle. Where the demonstrations turn a handle first,
-`controller_of` puts an adapter around each of the three:
+The controller of `gplfd_policies.control.compliance` knows no handle. `controller_of`
+puts an adapter around each of its parts:
 
 * the phase is found for the hand as it would hold the handle as it was demonstrated;
 * a via-point is a pose of the handle's axis, not of the hand, and the direction of the
   path is that of the axis;
 * the load is compensated twice, along the turn of the handle and along the door's path.
-
-What the adapters share is `HandleCompensation`: how far each handle of a batch turns.
 """
 
 from collections.abc import Sequence
@@ -259,11 +256,10 @@ class HandleMovements(GriddedMovements):
 class HandleLoad:
     """A load rule applied twice: to the spring of the handle, and to the door.
 
-    The spring of a lever resists the hand as long as it is turned, and while the door
-    opens its force is across the path. A hand that yields to it lets the handle go
-    back, and the policy would learn from the hand that the handle is to go back. So the
-    load of the handle is compensated along the way about its axis, and that of the
-    door, which is another, along the path of the axis.
+    While the door opens, the force of a lever's spring is across the path. A hand that
+    yields to it lets the handle go back, and the policy would learn to let it. So the
+    load of the handle is compensated along the way about its axis, and that of the door
+    along the path of the axis.
     """
 
     def __init__(

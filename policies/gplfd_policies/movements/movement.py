@@ -1,9 +1,7 @@
 """The interface of learned movements, and the base of their implementations.
 
-`gplfd_policies.movements.skill.Skill` and each baseline of Table 1 in Arduengo et al.,
-*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979, are
-movements: they predict a distribution over poses at any phase, and adapt to via-points
-if they can.
+Movements, `gplfd_policies.movements.skill.Skill` and the baselines, predict a
+distribution over poses at any phase, and adapt to via-points if they can.
 """
 
 from abc import ABC, abstractmethod

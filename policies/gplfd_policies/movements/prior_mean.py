@@ -1,11 +1,9 @@
 """Prior means of movements, and learning around them.
 
 A Gaussian process with the prior mean m(t) of Eq. (1) in Arduengo et al.,
-*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979, is m(t)
-plus a process of prior mean zero, learned from the residual y − m(t). Far from the
-demonstrations it returns to m(t); variances do not depend on m(t). Via-points are
-shifted likewise (``test_adaptation_is_that_of_the_residual_plus_the_prior_mean``). In
-the paper m(t) is zero.
+arXiv:2002.09979, is m(t) plus a process of prior mean zero, learned from the residual
+y − m(t). Variances do not depend on m(t), and via-points are shifted likewise
+(``test_adaptation_is_that_of_the_residual_plus_the_prior_mean``).
 """
 
 from collections.abc import Callable

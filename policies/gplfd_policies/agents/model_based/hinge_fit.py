@@ -1,10 +1,8 @@
 """Opens a door by a circle fit: the model of an engineer, without demonstrations.
 
-The hinge is estimated online from the hand's path
-(`gplfd_policies.agents.model_based.circle`); the hand is pulled along the estimated
-circle at a set pace, turns with the angle, and yields to every force but the door's
-resistance along the path, so that a lasting radial force, which shows that the circle
-is wrong, moves the command.
+The hand is pulled along the circle that its path shows so far, turns with the angle,
+and yields to every force but the door's resistance along the path: a lasting radial
+force, which shows that the circle is wrong, moves the command.
 """
 
 import math

@@ -1,8 +1,4 @@
-"""Agents that are told the door, or how its handle turns: privileged information.
-
-The errors of the oracle are the robot's, not a policy's. `ToldHandleAgent` shows what
-it is worth to know how far a handle has to be turned, and nothing else.
-"""
+"""Agents that are told the door, or how its handle turns: privileged information."""
 
 import math
 from dataclasses import replace

@@ -1,8 +1,6 @@
 """The simplest agents that open doors: they pull, back or where the hand just went.
 
-A handle moves along the tangent of its circle, and the last few centimetres of its path
-are nearly that; `ChordAgent` and `ReflexAgent` use no other model of a door, and
-`CompliantPullAgent` uses none.
+The last few centimetres of a handle's path are nearly the tangent of its circle.
 """
 
 import numpy as np
