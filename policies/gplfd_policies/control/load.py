@@ -99,9 +99,9 @@ class LearnedLoad:
     held becomes soft; a free one becomes stiff again, as fast as the governor lets it.
 
     r̂ is `limit` at first, and then follows, over `stretch` metres of path, what it
-    took to move the hand on: the maximum in a step of `step` metres, for a leaf that sticks
-    and slips resists less where it moves than where it has to be started. A person who
-    holds the hand, which then stands still, is not the door's weight.
+    took to move the hand on: the maximum in a step of `step` metres, for a leaf that
+    sticks and slips resists less where it moves than where it has to be started. A
+    person who holds the hand, which then stands still, is not the door's weight.
 
     The clock slows down as the hand lags, and waits at `lag`: of the lag itself and, as
     far as the door is known (from 0 to 1 over the same way as r̂), of that to which the
@@ -215,6 +215,9 @@ class _Stateless(Load):
     def begin(self, profile: StiffnessProfile, shape: tuple[int, ...] = ()) -> Load:
         """Return itself."""
         return self
+
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
+        """Do nothing."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
