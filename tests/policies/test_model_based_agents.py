@@ -8,9 +8,9 @@ from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies import as_agent, batch_agents, make_agent
+from gplfd_policies.agents.model_based.following import HandPath, turned_towards
 from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
 from gplfd_policies.agents.model_based.oracle import OracleAgent
-from gplfd_policies.agents.model_based.path import HandPath, turned_towards
 from gplfd_policies.agents.model_based.pulling import (
     ChordAgent,
     ReflexAgent,

@@ -1,21 +1,21 @@
 """Gaussian conditioning of six smooth curves together, one via-point at a time.
 
-A repetition of the task is six curves (`Repetition`), the mean plus deviations that are
-few standard-normal numbers z_i of each output, and how early or late the repetition is,
-few numbers z_τ that all outputs share,
+A repetition of the task is the mean plus deviations that are few standard-normal
+numbers z_i of each output, and how early or late the repetition is, few numbers z_τ
+that all outputs share, all independent a priori,
 
-    y_i(t) = m_i(t) + φ_i(t)ᵀ z_i + ṁ_i(t) ψ(t)ᵀ z_τ + white noise,
+    y_i(t) = m_i(t) + φ_i(t)ᵀ z_i + ṁ_i(t) ψ(t)ᵀ z_τ + white noise.
 
-independent a priori. A via-point at *any* phase observes all of them at once, with
-noise of each output's own and one error that they share (`ViaPoint.along`): its
-covariance over the outputs is diag(σ²) + ρ ρᵀ. With H the 6 × n matrix of the curves,
+A via-point at *any* phase observes all outputs at once, with noise of its own and one
+error that they share (`ViaPoint.along`): covariance diag(σ²) + ρ ρᵀ. With H the 6 × n
+matrix of the curves,
 
     S = H C Hᵀ + diag(σ²) + ρ ρᵀ = L Lᵀ,  B = C Hᵀ L⁻ᵀ,
     z ← z + B L⁻¹ (y − m − H z),  C ← C − B Bᵀ,
 
 exact for any ρ (``test_shared_error_equals_dense_conditioning``) and ψ
-(``test_timing_equals_dense_conditioning``), and the grid on which mean and variance are
-reported has no influence. Where ρ = 0 and ψ = 0 the outputs stay independent
+(``test_timing_equals_dense_conditioning``); the grid of the report has no influence.
+Where ρ = 0 and ψ = 0 the outputs stay independent
 (``test_sequential_updates_equal_batch_conditioning``).
 """
 
@@ -43,12 +43,7 @@ out: no via-point can observe them."""
 def basis_for_grid(
     times: Float[np.ndarray, " N"], grid: Times, shortest_scale: float
 ) -> LegendreBasis:
-    """A basis that covers the demonstrations and the grid.
-
-    Raises:
-        ValueError: if the grid is empty or not finite, or so much wider than the
-            demonstrations that no basis represents the process on it.
-    """
+    """Return a basis over demonstrations and grid; raise if there is none for it."""
     if len(grid) == 0 or not np.isfinite(grid).all():
         raise ValueError(f"Adaptation needs finite grid phases, got {grid}.")
     start = float(min(times[0], np.min(grid)))
@@ -129,12 +124,7 @@ class Repetition:
 def leading_curves(
     covariance: Float[np.ndarray, "*N Q Q"], left_out: float
 ) -> Float[np.ndarray, "*N Q R"]:
-    """Leading eigenvectors times the roots of their eigenvalues, equally many of each.
-
-    Args:
-        covariance: of coefficients.
-        left_out: share of the largest eigenvalue below which all others are left out.
-    """
+    """Eigenvectors times roots of eigenvalues above a share of the largest, padded."""
     values, vectors = np.linalg.eigh(covariance)
     values = np.maximum(values, 0.0)
     kept = values > left_out * values[..., -1:]
@@ -175,12 +165,7 @@ _DIAGONAL = np.diag_indices(6)
 
 
 class ConditionedProcess:
-    """Six curves on a grid, updated in place.
-
-    Args:
-        prior: the repetition before any via-point.
-        grid: phases at which mean and variance are reported.
-    """
+    """Six curves, reported on a grid of phases, conditioned in place."""
 
     def __init__(self, prior: Repetition, grid: Times) -> None:
         self.grid = grid
@@ -275,12 +260,7 @@ class ConditionedProcess:
     def distribution(
         self, stretch: Pose, degrees_of_freedom: float | None
     ) -> GaussianTrajectory:
-        """The current distribution; later updates do not change it.
-
-        Args:
-            stretch: factor on every output's standard deviation.
-            degrees_of_freedom: see `GaussianTrajectory`.
-        """
+        """The current distribution with every output's σ stretched, as a copy."""
         blocks = self._covariance[self._places[:, :, None], self._places[:, None, :]]
         basis = self._prior.basis
         rates = basis.matrix(self.grid) @ basis.differentiate(self._table)

@@ -45,9 +45,7 @@ class AdaptedMovement:
 
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The conditioned distribution at ``times``.
-
-        For the product these are also the phases it multiplies at, so they matter.
+        """The conditioned distribution at ``times``, at which the product multiplies.
 
         Raises:
             ValueError: if a via-point or a time is outside what the form can handle.
@@ -124,10 +122,7 @@ def begin_adaptation(
 ) -> Adaptation:
     """Start the adaptation of a movement, around its prior mean if it has one.
 
-    Args:
-        movement: The learned movement.
-        form: Adapts a movement without prior mean; None for one without via-points.
-        grid: Phases at which the distribution is reported.
+    None as form is for a movement without via-points.
     """
     if form is None:
         return NoAdaptation(movement, grid)
@@ -169,11 +164,7 @@ class NoAdaptation(_OfTrajectory):
 
 
 class OwnAdaptation(_OfTrajectory):
-    """Adapts a movement by its own ``adapt``, which takes all via-points at once.
-
-    Every new via-point conditions the movement anew on all via-points so far. The
-    distribution on the grid is computed when it is next needed.
-    """
+    """Adapts a movement by its own ``adapt``, anew with all via-points so far."""
 
     def __init__(self, movement: Adaptable, grid: Times) -> None:
         self._movement, self._grid = movement, grid

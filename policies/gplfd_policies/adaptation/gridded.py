@@ -6,11 +6,11 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from gplfd_policies.adaptation.forms import begin_adaptation
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
-from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose
+from gplfd_policies.arrays.shapes import Axes, Covariances, Outputs, Pose, Vectors
 from gplfd_policies.movements.movement import Adaptation, AdaptationForm, Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
@@ -21,30 +21,17 @@ LOOK_AHEAD: Final = 0.05
 def look_ahead(
     phases: Float[Numbers, "*N"], start: Float[Numbers, "*N"]
 ) -> Float[np.ndarray, "*S"]:
-    """Return phases, and the ends of chords of the path that begin at other phases.
-
-    Args:
-        phases: Phases in [0, 1].
-        start: Begin of each chord, or earlier at the end of the task.
-    """
+    """Phases, and both ends of chords of the path from ``start``, or the last one."""
     end = np.minimum(start + LOOK_AHEAD, 1.0)
     return np.array([phases, end - LOOK_AHEAD, end])
 
 
 class GriddedMovement:
-    """A movement under one form of adaptation, evaluated on a uniform grid of phases.
+    """A movement under one form of adaptation, on a uniform grid of phases.
 
     Between grid points mean and σ are interpolated linearly: at 100 points the arc of
-    a 0.65 m door is accurate within 0.06 mm.
-
-    Args:
-        movement: The learned movement; NaN σ for a method without any.
-        form: In which form it adapts to via-points, see `gplfd_policies.adaptation`;
-            None for a movement that does not.
-        n_grid: Number of grid points M, at least 2.
-
-    Raises:
-        ValueError: Fewer than two grid points.
+    a 0.65 m door is accurate within 0.06 mm. The form None is for a movement that does
+    not adapt.
     """
 
     def __init__(
@@ -52,40 +39,24 @@ class GriddedMovement:
     ) -> None:
         if n_grid < 2:
             raise ValueError(f"n_grid must be at least 2, got {n_grid}")
-        self._learned, self._form = movement, form
-        self._n_grid = n_grid
-        self._distribution = self._fresh()
+        self.learned, self._form, self.n_grid = movement, form, n_grid
+        self.distribution = self._fresh()
         self._adapted, self._seen = False, 0.0
-
-    @property
-    def learned(self) -> Movement:
-        """The learned movement."""
-        return self._learned
-
-    @property
-    def n_grid(self) -> int:
-        """Number of grid points M."""
-        return self._n_grid
-
-    @property
-    def distribution(self) -> Adaptation:
-        """The current distribution on the grid."""
-        return self._distribution
 
     def reset(self) -> None:
         """Forget every via-point."""
         if self._adapted:
-            self._distribution = self._fresh()
+            self.distribution = self._fresh()
             self._adapted, self._seen = False, 0.0
 
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on a via-point."""
         self._adapted, self._seen = True, max(self._seen, float(via_point.phase))
-        self._distribution.observe(via_point)
+        self.distribution.observe(via_point)
 
     def _fresh(self) -> Adaptation:
-        grid = np.linspace(0.0, 1.0, self._n_grid)
-        return begin_adaptation(self._learned, self._form, grid)
+        grid = np.linspace(0.0, 1.0, self.n_grid)
+        return begin_adaptation(self.learned, self._form, grid)
 
     def at(self, phase: float) -> tuple[Pose, Pose]:
         """Return mean and standard deviation at a phase in [0, 1], each (6,)."""
@@ -93,12 +64,12 @@ class GriddedMovement:
 
     def trajectory(self) -> GaussianTrajectory:
         """Return the current distribution over the whole task."""
-        known = self._distribution.trajectory()
+        known = self.distribution.trajectory()
         drift = self.drift
         if not drift.any():
             return known
         std = np.hypot(known.std, drift)
-        growth = (drift > 0.0) * self._learned.aligned.drift
+        growth = (drift > 0.0) * self.learned.aligned.drift
         return replace(
             known,
             std=std,
@@ -108,12 +79,9 @@ class GriddedMovement:
 
     @property
     def drift(self) -> Outputs:
-        """Error of the continuation, added to σ on the grid [m, rad].
-
-        Zero up to where the demonstrations end, or up to the last via-point.
-        """
-        aligned = self._learned.aligned
-        grid = np.linspace(0.0, 1.0, self._n_grid)
+        """Error of the continuation beyond what was seen, added to σ [m, rad]."""
+        aligned = self.learned.aligned
+        grid = np.linspace(0.0, 1.0, self.n_grid)
         unseen = np.maximum(grid - max(aligned.end, self._seen), 0.0)
         return np.asarray(unseen[:, None] * aligned.drift)
 
@@ -124,14 +92,10 @@ def _drifting(known: GaussianTrajectory, drift: Outputs) -> Covariances:
 
 
 class GriddedMovements:
-    """Movements on grids of equal size, looked up all at once.
+    """Movements on grids of equal size in one table, looked up all at once.
 
-    Mean and σ of every member are kept in one table, of which a via-point renews only
-    the member's own part.
-
-    Args:
-        movements: One per member, or a single one, of which arrays have no leading
-            axis; adapted in place.
+    A single movement, of which arrays have no leading axis, or one per row; adapted in
+    place.
     """
 
     def __init__(self, movements: GriddedMovement | Sequence[GriddedMovement]) -> None:
@@ -141,27 +105,17 @@ class GriddedMovements:
         self._n_grid, count = self._movements[0].n_grid, len(self._movements)
         shape = () if alone else (count,)
         durations = [movement.learned.duration for movement in self._movements]
-        self._durations = np.reshape(durations, shape)
-        self._numbers = np.reshape(np.arange(count), shape)
+        self.durations = np.reshape(durations, shape)  # of the rows' tasks [s]
+        self.numbers = np.reshape(np.arange(count), shape)
         # The last grid point twice, so that it, too, has a right neighbour.
-        self._first_row = self._numbers * (self._n_grid + 1)
+        self._first_row = self.numbers * (self._n_grid + 1)
         self._table = np.empty((count * (self._n_grid + 1), 12))
         for member in range(count):
             self._renew(member)
 
-    @property
-    def durations(self) -> Float[np.ndarray, "*N"]:
-        """Nominal durations of the members' tasks [s]."""
-        return self._durations
-
-    @property
-    def numbers(self) -> Int[np.ndarray, "*N"]:
-        """The members' numbers, from 0."""
-        return self._numbers
-
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget the via-points of these rows."""
-        for member in np.ravel(self._numbers[rows]).tolist():
+        for member in np.ravel(self.numbers[rows]).tolist():
             self._movements[member].reset()
             self._renew(member)
 
@@ -173,12 +127,7 @@ class GriddedMovements:
     def at(
         self, phases: Float[Numbers, "*S"], rows: Rows = ALL_ROWS
     ) -> tuple[Float[np.ndarray, "*S 6"], Float[np.ndarray, "*S 6"]]:
-        """Return means and standard deviations of these rows.
-
-        Args:
-            phases: Phases in [0, 1], one per member along the last axis.
-            rows: The rows that are meant.
-        """
+        """Return means and standard deviations at one phase in [0, 1] per row."""
         position = phases * (self._n_grid - 1)
         left = position.astype(np.int64)
         share = np.asarray(position - left)[..., None]
@@ -189,40 +138,28 @@ class GriddedMovements:
 
     def at_member(self, member: int, phase: float) -> tuple[Pose, Pose]:
         """Return mean and standard deviation of one member at a phase, each (6,)."""
-        if not self._numbers.shape:
+        if not self.numbers.shape:
             return self.at(np.float64(phase))
         means, stds = self.at(np.array([phase]), np.array([member]))
         return means[0], stds[0]
 
     def ahead(
         self, phases: Float[Numbers, "*N"], rows: Rows = ALL_ROWS
-    ) -> tuple[
-        Float[np.ndarray, "*N 6"], Float[np.ndarray, "*N 6"], Float[np.ndarray, "*N 3"]
-    ]:
-        """Return mean, standard deviation, and the direction of the path from there.
-
-        Args:
-            phases: Phases in [0, 1], one per member.
-            rows: The rows that are meant.
-
-        Returns:
-            Means and standard deviations [m, rad], and unit vectors in the task frame.
-        """
+    ) -> tuple[Axes, Axes, Vectors]:
+        """Return mean and σ [m, rad], and the unit vector of the path from there."""
         means, stds = self.at(look_ahead(phases, phases), rows)
         return means[0], stds[0], self.direction(means[1:])
 
-    def hand_poses(
-        self, poses: Float[np.ndarray, "*N 6"], rows: Rows = ALL_ROWS
-    ) -> Float[np.ndarray, "*N 6"]:
+    def hand_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
         """Return the hand poses for poses of the movements: the same."""
         return poses
 
     @staticmethod
-    def direction(chord: Float[np.ndarray, "2 *N 6"]) -> Float[np.ndarray, "*N 3"]:
+    def direction(chord: Float[np.ndarray, "2 *N 6"]) -> Vectors:
         """Return the unit vectors along chords of paths."""
         between = chord[1, ..., :3] - chord[0, ..., :3]
         length = np.sqrt(np.add.reduce(between * between, axis=-1)) + 1e-9
-        unit: Float[np.ndarray, "*N 3"] = between / length[..., None]
+        unit: Vectors = between / length[..., None]
         return unit
 
     def _renew(self, member: int) -> None:

@@ -1,9 +1,8 @@
 """Adaptation to via-points by the task's own clock, where timing is unknown, too.
 
 This form is ours. A repetition runs early or late: demonstration k reaches phase t at
-its own clock_k(t), which the alignment found, so δτ_k(t) = clock_k(t) − t. The paper's
-alignment drops the clocks. A repetition's δτ is a process of zero mean with the
-covariance
+its own clock_k(t), which the alignment found, so δτ_k(t) = clock_k(t) − t. A
+repetition's δτ is a process of zero mean with the covariance
 
     K_τ(t, t') = (1 + 1/D) [(1 − _STATIONARY) S(t, t') + _STATIONARY s s' k(t, t'; ℓ)],
 
@@ -14,12 +13,11 @@ outputs together along the path:
 
     y_i(t) = m_i(t) + e_i(t) + λ ṁ_i(t) δτ(t),   δτ ~ N(0, K_τ).
 
-δτ is one more block of coefficients that every via-point observes. The path bends
-within the time by which a repetition may be late, so that y is not m + ṁ δτ: mean and
-slope are the best linear ones over N(0, K_τ(t, t)), E m(t + δτ) and E ṁ(t + δτ), and
-their residual joins the deviations (``test_timing_of_a_bend_has_its_moments``). Whether
-the clock is the repetition's own (λ = 1) or the phases are registered after all (λ = 0)
-is decided by the evidence of the via-points: both are conditioned, and weighed by it.
+The path bends within the time by which a repetition may be late: mean and slope are the
+best linear ones over N(0, K_τ(t, t)), E m(t + δτ) and E ṁ(t + δτ), and their residual
+joins the deviations (``test_timing_of_a_bend_has_its_moments``). Whether the clock is
+the repetition's own (λ = 1) or the phases are registered after all (λ = 0) is decided
+by the evidence of the via-points: both are conditioned, and weighed by it.
 """
 
 from dataclasses import replace
@@ -52,13 +50,7 @@ _POINTS: Final = 7
 def timing_covariance(
     times: Times, clocks: Curves, phases: Float[np.ndarray, " N"]
 ) -> Float[np.ndarray, "N N"]:
-    """K_τ at any phases.
-
-    Args:
-        times: common phases.
-        clocks: own clock of D ≥ 2 demonstrations there.
-        phases: where K_τ is evaluated; beyond the ends as at the ends.
-    """
+    """K_τ at phases, beyond the ends as at the ends, from D ≥ 2 clocks at ``times``."""
     count = len(clocks)
     late = np.stack([np.interp(phases, times, clock - times) for clock in clocks])
     sample = late.T @ late / (count - 1)
@@ -70,9 +62,11 @@ def timing_covariance(
 
 
 class OwnClockAdaptation:
-    """Exact conditioning of path and timing together, weighed against path alone.
+    """Conditioning of path and timing together, mixed with that of path alone.
 
-    Mean and variance are those of the mixture of the two.
+    Raises:
+        ValueError: if the demonstrations' clocks are not known, and as
+            `ProcessAdaptation`.
     """
 
     @one_thread

@@ -1,10 +1,9 @@
 """Exact Gaussian conditioning on via-points, in two forms.
 
 `ProcessAdaptation` is ours: a repetition of the task deviates from the mean as the
-demonstrations did (`gplfd_policies.gp.deviations`), so that once the door's radius is
-known, it is known for the rest of the motion. `ExactAdaptation` conditions the paper's
-model, whose deviations are white. The paper's own approximation of the latter is
-`gplfd_policies.adaptation.product`.
+demonstrations did (`gplfd_policies.gp.deviations`), so that the door's radius, once
+known, is known for the rest of the motion. `ExactAdaptation` conditions the paper's
+model, whose deviations are white.
 """
 
 from dataclasses import replace
@@ -38,11 +37,6 @@ class StudentProcess(ConditionedProcess):
     matching via-points with a generous σ_v must not make the robot over-confident, or
     stiff. Intervals keep ν degrees of freedom, because the via-points of one repetition
     all observe the same deviation.
-
-    Args:
-        prior: the process before any via-point.
-        free: ν.
-        grid: phases at which the distribution is reported.
     """
 
     def __init__(self, prior: Repetition, free: float, grid: Times) -> None:
@@ -65,10 +59,9 @@ class StudentProcess(ConditionedProcess):
 
     @property
     def log_evidence(self) -> float:
-        """Logarithm of the Student-t density of all via-points together.
+        """Log Student-t density of all via-points, up to a constant of their number.
 
-        Up to a constant that depends on their number only, with one scale for all
-        outputs, so that their order does not matter.
+        One scale for all outputs makes it independent of their order.
         """
         power = 0.5 * (self._free + float(np.sum(self._observed)))
         surprise = np.log1p(self._sequential / self._free)
@@ -150,8 +143,7 @@ class ExactAdaptation(ConditionedProcess):
 
     Eq. (19) of Arduengo et al., arXiv:2002.09979, approximates this by a product. The
     spread r(t) stays white, so a via-point only corrects the uncertainty of the *mean*:
-    it bends the policy nearby and does not inform the rest, and the uncertainty there
-    does not fall. Independent of the grid
+    it bends the policy nearby and does not inform the rest. Independent of the grid
     (``test_exact_equals_gp_on_demonstrations_and_via_points``).
     """
 
@@ -192,10 +184,9 @@ def demonstrated_repetition(
 ) -> Repetition:
     """The prior of a repetition; arguments as of `ProcessAdaptation`.
 
-    Both the repetition and the mean of D demonstrations deviate, so the variance is
-    that of `Skill.predict`: r + r/D, or more outside the demonstrations. The smooth
-    covariance is that of the model, mixed with that of the demonstrations' own curves,
-    which the model first frees of white noise.
+    The variance is that of `Skill.predict`: r + r/D, or more outside the
+    demonstrations. The smooth covariance mixes the model's with that of the
+    demonstrations' own curves, which the model first frees of white noise.
     """
     if empirical_share is None:
         empirical_share = conjugate_share(skill.count)

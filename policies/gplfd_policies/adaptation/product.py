@@ -140,11 +140,7 @@ class ProductAdaptation:
 
     @one_thread
     def trajectory(self) -> GaussianTrajectory:
-        """The current distribution on the grid.
-
-        A product is defined on the grid only, so its rates are differences of
-        neighbouring predictions, except before the first via-point.
-        """
+        """The current distribution; after a via-point with differences as rates."""
         rates = (self._demonstrated.mean_rate, self._demonstrated.std_rate)
         grid = self._demonstrated.times
         if self._via_points and len(grid) > 1:

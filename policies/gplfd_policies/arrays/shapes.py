@@ -24,3 +24,9 @@ OutputCurves = Float[np.ndarray, "D M 6"]
 """The same of every demonstration."""
 Covariances = Float[np.ndarray, "6 M M"]
 """Covariance over time of every output."""
+SixAxes = Float[np.ndarray, " 6"]
+"""One number for each translation and each rotation of a hand."""
+Axes = Float[np.ndarray, "*N 6"]
+"""The same of one hand, without a leading axis, or of N hands."""
+Vectors = Float[np.ndarray, "*N 3"]
+"""Positions, directions or forces of one hand or of N hands."""

@@ -1,9 +1,9 @@
 """The virtual spring-mass-damper that turns forces into displacements."""
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
+from gplfd_policies.arrays.shapes import Axes
 from gplfd_policies.control.stiffness import VirtualDynamics
 
 
@@ -11,18 +11,12 @@ class Admittance:
     """Integrates M ë + D ė + K e = F, Eq. (22), implicitly at the control rate.
 
     e is the displacement of the commanded from the desired pose and F the force and
-    torque that the environment exerts on the hand, both in the task frame: a door that
-    holds the hand back pulls the command towards itself. e[3:] is a rotation vector in
-    the axes of the task frame; the commanded rotation is exp(e[3:]) exp(desired[3:]).
+    torque that the environment exerts on the hand, both in the task frame. e[3:] is a
+    rotation vector; the commanded rotation is exp(e[3:]) exp(desired[3:]).
 
     Implicit Euler, v' = (m v + h(F - K e))/(m + h D + h² K), e' = e + h v', is stable
     for every step h and only adds damping. Semi-implicit Euler with the published gains
     is unstable at 50 ms: `test_eq22_is_stable_where_semi_implicit_euler_diverges`.
-
-    Args:
-        dynamics: Virtual mass and damping ratio; the damping follows the stiffness.
-        shape: Leading axes of all arrays: () for one hand, (N,) for N hands, each
-            displaced on its own.
     """
 
     def __init__(self, dynamics: VirtualDynamics, shape: tuple[int, ...] = ()) -> None:
@@ -31,12 +25,12 @@ class Admittance:
         self._velocity = np.zeros((*shape, 6))
 
     @property
-    def displacement(self) -> Float[np.ndarray, "*N 6"]:
+    def displacement(self) -> Axes:
         """e: commanded minus desired pose [m, rad]."""
         return self._displacement.copy()
 
     @property
-    def velocity(self) -> Float[np.ndarray, "*N 6"]:
+    def velocity(self) -> Axes:
         """Rate of e [m/s, rad/s]."""
         return self._velocity.copy()
 
@@ -47,25 +41,12 @@ class Admittance:
 
     def step(
         self,
-        stiffness: Float[np.ndarray, "*N 6"],
-        wrench: Float[np.ndarray, "*N 6"],
+        stiffness: Axes,
+        wrench: Axes,
         dt: float,
         rows: Rows = ALL_ROWS,
-    ) -> Float[np.ndarray, "*N 6"]:
-        """Advance by one control period.
-
-        Args:
-            stiffness: k_p of these rows on each axis [N/m, N m/rad].
-            wrench: Force and torque on their hands, task frame [N, N m].
-            dt: Control period h [s].
-            rows: The rows that are meant.
-
-        Returns:
-            The displacement e at its end [m, rad], (*N, 6); yours to change.
-
-        Raises:
-            ValueError: If `dt` is not positive.
-        """
+    ) -> Axes:
+        """Advance these rows by a period [s]; return e at its end, yours to change."""
         if not dt > 0.0:
             raise ValueError(f"dt must be positive [s], got {dt}")
         mass, before = self._dynamics.mass, self._displacement[rows]

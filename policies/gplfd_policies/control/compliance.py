@@ -1,28 +1,23 @@
 """Compliance control: movement, adaptation, stiffness and admittance, step by step.
 
-Implements Section IV-B of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979: the door's motion, observed while opening it, adapts
-the movement; its uncertainty sets the stiffness; the virtual dynamics move the
-set-point of a position-controlled arm.
-
-One implementation serves one hand and many. The arrays of many hands have a leading
-axis of rows, each with its own door, which share the cost of NumPy's calls. A row's
-result does not depend on the other rows, to the last bit: arithmetic is elementwise,
-a sum over a direction is taken by NumPy in one order, and matrices (of one row's
-policy) have the same shape in a batch as alone. BLAS products such as ``vecdot`` are
-not used across rows: some kernels add in an order that depends on the memory address.
+Section IV-B of Arduengo et al., *Gaussian-Process-based Robot Learning from
+Demonstration*, arXiv:2002.09979. One implementation serves one hand and many, whose
+arrays have a leading axis of rows. A row's result does not depend on the other rows, to
+the last bit: arithmetic is elementwise, a sum over a direction is taken by NumPy in one
+order, and BLAS products such as ``vecdot``, some of which add in an order that depends
+on the memory address, are not used across rows.
 """
 
 import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
+from gplfd_policies.arrays.shapes import Axes
 from gplfd_policies.control.load import ContactState, LearnedLoad, Load, LoadRule
 from gplfd_policies.control.rendering import Rendering, VirtualRendering
 from gplfd_policies.control.stability import StiffnessGovernor
@@ -36,8 +31,6 @@ from gplfd_policies.control.stiffness import (
 from gplfd_policies.movements.trajectory import ViaPoint
 from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseObserver
 
-Poses = Float[np.ndarray, "*N 6"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ComplianceConfig:
@@ -45,29 +38,21 @@ class ComplianceConfig:
 
     load: LoadRule = field(default_factory=LearnedLoad)
     """How the load of the door is compensated."""
-
     profile: StiffnessProfile = DEFAULT_PROFILE
     """Stiffness as a function of uncertainty, Eq. (24)."""
-
     dynamics: VirtualDynamics = DEFAULT_DYNAMICS
     """Mass and damping ratio of what the stiffness is rendered with, Eq. (22)."""
-
     rendering: Rendering = field(default_factory=VirtualRendering)
     """What renders it: virtual dynamics, or the arm itself."""
-
     control_period: float = quantity(CONTROL_PERIOD, above=0.0, unit="s")
     """Time between two commands [s]."""
-
     via_spacing: float = quantity(0.01, above=0.0)
     """Progress between two via-points, in phase."""
-
     via_std: tuple[float, float] = POSE_ERROR
     """Noise of an observed via-point: position [m], rotation [rad]."""
-
     max_turn_lead: float = quantity(0.05, above=0.0)
     """How far the set-point's rotation may run ahead of the hand, in phase. It turns
     with the handle: turning first would only twist the hand on the bar."""
-
     phase_drop: float = quantity(0.1, above=0.0)
     """Fall of the observed phase below the last via-point, in phase, from which that
     phase counts as wrong and via-points are taken again. Tuned: ten times
@@ -100,12 +85,6 @@ class ComplianceController:
 
     `gplfd_policies.handles.adapter.controller_of` makes one, with adapters around
     movements, phases and load where handles turn.
-
-    Args:
-        movements: The movements that are followed; adapted in place.
-        phases: Finds the phases of observed poses.
-        load: State of `ComplianceConfig.load`.
-        config: Stiffness, timing and via-points.
     """
 
     def __init__(
@@ -139,13 +118,10 @@ class ComplianceController:
             phase[rows] = 0.0
         self._std[rows] = np.nan
 
-    def decide(self, poses: Poses, wrenches: Poses, rows: Rows = ALL_ROWS) -> AgentStep:
+    def decide(self, poses: Axes, wrenches: Axes, rows: Rows = ALL_ROWS) -> AgentStep:
         """Return the commands of these rows for the next control period.
 
-        Args:
-            poses: Poses of these rows' hands, task frame [m, rad].
-            wrenches: Forces and moments on them [N, N m].
-            rows: The rows that act. Nothing changes for the others.
+        Axes [m, rad] and wrenches [N, N m] are those of their hands in the task frame.
         """
         config, movements = self._config, self._movements
         period = config.control_period

@@ -1,9 +1,7 @@
 """Stability of the admittance while something rigid holds the hand.
 
-The conditions of `gplfd_policies.control.stability` are those of the virtual
-dynamics alone, Eq. (22) with F = 0. A hand that is held closes another loop: the
-displacement e of the command stretches the servo, whose force comes back as F after a
-delay τ,
+A hand that is held closes a loop around the virtual dynamics: the displacement e of the
+command stretches the servo, whose force comes back as F after a delay τ,
 
     m ë(t) + d ė(t) + k e(t) = F(t) = -k_s e(t - τ),
 
@@ -21,25 +19,18 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import freeze
-
-Axes = Float[np.ndarray, "*N 6"]
+from gplfd_policies.arrays.shapes import Axes, SixAxes
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ContactLoop:
-    """Admittance, delay, servo and a rigidly held hand, axis by axis; read-only.
+    """Admittance, delay, servo and a rigidly held hand, axis by axis; read-only."""
 
-    Raises:
-        ValueError: If the stiffness is not (6,), finite and positive, the delay
-            negative or infinite, or the period not positive and finite.
-    """
-
-    stiffness: Float[np.ndarray, " 6"]
+    stiffness: SixAxes
     """k_s: force per displacement of the command [N/m, N m/rad]."""
     delay: float
     """τ: longest time from a command to its effect on the measured force, beyond the
@@ -62,17 +53,14 @@ class ContactLoop:
             )
 
     @property
-    def sufficient_damping(self) -> Float[np.ndarray, " 6"]:
+    def sufficient_damping(self) -> SixAxes:
         """k_s τ: damping with which the loop is stable for every m > 0 and k > 0.
 
-        For whole periods of delay; without any delay it asks for
-        4m/h² + 2d/h + k > k_s besides. No smaller damping will do for every mass.
+        For whole periods τ > 0; no smaller damping will do for every mass.
         """
         return np.asarray(self.stiffness * self.delay)
 
-    def tolerated_delay(
-        self, stiffness: Axes, damping: Axes, mass: Float[np.ndarray, " 6"]
-    ) -> Axes:
+    def tolerated_delay(self, stiffness: Axes, damping: Axes, mass: SixAxes) -> Axes:
         """Return the delay up to which the loop is stable [s].
 
         Where k < k_s it is unstable at every longer one. The gain of the loop is one
@@ -83,11 +71,6 @@ class ContactLoop:
         and its phase reaches -180° there with a delay of
         h/θ arctan2(B √(p(1 - p)), A p - k). Infinite where the gain is below one at
         every frequency, zero where it is above.
-
-        Args:
-            stiffness: k of the admittance [N/m, N m/rad].
-            damping: d with which it is rendered [N s/m, N m s/rad].
-            mass: m [kg, kg m²].
         """
         inertia = mass / (self.period * self.period)
         resistance = damping / self.period + stiffness
@@ -105,13 +88,8 @@ class ContactLoop:
         delay = self.period * lead / (2.0 * np.arcsin(np.sqrt(share)))
         return np.where(crosses, delay, np.inf)
 
-    def margin(
-        self, stiffness: Axes, damping: Axes, mass: Float[np.ndarray, " 6"]
-    ) -> Axes:
-        """Return how much more delay than `delay` the loop tolerates [s].
-
-        Negative: a held hand begins to oscillate. Arguments as in `tolerated_delay`.
-        """
+    def margin(self, stiffness: Axes, damping: Axes, mass: SixAxes) -> Axes:
+        """Return the delay tolerated beyond `delay` [s]; negative if it oscillates."""
         return self.tolerated_delay(stiffness, damping, mass) - self.delay
 
 

@@ -1,11 +1,10 @@
 """Load compensation along the path: what the hand does about the door's resistance.
 
-In Eq. (22) of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979, every external force displaces the set-point. A force
-*across* the path shows that the path is wrong, and yielding is right. The force *along*
-it may be the door's weight, to which yielding only stretches the virtual spring until a
-heavy door stalls; or a person who holds the hand, for whom yielding is right. The past
-distinguishes them: a door was as heavy a centimetre ago.
+In Eq. (22) of Arduengo et al., arXiv:2002.09979, every external force displaces the
+set-point. A force *across* the path shows that the path is wrong, and yielding is
+right. The force *along* it may be the door's weight, under which a hand that yields
+stalls, or a person who holds the hand. The past distinguishes them: a door was as heavy
+a centimetre ago.
 """
 
 from dataclasses import dataclass
@@ -15,12 +14,11 @@ import numpy as np
 from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
+from gplfd_policies.arrays.shapes import Axes, Vectors
 from gplfd_policies.control.stiffness import StiffnessProfile
 
-Wrench = Float[np.ndarray, "*N 6"]
-Pose = Float[np.ndarray, "*N 6"]
-Direction = Float[np.ndarray, "*N 3"]
 Amount = Float[Numbers, "*N"]
 
 _NO_STIFFNESS: Final = 1e-9
@@ -33,13 +31,13 @@ _NO_LIMIT: Final = "to carry nothing use YieldToAll"
 class ContactState:
     """Contact of some hands in one control step; task frame."""
 
-    wrench: Wrench
+    wrench: Axes
     """Force and moment on the hand [N, N m]."""
-    direction: Direction
+    direction: Vectors
     """Unit vector along which the policy moves the hand."""
-    pose: Pose
+    pose: Axes
     """Pose of the hand [m, rad]."""
-    displacement: Direction
+    displacement: Vectors
     """How far it has been displaced: e of Eq. (22) [m]."""
     hook_grasp: bool = False
     """Whether the fingers stand behind a handle that they have turned, and do not hold
@@ -50,7 +48,7 @@ class ContactState:
 class LoadResponse:
     """Response to a contact state."""
 
-    compliant_wrench: Wrench
+    compliant_wrench: Axes
     """Wrench that displaces the set-point: F of Eq. (22) [N, N m]."""
     compensated_load: Amount
     """Resistance along the path that is compensated, not part of `compliant_wrench`
@@ -82,12 +80,7 @@ class LoadRule(Protocol):
     """
 
     def begin(self, profile: StiffnessProfile, shape: tuple[int, ...] = ()) -> Load:
-        """Return the rule's state before the first step.
-
-        Args:
-            profile: Stiffness as a function of uncertainty.
-            shape: Leading axes of all arrays: () for one hand, (N,) for N hands.
-        """
+        """Return the rule's state for one hand, shape (), or for N hands, (N,)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -105,21 +98,17 @@ class LearnedLoad:
     not where the policy has it, so σ'² = σ² + (g u)² sets the stiffness. A hand that is
     held becomes soft; a free one becomes stiff again, as fast as the governor lets it.
 
-    r̂ is `limit` at first, for a door that has not moved yet, and then follows, over
-    `stretch` metres of path, what it took to move the hand on: the maximum in a step of
-    `step` metres, for a leaf that sticks and slips resists less where it moves than
-    where it has to be started. Standing still changes nothing: a person who holds the
-    hand is not the door's weight.
+    r̂ is `limit` at first, and then follows, over `stretch` metres of path, what it
+    took to move the hand on: the maximum in a step of `step` metres, for a leaf that
+    sticks and slips resists less where it moves than where it has to be started. A
+    person who holds the hand, which then stands still, is not the door's weight.
 
     The clock slows down as the hand lags, and waits at `lag`: of the lag itself and, as
     far as the door is known (from 0 to 1 over the same way as r̂), of that to which the
     force will lead, (r - compensated)/k_min. What holds the hand finally bears
     k_min (ℓ + `lag`), 13 N with the default profile
-    (``test_what_holds_the_hand_bears_the_least_stiffness``).
-
-    All this is for a friction grasp. Fingers that stand behind a handle do not slip:
-    h `limit` and h ℓ take the places of `limit` and ℓ, and what holds the hand bears
-    26 N.
+    (``test_what_holds_the_hand_bears_the_least_stiffness``). Behind a handle, where
+    fingers do not slip, h `limit` and h ℓ take the places of `limit` and ℓ: 26 N.
     """
 
     limit: float = quantity(25.0, above=0.0, unit="N", reason=_NO_LIMIT)
@@ -220,8 +209,19 @@ class LoadLearner:
         )
 
 
+class _Stateless(Load):
+    """Base of rules that are their own state, because they have none."""
+
+    def begin(self, profile: StiffnessProfile, shape: tuple[int, ...] = ()) -> Load:
+        """Return itself."""
+        return self
+
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
+        """Do nothing."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
-class CarriedLoad:
+class CarriedLoad(_Stateless, Settings):
     """Compensates resistance along the path up to a limit; yields to everything else.
 
     The clock's pace is 1 without load, 0 at the limit, and down to -1 from 1.19 times
@@ -232,23 +232,11 @@ class CarriedLoad:
     """Greatest resistance that is compensated [N]. A friction grasp of 16 N per finger
     slips at 37 N."""
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-    def begin(
-        self, profile: StiffnessProfile, shape: tuple[int, ...] = ()
-    ) -> "CarriedLoad":
-        """Return itself: the rule has no state."""
-        return self
-
-    def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Do nothing: the rule has no state."""
-
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
         """Return the response to the contact, see `compensate`."""
         return self.compensate(contact.wrench, contact.direction)
 
-    def compensate(self, wrench: Wrench, direction: Direction) -> LoadResponse:
+    def compensate(self, wrench: Axes, direction: Vectors) -> LoadResponse:
         """Return the response to wrenches on hands that move along directions."""
         resistance = _resistance(wrench, direction)
         compensated = np.minimum(resistance, self.limit)
@@ -261,17 +249,8 @@ class CarriedLoad:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class YieldToAll:
+class YieldToAll(_Stateless):
     """Every force displaces the set-point, which never waits: Eq. (22) as printed."""
-
-    def begin(
-        self, profile: StiffnessProfile, shape: tuple[int, ...] = ()
-    ) -> "YieldToAll":
-        """Return itself: the rule has no state."""
-        return self
-
-    def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Do nothing: the rule has no state."""
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
         """Return the wrenches as they are, and the clock's pace."""
@@ -284,23 +263,23 @@ class YieldToAll:
         )
 
 
-def _along(direction: Direction, vectors: Float[np.ndarray, "*N V"]) -> Amount:
+def _along(direction: Vectors, vectors: Float[np.ndarray, "*N V"]) -> Amount:
     """Return the component of the first three numbers along a direction."""
     # Not `vecdot`: see `gplfd_policies.control.compliance`.
     return np.asarray(np.add.reduce(direction * vectors[..., :3], axis=-1))
 
 
-def _stretched(stiffness: Float[np.ndarray, "*#N 6"], direction: Direction) -> Amount:
+def _stretched(stiffness: Float[np.ndarray, "*#N 6"], direction: Vectors) -> Amount:
     """Return the stiffness against a displacement along a direction [N/m]."""
     return _along(direction, stiffness[..., :3] * direction)
 
 
-def _resistance(wrench: Wrench, direction: Direction) -> Amount:
+def _resistance(wrench: Axes, direction: Vectors) -> Amount:
     """Return the force along the path that holds the hands back [N]."""
     return np.asarray(np.maximum(-_along(direction, wrench), 0.0))
 
 
-def _without(wrench: Wrench, load: Amount, direction: Direction) -> Wrench:
+def _without(wrench: Axes, load: Amount, direction: Vectors) -> Axes:
     """Return the wrenches without the load that is compensated."""
     left = wrench.copy()
     left[..., :3] += np.asarray(load)[..., None] * direction

@@ -1,98 +1,31 @@
 """Where compliance is realised: in the set-point (virtual dynamics) or in the arm.
 
-Both renderings get the desired pose, the stiffness, the wrench to yield to and the
-force to compensate. Virtual dynamics move the set-point of a stiff arm by the measured
-force, Eq. (22) of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979. A commanded stiffness makes the arm itself compliant,
-without force measurement.
+Virtual dynamics move the set-point of a stiff arm by the measured force, Eq. (22) of
+Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
+arXiv:2002.09979. A commanded stiffness makes the arm itself compliant, without force
+measurement.
 """
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final, Protocol, runtime_checkable
+from typing import ClassVar, Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.conventions.constants import Control
 from gplfd_env.spatial.se3 import compose_rotvecs
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import quantity
+from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
+from gplfd_policies.arrays.shapes import Axes, Vectors
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.contact import HELD_HAND
 from gplfd_policies.control.stiffness import VirtualDynamics
-
-Axes = Float[np.ndarray, "*N 6"]
-Vectors = Float[np.ndarray, "*N 3"]
 
 ARM_DYNAMICS: Final = VirtualDynamics(mass=np.repeat([4.0, 0.15], 3), damping_ratio=1.0)
 """What the arm of `gplfd_env` shows at the hand when it renders a stiffness itself."""
 
 Range = tuple[tuple[float, float], tuple[float, float]]
-
-
-@runtime_checkable
-class Renderer(Protocol):
-    """Turns decisions of one hand, or of many, into set-points."""
-
-    def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Begin at rest at the desired pose."""
-
-    def displacement(self, hands: Vectors, rows: Rows = ALL_ROWS) -> Vectors:
-        """Return how far hands have been displaced from their desired positions [m].
-
-        Args:
-            hands: Positions of these rows' hands, task frame [m].
-            rows: The rows that are meant.
-        """
-
-    def contact_margin(self, stiffness: Axes) -> Axes:
-        """Return the delay that a held hand tolerates beyond the longest expected [s].
-
-        Args:
-            stiffness: What is rendered [N/m, N m/rad].
-        """
-
-    def step(
-        self,
-        desired: Axes,
-        velocity: Vectors,
-        stiffness: Axes,
-        *,
-        compliant_wrench: Axes,
-        compensated_force: Vectors,
-        rows: Rows = ALL_ROWS,
-    ) -> Axes:
-        """Return the set-points of these rows for the next control period.
-
-        Args:
-            desired: Where the policy wants the hand, task frame [m, rad].
-            velocity: How fast its position moves along the path [m/s].
-            stiffness: How stiffly [N/m, N m/rad].
-            compliant_wrench: Part of the wrench on the hand that is to displace it
-                [N, N m].
-            compensated_force: Force that the hand is to exert without being displaced
-                [N].
-            rows: The rows that are meant.
-        """
-
-
-@runtime_checkable
-class Rendering(Protocol):
-    """A way to render stiffness: settings, of which a `Renderer` is made."""
-
-    @property
-    def control(self) -> Control:
-        """What commands the arm; each is an environment of its own."""
-
-    @property
-    def stiffness_range(self) -> Range:
-        """What can be rendered: translation [N/m], rotation [N m/rad]."""
-
-    def renderer(
-        self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
-    ) -> Renderer:
-        """Return what renders for one hand (``()``) or for N hands (``(N,)``)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -104,12 +37,14 @@ class VirtualRendering:
 
     def renderer(
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
-    ) -> Renderer:
-        """Return an `Admittance` around the desired pose."""
-        return _VirtualRenderer(dynamics, period, shape)
+    ) -> "VirtualRenderer":
+        """Return what renders for one hand, shape (), or for N hands, (N,)."""
+        return VirtualRenderer(dynamics, period, shape)
 
 
-class _VirtualRenderer:
+class VirtualRenderer:
+    """An `Admittance` around the desired poses."""
+
     def __init__(
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
     ) -> None:
@@ -118,12 +53,15 @@ class _VirtualRenderer:
         self._held = replace(HELD_HAND, period=period)
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
+        """Begin at rest at the desired poses."""
         self._admittance.reset(rows)
 
     def displacement(self, hands: Vectors, rows: Rows = ALL_ROWS) -> Vectors:
+        """Return how far hands have been displaced from their desired positions [m]."""
         return self._admittance.displacement[rows][..., :3]  # e of Eq. (22)
 
     def contact_margin(self, stiffness: Axes) -> Axes:
+        """Return the delay that a held hand tolerates beyond the longest one [s]."""
         damping = self._dynamics.damping(stiffness)
         return self._held.margin(stiffness, damping, self._dynamics.mass)
 
@@ -137,6 +75,7 @@ class _VirtualRenderer:
         compensated_force: Vectors,
         rows: Rows = ALL_ROWS,
     ) -> Axes:
+        """Return desired poses [m, rad] that yield to the compliant wrench [N, N m]."""
         # The stiff arm exerts the compensated force without a lead.
         offset = self._admittance.step(stiffness, compliant_wrench, self._period, rows)
         action: Axes = desired + offset
@@ -145,7 +84,7 @@ class _VirtualRenderer:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ArmRendering:
+class ArmRendering(Settings):
     """The arm's servo is commanded the stiffness; the set-point is the desired pose.
 
     But for two leads, without which a soft arm would lag behind the policy:
@@ -159,9 +98,6 @@ class ArmRendering:
     * The servo's damper brakes the hand's own motion, that of the virtual dynamics its
       deviation. The set-point leads by d v/k where it moves at v, smoothed: load sets
       the clock's pace, and with it v, which sets the load.
-
-    Raises:
-        ValueError: If the smoothing is negative or not finite.
     """
 
     control: ClassVar[Control] = "impedance"
@@ -173,18 +109,17 @@ class ArmRendering:
     it the force of the lead by 2.7 N per newton: unsmoothed, it would alternate from
     period to period."""
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
     def renderer(
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
-    ) -> Renderer:
-        """Return what leads the desired pose."""
+    ) -> "ArmRenderer":
+        """Return what renders for one hand, shape (), or for N hands, (N,)."""
         share = period / (period + self.smoothing)
-        return _ArmRenderer(dynamics, share, self.stiffness_range[0][1], shape)
+        return ArmRenderer(dynamics, share, self.stiffness_range[0][1], shape)
 
 
-class _ArmRenderer:
+class ArmRenderer:
+    """What leads the desired poses."""
+
     def __init__(
         self,
         dynamics: VirtualDynamics,
@@ -197,13 +132,16 @@ class _ArmRenderer:
         self._rest = np.zeros((*shape, 3))  # where the load alone would hold the hand
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
+        """Begin at rest at the desired poses."""
         self._velocity[rows] = 0.0
         self._rest[rows] = 0.0
 
     def displacement(self, hands: Vectors, rows: Rows = ALL_ROWS) -> Vectors:
+        """Return how far hands have been displaced from their desired positions [m]."""
         return np.asarray(hands - self._rest[rows])
 
     def contact_margin(self, stiffness: Axes) -> Axes:
+        """Return the delay that a held hand tolerates beyond the longest one [s]."""
         return np.full(stiffness.shape, np.inf)  # there is no loop through the command
 
     def step(
@@ -216,6 +154,7 @@ class _ArmRenderer:
         compensated_force: Vectors,
         rows: Rows = ALL_ROWS,
     ) -> Axes:
+        """Return desired poses that lead by the compensated force and velocity."""
         before = self._velocity[rows]
         smooth = before + self._share * (velocity - before)
         self._velocity[rows] = smooth
@@ -226,3 +165,7 @@ class _ArmRenderer:
         action = desired.copy()
         action[..., :3] = rest + pull / stiffness[..., :3]
         return action
+
+
+Rendering = VirtualRendering | ArmRendering
+"""A way to render stiffness: settings, of which a renderer is made."""

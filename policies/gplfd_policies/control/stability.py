@@ -3,62 +3,45 @@
 Kronander & Billard, *Stability Considerations for Variable Impedance Control*, IEEE
 T-RO 32(5), 2016: the system M ë + D(t) ė + K(t) e = 0 is globally asymptotically stable
 if for some γ > 0 the matrices γM - D and K̇ + γḊ - 2γK are negative (semi-) definite.
-With diagonal matrices and d = 2δ√(m k), this bounds the rate of every k. With
-``printed=True`` the bounds keep the constants of Arduengo et al., arXiv:2002.09979,
-which are on the safe side but larger than needed.
-
-Only a *rising* stiffness is bounded, and the stiffness rises when the uncertainty
-*falls*.
+With diagonal matrices and d = 2δ√(m k), this bounds the rate of every k while it rises,
+which is while the uncertainty *falls*. The constants of Arduengo et al.,
+arXiv:2002.09979, are on the safe side but larger than needed (``printed=True``).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
+from gplfd_policies.arrays.shapes import Axes, SixAxes
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
 
 _USED_SHARE = 0.999
 """The conditions are strict inequalities: the governor stops just short of equality."""
 
 
-def decay_rate(
-    k_min: Float[np.ndarray, " 6"], dynamics: VirtualDynamics
-) -> Float[np.ndarray, " 6"]:
+def decay_rate(k_min: SixAxes, dynamics: VirtualDynamics) -> SixAxes:
     """Return γ = d(k_min)/m [1/s], the largest for which γM - D stays negative.
 
     Without least damping it is 2δ√(k_min/m).
-
-    Args:
-        k_min: Least stiffness that ever occurs [N/m, N m/rad].
-        dynamics: Virtual mass and damping ratio.
     """
     return np.asarray(dynamics.damping(k_min) / dynamics.mass)
 
 
 def rate_bound(
-    stiffness: Float[np.ndarray, "*T 6"],
-    k_min: Float[np.ndarray, " 6"],
+    stiffness: Axes,
+    k_min: SixAxes,
     dynamics: VirtualDynamics,
     *,
     printed: bool = False,
-) -> Float[np.ndarray, "*T 6"]:
+) -> Axes:
     """Return the tight bound on dk/dt at a stiffness: 2γ k^{3/2}/(√k + δγ√m).
 
-    `test_eq23_tight_bound_follows_from_condition_2` derives it. It rises with k:
-    what it is at k_min, 4δ k_min^{3/2}/((1 + 2δ²)√m), holds at every k, Eq. (27). Where
-    the least damping acts, which does not grow with k, it is sufficient and not tight.
-
-    Args:
-        stiffness: Stiffness k [N/m, N m/rad].
-        k_min: Least stiffness that ever occurs, which sets γ.
-        dynamics: Virtual mass and damping ratio.
-        printed: Whether to return Eq. (23) as printed, with 2δ for δ: sufficient, not
-            tight. At k_min it is Eq. (27) as printed, with 1 + 4δ² for 1 + 2δ².
-
-    Returns:
-        Bound on the rate [N/(m s), N m/(rad s)].
+    `test_eq23_tight_bound_follows_from_condition_2` derives it [N/(m s), N m/(rad s)].
+    It rises with k: what it is at k_min, 4δ k_min^{3/2}/((1 + 2δ²)√m), holds at every
+    k, Eq. (27). Where the least damping acts, which does not grow with k, it is
+    sufficient and not tight. ``printed`` gives Eq. (23) as printed, with 2δ for δ, also
+    only sufficient; at k_min that is Eq. (27) as printed, with 1 + 4δ² for 1 + 2δ².
     """
     gamma = decay_rate(k_min, dynamics)
     share = 2.0 if printed else 1.0
@@ -69,24 +52,16 @@ def rate_bound(
 
 def uncertainty_fall_bound(
     profile: StiffnessProfile, dynamics: VirtualDynamics, *, printed: bool = False
-) -> Float[np.ndarray, " 6"]:
+) -> SixAxes:
     """Return the bound on -dσ/dt that keeps the profile stable at every σ, Eq. (28).
 
-    16δ k_min^{3/2}/(α (k_max - k_min)(1 + 2δ²)√m): the bound at k_min over the largest
-    slope of the profile, Eq. (26). Infinite where the stiffness is constant.
+    16δ k_min^{3/2}/(α (k_max - k_min)(1 + 2δ²)√m) [m/s, rad/s]: the bound at k_min over
+    the largest slope of the profile, Eq. (26). Infinite for a constant stiffness.
+    ``printed`` gives the right side as printed, with 1 + 4δ² for 1 + 2δ².
 
-    Note:
-        Eq. (28) is printed as a bound on +dσ/dt, and the text concludes that falling
-        uncertainty is always stable. It is rising uncertainty that is:
-        `test_eq28_bounds_falling_uncertainty`.
-
-    Args:
-        profile: The stiffness profile, Eq. (24).
-        dynamics: Virtual mass and damping ratio.
-        printed: Whether to return the right side as printed, with 1 + 4δ² for 1 + 2δ².
-
-    Returns:
-        Bound on the rate at which σ may fall [m/s, rad/s].
+    Eq. (28) is printed as a bound on +dσ/dt, and the text concludes that falling
+    uncertainty is always stable. It is rising uncertainty that is:
+    `test_eq28_bounds_falling_uncertainty`.
     """
     constant = rate_bound(profile.k_min, profile.k_min, dynamics, printed=printed)
     steepest = profile.alpha * (profile.k_max - profile.k_min) / 4.0
@@ -98,16 +73,16 @@ def uncertainty_fall_bound(
 class GovernedStiffness:
     """What a `StiffnessGovernor` allows in one control step."""
 
-    stiffness: Float[np.ndarray, "*N 6"]
+    stiffness: Axes
     """Stiffness to render [N/m, N m/rad]."""
-    rate: Float[np.ndarray, "*N 6"]
+    rate: Axes
     """Its rate over the step [N/(m s), N m/(rad s)]."""
-    margin: Float[np.ndarray, "*N 6"]
+    margin: Axes
     """The tight pointwise bound minus the rate; always positive."""
 
 
 class StiffnessGovernor:
-    """Follows a wished stiffness as fast as stability allows.
+    """Follows a wished stiffness as fast as stability allows, and never below k_min.
 
     A rise is limited to the tight pointwise bound at the current stiffness; a fall is
     free. d(k) grows no faster than 2δ√(m k), which is concave, so a step h that
@@ -117,12 +92,6 @@ class StiffnessGovernor:
     `gplfd_policies.control.admittance.Admittance` the function m(v + γe)²/2 + (k' +
     γd' - γ²m)e²/2 then never grows without external force, whatever the uncertainty
     does: `test_lyapunov_function_never_grows`.
-
-    Args:
-        profile: Gives k_min, hence γ; wishes below k_min are raised to it.
-        dynamics: Virtual mass and damping ratio.
-        shape: Leading axes of all arrays: () for one hand, (N,) for N hands, each
-            governed on its own.
     """
 
     def __init__(
@@ -144,24 +113,11 @@ class StiffnessGovernor:
 
     def step(
         self,
-        target: Float[np.ndarray, "*N 6"],
+        target: Axes,
         dt: float,
         rows: Rows = ALL_ROWS,
     ) -> GovernedStiffness:
-        """Move towards the target for one control period.
-
-        Args:
-            target: Wished stiffness of these rows [N/m, N m/rad].
-            dt: Time since the last step [s]. The first step after a reset takes the
-                target as it is, with rate zero.
-            rows: The rows that are meant.
-
-        Returns:
-            The stiffness to render, its rate and its margin.
-
-        Raises:
-            ValueError: If `dt` is not positive.
-        """
+        """Move these rows to their targets for a period [s]; at once after a reset."""
         if not dt > 0.0:
             raise ValueError(f"dt must be positive [s], got {dt}")
         wished = np.maximum(target, self._k_min)

@@ -94,12 +94,7 @@ class AgentStep:
             object.__setattr__(self, name, array[()])
 
     def command(self, control: Control) -> Float[np.ndarray, "*N A"]:
-        """Return the environment's action, (6,) or (12,) for each agent.
-
-        Args:
-            control: ``"pose"`` for the pose alone, ``"impedance"`` for pose and
-                stiffness.
-        """
+        """Return the action (6,) for "pose", with stiffness (12,) for "impedance"."""
         if control == "pose":
             return self.action
         return np.concatenate([self.action, self.stiffness], axis=-1)
@@ -123,10 +118,7 @@ class AgentStep:
     def among(self, rows: Rows, last_actions: Poses) -> AgentStep:
         """Return the steps of a whole batch of which only these rows acted.
 
-        Args:
-            rows: Where the rows of this record are in the batch.
-            last_actions: Last action of every row of the batch, (N, 6). A row that did
-                not act keeps it; all else of it is NaN.
+        The others keep their last action; all else of them is NaN.
         """
         if isinstance(rows, tuple):
             return self

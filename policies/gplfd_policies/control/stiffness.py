@@ -11,25 +11,21 @@ from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import read_only
+from gplfd_policies.arrays.shapes import Axes, SixAxes
 from gplfd_policies.control.contact import HELD_HAND
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StiffnessProfile:
-    """The sigmoid from σ to stiffness, Eq. (24), one per axis; read-only.
+    """The sigmoid from σ to stiffness, Eq. (24), one per axis; read-only."""
 
-    Raises:
-        ValueError: If an array is not (6,) and finite, or not 0 < k_min ≤ k_max,
-            alpha > 0 and beta ≥ 0.
-    """
-
-    k_max: Float[np.ndarray, " 6"]
+    k_max: SixAxes
     """Stiffness where the policy is certain [N/m, N m/rad]."""
-    k_min: Float[np.ndarray, " 6"]
+    k_min: SixAxes
     """Stiffness where it is not [N/m, N m/rad]."""
-    alpha: Float[np.ndarray, " 6"]
+    alpha: SixAxes
     """Steepness of the transition [1/m, 1/rad]."""
-    beta: Float[np.ndarray, " 6"]
+    beta: SixAxes
     """Standard deviation at the middle of the transition [m, rad]."""
 
     def __post_init__(self) -> None:
@@ -47,62 +43,32 @@ class StiffnessProfile:
                 "k_min = k_max"
             )
 
-    def stiffness(self, std: Float[np.ndarray, "*T 6"]) -> Float[np.ndarray, "*T 6"]:
-        """Return k_p(σ), Eq. (24).
+    def stiffness(self, std: Axes) -> Axes:
+        """Return k_p(σ), Eq. (24) [N/m, N m/rad]; k_max where σ is NaN.
 
-        Args:
-            std: Standard deviations σ [m, rad]. NaN means that nothing is known about
-                the spread, as of a policy without uncertainty: the hand then follows
-                the policy as stiffly as it may.
-
-        Returns:
-            Stiffness [N/m, N m/rad], between k_min and k_max, falling with σ; k_max
-            where σ is NaN.
+        NaN is the σ of a policy without uncertainty, which the hand follows stiffly.
         """
         softening = (self.k_max - self.k_min) * scipy.special.expit(self._argument(std))
         # The lesser of the two, where NaN does not count.
         return np.asarray(np.fmin(self.k_max - softening, self.k_max))
 
-    def rate(
-        self, std: Float[np.ndarray, "*T 6"], std_rate: Float[np.ndarray, "*T 6"]
-    ) -> Float[np.ndarray, "*T 6"]:
+    def rate(self, std: Axes, std_rate: Axes) -> Axes:
         """Return dk_p/dt = -α (k_max - k_p)(k_p - k_min)/(k_max - k_min) dσ/dt.
 
-        This is the derivative of Eq. (24). Its size is largest half-way between k_min
-        and k_max: α/4 (k_max - k_min) |dσ/dt|, the bound of Eq. (26).
-
-        Note:
-            The printed Eq. (25), see `printed_rate`, has the opposite sign and lacks
-            k_min: `test_eq25_rate_is_the_derivative_of_eq24`.
-
-        Args:
-            std: Standard deviations σ [m, rad].
-            std_rate: dσ/dt [m/s, rad/s].
-
-        Returns:
-            Stiffness rate [N/(m s), N m/(rad s)].
+        The derivative of Eq. (24) [N/(m s), N m/(rad s)], largest half-way between
+        k_min and k_max: α/4 (k_max - k_min) |dσ/dt|, the bound of Eq. (26). The printed
+        Eq. (25), see `printed_rate`, has the opposite sign and lacks k_min:
+        `test_eq25_rate_is_the_derivative_of_eq24`.
         """
         argument = self._argument(std)
         # (k_max - k)(k - k_min)/(k_max - k_min)², free of cancellation at both ends.
         slope = scipy.special.expit(argument) * scipy.special.expit(-argument)
         return np.asarray(-self.alpha * (self.k_max - self.k_min) * slope * std_rate)
 
-    def printed_rate(
-        self, std: Float[np.ndarray, "*T 6"], std_rate: Float[np.ndarray, "*T 6"]
-    ) -> Float[np.ndarray, "*T 6"]:
+    def printed_rate(self, std: Axes, std_rate: Axes) -> Axes:
         """Return α k_p (1 - k_p/(k_max - k_min)) dσ/dt, Eq. (25) as printed.
 
-        Wrong, and here to be compared with `rate`.
-
-        Args:
-            std: Standard deviations σ [m, rad].
-            std_rate: dσ/dt [m/s, rad/s].
-
-        Returns:
-            What the printed equation gives [N/(m s), N m/(rad s)].
-
-        Raises:
-            ValueError: If k_max = k_min on some axis, where it divides by zero.
+        Wrong, and here to be compared with `rate`; it divides by zero if k_max = k_min.
         """
         if np.any(self.k_max == self.k_min):
             raise ValueError(
@@ -113,7 +79,7 @@ class StiffnessProfile:
         shortfall = 1.0 - stiffness / (self.k_max - self.k_min)
         return np.asarray(self.alpha * stiffness * shortfall * std_rate)
 
-    def _argument(self, std: Float[np.ndarray, "*T 6"]) -> Float[np.ndarray, "*T 6"]:
+    def _argument(self, std: Axes) -> Axes:
         """Return α(σ - β); it may overflow to infinity, where the sigmoid is flat."""
         with np.errstate(over="ignore"):
             return np.asarray(self.alpha * (std - self.beta))
@@ -121,18 +87,13 @@ class StiffnessProfile:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class VirtualDynamics:
-    """Mass and damping of the virtual spring-mass-damper, Eq. (22); read-only.
+    """Mass and damping of the virtual spring-mass-damper, Eq. (22); read-only."""
 
-    Raises:
-        ValueError: If the mass is not (6,), finite and positive, the damping ratio not
-            finite and positive, or the least damping not (6,), finite and ≥ 0.
-    """
-
-    mass: Float[np.ndarray, " 6"]
+    mass: SixAxes
     """Virtual mass [kg] and inertia [kg m²] per axis."""
     damping_ratio: float = quantity(1.0, above=0.0)
     """δ: 1 is critical damping at every stiffness."""
-    least_damping: Float[np.ndarray, " 6"] = field(default_factory=lambda: np.zeros(6))
+    least_damping: SixAxes = field(default_factory=lambda: np.zeros(6))
     """d is never less than this [N s/m, N m s/rad]; zero for none."""
 
     def __post_init__(self) -> None:
@@ -147,15 +108,13 @@ class VirtualDynamics:
                 f"{self.least_damping}"
             )
 
-    def damping(
-        self, stiffness: Float[np.ndarray, "*T 6"]
-    ) -> Float[np.ndarray, "*T 6"]:
+    def damping(self, stiffness: Axes) -> Axes:
         """Return d = max(2δ√(m k), least) [N s/m, N m s/rad] at a stiffness k."""
         critical = 2.0 * np.sqrt(self.mass * stiffness)
         return np.asarray(np.maximum(self.damping_ratio * critical, self.least_damping))
 
 
-def _six(name: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, " 6"]:
+def _six(name: str, values: Float[np.ndarray, "..."]) -> SixAxes:
     """Return a read-only float64 copy, or raise unless it is (6,) and finite."""
     array = read_only(np.asarray(values))
     if array.shape != (6,) or not np.isfinite(array).all():
@@ -166,56 +125,44 @@ def _six(name: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, " 6"]
     return array
 
 
-def _by_kind(translation: float, rotation: float) -> Float[np.ndarray, " 6"]:
-    """Return one number for the three translations and one for the rotations."""
-    return np.repeat([translation, rotation], 3)
-
-
 _STEEPNESS = 6.0
 """αβ: that of the published values, with which the stiffness at σ = 0 is within 0.25 %
 of its range from k_max."""
 
 
-def spread_profile(
-    spread: Float[np.ndarray, " 6"], resolution: Float[np.ndarray, " 6"]
-) -> StiffnessProfile:
-    """Return Eq. (24) for a task whose demonstrations spread by so much.
+def spread_profile(spread: SixAxes, resolution: SixAxes) -> StiffnessProfile:
+    """Return Eq. (24) for a task whose demonstrations spread by so much [m, rad].
 
     β is where a policy knows half of what there is to know, on the scale of orders of
     magnitude: the geometric mean of the demonstrations' spread, its σ before it has
-    seen the task at hand, and of what an observation leaves open. The shape over σ/β is
-    the published one, and so are the stiffnesses.
-
-    Args:
-        spread: Standard deviation of the demonstrations per axis [m, rad]; an axis in
-            which they do not differ counts as one that is as uncertain as observed.
-        resolution: Standard deviation of an observation per axis [m, rad].
+    seen the task at hand, and of the resolution of an observation, which is the least
+    spread. The shape over σ/β is the published one, and so are the stiffnesses.
     """
     beta = np.sqrt(resolution * np.maximum(spread, resolution))
     return StiffnessProfile(
-        k_max=_by_kind(500.0, 50.0),
-        k_min=_by_kind(100.0, 10.0),
+        k_max=np.repeat([500.0, 50.0], 3),
+        k_min=np.repeat([100.0, 10.0], 3),
         alpha=_STEEPNESS / beta,
         beta=beta,
     )
 
 
 PAPER_PROFILE = StiffnessProfile(
-    k_max=_by_kind(500.0, 500.0),
-    k_min=_by_kind(100.0, 100.0),
-    alpha=_by_kind(600.0, 600.0),
-    beta=_by_kind(0.01, 0.01),
+    k_max=np.repeat([500.0, 500.0], 3),
+    k_min=np.repeat([100.0, 100.0], 3),
+    alpha=np.repeat([600.0, 600.0], 3),
+    beta=np.repeat([0.01, 0.01], 3),
 )
 """Section IV-B: the same law for all six axes, although metres and radians differ."""
 
-PAPER_DYNAMICS = VirtualDynamics(mass=_by_kind(1.0, 1.0), damping_ratio=1.0)
+PAPER_DYNAMICS = VirtualDynamics(mass=np.repeat([1.0, 1.0], 3), damping_ratio=1.0)
 """Section IV-B: m = 1 on all six axes, δ = 1."""
 
 DEFAULT_PROFILE = StiffnessProfile(
-    k_max=_by_kind(500.0, 50.0),
-    k_min=_by_kind(100.0, 10.0),
-    alpha=_by_kind(600.0, 120.0),
-    beta=_by_kind(0.01, 0.05),
+    k_max=np.repeat([500.0, 50.0], 3),
+    k_min=np.repeat([100.0, 10.0], 3),
+    alpha=np.repeat([600.0, 120.0], 3),
+    beta=np.repeat([0.01, 0.05], 3),
 )
 """The published values in translation. In rotation the transition is at 0.05 rad, which
 is 1 cm at a lever of 0.2 m, with the same αβ = 6: both sigmoids have one shape over σ/β
@@ -223,7 +170,7 @@ and are within 0.25 % of their range from k_max at σ = 0. With a tenth of the n
 N m/rad, an error of 0.05 rad costs 2.5 N m where one of 1 cm costs 5 N."""
 
 DEFAULT_DYNAMICS = VirtualDynamics(
-    mass=_by_kind(1.0, 0.1),
+    mass=np.repeat([1.0, 0.1], 3),
     damping_ratio=1.0,
     least_damping=HELD_HAND.sufficient_damping,
 )

@@ -9,9 +9,9 @@ r(t) with covariance
   + √(v(t) v(t')) [(1 − w) k(t, t'; S) + w 1(t = t')]    the hand's wobble, white noise
 
 where v = (r⁻ᵖ + c⁻ᵖ)^(−1/p), p = _SHARPNESS, is a wobble of constant variance c that
-never exceeds the spread, u = r − v is the rest, and k is a unit RBF. The amplitudes
-matter: were the wobble a constant *share* of r, late centimetres of radius would make
-early millimetres unpredictable.
+never exceeds the spread, u = r − v is the rest, and k is a unit RBF. Were the wobble a
+constant *share* of r, late centimetres of radius would make early millimetres
+unpredictable.
 
 The five parameters maximise the likelihood of the deviations e_k = y_k − ȳ. These sum
 to zero, which leaves D − 1 independent ones
@@ -19,12 +19,11 @@ to zero, which leaves D − 1 independent ones
 
     log p = −½ [(D − 1) log |C| + tr(C⁻¹ Σ_k e_k e_kᵀ)] + const.
 
-The likelihood of whole curves mainly determines how they vary between neighbouring
-samples, whereas a forecast needs their variation over half a task. So one factor on the
-wobbles' variances c of all outputs is chosen by `forecast_score`: every demonstration
-in turn is compared to the mean of the others, e_k D/(D − 1), its start is conditioned
-on, and the rest is scored by its Student-t density, ν = D − 1, sample by sample. All
-other parameters remain those of the likelihood
+That mainly determines how curves vary between neighbouring samples; a forecast needs
+their variation over half a task. So one factor on the wobbles' variances c of all
+outputs is chosen by `forecast_score`: every demonstration in turn is compared to the
+mean of the others, e_k D/(D − 1), its start is conditioned on, and the rest is scored
+by its Student-t density, ν = D − 1, sample by sample
 (``test_wobble_is_what_forecasts_left_out_demonstrations_best``).
 """
 
@@ -36,10 +35,20 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from gplfd_policies.arrays.shapes import Curve, Curves, OutputCurves, Outputs, Times
+from gplfd_policies.arrays.shapes import (
+    Curve,
+    Curves,
+    Gram,
+    OutputCurves,
+    Outputs,
+    Times,
+)
 from gplfd_policies.demonstrations.aligned import thinned
 from gplfd_policies.gp.exact import factorise
 from gplfd_policies.gp.kernels import RBF
+
+Parameters = Float[np.ndarray, "5"]
+"""θ = (log c, logit w, logit g, log L, log S)."""
 
 _GRID = 60
 """Samples of a demonstration used: deviations are smooth, and the cost is cubic."""
@@ -69,19 +78,12 @@ _STARTS = (0.2, 0.35, 0.5)
 
 
 def conjugate_share(count: int) -> float:
-    """The demonstrations' own share of the covariance of a deviation.
+    """The demonstrations' own share (D − 1)/(w + D − 1) of a deviation's covariance.
 
     A process's covariance C that is inverse-Wishart a priori, around the model's and
     with the weight of w independent deviations, has the posterior mean
     (w C_model + S)/(w + D − 1), S = Σ_k e_k e_kᵀ
     (``test_mixed_covariance_is_the_mean_of_the_inverse_wishart_posterior``).
-
-    Args:
-        count: D ≥ 1 demonstrations; their deviations from their mean are D − 1
-            independent ones.
-
-    Returns:
-        (D − 1)/(w + D − 1), the share of S/(D − 1).
     """
     return float((count - 1) / (MODEL_WORTH + count - 1))
 
@@ -102,17 +104,13 @@ class DeviationProcess:
     short_scale: float
     """S, in the unit of time."""
 
-    def split(
-        self, noise: Float[np.ndarray, " N"]
-    ) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
+    def split(self, noise: Curve) -> tuple[Curve, Curve]:
         """r(t) as (u(t), v(t)): task variation and wobble."""
         excess = np.log1p((noise / self.wobble) ** _SHARPNESS) / _SHARPNESS
         # u = r − v without cancellation where the spread is all wobble
         return -noise * np.expm1(-excess), noise * np.exp(-excess)
 
-    def smooth_covariance(
-        self, times: Float[np.ndarray, " N"], noise: Float[np.ndarray, " N"]
-    ) -> Float[np.ndarray, "N N"]:
+    def smooth_covariance(self, times: Times, noise: Curve) -> Gram:
         """C without its white part, for r(t) = ``noise``."""
         task, wobble = (np.sqrt(part) for part in self.split(noise))
         long = RBF(length_scale=self.long_scale, signal_std=1.0)(times, times)
@@ -122,20 +120,20 @@ class DeviationProcess:
         covariance += (1.0 - self.white) * np.outer(wobble, wobble) * short
         return covariance
 
-    def white_variance(self, noise: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
+    def white_variance(self, noise: Curve) -> Curve:
         """The white part of C."""
         return self.white * self.split(noise)[1]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DeviationLikelihood:
-    """The log-likelihood of θ = (log c, logit w, logit g, log L, log S)."""
+    """The log-likelihood of θ."""
 
-    times: Float[np.ndarray, " N"]
+    times: Times
     """Some of the common times."""
-    noise: Float[np.ndarray, " N"]
+    noise: Curve
     """r(t) there."""
-    scatter: Float[np.ndarray, "N N"]
+    scatter: Gram
     """The sum of products Σ_k e_k e_kᵀ."""
     free: int
     """Its degrees of freedom, D − 1."""
@@ -155,7 +153,7 @@ class DeviationLikelihood:
             free=len(deviations) - 1,
         )
 
-    def process(self, theta: Float[np.ndarray, "5"]) -> DeviationProcess:
+    def process(self, theta: Parameters) -> DeviationProcess:
         """The covariance that θ stands for."""
         return DeviationProcess(
             wobble=float(np.exp(theta[0])),
@@ -165,9 +163,7 @@ class DeviationLikelihood:
             short_scale=float(np.exp(theta[4])),
         )
 
-    def __call__(
-        self, theta: Float[np.ndarray, "5"]
-    ) -> tuple[float, Float[np.ndarray, "5"]]:
+    def __call__(self, theta: Parameters) -> tuple[float, Parameters]:
         """Its value at θ, and its gradient, (5,)."""
         process = self.process(theta)
         covariance = process.smooth_covariance(self.times, self.noise)
@@ -205,13 +201,7 @@ class DeviationLikelihood:
 
 
 def fit_deviations(times: Times, deviations: Curves, noise: Curve) -> DeviationProcess:
-    """The most likely covariance of one output's deviations.
-
-    Args:
-        times: common times.
-        deviations: e_k = y_k − ȳ of D ≥ 2 demonstrations.
-        noise: r(t) > 0.
-    """
+    """The most likely covariance of one output's deviations e_k = y_k − ȳ, D ≥ 2."""
     likelihood = DeviationLikelihood.of(times, deviations, noise)
     average = float(np.mean(noise))
     span = float(times[-1] - times[0])
@@ -250,12 +240,7 @@ def wobbling(
 ) -> tuple[DeviationProcess, ...]:
     """The processes with the wobble that forecasts left-out demonstrations best.
 
-    Args:
-        processes: the most likely one of every output.
-        times: common times.
-        deviations: e_k = y_k − ȳ. Two demonstrations have one deviation between them,
-            and none to leave out: nothing changes.
-        noise: r(t) > 0.
+    Two demonstrations have one deviation between them, none to leave out.
     """
     if len(deviations) < 3:
         return tuple(processes)
@@ -286,19 +271,15 @@ def wobbling(
 
 
 def forecast_score(
-    smooth: Float[np.ndarray, "N N"],
-    white: Float[np.ndarray, " N"],
-    deviations: Float[np.ndarray, "D N"],
+    smooth: Gram,
+    white: Curve,
+    deviations: Curves,
     empirical_share: float,
 ) -> float:
-    """Mean log density of the rest of a demonstration, over demonstrations and starts.
+    """Mean log density of the rest of a demonstration, over D ≥ 3 of them and starts.
 
-    Args:
-        smooth: covariance of a deviation at N phases.
-        white: its white part.
-        deviations: e_k = y_k − ȳ of D ≥ 3 demonstrations.
-        empirical_share: share of the smooth covariance that is replaced by that of the
-            other demonstrations' own curves.
+    ``smooth`` and ``white`` are the model's covariance of a deviation; a share of the
+    smooth one is replaced by that of the other demonstrations' own curves.
     """
     count, size = deviations.shape
     products = np.einsum("km,kn->kmn", deviations, deviations)

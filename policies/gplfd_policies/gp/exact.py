@@ -1,8 +1,6 @@
-"""Exact Gaussian-process regression of one output, by Cholesky factors.
+"""Exact Gaussian-process regression of one output, by Cholesky factors, O(N³).
 
-Eqs. (1)–(5), (7), and (10)–(11) when the noise differs from point to point. Dense,
-O(N³); `gplfd_policies.gp.legendre` has the form whose cost does not grow with the
-number of samples.
+Eqs. (1)–(5), (7), and (10)–(11) when the noise differs from point to point.
 """
 
 from collections.abc import Callable
@@ -24,7 +22,7 @@ _RELATIVE_JITTERS = tuple(10.0**power for power in range(-15, -5))
 class CholeskyFactor:
     """A + jitter·I = L Lᵀ with L lower triangular."""
 
-    lower: Float[np.ndarray, "N N"]
+    lower: Gram
     """The factor L."""
     jitter: float
     """Amount added to the diagonal; 0 unless the plain factor failed."""
@@ -46,19 +44,12 @@ class CholeskyFactor:
         return 2.0 * float(np.sum(np.log(np.diag(self.lower))))
 
 
-def factorise(matrix: Float[np.ndarray, "N N"]) -> CholeskyFactor:
+def factorise(matrix: Gram) -> CholeskyFactor:
     """Cholesky factor of a covariance, with the least jitter that works.
 
     Jitter is a model change: 1e-4 of the signal variance already moves the posterior
     standard deviation of a smooth output by a quarter. So none is added while the
     plain factorisation works, and the amount is reported when it does not.
-
-    Args:
-        matrix: symmetric, positive semi-definite up to rounding, shape (N, N).
-
-    Raises:
-        ValueError: if the matrix is not finite, or is indefinite by more than 1e-6 of
-            its mean diagonal.
     """
     if not np.isfinite(matrix).all():
         raise ValueError("A covariance must be finite; found NaN or infinity in it.")
@@ -95,11 +86,11 @@ class ExactGP:
 
     kernel: RBF
     """Prior covariance k(t, t')."""
-    times: Float[np.ndarray, " N"]
+    times: Curve
     """Observation times t."""
-    values: Float[np.ndarray, " N"]
+    values: Curve
     """Observations y."""
-    noise_variance: Float[np.ndarray, " N"]
+    noise_variance: Curve
     """Noise variance of every observation: constant σ_n² (Eq. 3) or r(t) (Eq. 10)."""
     prior_mean: Callable[[np.ndarray], np.ndarray] = zero_mean
     """Prior mean m(t), Eq. (1): any function (M,) → (M,)."""
@@ -120,11 +111,11 @@ class ExactGP:
         )
 
     @cached_property
-    def _residual(self) -> Float[np.ndarray, " N"]:
+    def _residual(self) -> Curve:
         return np.asarray(self.values - self.prior_mean(self.times))
 
     @cached_property
-    def weights(self) -> Float[np.ndarray, " N"]:
+    def weights(self) -> Curve:
         """K_y⁻¹ (y − m(t))."""
         return self.factor.solve(self._residual)
 
@@ -136,13 +127,8 @@ class ExactGP:
 
     def likelihood_gradient(
         self,
-    ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, " N"]]:
-        """Derivatives of Eq. (7).
-
-        Returns:
-            With respect to (log l, log σ_f), shape (2,), and with respect to the
-            logarithm of every noise variance, shape (N,).
-        """
+    ) -> tuple[Float[np.ndarray, "2"], Curve]:
+        """Derivatives of Eq. (7) by (log l, log σ_f) and by each log noise."""
         inverse = self.factor.solve(np.eye(len(self.times)))
         # d log p = ½ tr((ααᵀ − K_y⁻¹) dK_y)
         sensitivity = 0.5 * (np.outer(self.weights, self.weights) - inverse)
@@ -169,10 +155,7 @@ class ExactGP:
         )
 
     def rates(self, times: Times) -> tuple[Curve, Curve]:
-        """Time derivatives of mean − prior mean, and of the variance.
-
-        The caller adds the derivative of the prior mean.
-        """
+        """Time derivatives of mean − prior mean, and of the variance."""
         slope = self.kernel.time_derivative(times, self.times)
         cross = self.kernel(self.times, times)
         mean_rate = slope @ self.weights

@@ -1,7 +1,6 @@
-"""Heteroscedastic Gaussian processes: of one output, and of all outputs together.
+"""Heteroscedastic Gaussian processes: of one output, and of all, independent a priori.
 
-Eqs. (10)–(13) and (15): outputs independent a priori, which is Eq. (6) with a diagonal
-B.
+Eqs. (10)–(13) and (15), which is Eq. (6) with a diagonal B.
 """
 
 from dataclasses import dataclass
@@ -38,10 +37,10 @@ def offset_and_scale(samples: Curves, centred: bool) -> tuple[float, float]:
 class HeteroscedasticGP:
     """Mean f(t) and noise variance r(t) of one output, learned from D demonstrations.
 
-    Internally the output is centred and scaled to order one; `offset` and `scale` map
-    back. The prior mean is therefore the average of the demonstrations, where the
-    paper's is zero; this only matters outside the demonstrated interval. The residual
-    of a given prior mean (`gplfd_policies.movements.prior_mean`) is not centred.
+    Internally the output is centred, unless it is the residual of a given prior mean
+    (`gplfd_policies.movements.prior_mean`), and scaled to order one; `offset` and
+    `scale` map back. So the prior mean is the demonstrations' average, where the
+    paper's is zero; this only matters outside the demonstrated interval.
     """
 
     offset: float
@@ -61,17 +60,7 @@ class HeteroscedasticGP:
     def fit(
         cls, times: Times, samples: Curves, noise: NoiseModel, *, centred: bool = True
     ) -> "HeteroscedasticGP":
-        """Learn one output from D curves on M common times.
-
-        Args:
-            times: common times, strictly increasing.
-            samples: the output in every demonstration.
-            noise: how r(t) is estimated.
-            centred: whether the prior mean is the output's average, or zero.
-
-        Raises:
-            ValueError: if the noise model cannot use so few demonstrations.
-        """
+        """Learn one output from D curves; prior mean zero if it is not centred."""
         offset, scale = offset_and_scale(samples, centred)
         scaled = (samples - offset) / scale
         profile = noise.fit(times, scaled)
@@ -161,11 +150,7 @@ class MultiOutputGP:
 
     @cached_property
     def _tables(self) -> tuple[LegendreBasis, Float[np.ndarray, "Q C"]] | None:
-        """A basis, and every curve of every output in it; None without a basis.
-
-        One matrix product evaluates means, log-noises and latent variances of all
-        outputs, and then their slopes.
-        """
+        """A basis, and every curve of every output and its slope in it, or None."""
         coarse = self._basis
         if coarse is None:
             return None

@@ -1,9 +1,7 @@
 """Maximum-likelihood length-scales, signal and noise levels.
 
-Eq. (7) has several local optima when the noise is free. With replicated demonstrations
-the within-demonstration scatter pins the noise and few remain: screening three
-length-scales and polishing the best one reaches the same optimum as thirty random
-starts.
+Replicated demonstrations pin the noise: screening three length-scales and polishing the
+best one reaches the same optimum of Eq. (7) as thirty random starts.
 """
 
 from collections.abc import Callable
@@ -58,25 +56,14 @@ class DenseEvidence:
 def fit_kernel(
     times: Times, values: Curve, noise_variance: Curve, *, shortest: float = 0.05
 ) -> RBF:
-    """Fit (l, σ_f) to values of known noise.
-
-    Args:
-        times: sample times, strictly increasing, shape (M,).
-        values: observations of order one, shape (M,).
-        noise_variance: their noise variances, > 0, shape (M,).
-        shortest: smallest length-scale allowed, as a fraction of the time span; it
-            keeps the policy smooth.
-    """
+    """Fit (l, σ_f) to values of order one and known noise; l ≥ shortest · time span."""
     return _search(times, values, noise_variance, shortest, remainder=None)[0]
 
 
 def fit_kernel_and_noise(
     replicates: Replicates, *, shortest: float = 0.05
 ) -> tuple[RBF, float]:
-    """Fit (l, σ_f) and one noise variance σ_n², Eqs. (3), (7); return both.
-
-    Uses all D·M observations through the exact collapse.
-    """
+    """Fit (l, σ_f) and σ_n², Eqs. (3), (7), to all D·M observations; return both."""
     size, count = len(replicates.times), replicates.count
     within = float(np.sum(replicates.within))
 

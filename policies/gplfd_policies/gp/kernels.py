@@ -1,12 +1,8 @@
-"""The radial basis function kernel, its hyper-parameter and its time derivatives.
+"""The radial basis function kernel of Eq. (13), and its derivatives.
 
-The kernel is Eq. (13), with the ½ in the exponent.
-
-Note:
-    The multi-output kernel is printed in Eq. (14) without the minus sign and without
-    the ½. As printed it grows with distance and is not positive definite; here every
-    output uses Eq. (13). ``test_printed_multi_output_kernel_is_not_a_covariance``
-    settles it.
+Eq. (14), the multi-output kernel, is printed without the minus sign and the ½: it grows
+with distance, and is no covariance
+(``test_printed_multi_output_kernel_is_not_a_covariance``). Outputs use Eq. (13).
 """
 
 from dataclasses import dataclass
@@ -17,11 +13,7 @@ from jaxtyping import Float
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RBF:
-    """k(t, t') = σ_f² exp(−(t − t')² / (2 l²)), Eq. (13).
-
-    Raises:
-        ValueError: if a hyper-parameter is not positive and finite.
-    """
+    """k(t, t') = σ_f² exp(−(t − t')² / (2 l²)), Eq. (13)."""
 
     length_scale: float
     """Length-scale l, in the unit of time (phase once aligned)."""
@@ -59,10 +51,7 @@ class RBF:
     def log_gradients(
         self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
     ) -> Float[np.ndarray, "2 A B"]:
-        """Derivatives of k with respect to (log l, log σ_f).
-
-        ∂k/∂log l = (a − b)²/l² · k and ∂k/∂log σ_f = 2 k.
-        """
+        """∂k/∂log l = (a − b)²/l² · k and ∂k/∂log σ_f = 2 k."""
         values = self(a, b)
         scaled = np.subtract.outer(a, b) / self.length_scale
         return np.stack([scaled**2 * values, 2.0 * values])

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial.legendre import leggauss, legvander
 
+from gplfd_policies.arrays.records import read_only
 from gplfd_policies.arrays.shapes import Times
 from gplfd_policies.gp.kernels import RBF
 
@@ -53,24 +54,18 @@ def _unit_tables(size: int) -> _UnitTables:
     odd = (degrees[None, :] - degrees[:, None]) % 2 == 1
     below = odd & (degrees[:, None] < degrees[None, :])
     ratio = np.sqrt(np.multiply.outer(degrees + 0.5, degrees + 0.5))
-    tables = _UnitTables(
-        nodes=nodes,
-        root_weights=roots,
-        barycentric=np.where(degrees % 2, -1.0, 1.0) * np.sqrt(1.0 - nodes**2) * roots,
-        slope=modes.T @ (np.where(below, 2.0 * ratio, 0.0) @ modes),
+    signs = np.where(degrees % 2, -1.0, 1.0)
+    return _UnitTables(
+        nodes=read_only(nodes),
+        root_weights=read_only(roots),
+        barycentric=read_only(signs * np.sqrt(1.0 - nodes**2) * roots),
+        slope=read_only(modes.T @ (np.where(below, 2.0 * ratio, 0.0) @ modes)),
     )
-    for name in ("nodes", "root_weights", "barycentric", "slope"):
-        getattr(tables, name).setflags(write=False)
-    return tables
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LegendreBasis:
-    """Orthonormal polynomials a_i(t) on [start, stop], one per Gauss–Legendre node.
-
-    Raises:
-        ValueError: if the interval is empty.
-    """
+    """Orthonormal polynomials a_i(t) on [start, stop], one per Gauss–Legendre node."""
 
     start: float
     """Left end of the interval."""
@@ -107,11 +102,7 @@ class LegendreBasis:
         return _unit_tables(self.size).root_weights
 
     def matrix(self, times: Times) -> Float[np.ndarray, "M Q"]:
-        """a_i(t) at ``times`` inside the interval, by barycentric interpolation.
-
-        Raises:
-            ValueError: if a time lies outside; polynomials do not extrapolate.
-        """
+        """a_i(t) at ``times`` inside the interval, by barycentric interpolation."""
         if not self.covers(times):
             raise ValueError(
                 f"Times must lie in [{self.start}, {self.stop}], got a range of "

@@ -1,12 +1,9 @@
 """The spread of the demonstrations r(t), Eqs. (10)–(11), and how it is estimated.
 
 The paper models z(t) = log r(t) with a second Gaussian process and takes its most
-likely value, Eq. (15). A noise model is an object with one method, ``fit``.
-
-Note:
-    The logarithm of an empirical variance with k degrees of freedom is biased:
-    E log(χ²_k / k) = ψ(k/2) − log(k/2), −1.27 for k = 1 and −0.21 for k = 5
-    (``test_log_of_an_empirical_variance_is_biased``). `MapNoise` corrects it.
+likely value, Eq. (15). The logarithm of an empirical variance with k degrees of freedom
+is biased: E log(χ²_k / k) = ψ(k/2) − log(k/2), −1.27 for k = 1 and −0.21 for k = 5
+(``test_log_of_an_empirical_variance_is_biased``). `MapNoise` corrects it.
 """
 
 from dataclasses import dataclass
@@ -43,8 +40,7 @@ _OFFSET_VARIANCE = 1e2
 class NoiseProfile:
     """A noise variance r(t) = exp z(t) + floor > 0, smooth in time.
 
-    Outside the interval of its basis it keeps the value of the nearer end, so that it
-    does not shrink where nothing was demonstrated.
+    Outside the interval of its basis it keeps the value of the nearer end.
     """
 
     level: float
@@ -104,16 +100,14 @@ class NoiseModel(Protocol):
 
     def fit(self, times: Times, samples: Curves) -> NoiseProfile:
         """Estimate r(t) from D curves of order one on M common times."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HomoscedasticNoise:
     """One noise variance σ_n² for the whole task, Eq. (3), by maximum likelihood.
 
-    It under-states the spread where demonstrations differ and over-states it where
-    they agree (the paper's Fig. 2). With a single demonstration the variance is that
-    of its samples around a smooth curve: nothing is known about repetitions.
+    It under-states the spread where demonstrations differ and over-states it where they
+    agree (the paper's Fig. 2). With one demonstration it is that of its samples only.
     """
 
     def fit(self, times: Times, samples: Curves) -> NoiseProfile:
@@ -143,11 +137,7 @@ class MapNoise(Settings):
     """Least standard deviation of repetitions, relative to that of the output."""
 
     def fit(self, times: Times, samples: Curves) -> NoiseProfile:
-        """Estimate r(t) from D curves of order one on M common times.
-
-        Raises:
-            ValueError: for a single demonstration, which has no spread.
-        """
+        """Estimate r(t) from D ≥ 2 curves of order one on M common times."""
         replicates = Replicates.from_samples(times, samples)
         free = replicates.count - 1
         if free < 1:
@@ -225,12 +215,8 @@ class KerstingNoise(Settings):
     A homoscedastic process is fitted first; each observation then gives
     z = log ½((y − μ)² + s²), with μ and s² the current prediction (the closed form of
     Kersting's sampled expectation); a second process smooths z; and the loop repeats
-    with r = exp z.
-
-    Note:
-        The fixed point is biased, and more demonstrations do not help: the standard
-        deviation converges to about 0.81 of the truth. r can at most halve per pass,
-        so a result after few passes depends on when it was stopped.
+    with r = exp z. The fixed point is biased: the standard deviation converges to about
+    0.81 of the truth. r can at most halve per pass, so few passes do not converge.
     """
 
     n_iterations: int = quantity(10, low=1)

@@ -1,15 +1,12 @@
 """Lets a controller for doors with a fixed handle open doors whose handle turns.
 
-The controller of `gplfd_policies.control.compliance` knows a movement, a phase rule and
-a load rule, and no handle. Where the demonstrations turn a handle first,
-`controller_of` puts an adapter around each of the three:
+The controller of `gplfd_policies.control.compliance` knows no handle. `controller_of`
+puts an adapter around each of its parts:
 
 * the phase is found for the hand as it would hold the handle as it was demonstrated;
 * a via-point is a pose of the handle's axis, not of the hand, and the direction of the
   path is that of the axis;
 * the load is compensated twice, along the turn of the handle and along the door's path.
-
-What the adapters share is `HandleCompensation`: how far each handle of a batch turns.
 """
 
 from collections.abc import Sequence
@@ -18,13 +15,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import quantity
 from gplfd_policies.adaptation.gridded import (
     GriddedMovement,
     GriddedMovements,
     look_ahead,
 )
+from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
+from gplfd_policies.arrays.shapes import Pose, Vectors
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.load import ContactState, LoadResponse, LoadRule
 from gplfd_policies.control.stiffness import StiffnessProfile
@@ -32,20 +31,15 @@ from gplfd_policies.demonstrations.turned_handle import TurnedHandle
 from gplfd_policies.movements.trajectory import ViaPoint
 from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseRule, Phases, Poses
 
-Pose = Float[np.ndarray, " 6"]
-Vectors = Float[np.ndarray, "*N 3"]
 Amount = Float[Numbers, "*N"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class HandleConfig:
+class HandleConfig(Settings):
     """When and how far a handle is turned beyond the demonstrated turn.
 
     The hand cannot observe whether the bolt is free. It observes that the door does not
     move under load, and then turns the handle further, up to a stop.
-
-    Raises:
-        ValueError: If a number is outside its range.
     """
 
     latched_force: float = quantity(10.0, above=0.0, unit="N")
@@ -62,9 +56,6 @@ class HandleConfig:
     max_gear: float = quantity(1.6, low=1.0)
     """Greatest gear: no handle turns further than about 75°."""
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
 
 def controller_of(
     movements: GriddedMovement | Sequence[GriddedMovement],
@@ -73,15 +64,9 @@ def controller_of(
     handles: Sequence[TurnedHandle],
     handle_config: HandleConfig,
 ) -> ComplianceController:
-    """Return the controller of one hand or many, for bars or for turned handles.
+    """Return the controller of one hand or many, for bars or for the rows' handles.
 
-    Args:
-        movements: The movement that is followed, or one per row, on grids of one size;
-            adapted in place.
-        phases: Finds the phases of observed poses.
-        config: Stiffness, load, timing and via-points.
-        handles: The handle that each row turns; empty for bars.
-        handle_config: When and how far handles are turned beyond the demonstration.
+    Movements are on grids of one size, and adapted in place; without handles, bars.
     """
     shape = () if isinstance(movements, GriddedMovement) else (len(movements),)
     if not handles:
@@ -99,7 +84,7 @@ def controller_of(
 
 
 class HandleCompensation:
-    """Handle compensation for a batch of hands.
+    """Handle compensation for one hand, shape (), or a batch, shape (N,).
 
     * A door's path is that of the handle's axis
       (`gplfd_policies.demonstrations.turned_handle`), not the hand's.
@@ -110,11 +95,6 @@ class HandleCompensation:
       goes back as demonstrated, from further away.
 
     All is computed in single numbers, so that one hand and many give the same bits.
-
-    Args:
-        handles: The handle that each row turns.
-        shape: Leading axes of all arrays: () for one hand, (N,) for N hands.
-        config: When and how far they are turned beyond the demonstration.
     """
 
     def __init__(
@@ -190,15 +170,8 @@ class HandleCompensation:
     ) -> np.ndarray:
         """Turn handles further whose doors do not move; return which, bool (*N).
 
-        A handle is turned further if the door holds the hand back, has not moved, and
-        the handle has come as far as was commanded.
-
-        Args:
-            poses: Of the hands [m, rad].
-            direction: Of their doors' paths, unit vectors.
-            load: What holds the hands back along them [N].
-            period: Time since the last call [s].
-            rows: The rows that are meant.
+        A handle is turned further if the door holds the hand back along its path by a
+        load [N], has not moved, and the handle has come as far as was commanded.
         """
         config = self._config
         turned = np.zeros(np.shape(load), dtype=np.bool_)
@@ -268,7 +241,7 @@ class HandleMovements(GriddedMovements):
 
     def ahead(
         self, phases: Phases, rows: Rows = ALL_ROWS
-    ) -> tuple[Poses, Poses, Float[np.ndarray, "*N 3"]]:
+    ) -> tuple[Poses, Poses, Vectors]:
         """Return mean, σ, and the direction of the axis's path where it opens next."""
         points = look_ahead(phases, self._handles.opening_phases(phases, rows))
         means, stds = self.at(points, rows)
@@ -283,11 +256,10 @@ class HandleMovements(GriddedMovements):
 class HandleLoad:
     """A load rule applied twice: to the spring of the handle, and to the door.
 
-    The spring of a lever resists the hand as long as it is turned, and while the door
-    opens its force is across the path. A hand that yields to it lets the handle go
-    back, and the policy would learn from the hand that the handle is to go back. So the
-    load of the handle is compensated along the way about its axis, and that of the
-    door, which is another, along the path of the axis.
+    While the door opens, the force of a lever's spring is across the path. A hand that
+    yields to it lets the handle go back, and the policy would learn to let it. So the
+    load of the handle is compensated along the way about its axis, and that of the door
+    along the path of the axis.
     """
 
     def __init__(
@@ -308,10 +280,7 @@ class HandleLoad:
         self._handle.reset(rows)
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
-        """Return the response to a contact whose direction is that of the door's path.
-
-        A handle whose door does not move is turned further meanwhile.
-        """
+        """Respond along the door's path; turn a handle further that does not open."""
         poses = contact.pose
         axes = self._handles.axis_positions(poses, rows)
         turning = replace(

@@ -1,9 +1,7 @@
 """The interface of learned movements, and the base of their implementations.
 
-`gplfd_policies.movements.skill.Skill` and each baseline of Table 1 in Arduengo et al.,
-*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979, are
-movements: they predict a distribution over poses at any phase, and adapt to via-points
-if they can.
+Movements, `gplfd_policies.movements.skill.Skill` and the baselines, predict a
+distribution over poses at any phase, and adapt to via-points if they can.
 """
 
 from abc import ABC, abstractmethod
@@ -34,7 +32,6 @@ class Predictor(Protocol):
 
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution at phases ``times``; NaN std for a method without any."""
-        ...
 
 
 @runtime_checkable
@@ -44,12 +41,10 @@ class Movement(Predictor, Protocol):
     @property
     def aligned(self) -> AlignedDemonstrations:
         """The demonstrations it was learned from."""
-        ...
 
     @property
     def duration(self) -> float:
         """Nominal duration of phases 0 to 1 [s]."""
-        ...
 
 
 @runtime_checkable
@@ -58,7 +53,6 @@ class Adaptable(Movement, Protocol):
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> Predictor:
         """The movement conditioned on ``via_points``, all of them at once."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -101,12 +95,7 @@ class MomentMovement(LearnedMovement, ABC):
 
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution of the pose at phases ``times``, strictly increasing.
-
-        Raises:
-            ValueError: if there are no times, one is not finite, or they do not
-                increase.
-        """
+        """The distribution of the pose at phases ``times``, strictly increasing."""
         times = checked_times(times)
         mean, std = self._moments(times)
         covariance = partial(self._covariance, times)
@@ -117,8 +106,7 @@ class EmpiricalDistribution:
     """Sample mean and sample standard deviation of aligned demonstrations, by phase.
 
     For methods that predict no uncertainty. Between the phases of the alignment the
-    demonstrations are interpolated linearly. The standard deviation of a single
-    demonstration is zero.
+    demonstrations are interpolated linearly; a single one has σ = 0.
     """
 
     def __init__(self, aligned: AlignedDemonstrations) -> None:
@@ -149,21 +137,17 @@ class Adaptation(Protocol):
 
     def observe(self, via_point: ViaPoint) -> None:
         """Take one more via-point, in place."""
-        ...
 
     @property
     def mean(self) -> Outputs:
         """Current mean on the grid [m, rad], read-only."""
-        ...
 
     @property
     def std(self) -> Outputs:
         """Current standard deviation on the grid [m, rad]."""
-        ...
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution; later via-points do not change it."""
-        ...
 
 
 AdaptationForm = Callable[[Any, np.ndarray], Adaptation]

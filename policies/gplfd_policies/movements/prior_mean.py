@@ -1,11 +1,9 @@
 """Prior means of movements, and learning around them.
 
 A Gaussian process with the prior mean m(t) of Eq. (1) in Arduengo et al.,
-*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979, is m(t)
-plus a process of prior mean zero, learned from the residual y − m(t). Far from the
-demonstrations it returns to m(t); variances do not depend on m(t). Via-points are
-shifted likewise (``test_adaptation_is_that_of_the_residual_plus_the_prior_mean``). In
-the paper m(t) is zero.
+arXiv:2002.09979, is m(t) plus a process of prior mean zero, learned from the residual
+y − m(t). Variances do not depend on m(t), and via-points are shifted likewise
+(``test_adaptation_is_that_of_the_residual_plus_the_prior_mean``).
 """
 
 from collections.abc import Callable
@@ -36,11 +34,9 @@ class PriorMean(Protocol):
 
     def mean(self, times: Times) -> Outputs:
         """Poses [m, rad] at phases, task frame."""
-        ...
 
     def rate(self, times: Times) -> Outputs:
         """Their derivative, per unit phase."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,21 +118,14 @@ class ResidualMovement(LearnedMovement):
     """Learned from the demonstrations less m(t), with a prior mean of zero."""
 
     def save(self, path: str | Path) -> None:
-        """Refuse: a prior mean may be any code, which no file of arrays holds.
-
-        Raises:
-            ValueError: always.
-        """
+        """Raise: a prior mean may be any code, which no file of arrays holds."""
         raise ValueError(
             f"a movement around a prior mean cannot be saved to {path}: the prior mean "
             "may be any code. Save the demonstrations, and learn from them again"
         )
 
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution of the pose at phases ``times``.
-
-        Far outside the demonstrated range the mean is the prior mean.
-        """
+        """The distribution at ``times``; far from demonstrations, the prior mean."""
         return _raised(self.residual.predict(times), self.prior_mean)
 
 
@@ -147,14 +136,7 @@ def fit_residual(
 ) -> ResidualMovement:
     """Learn a movement around a prior mean.
 
-    Args:
-        aligned: D demonstrations on common phases.
-        prior_mean: m(t).
-        fit: learns the residual with a prior mean of zero, such as
-            ``partial(fit_skill, centred=False)``.
-
-    Raises:
-        ValueError: if the prior mean is not a finite pose at every phase.
+    The fit has a prior mean of zero, such as ``partial(fit_skill, centred=False)``.
     """
     expected = np.asarray(prior_mean.mean(aligned.times))
     if expected.shape != aligned.poses.shape[1:] or not np.isfinite(expected).all():
@@ -169,13 +151,7 @@ def fit_residual(
 
 
 class ResidualAdaptation:
-    """Online adaptation of a residual, reported with its prior mean.
-
-    Args:
-        form: adapts the residual.
-        movement: the learned movement.
-        grid: phases at which the distribution is reported.
-    """
+    """Online adaptation of a residual, reported with its prior mean."""
 
     def __init__(
         self, form: AdaptationForm, movement: ResidualMovement, grid: Times

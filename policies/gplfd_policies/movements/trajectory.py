@@ -36,11 +36,7 @@ _CSV_HEADER: Final = """\
 
 
 def checked_times(times: np.ndarray) -> Times:
-    """Return the phases of a prediction as floats.
-
-    Raises:
-        ValueError: if there are none, or one is not finite.
-    """
+    """Return the phases of a prediction as floats; raise unless some, all finite."""
     times = np.asarray(times, dtype=np.float64)
     if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
         raise ValueError(
@@ -88,16 +84,8 @@ class GaussianTrajectory:
     ) -> "GaussianTrajectory":
         """A distribution whose rates are central differences of its moments.
 
-        For methods that state no derivatives. A single time has rate zero.
-
-        Args:
-            times: phases, strictly increasing.
-            mean: mean pose.
-            std: standard deviations; NaN for a method without any.
-            covariance_function: computes the covariance over time.
-
-        Raises:
-            ValueError: if the phases do not increase strictly.
+        For methods that state no derivatives, at increasing times; NaN std for a method
+        without any. A single time has rate zero.
         """
         if (np.diff(times) <= 0.0).any():
             raise ValueError(

@@ -7,15 +7,14 @@ coordinates q = Eᵀ p, and lies on the circle of curvature κ about the hinge -
     radial:  r = (|u| - 1)/κ = 0,  u = (κ q_t, κ q_n + 1),
     across:  q_a = 0.
 
-These are geometric distances [m], so that the noise of a short arc does not shrink the
-circle (as in Kåsa's fit), and a straight line is the ordinary case κ = 0: r = (κ(q_t² +
-q_n²) + 2 q_n)/(|u| + 1). With E = E₀ exp(ω), the estimate is the most probable one,
+These are geometric distances [m]: the noise of a short arc does not shrink the circle
+(as in Kåsa's fit), and a straight line is the ordinary case κ = 0: r = (κ(q_t² + q_n²)
++ 2 q_n)/(|u| + 1). With E = E₀ exp(ω), the estimate is the most probable one,
 
     min over ω, κ:  Σ_i ρ(‖(r_i, q_a,i)‖/σ) + Σ_j (ω_j/σ_j)² + ((κ - κ₀)/σ_κ)²,
 
 with ρ(e) = c² log(1 + e²/c²), by Gauss-Newton with weights 1/(1 + e²/c²); a fit that is
-continued with every new point needs one step. The prior is what an engineer knows: the
-door faces the robot, hinges stand upright, and a radius is half a metre, give or take.
+continued with every new point needs one step.
 
 N. Chernov, *Circular and Linear Regression*, 2010, ch. 4-6; P. J. Huber, *Robust
 Statistics*, 1981.

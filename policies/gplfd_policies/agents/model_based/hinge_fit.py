@@ -1,10 +1,8 @@
 """Opens a door by a circle fit: the model of an engineer, without demonstrations.
 
-The hinge is estimated online from the hand's path
-(`gplfd_policies.agents.model_based.circle`); the hand is pulled along the estimated
-circle at a set pace, turns with the angle, and yields to every force but the door's
-resistance along the path, so that a lasting radial force, which shows that the circle
-is wrong, moves the command.
+The hand is pulled along the circle that its path shows so far, turns with the angle,
+and yields to every force but the door's resistance along the path: a lasting radial
+force, which shows that the circle is wrong, moves the command.
 """
 
 import math
@@ -14,8 +12,7 @@ import numpy as np
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle, CirclePrior
-from gplfd_policies.agents.model_based.path import HandPath
-from gplfd_policies.agents.model_based.yielding import Yielding
+from gplfd_policies.agents.model_based.following import HandPath, Yielding
 from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.steps import AgentStep, Observation
 
@@ -26,12 +23,8 @@ class HingeFitAgent:
     Args:
         speed: Angular speed of the opening [rad/s]. Tuned.
         acceleration: With which it is reached and left [rad/s²]. Tuned.
-        fading: Share of a jump between two estimates that is left after a control
-            period, from 0 to 1. Tuned.
+        fading: Share of a jump between two estimates left after a period, 0..1. Tuned.
         prior: What is known of the circle beforehand.
-
-    Attributes:
-        observed_angle: How far the hand has come on the present circle [rad].
     """
 
     def __init__(

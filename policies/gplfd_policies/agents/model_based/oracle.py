@@ -1,8 +1,4 @@
-"""Agents that are told the door, or how its handle turns: privileged information.
-
-The errors of the oracle are the robot's, not a policy's. `ToldHandleAgent` shows what
-it is worth to know how far a handle has to be turned, and nothing else.
-"""
+"""Agents that are told the door, or how its handle turns: privileged information."""
 
 import math
 from dataclasses import replace
@@ -47,9 +43,6 @@ class _HandleTurner:
 
 class OracleAgent(_HandleTurner):
     """Turns the handle and follows the true arc with minimum-jerk timing, not yielding.
-
-    The handle is let go back while the door opens, and held as is easy for the arm, see
-    `gplfd_env.DoorGeometry.easy_hand_poses`.
 
     Args:
         duration: Time from the closed door to `DEMONSTRATED_ANGLE` [s].

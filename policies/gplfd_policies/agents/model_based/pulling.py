@@ -1,16 +1,17 @@
 """The simplest agents that open doors: they pull, back or where the hand just went.
 
-A handle moves along the tangent of its circle, and the last few centimetres of its path
-are nearly that; `ChordAgent` and `ReflexAgent` use no other model of a door, and
-`CompliantPullAgent` uses none.
+The last few centimetres of a handle's path are nearly the tangent of its circle.
 """
 
 import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_policies.agents.model_based.path import HandPath, turned_towards
-from gplfd_policies.agents.model_based.yielding import Yielding
+from gplfd_policies.agents.model_based.following import (
+    HandPath,
+    Yielding,
+    turned_towards,
+)
 from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.steps import AgentStep, Observation
 

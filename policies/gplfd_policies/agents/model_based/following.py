@@ -1,0 +1,99 @@
+"""What agents share that find the path on the way: the hand's path, and compliance.
+
+The admittance is that of the learned agents, Eq. (22) of Arduengo et al.,
+arXiv:2002.09979, M ë + D ė + K e = F. Those follow a path that they have learned; an
+agent that finds the path on the way needs a very soft spring: with D² ≫ 4 M K the
+displacement follows ė = F/D for some twenty seconds, an integral of the force, and a
+lasting lateral force is nulled instead of balanced. With the robot's servo of 2000 N/m
+the loop closes at 2000/D = 20 rad/s, whose margin of delay is 80 ms.
+"""
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.spatial.se3 import compose_rotvecs
+from gplfd_policies.arrays.shapes import SixAxes
+from gplfd_policies.control.admittance import Admittance
+from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.control.stiffness import VirtualDynamics
+
+Point = Float[np.ndarray, " 3"]
+
+_PULL: Final = np.array([1.0, 0.0, 0.0])
+"""The direction in which a closed door is pulled, task frame."""
+_SPACING: Final = 0.005
+"""Length of a stretch of the path [m]: several times the noise of a position, so that a
+hand that stands still adds nothing. Tuned."""
+_CHORD: Final = 12
+"""Number of stretches that the last displacement spans. Tuned."""
+_STIFFNESS: Final = np.repeat([5.0, 0.5], 3)
+"""K, translation [N/m] and rotation [N m/rad]. Tuned."""
+_NEARLY_FREE: Final = VirtualDynamics(mass=np.repeat([1.0, 0.1], 3), damping_ratio=22.4)
+"""M, and δ, which makes D = 2 δ √(M K) 100 N s/m and 10 N m s/rad. Tuned."""
+
+
+class HandPath:
+    """The hand's path since the closed door in stretches, a mean position of each."""
+
+    points: Float[np.ndarray, "N 3"]
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin at the closed door."""
+        self.points, self._last = np.zeros((0, 3)), np.zeros(3)
+        self._sum, self._count = np.zeros(3), 0
+
+    def add(self, position: Point) -> bool:
+        """Add a position of the hand [m]; return whether it ends a stretch."""
+        self._sum += position
+        self._count += 1
+        if math.dist(position, self._last) < _SPACING:
+            return False
+        self._last = position.copy()
+        self.points = np.vstack([self.points, self._sum / self._count])
+        self._sum, self._count = np.zeros(3), 0
+        return True
+
+    def direction(self) -> Point:
+        """Return the direction of the last displacement; at first that of the pull."""
+        missing = _CHORD - len(self.points)
+        if missing == _CHORD:
+            return _PULL
+        start = -missing * _SPACING * _PULL
+        if missing <= 0:
+            start = self.points[-_CHORD]
+        chord = self.points[-1] - start
+        return np.asarray(chord / np.sqrt(chord @ chord))
+
+
+def turned_towards(direction: Point) -> Point:
+    """Return the shortest turn from the pull onto a unit vector, a rotation vector."""
+    _, up, left = direction
+    across = np.array([0.0, -left, up])
+    sine = math.hypot(up, left)
+    scale = math.atan2(sine, direction[0]) / sine if sine > 1e-9 else 1.0
+    return np.asarray(scale * across)
+
+
+class Yielding:
+    """Set-points that forces displace."""
+
+    def __init__(self) -> None:
+        self._admittance = Admittance(_NEARLY_FREE)
+
+    def reset(self) -> None:
+        """Come to rest, not displaced."""
+        self._admittance.reset()
+
+    def step(self, desired: SixAxes, wrench: SixAxes, **known: Any) -> AgentStep:
+        """Return the step that commands a pose, displaced by a wrench."""
+        offset = self._admittance.step(_STIFFNESS, wrench, CONTROL_PERIOD)
+        action = desired + offset
+        action[3:] = compose_rotvecs(offset[3:], desired[3:])
+        return AgentStep(action=action, desired=desired, stiffness=_STIFFNESS, **known)
