@@ -309,7 +309,7 @@ def case(request: Any, tmp_path_factory: Any, make_log: Any) -> Case:
     return made
 
 
-def test_a_file_is_read_rightly_or_refused_clearly(case: Case) -> None:
+def test_a_file_is_read_rightly_or_refused_clearly(case):
     named = case.file.name if "data" not in case.file.parts else "recorded-v0"
     good = case.file.read_bytes()
     read, refused = 0, 0

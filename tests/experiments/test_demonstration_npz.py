@@ -1,7 +1,6 @@
 """Files of demonstrations: exact, labelled, and refused with one message."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +29,7 @@ def saved(tmp_path: Path) -> Path:
     return tmp_path / "d.npz"
 
 
-def test_round_trip_is_exact_and_says_what_it_holds(saved: Path) -> None:
+def test_round_trip_is_exact_and_says_what_it_holds(saved):
     loaded = load_demonstrations(saved)
     assert loaded.radii == (0.35, None)
     for one, other in zip(SHOWN, loaded.demonstrations, strict=True):
@@ -45,7 +44,7 @@ def test_round_trip_is_exact_and_says_what_it_holds(saved: Path) -> None:
     assert load_demonstrations(saved.parent).radii == (None, None)
 
 
-def test_frame_and_signals_are_kept(saved: Path) -> None:
+def test_frame_and_signals_are_kept(saved):
     force = np.full((40, 6), 2.0)
     save_demonstrations(saved, SHOWN, frame=FIRST_POSE, signals=[{"force": force}, {}])
     again = load_demonstrations(saved)
@@ -62,9 +61,7 @@ def test_frame_and_signals_are_kept(saved: Path) -> None:
         ((SHOWN[:1], [-0.5]), r"radius is -0\.5; it must be positive"),
     ],
 )
-def test_every_demonstration_needs_a_label(
-    tmp_path: Path, arguments: Any, message: str
-) -> None:
+def test_every_demonstration_needs_a_label(tmp_path, arguments, message):
     with pytest.raises(ValueError, match=message):
         save_demonstrations(tmp_path / "d.npz", *arguments)
     with pytest.raises(ValueError, match="2 demonstrations and 1 of signals"):
@@ -72,7 +69,7 @@ def test_every_demonstration_needs_a_label(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_missing_cut_and_foreign_files(saved: Path) -> None:
+def test_missing_cut_and_foreign_files(saved):
     with pytest.raises(FileNotFoundError, match=r"there is no file .*nothing\.npz"):
         load_demonstrations(saved.with_name("nothing.npz"))
     whole = saved.read_bytes()
@@ -120,7 +117,7 @@ SHORT = {"signals": ["f"], "f_0": np.zeros((2, 1)), "f_1": np.zeros(2)}
         (STILL, "demonstration 1: .* never moves"),
     ],
 )
-def test_wrong_content(saved: Path, changes: dict[str, Any], message: str) -> None:
+def test_wrong_content(saved, changes, message):
     with np.load(saved) as archive:
         arrays = dict(archive) | changes
     np.savez(saved, **{name: a for name, a in arrays.items() if a is not None})

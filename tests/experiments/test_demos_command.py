@@ -37,7 +37,7 @@ def copied(recorded: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(recorded, tmp_path / "copy-v0"))
 
 
-def test_record_writes_every_door_and_seed(recorded: Path) -> None:
+def test_record_writes_every_door_and_seed(recorded):
     dataset = open_dataset(recorded)
     assert dataset.policy == "oracle"
     assert dataset.origin["config"]["doors"] == ["small", "0.42"]
@@ -54,9 +54,7 @@ def test_record_writes_every_door_and_seed(recorded: Path) -> None:
         assert env.reset(options=one["options"])[1]["door_radius"] == radius
 
 
-def test_one_door_goes_to_a_folder_named_after_the_policy(
-    gplfd: Gplfd, tmp_path: Path, capsys: Printed
-) -> None:
+def test_one_door_goes_to_a_folder_named_after_the_policy(gplfd, tmp_path, capsys):
     assert gplfd(*RECORD, "--doors", "0.42") == 0
     folder = tmp_path / "results/demos/oracle-v0"
     assert "(door of 0.42 m," in str(open_dataset(folder))
@@ -71,7 +69,7 @@ def test_one_door_goes_to_a_folder_named_after_the_policy(
     assert "doors" not in metadata["description"]
 
 
-def test_replay_is_bit_exact(gplfd: Gplfd, recorded: Path, capsys: Printed) -> None:
+def test_replay_is_bit_exact(gplfd, recorded, capsys):
     assert gplfd("demos", "replay", str(recorded), "--episodes", "3", "1") == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("oracle-v0: policy oracle in gplfd/DoorOpening-v1")
@@ -100,9 +98,7 @@ def edit_arrays(folder: Path, change: Callable[[Any], None]) -> None:
     edit(folder, lambda metadata: metadata["gplfd"].update(sha256=sha256))
 
 
-def test_replay_of_a_tampered_recording_departs_with_status_1(
-    gplfd: Gplfd, copied: Path, capsys: Printed
-) -> None:
+def test_replay_of_a_tampered_recording_departs_with_status_1(gplfd, copied, capsys):
     def tamper(file: Any) -> None:
         file["episode_1/infos/physics_state"][6, 1] += 1e-12
 
@@ -117,9 +113,7 @@ def test_replay_of_a_tampered_recording_departs_with_status_1(
     assert lines[-1] == "3 of 4 episodes are the recording, bit for bit"
 
 
-def test_inspect_prints_a_line_per_episode(
-    gplfd: Gplfd, recorded: Path, capsys: Printed
-) -> None:
+def test_inspect_prints_a_line_per_episode(gplfd, recorded, capsys):
     assert gplfd("demos", "inspect", str(recorded)) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("oracle-v0: policy oracle in gplfd/DoorOpening-v1")
@@ -221,12 +215,8 @@ def specification(**changes: Any) -> Callable[[Path], None]:
     ],
 )
 def test_a_bad_data_set_is_one_paragraph_and_status_2(
-    gplfd: Gplfd,
-    copied: Path,
-    capsys: Printed,
-    damage: Callable[[Path], Any],
-    message: str,
-) -> None:
+    gplfd, copied, capsys, damage, message
+):
     damage(copied)
     assert gplfd("demos", "replay", str(copied)) == 2
     printed = capsys.readouterr().err
@@ -235,9 +225,7 @@ def test_a_bad_data_set_is_one_paragraph_and_status_2(
     assert "Traceback" not in printed
 
 
-def test_without_minari_the_extra_is_named(
-    gplfd: Gplfd, recorded: Path, capsys: Printed, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_minari_the_extra_is_named(gplfd, recorded, capsys, monkeypatch):
     read_minari = ("gplfd_experiments.data.", "gplfd_experiments.episodes.dataset")
     for name in [name for name in sys.modules if name.startswith(read_minari)]:
         monkeypatch.delitem(sys.modules, name)
@@ -266,8 +254,8 @@ def test_without_minari_the_extra_is_named(
     ],
 )
 def test_bad_arguments_of_record_leave_no_files(
-    gplfd: Gplfd, tmp_path: Path, capsys: Printed, arguments: str, message: str
-) -> None:
+    gplfd, tmp_path, capsys, arguments, message
+):
     (tmp_path / "taken-v0").write_text("")
     assert gplfd("demos", "record", "--policy", "oracle", *arguments.split()) == 2
     printed = capsys.readouterr().err

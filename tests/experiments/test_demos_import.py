@@ -59,9 +59,7 @@ def imported(*arguments: str) -> int:
     return cli.main(["demos", "import", *arguments, "--quiet"])
 
 
-def test_doors_are_found_in_what_a_tracker_in_the_room_saw(
-    files: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_doors_are_found_in_what_a_tracker_in_the_room_saw(files, capsys):
     assert imported(*files, "--out", "set", "--frame", "hinge") == 0
     printed = capsys.readouterr().out
     assert "6 demonstrations in set" in printed
@@ -76,9 +74,7 @@ def test_doors_are_found_in_what_a_tracker_in_the_room_saw(
     assert [one["name"] for one in origin["files"]] == files
 
 
-def test_each_motion_relative_to_its_own_first_pose(
-    files: list[str], caplog: pytest.LogCaptureFixture
-) -> None:
+def test_each_motion_relative_to_its_own_first_pose(files, caplog):
     assert imported(*files[:2], "--out", "set", "--cutoff", "0") == 0
     kept = load_demonstrations("set")
     assert kept.frame == FIRST_POSE
@@ -107,9 +103,7 @@ def test_each_motion_relative_to_its_own_first_pose(
         ("bad.csv --out s", "bad.csv cannot be read as a table in a text file"),
     ],
 )
-def test_bad_input_is_one_message_and_leaves_nothing(
-    files: list[str], arguments: str, message: str, caplog: Any
-) -> None:
+def test_bad_input_is_one_message_and_leaves_nothing(files, arguments, message, caplog):
     Path("bad.csv").write_text("x,y\n1,two\n")
     before = sorted(Path().rglob("*"))
     assert imported(*arguments.split()) == 2
@@ -126,9 +120,7 @@ def test_bad_input_is_one_message_and_leaves_nothing(
         "gplfd_experiments.data.importing.draw",
     ],
 )
-def test_a_full_disk_is_told_and_leaves_nothing(
-    files: list[str], monkeypatch: pytest.MonkeyPatch, caplog: Any, place: str
-) -> None:
+def test_a_full_disk_is_told_and_leaves_nothing(files, monkeypatch, caplog, place):
     before = sorted(Path().rglob("*"))
 
     def full(*arguments: Any, **options: Any) -> None:
@@ -157,8 +149,8 @@ def test_a_full_disk_is_told_and_leaves_nothing(
     ],
 )
 def test_another_kind_of_file_is_named_and_nothing_is_waited_for(
-    files: list[str], caplog: Any, command: str, message: str
-) -> None:
+    files, caplog, command, message
+):
     np.savez("a.npz", positions=np.zeros((9, 3)))
     os.mkfifo("pipe")
     Path("study/tasks").mkdir(parents=True)
@@ -186,8 +178,8 @@ def commands_of_the_page(name: str) -> list[list[str]]:
 
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_a_cabinet_s_door_as_recorded_opens_another_in_the_simulation(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for command in commands_of_the_page("cabinet door"):
@@ -199,9 +191,7 @@ def test_a_cabinet_s_door_as_recorded_opens_another_in_the_simulation(
     assert result["success"]
 
 
-def test_the_page_leads_from_recordings_to_a_robots_table(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_leads_from_recordings_to_a_robots_table(tmp_path, monkeypatch):
     page = (ROOT / "docs/recordings.md").read_text()
     (code,) = re.findall(r"<!-- python: openbox -->\n```python\n(.*?)```", page, re.S)
     monkeypatch.chdir(tmp_path)

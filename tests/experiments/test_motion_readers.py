@@ -321,11 +321,11 @@ def written(request: Any, tmp_path_factory: Any) -> tuple[Kind, Path]:
 
 
 # ------------------------------------------------------------------ the contract
-def test_every_reader_keeps_the_contract() -> None:
+def test_every_reader_keeps_the_contract():
     assert {kind.reader for kind in KINDS.values()} == set(READERS)
 
 
-def test_reads_what_was_written(written: tuple[Kind, Path]) -> None:
+def test_reads_what_was_written(written):
     kind, path = written
     found = read_recordings(path, kind.selection)
     names = [one.name for one in found]
@@ -358,7 +358,7 @@ def test_reads_what_was_written(written: tuple[Kind, Path]) -> None:
         assert apart < (1e-5 if float32 else 1e-9)
 
 
-def test_nothing_is_waited_for(written: tuple[Kind, Path], tmp_path: Path) -> None:
+def test_nothing_is_waited_for(written, tmp_path):
     """A named pipe without a writer, where a file of this kind is expected."""
     kind, path = written
     copy = tmp_path / path.name
@@ -373,7 +373,7 @@ def test_nothing_is_waited_for(written: tuple[Kind, Path], tmp_path: Path) -> No
         read_recordings(copy, kind.selection)
 
 
-def test_no_pipe_is_opened_by_a_bag_or_for_an_unknown_kind(tmp_path: Path) -> None:
+def test_no_pipe_is_opened_by_a_bag_or_for_an_unknown_kind(tmp_path):
     os.mkfifo(tmp_path / "a.unknown")
     with pytest.raises(ValueError, match=r"a\.unknown is a named pipe; give a record"):
         read_recordings(tmp_path / "a.unknown", ANY)
@@ -415,7 +415,7 @@ def damaged(content: bytes, rng: np.random.Generator, text: bool) -> bytes:
 USUAL = Preparation(segments="rests", frame="hinge")
 
 
-def test_damaged_files_are_read_or_refused(written: tuple[Kind, Path]) -> None:
+def test_damaged_files_are_read_or_refused(written):
     kind, path = written
     file = path / kind.damaged
     original = file.read_bytes()
@@ -463,8 +463,8 @@ def quaternions(one: RawRecording) -> Any:
     ],
 )
 def test_a_library_that_is_missing_is_named_with_its_extra(
-    monkeypatch: pytest.MonkeyPatch, module: str, library: str, extra: str
-) -> None:
+    monkeypatch, module, library, extra
+):
     name = f"gplfd_experiments.data.readers.{module}"
     monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.setitem(sys.modules, library, None)
@@ -472,7 +472,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(
         importlib.import_module(name)
 
 
-def test_reads_every_message_with_a_pose_and_joint_states(tmp_path: Path) -> None:
+def test_reads_every_message_with_a_pose_and_joint_states(tmp_path):
     bag = tmp_path / "bag"
     write_bag(bag, "/t", "/o", "/tf", "/joints", "/hand")
     for topic in ("/t", "/o", "/tf:hand", "/hand"):
@@ -506,7 +506,7 @@ URDF = """<robot name="r"><link name="base"/><link name="arm"/><link name="hand"
 <limit lower="-9" upper="9" effort="1" velocity="1"/></joint></robot>"""
 
 
-def test_c3d_agrees_with_ezc3d_on_lost_markers_and_integers(tmp_path: Path) -> None:
+def test_c3d_agrees_with_ezc3d_on_lost_markers_and_integers(tmp_path):
     path = tmp_path / "a.c3d"
     write_c3d(path)
     marker = only(path, body="B")
@@ -579,7 +579,7 @@ def c3d_of(
 
 
 @pytest.mark.parametrize("processor", [84, 85, 86])
-def test_c3d_of_every_processor_is_read(tmp_path: Path, processor: int) -> None:
+def test_c3d_of_every_processor_is_read(tmp_path, processor):
     path = tmp_path / "a.c3d"
     path.write_bytes(c3d_of(processor, blocks=2))
     read = only(path, body="HAND")
@@ -591,7 +591,7 @@ def test_c3d_of_every_processor_is_read(tmp_path: Path, processor: int) -> None:
         assert_array_equal(oracle, MARKERS[:, :3])
 
 
-def test_c3d_is_read_where_its_program_counted_wrongly(tmp_path: Path) -> None:
+def test_c3d_is_read_where_its_program_counted_wrongly(tmp_path):
     path = tmp_path / "a.c3d"
     # Seven samples of two channels a frame counted as two, two blocks as one.
     path.write_bytes(c3d_of(84, analog=2, sampled=7, blocks=1))
@@ -603,7 +603,7 @@ def test_c3d_is_read_where_its_program_counted_wrongly(tmp_path: Path) -> None:
     assert_array_equal(only(path, body="1", units="mm").positions, MARKERS[:, :3])
 
 
-def test_bvh_follows_the_chain_of_joints(tmp_path: Path) -> None:
+def test_bvh_follows_the_chain_of_joints(tmp_path):
     # A hand at the end of an arm of 2 that the root turns by 90° about z.
     path = tmp_path / "a.bvh"
     text = (
@@ -633,7 +633,7 @@ def table(tmp_path: Path, text: str, **options: Any) -> RawRecording:
     return only(tmp_path / "a.csv", **options)
 
 
-def test_heads_say_units_and_places(tmp_path: Path) -> None:
+def test_heads_say_units_and_places(tmp_path):
     heads = "y (cm);x_cm;Time [ms];rz [deg];rx [deg];ry [deg]"
     one = table(tmp_path, f"{heads}\n1,5;2;0;90;0;0\n1;2;4;90;0;0")
     assert one.unit == "cm"
@@ -648,13 +648,13 @@ def test_heads_say_units_and_places(tmp_path: Path) -> None:
     assert_array_equal(one.positions, [[0.1, 2, 3], [-4, 5, 6]])
 
 
-def test_rotation_vectors_of_many_turns_are_noticed(tmp_path: Path) -> None:
+def test_rotation_vectors_of_many_turns_are_noticed(tmp_path):
     one = table(tmp_path, "x,y,z,rx,ry,rz\n0,0,0,0,0,45\n0,0,1,0,0,90\n")
     assert "are they degrees? say --angles deg" in one.notes[0]
     assert not table(tmp_path, "x,y,rx,ry,rz\n0,0,0,0,1\n0,1,0,0,2\n").notes
 
 
-def test_columns_among_which_the_time_may_be_are_shown(tmp_path: Path) -> None:
+def test_columns_among_which_the_time_may_be_are_shown(tmp_path):
     text = "Zeit;X;Ort;Y;Z\n0,0;1;a;2;3\n0,1;1;b;2;3\n"
     message = (
         r"no time stamps: its columns are Zeit, X, Ort, Y, Z\. If one of them is "
@@ -686,17 +686,13 @@ def test_columns_among_which_the_time_may_be_are_shown(tmp_path: Path) -> None:
         ("1,2\n3,4", {"columns": ("x", "y", "z")}, "line 1 has 2 columns, and 3 are"),
     ],
 )
-def test_a_table_that_is_not_understood(
-    tmp_path: Path, text: str, options: Any, message: str
-) -> None:
+def test_a_table_that_is_not_understood(tmp_path, text, options, message):
     with pytest.raises(ValueError, match=message) as caught:
         table(tmp_path, text, **options)
     assert "a.csv cannot be read as a table in a text file" in str(caught.value)
 
 
-def test_matlab_agrees_with_scipy_on_all_that_stands_in_each_other(
-    tmp_path: Path,
-) -> None:
+def test_matlab_agrees_with_scipy_on_all_that_stands_in_each_other(tmp_path):
     rng = np.random.default_rng(0)
     inner = np.array([(POSITIONS, 3), (PHASE, 4)], dtype=[("a", "O"), ("n", "O")])
     cells = np.empty((2, 2), dtype=object)
@@ -716,7 +712,7 @@ def test_matlab_agrees_with_scipy_on_all_that_stands_in_each_other(
             read_arrays(path, DecodingBudget(0, least=500))
 
 
-def test_cells_and_structures_of_one_name_are_one_set(tmp_path: Path) -> None:
+def test_cells_and_structures_of_one_name_are_one_set(tmp_path):
     cells = np.empty((3, 1), dtype=object)
     cells[:, 0] = [np.vstack([POSITIONS[:n].T, TIMES[:n]]) for n in (20, 30, 40)]
     structures = np.array(
@@ -770,9 +766,7 @@ BOTH = np.hstack([POSITIONS, WXYZ]).T
         ({"hand": POSITIONS, "stamp": TIMES}, "hand, stamp", (*XYZ, "t")),
     ],
 )
-def test_times_and_rotations_stand_beside_positions(
-    tmp_path: Path, content: Any, body: str | None, columns: tuple[str, ...]
-) -> None:
+def test_times_and_rotations_stand_beside_positions(tmp_path, content, body, columns):
     scipy.io.savemat(tmp_path / "a.mat", content)
     selection = Selection(body=body, columns=columns)
     for one in read_recordings(tmp_path / "a.mat", selection):
@@ -782,7 +776,7 @@ def test_times_and_rotations_stand_beside_positions(
             assert_array_equal(quaternions(one), WXYZ)
 
 
-def test_arrays_of_one_npz_are_put_side_by_side(tmp_path: Path) -> None:
+def test_arrays_of_one_npz_are_put_side_by_side(tmp_path):
     stacked = {"ee_pos": np.stack([POSITIONS] * 3), "ee_quat": np.stack([WXYZ] * 3)}
     np.savez(tmp_path / "a.npz", time=TIMES, **stacked)
     both = Selection(body="ee_pos,ee_quat", columns=WITH_QUATERNION)
@@ -857,13 +851,7 @@ REFUSED: tuple[tuple[str, Callable[[Path], object], str | None, str], ...] = (
 
 
 @pytest.mark.parametrize(("name", "write", "body", "message"), REFUSED)
-def test_what_cannot_be_read_is_said(
-    tmp_path: Path,
-    name: str,
-    write: Callable[[Path], object],
-    body: str | None,
-    message: str,
-) -> None:
+def test_what_cannot_be_read_is_said(tmp_path, name, write, body, message):
     write(tmp_path / name)
     with pytest.raises(ValueError, match=message):
         read_recordings(tmp_path / name, Selection(body=body))
@@ -885,7 +873,7 @@ ELSEWHERE: dict[str, tuple[str, Any]] = {
 
 
 @pytest.mark.parametrize("case", ELSEWHERE)
-def test_links_in_hdf5_are_not_followed(tmp_path: Path, case: str) -> None:
+def test_links_in_hdf5_are_not_followed(tmp_path, case):
     place, link = ELSEWHERE[case]
     os.mkfifo(pipe := tmp_path / "pipe")
     write_robomimic(tmp_path / "a.hdf5")
@@ -1080,7 +1068,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """Reads files, and prints their errors and the kilobytes of memory that they took."""
 
 
-def test_small_files_do_not_become_large_ones(tmp_path: Path) -> None:
+def test_small_files_do_not_become_large_ones(tmp_path):
     """They take 64 MiB, which is allowed, and as much again in passing."""
     paths = []
     for name, (write, file, _) in BOMBS.items():
