@@ -1,15 +1,11 @@
 import dataclasses
 import json
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics, late_decisions
-
-MakeLog = Callable[..., EpisodeLog]
 
 
 def test_round_trip_is_exact(tmp_path, make_log):
@@ -53,50 +49,52 @@ def test_wrong_shape_names_the_array(make_log, name, shape):
         make_log(**{name: np.zeros(shape)})
 
 
-def test_incomplete_file(tmp_path, make_log):
-    path = tmp_path / "log.npz"
-    make_log().save(path)
-    with np.load(path) as archive:
-        arrays = {name: archive[name] for name in archive.files if name != "wrench"}
-    np.savez(path, **arrays)
-    with pytest.raises(ValueError, match=r"log\.npz cannot be read .* lacks 'wrench'"):
-        EpisodeLog.load(path)
+@pytest.fixture
+def rewritten(tmp_path, make_log):
+    """Save a log, change the arrays of its file, and return where it is."""
+
+    def write(change):
+        path = tmp_path / "log.npz"
+        make_log().save(path)
+        with np.load(path) as archive:
+            arrays = dict(archive)
+        change(arrays)
+        np.savez(path, **arrays)
+        return path
+
+    return write
 
 
-def test_a_file_from_before_wall_times_were_measured_is_read(tmp_path, make_log):
-    path = tmp_path / "log.npz"
-    make_log().save(path)
-    with np.load(path) as archive:
-        arrays = {n: archive[n] for n in archive.files if n != "latency_wall_s"}
-    np.savez(path, **arrays)
-    log = EpisodeLog.load(path)
+def test_a_file_from_before_wall_times_were_measured_is_read(rewritten):
+    log = EpisodeLog.load(rewritten(lambda arrays: arrays.pop("latency_wall_s")))
     assert np.isnan(log.latency_wall_s).all()
     metrics = episode_metrics(log)
     assert metrics.latency_wall_median_ms is metrics.latency_wall_p95_ms is None
     assert late_decisions([metrics.as_json()]) == ""
 
 
-@pytest.mark.parametrize("header", ["[1]", "{", "[" * 9999, '{"other": 1}'])
-def test_wrong_header(tmp_path, make_log, header):
-    path = tmp_path / "log.npz"
-    make_log().save(path)
-    rewrite_header(path, header)
-    with pytest.raises(ValueError, match=r"log\.npz cannot be read as a gplfd episode"):
-        EpisodeLog.load(path)
+def headed(header):
+    """Replace the header by a text, or some of its values."""
+
+    def change(arrays):
+        kept = {} if isinstance(header, str) else json.loads(str(arrays["header"]))
+        arrays["header"] = header if not kept else json.dumps(kept | header)
+
+    return change
 
 
-@pytest.mark.parametrize("name", ["policy", "door_config", "seed", "dt", "success"])
-def test_wrong_header_names_the_field(tmp_path, make_log, name):
-    path = tmp_path / "log.npz"
-    make_log().save(path)
-    with np.load(path) as archive:
-        header = json.loads(str(archive["header"]))
-    rewrite_header(path, json.dumps(header | {name: None}))
-    with pytest.raises(ValueError, match=rf"log\.npz cannot .*: its {name} is None"):
-        EpisodeLog.load(path)
-
-
-def rewrite_header(path: Path, header: str) -> None:
-    with np.load(path) as archive:
-        arrays = dict(archive) | {"header": np.array(header)}
-    np.savez(path, **arrays)
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda arrays: arrays.pop("wrench"), "lacks 'wrench'"),
+        *((headed(text), "") for text in ("[1]", "{", "[" * 9999, '{"other": 1}')),
+        *(
+            (headed({name: None}), f"its {name} is None")
+            for name in ("policy", "door_config", "seed", "dt", "success")
+        ),
+    ],
+)
+def test_a_wrong_file_is_refused(rewritten, change, message):
+    said = rf"log\.npz cannot be read as a gplfd episode.*{message}"
+    with pytest.raises(ValueError, match=said):
+        EpisodeLog.load(rewritten(change))
