@@ -249,49 +249,6 @@ def test_warns_of_results_of_other_code_and_machines(
     assert "1 of 1 results were made by other code" in theirs
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--policies", "table-1", "gp"], "gp is given twice in --policies"),
-        (["--policies", "gp-fixd"], "did you mean 'gp-fixed'"),
-        (["--doors", "small", "small"], "door small is given twice"),
-        (["--doors", "smal"], "did you mean 'small'"),
-        (["--doors", "1.2"], "DoorConfig.radius = 1.2 is outside [0.3, 0.95]"),
-        (["--seeds", "0"], "--seeds 0 must be 1 or more"),
-        (["--demonstrations-per-door", "0"], "--demonstrations-per-door 0 must be 1"),
-        (["--randomizations", "mid"], "did you mean 'mild'"),
-        (["--config", "smal"], "--config smal: there is no such file"),
-        (["--workers", "2"], "--workers 2 is for --engine loky"),
-        (["--engine", "dask"], "--engine dask needs the scheduler"),
-        (["--engine", "dask", "--address", "127.0.0.1"], "no Dask scheduler answers"),
-        (["--seeds", "1000000000"], "tasks; at most 100,000"),
-        (["--out", "taken"], "--out taken is a file; give a folder"),
-        (["--policies"], "--policies needs at least one value"),
-        (["--demonstrations-per-door", "2", "1001"], "door 1001 must be 1 to 1000"),
-        (["--teacher-noise", "21"], "--teacher-noise 21.0 must be 0 to 20"),
-    ],
-)
-def test_wrong_arguments_end_with_status_2(
-    arguments, message, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(tmp_path)
-    Path("taken").write_text("")
-    assert benchmark(tmp_path / "study", *arguments) == 2
-    printed = capsys.readouterr().err
-    assert message in printed
-    assert "Traceback" not in printed
-    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
-
-
-def test_a_name_in_a_file_that_is_unknown_ends_with_status_2(tmp_path, capsys):
-    file = tmp_path / "study.toml"
-    file.write_text("policies = ['gp', 'kpm']")
-    assert benchmark(tmp_path / "out", "--config", str(file)) == 2
-    printed = capsys.readouterr().err
-    assert f"gplfd: {file}: unknown policy 'kpm' (did you mean 'kmp'?)" in printed
-    assert not (tmp_path / "out").exists()
-
-
 WAITING = """\
 import time
 from pathlib import Path

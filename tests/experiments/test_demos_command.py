@@ -236,29 +236,3 @@ def test_without_minari_the_extra_is_named(gplfd, recorded, capsys, monkeypatch)
         assert "pip install '.[minari]'" in printed
         assert "pip install 'gplfd[minari]'" in printed
         assert "Traceback" not in printed
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("--policy oracel", "unknown policy 'oracel' (did you mean 'oracle'?)"),
-        ("--doors smal", "unknown door 'smal' (did you mean 'small'?)"),
-        ("--episodes 0", "--episodes 0 must be 1 or more"),
-        ("--seed -1", "--seed -1 must be 0 or more"),
-        ("--max-steps 0", "--max-steps 0 must be 1 or more"),
-        ("--demonstrations-per-door 0", "--demonstrations-per-door 0 must be 1"),
-        ("--out demos", "for example door-opening-v0"),
-        ("--out taken-v0", "taken-v0 exists and is no data set"),
-        ("--out taken-v0/below-v0", "taken-v0"),
-        ("--randomization wild", "wild"),
-    ],
-)
-def test_bad_arguments_of_record_leave_no_files(
-    gplfd, tmp_path, capsys, arguments, message
-):
-    (tmp_path / "taken-v0").write_text("")
-    assert gplfd("demos", "record", "--policy", "oracle", *arguments.split()) == 2
-    printed = capsys.readouterr().err
-    assert message in printed.splitlines()[-1]
-    assert "Traceback" not in printed
-    assert {path.name for path in tmp_path.iterdir()} == {"taken-v0"}

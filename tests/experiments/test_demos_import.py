@@ -91,28 +91,6 @@ def test_each_motion_relative_to_its_own_first_pose(files, caplog):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("none.csv --out s", "there is no file none.csv"),
-        ("0.csv --out 0.csv", "exists and is no set of demonstrations"),
-        ("0.csv --out 0.csv/s", "--out 0.csv is a file"),
-        ("0.csv --out s --frame 1,2,3", "must be seven numbers"),
-        ("0.csv --out s --offset a", "--offset 'a' must be seven"),
-        ("0.csv --out s --segment 1-x", "none, rests, turns, or times"),
-        ("0.csv --out s --rate -1", "rate = -1 must be a positive"),
-        ("bad.csv --out s", "bad.csv cannot be read as a table in a text file"),
-    ],
-)
-def test_bad_input_is_one_message_and_leaves_nothing(files, arguments, message, caplog):
-    Path("bad.csv").write_text("x,y\n1,two\n")
-    before = sorted(Path().rglob("*"))
-    assert imported(*arguments.split()) == 2
-    (record,) = caplog.records
-    assert message in record.getMessage()
-    assert sorted(Path().rglob("*")) == before
-
-
-@pytest.mark.parametrize(
     "place",
     [
         "numpy.savez_compressed",
@@ -132,31 +110,6 @@ def test_a_full_disk_is_told_and_leaves_nothing(files, monkeypatch, caplog, plac
     (record,) = caplog.records
     assert record.getMessage() == "set: No space left on device"
     assert sorted(Path().rglob("*")) == before
-
-
-@pytest.mark.parametrize(
-    ("command", "message"),
-    [
-        ("learn 0.csv --out s.npz", "gplfd demos import 0.csv --out SET"),
-        ("learn a.npz --out s.npz", "gplfd demos import a.npz --out SET"),
-        ("learn . --out s.npz", "there is no demonstrations.npz in .; gplf"),
-        ("skill 0.csv --out s", "gplfd demos import 0.csv --out SET makes"),
-        ("run --skill . --out s", ". is a folder; give a file (.npz) th"),
-        ("learn pipe --out s.npz", "pipe is a named pipe; give a set"),
-        ("run --skill pipe --out s", "pipe is a named pipe; give a file"),
-        ("view pipe", "pipe is a named pipe; give a Rerun recording"),
-        ("report study", "a.json: it is a named pipe; give a file"),
-    ],
-)
-def test_another_kind_of_file_is_named_and_nothing_is_waited_for(
-    files, caplog, command, message
-):
-    np.savez("a.npz", positions=np.zeros((9, 3)))
-    os.mkfifo("pipe")
-    Path("study/tasks").mkdir(parents=True)
-    os.mkfifo("study/tasks/a.json")
-    assert cli.main(command.split()) == 2
-    assert message in caplog.records[-1].getMessage()
 
 
 ROOT = Path(__file__).parents[2]

@@ -77,8 +77,10 @@ def headed(header):
     """Replace the header by a text, or some of its values."""
 
     def change(arrays):
-        kept = {} if isinstance(header, str) else json.loads(str(arrays["header"]))
-        arrays["header"] = header if not kept else json.dumps(kept | header)
+        text = header
+        if isinstance(header, dict):
+            text = json.dumps(json.loads(str(arrays["header"])) | header)
+        arrays["header"] = text
 
     return change
 
