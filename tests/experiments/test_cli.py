@@ -418,17 +418,8 @@ def test_help_breaks_lines_at_the_width_of_the_terminal_only(
         assert options in printed
 
 
-@pytest.mark.parametrize("command", ["run", "benchmark", "view", "demos record"])
-def test_help_names_every_randomization(gplfd, capsys, command):
-    assert gplfd(*command.split(), "--help") == 0
-    printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    *names, last = RANDOMIZATIONS
-    assert f"{', '.join(names)} or {last}" in printed
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh"])
-def test_shells_can_complete_it(gplfd, capsys, shell):
-    assert gplfd("--tyro-print-completion", shell) == 0
+def test_shells_can_complete_it(gplfd, capsys):
+    assert gplfd("--tyro-print-completion", "bash") == 0
     script = capsys.readouterr().out
     assert "--randomization" in script
     assert "doctor" in script

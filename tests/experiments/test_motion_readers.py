@@ -278,6 +278,7 @@ class Kind:
 
 
 FORCES = {"force": FORCE}
+SQLITE = {"storage": StoragePlugin.SQLITE3}
 COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 PARQUET = "data/chunk-000/file-000.parquet"
 MM, CM = (Selection(quaternions="wxyz", units=unit) for unit in ("mm", "cm"))
@@ -292,7 +293,10 @@ KINDS = {
     "bvh": Kind("bvh", write_bvh, "a.bvh", Selection(units="cm"), text=True),
     "c3d": Kind("c3d", write_c3d, "a.c3d", Selection(body="A,B,C")),
     "mcap": Kind("ros", write_one_file, "a.mcap", signals=FORCES),
-    "db3": Kind("ros", partial(write_one_file, storage=StoragePlugin.SQLITE3), "a.db3"),
+    "db3": Kind("ros", partial(write_one_file, **SQLITE), "a.db3"),
+    "bag": Kind(
+        "ros", lambda bag: write_bag(bag, "/t", **SQLITE), "bag", damaged="bag.db3"
+    ),
     "robomimic": Kind(
         "robomimic", write_robomimic, "a.hdf5", signals={"gripper": FORCE[:, :2]}
     ),
@@ -367,22 +371,13 @@ def test_nothing_is_waited_for(written, tmp_path):
         (copy / kind.damaged).unlink()
     os.mkfifo(pipe := copy / kind.damaged)
     # A pipe is no mark of a folder of any kind.
-    missing = path.is_dir() and kind.damaged != PARQUET
+    missing = path.is_dir() and kind.damaged not in (PARQUET, "bag.db3")
     message = "unknown folder" if missing else rf"{pipe.name} is a named pipe; give a"
     with pytest.raises(ValueError, match=message):
         read_recordings(copy, kind.selection)
-
-
-def test_no_pipe_is_opened_by_a_bag_or_for_an_unknown_kind(tmp_path):
     os.mkfifo(tmp_path / "a.unknown")
     with pytest.raises(ValueError, match=r"a\.unknown is a named pipe; give a record"):
         read_recordings(tmp_path / "a.unknown", ANY)
-    write_bag(tmp_path / "bag", "/hand", storage=StoragePlugin.SQLITE3)
-    (database,) = (tmp_path / "bag").glob("*.db3")
-    database.unlink()
-    os.mkfifo(database)
-    with pytest.raises(ValueError, match=r"db3 is a named pipe"):
-        read_recordings(tmp_path / "bag", ANY)
 
 
 TOKENS = (b"", b"0", b"-1", b"nan", b"1e999", b"9" * 400, b"null", b"[]", b"\xff\xfe")
@@ -1011,25 +1006,18 @@ def write_generated_messages(path: Path) -> None:
         )
 
 
-ZEROS = np.zeros((2**23, 3), "i1")
+ZEROS = {"pos": np.zeros((2**23, 3), "i1"), "t": np.zeros(2**23, "i1")}
 ALLOWED = "unpacks to more than its size allows"
-SQLITE = {"storage": StoragePlugin.SQLITE3}
 BOMBS: dict[str, tuple[Callable[[Path], None], str, str]] = {
     "hdf5-shape": (write_robomimic_without_data, "a.hdf5", ALLOWED),
     "hdf5-many": (write_robomimic_of_many, "a.hdf5", ALLOWED),
     "hdf5-chunk": (write_robomimic_large_chunk, "a.hdf5", "more than a chunk"),
     "lerobot": (write_constants, "set", ALLOWED),
     "lerobot-lie": (write_constants_and_lie, "set", ALLOWED),
-    "ros2-message": (
-        partial(bag_of_zeros, **SQLITE, mode=CompressionMode.MESSAGE),
-        "bag",
-        ALLOWED,
-    ),
-    "ros2-file": (
-        partial(bag_of_zeros, **SQLITE, mode=CompressionMode.FILE),
-        "bag",
-        ALLOWED,
-    ),
+    **{
+        f"ros2-{one.name}": (partial(bag_of_zeros, **SQLITE, mode=one), "bag", ALLOWED)
+        for one in (CompressionMode.MESSAGE, CompressionMode.FILE)
+    },
     "mcap-zstd": (write_mcap_of_chunks, "a.mcap", ALLOWED),
     "mcap-lz4": (write_mcap_of_lz4, "a.mcap", ALLOWED),
     "db3": (write_generated_messages, "a.db3", "too big"),
@@ -1038,17 +1026,11 @@ BOMBS: dict[str, tuple[Callable[[Path], None], str, str]] = {
         for one in Writer1.CompressionFormat
     },
     "mat": (
-        lambda path: scipy.io.savemat(
-            path, {"pos": ZEROS, "t": ZEROS[:, 0]}, do_compression=True
-        ),
+        lambda to: scipy.io.savemat(to, ZEROS, do_compression=True),
         "a.mat",
         ALLOWED,
     ),
-    "npz": (
-        lambda path: np.savez_compressed(path, positions=ZEROS, times=ZEROS[:, 0]),
-        "a.npz",
-        ALLOWED,
-    ),
+    "npz": (lambda to: np.savez_compressed(to, **ZEROS), "a.npz", ALLOWED),
 }
 
 READ_AND_MEASURE = """
