@@ -1,7 +1,8 @@
-"""What each figure shows, against its data, and that drawing simulates nothing."""
+"""What each figure shows, against its data; drawing simulates nothing."""
 
 import dataclasses
 import functools
+import json
 import re
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ from scipy.stats import f as fisher
 
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.analysis.figures import (
+    drawing,
     fig07_region,
     fig09_adaptation,
     fig10_stiffness,
@@ -40,6 +42,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_plots")]
 DOORS = ("small", "medium", "large", "heavy", "0.42")
 
 
+def simulate(*_, **__):
+    raise AssertionError("a figure has simulated")
+
+
 @pytest.fixture(scope="module")
 def doors():
     radii = (0.35, 0.50, 0.65)
@@ -53,9 +59,6 @@ def measured(doors, formula_log):
     """What a figure shows of openings by formula; each figure is measured once."""
     logs = {door: formula_log(n_steps=61, dt=0.1, door=door) for door in DOORS}
     given = Material(seed=0, demonstrations=doors, episodes=logs)
-
-    def simulate(*_, **__):
-        raise AssertionError("a figure has simulated")
 
     @functools.cache
     def measure(name):
@@ -373,3 +376,44 @@ def test_forecast_scores_by_hand():
     forecast = forecasts.Forecast(rest=rest, truth=truth)
     assert forecast.coverage() == pytest.approx(3 / 4)
     assert forecast.rms_error() == pytest.approx(np.sqrt((0.03**2 + 0.01**2) / 2))
+
+
+def files(folder):
+    return {path.name for path in folder.iterdir()}
+
+
+def test_the_command_its_repetition_and_figures_without_episodes(
+    gplfd, tmp_path, make_log, monkeypatch
+):
+    """Episodes by formula, and two figures, one of them with episodes."""
+
+    def short(*_, door, **__):
+        return make_log(n_steps=121, dt=0.05, door=door)
+
+    agent = SimpleNamespace(control="pose")
+    monkeypatch.setattr(module, "learned_agents", lambda *_: lambda: agent)
+    monkeypatch.setattr(module, "rollout", simulate)
+    two = {name: drawing.FIGURES[name] for name in ("fig03", "fig10")}
+    monkeypatch.setattr(drawing, "FIGURES", two)
+
+    out = tmp_path / "out"
+    assert gplfd("figures", "--out", "out", "--only", "fig03") == 0
+    assert {path.name for path in out.glob("*.*g")} == {"fig03.png", "fig03.svg"}
+    monkeypatch.setattr(module, "rollout", short)
+    assert gplfd("figures", "--out", "out") == 0
+    drawn = {f"{name}{end}" for name in ("fig03", "fig10") for end in (".png", ".svg")}
+    assert files(out) == {*drawn, "captions.md", "figures.json", "logs"}
+    (runs,) = (out / "logs").iterdir()
+    logs = {f"gp-{door}.npz" for door in ("medium", "heavy")}
+    assert files(runs) == {"settings.json", "demonstrations.npz", *logs}
+    captions = (out / "captions.md").read_text()
+    heads = [line.split(":")[0] for line in captions.splitlines() if line[:3] == "## "]
+    assert heads == ["## fig03", "## fig10"]
+    assert json.loads((out / "figures.json").read_text())["config"]["seed"] == 0
+    first = {path.name: path.read_bytes() for path in out.glob("fig??.*")}
+
+    # Runs are used again, and give the same bytes.
+    monkeypatch.setattr(module, "rollout", simulate)
+    (out / "fig10.svg").unlink()
+    assert gplfd("figures", "--out", "out", "--only", "fig10") == 0
+    assert {path.name: path.read_bytes() for path in out.glob("fig??.*")} == first
