@@ -212,10 +212,7 @@ def test_pictures_show_the_recorded_states(episodes):
     ("arguments", "message"),
     [
         (["SET", "--rate", "30"], "must divide the 100 steps per second"),
-        (
-            ["SET", "--pictures", "side"],
-            "camera_name = 'side' is not one of 'overview'",
-        ),
+        (["SET", "--pictures", "side"], "camera_name = 'side' is not one of 'overv"),
         ([".", "--pictures", "top"], "--pictures and --rate are for episodes of"),
         (["SET", "--form", "robomimic", "--pictures", "top"], "form lerobot alone"),
     ],

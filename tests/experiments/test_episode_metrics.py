@@ -145,23 +145,19 @@ def test_work_on_a_lever_is_done_where_the_hand_is(make_log):
     assert work_on_door(log) == pytest.approx(10.0 * 0.41 * turned)
 
 
-def test_prediction_error_is_bias_squared_plus_variance(make_log):
-    """Section IV-B: E[ε²] = (E[f*] - f)² + var f*."""
-    metrics = episode_metrics(make_log())
+def test_prediction_error_is_bias_squared_plus_variance_of_the_opening(make_log):
+    """Section IV-B: E[ε²] = (E[f*] - f)² + var f*; before and after do not count."""
+    log = make_log()
+    metrics = episode_metrics(log)
     expected = 3 * (0.003**2 + 0.004**2)
     assert metrics.prediction_error_position == pytest.approx(expected)
     assert metrics.prediction_error_rotation == pytest.approx(expected)
-
-
-def test_prediction_error_counts_only_the_opening_motion(make_log):
-    log = make_log()
     std = np.array(log.predicted_std)
     opening = opening_motion(log)
     std[: opening.start] = 1.0
     std[opening.stop :] = 1.0
     changed = episode_metrics(make_log(predicted_std=std))
-    before = episode_metrics(log).prediction_error_position
-    assert changed.prediction_error_position == before
+    assert changed.prediction_error_position == metrics.prediction_error_position
     assert math.degrees(log.door_angle[opening.start]) == pytest.approx(1.0, abs=0.2)
     assert math.degrees(log.door_angle[opening.stop - 1]) == pytest.approx(65, abs=0.2)
 
@@ -201,9 +197,6 @@ def test_log_dimensionless_jerk_of_a_minimum_jerk_motion():
         assert log_dimensionless_jerk(path, dt) == pytest.approx(expected, abs=1e-3)
         shaky = path + 1e-4 * np.sin(40.0 * duration * s)[:, None]
         assert log_dimensionless_jerk(shaky, dt) < expected - 1.0
-
-
-def test_smoothness_of_motions_that_have_none():
     assert log_dimensionless_jerk(np.zeros((10, 3)), 0.01) is None
     assert log_dimensionless_jerk(np.zeros((100, 3)), 0.01) is None
 
@@ -388,13 +381,6 @@ def forecasting(make_log):
     return log
 
 
-def test_a_policy_that_knows_the_door_makes_no_error(forecasting):
-    errors = forecast_errors(forecasting(0.5), ANGLE)
-    assert len(errors) == len(PROGRESS)
-    # The path of straight pieces between a hundred points cuts the corners.
-    assert max(errors) < 1e-4
-
-
 def test_error_of_a_wrong_radius_is_the_distance_of_the_arcs(forecasting):
     log = forecasting(0.4)
     errors = forecast_errors(log, ANGLE)
@@ -417,6 +403,11 @@ def test_error_of_a_wrong_radius_is_the_distance_of_the_arcs(forecasting):
 
 
 def test_only_what_is_to_come_is_judged(forecasting):
+    """A policy that knows the door makes no error."""
+    errors = forecast_errors(forecasting(0.5), ANGLE)
+    assert len(errors) == len(PROGRESS)
+    # The path of straight pieces between a hundred points cuts the corners.
+    assert max(errors) < 1e-4
     errors = forecast_errors(forecasting(0.5, aside=1.0), ANGLE)
     assert min(errors[:4]) > 0.02
     assert max(errors[5:]) < 1e-4

@@ -238,10 +238,10 @@ def test_fig06_draws_recordings_and_policy_at_the_scales_that_it_says(doors, mea
     for output in range(6):
         assert_band(axes[2, output], shown.policy, output)
         low, high = axes[0, output].get_ylim()
-        for number, line in enumerate(axes[0, output].lines):
-            curve = doors.demonstrations[number].poses[:, output]
-            np.testing.assert_array_equal(line.get_ydata(), curve)
-            assert low < curve.min() <= curve.max() < high
+        for line, one in zip(axes[0, output].lines, doors.demonstrations, strict=True):
+            np.testing.assert_array_equal(line.get_ydata(), one.poses[:, output])
+            assert low < one.poses[:, output].min()
+            assert one.poses[:, output].max() < high
     spans = [float(np.ptp(column[0].get_ylim())) for column in axes.T]
     written = [
         int(column[0].texts[0].get_text().split()[0]) if column[0].texts else 1

@@ -90,17 +90,16 @@ FAR = np.r_[TIMES[:-1], 1e9]
 
 # ------------------------------------------------------------------ nothing is lost
 def test_as_recorded_is_as_recorded():
-    raw = door()
-    motion = only(raw)
-    assert_array_equal(motion.demonstration.times, raw.times)
+    motion = only(RAW)
+    assert_array_equal(motion.demonstration.times, RAW.times)
     poses = motion.demonstration.poses
-    assert_allclose(poses[:, :3], raw.positions, rtol=0, atol=1e-15)
+    assert_allclose(poses[:, :3], RAW.positions, rtol=0, atol=1e-15)
     found = Rotation.from_rotvec(poses[:, 3:].copy())
-    recorded = Rotation.from_quat(raw.quaternions, scalar_first=True)
+    recorded = Rotation.from_quat(RAW.quaternions, scalar_first=True)
     assert (found * recorded.inv()).magnitude().max() < 1e-9
     assert motion.notes == ()
     # Without orientations, it does not turn.
-    motion = only(replace(raw, quaternions=None), Preparation())
+    motion = only(replace(RAW, quaternions=None), Preparation())
     assert_array_equal(motion.demonstration.poses[:, 3:], 0.0)
 
 
@@ -132,11 +131,10 @@ def test_samples_out_of_order_repeated_and_missing():
 
 
 def test_signs_of_quaternions_do_not_matter():
-    raw = door()
-    signs = np.where(np.arange(len(raw.positions)) % 7 < 3, -1.02, 0.98)
-    motion = only(replace(raw, quaternions=raw.quaternions * signs[:, None]))
+    signs = np.where(np.arange(len(RAW.positions)) % 7 < 3, -1.02, 0.98)
+    motion = only(replace(RAW, quaternions=RAW.quaternions * signs[:, None]))
     assert_allclose(
-        motion.demonstration.poses, only(raw).demonstration.poses, atol=1e-9
+        motion.demonstration.poses, only(RAW).demonstration.poses, atol=1e-9
     )
     assert "quaternions changed sign" in texts(motion, warnings=False)
 
@@ -145,11 +143,7 @@ def test_signs_of_quaternions_do_not_matter():
     ("given", "settings", "message"),
     [
         ({"quaternions": 1.5 * WXYZ}, {}, r"quaternion of sample 0 has norm 1\.5"),
-        (
-            {"times": None},
-            {},
-            "door.csv has no time stamps; say .* --recorded-rate 100",
-        ),
+        ({"times": None}, {}, "csv has no time stamps; say .* --recorded-rate 100"),
         ({"times": FAR}, {"segments": "rests"}, r"door.csv: .* span 1e\+09 s in steps"),
         ({"times": 0.0 * TIMES}, {}, "door.csv: all samples have the same time"),
         ({"positions": 1e10 + POSITIONS}, {}, "csv: only 0 of 401 samples have time"),
@@ -201,8 +195,7 @@ def test_times_are_made_of_a_rate_and_gaps_are_bridged():
 @pytest.mark.parametrize(("unit", "s"), [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
 def test_a_wrong_unit_of_time_is_noticed(tmp_path, unit, s):
     """Accepted with a warning, or refused before much memory is taken; both say how."""
-    raw = door()
-    table = np.column_stack([np.asarray(raw.times) / s, raw.positions])
+    table = np.column_stack([np.asarray(RAW.times) / s, RAW.positions])
     lines = [",".join(map(repr, row)) for row in table.tolist()]
     (tmp_path / "a.csv").write_text("\n".join(["t,x [m],y [m],z [m]", *lines]))
     (read,) = read_recordings(tmp_path / "a.csv", Selection())
@@ -216,7 +209,7 @@ def test_a_wrong_unit_of_time_is_noticed(tmp_path, unit, s):
     assert f"are times in {unit}? say --time-unit {unit}" in said
     (read,) = read_recordings(tmp_path / "a.csv", Selection(time_unit=unit))
     assert read.notes == ()
-    assert_allclose(np.asarray(read.times), np.asarray(raw.times), rtol=0, atol=1e-12)
+    assert_allclose(np.asarray(read.times), np.asarray(RAW.times), rtol=0, atol=1e-12)
 
 
 def test_seconds_that_are_said_to_be_milliseconds_are_noticed(tmp_path):
@@ -244,8 +237,7 @@ def test_samples_that_would_be_made_are_counted_first():
 
 @pytest.mark.parametrize("shift", [-1, 1])
 def test_a_wrong_order_of_quaternions_is_noticed_on_a_door(shift):
-    raw = door()
-    wrong = replace(raw, quaternions=np.roll(raw.quaternions, shift, axis=1))
+    wrong = replace(RAW, quaternions=np.roll(RAW.quaternions, shift, axis=1))
     assert "is their order right?" in texts(only(wrong), warnings=True)
 
 
@@ -346,9 +338,8 @@ def test_repetitions_lie_between_rests_and_motions_back_are_left_out():
     assert "2 repetitions between rests, 1 motions back left out" in texts(motions[0])
     first, second = (one.demonstration.poses for one in motions)
     assert_allclose(first[-1], second[-1], atol=5e-3)
-    raw = door()
-    grip = Rotation.from_quat(raw.quaternions, scalar_first=True)[0]
-    end = grip.inv().apply(raw.positions[-1] - raw.positions[0])
+    grip = Rotation.from_quat(RAW.quaternions, scalar_first=True)[0]
+    end = grip.inv().apply(RAW.positions[-1] - RAW.positions[0])
     assert_allclose(first[-1, :3], end, atol=5e-3)
 
 

@@ -280,7 +280,10 @@ class Kind:
 FORCES = {"force": FORCE}
 SQLITE = {"storage": StoragePlugin.SQLITE3}
 COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
-PARQUET = "data/chunk-000/file-000.parquet"
+GRIPPER = {"gripper": FORCE[:, :2]}
+PARQUET, INFO = "data/chunk-000/file-000.parquet", "meta/info.json"
+METADATA = "data/metadata.json"
+write_minari = partial(shutil.copytree, RECORDED)
 MM, CM = (Selection(quaternions="wxyz", units=unit) for unit in ("mm", "cm"))
 KINDS = {
     "csv": Kind("csv", write_csv, "a.csv", text=True),
@@ -297,20 +300,10 @@ KINDS = {
     "bag": Kind(
         "ros", lambda bag: write_bag(bag, "/t", **SQLITE), "bag", damaged="bag.db3"
     ),
-    "robomimic": Kind(
-        "robomimic", write_robomimic, "a.hdf5", signals={"gripper": FORCE[:, :2]}
-    ),
+    "robomimic": Kind("robomimic", write_robomimic, "a.hdf5", signals=GRIPPER),
     "lerobot": Kind("lerobot", write_lerobot, "set", damaged=PARQUET),
-    "lerobot-info": Kind(
-        "lerobot", write_lerobot, "set", damaged="meta/info.json", text=True
-    ),
-    "minari": Kind(
-        "minari",
-        partial(shutil.copytree, RECORDED),
-        "recorded-v0",
-        damaged="data/metadata.json",
-        text=True,
-    ),
+    "lerobot-info": Kind("lerobot", write_lerobot, "set", damaged=INFO, text=True),
+    "minari": Kind("minari", write_minari, "set-v0", damaged=METADATA, text=True),
     "own": Kind("numpy", write_set, "b.npz"),
     "set": Kind("set", write_set_folder, "set", damaged="demonstrations.npz"),
 }
@@ -801,6 +794,9 @@ def lerobot_2(path: Path) -> None:
     info.write_text(info.read_text().replace("v3.0", "v2.1"))
 
 
+mat_without_positions = partial(scipy.io.savemat, mdict={"s": {"t": TIMES}})
+
+
 def nested_cells(depth: int) -> bytes:
     """Cells in cells in a MATLAB file, which SciPy's reader follows to the end."""
 
@@ -834,12 +830,7 @@ REFUSED: tuple[tuple[str, Callable[[Path], object], str | None, str], ...] = (
     ("a.mvnx", write_mvnx, "LeftHand", r"no segment 'LeftHand'.*Pelvis, RightHand"),
     ("a.mat", text(b"MATLAB 7.3 MAT-file" + bytes(600)), None, r"save\(..., '-v7'"),
     ("a.mat", text(nested_cells(2000)), None, "stand in each other too deeply"),
-    (
-        "a.mat",
-        lambda path: scipy.io.savemat(path, {"s": {"t": TIMES}}),
-        None,
-        r"no array of positions: it has s\.t \(1, 60",
-    ),
+    ("a.mat", mat_without_positions, None, r"positions: it has s\.t \(1, 60"),
     ("set", lerobot_2, None, "of version v2.1, read is v3"),
     ("a.c3d", lambda path: path.write_bytes(c3d_of(7)), None, "unknown processor, 7"),
 )
@@ -857,10 +848,7 @@ ELSEWHERE: dict[str, tuple[str, Any]] = {
     "demonstration": ("data/demo_2", h5py.ExternalLink("pipe", "/data")),
     "obs": ("data/demo_10/obs", h5py.ExternalLink("pipe", "/obs")),
     "array": (POSITION, h5py.ExternalLink("pipe", "/pos")),
-    "inside": (
-        "data/demo_2/obs/robot0_eef_quat",
-        h5py.SoftLink("/data/demo_10/obs/x"),
-    ),
+    "inside": (POSITION, h5py.SoftLink("/data/demo_10/obs/x")),
     "data": ("data", h5py.SoftLink("/somewhere")),
     "external": (POSITION, None),
     "virtual": (POSITION, h5py.VirtualLayout((N, 3), "f8")),
