@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import shutil
 import sys
 from collections.abc import Callable
@@ -82,6 +83,9 @@ def test_replay_is_bit_exact(gplfd, recorded, capsys):
     assert printed.out == ""
 
 
+MAIN = "data/main_data.hdf5"
+
+
 def edit(folder: Path, change: Callable[[Any], None]) -> None:
     file = folder / "data" / "metadata.json"
     metadata = json.loads(file.read_text())
@@ -89,13 +93,16 @@ def edit(folder: Path, change: Callable[[Any], None]) -> None:
     file.write_text(json.dumps(metadata))
 
 
-def edit_arrays(folder: Path, change: Callable[[Any], None]) -> None:
-    """Change the file of the arrays, and the hash that it must have."""
-    file = folder / "data" / "main_data.hdf5"
-    with h5py.File(file, "a") as arrays:
-        change(arrays)
-    sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
+def seal(folder: Path) -> None:
+    """Make a changed file of arrays look like the one that was written."""
+    sha256 = hashlib.sha256((folder / MAIN).read_bytes()).hexdigest()
     edit(folder, lambda metadata: metadata["gplfd"].update(sha256=sha256))
+
+
+def edit_arrays(folder: Path, change: Callable[[Any], None]) -> None:
+    with h5py.File(folder / MAIN, "a") as arrays:
+        change(arrays)
+    seal(folder)
 
 
 def test_replay_of_a_tampered_recording_departs_with_status_1(gplfd, copied, capsys):
@@ -129,9 +136,6 @@ def test_inspect_prints_a_line_per_episode(gplfd, recorded, capsys):
     assert rows[0][-1] == rows[1][-1] != rows[2][-1]
 
 
-MAIN = "data/main_data.hdf5"
-
-
 def cut(folder: Path) -> None:
     content = (folder / MAIN).read_bytes()
     (folder / MAIN).write_bytes(content[: len(content) // 2])
@@ -152,6 +156,32 @@ def replaced(name: str, array: Any = None) -> Callable[[Path], None]:
             file[name] = array
 
     return lambda folder: edit_arrays(folder, change)
+
+
+def linked(name: str) -> Callable[[Path], None]:
+    """Put a link in the place of an array; behind it is a named pipe."""
+
+    def damage(folder: Path) -> None:
+        os.mkfifo(folder / "data/pipe")
+        replaced(name, h5py.ExternalLink("pipe", "/x"))(folder)
+
+    return damage
+
+
+def many_long_texts(folder: Path) -> None:
+    """Thousands of references to one text of a million letters."""
+    with h5py.File(folder / MAIN, "a") as file:
+        infos = file["episode_0/infos"]
+        del infos["failure"]
+        made = infos.create_dataset("failure", (5000,), h5py.string_dtype())
+        made[0] = 1_100_003 * "a"
+        offset = made.id.get_offset()
+    content = bytearray((folder / MAIN).read_bytes())
+    reference = content[offset : offset + 16]
+    assert int.from_bytes(reference[:4], "little") == 1_100_003
+    content[offset : offset + 16 * 5000] = reference * 5000
+    (folder / MAIN).write_bytes(content)
+    seal(folder)
 
 
 def endless(folder: Path) -> None:
@@ -194,6 +224,11 @@ def specification(**changes: Any) -> Callable[[Path], None]:
         (replaced("episode_0/infos/success"), "info success is missing"),
         (shorten_the_states, "physics_state has shape (5, 182), must have (9, 182)"),
         (endless, "it unpacks to more than its size allows"),
+        (many_long_texts, "unpacks to more than its size allows"),
+        *(
+            (linked(f"episode_0{name}"), "is a ExternalLink, and links are not foll")
+            for name in ("", "/rewards", "/infos/slip")
+        ),
         (replaced("episode_0/rewards", 3.0), "rewards has shape (), must have (1,)"),
         (replaced("episode_0/actions", b"text"), "/actions is one text, not an array"),
         (replaced("episode_0/actions", np.zeros((8, 5))), "episode 0 cannot be run"),
