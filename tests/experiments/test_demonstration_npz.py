@@ -1,7 +1,6 @@
 """Files of demonstrations: exact, labelled, and refused with one message."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +29,7 @@ def saved(tmp_path: Path) -> Path:
     return tmp_path / "d.npz"
 
 
-def test_round_trip_is_exact_and_says_what_it_holds(saved: Path) -> None:
+def test_round_trip_is_exact_and_says_what_it_holds(saved):
     loaded = load_demonstrations(saved)
     assert loaded.radii == (0.35, None)
     for one, other in zip(SHOWN, loaded.demonstrations, strict=True):
@@ -45,7 +44,7 @@ def test_round_trip_is_exact_and_says_what_it_holds(saved: Path) -> None:
     assert load_demonstrations(saved.parent).radii == (None, None)
 
 
-def test_frame_and_signals_are_kept(saved: Path) -> None:
+def test_frame_and_signals_are_kept(saved):
     force = np.full((40, 6), 2.0)
     save_demonstrations(saved, SHOWN, frame=FIRST_POSE, signals=[{"force": force}, {}])
     again = load_demonstrations(saved)
@@ -62,9 +61,7 @@ def test_frame_and_signals_are_kept(saved: Path) -> None:
         ((SHOWN[:1], [-0.5]), r"radius is -0\.5; it must be positive"),
     ],
 )
-def test_every_demonstration_needs_a_label(
-    tmp_path: Path, arguments: Any, message: str
-) -> None:
+def test_every_demonstration_needs_a_label(tmp_path, arguments, message):
     with pytest.raises(ValueError, match=message):
         save_demonstrations(tmp_path / "d.npz", *arguments)
     with pytest.raises(ValueError, match="2 demonstrations and 1 of signals"):
@@ -72,24 +69,10 @@ def test_every_demonstration_needs_a_label(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_missing_cut_and_foreign_files(saved: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"there is no file .*nothing\.npz"):
-        load_demonstrations(saved.with_name("nothing.npz"))
-    whole = saved.read_bytes()
-    for fraction in (0.0, 0.3, 0.9):
-        saved.write_bytes(whole[: int(fraction * len(whole))])
-        with pytest.raises(ValueError, match=r"d\.npz cannot be read as gplfd demonst"):
-            load_demonstrations(saved)
-    np.savez(saved, a=np.zeros(3))
-    with pytest.raises(ValueError, match="holds something else"):
+def test_another_version_is_refused(saved):
+    write_archive(saved, kind=KIND, version=VERSION + 1, arrays={})
+    with pytest.raises(ValueError, match=r"d\.npz .*has version 3, .* reads version 2"):
         load_demonstrations(saved)
-    for kind, version, message in (
-        ("a gplfd episode log", 1, "it holds a gplfd episode log"),
-        (KIND, VERSION + 1, r"has version 3, .* reads version 2"),
-    ):
-        write_archive(saved, kind=kind, version=version, arrays={})
-        with pytest.raises(ValueError, match=message):
-            load_demonstrations(saved)
 
 
 STILL = {"poses_1": np.zeros((5, 6)), "times_1": np.arange(5.0)}
@@ -120,7 +103,7 @@ SHORT = {"signals": ["f"], "f_0": np.zeros((2, 1)), "f_1": np.zeros(2)}
         (STILL, "demonstration 1: .* never moves"),
     ],
 )
-def test_wrong_content(saved: Path, changes: dict[str, Any], message: str) -> None:
+def test_wrong_content(saved, changes, message):
     with np.load(saved) as archive:
         arrays = dict(archive) | changes
     np.savez(saved, **{name: a for name, a in arrays.items() if a is not None})

@@ -92,9 +92,7 @@ def wider(episode: RecordedEpisode) -> RecordedEpisode:
     return with_states(episode, states, state_layout=layout)
 
 
-def test_the_first_departure_is_named_with_field_and_distance(
-    episode: RecordedEpisode,
-) -> None:
+def test_the_first_departure_is_named_with_field_and_distance(episode):
     other = state(7, "qvel", 1e-9)(state(4, "warmstart", 0.5)(episode))
     text = str(compare(episode, other))
     assert "departs at step 4 of 10: warmstart by 0.5" in text
@@ -111,9 +109,7 @@ def test_the_first_departure_is_named_with_field_and_distance(
         (wider, 0, {"userdata": math.inf}),
     ],
 )
-def test_what_differs_is_a_departure_at_its_step(
-    episode: RecordedEpisode, change: Change, step: int, fields: Any
-) -> None:
+def test_what_differs_is_a_departure_at_its_step(episode, change, step, fields):
     other = change(episode)
     assert str(compare(other, other)) == f"bit-exact over {N_STEPS} steps"
     for first, second in ((episode, other), (other, episode)):
@@ -134,13 +130,13 @@ class Heavier(gym.Wrapper[Any, Any, Any, Any]):
         return result
 
 
-def test_another_model_is_named_and_departs(episode: RecordedEpisode) -> None:
+def test_another_model_is_named_and_departs(episode):
     comparison = compare(episode, replay(episode, Heavier(gym.make(ENVIRONMENT_ID))))
     assert comparison.model_parts == ("body",)
     assert str(comparison).startswith("the model differs in body; departs at step 1")
 
 
-def test_a_replay_that_ends_early_says_so(episode: RecordedEpisode) -> None:
+def test_a_replay_that_ends_early_says_so(episode):
     short = gym.make(ENVIRONMENT_ID, max_episode_steps=N_STEPS - 3)
     comparison = compare(episode, replay(episode, short))
     assert not comparison.exact
@@ -155,7 +151,7 @@ def test_a_replay_that_ends_early_says_so(episode: RecordedEpisode) -> None:
     assert str(comparison) == f"ended after {N_STEPS - 2} of {N_STEPS} steps"
 
 
-def test_changed_versions_and_processors_are_told() -> None:
+def test_changed_versions_and_processors_are_told():
     origin = {
         "versions": {**versions(), "mujoco": "3.9.0"},
         "arithmetic": {"machine": "z80"},
@@ -167,7 +163,7 @@ def test_changed_versions_and_processors_are_told() -> None:
     assert "numpy" not in changes
 
 
-def test_the_stored_episode_replays() -> None:
+def test_the_stored_episode_replays():
     """Bit for bit on the kind of machine that recorded it, to rounding elsewhere."""
     again = f"\nif this change of the physics is meant, record again: {RECORD_AGAIN}"
     dataset = open_dataset(STORED)
@@ -185,7 +181,7 @@ def test_the_stored_episode_replays() -> None:
         assert max(largest.values(), default=0.0) < TOLERANCE, where
 
 
-def test_the_stored_episode_tells_a_gram_of_the_door_and_is_small() -> None:
+def test_the_stored_episode_tells_a_gram_of_the_door_and_is_small():
     """So the tolerance catches a changed scene."""
     dataset = open_dataset(STORED)
     stored = dataset.episode(0)

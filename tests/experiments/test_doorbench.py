@@ -82,7 +82,7 @@ def read(tmp_path: Path) -> Any:
     return reading
 
 
-def test_a_lever_door_is_read_whole(read: Any) -> None:
+def test_a_lever_door_is_read_whole(read):
     found = read(SPEC)
     assert found.name == "lever door"
     assert found.lost == ()
@@ -130,16 +130,14 @@ def test_a_lever_door_is_read_whole(read: Any) -> None:
         ("physics/latch/backset_m", 0.127, "", "backset", 0.127),
     ],
 )
-def test_what_is_lost_is_said(
-    path: str, value: Any, line: str, field: str, expected: Any, read: Any
-) -> None:
+def test_what_is_lost_is_said(path, value, line, field, expected, read):
     found = read(changed(path, value))
     assert getattr(found.door, field) == expected
     assert line in " ".join(found.lost)
     assert bool(found.lost) == bool(line)
 
 
-def test_a_fixed_pull_has_no_latch(read: Any) -> None:
+def test_a_fixed_pull_has_no_latch(read):
     spec = changed("operator/model", "pull_d")
     spec["physics"]["latch"] |= {"operator_travel": 0.0, "throw_m": 0.0, "backset_m": 0}
     found = read(spec)
@@ -161,17 +159,13 @@ def test_a_fixed_pull_has_no_latch(read: Any) -> None:
         ("id", 3, "id = 3 must be a text"),
     ],
 )
-def test_what_is_no_such_door_is_refused(
-    path: str, value: Any, problem: str, read: Any
-) -> None:
+def test_what_is_no_such_door_is_refused(path, value, problem, read):
     with pytest.raises(ValueError, match="no door that can be imported") as error:
         read(changed(path, value))
     assert problem in str(error.value)
 
 
-def test_the_command_writes_what_an_environment_takes(
-    tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_the_command_writes_what_an_environment_takes(tmp_path, capsys):
     path, out = tmp_path / "spec.json", tmp_path / "door.json"
     path.write_text(json.dumps(changed("lock/engaged", True)), encoding="utf-8")
     assert cli.main(["doors", "import", str(path), "--out", str(out)]) == 0

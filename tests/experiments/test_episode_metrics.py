@@ -1,13 +1,24 @@
-"""Measures of an episode, on logs by formula."""
+"""Logs of episodes and their measures, forecast errors included, on logs by formula."""
 
+import dataclasses
 import json
 import math
 
 import numpy as np
 import pytest
 
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.wrappers import FAILURES, REASONS
 from gplfd_experiments.episodes.failures import why_closed
+from gplfd_experiments.episodes.forecast_error import (
+    PROGRESS,
+    forecast_errors,
+    handle_path,
+    squared_distances,
+)
+from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import (
     door_acceleration,
     episode_metrics,
@@ -19,6 +30,101 @@ from gplfd_experiments.episodes.metrics import (
     sustained,
     work_on_door,
 )
+
+
+def test_round_trip_is_exact(tmp_path, make_log):
+    log = make_log(predicted_std=np.full((601, 6), np.nan))
+    log.save(tmp_path / "log.npz")
+    loaded = EpisodeLog.load(tmp_path / "log.npz")
+    for field in dataclasses.fields(EpisodeLog):
+        one, other = getattr(log, field.name), getattr(loaded, field.name)
+        if isinstance(one, np.ndarray):
+            assert one.dtype == other.dtype, field.name
+            assert one.tobytes() == other.tobytes(), field.name
+        else:
+            assert one == other, field.name
+
+
+def test_a_log_is_printed_in_one_line(make_log):
+    log = make_log()
+    shown = f"EpisodeLog({log.policy} on {log.door}, seed {log.seed}, 601 steps, "
+    assert repr(log).startswith(shown)
+    assert repr(make_log(success=True, failure="")).endswith(", opened)")
+    assert repr(make_log(success=False, failure="stalled")).endswith(", stalled)")
+
+
+def test_arrays_are_own_and_read_only(make_log):
+    wrench = np.zeros((601, 6))
+    log = make_log(wrench=wrench)
+    wrench[:] = 1.0
+    assert np.all(log.wrench == 0.0)
+    with pytest.raises(ValueError, match="read-only"):
+        log.wrench[0, 0] = 1.0
+    with pytest.raises(TypeError):
+        log.door_config["radius"] = 1.0  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [("std", (600, 6)), ("joint_pos", (601, 6)), ("forecast_mean", (3, 20, 6))],
+)
+def test_wrong_shape_names_the_array(make_log, name, shape):
+    with pytest.raises(ValueError, match=rf"EpisodeLog\.{name} has shape"):
+        make_log(**{name: np.zeros(shape)})
+
+
+@pytest.fixture
+def rewritten(tmp_path, make_log):
+    """Save a log, change the arrays of its file, and return where it is."""
+
+    def write(change):
+        path = tmp_path / "log.npz"
+        make_log().save(path)
+        with np.load(path) as archive:
+            arrays = dict(archive)
+        change(arrays)
+        np.savez(path, **arrays)
+        return path
+
+    return write
+
+
+def test_a_file_from_before_wall_times_were_measured_is_read(rewritten):
+    log = EpisodeLog.load(rewritten(lambda arrays: arrays.pop("latency_wall_s")))
+    assert np.isnan(log.latency_wall_s).all()
+    metrics = episode_metrics(log)
+    assert metrics.latency_wall_median_ms is metrics.latency_wall_p95_ms is None
+    assert late_decisions([metrics.as_json()]) == ""
+
+
+def headed(header):
+    """Replace the header by a text, or some of its values."""
+
+    def change(arrays):
+        text = header
+        if isinstance(header, dict):
+            text = json.dumps(json.loads(str(arrays["header"])) | header)
+        arrays["header"] = text
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda arrays: arrays.pop("wrench"), "lacks 'wrench'"),
+        *((headed(text), "") for text in ("[1]", "{", "[" * 9999, '{"other": 1}')),
+        *(
+            (headed({name: None}), f"its {name} is None")
+            for name in ("policy", "door_config", "seed", "dt", "success")
+        ),
+    ],
+)
+def test_a_wrong_file_is_refused(rewritten, change, message):
+    said = rf"log\.npz cannot be read as a gplfd episode.*{message}"
+    with pytest.raises(ValueError, match=said):
+        EpisodeLog.load(rewritten(change))
+
 
 DT = 0.01
 
@@ -39,23 +145,19 @@ def test_work_on_a_lever_is_done_where_the_hand_is(make_log):
     assert work_on_door(log) == pytest.approx(10.0 * 0.41 * turned)
 
 
-def test_prediction_error_is_bias_squared_plus_variance(make_log):
-    """Section IV-B: E[ε²] = (E[f*] - f)² + var f*."""
-    metrics = episode_metrics(make_log())
+def test_prediction_error_is_bias_squared_plus_variance_of_the_opening(make_log):
+    """Section IV-B: E[ε²] = (E[f*] - f)² + var f*; before and after do not count."""
+    log = make_log()
+    metrics = episode_metrics(log)
     expected = 3 * (0.003**2 + 0.004**2)
     assert metrics.prediction_error_position == pytest.approx(expected)
     assert metrics.prediction_error_rotation == pytest.approx(expected)
-
-
-def test_prediction_error_counts_only_the_opening_motion(make_log):
-    log = make_log()
     std = np.array(log.predicted_std)
     opening = opening_motion(log)
     std[: opening.start] = 1.0
     std[opening.stop :] = 1.0
     changed = episode_metrics(make_log(predicted_std=std))
-    before = episode_metrics(log).prediction_error_position
-    assert changed.prediction_error_position == before
+    assert changed.prediction_error_position == metrics.prediction_error_position
     assert math.degrees(log.door_angle[opening.start]) == pytest.approx(1.0, abs=0.2)
     assert math.degrees(log.door_angle[opening.stop - 1]) == pytest.approx(65, abs=0.2)
 
@@ -95,9 +197,6 @@ def test_log_dimensionless_jerk_of_a_minimum_jerk_motion():
         assert log_dimensionless_jerk(path, dt) == pytest.approx(expected, abs=1e-3)
         shaky = path + 1e-4 * np.sin(40.0 * duration * s)[:, None]
         assert log_dimensionless_jerk(shaky, dt) < expected - 1.0
-
-
-def test_smoothness_of_motions_that_have_none():
     assert log_dimensionless_jerk(np.zeros((10, 3)), 0.01) is None
     assert log_dimensionless_jerk(np.zeros((100, 3)), 0.01) is None
 
@@ -157,13 +256,10 @@ def test_late_decisions_are_counted_by_wall_time(make_log):
 )
 def test_why_a_door_stayed_closed_is_said_in_plain_words(failure, reason, words):
     assert why_closed(failure, reason) == words
-
-
-def test_every_failure_and_reason_has_words():
-    for failure in (*FAILURES[1:], "time_limit"):
-        assert why_closed(failure, failure) not in (failure, failure.replace("_", " "))
-    for reason in REASONS:
-        assert "_" not in why_closed("stalled", reason)
+    for known in (*FAILURES[1:], "time_limit"):
+        assert why_closed(known, known) not in (known, known.replace("_", " "))
+    for known in REASONS:
+        assert "_" not in why_closed("stalled", known)
 
 
 def test_a_door_that_never_moved_has_metrics(make_log):
@@ -260,3 +356,123 @@ def test_push_displacement_is_the_change_beside_the_path(make_log):
     nothing = np.full((601, 6), np.nan)
     again = make_log(push_force=pushed, ee_pose=pose, desired=nothing)
     assert episode_metrics(again).push_displacement_mm == pytest.approx(5.0)
+
+
+ANGLE = math.radians(66.0)
+PHASES = np.linspace(0.0, 1.0, 101)
+
+
+@pytest.fixture
+def forecasting(make_log):
+    """An opening of 0.5 m during which the policy expects some radius."""
+
+    def log(radius, *, at=PHASES, period=0.05, aside=0.0, **changes):
+        times = np.arange(0.0, 6.0 + 1e-9, period)
+        arc = np.array([handle_pose_on_arc(radius, ANGLE * phase) for phase in at])
+        arc[:50, 1] += aside
+        return make_log(
+            forecast_times=times,
+            forecast_phase=PHASES,
+            forecast_mean=np.stack([arc] * times.size),
+            forecast_std=np.ones((times.size, 101, 6)),
+            **changes,
+        )
+
+    return log
+
+
+def test_error_of_a_wrong_radius_is_the_distance_of_the_arcs(forecasting):
+    log = forecasting(0.4)
+    errors = forecast_errors(log, ANGLE)
+    phi = np.linspace(0.05 * ANGLE, ANGLE, 2000)
+    # Both arcs begin at the handle: their hinges are 0.1 m apart.
+    x, z = 0.5 * np.sin(phi), -0.5 * (1.0 - np.cos(phi))
+    radial = np.abs(np.hypot(x, z + 0.4) - 0.4)
+    end = handle_pose_on_arc(0.4, ANGLE)
+    beyond = np.arctan2(x, z + 0.4) > ANGLE
+    radial[beyond] = np.hypot(x - end[0], z - end[2])[beyond]
+    assert errors[0] == pytest.approx(math.sqrt(np.mean(radial**2)), rel=0.03)
+    # When the policy expects to be where does not matter.
+    hurried = forecast_errors(forecasting(0.4, at=PHASES**2), ANGLE)
+    assert hurried == pytest.approx(errors, rel=1e-2)
+    # Metrics have the errors in millimetres.
+    metrics = episode_metrics(log, demonstrated_angle=ANGLE)
+    expected = [1e3 * error for error in errors if error]
+    assert metrics.forecast_error_mm == pytest.approx(expected)
+    assert metrics.forecast_error_mm[0] > 5.0
+
+
+def test_only_what_is_to_come_is_judged(forecasting):
+    """A policy that knows the door makes no error."""
+    errors = forecast_errors(forecasting(0.5), ANGLE)
+    assert len(errors) == len(PROGRESS)
+    # The path of straight pieces between a hundred points cuts the corners.
+    assert max(errors) < 1e-4
+    errors = forecast_errors(forecasting(0.5, aside=1.0), ANGLE)
+    assert min(errors[:4]) > 0.02
+    assert max(errors[5:]) < 1e-4
+
+
+def test_a_door_that_stops_has_no_forecasts_beyond(forecasting):
+    angle = 0.5 * forecasting(0.5).door_angle
+    pose = np.array([handle_pose_on_arc(0.5, phi) for phi in angle])
+    stopped = forecasting(0.5, door_angle=angle, handle_pose=pose)
+    errors = forecast_errors(stopped, ANGLE)
+    assert all(error is not None for error in errors[:5])
+    assert errors[5:] == (None,) * 5
+
+
+def test_a_forecast_that_comes_too_late_does_not_count(forecasting):
+    errors = forecast_errors(forecasting(0.5, period=1.5), ANGLE)
+    # At 1.5, 3 and 4.5 s the door is open by 0.10, 0.5 and 0.90 of its angle.
+    known = [share for share, error in zip(PROGRESS, errors, strict=True) if error]
+    assert known == [0.05, 0.45, 0.85]
+
+
+def test_policies_without_forecasts_have_no_errors(make_log):
+    names = ("forecast_times", "forecast_phase")
+    curves = ("forecast_mean", "forecast_std")
+    silent = make_log(
+        **dict.fromkeys(names, np.empty(0)),
+        **dict.fromkeys(curves, np.empty((0, 0, 6))),
+    )
+    metrics = episode_metrics(silent).as_json()
+    assert metrics["forecast_progress"] == list(PROGRESS)
+    assert metrics["forecast_error_mm"] == [None] * 10
+
+
+def test_the_arc_lies_as_the_handle_does(make_log):
+    """A robot that stands askew by 3 degrees, with the bar off the hand's middle."""
+    turn = math.radians(3.0)
+    angle = 0.1 + make_log().door_angle
+    pose = np.array([handle_pose_on_arc(0.5, phi) for phi in angle])
+    x, z = pose[:, 0].copy(), pose[:, 2].copy()
+    pose[:, 0] = math.cos(turn) * x + math.sin(turn) * z + 0.004
+    pose[:, 2] = math.cos(turn) * z - math.sin(turn) * x - 0.002
+    pose[:, 1] = 0.01
+    path = handle_path(make_log(door_angle=angle, handle_pose=pose), angle)
+    np.testing.assert_allclose(path, pose[:, :3], atol=1e-12)
+
+
+def test_distance_from_a_path_is_that_from_its_nearest_piece():
+    path = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1, 0]])
+    points = np.array([[0.5, -0.2, 0], [2, 2, 0], [-3, 0, 4], [1.5, 0.5, 0]])
+    distances = np.sqrt(squared_distances(points, path))
+    assert distances == pytest.approx([0.2, math.sqrt(2.0), 5.0, 0.5])
+
+
+@pytest.mark.parametrize("swing", ["pull", "push"])
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_path_of_a_lever_is_its_hand_s_on_every_side(make_log, swing, side):
+    """The lever is turned at first, and is let back later."""
+    config = {"radius": 0.65, "handle": "lever", "swing": swing, "hinge_side": side}
+    geometry = DoorGeometry.of(DoorConfig(**config))
+    angle = np.linspace(0.0, ANGLE, 601)
+    turn = 0.8 * np.sin(np.pi * np.clip(3.0 * angle / ANGLE, 0.0, 1.0))
+    pose = geometry.hand_poses(angle, turn)
+    log = make_log(
+        door_angle=angle, handle_angle=turn, handle_pose=pose, door_config=config
+    )
+    ahead = np.linspace(0.2, 1.2, 9)
+    expected = geometry.hand_poses(ahead)[:, :3]
+    np.testing.assert_allclose(handle_path(log, ahead), expected, atol=1e-9)

@@ -168,10 +168,7 @@ class _Viewer:
         return 0
 
 
-@pytest.mark.parametrize(
-    ("door", "start"), [("room-584", "grasped"), ("pushed.json", "approach")]
-)
-def test_it_is_watched_live(gplfd, tmp_path, monkeypatch, capsys, door, start):
+def test_it_is_watched_live(gplfd, tmp_path, monkeypatch, capsys):
     @contextlib.contextmanager
     def stream_to(url: str, arrangement: object) -> Iterator[rr.RecordingStream]:
         stream = open_stream()
@@ -186,7 +183,7 @@ def test_it_is_watched_live(gplfd, tmp_path, monkeypatch, capsys, door, start):
 
     monkeypatch.setattr(live, "_stream_to", stream_to)
     monkeypatch.setattr(live, "_viewer_process", viewer_process)
-    given = ("--door", door, "--start", start, "--policy", "oracle")
+    given = ("--door", "pushed.json", "--start", "approach", "--policy", "oracle")
     assert gplfd("view", "--live", "--serve", *given, "--speed", "1e6") == 0
     assert ": opened in" in capsys.readouterr().err
     assert (tmp_path / "live.rrd").stat().st_size > 0

@@ -43,32 +43,32 @@ def episodes(write_study, episode_result):
     return read
 
 
-def test_order_is_success_then_force_then_angle(episodes):
-    chosen = extremes(
-        episodes(
-            ("gp", 0, False, 0.1, 50.0),
-            ("gp", 1, True, 3.0, 64.0),
-            ("gp", 2, True, 1.0, 64.0),
-            ("gp", 3, False, 0.1, 20.0),
-            ("gp", 4, True, 1.0, 65.0),
-        )
-    )
-    assert {rank: one.task.seed for rank, one in chosen.items()} == {
-        "best": 4,
-        "median": 1,
-        "worst": 3,
-    }
+def won(*forces):
+    return [("gp", seed, True, force, 64.0) for seed, force in enumerate(forces)]
 
 
 @pytest.mark.parametrize(
-    ("count", "ranks"),
-    [(0, []), (1, ["best"]), (2, ["best", "worst"]), (3, ["best", "median", "worst"])],
+    ("rows", "seeds"),
+    [
+        ([], {}),
+        (won(1.0), {"best": 0}),
+        (won(1.0, 2.0), {"best": 0, "worst": 1}),
+        (won(1.0, 2.0, 3.0), {"best": 0, "median": 1, "worst": 2}),
+        (
+            [
+                ("gp", 0, False, 0.1, 50.0),
+                ("gp", 1, True, 3.0, 64.0),
+                ("gp", 2, True, 1.0, 64.0),
+                ("gp", 3, False, 0.1, 20.0),
+                ("gp", 4, True, 1.0, 65.0),
+            ],
+            {"best": 4, "median": 1, "worst": 3},
+        ),
+    ],
 )
-def test_no_episode_is_recorded_twice(episodes, count, ranks):
-    rows = [("gp", seed, True, 1.0 + seed, 64.0) for seed in range(count)]
-    found = extremes(episodes(*rows)) if rows else extremes([])
-    assert list(found) == ranks
-    assert len({one.task.seed for one in found.values()}) == count
+def test_extremes_are_different_by_success_then_force_then_angle(episodes, rows, seeds):
+    found = extremes(episodes(*rows) if rows else [])
+    assert {rank: one.task.seed for rank, one in found.items()} == seeds
 
 
 def test_the_comparison_goes_from_the_best_to_the_worst(episodes):

@@ -1,7 +1,8 @@
-"""What each figure shows, against its data, and that drawing simulates nothing."""
+"""What each figure shows, against its data; drawing simulates nothing."""
 
 import dataclasses
 import functools
+import json
 import re
 from types import SimpleNamespace
 
@@ -13,7 +14,7 @@ from scipy.stats import f as fisher
 
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.analysis.figures import (
-    fig03_alignment,
+    drawing,
     fig07_region,
     fig09_adaptation,
     fig10_stiffness,
@@ -31,7 +32,6 @@ from gplfd_experiments.analysis.figures.material import Material, material
 from gplfd_experiments.analysis.figures.pick_and_place import HEIGHT, PHASES
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.forecast_error import forecast_errors
-from gplfd_experiments.episodes.metrics import prediction_errors
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.movements.trajectory import GaussianTrajectory
@@ -40,6 +40,10 @@ from gplfd_policies.registry.catalogue import make_agent
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_plots")]
 
 DOORS = ("small", "medium", "large", "heavy", "0.42")
+
+
+def simulate(*_, **__):
+    raise AssertionError("a figure has simulated")
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +59,6 @@ def measured(doors, formula_log):
     """What a figure shows of openings by formula; each figure is measured once."""
     logs = {door: formula_log(n_steps=61, dt=0.1, door=door) for door in DOORS}
     given = Material(seed=0, demonstrations=doors, episodes=logs)
-
-    def simulate(*_, **__):
-        raise AssertionError("a figure has simulated")
 
     @functools.cache
     def measure(name):
@@ -136,12 +137,9 @@ def test_agents_of_a_log_decide_the_same_again(opened):
             found, expected = getattr(decision, name), getattr(log, name)[row]
             np.testing.assert_array_equal(found, expected)
         assert decision.via_point == log.via_point[row]
-
-
-def test_expectation_of_an_agent_that_makes_no_forecasts(doors):
-    agent = make_agent("oracle", doors.demonstrations)
+    silent = make_agent("oracle", opened.demonstrations.demonstrations)
     with pytest.raises(ValueError, match="makes no forecasts"):
-        expectation(agent)
+        expectation(silent)
 
 
 def test_captions_keep_those_of_other_figures(tmp_path):
@@ -219,16 +217,6 @@ def test_fig03_completion_aligns_what_distance_does_not(measured):
     assert shown.phase_error["completion"] < 0.015
     assert shown.phase_error["euclidean"] > 5 * shown.phase_error["completion"]
     assert shown.end_error["completion"] < 1e-9
-    figure = fig03_alignment.draw(shown)
-    drawn = {
-        "a": [motion.demonstration.poses[:, HEIGHT] for motion in shown.motions],
-        "b": shown.aligned["euclidean"].poses[:, :, HEIGHT],
-        "c": shown.aligned["completion"].poses[:, :, HEIGHT],
-        "d": shown.completion,
-    }
-    for letter, curves in drawn.items():
-        for line, curve in zip(panel(figure, letter).lines, curves, strict=True):
-            np.testing.assert_array_equal(line.get_ydata(), curve)
 
 
 def test_fig04_strong_via_points_are_hit_and_weak_ones_are_not(measured):
@@ -250,10 +238,10 @@ def test_fig06_draws_recordings_and_policy_at_the_scales_that_it_says(doors, mea
     for output in range(6):
         assert_band(axes[2, output], shown.policy, output)
         low, high = axes[0, output].get_ylim()
-        for number, line in enumerate(axes[0, output].lines):
-            curve = doors.demonstrations[number].poses[:, output]
-            np.testing.assert_array_equal(line.get_ydata(), curve)
-            assert low < curve.min() <= curve.max() < high
+        for line, one in zip(axes[0, output].lines, doors.demonstrations, strict=True):
+            np.testing.assert_array_equal(line.get_ydata(), one.poses[:, output])
+            assert low < one.poses[:, output].min()
+            assert one.poses[:, output].max() < high
     spans = [float(np.ptp(column[0].get_ylim())) for column in axes.T]
     written = [
         int(column[0].texts[0].get_text().split()[0]) if column[0].texts else 1
@@ -295,35 +283,26 @@ def test_fig07_counts_the_samples_of_the_arcs(measured):
         np.testing.assert_allclose(lengths, radius)
 
 
-def test_fig09_draws_the_logs_predictions(opening):
-    log = opening.log
-    shown = dict.fromkeys(fig09_adaptation.DOORS, opening)
-    rows = np.reshape(fig09_adaptation.draw(shown).axes, (3, 4))
-    order = np.argsort(log.observed_phase[opening.motion], kind="stable")
-    for index, output in enumerate((0, 2)):
-        for stage in range(3):
-            assert_band(rows[index, stage], opening.initial, output)
-            assert_band(rows[index, stage], opening.stages[stage], output, which=1)
-
-        def moving(values, output=output):
-            return values[opening.motion][order, output]
-
-        _, adaptive, truth = (line.get_ydata() for line in rows[index, 3].lines)
-        np.testing.assert_array_equal(adaptive, moving(log.predicted_mean))
-        np.testing.assert_array_equal(truth, moving(log.handle_pose))
-        first = log.forecast_mean[0, :, output]
-        fixed = np.interp(log.observed_phase, log.forecast_phase, first)
-        np.testing.assert_array_equal(opening.fixed.mean[:, output], fixed)
-        drawn = rows[2, 0].lines[2 + index].get_ydata()
-        np.testing.assert_array_equal(drawn, moving(prediction_errors(log)))
-
-
 def test_fig09_adaptive_predicts_better_than_fixed(opening):
     adaptive, fixed = (errors.mean(axis=0) for errors in opening.errors())
     assert (10.0 * adaptive[[0, 2]] < fixed[[0, 2]]).all()
     # Student t with 5 degrees of freedom, however many via-points later.
     np.testing.assert_allclose(opening.adaptive.width, 2.571, atol=0.01)
     np.testing.assert_array_equal(opening.fixed.width, opening.adaptive.width[0])
+    # The first forecast, where the door is.
+    log = opening.log
+    for output, first in enumerate(log.forecast_mean[0].T):
+        fixed = np.interp(log.observed_phase, log.forecast_phase, first)
+        np.testing.assert_array_equal(opening.fixed.mean[:, output], fixed)
+    # Drawn in the order of the phase: the adaptive mean, and the door's truth.
+    shown = dict.fromkeys(fig09_adaptation.DOORS, opening)
+    rows = np.reshape(fig09_adaptation.draw(shown).axes, (3, 4))
+    assert_band(rows[1, 0], opening.initial, 2)
+    assert_band(rows[1, 2], opening.stages[2], 2, which=1)
+    order = np.argsort(log.observed_phase[opening.motion], kind="stable")
+    lines = (line.get_ydata() for line in rows[1, 3].lines[1:])
+    for line, values in zip(lines, (log.predicted_mean, log.handle_pose), strict=True):
+        np.testing.assert_array_equal(line, values[opening.motion][order, 2])
 
 
 def test_fig10_rates_are_the_logs_and_bounds_the_controllers(make_log):
@@ -397,3 +376,44 @@ def test_forecast_scores_by_hand():
     forecast = forecasts.Forecast(rest=rest, truth=truth)
     assert forecast.coverage() == pytest.approx(3 / 4)
     assert forecast.rms_error() == pytest.approx(np.sqrt((0.03**2 + 0.01**2) / 2))
+
+
+def files(folder):
+    return {path.name for path in folder.iterdir()}
+
+
+def test_the_command_its_repetition_and_figures_without_episodes(
+    gplfd, tmp_path, make_log, monkeypatch
+):
+    """Episodes by formula, and two figures, one of them with episodes."""
+
+    def short(*_, door, **__):
+        return make_log(n_steps=121, dt=0.05, door=door)
+
+    agent = SimpleNamespace(control="pose")
+    monkeypatch.setattr(module, "learned_agents", lambda *_: lambda: agent)
+    monkeypatch.setattr(module, "rollout", simulate)
+    two = {name: drawing.FIGURES[name] for name in ("fig03", "fig10")}
+    monkeypatch.setattr(drawing, "FIGURES", two)
+
+    out = tmp_path / "out"
+    assert gplfd("figures", "--out", "out", "--only", "fig03") == 0
+    assert {path.name for path in out.glob("*.*g")} == {"fig03.png", "fig03.svg"}
+    monkeypatch.setattr(module, "rollout", short)
+    assert gplfd("figures", "--out", "out") == 0
+    drawn = {f"{name}{end}" for name in ("fig03", "fig10") for end in (".png", ".svg")}
+    assert files(out) == {*drawn, "captions.md", "figures.json", "logs"}
+    (runs,) = (out / "logs").iterdir()
+    logs = {f"gp-{door}.npz" for door in ("medium", "heavy")}
+    assert files(runs) == {"settings.json", "demonstrations.npz", *logs}
+    captions = (out / "captions.md").read_text()
+    heads = [line.split(":")[0] for line in captions.splitlines() if line[:3] == "## "]
+    assert heads == ["## fig03", "## fig10"]
+    assert json.loads((out / "figures.json").read_text())["config"]["seed"] == 0
+    first = {path.name: path.read_bytes() for path in out.glob("fig??.*")}
+
+    # Runs are used again, and give the same bytes.
+    monkeypatch.setattr(module, "rollout", simulate)
+    (out / "fig10.svg").unlink()
+    assert gplfd("figures", "--out", "out", "--only", "fig10") == 0
+    assert {path.name: path.read_bytes() for path in out.glob("fig??.*")} == first

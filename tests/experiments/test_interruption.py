@@ -29,16 +29,12 @@ def test_an_interruption_waits_until_the_block_ends():
 
 
 def test_what_starts_in_the_block_is_not_interrupted():
+    """And afterwards, all is as before."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
     program = "import os, signal; os.kill(os.getpid(), signal.SIGINT); print('on')"
-    with postponed_interruption():
+    with postponed_interruption(), postponed_interruption():
         ended = subprocess.run(
             [sys.executable, "-c", program], capture_output=True, check=False
         )
     assert (ended.returncode, ended.stdout) == (0, b"on\n")
-
-
-def test_afterwards_all_is_as_before():
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
-    with postponed_interruption(), postponed_interruption():
-        pass
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before

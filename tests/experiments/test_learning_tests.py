@@ -172,11 +172,9 @@ def test_timing_of_the_left_out_demonstration_does_not_matter():
     assert np.abs(error).max() < 2e-3
     assert (np.diff(found.phases) > 0.0).all()
     assert found.phases[[0, -1]] == pytest.approx([0.0, 1.0])
-
-
-def test_every_movement_predicts_the_same_poses():
-    early, late = (align(doors()[0]), align(doors()[2]))
-    a, b = (aligned_to(doors()[1][0], each).thinned(50) for each in (early, late))
+    # Every movement predicts the same poses, at phases of its own.
+    movements = (align(doors()[0]), align(doors()[2]))
+    a, b = (aligned_to(doors()[1][0], each).thinned(50) for each in movements)
     np.testing.assert_array_equal(a.poses, b.poses)
     assert not np.array_equal(a.phases, b.phases)
 
@@ -251,60 +249,51 @@ def test_errors_average_as_squares_and_missing_numbers_do_not_count():
 
 
 class Adapted:
-    """An adaptation of a known movement; subclasses say what a via-point changes."""
+    """An adaptation of a known movement, which via-points change in a given way."""
 
-    def __init__(self, offset: Any, movement: Known, grid: np.ndarray) -> None:
-        self._offset, self._grid = offset, grid
+    def __init__(self, change: Any, movement: Known, grid: np.ndarray) -> None:
+        self._change, self.grid = change, grid
         self.mean, self.std = movement.mean(grid), movement.std(grid)
 
     def trajectory(self) -> GaussianTrajectory:
-        return predicted(self.mean, self.std, self._grid)
-
-
-class Exact(Adapted):
-    """Passes via-points at a distance and changes nothing else."""
+        return predicted(self.mean, self.std, self.grid)
 
     def observe(self, via_point: ViaPoint) -> None:
-        place = int(np.argmin(np.abs(self._grid - via_point.phase)))
-        self.mean[place] = via_point.pose + self._offset
+        self._change(self, via_point)
 
 
-class Shifted(Exact):
-    """Besides, moves by half a std far away, and is four times as sure."""
-
-    def observe(self, via_point: ViaPoint) -> None:
-        super().observe(via_point)
-        far = np.abs(self._grid - via_point.phase) >= 0.2
-        self.mean[far] += 0.5 * self.std[far]
-        self.std = 0.25 * self.std
+def passing(adapted: Adapted, via_point: ViaPoint, offset: Any) -> None:
+    """Pass via-points at a distance, and change nothing else."""
+    place = int(np.argmin(np.abs(adapted.grid - via_point.phase)))
+    adapted.mean[place] = via_point.pose + offset
 
 
-class Share(Adapted):
-    """Goes a share of the way to a via-point, everywhere."""
+def moving(adapted: Adapted, via_point: ViaPoint) -> None:
+    """Move by half a std far away, and be four times as sure."""
+    far = np.abs(adapted.grid - via_point.phase) >= 0.2
+    adapted.mean[far] += 0.5 * adapted.std[far]
+    adapted.std = 0.25 * adapted.std
 
-    def observe(self, via_point: ViaPoint) -> None:
-        self.mean += self._offset * (via_point.pose - self.mean)
 
-
-def adapted_scores(form: Any, pose: Any, last: float = 1.0) -> dict[str, Any]:
+def adapted_scores(change: Any, pose: Any, last: float = 1.0) -> dict[str, Any]:
     """Scores at a demonstration that goes from a pose to a multiple of it."""
     poses = np.linspace(1.0, last, 7)[:, None] * np.asarray(pose)
     left_out = OnPhases(phases=np.linspace(0.0, 1.0, 7), poses=poses)
-    return adaptation(knowing(form=form), Known(aligned_doors()), [left_out])
+    method = knowing(form=functools.partial(Adapted, change))
+    return adaptation(method, Known(aligned_doors()), [left_out])
 
 
 def test_via_points_are_missed_by_distance_and_angle_and_change_what_is_far():
     """Far changes are in units of the standard deviation before."""
     offset = np.array([0.003, 0.0, 0.004, 0.0, 0.01, 0.0])
     pose = [0.1, 0.1, 0.1, 0.0, 0.1, 0.0]
-    exact = adapted_scores(functools.partial(Exact, offset), pose, last=2.0)
+    exact = adapted_scores(functools.partial(passing, offset=offset), pose, last=2.0)
     assert exact["via_error_position_m"] == pytest.approx(0.005)
     assert exact["via_error_strict_rotation_rad"] == pytest.approx(0.01)
     assert exact["via_far_change"] == exact["via_far_std_change"] == 0.0
     assert exact["via_far_error"] == 1.0
     assert exact["cpu_adapt_s"] is not None
-    form = functools.partial(Shifted, offset)
-    shifted = adapted_scores(form, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0])
+    shifted = adapted_scores(moving, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0])
     assert shifted["via_far_change"] == pytest.approx(0.5)
     assert shifted["via_far_std_change"] == pytest.approx(0.75)
     assert shifted["rmse_rest_unadapted_position_m"] == pytest.approx(0.2)
@@ -313,8 +302,11 @@ def test_via_points_are_missed_by_distance_and_angle_and_change_what_is_far():
 @pytest.mark.parametrize(("share", "error"), [(0.5, 0.5), (1.0, 0.0), (-0.2, 1.2)])
 def test_far_error_is_a_share_of_what_it_was(share, error):
     """A change everywhere may come nearer to the truth, or go farther from it."""
-    form = functools.partial(Share, share)
-    score = adapted_scores(form, [0.1, 0.2, -0.1, 0.0, 0.05, 0.0])
+
+    def nearer(adapted: Adapted, via_point: ViaPoint) -> None:
+        adapted.mean += share * (via_point.pose - adapted.mean)
+
+    score = adapted_scores(nearer, [0.1, 0.2, -0.1, 0.0, 0.05, 0.0])
     assert score["via_far_error"] == pytest.approx(error, abs=1e-12)
 
 
@@ -403,6 +395,16 @@ def test_correcting_the_prior_mean_everywhere_is_not_returning_to_it():
     assert used_by(going(1.0, corrected=True)) < 0.9
 
 
+def test_errors_with_a_prior_mean_are_not_hidden():
+    def fit(training: TrainingInput) -> Known:
+        if training.prior_mean is not None:
+            raise ValueError("something else")
+        return Known(align(training.demonstrations))
+
+    with pytest.raises(ValueError, match="something else"):
+        used_by(Untaught(fit=fit, accepts_prior_mean=True))
+
+
 def test_tumbling_turns_by_more_than_pi_about_changing_axes():
     poses = tumble(0, range(6))[0].poses
     angle = np.linalg.norm(poses[:, 3:], axis=1)
@@ -414,33 +416,26 @@ def test_tumbling_turns_by_more_than_pi_about_changing_axes():
     np.testing.assert_array_equal(resting[:, [0, 2]], poses[:, [0, 2]])
 
 
-def test_tumbling_of_the_truth_has_no_error_and_no_excess():
-    def truth(times: np.ndarray) -> np.ndarray:
+def test_tumbling_errors_are_relative_to_the_spread_of_demonstrations():
+    def tumbled(times: np.ndarray, off: float = 0.0) -> np.ndarray:
         mean = zeros(times)
-        mean[:, 3:] = tumbled_rotations(times).as_rotvec()
-        return mean
-
-    def spread(times: np.ndarray) -> np.ndarray:
-        return tumbling_module._spread(times)[:, None] * np.ones(6)
-
-    known = tumbling(knowing(truth, spread), 0)
-    assert known["tumbling_error"] == pytest.approx(0.0, abs=1e-9)
-    assert known["outputs_nlpd"] == {"2": 0.0, "6": 0.0, "24": None}
-    assert known["outputs_nlpd_change"] == 0.0
-    doubled = tumbling(knowing(truth, lambda times: 2.0 * spread(times)), 0)
-    # ln 2 - 3/8 for a std twice too large.
-    expected = math.log(2.0) - 0.375
-    assert doubled["outputs_nlpd"]["2"] == pytest.approx(expected, abs=0.05)
-
-
-def test_tumbling_error_is_in_standard_deviations_of_a_demonstration():
-    def off(times: np.ndarray) -> np.ndarray:
-        mean = zeros(times)
-        turn = Rotation.from_rotvec(TUMBLE_STD * np.ones(3))
+        turn = Rotation.from_rotvec(off * np.ones(3))
         mean[:, 3:] = (tumbled_rotations(times) * turn).as_rotvec()
         return mean
 
-    assert tumbling(knowing(off), 0)["tumbling_error"] == pytest.approx(1.0)
+    def spread(times: np.ndarray, scale: float = 1.0) -> np.ndarray:
+        return scale * tumbling_module._spread(times)[:, None] * np.ones(6)
+
+    known = tumbling(knowing(tumbled, spread), 0)
+    assert known["tumbling_error"] == pytest.approx(0.0, abs=1e-9)
+    assert known["outputs_nlpd"] == {"2": 0.0, "6": 0.0, "24": None}
+    assert known["outputs_nlpd_change"] == 0.0
+    doubled = tumbling(knowing(tumbled, functools.partial(spread, scale=2.0)), 0)
+    # ln 2 - 3/8 for a std twice too large.
+    expected = math.log(2.0) - 0.375
+    assert doubled["outputs_nlpd"]["2"] == pytest.approx(expected, abs=0.05)
+    off = tumbling(knowing(functools.partial(tumbled, off=TUMBLE_STD)), 0)
+    assert off["tumbling_error"] == pytest.approx(1.0)
 
 
 def small(policy: str) -> Method:
@@ -521,13 +516,3 @@ def test_kinds_of_tasks_share_their_names_but_for_the_extra_tests():
     assert other - one == {
         *("outputs_cpu_s", "outputs_nlpd", "outputs_nlpd_change", "tumbling_error")
     }
-
-
-def test_errors_with_a_prior_mean_are_not_hidden():
-    def fit(training: TrainingInput) -> Known:
-        if training.prior_mean is not None:
-            raise ValueError("something else")
-        return Known(align(training.demonstrations))
-
-    with pytest.raises(ValueError, match="something else"):
-        used_by(Untaught(fit=fit, accepts_prior_mean=True))

@@ -89,25 +89,24 @@ FAR = np.r_[TIMES[:-1], 1e9]
 
 
 # ------------------------------------------------------------------ nothing is lost
-def test_as_recorded_is_as_recorded() -> None:
-    raw = door()
-    motion = only(raw)
-    assert_array_equal(motion.demonstration.times, raw.times)
+def test_as_recorded_is_as_recorded():
+    motion = only(RAW)
+    assert_array_equal(motion.demonstration.times, RAW.times)
     poses = motion.demonstration.poses
-    assert_allclose(poses[:, :3], raw.positions, rtol=0, atol=1e-15)
+    assert_allclose(poses[:, :3], RAW.positions, rtol=0, atol=1e-15)
     found = Rotation.from_rotvec(poses[:, 3:].copy())
-    recorded = Rotation.from_quat(raw.quaternions, scalar_first=True)
+    recorded = Rotation.from_quat(RAW.quaternions, scalar_first=True)
     assert (found * recorded.inv()).magnitude().max() < 1e-9
     assert motion.notes == ()
     # Without orientations, it does not turn.
-    motion = only(replace(raw, quaternions=None), Preparation())
+    motion = only(replace(RAW, quaternions=None), Preparation())
     assert_array_equal(motion.demonstration.poses[:, 3:], 0.0)
 
 
 @pytest.mark.parametrize(
     ("unit", "per_metre"), [("cm", 100), ("mm", 1000), ("in", 1 / 0.0254)]
 )
-def test_units_become_metres(unit: str, per_metre: float) -> None:
+def test_units_become_metres(unit, per_metre):
     scaled = replace(RAW, positions=POSITIONS * per_metre, unit=unit)
     poses = only(scaled).demonstration.poses
     assert_allclose(poses[:, :3], POSITIONS, rtol=0, atol=1e-12)
@@ -116,7 +115,7 @@ def test_units_become_metres(unit: str, per_metre: float) -> None:
 
 
 # ------------------------------------------------------------------ samples are mended
-def test_samples_out_of_order_repeated_and_missing() -> None:
+def test_samples_out_of_order_repeated_and_missing():
     rows = np.r_[0:100, 150, 100:200, 199, 199, 200 : len(TIMES)]
     messy = some(RAW, rows)
     positions, quaternions = messy.positions.copy(), np.array(messy.quaternions)
@@ -131,12 +130,11 @@ def test_samples_out_of_order_repeated_and_missing() -> None:
     assert "3 samples with the time of another left out" in said
 
 
-def test_signs_of_quaternions_do_not_matter() -> None:
-    raw = door()
-    signs = np.where(np.arange(len(raw.positions)) % 7 < 3, -1.02, 0.98)
-    motion = only(replace(raw, quaternions=raw.quaternions * signs[:, None]))
+def test_signs_of_quaternions_do_not_matter():
+    signs = np.where(np.arange(len(RAW.positions)) % 7 < 3, -1.02, 0.98)
+    motion = only(replace(RAW, quaternions=RAW.quaternions * signs[:, None]))
     assert_allclose(
-        motion.demonstration.poses, only(raw).demonstration.poses, atol=1e-9
+        motion.demonstration.poses, only(RAW).demonstration.poses, atol=1e-9
     )
     assert "quaternions changed sign" in texts(motion, warnings=False)
 
@@ -145,11 +143,7 @@ def test_signs_of_quaternions_do_not_matter() -> None:
     ("given", "settings", "message"),
     [
         ({"quaternions": 1.5 * WXYZ}, {}, r"quaternion of sample 0 has norm 1\.5"),
-        (
-            {"times": None},
-            {},
-            "door.csv has no time stamps; say .* --recorded-rate 100",
-        ),
+        ({"times": None}, {}, "csv has no time stamps; say .* --recorded-rate 100"),
         ({"times": FAR}, {"segments": "rests"}, r"door.csv: .* span 1e\+09 s in steps"),
         ({"times": 0.0 * TIMES}, {}, "door.csv: all samples have the same time"),
         ({"positions": 1e10 + POSITIONS}, {}, "csv: only 0 of 401 samples have time"),
@@ -157,9 +151,7 @@ def test_signs_of_quaternions_do_not_matter() -> None:
         ({"quaternions": None}, {"offset": (0, 0, 0, 1, 0, 0, 0)}, "an offset needs"),
     ],
 )
-def test_what_cannot_be_used_is_refused(
-    given: Any, settings: Any, message: str
-) -> None:
+def test_what_cannot_be_used_is_refused(given, settings, message):
     with pytest.raises(ValueError, match=message):
         only(replace(RAW, **given), **settings)
 
@@ -182,15 +174,13 @@ def moved(first: int, last: int, by: Any) -> dict[str, Any]:
         ({"positions": 1e-3 * POSITIONS}, 401, True, "mm: is the unit right?"),
     ],
 )
-def test_what_is_mended_or_suspicious_is_said(
-    given: Any, kept: int, warning: bool, note: str
-) -> None:
+def test_what_is_mended_or_suspicious_is_said(given, kept, warning, note):
     motion = only(replace(RAW, **given))
     assert len(motion.demonstration.times) == kept
     assert note in texts(motion, warnings=warning)
 
 
-def test_times_are_made_of_a_rate_and_gaps_are_bridged() -> None:
+def test_times_are_made_of_a_rate_and_gaps_are_bridged():
     times = only(replace(door(), times=None), recorded_rate=RATE).demonstration.times
     assert_array_equal(times, np.arange(401) / RATE)
     bridged = only(GAPPY, rate=100.0)
@@ -203,10 +193,9 @@ def test_times_are_made_of_a_rate_and_gaps_are_bridged() -> None:
 
 # ------------------------------------------------------------------ what is suspicious
 @pytest.mark.parametrize(("unit", "s"), [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
-def test_a_wrong_unit_of_time_is_noticed(tmp_path: Path, unit: str, s: float) -> None:
+def test_a_wrong_unit_of_time_is_noticed(tmp_path, unit, s):
     """Accepted with a warning, or refused before much memory is taken; both say how."""
-    raw = door()
-    table = np.column_stack([np.asarray(raw.times) / s, raw.positions])
+    table = np.column_stack([np.asarray(RAW.times) / s, RAW.positions])
     lines = [",".join(map(repr, row)) for row in table.tolist()]
     (tmp_path / "a.csv").write_text("\n".join(["t,x [m],y [m],z [m]", *lines]))
     (read,) = read_recordings(tmp_path / "a.csv", Selection())
@@ -220,10 +209,10 @@ def test_a_wrong_unit_of_time_is_noticed(tmp_path: Path, unit: str, s: float) ->
     assert f"are times in {unit}? say --time-unit {unit}" in said
     (read,) = read_recordings(tmp_path / "a.csv", Selection(time_unit=unit))
     assert read.notes == ()
-    assert_allclose(np.asarray(read.times), np.asarray(raw.times), rtol=0, atol=1e-12)
+    assert_allclose(np.asarray(read.times), np.asarray(RAW.times), rtol=0, atol=1e-12)
 
 
-def test_seconds_that_are_said_to_be_milliseconds_are_noticed(tmp_path: Path) -> None:
+def test_seconds_that_are_said_to_be_milliseconds_are_noticed(tmp_path):
     (tmp_path / "a.csv").write_text("time [ms],x,y\n0,0,0\n0.02,0,1\n0.04,0,2\n")
     (read,) = read_recordings(tmp_path / "a.csv", Selection())
     assert "every 0.02 ms: are times in s? say --time-unit s, or" in read.notes[0]
@@ -232,7 +221,7 @@ def test_seconds_that_are_said_to_be_milliseconds_are_noticed(tmp_path: Path) ->
         assert read_recordings(tmp_path / "b.csv", Selection())[0].notes == ()
 
 
-def test_samples_that_would_be_made_are_counted_first() -> None:
+def test_samples_that_would_be_made_are_counted_first():
     """Of all recordings together; a few samples may span any time."""
     slow = replace(door(), times=3e4 * np.linspace(0.0, 1.0, 401))
     settings = replace(AS_RECORDED, rate=100.0, largest_gap=1e4)
@@ -247,9 +236,8 @@ def test_samples_that_would_be_made_are_counted_first() -> None:
 
 
 @pytest.mark.parametrize("shift", [-1, 1])
-def test_a_wrong_order_of_quaternions_is_noticed_on_a_door(shift: int) -> None:
-    raw = door()
-    wrong = replace(raw, quaternions=np.roll(raw.quaternions, shift, axis=1))
+def test_a_wrong_order_of_quaternions_is_noticed_on_a_door(shift):
+    wrong = replace(RAW, quaternions=np.roll(RAW.quaternions, shift, axis=1))
     assert "is their order right?" in texts(only(wrong), warnings=True)
 
 
@@ -273,7 +261,7 @@ def free_motion(rng: np.random.Generator) -> RawRecording:
     )
 
 
-def test_a_hand_that_turns_freely_is_seldom_told_of_its_order() -> None:
+def test_a_hand_that_turns_freely_is_seldom_told_of_its_order():
     """3 of 400; before the share and time of the turning were asked for, 12.
 
     On recordings of people who open a box, of which the order is changed, 15 of 18 are
@@ -297,7 +285,7 @@ def test_a_hand_that_turns_freely_is_seldom_told_of_its_order() -> None:
     assert (found, wrongly) == (15, 0)
 
 
-def test_one_that_is_unlike_the_others_is_named() -> None:
+def test_one_that_is_unlike_the_others_is_named():
     alike = [door(angle=1.2 + 0.01 * number) for number in range(5)]
     motions = prepare([*alike, door(angle=2.4)], Preparation())
     odd = [n for n, one in enumerate(motions) if "unlike the others" in texts(one)]
@@ -307,7 +295,7 @@ def test_one_that_is_unlike_the_others_is_named() -> None:
 
 
 # ------------------------------------------------------------------ filter and rate
-def test_the_filter_halves_its_cutoff_and_keeps_slow_motion() -> None:
+def test_the_filter_halves_its_cutoff_and_keeps_slow_motion():
     raw = door(seconds=4.0)
     wave = np.sin(2.0 * math.pi * 10.0 * raw.times)
     shaken = replace(raw, positions=raw.positions + 0.01 * wave[:, None])
@@ -319,7 +307,7 @@ def test_the_filter_halves_its_cutoff_and_keeps_slow_motion() -> None:
     assert np.abs(still).max() < 2e-4
 
 
-def test_slow_recordings_are_not_filtered() -> None:
+def test_slow_recordings_are_not_filtered():
     slow = some(door(), slice(None, None, 20))
     motion = only(slow, cutoff=10.0, rate=50.0)
     assert "not filtered: 21 samples at 10 Hz" in texts(motion)
@@ -328,7 +316,7 @@ def test_slow_recordings_are_not_filtered() -> None:
 
 
 # ------------------------------------------------------------------ rests, repetitions
-def test_rests_at_the_ends_are_cut() -> None:
+def test_rests_at_the_ends_are_cut():
     motion = only(door(rest=1.0), trim_rests=True)
     span = np.ptp(motion.demonstration.times)
     assert 1.6 < span < 2.3
@@ -344,19 +332,18 @@ def back_and_forth() -> RawRecording:
     return replace(whole, times=np.arange(3 * number) / RATE)
 
 
-def test_repetitions_lie_between_rests_and_motions_back_are_left_out() -> None:
+def test_repetitions_lie_between_rests_and_motions_back_are_left_out():
     motions = prepare([back_and_forth()], Preparation(segments="rests"))
     assert [one.name for one in motions] == ["door.csv #1", "door.csv #2"]
     assert "2 repetitions between rests, 1 motions back left out" in texts(motions[0])
     first, second = (one.demonstration.poses for one in motions)
     assert_allclose(first[-1], second[-1], atol=5e-3)
-    raw = door()
-    grip = Rotation.from_quat(raw.quaternions, scalar_first=True)[0]
-    end = grip.inv().apply(raw.positions[-1] - raw.positions[0])
+    grip = Rotation.from_quat(RAW.quaternions, scalar_first=True)[0]
+    end = grip.inv().apply(RAW.positions[-1] - RAW.positions[0])
     assert_allclose(first[-1, :3], end, atol=5e-3)
 
 
-def test_repetitions_at_given_times() -> None:
+def test_repetitions_at_given_times():
     settings = replace(AS_RECORDED, segments=((0.2, 2.8), (6.2, 8.8)))
     first, second = prepare([back_and_forth()], settings)
     assert first.demonstration.times[0] >= 0.2
@@ -392,7 +379,7 @@ def strokes(
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_repetitions_lie_between_turns_however_messy(seed: int) -> None:
+def test_repetitions_lie_between_turns_however_messy(seed):
     """There and back without rests: other speeds, pauses, noise, a start in between."""
     rng = np.random.default_rng(seed)
     goals = np.tile([1.2, 0.0], 5) + rng.uniform(-0.08, 0.08, 10)
@@ -413,7 +400,7 @@ def test_repetitions_lie_between_turns_however_messy(seed: int) -> None:
         assert ends[2 * number] - 0.3 <= last <= after[2 * number + 1] + 0.1
 
 
-def test_what_is_done_on_the_way_to_the_first_turn_is_no_repetition() -> None:
+def test_what_is_done_on_the_way_to_the_first_turn_is_no_repetition():
     """The hand begins half-way, goes back to the closed door, and opens it twice."""
     rng = np.random.default_rng(0)
     raw, ends = strokes([0.8, 0.0, 1.2, 0.0, 1.2], [1.0] * 5, [0.1] * 5, rng)
@@ -428,7 +415,7 @@ def test_what_is_done_on_the_way_to_the_first_turn_is_no_repetition() -> None:
 
 
 # ------------------------------------------------------------------ frames
-def test_poses_are_composed_and_not_subtracted() -> None:
+def test_poses_are_composed_and_not_subtracted():
     recorded = only(RAW).demonstration.poses
     relative = only(RAW, frame="first-pose").demonstration
     assert_allclose(relative.poses, relative_poses(recorded, recorded[0]), atol=1e-12)
@@ -444,9 +431,7 @@ def test_poses_are_composed_and_not_subtracted() -> None:
 
 
 @pytest.mark.parametrize(("angle", "radius"), [(1.2, 0.6), (0.5, 0.35), (-1.0, 0.9)])
-def test_a_hinge_is_found_and_gives_the_doors_task_frame(
-    angle: float, radius: float
-) -> None:
+def test_a_hinge_is_found_and_gives_the_doors_task_frame(angle, radius):
     raw = door(angle=angle, radius=radius)
     # However it stood in the world, it is a door that is pulled open about +y.
     angles = abs(angle) * minimum_jerk(np.asarray(door().times) / 2.0)
@@ -459,7 +444,7 @@ def test_a_hinge_is_found_and_gives_the_doors_task_frame(
     assert "the hand is taken to turn with the door" in texts(without)
 
 
-def test_a_hinge_is_found_in_noise() -> None:
+def test_a_hinge_is_found_in_noise():
     raw = door(radius=0.55)
     noise = np.random.default_rng(0).normal(scale=1e-3, size=raw.positions.shape)
     hinge = find_hinge(raw.positions + noise)
@@ -468,7 +453,7 @@ def test_a_hinge_is_found_in_noise() -> None:
 
 
 @pytest.mark.parametrize("angle", [1.2, -1.2])
-def test_a_door_that_is_closed_again_is_noticed(angle: float) -> None:
+def test_a_door_that_is_closed_again_is_noticed(angle):
     raw = door(angle=angle)
     there_and_back = some(raw, np.r_[0:401, 399:-1:-1])
     times = np.arange(801) / RATE
@@ -480,7 +465,7 @@ def test_a_door_that_is_closed_again_is_noticed(angle: float) -> None:
     assert not texts(only(raw, frame="hinge"), warnings=True)
 
 
-def test_what_is_about_no_hinge_is_refused() -> None:
+def test_what_is_about_no_hinge_is_refused():
     line = np.linspace(0.0, 1.0, 100)
     straight = np.column_stack([line, 0.01 * line**2, 0.0 * line])
     with pytest.raises(ValueError, match="no hinge can be found from an arc of"):
@@ -490,7 +475,7 @@ def test_what_is_about_no_hinge_is_refused() -> None:
         find_hinge(bent)
 
 
-def test_forces_stay_with_the_motion() -> None:
+def test_forces_stay_with_the_motion():
     raw = door(rest=1.0)
     force = np.tile(np.asarray(raw.times)[:, None], 6)
     motion = only(replace(raw, signals={"force": force}), Preparation(cutoff=None))
@@ -511,6 +496,6 @@ def test_forces_stay_with_the_motion() -> None:
         ({"segments": ((2.0, 1.0),)}, "from 2.0 to 1.0 s ends too early"),
     ],
 )
-def test_settings_that_make_no_sense(settings: Any, message: str) -> None:
+def test_settings_that_make_no_sense(settings, message):
     with pytest.raises(ValueError, match=message):
         Preparation(**settings)
