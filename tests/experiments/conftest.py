@@ -15,6 +15,9 @@ import pytest
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_experiments.analysis.report.page import report
+from gplfd_experiments.analysis.report.writing import markdown_page
+from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.log import EpisodeLog
@@ -455,6 +458,18 @@ def write_study(tmp_path: Path) -> Callable[..., Path]:
         return folder
 
     return write
+
+
+@pytest.fixture
+def page_of(write_study: Callable[..., Path]) -> Callable[..., str]:
+    """The page of some results as Markdown, without plots, which take their time."""
+
+    def text(results: Iterable[Any], reference: str = "gp") -> str:
+        folder = write_study(results)
+        found = read_results(folder)
+        return markdown_page(report(found, folder, folder, reference))
+
+    return text
 
 
 @pytest.fixture
