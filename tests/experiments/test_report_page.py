@@ -146,13 +146,13 @@ def test_the_page_needs_nothing_else_and_equal_results_give_equal_bytes(
     assert "width=device-width" in text
     assert not re.search(r"@import|url\(", text)
     for reference in page.references:
-        if reference.startswith("#"):
-            assert reference[1:] in page.anchors
-        else:
-            assert reference.startswith("data:image/svg+xml;base64,")
-            svg = base64.b64decode(reference.partition(",")[2])
+        kind, _, content = reference.partition(",")
+        if kind == "data:image/svg+xml;base64":
+            svg = base64.b64decode(content)
             assert b"<svg" in svg
             assert b'href="http' not in svg
+        else:
+            assert reference.removeprefix("#") in page.anchors
     names = {path.stem for path in (folder / "figures").glob("*.svg")}
     assert names == {"success", "radial_force", "forecast", "coverage", "skill"}
     # What is wide is folded away.
@@ -277,11 +277,11 @@ def test_radii_that_are_drawn_are_in_bands_and_other_doors_apart(
     heavy = episode_result("gp", 0, 0.5, door="heavy")
     heavy["task"]["door_config"]["closer_preload"] = 5.0
     text = page_of([*policies, heavy, heavy, heavy])
-    for kind, rate in (
-        ("demonstrated radii", "8/8<br>0.68–1.00"),
-        ("new radii", "8/8<br>0.68–1.00"),
-        ("other doors", "3/3<br>0.44–1.00"),
-    ):
+    rates = {
+        **dict.fromkeys(("demonstrated radii", "new radii"), "8/8<br>0.68–1.00"),
+        "other doors": "3/3<br>0.44–1.00",
+    }
+    for kind, rate in rates.items():
         group = text.partition(f"| **{kind}** |")[2]
         assert group.splitlines()[1].startswith(f"| `gp` | {rate} |")
 
@@ -300,9 +300,12 @@ def test_table_1_has_a_number_and_tells_where_the_paper_says_otherwise(
     page_of, learning_result
 ):
     via, growth = "Via-point Adaptation", "Prediction Uncertainty"
-    good = {**judged(via, earned=True), **judged(growth, earned=True)}
-    bad = {**judged(via, earned=False), **judged(growth, earned=False)}
-    text = page_of([learning_result("gp", **good), learning_result("promp", **bad)])
+    text = page_of(
+        learning_result(
+            name, **judged(via, earned=earned), **judged(growth, earned=earned)
+        )
+        for name, earned in (("gp", True), ("promp", False))
+    )
     lines = [line for line in text.splitlines() if line.startswith("| ")]
     rows = {line.split("<br>")[0].strip("| "): line for line in lines}
     # The paper gives ProMP the first mark and not the second.
@@ -337,10 +340,8 @@ def test_recordings_are_linked_from_where_the_page_is(
     for name in ("gp-best.rrd", "comparison.rrd"):
         (recordings / name).write_bytes(b"")
     about = {"door": "0.5", "seed": 0, "repeated": False, "different": {"slip_mm": []}}
-    entries = [
-        {"file": "gp-best.rrd", **about},
-        {"file": "gp-worst.rrd", **about, "error": "ValueError: gone"},
-    ]
+    gone = {"file": "gp-worst.rrd", "error": "ValueError: gone"}
+    entries = [{"file": "gp-best.rrd", **about}, {**about, **gone}]
     (recordings / "index.json").write_text(json.dumps({"episodes": entries}))
     out = tmp_path / "elsewhere"
     write_report(read_results(folder), folder, out)
@@ -449,11 +450,8 @@ def test_every_number_comes_from_the_results_and_is_explained(page):
         assert said in page
     # What is not the case is not said.
     for other in (
-        "not all made by the same code",
-        "kinds of machine",
-        "control period",
-        "on a person",
-        "; the other",
+        *("not all made by the same code", "kinds of machine", "control period"),
+        *("on a person", "; the other"),
     ):
         assert other not in page
     rows = cells(page)
@@ -672,9 +670,6 @@ def test_a_user_s_policy_is_everywhere(
     of_policies = [table for table in tables if not table.startswith("| column |")]
     assert [table for table in of_policies if f"`{mine}`" not in table] == []
     assert f"(recordings/{file})" in text.replace("\\_", "_")
-    first, *_, last = read_results(folder).episodes
-    assert (first.policy, last.policy) == ("gp", mine)
-    assert first.pair == last.pair or first.task.seed != last.task.seed
 
 
 def test_recordings_have_safe_names_of_their_own():
