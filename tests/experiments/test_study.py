@@ -176,18 +176,15 @@ def test_a_file_tells_its_task(task):
     assert task_from(stored).key == task.key
 
 
-@pytest.mark.parametrize(
-    ("record", "message"),
-    [
+def test_what_is_no_task_is_refused():
+    for record, message in (
         ({}, "KeyError"),
         ({"kind": "dance"}, "'dance'"),
         ({"kind": "skill"}, "TypeError"),
         ({"kind": "skill", "wind": 3}, "unknown field 'wind'; perhaps a later ver"),
-    ],
-)
-def test_what_is_no_task_is_refused(record, message):
-    with pytest.raises(ValueError, match=f"not a task of a study.*{message}"):
-        task_from(record)
+    ):
+        with pytest.raises(ValueError, match=f"not a task of a study.*{message}"):
+            task_from(record)
 
 
 def test_a_job_learns_from_one_set_of_demonstrations():
