@@ -15,6 +15,9 @@ import pytest
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_experiments.analysis.report.page import report
+from gplfd_experiments.analysis.report.writing import markdown_page
+from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.log import EpisodeLog
@@ -93,9 +96,8 @@ class DoorEnv(gym.Env[Any, Any]):
         self.data.qpos[0] = action[4]
         last = len(self.actions) == self.n_steps
         observation, info = self._state()
-        if last and self.outcome == "success":
-            info["success"] = True
-        elif last and self.outcome != "time_limit":
+        info["success"] = last and self.outcome == "success"
+        if last and self.outcome not in ("success", "time_limit"):
             info["failure"] = self.outcome
         truncated = last and self.outcome in ("time_limit", "stalled")
         return observation, 0.0, last and not truncated, truncated, info
@@ -233,9 +235,7 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
         "forecast_times": np.array([0.0, 2.0, 4.0]),
         "forecast_phase": phases,
         "forecast_mean": np.stack([arc] * 3),
-        "forecast_std": np.stack(
-            [0.03 * np.ones_like(arc), *([0.01 * arc + 1e-3] * 2)]
-        ),
+        "forecast_std": np.stack([np.full((21, 6), 0.03), *[0.01 * arc + 1e-3] * 2]),
     }
     return EpisodeLog(**{**fields, **changes})
 
@@ -244,9 +244,8 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
 def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
     """Run the command in an empty folder; parser errors become exit statuses."""
     monkeypatch.chdir(tmp_path)
-    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        monkeypatch.setenv(variable, "1")
-    monkeypatch.setenv("VECLIB_MAXIMUM_THREADS", "1")
+    for library in ("OPENBLAS_NUM", "OMP_NUM", "MKL_NUM", "VECLIB_MAXIMUM"):
+        monkeypatch.setenv(f"{library}_THREADS", "1")
 
     def run(*arguments: str) -> int:
         try:
@@ -416,27 +415,23 @@ def learning_test_file(policy: str, seed: int = 0, **metrics: Any) -> dict[str, 
     episode = episode_file(policy, seed)
     for name in ("door", "door_config", "randomization"):
         del episode["task"][name]
-    return {
-        **episode,
-        "task": {**episode["task"], "kind": "skill", "held_out": "demonstration"},
-        "metrics": {
-            "rmse_position_m": 0.02,
-            "rmse_rotation_rad": 0.03,
-            "nlpd": -2.0,
-            "coverage_50": 0.5,
-            "coverage_90": 0.85,
-            "coverage_95": 0.9,
-            "via_error_position_m": None,
-            "via_far_change": None,
-            "log_dimensionless_jerk": -5.0,
-            "cpu_fit_s": 0.1,
-            "cpu_predict_s": 0.001,
-            "cpu_adapt_s": None,
-            "spread_followed": 0.9,
-            "prior_mean_used": None,
-            **metrics,
-        },
+    episode["task"] |= {"kind": "skill", "held_out": "demonstration"}
+    episode["metrics"] = {
+        **dict.fromkeys(("via_error_position_m", "via_far_change", "cpu_adapt_s")),
+        "prior_mean_used": None,
+        "rmse_position_m": 0.02,
+        "rmse_rotation_rad": 0.03,
+        "nlpd": -2.0,
+        "coverage_50": 0.5,
+        "coverage_90": 0.85,
+        "coverage_95": 0.9,
+        "log_dimensionless_jerk": -5.0,
+        "cpu_fit_s": 0.1,
+        "cpu_predict_s": 0.001,
+        "spread_followed": 0.9,
+        **metrics,
     }
+    return episode
 
 
 @pytest.fixture
@@ -455,6 +450,18 @@ def write_study(tmp_path: Path) -> Callable[..., Path]:
         return folder
 
     return write
+
+
+@pytest.fixture
+def page_of(write_study: Callable[..., Path]) -> Callable[..., str]:
+    """The page of some results as Markdown, without plots, which take their time."""
+
+    def text(results: Iterable[Any], reference: str = "gp") -> str:
+        folder = write_study(results)
+        found = read_results(folder)
+        return markdown_page(report(found, folder, folder, reference))
+
+    return text
 
 
 @pytest.fixture

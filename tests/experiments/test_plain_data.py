@@ -66,7 +66,9 @@ def test_a_device_or_a_folder_is_no_file(tmp_path):
             read(Path("/dev/zero"))
 
 
-PLAIN = parsed_json('{"n": 3, "x": 0.5, "t": "a", "all": [1, 2.5], "by": {"a": 1}}')
+PLAIN = parsed_json(
+    '{"n": 3, "x": 0.5, "t": "a", "all": [1, 2.5], "by": {"a": 1}, "yes": true}'
+)
 
 
 @pytest.mark.parametrize(
@@ -91,6 +93,7 @@ def test_an_entry_is_taken_as_its_type(name, kind, value):
     [
         ("m", bool, "it lacks m, which must be true or false"),
         ("x", int, "x = 0.5 must be a whole number"),
+        ("yes", float, "yes = True must be a number"),
         ("n", bool, "n = 3 must be true or false"),
         ("t", float | None, "t = 'a' must be a number or null"),
         ("t", tuple[str, ...], "t = 'a' must be a list in [brackets], each of it a te"),
@@ -101,8 +104,3 @@ def test_an_entry_is_taken_as_its_type(name, kind, value):
 def test_an_entry_of_another_type_is_named(name, kind, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         entry(PLAIN, name, kind)
-
-
-def test_true_is_no_number():
-    with pytest.raises(ValueError, match="a = True must be a number"):
-        entry({"a": True}, "a", float)

@@ -12,6 +12,8 @@ from gplfd_experiments.recording.disturbances import (
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.stream import Part
 
+SHIFT = 1e-4 * np.clip(np.arange(601.0) - 99.0, 0.0, 120.0)
+
 
 def held(peak: float, first: int = 200, end: int = 450) -> np.ndarray:
     """A force that comes at once and fades."""
@@ -28,20 +30,15 @@ def shown(columns):
     )
 
 
-def test_nothing_is_made_of_an_undisturbed_episode(make_log, shown):
-    assert list(shown(make_log())) == []
-    assert kinds_of(make_log()) == ()
-
-
 def test_the_curve_is_the_log_s(make_log, shown):
     found = shown(make_log(person_force=held(33.0)))
     curve = found["/plots/outside/person", "Scalars:scalars"][1]
     np.testing.assert_allclose(np.ravel(curve), held(33.0))
     assert not any("push" in entity for entity, _ in found)
-    shift = 1e-4 * np.clip(np.arange(601.0) - 99.0, 0.0, 120.0)
-    found = shown(make_log(base_shift=shift))
+    assert list(shown(make_log())) == []
+    found = shown(make_log(base_shift=SHIFT))
     curve = found["/plots/outside/bump", "Scalars:scalars"][1]
-    np.testing.assert_allclose(np.ravel(curve), 1e3 * shift)  # mm
+    np.testing.assert_allclose(np.ravel(curve), 1e3 * SHIFT)  # mm
 
 
 def test_a_live_view_is_sent_the_past_once_something_has_happened(make_log, shown):
@@ -80,8 +77,7 @@ def test_beginning_and_end_are_told(make_log, shown):
     assert shown(log)["/outside/log/person", "TextLog:text"][1][1] == [
         "the person lets go: 33 N at most"
     ]
-    shift = 1e-4 * np.clip(np.arange(601.0) - 99.0, 0.0, 120.0)
-    (_, _), (row, text) = events(make_log(base_shift=shift), "bump")
+    (_, _), (row, text) = events(make_log(base_shift=SHIFT), "bump")
     assert (row, text) == (220, "the base stands again: 12 mm at most")
 
 

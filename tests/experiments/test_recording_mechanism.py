@@ -56,14 +56,12 @@ def test_nothing_is_made_of_a_plain_bar_door(make_log, door_model, shown):
     entities = {entity for entity, _ in shown(Part(log=make_log()), door_model)}
     assert not any(f"/plots/{name}/" in path for path in entities for name in PANELS)
     assert not {LATCH, ARM} & entities
-    for door in ("small", "medium", "large"):
-        there = mechanism_of(build_scene(DOORS[door]), DOORS[door].as_dict())
-        assert there == ()
 
 
 @pytest.mark.parametrize(
     ("door", "base", "there"),
     [
+        ("medium", "fixed", ()),
         ("heavy", "fixed", ("closer",)),
         ("cabinet", "mobile", ("closer", "base")),
         ("room-834", "mobile", ("handle", "latch", "closer", "base")),
@@ -77,11 +75,8 @@ def test_only_what_is_there_is_shown(door, base, there):
 
 def test_curves_are_the_log_s_in_the_units_of_the_titles(log, model, shown):
     found = shown(Part(log=log), model)
-    for name, values in (
-        ("handle", np.degrees(TURN)),
-        ("latch", 1e3 * BOLT),
-        ("closer", TORQUE),
-    ):
+    curves = {"handle": np.degrees(TURN), "latch": 1e3 * BOLT, "closer": TORQUE}
+    for name, values in curves.items():
         curve = found[f"/plots/{name}/motion", "Scalars:scalars"][1]
         np.testing.assert_allclose(np.ravel(curve), values, err_msg=name)
     base = np.array(found["/plots/base/motion", "Scalars:scalars"][1])

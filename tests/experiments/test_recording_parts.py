@@ -48,7 +48,7 @@ FIXED = """
 """
 
 
-def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them():
+def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them(columns):
     """The pose on the carrier, moved by the carrier's, is MuJoCo's own."""
     model = mujoco.MjModel.from_xml_string(FIXED)
     data = mujoco.MjData(model)
@@ -56,18 +56,17 @@ def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them():
     mujoco.mj_kinematics(model, data)
     slide = model.body("slide").id
     assert visual_geoms(model) == {0: [0, 1], slide: [2]}
-    drawn = {chunk.entity_path: chunk for chunk in drawn_scene(model)}
+    drawn = columns(drawn_scene(model))
     for body, geoms in visual_geoms(model).items():
-        batch = drawn[entity_of_body(model, body)].to_record_batch()
-        centres = np.array(batch.column("Boxes3D:centers").to_pylist()[0])
+        entity = entity_of_body(model, body)
+        _, (centres,) = drawn[entity, "Boxes3D:centers"]
+        _, (quaternions,) = drawn[entity, "Boxes3D:quaternions"]
         turn = data.xmat[body].reshape(3, 3)
-        world = data.xpos[body] + centres @ turn.T
+        world = data.xpos[body] + np.array(centres) @ turn.T
         np.testing.assert_allclose(world, data.geom_xpos[geoms], atol=1e-6)
-        quaternions = batch.column("Boxes3D:quaternions").to_pylist()[0]
-        for geom, quaternion in zip(geoms, quaternions, strict=True):
-            own = Rotation.from_quat(quaternion).as_matrix()
-            matrix = data.geom_xmat[geom].reshape(3, 3)
-            np.testing.assert_allclose(turn @ own, matrix, atol=1e-6)
+        turned = turn @ Rotation.from_quat(quaternions).as_matrix()
+        matrices = data.geom_xmat[geoms].reshape(-1, 3, 3)
+        np.testing.assert_allclose(turned, matrices, atol=1e-6)
     origin, rotation = task_frame(model)
     site = data.site("task_frame")
     np.testing.assert_allclose(origin, site.xpos)
@@ -86,12 +85,6 @@ def test_what_is_the_same_is_drawn_once_for_all_recordings(door_model):
     assert changed["/world/scene/world"] == first["/world/scene/world"]
 
 
-def test_bodies_move_between_frames_as_in_a_video(make_log, door_model):
-    (leaf,) = moved_scene(door_model, Part(log=make_log()))
-    times = leaf.to_record_batch().column("sim_time").cast(pa.int64()).to_numpy()
-    assert np.diff(times).max() <= 1e9 / 30.0
-
-
 SLIDES = """
 <mujoco><worldbody>
   <body name="a"><joint type="slide" axis="1 0 0"/><geom size="0.1"/></body>
@@ -100,14 +93,15 @@ SLIDES = """
 """
 
 
-def test_every_body_moves_by_its_own_joint(make_log):
+def test_every_body_moves_by_its_own_joint(make_log, columns):
+    """And between frames as in a video."""
     model = mujoco.MjModel.from_xml_string(SLIDES)
     log = make_log(qpos=np.outer(np.linspace(0.0, 1.0, 601), [1.0, 2.0]))
-    moved = {chunk.entity_path: chunk for chunk in moved_scene(model, Part(log=log))}
+    moved = columns(moved_scene(model, Part(log=log)))
     for name, end in (("a", [1.0, 0.0, 0.0]), ("b", [0.0, 2.0, 0.0])):
-        batch = moved[f"/world/scene/{name}"].to_record_batch()
-        places = batch.column("Transform3D:translation").to_pylist()
+        times, places = moved[f"/world/scene/{name}", "Transform3D:translation"]
         np.testing.assert_allclose([places[0][0], places[-1][0]], [[0.0] * 3, end])
+        assert np.diff(times).max() <= 1.0 / 30.0
 
 
 def columns_of(chunks: Iterable[Chunk]) -> dict[tuple[str, str, int], Any]:
@@ -175,20 +169,13 @@ def so_far(log: EpisodeLog, end: int) -> EpisodeLog:
     return EpisodeLog(**fields)
 
 
-def test_policy_without_uncertainty_is_drawn_as_its_mean(make_log):
+def test_policy_without_uncertainty_is_drawn_as_its_mean(make_log, columns):
     """Its tube has no width, and no corner that a viewer could not draw."""
-    log = make_log()
-    unsure = dataclasses.replace(
-        log, forecast_std=np.full_like(log.forecast_std, np.nan)
-    )
-    name, seen = "Mesh3D:vertex_positions", 0
-    for chunk in policy_motion(Part(log=unsure)):
-        batch = chunk.to_record_batch()
-        if name in batch.schema.names:
-            for tube in batch.column(name).to_pylist():
-                assert np.isfinite(tube).all()
-                seen += 1
-    assert seen > 1
+    unsure = make_log(forecast_std=np.full((3, 21, 6), np.nan))
+    found = columns(policy_motion(Part(log=unsure)))
+    _, tubes = found["/world/task/policy_now", "Mesh3D:vertex_positions"]
+    assert len(tubes) == 3
+    assert np.isfinite(tubes).all()
 
 
 # --- Tubes -------------------------------------------------------------------

@@ -6,8 +6,10 @@ import html.parser
 import itertools
 import json
 import math
+import operator
 import random
 import re
+import shutil
 
 import pytest
 
@@ -85,12 +87,6 @@ def pages(folder, reference="gp"):
 
 
 @pytest.fixture
-def page_of(write_study):
-    """The text of the page of some results."""
-    return lambda results, reference="gp": pages(write_study(results), reference)[1]
-
-
-@pytest.fixture
 def page(page_of, policies):
     """The text of the page of `policies`."""
     return page_of(policies)
@@ -150,13 +146,13 @@ def test_the_page_needs_nothing_else_and_equal_results_give_equal_bytes(
     assert "width=device-width" in text
     assert not re.search(r"@import|url\(", text)
     for reference in page.references:
-        if reference.startswith("#"):
-            assert reference[1:] in page.anchors
-        else:
-            assert reference.startswith("data:image/svg+xml;base64,")
-            svg = base64.b64decode(reference.partition(",")[2])
+        kind, _, content = reference.partition(",")
+        if kind == "data:image/svg+xml;base64":
+            svg = base64.b64decode(content)
             assert b"<svg" in svg
             assert b'href="http' not in svg
+        else:
+            assert reference.removeprefix("#") in page.anchors
     names = {path.stem for path in (folder / "figures").glob("*.svg")}
     assert names == {"success", "radial_force", "forecast", "coverage", "skill"}
     # What is wide is folded away.
@@ -171,6 +167,7 @@ def test_the_page_begins_with_a_summary_of_what_was_opened(
 ):
     """Rates and forces by kind of radius, failures in words, errors as not opened."""
     broken = [{**episode_result("mine", seed), "error": "E: x"} for seed in range(3)]
+    broken.append({**episode_result("mine", 3), **LOST})
     for result in policies:
         if result["task"]["policy"] == "kmp":
             result["metrics"]["reason"] = "too_heavy"
@@ -196,18 +193,14 @@ def test_the_page_begins_with_a_summary_of_what_was_opened(
     assert rows["mine"][f"opened,{known}"].startswith("0/3<br>")
     assert rows["mine"]["not opened because"] == "3 × policy raised an error"
     assert rows["mine"]["errors"] == "3"
-
-
-def test_the_summary_groups_by_kind_of_door(page_of, episode_result):
-    results = [episode_result("gp", seed) for seed in range(3)]
-    pushed = [episode_result("gp", seed, door="pushed") for seed in range(3)]
-    for result in pushed:
-        result["task"]["door_config"]["swing"] = "push"
-    summary = page_of([*results, *pushed]).partition("- **Doors opened")[0]
-    for kind in ("bar, pull", "bar, push"):
-        assert summary.count(f"| **{kind}** |") == 1
-    # Fewer than six seeds have no interval.
-    assert "| 1.0 |" in summary
+    assert text.splitlines()[2].startswith(
+        "> **Mind:** 3 of 52 episodes ended in an error of the policy and count as not "
+        "opened: mine 3."
+    )
+    assert "3 × mine, 0.5: E: x" in text
+    assert "`gp`, 16 of 16 (0.81–1.00), is best; next is `kmp`" in text
+    whole = cells(text)["mine`<br>errors: 3<br>lost: 1"]
+    assert whole["policy error"] == "3"
 
 
 def test_a_door_that_slipped_away_is_opened_but_not_solved(
@@ -228,32 +221,6 @@ def test_a_door_that_slipped_away_is_opened_but_not_solved(
     doors = cells(text, "**Door by door**")["gp"]
     assert doors["0.5"] == "8/9<br>0.57–0.98<br>to 60°: 9<br>1.0 N"
     assert doors["0.42"] == "8/8<br>0.68–1.00<br>1.0 N"
-
-
-def test_errors_are_apart_and_come_first(page_of, policies, episode_result):
-    broken = episode_result("gp", 99, 0.5)
-    del broken["metrics"]
-    broken["error"] = "ValueError: too few demonstrations"
-    text = page_of([*policies, broken])
-    assert text.splitlines()[2].startswith(
-        "> **Mind:** 1 of 49 episodes ended in an error of the policy and count as not "
-        "opened: gp 1."
-    )
-    assert "`gp`, 16 of 17 (0.62–0.99), is best" in text
-    assert "| `gp`<br>errors: 1 | 16/17" in text
-    assert cells(text)["gp`<br>errors: 1"]["policy error"] == "1"
-    assert "1 × gp, 0.5: ValueError: too few demonstrations" in text
-
-
-def test_lost_episodes_count_nowhere_and_are_named(page_of, episode_result):
-    results = [episode_result("gp", seed) for seed in range(8)]
-    results += [{**episode_result("kmp", seed), **LOST} for seed in range(1, 8)]
-    results += [episode_result("kmp"), {**episode_result("mine"), **LOST}]
-    text = page_of(results)
-    said = "`gp`, 8 of 8 (0.68–1.00), is best together with `kmp`"
-    assert f"**Doors opened to 60°:** {said}" in text
-    name, *row = cells(text)["mine`<br>lost: 1"].values()
-    assert (name, set(row)) == ("`mine`<br>lost: 1", {"–"})
 
 
 def test_parts_of_a_study_give_a_report(write_study, episode_result, learning_result):
@@ -286,8 +253,7 @@ def test_any_policy_is_the_reference_or_else_the_best(write_study, page_of, poli
         for axes in panels
     }
     assert marked == {"gp": False, "kmp": True, "dmp": False}
-    for file in (folder / "tasks").iterdir():
-        file.unlink()
+    shutil.rmtree(folder / "tasks")
     text = page_of([one for one in policies if one["task"]["policy"] != "gp"])
     assert "`gp` is not in this study; `kmp` takes its place." in text
     said = "`kmp`, 8 of 16 (0.28–0.72); no other policy opened"
@@ -311,11 +277,11 @@ def test_radii_that_are_drawn_are_in_bands_and_other_doors_apart(
     heavy = episode_result("gp", 0, 0.5, door="heavy")
     heavy["task"]["door_config"]["closer_preload"] = 5.0
     text = page_of([*policies, heavy, heavy, heavy])
-    for kind, rate in (
-        ("demonstrated radii", "8/8<br>0.68–1.00"),
-        ("new radii", "8/8<br>0.68–1.00"),
-        ("other doors", "3/3<br>0.44–1.00"),
-    ):
+    rates = {
+        **dict.fromkeys(("demonstrated radii", "new radii"), "8/8<br>0.68–1.00"),
+        "other doors": "3/3<br>0.44–1.00",
+    }
+    for kind, rate in rates.items():
         group = text.partition(f"| **{kind}** |")[2]
         assert group.splitlines()[1].startswith(f"| `gp` | {rate} |")
 
@@ -334,9 +300,12 @@ def test_table_1_has_a_number_and_tells_where_the_paper_says_otherwise(
     page_of, learning_result
 ):
     via, growth = "Via-point Adaptation", "Prediction Uncertainty"
-    good = {**judged(via, earned=True), **judged(growth, earned=True)}
-    bad = {**judged(via, earned=False), **judged(growth, earned=False)}
-    text = page_of([learning_result("gp", **good), learning_result("promp", **bad)])
+    text = page_of(
+        learning_result(
+            name, **judged(via, earned=earned), **judged(growth, earned=earned)
+        )
+        for name, earned in (("gp", True), ("promp", False))
+    )
     lines = [line for line in text.splitlines() if line.startswith("| ")]
     rows = {line.split("<br>")[0].strip("| "): line for line in lines}
     # The paper gives ProMP the first mark and not the second.
@@ -352,10 +321,7 @@ def test_tuned_methods_have_a_table_of_their_own(page_of, learning_result):
     via = "Via-point Adaptation"
     marks = {"promp": False, "promp-tuned": True}
     text = page_of(
-        [
-            learning_result(name, **judged(via, earned=one))
-            for name, one in marks.items()
-        ]
+        learning_result(name, **judged(via, earned=one)) for name, one in marks.items()
     )
     assert "settings that `gplfd tune` found" in text
     lines = text.splitlines()
@@ -374,10 +340,8 @@ def test_recordings_are_linked_from_where_the_page_is(
     for name in ("gp-best.rrd", "comparison.rrd"):
         (recordings / name).write_bytes(b"")
     about = {"door": "0.5", "seed": 0, "repeated": False, "different": {"slip_mm": []}}
-    entries = [
-        {"file": "gp-best.rrd", **about},
-        {"file": "gp-worst.rrd", **about, "error": "ValueError: gone"},
-    ]
+    gone = {"file": "gp-worst.rrd", "error": "ValueError: gone"}
+    entries = [{"file": "gp-best.rrd", **about}, {**about, **gone}]
     (recordings / "index.json").write_text(json.dumps({"episodes": entries}))
     out = tmp_path / "elsewhere"
     write_report(read_results(folder), folder, out)
@@ -486,11 +450,8 @@ def test_every_number_comes_from_the_results_and_is_explained(page):
         assert said in page
     # What is not the case is not said.
     for other in (
-        "not all made by the same code",
-        "kinds of machine",
-        "control period",
-        "on a person",
-        "; the other",
+        *("not all made by the same code", "kinds of machine", "control period"),
+        *("on a person", "; the other"),
     ):
         assert other not in page
     rows = cells(page)
@@ -505,37 +466,23 @@ def test_every_number_comes_from_the_results_and_is_explained(page):
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("part", "name", "value", "said"),
     [
-        (
-            {"git": {"commit": "0123456789abcdef", "dirty": True}},
-            [
-                "not all made by the same code",
-                "1 results: commit 0123456789ab with edits",
-            ],
-        ),
-        (
-            {"arithmetic": {"machine": "z80"}},
-            ["2 kinds of machine: they are comparable to a tolerance only, see `docs/"],
-        ),
-        (
-            {"metrics": {WALL_TIME: 50.0}},
-            ["longer than the control period of 10 ms in 8 of 8 episodes"],
-        ),
-        (
-            {"task": {"policy_source": {"file": "a.py"}}},
-            ["`gp` were made by more than one sou"],
-        ),
-        ({"metrics": {WALL_TIME: None}}, ["| CPU time per decision [ms] | above"]),
+        ("git", "dirty", True, "not all made by the same code"),
+        ("git", "dirty", True, "1 results: commit 0123456789ab with edits"),
+        ("arithmetic", "machine", "z80", "2 kinds of machine: they are comparable to "),
+        ("metrics", WALL_TIME, 50.0, "longer than the control period of 10 ms in 8 of"),
+        ("metrics", WALL_TIME, None, "| CPU time per decision [ms] | above"),
+        ("task", "policy_source", {"file": "a.py"}, "`gp` were made by more than one"),
     ],
 )
-def test_what_differs_in_results_is_said(page_of, episode_result, changes, said):
+def test_what_differs_in_results_is_said(
+    page_of, episode_result, part, name, value, said
+):
     results = [episode_result("gp", seed) for seed in range(8)]
-    for name, value in changes.items():
-        for one in results if name == "metrics" else results[:1]:
-            one[name] = {**one.get(name, {}), **value}
-    text = page_of(results)
-    assert [one for one in said if one not in text] == []
+    for one in results if part == "metrics" else results[:1]:
+        one[part] = {**one.get(part, {}), name: value}
+    assert said in page_of(results)
 
 
 def paths(value, path=()):
@@ -556,10 +503,9 @@ def test_episodes_of_an_older_environment_are_read_until_they_are_run_again(
     assert len(read_results(folder).episodes) == 3
     again = episode_result("gp", 0, base="mobile", environment_version=1)
     found = read_results(write_study([*old, fixed, again])).episodes
-    tasks = [
-        (one.task.base, one.task.seed, one.task.environment_version) for one in found
-    ]
-    assert sorted(tasks) == [("fixed", 0, 0), ("mobile", 0, 1), ("mobile", 1, 0)]
+    names = operator.attrgetter("base", "seed", "environment_version")
+    tasks = sorted(names(one.task) for one in found)
+    assert tasks == [("fixed", 0, 0), ("mobile", 0, 1), ("mobile", 1, 0)]
     again["task"]["environment_version"] = "1"
     (reason,) = read_results(write_study([fixed, *old, again])).unreadable
     assert "environment_version" in reason
@@ -631,27 +577,15 @@ FORMAT = '{"format": "gplfd result", "format_version": 9, '
     ("old", "new", "reason"),
     [
         (".*", "", "it cannot be read as JSON: Expecting value"),
-        (".{200}$", "", "it cannot be read as JSON: "),
         (".*", "{}", "it lacks task"),
-        (".*", "[1]", "it holds [1], not an object"),
-        (".*", "[" * 100_000, "it is nested too deeply"),
         ('"work"', '"wrk"', "it lacks work"),
-        ('"work": ', '"work": "a', "JSON"),
         ("0.055", '"0"', "governed_share = '0' must be"),
-        ("0.055", "NaN", "infinite or not a number"),
-        ("0.055", "1e999", "infinite or not a number"),
         ("0.055", "1e300", "no plausible measurement"),
-        ("0.055", "9" * 5000, "cannot be read as JSON"),
         ("0.0001", "-1", "no plausible measurement"),
         ('"none"', '"nne"', "unknown randomization 'nne'"),
         ('"kind"', '"kid"', "it lacks kind"),
         ('"seed"', '"wind": 1, "seed"', "unknown field 'wind'"),
-        ("^{", '{"format_version": 1, ', "it lacks format"),
-        (
-            "^{",
-            FORMAT,
-            "it has version 9 of gplfd result, and this program reads up to",
-        ),
+        ("^{", FORMAT, "it has version 9 of gplfd result, and this program reads up"),
         ('"seed": 0', '"seed": -1', "seed = -1 must be 0"),
         ('"gp"', r'"g\\np"', "is not a name in one line"),
         ('"radius": 0.5', '"radius": 7', "radius = 7.0 is"),
@@ -736,9 +670,6 @@ def test_a_user_s_policy_is_everywhere(
     of_policies = [table for table in tables if not table.startswith("| column |")]
     assert [table for table in of_policies if f"`{mine}`" not in table] == []
     assert f"(recordings/{file})" in text.replace("\\_", "_")
-    first, *_, last = read_results(folder).episodes
-    assert (first.policy, last.policy) == ("gp", mine)
-    assert first.pair == last.pair or first.task.seed != last.task.seed
 
 
 def test_recordings_have_safe_names_of_their_own():

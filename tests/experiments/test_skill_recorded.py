@@ -1,6 +1,5 @@
 """`gplfd skill`: recordings left out in turn, and what is said of them."""
 
-import functools
 import json
 from pathlib import Path
 from typing import Any
@@ -53,15 +52,10 @@ def method(name: str) -> Method:
     return found
 
 
-@functools.cache
-def of_arcs() -> dict[str, Any]:
-    return recorded_metrics(method("gp"), arcs(), 1)
-
-
 def test_errors_are_those_of_a_family_that_is_known():
     # 0.45 is left out of 0.40, 0.50 and 0.55, whose mean is 0.4833 everywhere. The
     # phase is the share of the path, so that the mean is the arc of that radius.
-    found = of_arcs()
+    found = recorded_metrics(method("gp"), arcs(), 1)
     turned = np.radians(np.linspace(0.0, 60.0, 161))
     apart = handle_pose_on_arc(0.4833, turned) - handle_pose_on_arc(0.45, turned)
     largest = np.linalg.norm(apart[:, :3], axis=1).max()
@@ -101,13 +95,9 @@ def test_uneven_steps_of_time_do_not_weigh_more():
     crowded = np.union1d(times, np.linspace(3.5, 4.0, 400))
     poses = [np.interp(crowded, times, output) for output in even[1].poses.T]
     one = Demonstration(times=crowded, poses=np.column_stack(poses))
-    expected, found = (
-        recorded_metrics(method("dmp"), shown, 1)
-        for shown in (even, [even[0], one, *even[2:]])
-    )
-    assert found["rmse_position_m"] == pytest.approx(
-        expected["rmse_position_m"], rel=0.02
-    )
+    expected = recorded_metrics(method("dmp"), even, 1)["rmse_position_m"]
+    found = recorded_metrics(method("dmp"), [even[0], one, *even[2:]], 1)
+    assert found["rmse_position_m"] == pytest.approx(expected, rel=0.02)
     # A method without via-points forecasts what it learned.
     assert found["via_error_position_m"] is found["forecast_25_nlpd"] is None
     assert found["forecast_25_position_m"] > 0.5 * found["rmse_position_m"]
@@ -116,11 +106,8 @@ def test_uneven_steps_of_time_do_not_weigh_more():
 def test_a_task_is_named_by_what_it_learns_from():
     shown = arcs()
     tasks = recorded_tasks(("gp", "promp"), shown)
-    assert [(one.seed, one.policy) for one in tasks[:3]] == [
-        (0, "gp"),
-        (0, "promp"),
-        (1, "gp"),
-    ]
+    first = [(one.seed, one.policy) for one in tasks[:3]]
+    assert first == [(0, "gp"), (0, "promp"), (1, "gp")]
     assert len({one.key for one in tasks}) == len(tasks) == 8
     assert all(task_from(json.loads(json.dumps(t.definition))) == t for t in tasks)
     (other, *_) = recorded_tasks(("gp",), [*shown[:3], arcs((0.6,))[0]])
@@ -133,10 +120,8 @@ def test_a_worker_measures_what_it_is_sent():
     task = recorded_tasks(("promp",), shown)[1]
     (result,) = run_job((task,), recordings=tuple(shown))
     direct = recorded_metrics(method("promp"), shown, 1)
-    numbers = {name for name in direct if not name.startswith("cpu_")}
-    assert {name: result["metrics"][name] for name in numbers} == {
-        name: direct[name] for name in numbers
-    }
+    numbers = [name for name in direct if not name.startswith("cpu_")]
+    assert [result["metrics"][name] for name in numbers] == [*map(direct.get, numbers)]
 
 
 @pytest.fixture
@@ -182,13 +167,13 @@ def test_recordings_that_no_method_can_learn_from_are_reported(
     def refused(*arguments: Any) -> Any:
         raise ValueError("nothing to learn here")
 
-    command = ["skill", "demos.npz", "--engine", "serial", "--reference", "dmp"]
-    command += ["--out", "out"]
+    command = ["skill", "demos.npz", "--engine", "serial", "--out", "out"]
     Path("out").mkdir()
     Path("out/skill.rrd").write_text("of an earlier run")
     for module in ("studies.learning_tests.scores", "workflows.skills"):
         monkeypatch.setattr(f"gplfd_experiments.{module}.learn", refused)
-    assert cli.main([*command, "--policies", "dmp", "gmr"]) == 1
+    command += ["--reference", "dmp", "--policies", "dmp", "gmr"]
+    assert cli.main(command) == 1
     said, errors = capsys.readouterr()
     assert "6 of 6 tasks ended in errors" in errors
     assert "dmp, recording 0 left out: ValueError: nothing to learn here" in errors
@@ -220,39 +205,30 @@ def test_what_is_wrong_is_said_and_nothing_written(folder, arguments, message, c
     assert not Path("out").exists()
 
 
-def results(nlpd: list[float], coverage: float, missed: float) -> list[RecordedResult]:
-    return [
-        RecordedResult(
-            task=RecordedTask(policy="gp", seed=number, recordings="x"),
-            pair="",
-            metrics={
-                "nlpd": value,
-                "coverage_95": coverage,
-                "via_error_position_m": missed,
-            },
-            error="",
-            lost=False,
-            code="",
-            machine="",
-            policy_source="",
-        )
-        for number, value in enumerate(nlpd)
-    ]
-
-
-ALIKE = [-2.0, -2.1, -1.9, -2.05, -1.95]
+ALIKE = (-2.0, -2.1, -1.9, -2.05, -1.95)
 
 
 @pytest.mark.parametrize(
-    ("own", "said"),
+    ("coverage", "missed", "nlpd", "said"),
     [
-        (results(ALIKE, 0.95, 1e-3), "Nothing of `gp` stands out"),
-        (results(ALIKE, 0.80, 1e-3), "too sure: its 95 % intervals hold 0.80"),
-        (results(ALIKE, 1.00, 1e-3), "too unsure"),
-        (results(ALIKE, 0.95, 9e-3), "by 9.0 mm"),
-        (results([*ALIKE, 3.0], 0.95, 1e-3), "Recording 5 is unlike the others"),
+        (0.95, 1e-3, ALIKE, "Nothing of `gp` stands out"),
+        (0.80, 1e-3, ALIKE, "too sure: its 95 % intervals hold 0.80"),
+        (1.00, 1e-3, ALIKE, "too unsure"),
+        (0.95, 9e-3, ALIKE, "by 9.0 mm"),
+        (0.95, 1e-3, (*ALIKE, 3.0), "Recording 5 is unlike the others"),
     ],
 )
-def test_bad_values_come_withadvice(own, said):
+def test_bad_values_come_with_advice(coverage, missed, nlpd, said):
+    unknown = dict.fromkeys(("pair", "error", "code", "machine", "policy_source"), "")
+    scores = {"coverage_95": coverage, "via_error_position_m": missed}
+    own = [
+        RecordedResult(
+            task=RecordedTask(policy="gp", seed=number, recordings="x"),
+            metrics={"nlpd": value, **scores},
+            lost=False,
+            **unknown,
+        )
+        for number, value in enumerate(nlpd)
+    ]
     (text,) = advice(own, "gp")
     assert said in text

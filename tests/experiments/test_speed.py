@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from gplfd_experiments.cli.commands.machine import PartName
-from gplfd_experiments.files.table import text_table
 from gplfd_experiments.speed import peers, policies, timing
 from gplfd_experiments.speed.known_process import KnownProcess, score
-from gplfd_experiments.speed.parts import PARTS, announcement
+from gplfd_experiments.speed.parts import PARTS
 from gplfd_experiments.speed.report import at_least, at_most, between, value_table
 from gplfd_experiments.speed.timing import Timed, Timing, after, measure, repeated
 from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
@@ -89,14 +88,11 @@ def test_short_actions_are_prepared_and_run_again(work):
     calls: list[str] = []
 
     def counted(name: str, operations: int) -> Timed:
-        def begin() -> None:
-            calls.append(f"begin {name}")
-
         def run() -> None:
             calls.append(f"run {name}")
             work(0.1 * operations)
 
-        return after(begin, run, operations)
+        return after(lambda: calls.append(f"begin {name}"), run, operations)
 
     actions = {"few": counted("few", 10), "many": counted("many", 20)}
     times = measure(actions, 1, least_operations=11)
@@ -167,10 +163,8 @@ def test_peers_learn_the_same_as_the_skill():
     rng = np.random.default_rng(0)
     given = KnownProcess.on_grid(40).demonstrations(20, "independent", rng)
     ours = fit_skill(given).predict(given.times)
-    for learn, far, rtol in (
-        (peers.sklearn_fit, 0.2, 0.25),
-        (peers.hetgpy_fit, 0.4, 0.4),
-    ):
+    limits = {peers.sklearn_fit: (0.2, 0.25), peers.hetgpy_fit: (0.4, 0.4)}
+    for learn, (far, rtol) in limits.items():
         theirs = learn(given)
         assert np.abs((theirs.mean - ours.mean) / ours.std).max() < far
         np.testing.assert_allclose(theirs.std, ours.std, rtol=rtol)
@@ -204,65 +198,47 @@ def small_fit(monkeypatch):
 @pytest.mark.usefixtures("small_fit")
 def test_libraries_are_compared_on_the_same_data():
     comparison = policies.compare_fits(repeats=1)
+    names = (policies.OURS, policies.HETGPY, "the true model")
     for kind in ("independent", "smooth"):
-        ours, theirs, truth = (
-            comparison.rows[f"{name}, {kind}"]
-            for name in (policies.OURS, policies.HETGPY, "the true model")
-        )
+        ours, theirs, truth = (comparison.rows[f"{name}, {kind}"] for name in names)
         assert ours["ratio"] == 1.0
         assert theirs["ratio"] == 35.0
         assert ours["NLPD"] > truth["NLPD"] - 0.01
         assert list(ours)[2:] == list(truth)
-    names = [target.name for target in comparison.targets]
-    assert "fit, smooth: NLPD above hetGP's" in names
+    targets = [target.name for target in comparison.targets]
+    assert "fit, smooth: NLPD above hetGP's" in targets
 
 
 # --- Report and command ------------------------------------------------------
 
 
-def test_table_is_aligned_text_with_four_digits():
-    table = value_table(
-        {"long name": {"ms": 1.23456, "word": "yes"}, "b": {"ms": 12345.6}}
-    )
-    assert text_table(table).splitlines() == [
-        "              ms  word",
-        "long name  1.235   yes",
-        "b          12346     -",
-    ]
+def test_numbers_have_four_digits_and_what_lacks_is_a_dash():
+    table = value_table({"a": {"ms": 1.23456, "word": "yes"}, "b": {"ms": 12345.6}})
+    assert table.rows == (("a", "1.235", "yes"), ("b", "12346", "-"))
 
 
-@pytest.mark.parametrize(
-    ("target", "wanted", "met"),
-    [
+def test_targets_say_what_was_wanted_and_whether_it_is_met():
+    for target, wanted, met in (
         (at_least("speed", 31.0, 30.0), "at least 30", True),
         (at_least("speed", 29.0, 30.0), "at least 30", False),
         (at_most("error", 6.0, 5.0), "at most 5", False),
         (between("coverage", 0.95, 0.9, 0.98), "0.9 to 0.98", True),
         (between("coverage", 0.99, 0.9, 0.98), "0.9 to 0.98", False),
-    ],
-)
-def test_targets_say_what_was_wanted_and_whether_it_is_met(target, wanted, met):
-    assert (target.wanted, target.met) == (wanted, met)
-
-
-def test_announcement_says_what_and_how_long(without_peers):
-    assert list(PARTS) == list(PartName.__args__)  # type: ignore[attr-defined]
-    text = announcement(["fit", "environment"], repeats=5)
-    assert text.startswith("measuring fit, environment: about 2 min")
-    assert "without hetgpy, not installed" in text
-    assert "without" not in announcement(["environment"], repeats=5)
+    ):
+        assert (target.wanted, target.met) == (wanted, met)
 
 
 def test_speed_prints_tables_and_writes_where_they_come_from(
     gplfd, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setattr(policies, "_GRID", np.linspace(0.0, 1.0, 101))
+    assert list(PARTS) == list(PartName.__args__)  # type: ignore[attr-defined]
     assert gplfd("speed", "--only", "adapt", "--repeats", "1", "--out", "out") == 0
     written = json.loads((tmp_path / "out" / "speed.json").read_text())
     (result,) = written["results"].values()
     (time,) = result["rows"]["predict, 200 phases"].values()
-    assert len(time["cpu"]) == 1
-    assert time["cpu"][0] > 0.0
+    (cpu,) = time["cpu"]
+    assert cpu > 0.0
     assert written["versions"]["numpy"] == np.__version__
     assert written["config"]["only"] == ["adapt"]
     pools = written["measured_on"]["thread_pools"]

@@ -43,28 +43,24 @@ def test_physics_is_repeated_bit_for_bit_with_the_gains_of_every_step(monkeypatc
 def test_step_is_compared_with_its_own_physics(monkeypatch):
     now = 0.0
 
-    def work(seconds: float) -> None:
-        nonlocal now
-        now += seconds
+    def timed(work: Any, seconds: float) -> Any:
+        def run(*arguments: Any, **settings: Any) -> Any:
+            nonlocal now
+            now += seconds
+            return work(*arguments, **settings)
 
-    physics, observe = mujoco.mj_step, Episode.observation
-
-    def timed_physics(*arguments: Any, **settings: Any) -> None:
-        work(100e-6)
-        physics(*arguments, **settings)
-
-    def timed_observation(*arguments: Any) -> Any:
-        work(25e-6)
-        return observe(*arguments)
+        return run
 
     monkeypatch.setattr(timing.time, "process_time", lambda: now)
-    monkeypatch.setattr(mujoco, "mj_step", timed_physics)
-    monkeypatch.setattr(Episode, "observation", timed_observation)
+    for owner, name, seconds in (
+        (mujoco, "mj_step", 100e-6),
+        (Episode, "observation", 25e-6),
+    ):
+        monkeypatch.setattr(owner, name, timed(getattr(owner, name), seconds))
     result = measure_steps(2)
     for row in result.rows.values():
-        assert row["step µs"] == pytest.approx(125.0)
-        assert row["physics µs"] == pytest.approx(100.0)
-        assert row["beyond µs"] == pytest.approx(25.0)
+        found = [row[f"{name} µs"] for name in ("step", "physics", "beyond")]
+        assert found == pytest.approx([125.0, 100.0, 25.0])
         assert row["ratio"] == pytest.approx(1.25)
     assert [target.met for target in result.targets] == [False, True] * 2
 
@@ -97,33 +93,24 @@ def test_only_new_radii_compile_a_scene(monkeypatch):
         "a radius met before": (0, 20),
         "a new radius": (5, 5),
     }
-    assert [(target.value, target.met) for target in result.targets] == [
-        (2.0, False),
-        (2.0, False),
-        (2.0, True),
-    ]
+    assert [target.value for target in result.targets] == [2.0] * 3
+    assert [target.met for target in result.targets] == [False, False, True]
 
 
 # --- Vectors -----------------------------------------------------------------
 
 
 def test_every_way_to_step_does_the_same_bit_for_bit(monkeypatch):
-    for name, value in (
-        ("_PERIODS", 3),
-        ("_LEAST_STEPS", 1),
-        ("_SIMULATIONS", (1, 2, 64)),
-    ):
-        monkeypatch.setattr(environment, name, value)
+    settings = {"PERIODS": 3, "LEAST_STEPS": 1, "SIMULATIONS": (1, 2, 64)}
+    for name, value in settings.items():
+        monkeypatch.setattr(environment, f"_{name}", value)
     result = measure_vectors(1)
     assert "same states bit for bit" in result.title
     sizes = itertools.product((1, 2), (1, 2, 64))
     names = [environment.vector_name(count, threads) for threads, count in sizes]
     assert list(result.rows) == [
-        environment.PHYSICS,
-        environment.PHYSICS_IN_TURNS,
-        environment.SINGLE,
-        environment.SYNC,
-        *names,
+        *(environment.PHYSICS, environment.PHYSICS_IN_TURNS),
+        *(environment.SINGLE, environment.SYNC, *names),
     ]
 
 

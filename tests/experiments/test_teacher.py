@@ -34,20 +34,13 @@ from gplfd_experiments.data.teacher.random_motion import (
     minimum_jerk,
     smooth_functions,
 )
+from gplfd_experiments.studies.plan import noisy_teacher
 from gplfd_policies import align
 
-NOISELESS: dict[str, float] = dict.fromkeys(
-    (
-        *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
-        *("vertical_drift_std", "noise_position_std", "noise_rotation_std"),
-    ),
-    0.0,
-)
+NOISELESS: dict[str, float] = noisy_teacher(0.0)
 QUIET: dict[str, float] = {
     **NOISELESS,
-    "duration_std": 0.0,
-    "angle_std": 0.0,
-    "timing_std": 0.0,
+    **dict.fromkeys(("duration_std", "angle_std", "timing_std"), 0.0),
 }
 
 
@@ -124,15 +117,10 @@ def test_smooth_functions_have_the_stated_covariance() -> None:
     assert_array_equal(coarse, fine[::2])
 
 
-@pytest.mark.parametrize("bandwidth", [0.05, 0.13, 0.6])
-def test_coloured_noise_has_unit_variance_from_its_first_sample(
-    bandwidth: float,
-) -> None:
-    noise = coloured_noise(20, bandwidth, 20_000, rng())
-    assert_allclose(noise[[0, -1]].std(axis=1), 1.0, atol=0.03)
-
-
-def test_coloured_noise_has_no_power_above_its_bandwidth() -> None:
+def test_coloured_noise_has_unit_variance_and_no_power_above_its_bandwidth() -> None:
+    for bandwidth in (0.05, 0.13, 0.6):
+        noise = coloured_noise(20, bandwidth, 20_000, rng())
+        assert_allclose(noise[[0, -1]].std(axis=1), 1.0, atol=0.03)
     noise = coloured_noise(4096, 0.05, 8, rng())
     power = np.mean(np.abs(np.fft.rfft(noise, axis=0)) ** 2, axis=1)
     frequency = np.fft.rfftfreq(4096)
@@ -142,18 +130,12 @@ def test_coloured_noise_has_no_power_above_its_bandwidth() -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (
-            lambda: TeacherConfig(duration_mean=0),
-            r"TeacherConfig\.duration_mean = 0.*\[",
-        ),
+        (lambda: TeacherConfig(duration_mean=0), r"Config\.duration_mean = 0.*\["),
         (lambda: TeacherConfig(sampling_rate=math.nan), r"sampling_rate = nan.*\["),
         (lambda: Habits(dropped=-1), r"Habits\.dropped = -1.*\["),
         (lambda: Teacher().demonstrate(-1.0, rng()), r"radius = -1\.0 is outside"),
         (lambda: Teacher().demonstrate_doors([], rng=rng()), "doors is empty"),
-        (
-            lambda: Teacher().demonstrate_doors([0.5], 0, rng=rng()),
-            "per_door = 0 must be at least 1",
-        ),
+        (lambda: Teacher().demonstrate_doors([0.5], 0, rng=rng()), "per_door = 0 must"),
     ],
 )
 def test_wrong_requests_are_refused(call: Any, message: str) -> None:
@@ -193,17 +175,15 @@ def test_pauses_stop_the_motion_for_as_long_as_they_last(seed: int) -> None:
 
 
 def test_in_a_pause_the_door_goes_back_and_forth() -> None:
-    most = 0.0
+    most = []
     for seed in range(6):
         _, angle = angles(Habits(pauses=1, longest_pause=2.0, backward=0.2), seed)
         _, straight = angles(Habits(pauses=1, longest_pause=2.0), seed)
         gone_back = straight - angle
-        assert np.all(gone_back > -1e-9)
-        assert gone_back.max() <= 0.2 + 1e-9
-        assert np.all(angle > -1e-9)
+        assert min(gone_back.min(), angle.min()) > -1e-9
         assert angle[-1] == pytest.approx(straight[-1])
-        most = max(most, gone_back.max())
-    assert most > 0.01
+        most.append(gone_back.max())
+    assert 0.01 < max(most) <= 0.2 + 1e-9
 
 
 def test_haste_scales_durations_within_its_factor() -> None:

@@ -6,8 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.report.plots import deciding_numbers, ideas, kind_of
 from gplfd_experiments.analysis.report.trials import ordered, trial_table
 from gplfd_experiments.analysis.results.reading import read_results
@@ -146,11 +144,3 @@ def test_a_contrast_without_numbers_is_left_out_and_without_interval_is_a_point(
     (axes,) = ideas({"person": [few, none]}).axes
     assert len(rows_of(axes)) == 1
     assert [x.tolist() for x in drawn(axes, 0)] == [[2.0]]
-
-
-def test_the_report_has_them_in_their_sections(results, tmp_path):
-    pictures = report(results(), tmp_path, tmp_path, "gp").pictures
-    assert [one.name for one in pictures] == ["trials_ideas", "trial_person"]
-    with style.paper_style():
-        for picture in pictures:
-            picture.draw().draw_without_rendering()

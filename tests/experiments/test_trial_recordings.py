@@ -1,6 +1,7 @@
 """Which episodes of a trial are recorded side by side, and how they are linked."""
 
 import dataclasses
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -30,13 +31,13 @@ pytestmark = pytest.mark.slow
 def shown(write_study, episode_result):
     """Name the episodes that are compared, of (policy, level, seed, radius)."""
 
-    def shown(trial: str, *rows: Any) -> dict[str, tuple[str, int, float]]:
+    def shown(trial: str, *rows: Any, trials: Any = TRIALS) -> dict[str, Any]:
         results = [
             episode_result(policy, seed, radius, trial=trial, level=level)
             for policy, level, seed, radius in rows
         ]
         episodes = read_results(write_study(results)).episodes
-        chosen = side_by_side(TRIALS[trial], of_trial(episodes, trial))
+        chosen = side_by_side(trials[trial], of_trial(episodes, trial))
         return {
             name: (one.task.level, one.task.seed, one.radius)
             for name, one in chosen.items()
@@ -46,13 +47,8 @@ def shown(write_study, episode_result):
 
 
 def test_all_contrasts_fit_beside_gp_and_hinge_fit(shown):
-    rows = [
-        (policy, level, seed, 0.5)
-        for policy in (*CONSTANT, "dmp", "hinge-fit", "gp")
-        for level in TRIALS["person"].levels
-        for seed in (4, 2)
-    ]
-    found = shown("person", *rows)
+    policies, levels = (*CONSTANT, "dmp", "hinge-fit", "gp"), TRIALS["person"].levels
+    found = shown("person", *itertools.product(policies, levels, (4, 2), (0.5,)))
     assert list(found) == ["gp", "hinge-fit", *CONSTANT]
     assert set(found.values()) == {("in the way", 2, 0.5)}
     # Who is missing is left out.
@@ -60,34 +56,24 @@ def test_all_contrasts_fit_beside_gp_and_hinge_fit(shown):
     assert side_by_side(TRIALS["stop"], {}) == {}
 
 
-def test_more_than_can_be_seen_are_left_out(write_study, episode_result):
+def test_more_than_can_be_seen_are_left_out(shown):
     lacking = [f"gp-constant-{100 + place}" for place in range(COMPARED)]
     (contrast, *_) = TRIALS["stop"].contrasts
     contrasts = tuple(
         dataclasses.replace(contrast, lacking=Side(policy=policy)) for policy in lacking
     )
     trial = dataclasses.replace(TRIALS["stop"], contrasts=contrasts)
-    results = [
-        episode_result(policy, 0, 0.5, trial="stop", level="stop")
-        for policy in ("gp", "hinge-fit", *lacking)
-    ]
-    episodes = of_trial(read_results(write_study(results)).episodes, "stop")
-    chosen = list(side_by_side(trial, episodes))
-    assert chosen == ["gp", "hinge-fit", *lacking[: COMPARED - 2]]
+    policies = ["gp", "hinge-fit", *lacking]
+    rows = [(policy, "stop", 0, 0.5) for policy in policies]
+    found = shown("stop", *rows, trials={"stop": trial})
+    assert list(found) == policies[:COMPARED]
 
 
 def test_levels_are_compared_where_they_are_what_differs(shown):
-    rows = [
-        ("gp", level, 0, radius)
-        for level in TRIALS["further"].levels
-        for radius in (0.35, 0.65)
-    ]
+    rows = itertools.product(("gp",), TRIALS["further"].levels, (0,), (0.35, 0.65))
     found = shown("further", *rows, ("hinge-fit", "nothing else", 0, 0.65))
-    assert found == {
-        "gp, prior mean": ("prior mean", 0, 0.65),
-        "hinge-fit, nothing else": ("nothing else", 0, 0.65),
-        "gp, nothing else": ("nothing else", 0, 0.65),
-    }
+    pairs = ("gp", "prior mean"), ("hinge-fit", "nothing else"), ("gp", "nothing else")
+    assert found == {f"{name}, {level}": (level, 0, 0.65) for name, level in pairs}
 
 
 def page(folder: Path) -> str:

@@ -42,12 +42,8 @@ ERROR = {"error": "ValueError: no", "traceback": ""}
 def pretended(candidate):
     """An evaluation that costs nothing and differs from candidate to candidate."""
     outcome = evaluation(-float(candidate.number), force=1.0 + candidate.number % 3)
-    return {
-        "candidate": candidate.definition,
-        **objective.code_state(),
-        **outcome,
-        "cpu_s": 0.5,
-    }
+    about = {"candidate": candidate.definition, "cpu_s": 0.5}
+    return {**about, **objective.code_state(), **outcome}
 
 
 @pytest.mark.parametrize("policy", SPACES)
@@ -69,39 +65,26 @@ def test_any_budget_is_spent_and_half_of_it_in_each_half_of_a_setting():
         assert [one.number for one in found] == list(range(evaluations))
     setting = SPACES["gmr"].settings["components"]
     found = candidates("gmr", Protocol(evaluations=33))[1:]
-    low = [
-        one.settings["components"] < (setting.low + setting.high + 1) / 2
-        for one in found
-    ]
-    assert sum(low) == 16
+    middle = (setting.low + setting.high + 1) / 2
+    assert sum(one.settings["components"] < middle for one in found) == 16
 
 
 def test_no_study_has_the_seeds_or_doors_of_tuning():
     for settings in PRESETS.values():
         assert settings.seeds < min(STANDARD.seeds)
-        radii = {
-            DOORS[door].radius if door in DOORS else float(door)
-            for door in settings.doors
-        }
-        assert radii.isdisjoint(STANDARD.radii)
+        for door in settings.doors:
+            radius = DOORS[door].radius if door in DOORS else float(door)
+            assert radius not in STANDARD.radii
 
 
 def test_closed_doors_count_before_forces_and_density_as_much():
-    given = [
-        evaluation(0.0, closed=0, force=9.0),
-        evaluation(-1.0, closed=1, force=1.0),
-        evaluation(-2.0, closed=0, force=2.0),
-    ]
-    place, ranks = best(given)
-    assert place == 2
-    assert ranks == [2.5, 2.5, 1.0]
+    given = [(0.0, 0, 9.0), (-1.0, 1, 1.0), (-2.0, 0, 2.0)]
+    assert best([evaluation(*one) for one in given]) == (2, [2.5, 2.5, 1.0])
 
 
 def test_what_has_no_density_or_ended_in_an_error_comes_last():
     given = [ERROR, evaluation(50.0, force=2.0), evaluation(None, force=1.0)]
-    place, ranks = best(given)
-    assert ranks == [3.0, 1.5, 1.5]
-    assert place == 2  # the better task
+    assert best(given) == (2, [3.0, 1.5, 1.5])  # the better task
     assert best([evaluation(None), evaluation(None)]) == (0, [1.5, 1.5])
     # Equal candidates leave the method as published.
     assert best([evaluation(-1.0)] * 4)[0] == 0
