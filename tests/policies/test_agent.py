@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies.adaptation import ProcessAdaptation
@@ -159,19 +158,6 @@ def test_a_hand_that_is_held_becomes_soft(skill):
     freed = [agent.act(observed(AT_REST)) for _ in range(200)]
     assert freed[-1].give < 5e-3
     assert stacked(freed, "stability_margin")[:, 0].min() > 0.0
-
-
-def test_rotation_offset_is_composed_not_added(skill):
-    agent = agent_of(skill, None)
-    observation = observed(handle_pose_on_arc(0.5, 0.8))
-    agent.reset(observation)
-    observation["wrench"][3:] = (0.5, 0.0, 0.0)
-    for _ in range(400):
-        step = agent.act(observation)
-    turn = Rotation.from_rotvec(step.action[3:].copy())
-    offset = turn * Rotation.from_rotvec(step.desired[3:].copy()).inv()
-    assert_allclose(offset.as_rotvec()[1:], 0.0, atol=1e-9)
-    assert offset.as_rotvec()[0] > 0.005
 
 
 def test_rotation_leads_by_less_than_the_pull(skill):

@@ -1,18 +1,14 @@
 """Skills: six heteroscedastic outputs learned from aligned demonstrations."""
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import t as student
-from threadpoolctl import threadpool_info, threadpool_limits
 
-from gplfd_policies import AlignedDemonstrations, ViaPoint, adapt, fit_skill
-from gplfd_policies.adaptation import begin_adaptation, forms
+from gplfd_policies import AlignedDemonstrations, ViaPoint, fit_skill
 from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.heteroscedastic import MultiOutputGP
 from gplfd_policies.gp.noise import KerstingNoise
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
@@ -307,34 +303,3 @@ def test_impossible_via_points_are_refused(arguments, message):
 def test_demonstrations_that_are_not_aligned_are_refused(demonstrations):
     with pytest.raises(TypeError, match=r"tuple; call fit_skill\(align\(demo"):
         fit_skill(demonstrations)
-
-
-def test_predictions_keep_to_one_thread(skill, monkeypatch):
-    """Whatever the caller's setting, which is left as it was."""
-    skill = replace(skill)  # which has computed nothing yet
-    threads = []
-
-    def spied(work):
-        def watched(*given):
-            threads.append(blas_threads())
-            return work(*given)
-
-        return watched
-
-    def blas_threads():
-        return {
-            pool["num_threads"]
-            for pool in threadpool_info()
-            if pool["user_api"] == "blas"
-        }
-
-    monkeypatch.setattr(MultiOutputGP, "moments", spied(MultiOutputGP.moments))
-    monkeypatch.setattr(forms, "begin_adaptation", spied(begin_adaptation))
-    via_point = ViaPoint(phase=0.3, pose=np.zeros(6), std=1e-3)
-    with threadpool_limits(limits=2, user_api="blas"):
-        skill.predict(TIMES)
-        adapt(skill, [via_point]).predict(TIMES)
-        replace(skill).deviations  # noqa: B018
-        assert blas_threads() == {2}
-    assert len(threads) >= 5
-    assert all(number == {1} for number in threads)

@@ -10,16 +10,6 @@ from gplfd_policies.control.steps import STEP_SHAPES
 ACTIONS = np.arange(18.0).reshape(3, 6)
 
 
-def random_step(rng, *leading):
-    fields = {name: rng.random((*leading, *STEP_SHAPES[name])) for name in STEP_SHAPES}
-    return AgentStep(**fields | {"via_point": fields["via_point"] > 0.5})
-
-
-def assert_same(one, other):
-    for name in STEP_SHAPES:
-        assert_array_equal(getattr(one, name), getattr(other, name), name)
-
-
 @pytest.mark.parametrize("action", [ACTIONS[0], ACTIONS])
 def test_an_action_is_a_whole_step(action):
     step = AgentStep(action=action)
@@ -40,10 +30,5 @@ def test_what_was_given_stays_the_givers():
         step.action[0] = 1.0
 
 
-def test_rows_of_a_stack_are_the_steps():
-    steps = [random_step(np.random.default_rng(seed)) for seed in range(3)]
-    stack = AgentStep.stacked(steps)
-    assert stack.action.shape == (3, 6)
-    for row, step in enumerate(steps):
-        assert_same(stack.row(row), step)
+def test_no_steps_are_a_stack_of_none():
     assert AgentStep.stacked([]).action.shape == (0, 6)
