@@ -313,31 +313,6 @@ def test_one_demonstration_has_no_deviations():
         assert np.isfinite(adapt(skill, [point], form).predict(TIMES).std).all()
 
 
-@pytest.mark.parametrize(
-    "name", ["identical", "two crossing", "constant", "two samples"]
-)
-def test_hostile_demonstrations_can_be_adapted(name):
-    times = np.array([0.0, 1.0]) if name == "two samples" else TIMES[::3]
-    poses = np.tile(door(0.5, times), (4, 1, 1))
-    if name == "two crossing":
-        poses = poses[:2] + np.multiply.outer([1.0, -1.0], times - 0.5)[:, :, None]
-    if name == "constant":
-        poses = np.zeros((4, len(times), 6)) + np.arange(6.0)
-    if name == "two samples":
-        poses = poses + 0.01 * np.arange(4.0)[:, None, None]
-    aligned = AlignedDemonstrations(times=times, poses=poses)
-    if name == "two crossing":
-        with pytest.warns(UserWarning, match="degree"):
-            skill = fit_skill(aligned)
-    else:
-        skill = fit_skill(aligned)
-    points = [ViaPoint(phase=0.5, pose=np.ones(6), std=std) for std in (0.0, 1e-3)]
-    for form in ("process", "exact", "product"):
-        adapted = adapt(skill, points, form).predict(TIMES[::3])
-        for values in (adapted.mean, adapted.std, adapted.covariance):
-            assert np.isfinite(values).all()
-
-
 def test_demonstrated_curves_shape_what_follows():
     """Early high, late low in every demonstration: no stationary model expects it."""
     rng = np.random.default_rng(0)
