@@ -11,9 +11,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import Demonstration, align
-from gplfd_policies.demonstrations.completion import (
-    task_completion_index,
-)
+from gplfd_policies.demonstrations.completion import task_completion_index
 from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 
 METHODS = ["interpolation", "directions", "dtw", "dtw-euclidean"]

@@ -12,10 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.se3 import compose_rotvecs, rotation_distance
 from gplfd_policies import AlignedDemonstrations, align
-from gplfd_policies.movements.baselines.dmp import (
-    DMPConfig,
-    fit_dmp,
-)
+from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -233,6 +230,13 @@ def test_rollout_tends_to_the_library_s_for_small_steps(as_in_the_library, libra
     steps = library["dmp_steps"]
     assert_allclose(np.divide(gaps[1:], gaps[:-1]), steps[1:] / steps[:-1], rtol=0.1)
     assert gaps[-1] < 1e-3
+
+
+def test_reproduction_is_no_worse_than_the_library_s(as_in_the_library, library):
+    mean = library["poses"].mean(axis=0)[:, :3]
+    library_error = np.sqrt(np.mean((library["dmp_reproduction"] - mean) ** 2))
+    ours = as_in_the_library.predict(library["phases"]).mean[:, :3]
+    assert np.sqrt(np.mean((ours - mean) ** 2)) < 0.3 * library_error
 
 
 def test_a_goal_must_be_known_in_full(dmp):

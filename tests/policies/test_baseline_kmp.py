@@ -7,10 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gplfd_policies import ViaPoint
-from gplfd_policies.movements.baselines.kmp import (
-    KMPConfig,
-    fit_kmp,
-)
+from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
 
 GRID = np.linspace(0.0, 1.0, 41)
 FREE = 1e6

@@ -7,10 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_policies import AlignedDemonstrations, ViaPoint
-from gplfd_policies.movements.baselines.promp import (
-    ProMPConfig,
-    fit_promp,
-)
+from gplfd_policies.movements.baselines.promp import ProMPConfig, fit_promp
 
 GRID = np.linspace(0.0, 1.0, 101)
 

@@ -11,10 +11,7 @@ from gplfd_policies import as_agent, make_agent
 from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
 from gplfd_policies.agents.model_based.oracle import OracleAgent
 from gplfd_policies.agents.model_based.path import HandPath, turned_towards
-from gplfd_policies.agents.model_based.pulling import (
-    ChordAgent,
-    ReflexAgent,
-)
+from gplfd_policies.agents.model_based.pulling import ChordAgent, ReflexAgent
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
