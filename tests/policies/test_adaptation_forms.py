@@ -57,19 +57,6 @@ def via(skill, phase, shift, std=1e-3):
 
 
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("std", [1e-4, 1e-3])
-def test_via_point_is_hit_within_its_noise(skill, form, std):
-    point = via(skill, float(TIMES[20]), 0.05, std)
-    adapted = adapt(skill, [point], form).predict(TIMES)
-    # A point σ_v strong pulls all but σ_v²/(σ² + σ_v²) of the way.
-    assert_allclose(adapted.mean[20], point.pose, atol=max(4.0 * std, 1e-3))
-    before = skill.predict(TIMES).mean[20]
-    assert (
-        np.abs(adapted.mean[20] - point.pose) < 0.1 * np.abs(before - point.pose)
-    ).all()
-
-
-@pytest.mark.parametrize("form", FORMS)
 def test_order_of_via_points_does_not_matter(skill, form):
     points = [via(skill, phase, 0.03 * k) for k, phase in enumerate((0.2, 0.5, 0.63))]
     forward, backward = (

@@ -12,10 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.se3 import compose_rotvecs, rotation_distance
 from gplfd_policies import AlignedDemonstrations, align
-from gplfd_policies.movements.baselines.dmp import (
-    DMPConfig,
-    fit_dmp,
-)
+from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 

@@ -4,20 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import ConstantKernel, Matern
+from sklearn.gaussian_process.kernels import Matern
 
 from gplfd_policies import ViaPoint
 from gplfd_policies.movements.baselines.gmm_gp import (
     Evidence,
-    GMMGPConfig,
     LengthScaleConfig,
     MixtureKernel,
     fit_gmm_gp,
 )
-from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
 
 GRID = np.linspace(0.0, 1.0, 41)
 
@@ -33,11 +30,6 @@ def shifted(process, phase, stds, sigma):
     return ViaPoint(phase=phase, pose=here.mean[0] + stds * here.std[0], std=sigma)
 
 
-def with_scales(process, scale):
-    scales = np.full(len(process.regression.weights), scale)
-    return replace(process, kernel=replace(process.kernel, length_scales=scales))
-
-
 def published_kernel(process, a, b):
     """K(t, t') = Σ_l h_l(t) h_l(t') Σ̂_l k_l(t, t') [m, rad], shape (A, 6, B, 6)."""
     regression = process.regression
@@ -51,21 +43,6 @@ def published_kernel(process, a, b):
         outputs = scale[:, None] * outputs * scale
         total += weight[:, None, :, None] * outputs[None, :, None, :]
     return total
-
-
-def test_prior_is_the_regression_with_the_published_covariance(process, aligned):
-    predicted = process.predict(GRID)
-    mean, mixture = fit_gmr(aligned, GMRConfig(components=6)).moments(GRID)
-    assert_array_equal(predicted.mean, mean)
-    expected = published_kernel(process, GRID, GRID)
-    for output in range(6):
-        block = expected[:, output, :, output]
-        assert_allclose(predicted.covariance[output], block, atol=1e-9 * block.max())
-        assert_allclose(predicted.std[:, output], np.sqrt(np.diag(block)), rtol=1e-9)
-    # Σ h² Σ̂ is the smaller, as the module says.
-    ratio = predicted.std**2 / np.diagonal(mixture, axis1=1, axis2=2)
-    assert ratio.max() < 1.0 + 1e-9
-    assert ratio.min() < 0.6
 
 
 def test_half_the_power_gives_the_covariance_within_components(process):
@@ -110,38 +87,6 @@ def test_via_points_condition_it_as_any_gaussian(process):
         block = covariance[:, output, :, output]
         assert_allclose(predicted.covariance[output], block, atol=1e-10)
         assert_allclose(predicted.std[:, output] ** 2, np.diag(block), atol=1e-10)
-
-
-def test_one_component_is_an_ordinary_gaussian_process(aligned):
-    """scikit-learn, given the same kernel and the regression as its mean."""
-    single = fit_gmm_gp(aligned, GMMGPConfig(mixture=GMRConfig(components=1)))
-    single = with_scales(single, 0.4)
-    phases = np.array([0.2, 0.45, 0.5, 0.8])
-    wanted = np.array([0.02, 0.1, 0.12, 0.3])
-    only_x = np.where(np.arange(6) == 0, 0.0, np.nan)
-    adapted = single.adapt(
-        [
-            ViaPoint(phase=float(phase), pose=only_x + x, std=2e-3)
-            for phase, x in zip(phases, wanted, strict=True)
-        ]
-    )
-    joint = single.regression.moments(GRID)[1][0]
-    oracle = GaussianProcessRegressor(
-        kernel=ConstantKernel(joint[0, 0]) * Matern(length_scale=0.4, nu=2.5),
-        alpha=4e-6,
-        optimizer=None,
-    )
-    prior = single.regression.moments(phases)[0][:, 0]
-    oracle.fit(phases[:, None], wanted - prior)
-    correction, std = oracle.predict(GRID[:, None], return_std=True)
-    predicted, before = adapted.predict(GRID), single.predict(GRID)
-    assert_allclose(predicted.mean[:, 0], before.mean[:, 0] + correction, atol=1e-9)
-    assert_allclose(predicted.std[:, 0], std, rtol=1e-6)
-    # The other outputs follow by their regression on x.
-    for output in range(1, 6):
-        slope = joint[output, 0] / joint[0, 0]
-        moved = predicted.mean[:, output] - before.mean[:, output]
-        assert_allclose(moved, slope * correction, atol=1e-9)
 
 
 @pytest.mark.parametrize("sigma", [0.0, 1e-6])

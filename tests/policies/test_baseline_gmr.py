@@ -6,10 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gplfd_policies import AlignedDemonstrations, align
-from gplfd_policies.movements.baselines.gmr import (
-    GMRConfig,
-    fit_gmr,
-)
+from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
 
 TIMES = np.linspace(0.0, 1.0, 60)
 

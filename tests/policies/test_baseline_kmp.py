@@ -7,10 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gplfd_policies import ViaPoint
-from gplfd_policies.movements.baselines.kmp import (
-    KMPConfig,
-    fit_kmp,
-)
+from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
 
 GRID = np.linspace(0.0, 1.0, 41)
 FREE = 1e6
@@ -94,14 +91,6 @@ def test_prediction_is_the_published_dense_formula(small, times, lambda_c):
             assert_allclose(
                 predicted.std[:, output] ** 2, np.diag(block), atol=tolerance
             )
-
-
-def test_far_from_the_reference_it_returns_to_the_average(primitive):
-    far = primitive.predict(np.array([-4.0, 6.0]))
-    samples = primitive.aligned.poses.reshape(-1, 6)
-    assert_allclose(far.mean, np.tile(samples.mean(axis=0), (2, 1)))
-    spread = np.sqrt(400.0 / 1500.0) * samples.std(axis=0)
-    assert_allclose(far.std, np.tile(spread, (2, 1)))
 
 
 def test_a_via_point_takes_the_place_of_an_entry_at_its_phase(primitive):

@@ -9,10 +9,7 @@ from sklearn.gaussian_process.kernels import RBF as SklearnRBF
 from sklearn.gaussian_process.kernels import ConstantKernel, WhiteKernel
 
 from gplfd_policies import AlignedDemonstrations
-from gplfd_policies.movements.baselines.local_gp import (
-    LocalGPConfig,
-    fit_local_gp,
-)
+from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 

@@ -94,7 +94,9 @@ def test_the_demonstrated_part_stays_what_it_was():
 
 
 def test_it_goes_on_by_the_share_asked_for_from_rest_to_the_mean_speed():
-    longer = continued(aligned(drawer()), 0.5)
+    shown = aligned(drawer())
+    assert continued(shown, 0.0) is shown
+    longer = continued(shown, 0.5)
     assert longer.poses[0, -1, 0] == pytest.approx(0.6, abs=1e-6)
     speed = np.gradient(longer.poses[0, :, 0], longer.times * longer.duration)
     # A clock for the whole of the demonstration: its mean speed is 0.4 m in 6 s.
@@ -103,24 +105,16 @@ def test_it_goes_on_by_the_share_asked_for_from_rest_to_the_mean_speed():
     assert speed[after + 3] < 0.3 * speed[-10]
 
 
-def test_nothing_is_added_for_a_share_of_zero():
-    shown = aligned(drawer())
-    assert continued(shown, 0.0) is shown
-
-
 def test_drift_is_nothing_for_arcs_and_what_it_is_for_a_bent_path():
     assert drift(aligned(arc(0.4, 0.9), arc(0.6, 0.9))).max() < 5e-3
     # A straight line that is bent at the end goes elsewhere than it was going.
     bent = drawer()
     bent[140:, 2] = 0.5 * (bent[140:, 0] - bent[140, 0])
-    assert drift(aligned(bent))[2] > 0.05
-
-
-def test_drift_is_per_phase_of_the_longer_task():
-    bent = drawer()
-    bent[140:, 2] = 0.5 * (bent[140:, 0] - bent[140, 0])
+    found = drift(aligned(bent))
+    assert found[2] > 0.05
+    # A continued task has it per phase of its own.
     longer = continued(aligned(bent), 0.5)
-    assert_allclose(longer.drift * longer.end, drift(aligned(bent)))
+    assert_allclose(longer.drift * longer.end, found)
 
 
 def test_clocks_go_on_with_the_mean_one():

@@ -27,11 +27,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
     fit_wishart_gp,
 )
-from gplfd_policies.movements.movement import (
-    Adaptable,
-    EmpiricalDistribution,
-    Movement,
-)
+from gplfd_policies.movements.movement import Adaptable, EmpiricalDistribution, Movement
 from gplfd_policies.movements.prior_mean import fit_residual
 
 pytestmark = pytest.mark.slow

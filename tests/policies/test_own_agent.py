@@ -12,6 +12,7 @@ from gplfd_env import DoorGeometry
 from gplfd_policies import Agent, AgentStep, GaussianTrajectory, as_agent, batch_agents
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.control.compliance import ComplianceConfig
+from gplfd_policies.control.steps import STEP_SHAPES
 
 EXPECTED = GaussianTrajectory.from_moments(
     np.zeros(1), np.zeros((1, 6)), np.zeros((1, 6)), lambda: np.zeros((6, 1, 1))
@@ -196,3 +197,33 @@ def test_a_batch_commands_one_thing():
     assert_array_equal(command, [np.zeros(12), np.arange(12.0)])
     with pytest.raises(ValueError, match=r"some command poses and others .* batch of"):
         batch_agents([*soft, Counting()])
+
+
+# --- The record of a step -----------------------------------------------------
+
+
+ACTIONS = np.arange(18.0).reshape(3, 6)
+
+
+@pytest.mark.parametrize("action", [ACTIONS[0], ACTIONS])
+def test_an_action_is_a_whole_step(action):
+    step = AgentStep(action=action)
+    assert_array_equal(step.action, action)
+    assert not np.any(step.via_point)
+    for name in set(STEP_SHAPES) - {"action", "via_point"}:
+        value = getattr(step, name)
+        assert np.shape(value) == action.shape[:-1] + STEP_SHAPES[name]
+        assert np.isnan(value).all()
+
+
+def test_what_was_given_stays_the_givers():
+    action = ACTIONS[0].copy()
+    step = AgentStep(action=action)
+    action[0] = 7.0
+    assert step.action[0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        step.action[0] = 1.0
+
+
+def test_no_steps_are_a_stack_of_none():
+    assert AgentStep.stacked([]).action.shape == (0, 6)

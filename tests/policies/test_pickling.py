@@ -39,7 +39,11 @@ def observations(count):
         }
 
 
-@pytest.mark.parametrize("name", [name for name in POLICIES if "-tuned" not in name])
+LEARNED = ("gp", "gp-own-clock", "gp-clock", "gp-carried-load", "gp-impedance", "dmp")
+MODEL_BASED = [name for name, policy in POLICIES.items() if policy.method is None]
+
+
+@pytest.mark.parametrize("name", [*LEARNED, *MODEL_BASED])
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_agents_act_on_as_if_nothing_had_happened(name, learned_agent):
     agent = learned_agent(name)

@@ -8,7 +8,6 @@ from numpy.testing import assert_array_equal
 
 from gplfd_policies.arrays.rows import ALL_ROWS, rows_of
 from gplfd_policies.control.admittance import Admittance
-from gplfd_policies.control.contact import HELD_HAND
 from gplfd_policies.control.load import (
     CarriedLoad,
     ContactState,
@@ -140,16 +139,6 @@ def test_what_is_given_stays_and_what_is_returned_may_be_changed(name):
                 assert_array_equal(each, kept[key])
         part.reset()
         other = MAKE[name](())
-
-
-@pytest.mark.bits
-def test_margins_do_not_depend_on_the_memory_layout():
-    rng = np.random.default_rng(0)
-    stiffness, damping = rng.uniform(1.0, 500.0, (2, N, 6))
-    packed = HELD_HAND.margin(stiffness, damping, DEFAULT_DYNAMICS.mass)
-    strided = np.asfortranarray(stiffness)
-    found = HELD_HAND.margin(strided, damping, DEFAULT_DYNAMICS.mass)
-    assert_array_equal(found, packed)
 
 
 def test_a_mask_selects_rows():

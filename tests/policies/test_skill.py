@@ -1,18 +1,14 @@
 """Skills: six heteroscedastic outputs learned from aligned demonstrations."""
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import t as student
-from threadpoolctl import threadpool_info, threadpool_limits
 
 from gplfd_policies import AlignedDemonstrations, ViaPoint, adapt, fit_skill
-from gplfd_policies.adaptation import begin_adaptation, forms
 from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.heteroscedastic import MultiOutputGP
 from gplfd_policies.gp.noise import KerstingNoise
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
@@ -249,7 +245,7 @@ WORST = ("identical", "two crossing", "all zero", "white noise")
         *((name, KerstingNoise(n_iterations=1)) for name in WORST),
     ],
 )
-def test_hostile_demonstrations_give_finite_predictions(name, noise):
+def test_hostile_demonstrations_are_learned_and_adapted(name, noise):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         skill = fit_skill(aligned(HOSTILE[name][:, ::3], TIMES[::3]), noise=noise)
@@ -259,6 +255,11 @@ def test_hostile_demonstrations_give_finite_predictions(name, noise):
     assert (predicted.std > 0.0).all()
     assert np.isfinite(predicted.std).all()
     assert np.isfinite(predicted.covariance).all()
+    points = [ViaPoint(phase=0.5, pose=np.ones(6), std=std) for std in (0.0, 1e-3)]
+    for form in ("process", "exact", "product"):
+        adapted = adapt(skill, points, form).predict(TIMES[::3])
+        for values in (adapted.mean, adapted.std, adapted.covariance):
+            assert np.isfinite(values).all()
 
 
 @pytest.mark.parametrize("size", [2, 3, 5000])
@@ -266,12 +267,15 @@ def test_any_number_of_samples(size):
     rng, times = np.random.default_rng(0), np.linspace(0.0, 1.0, size)
     curve = np.stack([np.sin(2.0 * times + k) for k in range(6)], axis=1)
     poses = curve + 0.02 * rng.normal(size=(5, size, 6))
-    predicted = fit_skill(aligned(poses, times)).predict(np.linspace(0.0, 1.0, 11))
+    skill = fit_skill(aligned(poses, times))
+    predicted = skill.predict(np.linspace(0.0, 1.0, 11))
     truth = np.stack([np.sin(2.0 * predicted.times + k) for k in range(6)], axis=1)
     if size > 3:
         assert_allclose(predicted.mean, truth, atol=0.01)
         assert_allclose(predicted.std, 0.02 * np.sqrt(1.2), rtol=0.1)
-    assert np.isfinite(predicted.std).all()
+    adapted = adapt(skill, [ViaPoint(phase=0.5, pose=np.ones(6))])
+    for each in (predicted, adapted.predict(predicted.times)):
+        assert np.isfinite(each.std).all()
 
 
 def test_unknown_noise_model_lists_the_known():
@@ -307,34 +311,3 @@ def test_impossible_via_points_are_refused(arguments, message):
 def test_demonstrations_that_are_not_aligned_are_refused(demonstrations):
     with pytest.raises(TypeError, match=r"tuple; call fit_skill\(align\(demo"):
         fit_skill(demonstrations)
-
-
-def test_predictions_keep_to_one_thread(skill, monkeypatch):
-    """Whatever the caller's setting, which is left as it was."""
-    skill = replace(skill)  # which has computed nothing yet
-    threads = []
-
-    def spied(work):
-        def watched(*given):
-            threads.append(blas_threads())
-            return work(*given)
-
-        return watched
-
-    def blas_threads():
-        return {
-            pool["num_threads"]
-            for pool in threadpool_info()
-            if pool["user_api"] == "blas"
-        }
-
-    monkeypatch.setattr(MultiOutputGP, "moments", spied(MultiOutputGP.moments))
-    monkeypatch.setattr(forms, "begin_adaptation", spied(begin_adaptation))
-    via_point = ViaPoint(phase=0.3, pose=np.zeros(6), std=1e-3)
-    with threadpool_limits(limits=2, user_api="blas"):
-        skill.predict(TIMES)
-        adapt(skill, [via_point]).predict(TIMES)
-        replace(skill).deviations  # noqa: B018
-        assert blas_threads() == {2}
-    assert len(threads) >= 5
-    assert all(number == {1} for number in threads)

@@ -3,9 +3,6 @@
 import dataclasses
 import hashlib
 import importlib.metadata
-import json
-import pickle
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -51,10 +48,6 @@ def make(training):
 
 def make_with_seed(training, seed):
     return Still(training)
-
-
-def make_nothing(training):
-    return None
 
 
 method = Method(fit=fit_skill)
@@ -170,33 +163,6 @@ def test_what_cannot_be_used_is_refused_at_once(name, message, folder):
         policy_named(name)
 
 
-@pytest.mark.usefixtures("folder")
-def test_functions_that_make_no_agent_are_refused(demonstrations):
-    with pytest.raises(ValueError, match=r"NoneType.* is no agent"):
-        make_agent("mine:make_nothing", demonstrations)
-
-
-def test_origins_are_plain_data_with_which_another_process_finds_the_policy(
-    folder, tmp_path_factory
-):
-    origin = policy_named("mine:make").origin
-    assert origin is not None
-    assert PolicyOrigin(**json.loads(json.dumps(dataclasses.asdict(origin)))) == origin
-    program = (
-        "import pickle, sys\n"
-        "from gplfd_policies.registry.catalogue import load_policy\n"
-        "print(load_policy(pickle.load(sys.stdin.buffer)).summary)\n"
-    )
-    ran = subprocess.run(
-        [sys.executable, "-c", program],
-        input=pickle.dumps(origin),
-        capture_output=True,
-        check=True,
-        cwd=tmp_path_factory.mktemp("elsewhere"),
-    )
-    assert ran.stdout.decode().strip() == "Stay where the handle is closed."
-
-
 def forget(*modules):
     """Forget modules and their files, as another process would."""
     for name in modules:
@@ -254,12 +220,6 @@ def test_another_file_is_not_the_policy_that_was_chosen(folder):
     del sys.modules["mine"]
     with pytest.raises(ValueError, match="there is no module 'mine'"):
         load_policy(origin)
-
-
-def test_built_in_policies_are_found_again():
-    origin = policy_named("gp").origin
-    assert origin == PolicyOrigin(name="gp", kind="built-in")
-    assert load_policy(origin).make is POLICIES["gp"].make
 
 
 @pytest.fixture
