@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gplfd_policies import AgentStep
+from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.contact import ContactLoop
 from gplfd_policies.control.load import CarriedLoad, LearnedLoad
@@ -16,7 +17,6 @@ from gplfd_policies.control.stiffness import (
     PAPER_PROFILE,
     VirtualDynamics,
 )
-from gplfd_policies.handles.adapter import HandleConfig
 from gplfd_policies.phase.heading import HeadingConfig
 from gplfd_policies.phase.path_phase import PathPhaseConfig
 from gplfd_policies.phase.phase_rule import PhaseNoise

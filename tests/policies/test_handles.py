@@ -11,10 +11,10 @@ from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import Demonstration, align
+from gplfd_policies.agents.handles import HandleCompensation, HandleConfig, HandleLoad
 from gplfd_policies.control.load import ContactState, LearnedLoad
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
-from gplfd_policies.handles.adapter import HandleCompensation, HandleConfig, HandleLoad
 from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.phase.path_phase import PathPhase
 

@@ -17,9 +17,9 @@ from gplfd_policies.adaptation import (
     OwnClockAdaptation,
     ProductAdaptation,
 )
+from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.rendering import ArmRendering
-from gplfd_policies.handles.adapter import HandleConfig
 from gplfd_policies.phase.path_phase import PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
 from gplfd_policies.registry.method import path_phase, profile_of_spread

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from gplfd_policies.agents.handles import HandleCompensation, HandleConfig, HandleLoad
 from gplfd_policies.arrays.rows import ALL_ROWS, rows_of
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.load import (
@@ -22,7 +23,6 @@ from gplfd_policies.control.rendering import (
 from gplfd_policies.control.stability import StiffnessGovernor
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
-from gplfd_policies.handles.adapter import HandleCompensation, HandleConfig, HandleLoad
 
 N, DT = 5, 0.01
 LEVER = TurnedHandle(point=(0.0, 0.0, 0.1), axis=(-1.0, 0.0, 0.0), travel=0.8)

@@ -16,8 +16,8 @@ from gplfd_policies.adaptation.conditioning import (
     basis_for_grid,
 )
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.resolution import thinned
 from gplfd_policies.arrays.shapes import Outputs, Pose, Times
-from gplfd_policies.demonstrations.aligned import thinned
 from gplfd_policies.gp.deviations import conjugate_share
 from gplfd_policies.gp.exact import factorise
 from gplfd_policies.movements.skill import Skill

@@ -14,11 +14,11 @@ import numpy as np
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.agents.handles import HandleConfig, controller_of
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
-from gplfd_policies.handles.adapter import HandleConfig, controller_of
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.phase.phase_rule import PhaseRule
 

@@ -13,11 +13,11 @@ import numpy as np
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.agents.agent import Agent, CompliantAgent, as_agent
+from gplfd_policies.agents.handles import controller_of
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.rows import Rows, rows_of
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
-from gplfd_policies.handles.adapter import controller_of
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 Mask = np.ndarray

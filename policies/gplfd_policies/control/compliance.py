@@ -83,7 +83,7 @@ class ComplianceConfig:
 class ComplianceController:
     """Controls one hand, or many with one phase rule and one config.
 
-    `gplfd_policies.handles.adapter.controller_of` makes one, with adapters around
+    `gplfd_policies.agents.handles.controller_of` makes one, with adapters around
     movements, phases and load where handles turn.
     """
 

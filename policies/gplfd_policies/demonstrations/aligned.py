@@ -3,14 +3,11 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from gplfd_policies.arrays.records import freeze, short_repr
 from gplfd_policies.arrays.shapes import Pose, Times
 from gplfd_policies.demonstrations.rests import Rest
-
-FINEST = 1e-6
-"""Finest resolution of poses, scales and standard deviations: 1 µm and 1 µrad."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -97,8 +94,3 @@ class AlignedDemonstrations:
             raise ValueError(
                 f"duration must be positive and finite [s], got {self.duration}"
             )
-
-
-def thinned(size: int, most: int) -> Int[np.ndarray, " N"]:
-    """Return at most ``most`` of ``size`` indices, evenly spread, with both ends."""
-    return np.unique(np.linspace(0, size - 1, most).round().astype(int))

@@ -35,6 +35,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
+from gplfd_policies.arrays.resolution import thinned
 from gplfd_policies.arrays.shapes import (
     Curve,
     Curves,
@@ -43,7 +44,6 @@ from gplfd_policies.arrays.shapes import (
     Outputs,
     Times,
 )
-from gplfd_policies.demonstrations.aligned import thinned
 from gplfd_policies.gp.exact import factorise
 from gplfd_policies.gp.kernels import RBF
 

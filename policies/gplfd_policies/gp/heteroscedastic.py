@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from gplfd_policies.arrays.records import short_repr
+from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.arrays.shapes import Curves, Times
-from gplfd_policies.demonstrations.aligned import FINEST
 from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.hyperparameters import fit_kernel
 from gplfd_policies.gp.kernels import RBF

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
+from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.stiffness import (
@@ -22,7 +23,6 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.demonstrations.demonstration import Demonstration
-from gplfd_policies.handles.adapter import HandleConfig
 from gplfd_policies.movements.movement import (
     AdaptationForm,
     EmpiricalDistribution,

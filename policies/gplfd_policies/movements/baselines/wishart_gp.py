@@ -33,8 +33,9 @@ from jaxtyping import Float
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import Settings
+from gplfd_policies.arrays.resolution import FINEST, thinned
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
-from gplfd_policies.demonstrations.aligned import FINEST, AlignedDemonstrations, thinned
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.heteroscedastic import MultiOutputGP
 from gplfd_policies.gp.noise import HomoscedasticNoise
 from gplfd_policies.movements.baselines.wishart_process import (
