@@ -156,7 +156,8 @@ def test_every_field_in_which_doors_differ_is_each_simulation_s_own():
         for one in alike[1:]
         if not np.array_equal(getattr(one, name), getattr(alike[0], name))
     }
-    seen = {"cam_pos", "cam_quat", "cam_poscom0", "light_poscom0", "geom_rgba"}
+    cameras = {"cam_pos", "cam_quat", "cam_pos0", "cam_mat0", "cam_poscom0"}
+    seen = cameras | {"light_poscom0", "geom_rgba"}
     unread = {"dof_length", "key_ctrl", "key_qpos"}
     assert differ - seen - unread == set(WORLD_FIELDS)
 
