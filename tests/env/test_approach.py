@@ -172,18 +172,6 @@ def test_an_opened_gripper_lets_the_handle_go_and_takes_it_again(start_env):
     assert info["failure"] == ""
 
 
-def test_one_finger_is_no_grasp(start_env):
-    env = start_env(id=GRIPPER)
-    aside, said = np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0]), []
-    hold(env, np.append(aside, GRIPPER_WIDTH), 150)
-    for _ in range(150):
-        observation, *_, info = env.step(np.append(aside, 0.0))
-        touching = np.linalg.norm(observation["wrench"][:3]) > 1.0
-        assert bool(observation["grasped"][0]) == info["grasped"]
-        said.append((touching, info["grasped"]))
-    assert (True, False) in said
-
-
 def test_fingers_close_no_faster_than_the_gripper_s(make_env):
     env = make_env(id=GRIPPER, start="approach")
     pose = env.reset(seed=0)[0]["ee_pose"]

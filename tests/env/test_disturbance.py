@@ -9,21 +9,18 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import data_equivalence
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 
 import gplfd_env
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.disturbance import (
-    CAUSES,
     Disturbance,
     Person,
     Push,
     Stop,
     disturbance_named,
 )
-from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.task.intervention import PersonHand
 
@@ -265,21 +262,6 @@ def test_a_seal_closes_a_door_that_is_ajar(free_door):
         assert (info["door_angle"] < before - 1e-5) == closes
 
 
-@pytest.mark.parametrize("id", IDS)
-def test_next_episodes_are_disturbed_alike(id, make_env, draw_actions):
-    env, fresh = (make_env(id=id, disturbance=EVERYTHING) for _ in range(2))
-    actions = draw_actions(env.action_space, 60)
-    actions[:, 0] = np.linspace(0.0, 0.03, 60)
-    both = []
-    for each, seeds in ((env, (3, 4)), (fresh, (4,))):
-        for seed in seeds:
-            results = [each.reset(seed=seed), *map(each.step, actions)]
-        both.append(results)
-    assert data_equivalence(*both, exact=True)
-    for key in ("person_energy", "base_shift"):
-        assert results[-1][-1][key] != 0.0
-
-
 def test_what_is_drawn(make_env):
     """Within its range; the same with the same seed; and nothing else changes."""
     calm = make_env(randomization="hard")
@@ -333,15 +315,3 @@ def test_the_end_of_the_hinge_is_no_disturbance(free_door):
         forces = [env.step(REST)[-1]["stop_force"] for _ in range(40)]
         assert (max(forces) > 1.0) == blocked
         assert env._episode.readings.door.angle > 1.5
-
-
-def test_nothing_happens_by_default(make_env):
-    env = make_env()
-    _, info = env.reset(seed=0)
-    assert env.variation == Variation(door=env.door)
-    for key in ("push_force", "person_force", "person_energy", "base_shift"):
-        assert info[key] == 0.0
-    assert disturbance_named({}).idle
-    assert {field: None for field in CAUSES} == {
-        field: getattr(disturbance_named("none"), field) for field in CAUSES
-    }

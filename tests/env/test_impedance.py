@@ -148,19 +148,6 @@ def test_an_oblique_turn_shows_that_axes_have_servos_of_their_own(
     assert np.abs(observation["ee_pose"] - pose).max() < 4e-3
 
 
-@pytest.mark.parametrize("share", [1.0, 0.25])
-def test_a_wrong_radius_costs_force_in_proportion_to_stiffness(
-    share, start_env, arc_commands
-):
-    radius = 0.5
-    env = start_env(radius, id=IMPEDANCE)
-    stiffness = share * STIFFEST
-    for pose in arc_commands(1.2 * radius, degrees=25.0, duration=4.0):
-        *_, info = env.step(command(pose, stiffness))
-    off_circle = np.hypot(pose[0], pose[2] + radius) - radius
-    assert info["force_radial"] == pytest.approx(stiffness[0] * off_circle, rel=0.2)
-
-
 @many_examples
 @given(stiffness=stiffnesses, seed=st.integers(0, 1000))
 def test_any_stiffness_is_stable(stiffness, seed, make_env, release_handle):

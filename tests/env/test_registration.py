@@ -89,17 +89,6 @@ def test_without_it_gymnasium_names_the_namespace(tmp_path):
     assert said in PAGE.replace("\n", " ")
 
 
-@pytest.mark.parametrize(
-    ("id", "name"), [(POSE, "DoorOpening"), (IMPEDANCE, "DoorOpeningImpedance")]
-)
-def test_specs_of_the_registered_ids(id, name):
-    spec = gym.spec(id)
-    assert spec.entry_point == f"gplfd_env.envs.door_opening:{name}Env"
-    assert spec.vector_entry_point == f"gplfd_env.envs.vector:{name}VectorEnv"
-    assert spec.max_episode_steps == 1500
-    assert not spec.nondeterministic
-
-
 FIRST = {
     "gplfd/DoorOpening-v0": "9be92ef08a05354b",
     "gplfd/DoorOpeningImpedance-v0": "825d1e907beddb17",
@@ -160,7 +149,3 @@ def test_async_vector_environments_step(make_env, opened):
             assert np.array_equal(batch[key], np.stack([value, value]))
         batch, *_ = envs.step(np.stack([command, command]))
         expected, *_ = env.step(command)
-
-
-def test_the_package_keeps_no_names_of_the_registration():
-    assert not {"_id", "_name"} & vars(gplfd_env).keys()

@@ -77,8 +77,3 @@ def test_the_import_names_are_ours_and_typed(package):
         assert not {"policies", "experiments"} & set(owners)
         place = distribution.locate_file(package.replace(".", "/"))
         assert folder_of(package) == Path(str(place))
-
-
-def test_console_script_exists():
-    (script,) = importlib.metadata.entry_points(group="console_scripts", name="gplfd")
-    assert script.value == "gplfd.__main__:main"
