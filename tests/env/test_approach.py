@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
@@ -190,35 +189,6 @@ def test_closed_it_is_the_environment_without_a_gripper(make_env, arc_commands):
             assert np.array_equal(first[0][key], value)
         assert data_equivalence(first[-1], second[-1], exact=True)
         first, second = env.step(np.append(pose, 0.0)), plain.step(pose)
-
-
-@pytest.mark.bits
-@pytest.mark.parametrize(("id", "numbers"), [(POSE, "floats"), (GRIPPER, "arrays")])
-def test_many_are_as_one(id, numbers, make_vec, count_as, opened):
-    count_as(numbers)
-    doors = ["room-834", "medium", "small"]
-    arguments = {"randomization": "mild", "base": "mobile", "start": "approach"}
-    ours = make_vec(3, id=id, door=doors, **arguments)
-    singles = [opened(gym.make(id, door=door, **arguments)) for door in doors]
-    together, infos = ours.reset(seed=4)
-    alone = [one.reset(seed=4 + row) for row, one in enumerate(singles)]
-    start = together["ee_pose"].copy()
-    for step in range(220):
-        for row, (observation, *_, info) in enumerate(alone):
-            for key, value in observation.items():
-                assert np.array_equal(together[key][row], value), key
-            for key in ("grasped", "slip", "capability", "door_angle"):
-                assert infos[key][row] == info[key]
-        width = GRIPPER_WIDTH if step < 110 else 0.0
-        actions = np.stack(
-            [
-                command(one, reached(start[row], step), width)
-                for row, one in enumerate(singles)
-            ]
-        )
-        together, *_, infos = ours.step(actions)
-        alone = [one.step(row) for one, row in zip(singles, actions, strict=True)]
-    assert infos["grasped"].all()
 
 
 def test_a_late_command_finds_the_hand_where_it_began(make_env):

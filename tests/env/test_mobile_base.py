@@ -88,22 +88,6 @@ def test_it_goes_through_the_frame_of_doors_of_rooms(
     assert info["stage"] == "held"
 
 
-@pytest.mark.parametrize("radius", [0.35, 0.9])
-def test_it_goes_after_a_hand_that_pushes_through_the_frame(
-    radius, start_env, arc_commands
-):
-    """To 60° along a pushed handle's arc, whose leaf is not there."""
-    env = start_env(radius, base="mobile")
-    for geom in ("handle_bar", "leaf"):
-        env.model.geom(geom).conaffinity = 0
-    pushed = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, 1.0])
-    for command in pushed * arc_commands(radius, degrees=60.0, duration=6.0)[:700]:
-        observation, *_, info = env.step(command)
-        assert info["failure"] in ("", "grasp_lost", "stalled")
-    assert_allclose(observation["ee_pose"], command, atol=0.02)
-    assert margins(env, [env.data.qpos]) > 0.05
-
-
 def test_a_base_that_drives_into_the_door_is_blocked_by_it(start_env):
     """Towards the closed door, whose frame and leaf hold up against the drive."""
     env = start_env(id=MOBILE)
