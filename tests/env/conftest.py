@@ -16,6 +16,7 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
+from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
@@ -147,6 +148,22 @@ def release_handle() -> Callable[[DoorOpeningEnv], None]:
         env.model.geom("handle_bar").conaffinity = 0
 
     return release
+
+
+@pytest.fixture(scope="session")
+def push_hand() -> Callable[..., None]:
+    """Return a function: applies a force at the hand point [N], and a moment [N m].
+
+    Both are given in the task frame.
+    """
+
+    def push(env: DoorOpeningEnv, force_d: Any, moment_d: Any = (0.0, 0.0, 0.0)):
+        rotation, gripper = task_rotation_w(), env.data.body("gripper_link")
+        force, moment = rotation @ force_d, rotation @ moment_d
+        lever = env.data.site("hand").xpos - gripper.xipos
+        gripper.xfrc_applied[:] = [*force, *(np.cross(lever, force) + moment)]
+
+    return push
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
@@ -172,18 +171,6 @@ def test_an_opened_gripper_lets_the_handle_go_and_takes_it_again(start_env):
     assert info["failure"] == ""
 
 
-def test_one_finger_is_no_grasp(start_env):
-    env = start_env(id=GRIPPER)
-    aside, said = np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0]), []
-    hold(env, np.append(aside, GRIPPER_WIDTH), 150)
-    for _ in range(150):
-        observation, *_, info = env.step(np.append(aside, 0.0))
-        touching = np.linalg.norm(observation["wrench"][:3]) > 1.0
-        assert bool(observation["grasped"][0]) == info["grasped"]
-        said.append((touching, info["grasped"]))
-    assert (True, False) in said
-
-
 def test_fingers_close_no_faster_than_the_gripper_s(make_env):
     env = make_env(id=GRIPPER, start="approach")
     pose = env.reset(seed=0)[0]["ee_pose"]
@@ -202,35 +189,6 @@ def test_closed_it_is_the_environment_without_a_gripper(make_env, arc_commands):
             assert np.array_equal(first[0][key], value)
         assert data_equivalence(first[-1], second[-1], exact=True)
         first, second = env.step(np.append(pose, 0.0)), plain.step(pose)
-
-
-@pytest.mark.bits
-@pytest.mark.parametrize(("id", "numbers"), [(POSE, "floats"), (GRIPPER, "arrays")])
-def test_many_are_as_one(id, numbers, make_vec, count_as, opened):
-    count_as(numbers)
-    doors = ["room-834", "medium", "small"]
-    arguments = {"randomization": "mild", "base": "mobile", "start": "approach"}
-    ours = make_vec(3, id=id, door=doors, **arguments)
-    singles = [opened(gym.make(id, door=door, **arguments)) for door in doors]
-    together, infos = ours.reset(seed=4)
-    alone = [one.reset(seed=4 + row) for row, one in enumerate(singles)]
-    start = together["ee_pose"].copy()
-    for step in range(220):
-        for row, (observation, *_, info) in enumerate(alone):
-            for key, value in observation.items():
-                assert np.array_equal(together[key][row], value), key
-            for key in ("grasped", "slip", "capability", "door_angle"):
-                assert infos[key][row] == info[key]
-        width = GRIPPER_WIDTH if step < 110 else 0.0
-        actions = np.stack(
-            [
-                command(one, reached(start[row], step), width)
-                for row, one in enumerate(singles)
-            ]
-        )
-        together, *_, infos = ours.step(actions)
-        alone = [one.step(row) for one, row in zip(singles, actions, strict=True)]
-    assert infos["grasped"].all()
 
 
 def test_a_late_command_finds_the_hand_where_it_began(make_env):

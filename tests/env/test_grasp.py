@@ -7,7 +7,6 @@ import pytest
 
 from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.robot.model import SERVO_STIFFNESS
-from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.task.observation import Reader
 
 pytestmark = pytest.mark.slow
@@ -89,18 +88,10 @@ def test_a_wrong_radius_shows_as_radial_force(ratio, start_env, arc_commands):
     assert info["slip"] < 2e-3
 
 
-def push_hand(env: DoorOpeningEnv, force_d: np.ndarray) -> None:
-    """Apply a force, given in the task frame [N], at the hand point."""
-    body = env.data.body("gripper_link")
-    force = task_rotation_w() @ force_d
-    body.xfrc_applied[:3] = force
-    body.xfrc_applied[3:] = np.cross(env.data.site("hand").xpos - body.xipos, force)
-
-
 @pytest.mark.parametrize(
     ("name", "radius"), [*zip(DIRECTIONS, 5 * [0.35, 0.65], strict=True)]
 )
-def test_grasp_survives_20_newtons(name, radius, make_env):
+def test_grasp_survives_20_newtons(name, radius, make_env, push_hand):
     """20 N through the grasp for 2 s: an external force on the hand supplies them.
 
     The servo takes a part of what is applied, so the applied force is raised until
@@ -144,7 +135,7 @@ def test_closed_door_is_held_still(door, slip, make_env):
     assert info["slip"] < slip
 
 
-def test_weld_holds_what_friction_cannot(start_env):
+def test_weld_holds_what_friction_cannot(start_env, push_hand):
     """60 N downwards: the pads slide along the bar, the weld does not."""
     slip = {}
     for grasp in ("contact", "weld"):
@@ -157,7 +148,7 @@ def test_weld_holds_what_friction_cannot(start_env):
     assert slip["contact"] > 5e-3
 
 
-def test_pulling_far_too_hard_loses_the_grasp(start_env):
+def test_pulling_far_too_hard_loses_the_grasp(start_env, push_hand):
     env = start_env({"hinge_friction": 50.0, "closer_preload": 50.0})
     for step in range(400):
         push_hand(env, np.array([min(2.0 * step, 200.0), 0.0, 0.0]))

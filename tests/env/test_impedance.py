@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import gplfd_env
-from gplfd_env.envs.door_opening import DoorOpeningImpedanceEnv
-from gplfd_env.robot.placement import ARM_JOINTS, task_rotation_w
+from gplfd_env.robot.placement import ARM_JOINTS
 from gplfd_env.simulation.command import servo_gains
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
@@ -78,20 +77,12 @@ def test_gains_of_many_are_the_gains_of_each():
         assert np.array_equal(part, np.array(parts))
 
 
-def push(env: DoorOpeningImpedanceEnv, wrench_d: np.ndarray) -> None:
-    """Apply a wrench, given in the task frame [N, N m], at the hand point."""
-    rotation, gripper = task_rotation_w(), env.data.body("gripper_link")
-    force, moment = rotation @ wrench_d[:3], rotation @ wrench_d[3:]
-    lever = env.data.site("hand").xpos - gripper.xipos
-    gripper.xfrc_applied[:] = [*force, *(np.cross(lever, force) + moment)]
-
-
 @pytest.mark.parametrize(
     ("axis", "share"),
     [(0, 1.0), (0, 0.1), (1, 0.1), (2, 1.0), (3, 0.1), (4, 1.0), (5, 0.1)],
 )
 def test_deflection_under_a_known_load_is_load_over_stiffness(
-    share, axis, start_env, release_handle
+    share, axis, start_env, release_handle, push_hand
 ):
     """In the middle of the opening, without the springs that settle self-motion."""
     env = start_env(id=IMPEDANCE)
@@ -104,7 +95,7 @@ def test_deflection_under_a_known_load_is_load_over_stiffness(
     load = np.zeros(6)
     load[axis] = stiffness[axis] * (0.004 if axis < 3 else 0.01)
     for _ in range(800):
-        push(env, load)
+        push_hand(env, load[:3], load[3:])
         observation, *_ = env.step(command(MIDDLE, stiffness))
     deflection = observation["ee_pose"] - MIDDLE
     assert_allclose(deflection, load / stiffness, atol=1e-4)
@@ -146,19 +137,6 @@ def test_an_oblique_turn_shows_that_axes_have_servos_of_their_own(
     assert np.max(apart, axis=0)[:3].max() < 6e-4
     assert 1e-3 < np.max(apart, axis=0)[3:].max() < 1e-2
     assert np.abs(observation["ee_pose"] - pose).max() < 4e-3
-
-
-@pytest.mark.parametrize("share", [1.0, 0.25])
-def test_a_wrong_radius_costs_force_in_proportion_to_stiffness(
-    share, start_env, arc_commands
-):
-    radius = 0.5
-    env = start_env(radius, id=IMPEDANCE)
-    stiffness = share * STIFFEST
-    for pose in arc_commands(1.2 * radius, degrees=25.0, duration=4.0):
-        *_, info = env.step(command(pose, stiffness))
-    off_circle = np.hypot(pose[0], pose[2] + radius) - radius
-    assert info["force_radial"] == pytest.approx(stiffness[0] * off_circle, rel=0.2)
 
 
 @many_examples

@@ -88,30 +88,6 @@ def test_it_goes_through_the_frame_of_doors_of_rooms(
     assert info["stage"] == "held"
 
 
-@pytest.mark.parametrize("radius", [0.35, 0.9])
-def test_it_goes_after_a_hand_that_pushes_through_the_frame(
-    radius, start_env, arc_commands
-):
-    """To 60° along a pushed handle's arc, whose leaf is not there."""
-    env = start_env(radius, base="mobile")
-    for geom in ("handle_bar", "leaf"):
-        env.model.geom(geom).conaffinity = 0
-    pushed = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, 1.0])
-    for command in pushed * arc_commands(radius, degrees=60.0, duration=6.0)[:700]:
-        observation, *_, info = env.step(command)
-        assert info["failure"] in ("", "grasp_lost", "stalled")
-    assert_allclose(observation["ee_pose"], command, atol=0.02)
-    assert margins(env, [env.data.qpos]) > 0.05
-
-
-def test_small_motions_are_left_to_the_arm(start_env):
-    env = start_env(base="mobile", grasp="weld")
-    for step in range(300):
-        turn = 2 * np.pi * step * 0.01
-        *_, info = env.step(0.01 * np.sin(turn) * np.array([1, 0, 1, 0, 2, 0]))
-        assert np.abs(info["base_pose"]).max() < 1e-3
-
-
 def test_a_base_that_drives_into_the_door_is_blocked_by_it(start_env):
     """Towards the closed door, whose frame and leaf hold up against the drive."""
     env = start_env(id=MOBILE)
@@ -160,17 +136,6 @@ def test_pose_of_the_base_is_where_its_body_is(start_env, arc_commands):
     turned = np.arctan2(body.xmat[3], body.xmat[0])
     assert turned == pytest.approx(info["base_pose"][2], abs=2e-3)
     assert info["base_pose"][2] > 0.3
-
-
-def test_a_fixed_base_says_that_it_stands(make_env):
-    env = make_env()
-    _, info = env.reset(seed=0)
-    *_, stepped = env.step(np.full(6, 0.01))
-    for one in (info, stepped):
-        assert_array_equal(one["base_pose"], np.zeros(3))
-        assert_array_equal(one["base_velocity"], np.zeros(3))
-    names = [env.model.joint(index).name for index in range(env.model.njnt)]
-    assert not set(BASE_JOINTS) & set(names)
 
 
 def robot_mass(model: mujoco.MjModel) -> float:

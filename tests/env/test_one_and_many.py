@@ -18,6 +18,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from numpy.testing import assert_array_equal
 
 import gplfd_env
+from gplfd_env.conventions.constants import GRIPPER_WIDTH
 
 pytestmark = [pytest.mark.slow, pytest.mark.bits]
 
@@ -102,10 +103,12 @@ def assert_same_info(ours: dict[str, Any], model: dict[str, Any]) -> None:
             assert data_equivalence(ours[key][mask], value[mask], exact=True), key
 
 
-def reset_both(ours: Any, model: Any, **given: Any) -> None:
+def reset_both(ours: Any, model: Any, **given: Any) -> Any:
     # SyncVectorEnv takes the mask out of the options it is given.
     copies = ({**given, "options": dict(given.get("options", {}))} for _ in range(2))
-    assert_same(ours.reset(**next(copies)), model.reset(**next(copies)))
+    result = ours.reset(**next(copies))
+    assert_same(result, model.reset(**next(copies)))
+    return result
 
 
 def drawn_actions(envs: Any, rng: np.random.Generator) -> np.ndarray:
@@ -146,6 +149,24 @@ def test_every_number_is_that_of_single_environments(
     assert together > 0, "some must reach the time limit"
     if "randomization" in circumstances:
         assert len({one.delay for one in ours.unwrapped.variations}) > 1
+
+
+@pytest.mark.parametrize(("id", "numbers"), [(POSE, "floats"), (GRIPPER, "arrays")])
+def test_hands_reach_for_their_handles_and_take_them(id, numbers, make_pair, count_as):
+    count_as(numbers)
+    begin = {"base": "mobile", "start": "approach", "randomization": "mild"}
+    doors = ["room-834", "medium", "small"]
+    ours, model = make_pair(id, NEXT, doors, **begin, max_episode_steps=300)
+    observations, _ = reset_both(ours, model, seed=4)
+    start = observations["ee_pose"].copy()
+    for step in range(220):
+        actions = start * (1.0 - min(step / 110, 1.0))
+        if id == GRIPPER:
+            width = GRIPPER_WIDTH if step < 110 else 0.0
+            actions = np.column_stack([actions, np.full(3, width)])
+        result = ours.step(actions)
+        assert_same(result, model.step(actions))
+    assert result[-1]["grasped"].all()
 
 
 def test_each_simulation_may_have_circumstances_of_its_own(make_vec, make_env):

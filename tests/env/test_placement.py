@@ -14,7 +14,6 @@ from numpy.testing import assert_allclose
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.variation import Placement
-from gplfd_env.robot.placement import ARM_JOINTS
 from gplfd_env.robot.stance import BAR_STANCES
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_env.spatial.arc import handle_pose_on_arc
@@ -94,51 +93,6 @@ def test_the_hand_begins_at_the_origin_wherever_it_takes_hold(placement):
     assert_allclose(base + turn @ bar[:2], stance.handle_xy_w, atol=1e-12)
     into_door = -turn @ data.body("door_frame").xmat.reshape(3, 3)[:2, 0]
     assert math.atan2(into_door[1], into_door[0]) == pytest.approx(stance.door_yaw)
-
-
-def test_base_errors_change_the_arm_s_posture_and_heights_do_not():
-    """The torso goes to the height of the grasp, as far as it goes."""
-    usual, ahead, left, low, high = (
-        [at_rest(place)[1].sensor(f"{name}_pos").data[0] for name in ARM_JOINTS]
-        for place in (
-            Placement(),
-            Placement(base_x=0.02),
-            Placement(base_y=-0.02),
-            Placement(grasp_height=-0.05),
-            Placement(grasp_height=0.05),
-        )
-    )
-    assert_allclose(low, usual, atol=1e-3)
-    for posture in (ahead, left, high):
-        assert np.abs(np.subtract(posture, usual)).max() > 0.02
-
-
-def test_a_turned_arc_shows_in_observation_and_info_and_the_unturned_one_resists(
-    make_env, arc_commands
-):
-    """The whole way through the environment: hand and handle follow the same arc."""
-    env = make_env(0.42, randomization={"base_yaw": 0.06, "base_position": 0.01})
-    env.reset(seed=1)
-    yaw = env.variation.placement.base_yaw
-    assert abs(yaw) > 0.02
-    commands = arc_commands(0.42, degrees=45.0, duration=4.0)[:400]
-    commands[:, :3] = turned(commands[:, :3], yaw)
-    for command in commands:
-        observation, *_, info = env.step(command)
-    arc = handle_pose_on_arc(0.42, info["door_angle"])
-    expected = [*turned(arc[:3], yaw), *arc[3:]]
-    assert info["door_angle"] > math.radians(40.0)
-    assert_allclose(info["handle_pose"], expected, atol=1e-9)
-    assert_allclose(observation["ee_pose"][:3], expected[:3], atol=2e-3)
-    forces = [info[f"force_{name}"] for name in ("tangential", "radial", "vertical")]
-    assert np.abs(forces).max() < 2.5, "the right arc needs no force but friction"
-
-    env = make_env(0.5, randomization={"base_yaw": 0.06})
-    env.reset(seed=1)
-    for command in arc_commands(0.5, degrees=25.0, duration=4.0):
-        *_, info = env.step(command)
-    # 0.2 m along an arc that is turned by some 0.04 rad ends 8 mm beside it.
-    assert abs(info["force_radial"]) > 8.0
 
 
 @pytest.mark.parametrize("n", [None, 3])

@@ -153,48 +153,44 @@ def test_names_mappings_and_records():
 @pytest.mark.parametrize(
     ("spec", "kind", "message"),
     [
-        ("mid", ValueError, "unknown randomization 'mid' (did you mean 'mild'?)"),
-        ("mid", ValueError, "none, mild, hard"),
+        ("mid", ValueError, r"'mid' \(did you mean 'mild'\?\).*none, mild, hard"),
         ({"preset": 3}, ValueError, "unknown randomization 3;"),
         (
-            {"hinge_fricton": (0, 1)},
+            {"radus": (0, 1)},
             ValueError,
-            "'hinge_fricton' (did you mean 'hinge_friction'?)",
+            r"'radus' \(did you mean 'ra.*fields: radius, ",
         ),
-        ({"hinge_fricton": (0, 1)}, ValueError, "fields: radius, "),
-        (3, TypeError, "3 (int)"),
-        (None, TypeError, "None (NoneType)"),
-        ({"radius": 0.4}, ValueError, ".radius = 0.4 must be a pair of numbers"),
-        ({"radius": "45"}, TypeError, ".radius must be a number, got '4' (str)"),
-        ({"radius": ("0.4", 0.5)}, TypeError, "must be a number, got '0.4' (str)"),
+        (3, TypeError, r"3 \(int\)"),
+        (None, TypeError, r"None \(NoneType\)"),
+        ({"radius": 0.4}, ValueError, r"\.radius = 0\.4 must be a pair of numbers"),
+        ({"radius": "45"}, TypeError, r"\.radius must be a number, got '4' \(str\)"),
+        ({"radius": ("0.4", 0.5)}, TypeError, r"must be a number, got '0\.4' \(str\)"),
         ({"radius": (0.4, 0.5, 0.6)}, ValueError, "must be a pair of numbers"),
         ({"radius": (0.5, 0.4)}, ValueError, "low <= high"),
-        (
-            {"radius": (math.nan, 0.5)},
-            ValueError,
-            ".radius = nan is outside [0.3, 0.95",
-        ),
-        (
-            {"panel_mass": (1, 101)},
-            ValueError,
-            ".panel_mass = 101.0 is outside [1, 100]",
-        ),
-        ({"pose_noise": 0.1}, ValueError, ".pose_noise = 0.1 must be a pair"),
-        ({"wrench_noise": None}, ValueError, ".wrench_noise = None must be a pair"),
+        ({"radius": (math.nan, 0.5)}, ValueError, r"radius = nan is outside \[0\.3, 0"),
+        ({"panel_mass": (1, 101)}, ValueError, r"mass = 101\.0 is outside \[1, 100\]"),
+        ({"pose_noise": 0.1}, ValueError, r"\.pose_noise = 0\.1 must be a pair"),
+        ({"wrench_noise": None}, ValueError, r"\.wrench_noise = None must be a pair"),
         (
             {"pose_noise": (0.0, 0.2)},
             ValueError,
-            "pose_noise = 0.2 is outside [0, 0.1] r",
+            r"noise = 0\.2 is outside \[0, 0\.1\] r",
         ),
-        ({"base_yaw": -0.1}, ValueError, ".base_yaw = -0.1 is outside [0, 0.1] rad"),
-        ({"base_yaw": math.inf}, ValueError, ".base_yaw = inf is outside [0, 0.1]"),
-        ({"grasp_height": "x"}, TypeError, ".grasp_height must be a number, got 'x'"),
-        ({"longest_delay": 11}, ValueError, ".longest_delay = 11 must be a whole"),
-        ({"longest_delay": 11}, ValueError, "from 0 to 10"),
-        ({"longest_delay": -1}, ValueError, "DoorRandomization.longest_delay = -1"),
-        ({"longest_delay": 1.5}, ValueError, ".longest_delay = 1.5 must be a whole"),
-        ({"longest_delay": "3"}, ValueError, ".longest_delay = '3' must be a whole"),
-        ({"longest_delay": True}, ValueError, ".longest_delay = True must be a whole"),
+        (
+            {"base_yaw": -0.1},
+            ValueError,
+            r"\.base_yaw = -0\.1 is outside \[0, 0\.1\] rad",
+        ),
+        (
+            {"base_yaw": math.inf},
+            ValueError,
+            r"\.base_yaw = inf is outside \[0, 0\.1\]",
+        ),
+        ({"grasp_height": "x"}, TypeError, r"\.grasp_height must be a number, got 'x'"),
+        *[
+            ({"longest_delay": value}, ValueError, rf"_delay = {value!r} must.*0 to 10")
+            for value in (11, -1, 1.5, "3", True)
+        ],
         (
             {"shortest_delay": 3, "longest_delay": 2},
             ValueError,
@@ -204,40 +200,29 @@ def test_names_mappings_and_records():
     ],
 )
 def test_wrong_ones_are_told_what_is_allowed(spec, kind, message):
-    with pytest.raises(kind) as error:
+    with pytest.raises(kind, match=message):
         door_randomization(spec)
-    assert message in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("field", "most"),
+    ("record", "field", "most", "allowed"),
     [
-        ("base_x", 0.05),
-        ("base_y", 0.05),
-        ("base_yaw", 0.1),
-        ("grasp_height", 0.05),
-        ("grasp_depth", 0.008),
+        (Placement, "base_x", 0.05, r"outside \[-0\.05, 0\.05\]"),
+        (Placement, "base_y", 0.05, r"outside \[-0\.05, 0\.05\]"),
+        (Placement, "base_yaw", 0.1, r"outside \[-0\.1, 0\.1\]"),
+        (Placement, "grasp_height", 0.05, r"outside \[-0\.05, 0\.05\]"),
+        (Placement, "grasp_depth", 0.008, r"outside \[-0\.008, 0\.008\]"),
+        (SensorNoise, "position", 0.01, r"outside \[0, 0\.01\]"),
+        (Variation, "delay", 10, "must be a whole number.*0 to 10"),
     ],
 )
-def test_ranges_of_a_placement(field, most):
-    for end in (-most, most):
-        assert getattr(Placement(**{field: end}), field) == end
-        with pytest.raises(ValueError, match=rf"Placement\.{field} = .* is outside \["):
-            Placement(**{field: 1.001 * end})
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: SensorNoise(position=0.02), r"position = 0\.02 is outside \[0, 0\.01"),
-        (lambda: SensorNoise(force=-1.0), r"SensorNoise\.force = -1\.0 is outside"),
-        (lambda: Variation(delay=11), r"delay = 11 must be a whole number.*0 to 10"),
-        (lambda: Variation(delay=0.5), r"Variation\.delay = 0\.5 must be a whole"),
-    ],
-)
-def test_other_circumstances_out_of_range(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
+def test_ranges_of_what_is_drawn(record, field, most, allowed):
+    assert getattr(record(**{field: most}), field) == most
+    for wrong in (1.001 * most, -1.001 * most):
+        with pytest.raises(
+            ValueError, match=rf"{record.__name__}\.{field} = .*{allowed}"
+        ):
+            record(**{field: wrong})
 
 
 def test_variation_names_every_number():

@@ -2,8 +2,6 @@
 
 import hashlib
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -52,17 +50,7 @@ def test_spec_survives_json_and_pickle(id, arguments, opened):
         assert twin.unwrapped.model.neq == env.unwrapped.model.neq
 
 
-def run_alone(folder: Path, program: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-W", "error", "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=folder,
-    )
-
-
-def test_the_package_s_name_in_the_id_replaces_the_import(tmp_path):
+def test_the_package_s_name_in_the_id_replaces_the_import(run_python):
     program = (
         "import gymnasium\n"
         f"for id in {POSE, RL}:\n"
@@ -70,11 +58,11 @@ def test_the_package_s_name_in_the_id_replaces_the_import(tmp_path):
         "        env = make('gplfd_env:' + id, door=0.4)\n"
         "        env.reset(seed=0); print(env.spec.id); env.close()"
     )
-    ran = run_alone(tmp_path, program)
+    ran = run_python("-W", "error", "-c", program)
     assert (ran.stderr, ran.stdout.split()) == ("", [POSE, POSE, RL, RL])
 
 
-def test_without_it_gymnasium_names_the_namespace(tmp_path):
+def test_without_it_gymnasium_names_the_namespace(run_python):
     program = (
         "import gymnasium\n"
         "for make in (gymnasium.make, gymnasium.make_vec, gymnasium.spec):\n"
@@ -84,20 +72,8 @@ def test_without_it_gymnasium_names_the_namespace(tmp_path):
         "        print(type(error).__name__, error, sep=': ')"
     )
     said = "NamespaceNotFound: Namespace gplfd not found"
-    ran = run_alone(tmp_path, program)
-    assert ran.stdout.count(said) == 3, ran.stderr
+    assert run_python("-W", "error", "-c", program).stdout.count(said) == 3
     assert said in PAGE.replace("\n", " ")
-
-
-@pytest.mark.parametrize(
-    ("id", "name"), [(POSE, "DoorOpening"), (IMPEDANCE, "DoorOpeningImpedance")]
-)
-def test_specs_of_the_registered_ids(id, name):
-    spec = gym.spec(id)
-    assert spec.entry_point == f"gplfd_env.envs.door_opening:{name}Env"
-    assert spec.vector_entry_point == f"gplfd_env.envs.vector:{name}VectorEnv"
-    assert spec.max_episode_steps == 1500
-    assert not spec.nondeterministic
 
 
 FIRST = {
@@ -160,7 +136,3 @@ def test_async_vector_environments_step(make_env, opened):
             assert np.array_equal(batch[key], np.stack([value, value]))
         batch, *_ = envs.step(np.stack([command, command]))
         expected, *_ = env.step(command)
-
-
-def test_the_package_keeps_no_names_of_the_registration():
-    assert not {"_id", "_name"} & vars(gplfd_env).keys()

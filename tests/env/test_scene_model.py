@@ -14,24 +14,11 @@ from gplfd_env.robot.stance import BAR_STANCES
 from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
 from gplfd_env.scene.visuals import CLOSER_ARM, CLOSER_PARTS, GROUP
 
-OBJECTS = mujoco.mjtObj
-NAMED = {
-    "nbody": OBJECTS.mjOBJ_BODY,
-    "njnt": OBJECTS.mjOBJ_JOINT,
-    "ngeom": OBJECTS.mjOBJ_GEOM,
-    "nsite": OBJECTS.mjOBJ_SITE,
-    "ncam": OBJECTS.mjOBJ_CAMERA,
-    "nlight": OBJECTS.mjOBJ_LIGHT,
-    "ntex": OBJECTS.mjOBJ_TEXTURE,
-    "nmat": OBJECTS.mjOBJ_MATERIAL,
-    "npair": OBJECTS.mjOBJ_PAIR,
-    "nexclude": OBJECTS.mjOBJ_EXCLUDE,
-    "neq": OBJECTS.mjOBJ_EQUALITY,
-    "ntendon": OBJECTS.mjOBJ_TENDON,
-    "nactuator": OBJECTS.mjOBJ_ACTUATOR,
-    "nsensor": OBJECTS.mjOBJ_SENSOR,
-    "nkey": OBJECTS.mjOBJ_KEY,
-}
+NAMED = (
+    *("body", "jnt", "geom", "site", "cam", "light", "tex", "mat", "pair", "exclude"),
+    *("eq", "tendon", "actuator", "sensor", "key"),
+)
+"""Kinds of elements, as MuJoCo abbreviates them."""
 WALLS = {"wall_hinge", "wall_lock"}
 
 both_bases = pytest.mark.parametrize("base", ["fixed", "mobile"])
@@ -42,9 +29,9 @@ both_bases = pytest.mark.parametrize("base", ["fixed", "mobile"])
 )
 def test_every_element_has_a_name(grasp, base):
     model = build_scene(DoorConfig(), grasp, base=base)
-    for count, kind in NAMED.items():
-        indices = range(getattr(model, count))
-        names = [mujoco.mj_id2name(model, kind, index) for index in indices]
+    for kind in NAMED:
+        element, count = getattr(model, kind), getattr(model, f"n{kind}")
+        names = [element(index).name for index in range(count)]
         assert all(names), f"unnamed elements among {names}"
         assert len(set(names)) == len(names)
     assert model.ncam >= 2

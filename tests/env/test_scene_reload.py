@@ -149,17 +149,30 @@ def test_an_unreachable_scene_leaves_the_model_unchanged():
     assert_equal_bits(fields(model), before)
 
 
+HEAVY = {"preset": "heavy", "panel_mass": 30.0}
+LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
+EVERYTHING = {
+    "push": {"along": (5.0, 9.0), "upward": 4.0, "start_time": 0.05},
+    "person": {"start_time": 0.02, "duration": 0.1, "on": "hand"},
+    "stop": {"angle": 0.02, "duration": 0.1},
+    "bump": {"forward": (-0.01, 0.01), "left": 0.004, "duration": 0.2},
+    "breakaway": {"stiction": 2.0, "seal": 1.0},
+}
+
+
 @pytest.mark.parametrize(
-    ("id", "start", "randomization"),
+    ("id", "start", "door", "circumstances"),
     [
-        (POSE, "grasped", "none"),
-        (POSE, "grasped", "hard"),
-        (POSE, "approach", "none"),
-        (IMPEDANCE, "grasped", "hard"),
+        (POSE, "grasped", HEAVY, {}),
+        (POSE, "grasped", HEAVY, {"randomization": "hard"}),
+        (POSE, "approach", LEVER, {}),
+        (POSE, "grasped", LEVER, {"disturbance": EVERYTHING}),
+        (IMPEDANCE, "grasped", HEAVY, {"randomization": "hard"}),
+        (IMPEDANCE, "grasped", "medium", {"disturbance": EVERYTHING}),
     ],
 )
 def test_an_episode_does_not_depend_on_those_before_it(
-    id, start, randomization, make_env
+    id, start, door, circumstances, make_env
 ):
     """Same seed after other doors, standoffs, forces and actions: same numbers.
 
@@ -167,16 +180,17 @@ def test_an_episode_does_not_depend_on_those_before_it(
     the last one must not reach into the next episode.
     """
     shared = {"id": id, "start": start}
-    door = {"preset": "heavy", "panel_mass": 30.0}
-    used = make_env("small", **shared)
-    fresh = make_env(door, **shared, randomization=randomization)
+    used = make_env("small", **shared, disturbance=EVERYTHING)
+    fresh = make_env(door, **shared, **circumstances)
     used.action_space.seed(1)
-    for seed, other in enumerate(["hard", "none", {"panel_mass": (5.0, 60.0)}]):
-        used.reset(seed=seed, options={"randomization": other, "door": 0.3 + seed / 9})
+    others = [(0.3, "hard"), (0.52, {"panel_mass": (5.0, 60.0)}), (door, "none")]
+    for seed, (other, varied) in enumerate(others):
+        used.reset(seed=seed, options={"randomization": varied, "door": other})
         for _ in range(5):
             used.step(used.action_space.sample())
         used.data.xfrc_applied[:] = 3.0
-    options = {"door": door, "randomization": randomization}
+    drawn = {"randomization": "none", "disturbance": "none", **circumstances}
+    options = {"door": door, **drawn}
     again = used.reset(seed=7, options=options)
     assert data_equivalence(again, fresh.reset(seed=7), exact=True)
     assert used.variation == fresh.variation
@@ -185,4 +199,4 @@ def test_an_episode_does_not_depend_on_those_before_it(
         assert data_equivalence(used.step(action), fresh.step(action), exact=True)
     # The choice lasts until the next one.
     assert data_equivalence(used.reset(), fresh.reset(), exact=True)
-    assert list(options) == ["door", "randomization"], "the caller's own"
+    assert options == {"door": door, **drawn}, "the caller's own"

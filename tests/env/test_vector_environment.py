@@ -22,21 +22,6 @@ IDS = {
 PULL = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize("id", IDS)
-def test_make_vec_makes_it(id, opened):
-    envs, single = opened(gym.make_vec(id, num_envs=3)), opened(gym.make(id))
-    assert type(envs) is IDS[id]
-    assert (envs.spec.id, envs.num_envs) == (id, 3)
-    assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
-    assert envs.single_action_space == single.action_space
-    assert envs.single_observation_space == single.observation_space
-    observations, _ = envs.reset(seed=0)
-    assert observations in envs.observation_space
-    observations, rewards, *_ = envs.step(envs.action_space.sample())
-    assert observations in envs.observation_space
-    assert (rewards.dtype, rewards.shape) == (np.float64, (3,))
-
-
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 def test_metadata_tells_the_autoreset_mode(mode, make_vec):
     for given in (mode.value, mode):

@@ -185,15 +185,6 @@ def test_videos_of_one_and_of_many_can_be_recorded(tmp_path):
         assert all(film.stat().st_size > 500 for film in films)
 
 
-@pytest.mark.needs("opengl")
-def test_pictures_are_collected(opened):
-    env = opened(gym.make(RL, **{**SMALL, "render_mode": "rgb_array_list"}))
-    env.reset(seed=0)
-    env.step(REST)
-    first, second = env.render()
-    assert first.shape == second.shape == (48, 64, 3)
-
-
 # --- Infos of numbers alone ----------------------------------------------------------
 
 

@@ -24,26 +24,14 @@ agents, contact, demonstrations, forecasts, learning = map(
 
 RUNS = {
     "agents": ("--repeats 1 --counts 2 --periods 4", "2 agents in lockstep"),
-    "building_doors": (
-        "--draws 1 --policies hinge-fit",
-        "share of these that hinge-fit opens",
-    ),
+    "building_doors": ("--draws 1 --policies hinge-fit", "that hinge-fit opens"),
     "contact person": ("--seeds 1", "command follows the hand"),
-    "demonstrations alignments": (
-        "--seeds 1 --habits pauses",
-        "directions / interpolation, worst habit",
-    ),
-    "demonstrations rests": (
-        "--sets 1 --rates 60 --noises 3e-4",
-        "gp, 2 s: sets within 1.5 x the same",
-    ),
+    "demonstrations alignments": ("--seeds 1 --habits pauses", "ion, worst habit"),
+    "demonstrations rests": ("--sets 1 --rates 60 --noises 3e-4", "sets within 1.5 x"),
     "forecasts doors": ("--draws 1 --every 80", "2 of 3 radii, process"),
     "forecasts unseen": ("--draws 1 --unseen 0.42", "synthetic human, own-clock"),
     "learning calibration": ("--draws 1", "accuracy, 20 smooth: in stated 95 %"),
-    "learning scaling": (
-        "--repeats 1 --counts 2 3 --samples 20 40",
-        "scaling: fit of (3, 40) / fit of (3, 40)",
-    ),
+    "learning scaling": ("--repeats 1 --counts 2 3 --samples 20 40", "fit of (3, 40)"),
 }
 """Arguments of every command, and a part of what it prints."""
 ELSEWHERE = {

@@ -2,11 +2,8 @@
 
 import importlib
 import json
-import os
 import re
 import shlex
-import subprocess
-import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -107,27 +104,13 @@ ELSEWHERE = {DOCS / "learners.md"}
 """Pages whose snippets are run by tests/learners, with what they need."""
 
 
-def python(folder: Path, *arguments: str) -> str:
-    """What Python prints that is run with some arguments in a folder."""
-    ran = subprocess.run(
-        [sys.executable, "-W", "ignore", *arguments],
-        cwd=folder,
-        env=os.environ | {"MPLBACKEND": "agg"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ran.returncode == 0, ran.stderr
-    return ran.stdout
-
-
-def test_code_in_the_pages_runs(tmp_path):
+def test_code_in_the_pages_runs(tmp_path, run_python):
     """After the README's first command, for one door. Every block has names of its own;
     a traceback has the block's text.
     """
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     first = ("--doors", "medium", "--out", "results/first")
-    python(tmp_path, "-m", "gplfd", "run", *first)
+    run_python("-m", "gplfd", "run", *first)
     # What needs more than that is marked, and run where it is.
     blocks = [
         block
@@ -142,12 +125,12 @@ def test_code_in_the_pages_runs(tmp_path):
         "for block in sys.argv[1:]:\n"
         "    exec(compile(block, block, 'exec'), {'__name__': '__main__'})\n"
     )
-    python(tmp_path, "-c", each, *blocks)
+    run_python("-W", "ignore", "-c", each, *blocks, MPLBACKEND="agg")
     # A reader copies one of them: none lives on what another has imported.
     assert [one for one in blocks if '"gplfd/' in one and "gplfd_env" not in one] == []
 
 
-def test_policies_that_readers_copy_open_doors_gently(tmp_path):
+def test_policies_that_readers_copy_open_doors_gently(tmp_path, run_python):
     """The doors of `gplfd run` and of `--config small`, with the literal snippets."""
     page = (DOCS / "own-policy.md").read_text()
     snippet, readme = (
@@ -169,7 +152,7 @@ def test_policies_that_readers_copy_open_doors_gently(tmp_path):
         "benchmark --config small --no-skill --engine serial --json --quiet "
         "--seeds 1 --policies mine:make feel:make method:make"
     )
-    rows = json.loads(python(tmp_path, "-m", "gplfd", *study.split()))
+    rows = json.loads(run_python("-W", "ignore", "-m", "gplfd", *study.split()).stdout)
     assert {(row["door"], row["opened"]) for row in rows} == {
         (door, 1) for door in ("small", "medium", "large")
     }

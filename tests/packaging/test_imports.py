@@ -3,8 +3,6 @@
 import importlib.metadata
 import importlib.util
 import json
-import subprocess
-import sys
 from pathlib import Path
 from urllib.parse import urlparse
 from urllib.request import url2pathname
@@ -14,21 +12,8 @@ import pytest
 PACKAGES = ("gplfd_env", "gplfd_policies", "gplfd_experiments")
 
 
-def run(program: str, folder: Path) -> str:
-    result = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=folder,
-    )
-    assert result.returncode == 0, result.stderr
-    assert result.stderr == ""
-    return result.stdout
-
-
 @pytest.mark.parametrize("package", PACKAGES)
-def test_importing_changes_nothing_outside(package, tmp_path):
+def test_importing_changes_nothing_outside(package, tmp_path, run_python):
     """No file written, no environment variable set, no global random state touched.
 
     Imported first: the two dependencies that set variables of their own. Environment
@@ -46,7 +31,9 @@ def test_importing_changes_nothing_outside(package, tmp_path):
         "heavy = {'mujoco', 'rerun', 'glfw', 'matplotlib', 'sklearn', 'scipy.stats'}\n"
         "print(*sorted(heavy & set(sys.modules)))\n"
     )
-    unchanged, *heavy = run(program, tmp_path).split()
+    ran = run_python("-W", "error", "-c", program)
+    assert ran.stderr == ""
+    unchanged, *heavy = ran.stdout.split()
     assert unchanged == "True"
     assert heavy == [] or package == "gplfd_experiments"
     assert list(tmp_path.iterdir()) == []
@@ -77,8 +64,3 @@ def test_the_import_names_are_ours_and_typed(package):
         assert not {"policies", "experiments"} & set(owners)
         place = distribution.locate_file(package.replace(".", "/"))
         assert folder_of(package) == Path(str(place))
-
-
-def test_console_script_exists():
-    (script,) = importlib.metadata.entry_points(group="console_scripts", name="gplfd")
-    assert script.value == "gplfd.__main__:main"

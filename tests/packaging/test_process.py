@@ -104,19 +104,6 @@ def test_a_folder_on_the_python_path_hides_no_installed_module(tmp_path):
     assert ran(tmp_path) == []
 
 
-def test_a_module_that_the_script_itself_imports_is_replaced(tmp_path):
-    lay_out(tmp_path, ["re"])
-    bare = gplfd(
-        tmp_path, "-c", "", command=(sys.executable,), PYTHONPATH=str(tmp_path)
-    )
-    if bare.returncode:
-        pytest.skip("beside a user's re.py this Python does not start: a .pth needs re")
-    finished = gplfd(tmp_path, "list", PYTHONPATH=str(tmp_path))
-    assert finished.returncode == 0, finished.stderr
-    # The scripts of older pips import `re` first of all.
-    assert ran(tmp_path) in ([], ["ran-re"])
-
-
 def test_a_module_of_the_python_path_is_still_found(tmp_path):
     (tmp_path / "my_folder").mkdir()
     (tmp_path / "my_folder" / "helper.py").write_text("")
