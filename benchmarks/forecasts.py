@@ -1,6 +1,6 @@
 """Forecasts of motions that were not demonstrated.
 
-python benchmarks/forecasts.py {doors,unseen}
+python benchmarks/forecasts.py {doors,unseen,worth}
 
 ``doors`` leaves every radius out of the demonstrations once, streams the left-out
 opening as via-points, and predicts the rest of it after each.
@@ -11,6 +11,11 @@ is its share of the motion's duration, and so are these cuts; told from the path
 phase is what `PathPhase` finds, the cuts are shares of the path, and the error is the
 distance of the true path from the predicted one. A circle fitted to the same
 observations is the limit for somebody who knows that the path is one.
+
+``worth`` repeats ``unseen`` with one to eight demonstrations of each door and a model
+of deviations that is worth fewer and more independent deviations than
+`gplfd_policies.gp.deviations.MODEL_WORTH`, and with the share that forecasts left-out
+demonstrations best (`gplfd_policies.gp.deviations.forecast_score`).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -42,6 +47,7 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import load_demonstrations
+from gplfd_policies.gp.deviations import MODEL_WORTH, forecast_score
 from gplfd_policies.movements.movement import AdaptationForm
 from gplfd_policies.movements.skill import Skill, fit_skill
 from gplfd_policies.movements.trajectory import ViaPoint
@@ -229,12 +235,15 @@ GENERATORS: Final[
 ] = {"clean arcs": paced_arc, "synthetic human": Teacher().demonstrate}
 
 
-def drawn_task(generator: str, seed: int, unseen: Sequence[float] = _UNSEEN) -> Task:
+def drawn_task(
+    generator: str,
+    seed: int,
+    per_radius: int = _PER_RADIUS,
+    unseen: Sequence[float] = _UNSEEN,
+) -> Task:
     """Draw doors of three radii to learn from, and of others to predict."""
     rng, demonstrate = np.random.default_rng(seed), GENERATORS[generator]
-    given = [
-        demonstrate(radius, rng) for radius in _LEARNED for _ in range(_PER_RADIUS)
-    ]
+    given = [demonstrate(radius, rng) for radius in _LEARNED for _ in range(per_radius)]
     return Task(given, [demonstrate(radius, rng) for radius in unseen], (0, 2))
 
 
@@ -368,6 +377,62 @@ def unseen_motions(
     )
 
 
+# --- Worth of the model of deviations ----------------------------------------
+
+_SHARES: Final = np.linspace(0.0, 0.9, 10)
+_SCORED: Final = 7
+"""Samples of the common times from one that leaving out looks at to the next."""
+
+
+def worth(deviations: float, skill: Skill, grid: FloatArray) -> ProcessAdaptation:
+    """Adapt with a model that is worth so many independent deviations."""
+    free = skill.count - 1
+    share = free / (deviations + free)
+    return ProcessAdaptation(skill, grid, empirical_share=share)
+
+
+def best_left_out(skill: Skill, grid: FloatArray) -> ProcessAdaptation:
+    """Adapt with the share that forecasts left-out demonstrations best."""
+    times = skill.aligned.times[::_SCORED]
+    poses = skill.aligned.poses[:, ::_SCORED]
+    noise = skill.processes.moments(times).noise
+
+    def score(share: float) -> float:
+        return sum(
+            forecast_score(
+                process.smooth_covariance(times, noise[:, output]),
+                process.white_variance(noise[:, output]),
+                (poses - poses.mean(axis=0))[:, :, output],
+                share,
+            )
+            for output, process in enumerate(skill.deviations)
+        )
+
+    best = max(_SHARES.tolist(), key=score)
+    return ProcessAdaptation(skill, grid, empirical_share=best)
+
+
+WORTH_FORMS: Final[Mapping[str, AdaptationForm]] = {
+    **{f"worth {n:.3g}": partial(worth, n) for n in (6.0, float(MODEL_WORTH), 20.0)},
+    "left out": best_left_out,
+}
+
+
+def worth_of_the_model(draws: int, per_radius: int) -> Measurement:
+    """Forecast after some demonstrations of every learned door."""
+    return Measurement(
+        title=f"{per_radius} of each door",
+        rows={
+            f"{name}, {form}": scores
+            for name in GENERATORS
+            for form, scores in judge(
+                WORTH_FORMS,
+                [drawn_task(name, seed, per_radius) for seed in range(draws)],
+            ).items()
+        },
+    )
+
+
 # --- Commands ----------------------------------------------------------------
 
 
@@ -396,7 +461,22 @@ def unseen(
     report({"unseen": partial(unseen_motions, draws, recording, unseen)})
 
 
-COMMANDS: Final = {"doors": doors, "unseen": unseen}
+def model_worth(draws: int = 12, per_radius: tuple[int, ...] = (1, 2, 4, 8)) -> None:
+    """Compare what the model of deviations may be worth.
+
+    Args:
+        draws: Draws of every generator.
+        per_radius: Demonstrations of every door.
+    """
+    report(
+        {
+            f"{count} of each": partial(worth_of_the_model, draws, count)
+            for count in per_radius
+        }
+    )
+
+
+COMMANDS: Final = {"doors": doors, "unseen": unseen, "worth": model_worth}
 
 if __name__ == "__main__":
     tyro.extras.subcommand_cli_from_dict(COMMANDS)

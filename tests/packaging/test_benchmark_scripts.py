@@ -30,6 +30,7 @@ RUNS = {
     "demonstrations rests": ("--sets 1 --rates 60 --noises 3e-4", "sets within 1.5 x"),
     "forecasts doors": ("--draws 1 --every 80", "2 of 3 radii, process"),
     "forecasts unseen": ("--draws 1 --unseen 0.42", "synthetic human, own-clock"),
+    "forecasts worth": ("--draws 1 --per-radius 2", "synthetic human, left out"),
     "learning calibration": ("--draws 1", "accuracy, 20 smooth: in stated 95 %"),
     "learning scaling": ("--repeats 1 --counts 2 3 --samples 20 40", "fit of (3, 40)"),
 }
@@ -66,7 +67,9 @@ def test_every_command_is_run_and_named_in_the_documents_with_its_figures():
 
 @pytest.mark.parametrize("command", RUNS)
 def test_script_runs(command, capsys, monkeypatch):
+    one_form = {"left out": forecasts.WORTH_FORMS["left out"]}
     for module, name, fewer in (
+        (forecasts, "WORTH_FORMS", one_form),
         (forecasts, "OPENINGS", {"2 of 3 radii": partial(forecasts.arcs, RADII)}),
         (demonstrations, "METHODS", ("gp",)),
         (demonstrations, "RESTS", (0.0, 2.0)),
