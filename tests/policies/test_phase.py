@@ -164,7 +164,7 @@ def nearest_by_hand(skill, pose, previous):
     def cost(index):
         there, std = demonstrated.mean[index], demonstrated.std[index]
         turned_by = (there[3:] - pose[3:]) ** 2 / (std[3:] ** 2 + noise.rotation**2)
-        share = np.hypot(config.distance_share, 0.6 * np.diff(likely.log_sizes)[0])
+        share = np.hypot(config.distance_share, likely.size_std)
         spread = noise.position**2 + (share * length[index]) ** 2
         total = 0.0
         for number, weight in enumerate(likely.weights):
