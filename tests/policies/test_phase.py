@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import GaussianTrajectory
 from gplfd_policies.demonstrations.normalised import normalised
-from gplfd_policies.demonstrations.similarity import SimilarityModel
+from gplfd_policies.demonstrations.path_similarity import SimilarityModel
 from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations
 from gplfd_policies.demonstrations.normalised import normalised
-from gplfd_policies.demonstrations.similarity import (
+from gplfd_policies.demonstrations.path_similarity import (
     SimilarityConfig,
     SimilarityModel,
     advance,

@@ -21,7 +21,7 @@ from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.normalised import normalised
-from gplfd_policies.demonstrations.similarity import (
+from gplfd_policies.demonstrations.path_similarity import (
     PathSimilarity,
     SimilarityConfig,
     SimilarityModel,
