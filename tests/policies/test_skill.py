@@ -9,7 +9,8 @@ from scipy.stats import t as student
 
 from gplfd_policies import AlignedDemonstrations, ViaPoint, adapt, fit_skill
 from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.noise import KerstingNoise
+from gplfd_policies.gp.noise import KerstingNoise, MapNoise
+from gplfd_policies.movements.skill import SIZE_STD
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -192,17 +193,31 @@ def test_three_demonstrations_or_fewer_warn_of_the_consequences(count):
         fit_skill(aligned(poses))
 
 
-def test_one_demonstration_needs_another_noise_model():
+@pytest.mark.parametrize(
+    "noise", ["map", "homoscedastic", KerstingNoise(n_iterations=1)]
+)
+def test_one_demonstration_leaves_the_size_open(noise):
+    """Beyond its scatter, the next may be larger by γ of its displacement."""
+    poses = independent_noise(1, np.random.default_rng(0)) + 4.0 * TIMES[:, None]
+    with pytest.warns(UserWarning, match="assumed to be larger or smaller by 25%"):
+        skill = fit_skill(aligned(poses), noise=noise)
+    predicted, scatter = skill.predict(TIMES), skill.processes.moments(TIMES)
+    own = predicted.std**2 - (SIZE_STD * (scatter.mean - scatter.mean[0])) ** 2
+    least = scatter.noise + np.maximum(scatter.latent, skill.smoothness * scatter.noise)
+    assert_allclose(own, least, atol=1e-9)
+    assert predicted.degrees_of_freedom is None
+    diagonal = np.diagonal(predicted.covariance, axis1=1, axis2=2).T
+    assert_allclose(np.sqrt(diagonal), predicted.std)
+    step = 1e-6
+    up, down = (skill.predict(TIMES[5:-5] + h).std for h in (step, -step))
+    rate = (up - down) / (2.0 * step)
+    assert_allclose(predicted.std_rate[5:-5], rate, rtol=1e-4, atol=1e-5)
+
+
+def test_a_spread_is_not_learned_from_one_demonstration():
     poses = independent_noise(1, np.random.default_rng(0))
     with pytest.raises(ValueError, match="at least 2 of them, got 1"):
-        fit_skill(aligned(poses))
-    for noise in ("homoscedastic", KerstingNoise(n_iterations=1)):
-        with pytest.warns(UserWarning, match="says nothing about how repetitions"):
-            skill = fit_skill(aligned(poses), noise=noise)
-        predicted = skill.predict(TIMES)
-        assert np.isfinite(predicted.std).all()
-        assert predicted.degrees_of_freedom is None
-        assert_allclose(predicted.mean, poses[0], atol=0.25)
+        fit_skill(aligned(poses), noise=MapNoise())
 
 
 def crossing():

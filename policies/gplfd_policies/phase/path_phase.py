@@ -89,22 +89,23 @@ class PathPhase:
     handle is turned first, v is the displacement of the handle's axis and θ the leaf's
     turn with the handle's greatest so far
     (`gplfd_policies.demonstrations.turned_handle`): the hand's way about the axis does
-    not depend on the door, and the handle goes back because the policy has it go. Doors
-    of different radius share u at equal phase, though not ρ: it shows progress
-    independently of the radius and of how the hand lies on the bar. A robot that stands
-    askew by ψ sees u turned by ψ about the vertical, which `Heading` estimates from the
-    path so far, as ψ̂ with the variance ω². Nearest is meant after Mahalanobis,
+    not depend on the door, and the handle goes back because the policy has it go. A
+    path that is enlarged by c and seen turned by α_c is at Mahalanobis distance
 
-        d²(s) = (ρ - ρ̄)²/(σ_ρ² + n_v²) + |R(-ψ̂) u - û|²/(ς² + n_v²/ρ² + ω²)
-                + Σ_i (θ_i - θ̄_i)²/(σ_i² + n_θ²),
+        d²(s, c) = (ρ - c ρ̄)²/(n_v² + (κ ρ̄)²) + |R(-α_c) u - û|²/(ς² + n_v²/ρ² + v_c)
+                   + Σ_i (θ_i - θ̄_i)²/(σ_i² + n_θ²),
 
-    with the demonstrations' means ρ̄(s), û(s), θ̄(s) and variances σ(s)², ς(s)², and the
-    errors n of `PhaseNoise`. (ρ, u) is the position in other coordinates, so that
-    nothing counts twice. The logarithms that would make it a likelihood are left out:
-    they favour early phases, where the demonstrations agree, over the hand's progress.
+    with the demonstrations' means ρ̄(s), û(s), θ̄(s), ρ̄ and û of demonstrations that
+    were brought to one size and heading, their variances σ(s)², ς(s)², the errors n of
+    `PhaseNoise` and κ, `PathPhaseConfig.distance_share`. The phase has the least cost
+    -2 log Σ_c w_c exp(-d²(s, c)/2): sizes have the weights w_c, angles α_c and
+    variances v_c of `gplfd_policies.demonstrations.path_similarity.PathSimilarity`.
+    (ρ, u) is the position in other coordinates, so that nothing counts twice. The
+    logarithms that would make it a likelihood are left out: they favour early phases,
+    where the demonstrations agree, over the hand's progress.
 
-    From the curvature of d² the phase has a standard deviation. The misfit √(d²/6) at
-    the best phase is about 1 or less where errors are as expected. Where it is more,
+    From the curvature of the cost the phase has a standard deviation. The misfit √(E d²/6)
+    at the best phase is about 1 or less where errors are as expected. Where it is more,
     the standard deviation grows with it (Birge's ratio); from `lost_misfit` on, the
     phase is searched along the whole task and not only near the last one.
 
