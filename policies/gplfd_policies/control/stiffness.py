@@ -11,8 +11,9 @@ from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import read_only
-from gplfd_policies.arrays.shapes import Axes, SixAxes
+from gplfd_policies.arrays.shapes import Axes, Frames, SixAxes
 from gplfd_policies.control.contact import HELD_HAND
+from gplfd_policies.control.frame import product
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -43,14 +44,25 @@ class StiffnessProfile:
                 "k_min = k_max"
             )
 
-    def stiffness(self, std: Axes) -> Axes:
+    def stiffness(self, std: Axes, frame: Frames | None = None) -> Axes:
         """Return k_p(σ), Eq. (24) [N/m, N m/rad]; k_max where σ is NaN.
 
         NaN is the σ of a policy without uncertainty, which the hand follows stiffly.
+        With a frame, σ[:3] and k[:3] are along its directions. There k_max, k_min, β
+        and 1/α are the axes' means with the weights T_id², which add up to one: on an
+        axis its own, and αβ is kept where it is the same on all axes.
         """
-        softening = (self.k_max - self.k_min) * scipy.special.expit(self._argument(std))
+        k_max, k_min, argument = self.k_max, self.k_min, self._argument(std)
+        if frame is not None:
+            table = np.stack([k_max, k_min, 1.0 / self.alpha, self.beta], axis=-1)
+            law = np.empty((*std.shape, 4))
+            law[..., :3, :] = product(np.swapaxes(frame * frame, -1, -2), table[:3])
+            law[..., 3:, :] = table[3:]
+            k_max, k_min, width, beta = np.moveaxis(law, -1, 0)
+            argument = (std - beta) / width
+        softening = (k_max - k_min) * scipy.special.expit(argument)
         # The lesser of the two, where NaN does not count.
-        return np.asarray(np.fmin(self.k_max - softening, self.k_max))
+        return np.asarray(np.fmin(k_max - softening, k_max))
 
     def rate(self, std: Axes, std_rate: Axes) -> Axes:
         """Return dk_p/dt = -α (k_max - k_p)(k_p - k_min)/(k_max - k_min) dσ/dt.

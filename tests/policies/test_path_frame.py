@@ -1,0 +1,228 @@
+"""Stiffness in the frame of the path: frame, law, governor, admittance, contact."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from gplfd_policies.control.admittance import Admittance
+from gplfd_policies.control.contact import HELD_HAND, ContactLoop
+from gplfd_policies.control.frame import directional_std, path_frame
+from gplfd_policies.control.stability import StiffnessGovernor, decay_rate
+from gplfd_policies.control.stiffness import (
+    DEFAULT_DYNAMICS,
+    DEFAULT_PROFILE,
+    PAPER_DYNAMICS,
+    PAPER_PROFILE,
+    VirtualDynamics,
+    spread_profile,
+)
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
+# Of these d = max(2√(mk), 30) is constant below 225 N/m, and no monotone function of
+# matrices: with K' ≤ K, D' may be larger than D.
+KINKED = VirtualDynamics(mass=np.ones(6), least_damping=np.full(6, 30.0))
+SETTINGS = [
+    (PAPER_PROFILE, PAPER_DYNAMICS),
+    (DEFAULT_PROFILE, DEFAULT_DYNAMICS),
+    (PAPER_PROFILE, KINKED),
+]
+UNEVEN = spread_profile(np.array([9, 2, 7, 4, 5, 6.0]) ** 2 * 1e-3, np.full(6, 1e-3))
+PERIODS = st.sampled_from([1e-3, 0.01, 0.05, 0.5])
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+@st.composite
+def tangents(draw, count):
+    """A path that turns by any angle from step to step."""
+    vectors = draw(arrays(np.float64, (count, 3), elements=st.floats(-1.0, 1.0)))
+    return unit(vectors * draw(st.sampled_from([0.01, 0.1, 1.0])) + [1.0 + 1e-3, 0, 0])
+
+
+def matrix(frame, values):
+    return frame @ np.diag(values[:3]) @ frame.T
+
+
+@given(tangents=tangents(20))
+def test_frame_is_the_least_rotation_onto_the_tangent(tangents):
+    frames = path_frame(tangents)
+    assert_allclose(frames[..., 0], tangents, atol=1e-12)
+    assert_allclose(np.swapaxes(frames, 1, 2) @ frames, [np.eye(3)] * 20, atol=1e-12)
+    angles = Rotation.from_matrix(frames).magnitude()
+    assert_allclose(np.cos(angles), tangents[:, 0], atol=1e-9)
+
+
+def test_frame_of_a_level_path_keeps_up_and_of_the_pull_the_axes():
+    angles = np.linspace(-3.0, 3.0, 61)
+    level = np.stack([np.cos(angles), 0.0 * angles, np.sin(angles)], axis=-1)
+    assert_array_equal(path_frame(level)[..., 1], [[0.0, 1.0, 0.0]] * 61)
+    assert_array_equal(path_frame(np.array([1.0, 0.0, 0.0])), np.eye(3))
+    back = path_frame(np.array([-1.0, 0.0, 0.0]))
+    assert_allclose(back.T @ back, np.eye(3))
+
+
+@given(tangents=tangents(1), std=arrays(np.float64, 6, elements=st.floats(0, 0.1)))
+def test_directional_law_is_that_of_the_variance_along_it(tangents, std):
+    frame = path_frame(tangents[0])
+    found = directional_std(frame, std)
+    covariance = frame.T @ np.diag(std[:3] ** 2) @ frame
+    assert_allclose(found[:3] ** 2, np.diag(covariance), atol=1e-15)
+    assert_array_equal(found[3:], std[3:])
+    # αβ is 6 on all axes, and so it is between them.
+    weights = frame**2
+    beta = weights.T @ UNEVEN.beta[:3]
+    argument = 6.0 * (found[:3] / beta - 1.0)
+    expected = 500.0 - 400.0 / (1.0 + np.exp(-argument))
+    stiffness = UNEVEN.stiffness(found, frame)
+    assert_allclose(stiffness[:3], expected, rtol=1e-9)
+    assert_allclose(stiffness[3:], UNEVEN.stiffness(std)[3:])
+    # Of a frame of the axes themselves, it is theirs.
+    order = [2, 0, 1, 3, 4, 5]
+    permuted = UNEVEN.stiffness(std[order], np.eye(3)[:, order[:3]])
+    assert_allclose(permuted, UNEVEN.stiffness(std)[order])
+
+
+# --- Governor and admittance -------------------------------------------------
+
+
+def governed(setting, frames, units, dt):
+    """Return what a governor allows in turning frames, and its margins."""
+    profile, dynamics = setting
+    governor = StiffnessGovernor(profile, dynamics)
+    steps = [
+        governor.step(profile.stiffness(row, frame), dt, frame=frame)
+        for row, frame in zip(units * profile.beta, frames, strict=True)
+    ]
+    return np.array([s.stiffness for s in steps]), np.array([s.margin for s in steps])
+
+
+@given(
+    setting=st.sampled_from(SETTINGS),
+    path=tangents(25),
+    units=arrays(np.float64, (25, 6), elements=st.floats(0.0, 3.0)),
+    dt=PERIODS,
+)
+def test_governor_holds_condition_2_for_matrices(setting, path, units, dt):
+    """Eigenvalues of (K' - K) + γ(D' - D) - 2γhK, whatever the frame does."""
+    (profile, dynamics), frames = setting, path_frame(path)
+    stiffness, margin = governed(setting, frames, units, dt)
+    gamma = decay_rate(profile.k_min, dynamics)[0]
+    k = np.array([matrix(*pair) for pair in zip(frames, stiffness, strict=True)])
+    damping = dynamics.damping(stiffness)
+    d = np.array([matrix(*pair) for pair in zip(frames, damping, strict=True)])
+    change = np.diff(k + gamma * d, axis=0) - 2.0 * gamma * dt * k[:-1]
+    assert np.linalg.eigvalsh(change).max() < 0.0
+    assert margin.min() >= 0.0
+    assert (stiffness >= profile.k_min).all()
+
+
+def energies(setting, frames, units, dt, *, told):
+    """Let a kicked hand go; return V = m|v + γe|²/2 + eᵀ(K + γD - γ²m)e/2."""
+    profile, dynamics = setting
+    admittance, mass = Admittance(dynamics), dynamics.mass[0]
+    governor = StiffnessGovernor(profile, dynamics)
+    gamma = decay_rate(profile.k_min, dynamics)[0]
+    admittance.step(profile.k_min, np.array([50.0, -30.0, 80.0, 0, 0, 0]), dt)
+    values = []
+    for row, frame in zip(units * profile.beta, frames, strict=True):
+        wished = profile.stiffness(row, frame)
+        stiffness = governor.step(wished, dt, frame=frame if told else None).stiffness
+        e, v = admittance.displacement[:3], admittance.velocity[:3]
+        shape = stiffness + gamma * dynamics.damping(stiffness) - gamma**2 * mass
+        speed = v + gamma * e
+        values.append((mass * speed @ speed + e @ matrix(frame, shape) @ e) / 2.0)
+        admittance.step(stiffness, np.zeros(6), dt, frame=frame)
+    return np.array(values)
+
+
+@given(
+    setting=st.sampled_from(SETTINGS),
+    path=tangents(25),
+    units=arrays(np.float64, (25, 6), elements=st.floats(0.0, 3.0)),
+    dt=PERIODS,
+)
+def test_lyapunov_function_of_turning_frames(setting, path, units, dt):
+    values = energies(setting, path_frame(path), units, dt, told=True)
+    assert np.all(np.diff(values) <= 1e-12 * values[:-1])
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_lyapunov_function_grows_if_the_governor_does_not_know_the_frame(setting):
+    # Soft along the path and stiff across it, which turns to and fro.
+    units = np.tile([3.0, 0.0, 0.0, 0.0, 0.0, 0.0], (60, 1))
+    angles = np.where(np.arange(60) % 2, 1.2, 0.0)
+    path = np.stack([np.cos(angles), 0.0 * angles, np.sin(angles)], axis=-1)
+    growth = [
+        np.diff(energies(setting, path_frame(path), units, 1e-3, told=told)).max()
+        for told in (False, True)
+    ]
+    assert growth[1] <= 0.0 < growth[0]
+
+
+def test_governor_of_a_frame_at_rest_is_that_of_the_axes_and_a_door_is_no_limit():
+    rng = np.random.default_rng(4)
+    frame = path_frame(unit(rng.normal(size=3)))
+    alone, turned = (StiffnessGovernor(*SETTINGS[2]) for _ in range(2))
+    for _ in range(50):
+        target = rng.uniform(100.0, 500.0, 6)
+        expected, found = alone.step(target, 0.01), turned.step(target, 0.01, (), frame)
+        assert_allclose(found.stiffness, expected.stiffness, rtol=1e-12)
+        assert_allclose(found.margin, expected.margin, rtol=1e-6)
+    # A hand at .5 m/s on a radius of .3 m: 1 degree in a period.
+    units = np.tile([3.0, 0.0, 0.0, 0.0, 0.0, 0.0], (90, 1))
+    angles = np.radians(np.arange(90))
+    path = np.stack([np.cos(angles), 0.0 * angles, np.sin(angles)], axis=-1)
+    for setting in SETTINGS:
+        stiffness, _ = governed(setting, path_frame(path), units, 0.01)
+        assert_allclose(stiffness[:, 1:3], stiffness[0, 2], rtol=1e-12)
+
+
+@given(path=tangents(1), wrench=arrays(np.float64, 6, elements=st.floats(-9, 9)))
+def test_admittance_in_a_frame_is_the_one_of_the_axes_seen_from_there(path, wrench):
+    frame = path_frame(path[0])
+    task, seen = Admittance(PAPER_DYNAMICS), Admittance(PAPER_DYNAMICS)
+    stiffness = np.array([100.0, 300.0, 500.0, 40.0, 30.0, 20.0])
+    turned = np.concatenate([frame.T @ wrench[:3], wrench[3:]])
+    for _ in range(20):
+        found = task.step(stiffness, wrench, 0.01, frame=frame)
+        expected = seen.step(stiffness, turned, 0.01)
+        assert_allclose(frame.T @ found[:3], expected[:3], atol=1e-13)
+        assert_array_equal(found[3:], expected[3:])
+
+
+# --- Contact -----------------------------------------------------------------
+
+
+@given(
+    path=tangents(1),
+    stiffness=arrays(np.float64, 3, elements=st.floats(100.0, 500.0)),
+    periods=st.integers(0, 3),
+)
+def test_contact_margin_is_that_of_the_whole_loop(path, stiffness, periods):
+    """By the eigenvalues of the loop of all three positions together."""
+    frame, h = path_frame(path[0]), 0.01
+    k, d = (matrix(frame, x) for x in (stiffness, 2.0 * np.sqrt(stiffness)))
+    # e' = A (2M + D)e - A M e⁻ - A k_s e_q, A = (M + D + K)⁻¹, with delayed e.
+    mass, held = np.eye(3) / h**2, 2000.0
+    inverse = np.linalg.inv(mass + d / h + k)
+    size = periods + 2
+    companion = np.eye(3 * size, k=-3)
+    companion[:3, :6] = np.hstack([inverse @ (2.0 * mass + d / h), -inverse @ mass])
+    companion[:3, 3 * periods : 3 * periods + 3] -= held * inverse
+    modulus = np.abs(np.linalg.eigvals(companion)).max()
+    assume(abs(modulus - 1.0) > 1e-6)
+    loop = ContactLoop(stiffness=np.full(6, held), delay=periods * h)
+    six = np.concatenate([stiffness, np.full(3, 500.0)])
+    margin = loop.margin(six, PAPER_DYNAMICS.damping(six), PAPER_DYNAMICS.mass)
+    assert (margin[:3].min() > 0.0) == (modulus < 1.0)
+
+
+def test_the_loop_of_a_held_hand_decouples_along_any_directions():
+    assert np.ptp(HELD_HAND.stiffness[:3]) == 0.0
