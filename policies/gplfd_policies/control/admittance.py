@@ -57,12 +57,13 @@ class Admittance:
         if not dt > 0.0:
             raise ValueError(f"dt must be positive [s], got {dt}")
         mass, before = self._dynamics.mass, self._displacement[rows]
-        speed = self._velocity[rows]
-        given = np.stack([before, speed, wrench], axis=-1)
+        held, speed, force = before, self._velocity[rows], wrench
         if frame is not None:
-            task = given[..., :3, :]
-            given[..., :3, :] = product(np.swapaxes(frame, -1, -2), task)
-        held, speed, force = np.moveaxis(given, -1, 0)
+            given = np.empty((*before.shape, 3))
+            given[..., 0], given[..., 1], given[..., 2] = held, speed, force
+            into = frame.swapaxes(-1, -2)
+            given[..., :3, :] = product(into, given[..., :3, :])
+            held, speed, force = given[..., 0], given[..., 1], given[..., 2]
         damping = self._dynamics.damping(stiffness)
         impulse = dt * (force - stiffness * held)
         inertia = mass + dt * (damping + dt * stiffness)

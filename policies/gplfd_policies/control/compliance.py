@@ -235,7 +235,7 @@ class ComplianceController:
             tangent = self._tangent[rows] = tangent / np.sqrt(square)
             frame = path_frame(tangent)
             std = directional_std(frame, std)
-            lag = product(np.swapaxes(frame, -1, -2), lag[..., None])[..., 0]
+            lag = product(frame.swapaxes(-1, -2), lag[..., None])[..., 0]
         std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + lag * lag)
         previous = self._std[rows]
         previous = np.where(np.isnan(previous), std, previous)

@@ -21,10 +21,13 @@ def path_frame(tangent: Vectors) -> Frames:
     """
     x, y, z = tangent[..., 0], tangent[..., 1], tangent[..., 2]
     share = 1.0 / np.maximum(1.0 + x, 1e-12)
-    up_across = -y * z * share
-    columns = x, -y, -z, y, 1.0 - y * y * share, up_across
-    frame = np.stack([*columns, z, up_across, 1.0 - z * z * share], axis=-1)
-    return frame.reshape(*tangent.shape, 3)
+    frame = np.empty((*tangent.shape, 3))
+    frame[..., 0] = tangent
+    frame[..., 0, 1:] = -tangent[..., 1:]
+    frame[..., 1, 1] = 1.0 - y * y * share
+    frame[..., 2, 2] = 1.0 - z * z * share
+    frame[..., 1, 2] = frame[..., 2, 1] = -y * z * share
+    return frame
 
 
 def product(
@@ -44,6 +47,6 @@ def directional_std(frame: Frames, std: Axes) -> Axes:
     """
     found = np.array(std)
     variance = (std[..., :3] * std[..., :3])[..., None]
-    along = product(np.swapaxes(frame * frame, -1, -2), variance)
+    along = product((frame * frame).swapaxes(-1, -2), variance)
     found[..., :3] = np.sqrt(along[..., 0])
     return found

@@ -109,7 +109,9 @@ class StiffnessGovernor:
         # The constants of `rate_bound`, computed once: this runs at every control step.
         self._twice_gamma = 2.0 * gamma
         self._resistance = dynamics.damping_ratio * gamma * np.sqrt(dynamics.mass)
-        self._floor = gamma * dynamics.least_damping
+        self._half = self._resistance[:3]
+        self._floor = gamma[:3] * dynamics.least_damping[:3]
+        self._least = self._weighed(profile.k_min[:3])
         self._stiffness = np.full((*shape, 6), np.nan)  # NaN: none yet
         self._frame = np.full((*shape, 3, 3), np.nan)
 
@@ -158,23 +160,21 @@ class StiffnessGovernor:
         previous = self._frame[rows]
         previous = np.where(np.isnan(previous), frame, previous)
         self._frame[rows] = frame
-        half = self._resistance[:3]
-        k_min = self._k_min[:3]
-
-        def phi(k: Vectors) -> Vectors:
-            drag = np.maximum(2.0 * half * np.sqrt(k), self._floor[:3])
-            return np.asarray(k + drag)
-
-        least = phi(k_min)
-        turn = product(np.swapaxes(frame, -1, -2), previous)
-        excess = (phi(highest) - least)[..., None, :]
-        matrix = product(turn * excess, np.swapaxes(turn, -1, -2))
+        turn = product(frame.swapaxes(-1, -2), previous)
+        excess = (self._weighed(highest) - self._least)[..., None, :]
+        matrix = product(turn * excess, turn.swapaxes(-1, -2))
         diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
         scale = np.sqrt(diagonal)
         ratios = np.abs(matrix) / (scale[..., :, None] * scale[..., None, :])
         share = 2.0 - (ratios[..., 0] + ratios[..., 1] + ratios[..., 2])
-        lowest = np.min(share, axis=-1, keepdims=True)
-        sound = least + diagonal * np.where(lowest > 0.0, share, 0.0)
+        share *= share.min(axis=-1, keepdims=True) > 0.0
+        sound = self._least + diagonal * share
         # φ inverted: the lesser of its two branches' inverses.
-        drag = np.sqrt(sound + half * half) - half
-        return np.maximum(np.minimum(sound - self._floor[:3], drag * drag), k_min)
+        root = np.sqrt(sound + self._half * self._half) - self._half
+        found = np.minimum(sound - self._floor, root * root)
+        return np.asarray(np.maximum(found, self._k_min[:3]))
+
+    def _weighed(self, stiffness: Vectors) -> Vectors:
+        """Return φ(k) = k + γd(k)."""
+        drag = np.maximum(2.0 * self._half * np.sqrt(stiffness), self._floor)
+        return np.asarray(stiffness + drag)

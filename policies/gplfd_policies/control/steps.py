@@ -14,7 +14,6 @@ from jaxtyping import Bool, Float
 
 from gplfd_env.conventions.constants import Control
 from gplfd_policies.arrays.rows import Numbers, Rows
-from gplfd_policies.arrays.shapes import Frames
 
 Observation = Mapping[str, Float[np.ndarray, "..."]]
 """Measurements of the robot by name; of a batch, with a leading axis."""
@@ -40,7 +39,7 @@ class AgentStep:
     """Commanded hand pose, task frame [m, rad]."""
     desired: Poses = _NAN
     """The movement's mean at the command phase [m, rad]."""
-    frame: Frames = field(default_factory=lambda: np.eye(3))
+    frame: Float[np.ndarray, "... 3 3"] = field(default_factory=lambda: np.eye(3))
     """T: directions along the path, up, and across it, as columns in the task frame, or
     the task's own axes. The first three numbers of `std`, `stiffness`, their rates and
     margins are along these columns, and the translational stiffness is T diag(k) Tᵀ;

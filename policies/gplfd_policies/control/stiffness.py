@@ -28,6 +28,7 @@ class StiffnessProfile:
     """Steepness of the transition [1/m, 1/rad]."""
     beta: SixAxes
     """Standard deviation at the middle of the transition [m, rad]."""
+    _laws: Float[np.ndarray, "6 4"] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("k_max", "k_min", "alpha", "beta"):
@@ -43,6 +44,8 @@ class StiffnessProfile:
                 f"alpha={self.alpha}, beta={self.beta}; for a constant stiffness set "
                 "k_min = k_max"
             )
+        laws = np.stack([self.k_max, self.k_min, 1.0 / self.alpha, self.beta], axis=-1)
+        object.__setattr__(self, "_laws", read_only(laws))
 
     def stiffness(self, std: Axes, frame: Frames | None = None) -> Axes:
         """Return k_p(σ), Eq. (24) [N/m, N m/rad]; k_max where σ is NaN.
@@ -54,12 +57,12 @@ class StiffnessProfile:
         """
         k_max, k_min, argument = self.k_max, self.k_min, self._argument(std)
         if frame is not None:
-            table = np.stack([k_max, k_min, 1.0 / self.alpha, self.beta], axis=-1)
             law = np.empty((*std.shape, 4))
-            law[..., :3, :] = product(np.swapaxes(frame * frame, -1, -2), table[:3])
-            law[..., 3:, :] = table[3:]
-            k_max, k_min, width, beta = np.moveaxis(law, -1, 0)
-            argument = (std - beta) / width
+            weights = (frame * frame).swapaxes(-1, -2)
+            law[..., :3, :] = product(weights, self._laws[:3])
+            law[..., 3:, :] = self._laws[3:]
+            k_max, k_min = law[..., 0], law[..., 1]
+            argument = (std - law[..., 3]) / law[..., 2]
         softening = (k_max - k_min) * scipy.special.expit(argument)
         # The lesser of the two, where NaN does not count.
         return np.asarray(np.fmin(k_max - softening, k_max))
