@@ -248,7 +248,7 @@ PER_STEP: Final = tuple(
 )
 """Arrays with a row per control step."""
 
-_LATER: Final = {"latency_wall_s": np.nan, "frame": np.eye(3)}
+_LATER: Final[Mapping[str, Any]] = {"latency_wall_s": np.nan, "frame": np.eye(3)}
 """Arrays that older files of this version lack, with what is meant there."""
 
 _HEADER: Final[Mapping[str, Any]] = {

@@ -305,8 +305,8 @@ def share_of_bound(log: EpisodeLog) -> FloatArray:
     It is 1 where the bound is not positive: the frame turned, and stiffness must fall.
     """
     bound = log.stability_margin + log.stiffness_rate
-    turned = np.ones_like(bound)
-    return np.divide(log.stiffness_rate, bound, out=turned, where=~(bound <= 0.0))
+    share: FloatArray = np.ones_like(bound)
+    return np.divide(log.stiffness_rate, bound, out=share, where=~(bound <= 0.0))
 
 
 def governed_share(log: EpisodeLog) -> float | None:

@@ -156,9 +156,12 @@ class ArmRenderer:
         compliant_wrench: Axes,
         compensated_force: Vectors,
         rows: Rows = ALL_ROWS,
-        frame: None = None,
+        frame: Frames | None = None,
     ) -> Axes:
-        """Return desired poses that lead by the compensated force and velocity."""
+        """Return desired poses that lead by the compensated force and velocity.
+
+        `ComplianceConfig` allows no frame here.
+        """
         before = self._velocity[rows]
         smooth = before + self._share * (velocity - before)
         self._velocity[rows] = smooth
