@@ -57,15 +57,12 @@ def governed(part, given, rows):
     return tuple(getattr(found, one.name) for one in fields(found))
 
 
-def admitted_in_frames(part, given, rows):
+def in_frames(part, given, rows):
     frame = given["frame"]
-    found = part.step(given["stiffness"], given["wrench"], DT, rows, frame)
-    return found, part.velocity[rows], directional_std(frame, np.abs(given["pose"]))
-
-
-def governed_in_frames(part, given, rows):
-    frame = given["frame"]
-    wished = DEFAULT_PROFILE.stiffness(np.abs(given["pose"]), frame)
+    std = directional_std(frame, np.abs(given["pose"]))
+    wished = DEFAULT_PROFILE.stiffness(std, frame)
+    if isinstance(part, Admittance):
+        return part.step(wished, given["wrench"], DT, rows, frame), part.velocity[rows]
     found = part.step(wished, DT, rows, frame)
     return tuple(getattr(found, one.name) for one in fields(found))
 
@@ -95,10 +92,6 @@ MAKE = {
     "governor": lambda shape: StiffnessGovernor(
         DEFAULT_PROFILE, DEFAULT_DYNAMICS, shape
     ),
-    "admittance in frames": lambda shape: Admittance(DEFAULT_DYNAMICS, shape),
-    "governor in frames": lambda shape: StiffnessGovernor(
-        DEFAULT_PROFILE, DEFAULT_DYNAMICS, shape
-    ),
     "learned load": lambda shape: LearnedLoad().begin(DEFAULT_PROFILE, shape),
     "carried load": lambda shape: CarriedLoad().begin(DEFAULT_PROFILE, shape),
     "yield to all": lambda shape: YieldToAll().begin(DEFAULT_PROFILE, shape),
@@ -108,12 +101,13 @@ MAKE = {
     ),
     "arm rendering": lambda shape: ArmRendering().renderer(ARM_DYNAMICS, DT, shape),
 }
+MAKE |= {f"{name} in frames": MAKE[name] for name in ("admittance", "governor")}
 STEPS = {
     **{name: loaded if "load" in name else rendered for name in MAKE},
     "admittance": admitted,
     "governor": governed,
-    "admittance in frames": admitted_in_frames,
-    "governor in frames": governed_in_frames,
+    "admittance in frames": in_frames,
+    "governor in frames": in_frames,
     "yield to all": loaded,
 }
 

@@ -15,7 +15,7 @@ from typing import Final, Literal
 import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes
@@ -84,11 +84,8 @@ class ComplianceConfig:
                 "[N/m, N m/rad], but its rendering can do from "
                 f"{lowest} to {highest}; choose another profile, or VirtualRendering"
             )
-        if self.stiffness_frame not in ("path", "axes"):
-            raise ValueError(
-                "ComplianceConfig.stiffness_frame must be 'path' or 'axes', got "
-                f"{self.stiffness_frame!r}"
-            )
+        name = "ComplianceConfig.stiffness_frame"
+        check_choice(name, self.stiffness_frame, ("path", "axes"))
         if self.stiffness_frame == "path":
             self._check_turning()
         if len(self.via_std) != 2 or not all(0.0 <= s < math.inf for s in self.via_std):
@@ -104,11 +101,11 @@ class ComplianceConfig:
             raise ValueError(
                 f"an arm is commanded its stiffness along the task's axes; {why}"
             )
-        for name, values in (
-            ("dynamics.mass", self.dynamics.mass),
-            ("dynamics.least_damping", self.dynamics.least_damping),
-            ("profile.k_min", self.profile.k_min),
-        ):
+        for name, values in {
+            "dynamics.mass": self.dynamics.mass,
+            "dynamics.least_damping": self.dynamics.least_damping,
+            "profile.k_min": self.profile.k_min,
+        }.items():
             if np.ptp(values[:3]) > 0.0:
                 raise ValueError(
                     f"ComplianceConfig.{name} must be the same along x, y and z where "

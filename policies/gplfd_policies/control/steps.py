@@ -150,12 +150,11 @@ _NUMBERS: Final = (
     "via_point",
 )
 
-_FRAME: Final = {"frame": (3, 3)}
-
 STEP_SHAPES: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
     {
-        each.name: () if each.name in _NUMBERS else _FRAME.get(each.name, (6,))
+        each.name: () if each.name in _NUMBERS else (6,)
         for each in dataclasses.fields(AgentStep)
     }
+    | {"frame": (3, 3)}
 )
 """The fields of `AgentStep` with the shape that each has for one agent."""
