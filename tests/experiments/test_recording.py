@@ -172,8 +172,9 @@ def test_before_adaptation_is_the_first_forecast_at_the_observed_phase(make_log)
 def test_panels_name_the_directions_of_the_stiffness(record, make_log):
     turned = np.tile(np.eye(3)[[2, 1, 0]], (601, 1, 1))
     for changes, name in ({}, "x, pull"), ({"frame": turned}, "along the path"):
-        entry = record(make_log(**changes))["/plots/stiffness/axes", "SeriesLines:names"]
-        assert entry[1][0][0] == name
+        recording = record(make_log(**changes))
+        _, names = recording["/plots/stiffness/axes", "SeriesLines:names"]
+        assert names[0][0] == name
 
 
 def test_share_of_bound_is_one_on_the_bound(make_log):

@@ -306,7 +306,8 @@ def share_of_bound(log: EpisodeLog) -> FloatArray:
     """
     bound = log.stability_margin + log.stiffness_rate
     share: FloatArray = np.ones_like(bound)
-    return np.divide(log.stiffness_rate, bound, out=share, where=~(bound <= 0.0))
+    np.divide(log.stiffness_rate, bound, out=share, where=~(bound <= 0.0))
+    return share
 
 
 def governed_share(log: EpisodeLog) -> float | None:

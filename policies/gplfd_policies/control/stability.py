@@ -166,7 +166,7 @@ class StiffnessGovernor:
         diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
         scale = np.sqrt(diagonal)
         ratios = np.abs(matrix) / (scale[..., :, None] * scale[..., None, :])
-        share = 2.0 - (ratios[..., 0] + ratios[..., 1] + ratios[..., 2])
+        share = 2.0 - np.add.reduce(ratios, axis=-1)
         share *= share.min(axis=-1, keepdims=True) > 0.0
         sound = self._least + diagonal * share
         # φ inverted: the lesser of its two branches' inverses.
