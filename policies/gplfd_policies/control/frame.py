@@ -34,10 +34,10 @@ def product(
     left: Float[np.ndarray, "*#N 3 3"], right: Float[np.ndarray, "*#N 3 J"]
 ) -> Float[np.ndarray, "*M 3 J"]:
     """Return the matrix products of stacks."""
-    found = left[..., :, :1] * right[..., :1, :]
-    found += left[..., :, 1:2] * right[..., 1:2, :]
-    found += left[..., :, 2:] * right[..., 2:, :]
-    return np.asarray(found)
+    found: np.ndarray = left[..., :1] * right[..., :1, :]
+    found += left[..., 1:2] * right[..., 1:2, :]
+    found += left[..., 2:] * right[..., 2:, :]
+    return found
 
 
 def directional_std(frame: Frames, std: Axes) -> Axes:
