@@ -41,7 +41,7 @@ force.plot(log.times, log.force_tangential, label="tangential: opens the door")
 force.plot(log.times, log.force_radial, label="radial: the path does not fit")
 force.set_ylabel("hand on handle [N]")
 
-for axis, name in ((0, "x, pull"), (1, "y, up"), (2, "z, sideways")):
+for axis, name in ((0, "along the path"), (1, "up"), (2, "across")):
     stiffness.plot(log.times, log.stiffness[:, axis], label=name)
 stiffness.set_ylabel("stiffness [N/m]")
 stiffness.set_xlabel("time [s]")

@@ -216,6 +216,7 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
         **dict.fromkeys(FROM_OUTSIDE, 0.0 * one),
         "action": pose,
         "desired": pose,
+        "frame": np.tile(np.eye(3), (n_steps, 1, 1)),
         "std": 0.01 * six,
         "std_rate": -0.002 * six,
         "stiffness": 300.0 * six,

@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_experiments.recording import colours, record_episode
 from gplfd_experiments.recording.lanes import LEVELS, SCALE, recent_mean, stages
 from gplfd_experiments.recording.layout import PLOTS, layout
 from gplfd_experiments.recording.motion import VIEW
-from gplfd_experiments.recording.panels import share_of_bound
 from gplfd_experiments.recording.scene import visual_geoms
 from gplfd_experiments.recording.tube import N_RINGS, N_SIDES
 
@@ -169,8 +169,17 @@ def test_before_adaptation_is_the_first_forecast_at_the_observed_phase(make_log)
     np.testing.assert_allclose(std, 0.03)
 
 
+def test_panels_name_the_directions_of_the_stiffness(record, make_log):
+    turned = np.tile(np.eye(3)[[2, 1, 0]], (601, 1, 1))
+    for changes, name in ({}, "x, pull"), ({"frame": turned}, "along the path"):
+        recording = record(make_log(**changes))
+        _, names = recording["/plots/stiffness/axes", "SeriesLines:names"]
+        assert names[0][0] == name
+
+
 def test_share_of_bound_is_one_on_the_bound(make_log):
-    for margin, share in ((80.0, 0.2), (0.0, 1.0)):  # The stiffness changes by 20.
+    # The stiffness changes by 20; at -30 a turn of the frame would have it fall by 10.
+    for margin, share in ((80.0, 0.2), (0.0, 1.0), (-30.0, 1.0)):
         log = make_log(stability_margin=np.full((601, 6), margin))
         np.testing.assert_allclose(share_of_bound(log), share)
 

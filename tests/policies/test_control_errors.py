@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from gplfd_policies import AgentStep
 from gplfd_policies.agents.handles import HandleConfig
@@ -25,8 +26,9 @@ ONES, NAN, INF = np.ones(6), np.nan, np.inf
 ACTIONS = np.arange(18.0).reshape(3, 6)
 LOOP = ContactLoop(stiffness=ONES, delay=0.03)
 STEP = AgentStep(action=ONES)
-IN_ARM = ComplianceConfig(rendering=ArmRendering())
+IN_ARM = ComplianceConfig(rendering=ArmRendering(), stiffness_frame="axes")
 SOFT = replace(DEFAULT_PROFILE, k_min=np.full(6, 5.0))
+UNEVEN = replace(PAPER_DYNAMICS, mass=np.arange(1.0, 7.0))
 LEARNED = ("limit", "hook_grasp_gain", "least", "stretch", "reach", "lag", "step")
 
 NUMBERS = [
@@ -81,6 +83,13 @@ def test_a_number_outside_its_range_is_refused(record, name, value):
             r"asks for .* 500\..* 100\. *100\.\]",
         ),
         (IN_ARM, {"profile": SOFT}, r"asks for \[5\. 5\..* from \[20\. 20\."),
+        (ComplianceConfig(), {"rendering": ArmRendering()}, "along the task's axes"),
+        (
+            ComplianceConfig(),
+            {"stiffness_frame": "door"},
+            r"'door' is not one of 'path', 'axes'",
+        ),
+        (ComplianceConfig(), {"dynamics": UNEVEN}, r"dynamics\.mass must be the same"),
         (PAPER_PROFILE, {"k_min": np.zeros(6)}, "0 < k_min <= k_max"),
         (PAPER_PROFILE, {"k_min": np.full(6, 501.0)}, "0 < k_min <= k_max"),
         (PAPER_PROFILE, {"alpha": np.zeros(6)}, "set k_min = k_max"),
@@ -102,6 +111,7 @@ def test_a_number_outside_its_range_is_refused(record, name, value):
         (STEP, {"action": np.zeros(3)}, r"AgentStep\.action .* \(6,\), got \(3,\)"),
         (STEP, {"action": 0.5}, r"AgentStep\.action .* \(6,\), got \(\)"),
         (AgentStep(action=ACTIONS), {"std": ONES}, r"\.std .* \(3, 6\), got \(6,\)"),
+        (STEP, {"frame": np.eye(2)}, r"\.frame .* \(3, 3\), got \(2, 2\)"),
         (STEP, {"phase": ONES}, r"\.phase .* \(\), got \(6,\)"),
     ],
 )
@@ -115,3 +125,10 @@ def test_ranges_that_touch_their_limits_are_allowed():
     PhaseNoise(position=0.0, rotation=0.0, heading=0.0)
     HandleConfig(following_share=1.0, gear_rate=0.0, max_gear=1.0)
     VirtualDynamics(mass=ONES, damping_ratio=1.0, least_damping=np.zeros(6))
+
+
+def test_an_arm_is_not_commanded_a_stiffness_along_other_directions():
+    turned = replace(STEP, frame=np.eye(3)[::-1], stiffness=ONES)
+    assert_array_equal(turned.command("pose"), ONES)
+    with pytest.raises(ValueError, match=r"leave AgentStep\.frame out"):
+        turned.command("impedance")

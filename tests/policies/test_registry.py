@@ -60,6 +60,7 @@ def parts(agent):
         "goes on": agent.movement.learned.aligned.end < 1.0,
         "published middle": agent.config.profile.beta[0] == 0.01,
         "control": agent.control,
+        "frame": agent.config.stiffness_frame,
         "mass": agent.config.dynamics.mass[0],
         "k_min": tuple(agent.config.profile.k_min),
         "k_max": tuple(agent.config.profile.k_max),
@@ -82,10 +83,12 @@ DIFFERENCES = {
     "gp-homoscedastic": {"noise varies": False},
     "gp-carried-load": {"load": CarriedLoad},
     "gp-undamped": {"damped": False},
+    "gp-axis-stiffness": {"frame": "axes"},
     "gp-one-centimetre": {"published middle": True},
     "gp-within-demonstrations": {"goes on": False},
     "gp-impedance": {
         "control": "impedance",
+        "frame": "axes",
         "mass": 4.0,
         "damped": False,
         "rendering": ArmRendering,
@@ -98,6 +101,7 @@ DIFFERENCES = {
     "gp-paper": {
         "form": ProductAdaptation,
         "load": YieldToAll,
+        "frame": "axes",
         "damped": False,
         "goes on": False,
         "published middle": True,

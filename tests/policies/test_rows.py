@@ -9,6 +9,7 @@ from numpy.testing import assert_array_equal
 from gplfd_policies.agents.handles import HandleCompensation, HandleConfig, HandleLoad
 from gplfd_policies.arrays.rows import ALL_ROWS, rows_of
 from gplfd_policies.control.admittance import Admittance
+from gplfd_policies.control.frame import directional_std, path_frame
 from gplfd_policies.control.load import (
     CarriedLoad,
     ContactState,
@@ -30,11 +31,13 @@ LEVER = TurnedHandle(point=(0.0, 0.0, 0.1), axis=(-1.0, 0.0, 0.0), travel=0.8)
 
 def inputs(rng):
     directions = rng.normal(size=(N, 3))
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     return {
         "wrench": 15.0 * rng.normal(size=(N, 6)),
-        "direction": directions / np.linalg.norm(directions, axis=1, keepdims=True),
+        "direction": unit,
         "pose": 0.02 * rng.normal(size=(N, 6)),
         "displacement": 0.02 * rng.normal(size=(N, 3)),
+        "frame": path_frame(unit),
         "stiffness": rng.uniform(0.2, 1.0, (N, 6)) * DEFAULT_PROFILE.k_max,
     }
 
@@ -51,6 +54,16 @@ def admitted(part, given, rows):
 
 def governed(part, given, rows):
     found = part.step(given["stiffness"], DT, rows)
+    return tuple(getattr(found, one.name) for one in fields(found))
+
+
+def in_frames(part, given, rows):
+    frame = given["frame"]
+    std = directional_std(frame, np.abs(given["pose"]))
+    wished = DEFAULT_PROFILE.stiffness(std, frame)
+    if isinstance(part, Admittance):
+        return part.step(wished, given["wrench"], DT, rows, frame), part.velocity[rows]
+    found = part.step(wished, DT, rows, frame)
     return tuple(getattr(found, one.name) for one in fields(found))
 
 
@@ -88,10 +101,13 @@ MAKE = {
     ),
     "arm rendering": lambda shape: ArmRendering().renderer(ARM_DYNAMICS, DT, shape),
 }
+MAKE |= {f"{name} in frames": MAKE[name] for name in ("admittance", "governor")}
 STEPS = {
     **{name: loaded if "load" in name else rendered for name in MAKE},
     "admittance": admitted,
     "governor": governed,
+    "admittance in frames": in_frames,
+    "governor in frames": in_frames,
     "yield to all": loaded,
 }
 

@@ -113,6 +113,7 @@ class EpisodeLog:
     # `gplfd_policies.control.steps.AgentStep`.
     action: Pose
     desired: Pose
+    frame: Float[np.ndarray, "T 3 3"]
     std: Pose
     std_rate: Pose
     stiffness: Pose
@@ -219,9 +220,13 @@ class EpisodeLog:
     @classmethod
     def _of(cls, members: Members) -> "EpisodeLog":
         arrays: dict[str, Any] = {
-            name: members(name) for name in ARRAYS if name != _LATER or name in members
+            name: members(name)
+            for name in ARRAYS
+            if name not in _LATER or name in members
         }
-        arrays.setdefault(_LATER, np.full(arrays["times"].shape, np.nan))
+        steps = np.shape(arrays["times"])
+        for name, value in _LATER.items():
+            arrays.setdefault(name, np.full((*steps, *np.shape(value)), value))
         header = settings(members("header"))
         for name, declared in _HEADER.items():
             if not isinstance(header.get(name), declared):
@@ -243,8 +248,8 @@ PER_STEP: Final = tuple(
 )
 """Arrays with a row per control step."""
 
-_LATER: Final = "latency_wall_s"
-"""Array that older files of this version lack."""
+_LATER: Final[Mapping[str, Any]] = {"latency_wall_s": np.nan, "frame": np.eye(3)}
+"""Arrays that older files of this version lack, with what is meant there."""
 
 _HEADER: Final[Mapping[str, Any]] = {
     field.name: get_origin(field.type) or field.type

@@ -101,12 +101,13 @@ class EpisodeMetrics:
     """Smoothness of the hand's path; less negative is smoother. None when the opening
     motion is too short to differentiate."""
     stiffness_min: tuple[float, float, float] | None
-    """Smallest stiffness along x, y, z [N/m]; None in policies without stiffness."""
+    """Smallest stiffness along the columns of the log's `frame` [N/m]; None in policies
+    without stiffness."""
     stiffness_max: tuple[float, float, float] | None
-    """Largest stiffness along x, y, z [N/m]; None in policies without stiffness."""
+    """Largest stiffness along them [N/m]; None in policies without stiffness."""
     stability_margin_translation: float | None
-    """Smallest distance to the stability bound over x, y, z [N/(m s)]; None in
-    policies without stiffness."""
+    """Smallest distance to the stability bound over them [N/(m s)]; None in policies
+    without stiffness."""
     stability_margin_rotation: float | None
     """The same over the rotations [N m/(rad s)]."""
     governed_share: float | None
@@ -298,17 +299,25 @@ def work_on_door(log: EpisodeLog) -> float:
     )
 
 
+def share_of_bound(log: EpisodeLog) -> FloatArray:
+    """Rate of the stiffness over its stability bound, (T, 6); NaN without stiffness.
+
+    It is 1 where the bound is not positive: the frame turned, and stiffness must fall.
+    """
+    bound = log.stability_margin + log.stiffness_rate
+    share: FloatArray = np.ones_like(bound)
+    np.divide(log.stiffness_rate, bound, out=share, where=~(bound <= 0.0))
+    return share
+
+
 def governed_share(log: EpisodeLog) -> float | None:
-    """Share of the decisions in which the bound on dk/dt limited some axis.
+    """Share of the decisions in which the bound on dk/dt limited some direction.
 
     There the rate is within two thousandths of the bound.
     """
-    bound = log.stability_margin + log.stiffness_rate
-    known = np.isfinite(bound).all(axis=1)
-    if not known.any():
-        return None
-    limited = (log.stability_margin <= 2e-3 * bound)[known]
-    return float(np.mean(limited.any(axis=1)))
+    used = share_of_bound(log)
+    used = used[np.isfinite(used).all(axis=1)]
+    return float(np.mean((used >= 0.998).any(axis=1))) if used.size else None
 
 
 def prediction_errors(log: EpisodeLog) -> FloatArray:

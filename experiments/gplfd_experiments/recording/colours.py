@@ -18,7 +18,7 @@ FORCE: Final[Colour] = (255, 92, 92)
 OUTSIDE: Final[Colour] = (245, 245, 245)
 """What neither robot nor door does."""
 AXIS_X: Final[Colour] = (255, 159, 67)
-"""Along the pull, in the panels of uncertainty and stiffness."""
+"""Along the path or pull, in the panels of uncertainty and stiffness."""
 AXIS_Z: Final[Colour] = (84, 190, 255)
 """Across it, towards or away from the hinge."""
 LIMIT: Final[Colour] = (255, 92, 92)

@@ -118,7 +118,8 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
 **Sure is stiff, unsure is soft.** Where the policy's σ is small, the hand is stiff \
 (**yellow**, 500 N/m); where σ is large, it is soft (**violet**, 100 N/m) and lets the \
 door lead. The ball above the hand, its trail, the tube and the lane *stiffness* have \
-this colour: violet 100, pink 300, yellow 500 N/m, mean of x and z.
+this colour: violet 100, pink 300, yellow 500 N/m, mean of \
+along and across the path.
 
 - **tube**: what the policy believes now, ±1.96 σ per axis (normal quantile; with few \
 demonstrations less than 95 %); **grey-blue tube**: before it felt the door; **grey \

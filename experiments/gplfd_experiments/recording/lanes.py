@@ -148,7 +148,7 @@ def recent_mean(values: FloatArray, dt: float) -> FloatArray:
 
 
 def shown_stiffness(log: EpisodeLog) -> FloatArray:
-    """Return the mean stiffness of x and z, averaged over time, (T,) [N/m]."""
+    """Return the mean stiffness along and across, averaged over time, (T,) [N/m]."""
     return recent_mean(log.stiffness[:, [0, 2]].mean(axis=1), log.dt)
 
 

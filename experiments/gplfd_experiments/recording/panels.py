@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.colours import Colour
@@ -37,7 +37,7 @@ class Line(NamedTuple):
     width: float = 2.0
 
 
-_X, _Z = Line("x, along the pull", colours.AXIS_X), Line("z, across it", colours.AXIS_Z)
+_DIRECTIONS = {"path": ("along the path", "across it"), "axes": ("x, pull", "z, side")}
 _BEFORE = Line("before", colours.BEFORE, 1.0)
 _NOW = Line("policy now", colours.ADAPTED, 1.0)
 
@@ -57,6 +57,8 @@ def panels(part: Part) -> list[Chunk]:
         },
         "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.phase_misfit},
     }
+    names = _DIRECTIONS["axes" if np.all(log.frame == np.eye(3)) else "path"]
+    along, across = map(Line, names, (colours.AXIS_X, colours.AXIS_Z))
     for panel, values in (
         ("uncertainty", recent_mean(1e3 * log.std, log.dt)),
         ("stiffness", recent_mean(log.stiffness, log.dt)),
@@ -65,7 +67,7 @@ def panels(part: Part) -> list[Chunk]:
         ("stiffness_raw", log.stiffness),
         ("stability", 100.0 * share_of_bound(log)),
     ):
-        curves[f"{panel}/axes"] = {_X: values[:, 0], _Z: values[:, 2]}
+        curves[f"{panel}/axes"] = {along: values[:, 0], across: values[:, 2]}
     lag = Line("lag of the hand", colours.OUTSIDE, 1.0)
     curves["uncertainty/axes"][lag] = 1e3 * log.give
     load = Line("load compensated", colours.ADAPTED, 1.0)
@@ -87,12 +89,6 @@ def panels(part: Part) -> list[Chunk]:
         *levels(part, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT),
         *levels(part, ZERO, (0.0,), colours.MARK),
     ]
-
-
-def share_of_bound(log: EpisodeLog) -> FloatArray:
-    """Stiffness rate over its stability bound, which is positive, (T, 6)."""
-    share: FloatArray = log.stiffness_rate / (log.stiffness_rate + log.stability_margin)
-    return share
 
 
 def lines(part: Part, path: str, curves: Mapping[Line, FloatArray]) -> list[Chunk]:

@@ -30,3 +30,5 @@ Axes = Float[np.ndarray, "*N 6"]
 """The same of one hand, without a leading axis, or of N hands."""
 Vectors = Float[np.ndarray, "*N 3"]
 """Positions, directions or forces of one hand or of N hands."""
+Frames = Float[np.ndarray, "*N 3 3"]
+"""Three directions, as columns, of one hand or of N hands."""

@@ -3,7 +3,8 @@
 import numpy as np
 
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
-from gplfd_policies.arrays.shapes import Axes
+from gplfd_policies.arrays.shapes import Axes, Frames
+from gplfd_policies.control.frame import product
 from gplfd_policies.control.stiffness import VirtualDynamics
 
 
@@ -45,15 +46,30 @@ class Admittance:
         wrench: Axes,
         dt: float,
         rows: Rows = ALL_ROWS,
+        frame: Frames | None = None,
     ) -> Axes:
-        """Advance these rows by a period [s]; return e at its end, yours to change."""
+        """Advance these rows by a period [s]; return e at its end, yours to change.
+
+        With a frame T, translational stiffness k is along its columns, K = T k Tᵀ, and
+        D a function of K. The mass must be the same along x, y and z; then the step
+        decouples along the columns.
+        """
         if not dt > 0.0:
             raise ValueError(f"dt must be positive [s], got {dt}")
         mass, before = self._dynamics.mass, self._displacement[rows]
+        held, speed, force = before, self._velocity[rows], wrench
+        if frame is not None:
+            given = np.empty((*before.shape, 3))
+            given[..., 0], given[..., 1], given[..., 2] = held, speed, force
+            into = frame.swapaxes(-1, -2)
+            given[..., :3, :] = product(into, given[..., :3, :])
+            held, speed, force = given[..., 0], given[..., 1], given[..., 2]
         damping = self._dynamics.damping(stiffness)
-        impulse = dt * (wrench - stiffness * before)
+        impulse = dt * (force - stiffness * held)
         inertia = mass + dt * (damping + dt * stiffness)
-        velocity = (mass * self._velocity[rows] + impulse) / inertia
+        velocity = (mass * speed + impulse) / inertia
+        if frame is not None:
+            velocity[..., :3] = product(frame, velocity[..., :3, None])[..., 0]
         displacement = before + dt * velocity
         self._velocity[rows] = velocity
         self._displacement[rows] = displacement

@@ -10,14 +10,16 @@ on the memory address, are not used across rows.
 
 import math
 from dataclasses import dataclass, field
+from typing import Final, Literal
 
 import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes
+from gplfd_policies.control.frame import directional_std, path_frame, product
 from gplfd_policies.control.load import ContactState, LearnedLoad, Load, LoadRule
 from gplfd_policies.control.rendering import Rendering, VirtualRendering
 from gplfd_policies.control.stability import StiffnessGovernor
@@ -30,6 +32,12 @@ from gplfd_policies.control.stiffness import (
 )
 from gplfd_policies.movements.trajectory import ViaPoint
 from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseObserver
+
+_PULL: Final = np.array([1.0, 0.0, 0.0])
+"""Direction of the path before the first step."""
+_HELD: Final = 1e-3
+"""Length of the last direction that is added to the path's chord [m]: where the path
+stands still, the stiffness does not turn."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,6 +52,9 @@ class ComplianceConfig:
     """Mass and damping ratio of what the stiffness is rendered with, Eq. (22)."""
     rendering: Rendering = field(default_factory=VirtualRendering)
     """What renders it: virtual dynamics, or the arm itself."""
+    stiffness_frame: Literal["path", "axes"] = "path"
+    """Directions of the translational stiffness: along the path, up and across it, or
+    those of the task frame."""
     control_period: float = quantity(CONTROL_PERIOD, above=0.0, unit="s")
     """Time between two commands [s]."""
     via_spacing: float = quantity(0.01, above=0.0)
@@ -73,11 +84,33 @@ class ComplianceConfig:
                 "[N/m, N m/rad], but its rendering can do from "
                 f"{lowest} to {highest}; choose another profile, or VirtualRendering"
             )
+        name = "ComplianceConfig.stiffness_frame"
+        check_choice(name, self.stiffness_frame, ("path", "axes"))
+        if self.stiffness_frame == "path":
+            self._check_turning()
         if len(self.via_std) != 2 or not all(0.0 <= s < math.inf for s in self.via_std):
             raise ValueError(
                 "ComplianceConfig.via_std must be two finite numbers >= 0, position "
                 f"[m] and rotation [rad], got {self.via_std}"
             )
+
+    def _check_turning(self) -> None:
+        """Raise unless the stiffness may have other directions than the axes."""
+        why = 'choose ComplianceConfig(stiffness_frame="axes")'
+        if self.rendering.control == "impedance":
+            raise ValueError(
+                f"an arm is commanded its stiffness along the task's axes; {why}"
+            )
+        for name, values in {
+            "dynamics.mass": self.dynamics.mass,
+            "dynamics.least_damping": self.dynamics.least_damping,
+            "profile.k_min": self.profile.k_min,
+        }.items():
+            if np.ptp(values[:3]) > 0.0:
+                raise ValueError(
+                    f"ComplianceConfig.{name} must be the same along x, y and z where "
+                    f"the stiffness turns with the path, got {values[:3]}; or {why}"
+                )
 
 
 class ComplianceController:
@@ -106,6 +139,7 @@ class ComplianceController:
         self._observed_phase = np.zeros(shape)
         self._last_via = np.zeros(shape)
         self._std = np.full((*shape, 6), np.nan)  # NaN before the first step
+        self._tangent = np.broadcast_to(_PULL, (*shape, 3)).copy()
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Let these rows begin an episode at the closed door."""
@@ -117,6 +151,7 @@ class ComplianceController:
         for phase in (self._command_phase, self._observed_phase, self._last_via):
             phase[rows] = 0.0
         self._std[rows] = np.nan
+        self._tangent[rows] = _PULL
 
     def decide(self, poses: Axes, wrenches: Axes, rows: Rows = ALL_ROWS) -> AgentStep:
         """Return the commands of these rows for the next control period.
@@ -199,8 +234,8 @@ class ComplianceController:
         means, stds = movements.at(
             np.array([*look_ahead(phase, phase), turn_phase]), rows
         )
-        slope = (means[2, ..., :3] - means[1, ..., :3]) / LOOK_AHEAD
-        velocity = slope * np.asarray(phase_rate)[..., None]
+        chord = means[2, ..., :3] - means[1, ..., :3]
+        velocity = chord / LOOK_AHEAD * np.asarray(phase_rate)[..., None]
         desired = means[0]
         desired[..., 3:] = means[3, ..., 3:]
         desired = movements.hand_poses(desired, rows)
@@ -209,11 +244,20 @@ class ComplianceController:
         # lags along the path shows that the policy is wrong there: the lag is added.
         std = stds[0]
         lag = np.asarray(response.path_lag)[..., None] * direction
+        frame = None
+        if config.stiffness_frame == "path":
+            tangent = chord + _HELD * self._tangent[rows]
+            square = np.add.reduce(tangent * tangent, axis=-1, keepdims=True)
+            tangent = self._tangent[rows] = tangent / np.sqrt(square)
+            frame = path_frame(tangent)
+            std = directional_std(frame, std)
+            lag = product(frame.swapaxes(-1, -2), lag[..., None])[..., 0]
         std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + lag * lag)
         previous = self._std[rows]
         previous = np.where(np.isnan(previous), std, previous)
         self._std[rows] = std
-        governed = self._governor.step(config.profile.stiffness(std), period, rows)
+        wished = config.profile.stiffness(std, frame)
+        governed = self._governor.step(wished, period, rows, frame)
 
         # 6. Render it, Eq. (22).
         action = self._renderer.step(
@@ -223,10 +267,12 @@ class ComplianceController:
             compliant_wrench=response.compliant_wrench,
             compensated_force=(response.compliant_wrench - wrenches)[..., :3],
             rows=rows,
+            frame=frame,
         )
         return AgentStep(
             action=action,
             desired=desired,
+            frame=np.eye(3) if frame is None else frame,
             std=std,
             std_rate=(std - previous) / period,
             stiffness=governed.stiffness,

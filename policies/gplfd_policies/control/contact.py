@@ -100,4 +100,6 @@ benchmarks/contact.py loop finds where the friction grasp holds a locked door.""
 HELD_HAND: Final = ContactLoop(
     stiffness=np.repeat([2000.0, 100.0], 3), delay=3.0 * CONTROL_PERIOD + SERVO_LAG
 )
-"""The servo of `gplfd_env.robot.model` with the longest delay that ``"hard"`` draws."""
+"""The servo of `gplfd_env.robot.model` with the longest delay that ``"hard"`` draws. It
+is as stiff along x, y and z, so that the loop decouples along any three directions
+along which the virtual dynamics do."""

@@ -17,7 +17,7 @@ from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
-from gplfd_policies.arrays.shapes import Axes, Vectors
+from gplfd_policies.arrays.shapes import Axes, Frames, Vectors
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.contact import HELD_HAND
 from gplfd_policies.control.stiffness import VirtualDynamics
@@ -74,10 +74,13 @@ class VirtualRenderer:
         compliant_wrench: Axes,
         compensated_force: Vectors,
         rows: Rows = ALL_ROWS,
+        frame: Frames | None = None,
     ) -> Axes:
         """Return desired poses [m, rad] that yield to the compliant wrench [N, N m]."""
         # The stiff arm exerts the compensated force without a lead.
-        offset = self._admittance.step(stiffness, compliant_wrench, self._period, rows)
+        offset = self._admittance.step(
+            stiffness, compliant_wrench, self._period, rows, frame
+        )
         action: Axes = desired + offset
         action[..., 3:] = compose_rotvecs(offset[..., 3:], desired[..., 3:])
         return action
@@ -153,8 +156,12 @@ class ArmRenderer:
         compliant_wrench: Axes,
         compensated_force: Vectors,
         rows: Rows = ALL_ROWS,
+        frame: Frames | None = None,
     ) -> Axes:
-        """Return desired poses that lead by the compensated force and velocity."""
+        """Return desired poses that lead by the compensated force and velocity.
+
+        `ComplianceConfig` allows no frame here.
+        """
         before = self._velocity[rows]
         smooth = before + self._share * (velocity - before)
         self._velocity[rows] = smooth

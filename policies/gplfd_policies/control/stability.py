@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
-from gplfd_policies.arrays.shapes import Axes, SixAxes
+from gplfd_policies.arrays.shapes import Axes, Frames, SixAxes, Vectors
+from gplfd_policies.control.frame import product
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
 
 _USED_SHARE = 0.999
@@ -78,7 +79,9 @@ class GovernedStiffness:
     rate: Axes
     """Its rate over the step [N/(m s), N m/(rad s)]."""
     margin: Axes
-    """The tight pointwise bound minus the rate; always positive."""
+    """The tight pointwise bound minus the rate; positive. Where the frame turned, the
+    bound is the rate that leads to the highest stiffness still safe, over `_USED_SHARE`
+    (negative after a large turn; the margin is zero if only k_min is safe)."""
 
 
 class StiffnessGovernor:
@@ -91,7 +94,8 @@ class StiffnessGovernor:
     Together with the implicit step of
     `gplfd_policies.control.admittance.Admittance` the function m(v + γe)²/2 + (k' +
     γd' - γ²m)e²/2 then never grows without external force, whatever the uncertainty
-    does: `test_lyapunov_function_never_grows`.
+    does: `test_lyapunov_function_never_grows`. In a frame, the same holds for matrices
+    K = T k Tᵀ and D, a function of K: `test_lyapunov_function_of_turning_frames`.
     """
 
     def __init__(
@@ -105,19 +109,29 @@ class StiffnessGovernor:
         # The constants of `rate_bound`, computed once: this runs at every control step.
         self._twice_gamma = 2.0 * gamma
         self._resistance = dynamics.damping_ratio * gamma * np.sqrt(dynamics.mass)
+        self._half = self._resistance[:3]
+        self._floor = gamma[:3] * dynamics.least_damping[:3]
+        self._least = self._weighed(profile.k_min[:3])
         self._stiffness = np.full((*shape, 6), np.nan)  # NaN: none yet
+        self._frame = np.full((*shape, 3, 3), np.nan)
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget the stiffness; the next step starts at its target."""
         self._stiffness[rows] = np.nan
+        self._frame[rows] = np.nan
 
     def step(
         self,
         target: Axes,
         dt: float,
         rows: Rows = ALL_ROWS,
+        frame: Frames | None = None,
     ) -> GovernedStiffness:
-        """Move these rows to their targets for a period [s]; at once after a reset."""
+        """Move these rows to their targets for a period [s]; at once after a reset.
+
+        With a frame, the first three numbers are along its columns; then mass, least
+        damping and k_min must be the same along x, y and z.
+        """
         if not dt > 0.0:
             raise ValueError(f"dt must be positive [s], got {dt}")
         wished = np.maximum(target, self._k_min)
@@ -125,7 +139,42 @@ class StiffnessGovernor:
         previous = np.where(np.isnan(previous), wished, previous)
         root = np.sqrt(previous)
         bound = self._twice_gamma * previous * root / (root + self._resistance)
-        allowed = np.minimum(wished, previous + dt * _USED_SHARE * bound)
+        highest = previous + dt * _USED_SHARE * bound
+        if frame is not None:
+            highest[..., :3] = self._turned(highest[..., :3], frame, rows)
+            used = (highest - previous) / dt
+            bound = used + np.abs(used) * (1.0 / _USED_SHARE - 1.0)
+        allowed = np.minimum(wished, highest)
         rate = (allowed - previous) / dt
         self._stiffness[rows] = allowed
         return GovernedStiffness(stiffness=allowed, rate=rate, margin=bound - rate)
+
+    def _turned(self, highest: Vectors, frame: Frames, rows: Rows) -> Vectors:
+        """Return stiffness along new frames that is safe where this was along the old.
+
+        With φ(K) = K + γD(K), F = φ(highest) in the old frame and any k ≥ k_min along
+        the new one, φ(k) ≤ F is what the condition asks for. F - φ(k_min) has no
+        negative eigenvalue; of a matrix E of that kind, E_ii (1 - Σ_j |E_ij| / √(E_ii
+        E_jj)) on the diagonal is a lower bound by Gershgorin's theorem, and so is zero.
+        """
+        previous = self._frame[rows]
+        previous = np.where(np.isnan(previous), frame, previous)
+        self._frame[rows] = frame
+        turn = product(frame.swapaxes(-1, -2), previous)
+        excess = (self._weighed(highest) - self._least)[..., None, :]
+        matrix = product(turn * excess, turn.swapaxes(-1, -2))
+        diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
+        scale = np.sqrt(diagonal)
+        ratios = np.abs(matrix) / (scale[..., :, None] * scale[..., None, :])
+        share = 2.0 - np.add.reduce(ratios, axis=-1)
+        share *= share.min(axis=-1, keepdims=True) > 0.0
+        sound = self._least + diagonal * share
+        # φ inverted: the lesser of its two branches' inverses.
+        root = np.sqrt(sound + self._half * self._half) - self._half
+        found = np.minimum(sound - self._floor, root * root)
+        return np.asarray(np.maximum(found, self._k_min[:3]))
+
+    def _weighed(self, stiffness: Vectors) -> Vectors:
+        """Return φ(k) = k + γd(k)."""
+        drag = np.maximum(2.0 * self._half * np.sqrt(stiffness), self._floor)
+        return np.asarray(stiffness + drag)

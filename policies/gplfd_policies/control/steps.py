@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final, SupportsIndex
 
@@ -39,9 +39,14 @@ class AgentStep:
     """Commanded hand pose, task frame [m, rad]."""
     desired: Poses = _NAN
     """The movement's mean at the command phase [m, rad]."""
+    frame: Float[np.ndarray, "... 3 3"] = field(default_factory=lambda: np.eye(3))
+    """T: directions along the path, up, and across it, as columns in the task frame, or
+    the task's own axes. The first three numbers of `std`, `stiffness`, their rates and
+    margins are along these columns, and the translational stiffness is T diag(k) Tᵀ;
+    the last three are about the task's axes."""
     std: Poses = _NAN
-    """Its standard deviation there, and `give` along the path: what sets the stiffness
-    [m, rad]."""
+    """Standard deviation at the command phase, and `give` along the path: what sets the
+    stiffness [m, rad]."""
     std_rate: Poses = _NAN
     """Rate of the σ the controller really used, jumps included [m/s, rad/s]."""
     stiffness: Poses = _NAN
@@ -50,7 +55,8 @@ class AgentStep:
     stiffness_rate: Poses = _NAN
     """Its rate over this step [N/(m s), N m/(rad s)]."""
     stability_margin: Poses = _NAN
-    """Pointwise stability bound minus `stiffness_rate` [N/(m s), N m/(rad s)]."""
+    """Pointwise stability bound minus `stiffness_rate` [N/(m s), N m/(rad s)]; see
+    `gplfd_policies.control.stability.GovernedStiffness`."""
     contact_margin: Poses = _NAN
     """Delay that a held hand tolerates beyond the longest expected [s], see
     `gplfd_policies.control.contact`."""
@@ -83,7 +89,8 @@ class AgentStep:
             array: np.ndarray = np.array(getattr(self, name), dtype=dtype)
             expected = leading + shape
             if array.shape != expected:
-                if array.shape or name == "action":
+                own = shape if name == "frame" else ()
+                if array.shape != own or name == "action":
                     raise ValueError(
                         f"AgentStep.{name} must have shape {expected}, got "
                         f"{array.shape}"
@@ -97,6 +104,11 @@ class AgentStep:
         """Return the action (6,) for "pose", with stiffness (12,) for "impedance"."""
         if control == "pose":
             return self.action
+        if not np.array_equal(self.frame, np.broadcast_to(np.eye(3), self.frame.shape)):
+            raise ValueError(
+                "an arm is commanded its stiffness along the task's axes; leave "
+                "AgentStep.frame out"
+            )
         return np.concatenate([self.action, self.stiffness], axis=-1)
 
     def row(self, number: SupportsIndex) -> AgentStep:
@@ -140,8 +152,9 @@ _NUMBERS: Final = (
 
 STEP_SHAPES: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
     {
-        field.name: () if field.name in _NUMBERS else (6,)
-        for field in dataclasses.fields(AgentStep)
+        each.name: () if each.name in _NUMBERS else (6,)
+        for each in dataclasses.fields(AgentStep)
     }
+    | {"frame": (3, 3)}
 )
 """The fields of `AgentStep` with the shape that each has for one agent."""

@@ -11,8 +11,9 @@ from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import read_only
-from gplfd_policies.arrays.shapes import Axes, SixAxes
+from gplfd_policies.arrays.shapes import Axes, Frames, SixAxes
 from gplfd_policies.control.contact import HELD_HAND
+from gplfd_policies.control.frame import product
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -27,6 +28,7 @@ class StiffnessProfile:
     """Steepness of the transition [1/m, 1/rad]."""
     beta: SixAxes
     """Standard deviation at the middle of the transition [m, rad]."""
+    _laws: Float[np.ndarray, "6 4"] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("k_max", "k_min", "alpha", "beta"):
@@ -42,15 +44,28 @@ class StiffnessProfile:
                 f"alpha={self.alpha}, beta={self.beta}; for a constant stiffness set "
                 "k_min = k_max"
             )
+        laws = np.stack([self.k_max, self.k_min, 1.0 / self.alpha, self.beta], axis=-1)
+        object.__setattr__(self, "_laws", read_only(laws))
 
-    def stiffness(self, std: Axes) -> Axes:
+    def stiffness(self, std: Axes, frame: Frames | None = None) -> Axes:
         """Return k_p(σ), Eq. (24) [N/m, N m/rad]; k_max where σ is NaN.
 
         NaN is the σ of a policy without uncertainty, which the hand follows stiffly.
+        With a frame, σ[:3] and k[:3] are along its directions. There k_max, k_min, β
+        and 1/α are the axes' means with the weights T_id², which add up to one: on an
+        axis its own, and αβ is kept where it is the same on all axes.
         """
-        softening = (self.k_max - self.k_min) * scipy.special.expit(self._argument(std))
+        k_max, k_min, argument = self.k_max, self.k_min, self._argument(std)
+        if frame is not None:
+            law = np.empty((*std.shape, 4))
+            weights = (frame * frame).swapaxes(-1, -2)
+            law[..., :3, :] = product(weights, self._laws[:3])
+            law[..., 3:, :] = self._laws[3:]
+            k_max, k_min = law[..., 0], law[..., 1]
+            argument = (std - law[..., 3]) / law[..., 2]
+        softening = (k_max - k_min) * scipy.special.expit(argument)
         # The lesser of the two, where NaN does not count.
-        return np.asarray(np.fmin(self.k_max - softening, self.k_max))
+        return np.asarray(np.fmin(k_max - softening, k_max))
 
     def rate(self, std: Axes, std_rate: Axes) -> Axes:
         """Return dk_p/dt = -α (k_max - k_p)(k_p - k_min)/(k_max - k_min) dσ/dt.

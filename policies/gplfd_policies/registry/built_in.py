@@ -86,7 +86,10 @@ PAPER: Final = Method(
     # `gp-clock`), and the governor in place of hand tuning.
     profile=FixedProfile(profile=PAPER_PROFILE),
     config=ComplianceConfig(
-        load=YieldToAll(), dynamics=PAPER_DYNAMICS, max_turn_lead=1.0
+        load=YieldToAll(),
+        dynamics=PAPER_DYNAMICS,
+        stiffness_frame="axes",
+        max_turn_lead=1.0,
     ),
 )
 """What the paper states."""
@@ -210,6 +213,10 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             "gp without the additional damping for contact",
             config=ComplianceConfig(dynamics=UNDAMPED),
         ),
+        "gp-axis-stiffness": _ablation(
+            "gp with stiffness along the axes of the task frame, not along the path",
+            config=ComplianceConfig(stiffness_frame="axes"),
+        ),
         "gp-within-demonstrations": _ablation(
             "gp that stops where the demonstrations end", beyond=0.0
         ),
@@ -224,7 +231,9 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         **{f"gp-constant-{k}": _constant(k) for k in (100, 200, 330, 500)},
         "gp-impedance": _ablation(
             "gp with stiffness realised by the arm's impedance control",
-            config=ComplianceConfig(rendering=ArmRendering(), dynamics=ARM_DYNAMICS),
+            config=ComplianceConfig(
+                rendering=ArmRendering(), dynamics=ARM_DYNAMICS, stiffness_frame="axes"
+            ),
         ),
         "dmp": _method(
             "dynamic movement primitive; no uncertainty, no via-points",

@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.figures.material import POLICY, Material
 from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import CompliantAgent
+from gplfd_policies.control.frame import directional_std
 from gplfd_policies.control.stability import uncertainty_fall_bound
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, StiffnessProfile
 from gplfd_policies.registry.catalogue import make_agent
 
 TITLE: Final = "Stiffness and its stability"
 DOORS: Final = ("medium", "heavy")
-AXES: Final = {0: ("x", style.AXIS_X), 2: ("z", style.AXIS_Z)}
+AXES: Final = {0: ("along", style.AXIS_X), 2: ("across", style.AXIS_Z)}
 _LINEAR: Final = 0.03
 """Up to this fall of σ its axis is linear, beyond it is logarithmic [m/s]."""
 _TICKS: Final = (-0.02, 0.0, 0.02, 0.1, 1.0)
@@ -67,8 +69,8 @@ def measure(material: Material) -> dict[str, Stability]:
 def stability(log: EpisodeLog, profile: StiffnessProfile) -> Stability:
     """Compare an episode, under a stiffness law, with the bounds."""
     _, fixed = log.first_forecast(log.phase)
-    wished = profile.stiffness(log.std)
-    bound = log.stability_margin + log.stiffness_rate
+    fixed = directional_std(log.frame, fixed)
+    wished = profile.stiffness(log.std, log.frame)
     fixed_rate = np.diff(fixed, axis=0, prepend=fixed[:1]) / log.dt
 
     def least(bound: FloatArray) -> float:
@@ -77,11 +79,11 @@ def stability(log: EpisodeLog, profile: StiffnessProfile) -> Stability:
     return Stability(
         log=log,
         fall=-log.std_rate,
-        fixed_stiffness=profile.stiffness(fixed),
+        fixed_stiffness=profile.stiffness(fixed, log.frame),
         fixed_fall=-fixed_rate,
         tight=least(uncertainty_fall_bound(profile, DEFAULT_DYNAMICS)),
         printed=least(uncertainty_fall_bound(profile, DEFAULT_DYNAMICS, printed=True)),
-        used=log.stiffness_rate / bound,
+        used=share_of_bound(log),
         governed=wished - log.stiffness > _INTERVENTION,
     )
 
@@ -124,7 +126,7 @@ def draw(shown: Mapping[str, Stability]) -> Figure:
     rows[2, 0].set(ylabel=r"$\dot{k}_p$ / its bound", ylim=(None, 1.15))
     style.legend_above(
         figure,
-        {f"${name}$": style.legend_line(colour) for name, colour in AXES.values()}
+        {name: style.legend_line(colour) for name, colour in AXES.values()}
         | {
             "without via-points": style.legend_line("0.4", "--"),
             "bound": style.legend_line(style.LIMIT),
@@ -153,8 +155,9 @@ def caption(shown: Mapping[str, Stability]) -> str:
         for door, one in shown.items()
     ]
     return (
-        "(a, d) Stiffness along x and z while an ordinary door and a heavy one open, "
-        "and (dashed) what the same law gives for the uncertainty without via-points. "
+        "(a, d) Stiffness along and across the path while an ordinary door and a heavy "
+        "one open, and (dashed) what the same law gives for the uncertainty without "
+        "via-points. "
         "(b, e) How fast the uncertainty that sets the stiffness falls, one dot per "
         f"control step (axis linear up to {_LINEAR:g} m/s, then logarithmic), against "
         "Eq. (28) with the tight constant "

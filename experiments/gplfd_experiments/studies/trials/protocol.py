@@ -110,6 +110,10 @@ def _stiffness(measure: str) -> tuple[Contrast, ...]:
     return _without("variable stiffness", measure, *CONSTANT)
 
 
+def _directions(measure: str) -> tuple[Contrast, ...]:
+    return _without("stiffness along the path", measure, "gp-axis-stiffness")
+
+
 def _load(measure: str) -> tuple[Contrast, ...]:
     return _without("learned load", measure, "gp-carried-load")
 
@@ -148,6 +152,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             contrasts=(
                 *_without("via-points", _RADIAL, "gp-fixed"),
                 *_without("shared phase error", _RADIAL, "gp-independent-phase"),
+                *_directions(_RADIAL),
             ),
             tuned=True,
         ),
@@ -241,7 +246,11 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 "holds the hand": Level(doors=_MEDIUM, disturbance="person"),
                 "in the way": Level(doors=_MEDIUM, disturbance="person-behind"),
             },
-            contrasts=(*_stiffness("person_force_peak"), *_load("person_force_peak")),
+            contrasts=(
+                *_stiffness("person_force_peak"),
+                *_directions("person_force_peak"),
+                *_load("person_force_peak"),
+            ),
             also=("gp-impedance",),
         ),
         "push": Trial(

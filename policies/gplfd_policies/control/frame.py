@@ -1,0 +1,52 @@
+"""The tangent-normal frame of a path, in which stiffness is defined.
+
+Columns of a frame are the directions along the path, up, and across it, so that the
+frame of the pull along x is that of the task. Products are written out: BLAS may add in
+an order that depends on the other rows.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_policies.arrays.shapes import Axes, Frames, Vectors
+
+
+def path_frame(tangent: Vectors) -> Frames:
+    """Return the frames whose first columns are unit tangents (..., 3).
+
+    The least rotation of the task's axes onto a tangent t, from x to t: I + [u] + [u]²
+    / (1 + x·t) with u = x × t. Up stays y for a tangent in the horizontal plane. Near
+    -x, against the pull, the other two columns are not continuous, and at -x itself the
+    first column is x.
+    """
+    x, y, z = tangent[..., 0], tangent[..., 1], tangent[..., 2]
+    share = 1.0 / np.maximum(1.0 + x, 1e-12)
+    frame = np.empty((*tangent.shape, 3))
+    frame[..., 0] = tangent
+    frame[..., 0, 1:] = -tangent[..., 1:]
+    frame[..., 1, 1] = 1.0 - y * y * share
+    frame[..., 2, 2] = 1.0 - z * z * share
+    frame[..., 1, 2] = frame[..., 2, 1] = -y * z * share
+    return frame
+
+
+def product(
+    left: Float[np.ndarray, "*#N 3 3"], right: Float[np.ndarray, "*#N 3 J"]
+) -> Float[np.ndarray, "*M 3 J"]:
+    """Return the matrix products of stacks."""
+    found: np.ndarray = left[..., :1] * right[..., :1, :]
+    found += left[..., 1:2] * right[..., 1:2, :]
+    found += left[..., 2:] * right[..., 2:, :]
+    return found
+
+
+def directional_std(frame: Frames, std: Axes) -> Axes:
+    """Return σ along the directions of frames, and about the axes [m, rad].
+
+    The positions of σ (..., 6) are independent: σ_d² = Σ_i T_id² σ_i².
+    """
+    found = np.array(std)
+    variance = (std[..., :3] * std[..., :3])[..., None]
+    along = product((frame * frame).swapaxes(-1, -2), variance)
+    found[..., :3] = np.sqrt(along[..., 0])
+    return found
