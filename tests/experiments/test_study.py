@@ -11,8 +11,9 @@ import pytest
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.analysis.results.measures import (
+    FORECAST_MEASURES,
     LEARNING_MEASURES,
-    RECORDED_MEASURES,
+    ONLINE_MEASURES,
 )
 from gplfd_experiments.data.teacher import synthetic_human
 from gplfd_experiments.episodes.build import make_environment
@@ -25,6 +26,7 @@ from gplfd_experiments.studies.result_format import (
     EPISODE_METRICS,
     FORECAST_METRICS,
     LEARNING_METRICS,
+    ONLINE_METRICS,
     STAMP,
     VERSION,
     lost,
@@ -272,14 +274,15 @@ def test_a_version_of_results_has_its_metrics():
     assert [
         hashlib.sha256(" ".join(sorted(names)).encode()).hexdigest()[:8]
         for names in EPISODE_METRICS.values()
-    ] == ["46f63489", "a83b9fff"]
+    ] == ["46f63489", "a83b9fff", "a83b9fff"]
     assert max(EPISODE_METRICS) == VERSION
     assert EPISODE_METRICS[1] - EPISODE_METRICS[0] == {
         *("reason", "capability", "stage"),
         *("latency_wall_median_ms", "latency_wall_p95_ms"),
     }
     assert LEARNING_MEASURES.keys() == LEARNING_METRICS
-    assert RECORDED_MEASURES.keys() == FORECAST_METRICS
+    assert FORECAST_MEASURES.keys() == FORECAST_METRICS
+    assert ONLINE_MEASURES.keys() == ONLINE_METRICS
 
 
 def test_an_older_result_lacks_only_later_metrics(tmp_path, runs):

@@ -23,9 +23,10 @@ from gplfd_experiments.analysis.report.plots import LeftOut, coverage, predictio
 from gplfd_experiments.analysis.report.sentences import value_sentence
 from gplfd_experiments.analysis.results.grouping import by_condition, by_policy, numbers
 from gplfd_experiments.analysis.results.measures import (
+    FORECAST_MEASURES,
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
-    RECORDED_MEASURES,
+    ONLINE_MEASURES,
     Measure,
     median,
 )
@@ -49,14 +50,23 @@ _LEFT_OUT: Final = {
     "demonstration": "One demonstration left out",
     "radius": "The middle radius left out",
 }
-_MEASURES: Final[Mapping[str, Measure]] = {**LEARNING_MEASURES, **RECORDED_MEASURES}
-_FORECASTS: Final = ("forecast_25_nlpd", "forecast_25_position_m")
+_MEASURES: Final[Mapping[str, Measure]] = {
+    **LEARNING_MEASURES,
+    **FORECAST_MEASURES,
+    **ONLINE_MEASURES,
+}
+_FORECASTS: Final = tuple(
+    f"{when}_25_{what}"
+    for when in ("forecast", "online")
+    for what in ("nlpd", "position_m")
+)
 """Forecasts that get a sentence."""
 _TABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "A recording that was not seen": tuple(
         name for name in LEARNING_MEASURES if name != "via_far_change"
     ),
-    "Its rest, once a part has been seen": tuple(RECORDED_MEASURES),
+    "Its rest, once a part has been seen": tuple(FORECAST_MEASURES),
+    "The same online": tuple(ONLINE_MEASURES),
 }
 """Columns of the tables of recordings by their title."""
 
@@ -139,6 +149,11 @@ def recorded_section(results: Results, reference: str) -> Section:
         "0.1 per number is ten per cent of a density. Recordings are the independent "
         "trials of the intervals."
     )
+    section.say(
+        "**Online** means that the method watches the recording sample by sample, as "
+        "a robot does, and estimates the phase from the samples so far; the other "
+        "forecasts know the phase from the whole path."
+    )
     section.table(_summary(results))
     headlines = (*LEARNING_HEADLINES, *_FORECASTS)
     section.items(_sentences(runs, headlines, reference, "recordings"))
@@ -182,13 +197,15 @@ def _summary(results: Results) -> Table:
         return math.inf if middle is None else middle
 
     order = sorted(by_policy(results).items(), key=likelihood)
-    columns = _columns((*LEARNING_HEADLINES, "coverage_95", *_FORECASTS))
+    forecast = (*_FORECASTS, "online_25_coverage_95")
+    columns = _columns((*LEARNING_HEADLINES, "coverage_95", *forecast))
     note = (
         "Medians over recordings. **n:** recordings left out, one at a time. "
         "**NLPD:** negative log predictive density of the outputs that move, less is "
         "better. **Position, rotation:** error of the prediction. **Inside 95 %:** "
         "share of the recording inside the stated 95 % intervals, 0.95 is right. "
-        "**After 25 %:** error and NLPD of the rest once a quarter has been seen."
+        "**After 25 %:** error and NLPD of the rest once a quarter has been seen. "
+        "**Online 25 %:** the same, with the phase estimated from the samples so far."
     )
     return policy_table({"": dict(order)}, columns, note)
 

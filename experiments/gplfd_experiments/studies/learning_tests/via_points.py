@@ -122,15 +122,23 @@ def forecasts(
     """
     found: dict[str, float | None] = {}
     for share in FORECASTS:
-        rest, truth, _ = _observed(method, movement, left_out, share)
-        scored, name = left_out.scored(truth), f"forecast_{100 * share:.0f}"
-        found |= {
-            f"{name}_position_m": rms_distance(rest.mean, truth),
-            f"{name}_rotation_rad": rms_rotation(rest.mean, truth),
-            f"{name}_nlpd": known(rest.nlpd(scored)),
-            f"{name}_coverage_95": known(rest.coverage(scored, normal=True)),
-        }
+        rest, _, _ = _observed(method, movement, left_out, share)
+        found |= rest_scores(f"forecast_{100 * share:.0f}", rest, left_out)
     return found
+
+
+def rest_scores(
+    name: str, rest: GaussianTrajectory, left_out: OnPhases
+) -> dict[str, float | None]:
+    """Return the accuracy of the rest of a demonstration, as forecast."""
+    truth = left_out.at(rest.times)
+    scored = left_out.scored(truth)
+    return {
+        f"{name}_position_m": rms_distance(rest.mean, truth),
+        f"{name}_rotation_rad": rms_rotation(rest.mean, truth),
+        f"{name}_nlpd": known(rest.nlpd(scored)),
+        f"{name}_coverage_95": known(rest.coverage(scored, normal=True)),
+    }
 
 
 def _observed(
