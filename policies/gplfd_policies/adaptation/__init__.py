@@ -23,6 +23,7 @@ from gplfd_policies.adaptation.process import (
     ProcessAdaptation,
 )
 from gplfd_policies.adaptation.product import ProductAdaptation
+from gplfd_policies.adaptation.similar import SimilarAdaptation
 from gplfd_policies.movements.movement import Adaptation, AdaptationForm
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "OwnClockAdaptation",
     "ProcessAdaptation",
     "ProductAdaptation",
+    "SimilarAdaptation",
     "adapt",
     "begin_adaptation",
 ]

@@ -8,6 +8,7 @@ from typing import Final
 from gplfd_policies.adaptation.own_clock import OwnClockAdaptation
 from gplfd_policies.adaptation.process import ExactAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
+from gplfd_policies.adaptation.similar import SimilarAdaptation
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Outputs, Times
 from gplfd_policies.movements.movement import (
@@ -27,6 +28,7 @@ ADAPTATIONS: Final[Mapping[str, AdaptationForm]] = MappingProxyType(
         "process": ProcessAdaptation,
         "product": ProductAdaptation,
         "exact": ExactAdaptation,
+        "similar": SimilarAdaptation,
     }
 )
 """Forms of a skill's adaptation by name."""
@@ -89,6 +91,8 @@ def adapt(
         if isinstance(learned, Skill):
             if form is None:
                 form = "process" if learned.aligned.clocks is None else "own-clock"
+                if learned.count == 1:
+                    form = "similar"
             if form not in ADAPTATIONS:
                 raise ValueError(
                     f"Unknown adaptation form {form!r}; choose from "

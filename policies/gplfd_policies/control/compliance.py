@@ -141,23 +141,42 @@ class ComplianceController:
         lost = observed_phase < last_via - config.phase_drop
         due = (observed_phase >= last_via + config.via_spacing) | lost
         if due.any():
+            before, _ = movements.at(command_phase, rows)
             self._last_via[rows] = np.where(due, observed_phase, last_via)
             # A phase error displaces all outputs together along the path.
             rate = self._phases.rate(observed_phase, rows)
             along = rate * np.asarray(seen.std)[..., None]
             # Indexed by `due`, the arrays of one hand have a leading axis, too.
-            for number, phase, pose, error in zip(
+            similar = seen.similarities or [None] * np.size(due)
+            for number, phase, pose, error, index in zip(
                 movements.numbers[rows][due].tolist(),
                 np.asarray(observed_phase)[due].tolist(),
                 poses[due],
                 along[due],
+                np.flatnonzero(due).tolist(),
                 strict=True,
             ):
                 via_point = ViaPoint(
-                    phase=phase, pose=pose, std=self._via_noise, along=error
+                    phase=phase,
+                    pose=pose,
+                    std=self._via_noise,
+                    along=error,
+                    similarity=similar[index],
                 )
                 movements.observe(number, via_point)
             _, _, direction = movements.ahead(observed_phase, rows)
+            # The set-point stays where it is along the path, whose phases may shift.
+            (after, begin, end), _ = movements.at(
+                look_ahead(command_phase, command_phase), rows
+            )
+            chord = (end - begin)[..., :3] / LOOK_AHEAD
+            shift = np.add.reduce((before - after)[..., :3] * chord, axis=-1)
+            shift /= np.add.reduce(chord * chord, axis=-1) + 1e-9
+            command_phase = np.where(
+                due,
+                np.minimum(np.maximum(command_phase + shift, 0.0), 1.0),
+                command_phase,
+            )
 
         # 3. Load: what is compensated, what is yielded to, and whether the clock waits.
         response = self._load.update(

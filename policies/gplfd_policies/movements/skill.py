@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.shapes import Covariances, Times
+from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
 from gplfd_policies.arrays.storage import Members, read_archive, write_archive
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.deviations import DeviationProcess, fit_deviations, wobbling
@@ -47,6 +47,10 @@ _FEW: Final = 3
 _WINDOW: Final = 0.1
 """Share of the task over which the spread counts as one number: the shortest
 length-scale that the noise models allow."""
+
+SIZE_STD: Final = 0.25
+"""γ: how much larger or smaller than a single demonstration the next one may be, as a
+share of the displacement from its start."""
 
 _KIND: Final = "a gplfd skill"
 """Content of the file of a skill."""
@@ -124,7 +128,8 @@ class Skill(LearnedMovement):
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, Eqs. (10)–(11).
 
-        The variance is r(t) plus that of the mean. For the latter the model's own
+        The variance is r(t) plus that of the mean, and of a single demonstration plus
+        that of its size, (γ (m(t) - m(0)))². For the latter the model's own
         value assumes that samples of one demonstration deviate independently; it is
         never taken below ρ r/D, which is what demonstrations as smooth as these allow
         (``test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread``).
@@ -147,6 +152,10 @@ class Skill(LearnedMovement):
             moments.latent_rate,
             self.smoothness / self.count * moments.noise_rate,
         )
+        if self.count == 1:
+            displacement = self._unknown_size(moments)
+            variance = variance + displacement**2
+            variance_rate += 2.0 * SIZE_STD * displacement * moments.mean_rate
         std = np.sqrt(variance)
         return GaussianTrajectory(
             times=times,
@@ -168,7 +177,15 @@ class Skill(LearnedMovement):
         diagonal = np.arange(len(times))
         variance = np.maximum(moments.latent, floor) + moments.noise
         covariance[:, diagonal, diagonal] = variance.T
+        if self.count == 1:
+            displacement = self._unknown_size(moments)
+            covariance += np.einsum("mi,ni->imn", displacement, displacement)
         return covariance
+
+    def _unknown_size(self, moments: OutputMoments) -> Outputs:
+        """γ (m(t) - m(0)): what its size leaves unknown of a single demonstration."""
+        start = self.processes.moments(self.aligned.times[:1]).mean
+        return SIZE_STD * (moments.mean - start)
 
     @one_thread
     def save(self, path: str | Path) -> None:
@@ -312,7 +329,8 @@ def fit_skill(
     Args:
         aligned: D demonstrations on common phases.
         noise: how the spread r(t) is estimated: a name in `NOISE_MODELS` or a noise
-            model object, such as ``KerstingNoise(n_iterations=30)``.
+            model object, such as ``KerstingNoise(n_iterations=30)``. "map" of one
+            demonstration is "homoscedastic".
         centred: whether the prior mean is the demonstrations' average, or zero; for
             any other see `gplfd_policies.movements.prior_mean.fit_residual`.
 
@@ -336,16 +354,18 @@ def fit_skill(
                 f"Unknown noise model {noise!r}; choose from {sorted(NOISE_MODELS)} "
                 f"or pass a noise model object."
             )
-        noise = NOISE_MODELS[noise]
+        # Of one demonstration there is no spread that a noise model could learn.
+        alone = noise == "map" and len(aligned.poses) == 1
+        noise = NOISE_MODELS["homoscedastic" if alone else noise]
     times, poses = aligned.times, aligned.poses
     if not (np.isfinite(times).all() and np.isfinite(poses).all()):
         raise ValueError("Aligned demonstrations must be finite; found NaN or inf.")
     processes = MultiOutputGP.fit(times, poses, noise, centred=centred)
     if len(poses) <= _FEW:
         said = (
-            "One demonstration says nothing about how repetitions differ: the "
-            "uncertainty is only the scatter of its samples around a smooth curve, "
-            "and adaptation has no spread to work with. Give 4 or more."
+            "One demonstration says nothing about how repetitions differ: they are "
+            f"assumed to be larger or smaller by {SIZE_STD:.0%}, with the scatter of "
+            "its samples around a smooth curve. Give 4 or more."
         )
         if len(poses) > 1:
             said = (

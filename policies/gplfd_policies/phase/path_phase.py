@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -20,13 +20,18 @@ from jaxtyping import Float, Int
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.normalised import normalised
+from gplfd_policies.demonstrations.similarity import (
+    PathSimilarity,
+    SimilarityConfig,
+    SimilarityModel,
+)
 from gplfd_policies.demonstrations.turned_handle import (
     TurnedHandle,
     seen_at,
     turned_handle,
 )
 from gplfd_policies.movements.movement import Predictor
-from gplfd_policies.phase.heading import Heading, HeadingConfig, directions
 from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseNoise, Phases, Poses
 
 _GRID: Final = np.linspace(0.0, 1.0, 201)
@@ -50,8 +55,11 @@ class PathPhaseConfig:
 
     noise: PhaseNoise = field(default_factory=PhaseNoise)
     """Errors of the observed pose beyond the demonstrations' spread."""
-    heading: HeadingConfig = field(default_factory=HeadingConfig)
-    """How the heading error is estimated."""
+    similarity: SimilarityConfig = field(default_factory=SimilarityConfig)
+    """How size and heading error are estimated."""
+    distance_share: float = quantity(0.03, low=0.0)
+    """Standard deviation of the distance from the start beyond that of a position, as
+    a share of it. Tuned."""
     window: tuple[float, float] = (0.02, 0.05)
     """How far the phase may move per observation: backward, forward."""
     least_std: float = quantity(0.003, above=0.0)
@@ -135,10 +143,10 @@ class PathPhase:
             # That the handle goes back is the policy's own doing.
             most = np.maximum.accumulate(np.maximum(turns, 0.0))
             means[:, 3:] = np.array(leaves) + np.outer(most, handle.axis)
-        direction, variance = directions(aligned, _GRID)
-        distance = np.sqrt((means[:, :3] ** 2).sum(axis=1))
-        # As of doors of different size, whose positions differ along û alone.
-        radial = (np.abs(direction) * prediction.std[:, :3]).sum(axis=1)
+        similar = normalised(aligned)
+        direction, variance, distance = _directions(similar.aligned, _GRID)
+        if len(aligned.poses) == 1:
+            distance = np.sqrt((means[:, :3] ** 2).sum(axis=1))
         # Long enough for any window, of which rounding may cut a point more or less.
         self._stretch = np.arange(math.ceil(sum(config.window) / _SPACING) + 5)
         # Features first, so that a search takes the same stretch of every one; and as
@@ -151,7 +159,7 @@ class PathPhase:
                 distance,
                 means[:, 3:].T,
                 direction.T,
-                1.0 / (radial**2 + noise.position**2),
+                1.0 / (noise.position**2 + (config.distance_share * distance) ** 2),
                 1.0 / (prediction.std[:, 3:].T ** 2 + noise.rotation**2),
                 variance,
             ]
@@ -161,15 +169,10 @@ class PathPhase:
         self._handles: list[TurnedHandle | None] = [handle]
         self._turned = [0.0]
         self._config = config
-        self._headings = [
-            Heading(
-                aligned,
-                _GRID,
-                prior_std=noise.heading,
-                position_std=noise.position,
-                config=config.heading,
-            )
-        ]
+        model = SimilarityModel.of(
+            aligned, replace(config.similarity, heading_std=noise.heading)
+        )
+        self._similarities: list[PathSimilarity] = [model.unseen()]
 
     @property
     def settings(self) -> PathPhaseConfig:
@@ -185,15 +188,18 @@ class PathPhase:
         together._numbers = np.arange(len(together._rates) // _GRID.size)
         together._turned = [0.0 for rule in rules for _ in rule._handles]
         together._handles = [handle for rule in rules for handle in rule._handles]
-        together._headings = [
-            heading.afresh() for rule in rules for heading in rule._headings
+        together._similarities = [
+            similarity.model.unseen()
+            for rule in rules
+            for similarity in rule._similarities
         ]
         return together
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Let these rows forget their paths and begin at the start of the task."""
         for number in np.ravel(self._numbers[rows]).tolist():
-            self._headings[number].reset()
+            similarity = self._similarities[number]
+            self._similarities[number] = similarity.model.unseen()
             self._turned[number] = 0.0
 
     def update(
@@ -209,12 +215,12 @@ class PathPhase:
         """
         numbers = np.ravel(self._numbers[rows]).tolist()
 
-        # Features (8, *N): ρ, θ, R(-ψ̂) u, and the variance n_v²/ρ² + ω² of u. A few
-        # numbers per row: Python's floats cost no more than NumPy's calls.
-        observed = []
+        # Features (7, *N): ρ, u, θ, and the sizes (4, *N, C) that the path so far leaves
+        # likely. A few numbers per row: Python's floats cost no more than NumPy's calls.
+        observed, sizes = [], []
         for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
             x, y, z, *rotation = pose
-            handle, heading = self._handles[number], self._headings[number]
+            handle = self._handles[number]
             if handle is not None:
                 x, y, z = handle.place(pose)
                 leaf, turn = handle.turns(rotation)
@@ -223,13 +229,15 @@ class PathPhase:
                     part + most * along
                     for part, along in zip(leaf, handle.axis, strict=True)
                 ]
-            heading.update(math.hypot(x, z), math.atan2(-z, x))
+            similarity = self._similarities[number].updated(
+                math.hypot(x, z), math.atan2(-z, x)
+            )
+            self._similarities[number] = similarity
             far = math.sqrt(x * x + y * y + z * z) + 1e-9
-            cosine, sine = math.cos(heading.yaw), math.sin(heading.yaw)
-            level = (cosine * x - sine * z) / far, (sine * x + cosine * z) / far
-            blur = (self._config.noise.position / far) ** 2 + heading.variance
-            observed.append((far, *rotation, level[0], y / far, level[1], blur))
-        features = np.array(observed).T.reshape(8, *poses.shape[:-1])
+            observed.append((far, *rotation, x / far, y / far, z / far))
+            sizes.append(similarity.table)
+        features = np.array(observed).T.reshape(7, *poses.shape[:-1])
+        similar = np.stack(sizes, axis=1).reshape(4, *poses.shape[:-1], -1)
 
         # Search near the previous phases: grid points first to first + size.
         backward, forward = self._config.window
@@ -244,7 +252,7 @@ class PathPhase:
             near = self._features[:, column : column + edge]
         else:
             near = self._features.take(column[:, None] + self._stretch, axis=1)
-        costs = _cost(near, features).reshape(-1, edge)
+        costs = self._cost(near, features, similar).reshape(-1, edge)
 
         # Search the whole task where nothing near fits.
         found = []
@@ -255,13 +263,19 @@ class PathPhase:
             if best[2] > self._config.lost_misfit:
                 begin = number * width + edge
                 whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
-                own = features.reshape(8, -1)[:, index]
-                anywhere = self._nearest(_cost(whole, own), -1)
+                own = features.reshape(7, -1)[:, index]
+                alone = similar.reshape(4, len(numbers), -1)[:, index]
+                anywhere = self._nearest(self._cost(whole, own, alone), -1)
                 if anywhere[2] < self._config.clearer_share * best[2]:
                     best = anywhere
             found.append(best)
         phases, stds, misfits = np.array(found).T.reshape(3, *previous.shape)
-        return PhaseEstimate(phases, stds, misfits)
+        return PhaseEstimate(
+            phases,
+            stds,
+            misfits,
+            tuple(self._similarities[number] for number in numbers),
+        )
 
     def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
         """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
@@ -291,15 +305,52 @@ class PathPhase:
         vertex = point + 0.5 * (before - after) / curvature * _SPACING
         return vertex, min(max(std, self._config.least_std), largest), misfit
 
+    def _cost(
+        self,
+        features: Float[np.ndarray, "*F W"],
+        observed: Float[np.ndarray, "*E"],
+        sizes: Float[np.ndarray, "4 *N C"],
+    ) -> Float[np.ndarray, "*N W"]:
+        """Return -2 log p of observed features (7, *N) along stretches of the grid."""
+        each, along = observed[..., None], features[:, ..., None, :]
+        log_weight, size, angle, variance = sizes[..., None]
+        turning = np.add.reduce((features[1:4] - each[1:4]) ** 2 * features[8:11], axis=0)
+        # One term per size c: of ρ - c ρ̄, and of u turned back by its angle.
+        radial = (observed[0][..., None, None] - size * along[0]) ** 2 * along[7]
+        cosine, sine = np.cos(angle), np.sin(angle)
+        x, y, z = (part[..., None, None] for part in observed[4:7])
+        sideways = (cosine * x - sine * z - along[4]) ** 2
+        sideways += (y - along[5]) ** 2
+        sideways += (sine * x + cosine * z - along[6]) ** 2
+        blur = (self._config.noise.position / observed[0][..., None, None]) ** 2
+        exponent = log_weight - 0.5 * (
+            radial + sideways / (along[11] + (blur + variance))
+        )
+        highest = exponent.max(axis=-2)
+        total = np.add.reduce(np.exp(exponent - highest[..., None, :]), axis=-2)
+        cost: Float[np.ndarray, "*N W"] = turning - 2.0 * (highest + np.log(total))
+        return cost
 
-def _cost(
-    features: Float[np.ndarray, "*F W"], observed: Float[np.ndarray, "*E"]
-) -> Float[np.ndarray, "*N W"]:
-    """Return d² of observed features (8, *N) along stretches of the grid."""
-    each = observed[..., None]
-    squares = (features[:7] - each[:7]) ** 2
-    cost: Float[np.ndarray, "*N W"] = np.add.reduce(
-        squares[:4] * features[7:11], axis=0
-    )
-    cost += np.add.reduce(squares[4:], axis=0) / (features[11] + each[7])
-    return cost
+
+def _directions(
+    aligned: AlignedDemonstrations, phases: Float[np.ndarray, " G"]
+) -> tuple[
+    Float[np.ndarray, "G 3"], Float[np.ndarray, " G"], Float[np.ndarray, " G"]
+]:
+    """Return mean direction, its variance off the plane, and mean distance.
+
+    Args:
+        aligned: The demonstrations, of one size and heading.
+        phases: Where along the task.
+    """
+    positions = np.stack(
+        [
+            [np.interp(phases, aligned.times, curve) for curve in pose.T[:3]]
+            for pose in aligned.poses
+        ]
+    ).transpose(0, 2, 1)
+    mean = positions.mean(axis=0)
+    length = np.linalg.norm(mean, axis=1)
+    least = np.maximum(length, 1e-3)
+    variance = positions[..., 1].var(axis=0) / least**2 + (1e-3 / least) ** 2
+    return mean / least[:, None], variance, length

@@ -15,6 +15,7 @@ from gplfd_policies.adaptation import (
     OwnClockAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
+    SimilarAdaptation,
 )
 from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
 from gplfd_policies.agents.model_based.oracle import OracleAgent, ToldHandleAgent
@@ -69,7 +70,7 @@ GP: Final = Method(
     fit=fit_skill,
     accepts_prior_mean=True,
     beyond=0.5,
-    adaptation=ProcessAdaptation,
+    adaptation=SimilarAdaptation,
 )
 """The method of this project, of which the ablations differ in one field each."""
 
@@ -156,6 +157,10 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-exact": _ablation(
             "gp with joint conditioning on demonstrations and via-points",
             adaptation=ExactAdaptation,
+        ),
+        "gp-process": _ablation(
+            "gp whose forecast knows no size: outputs deviate as demonstrated",
+            adaptation=ProcessAdaptation,
         ),
         "gp-independent-phase": _ablation(
             "gp that treats phase uncertainty as independent noise per output",

@@ -1,0 +1,151 @@
+"""Adaptation of size, heading and deviation: the demonstrated path, enlarged and turned.
+
+This form is ours. A repetition of the task is the demonstrated path m of mean size,
+enlarged by c, turned by ψ, and deviating smoothly,
+
+    p(s) = c exp(i (ψ + σ(s) f(s)/|m(s)|)) m(s)
+
+in the horizontal plane; see `gplfd_policies.demonstrations.similarity`. What the path
+so far says about c, ψ and f is the state of a filter at its end, and the forecast is
+the mixture over sizes that follows from it. Height and rotation do not depend on size:
+each deviates by σ_i(s) (√g b_i + √(1 - g) f_i(s)), b_i constant and f_i smooth, and has
+a filter of its own over the phases of the via-points.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
+from gplfd_policies.demonstrations.similarity import SimilarityModel, advance
+from gplfd_policies.demonstrations.turned_handle import seen_at, turned_handle
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.movements.trajectory import (
+    GaussianTrajectory,
+    ViaPoint,
+    white_covariance,
+)
+
+_LEVEL: Final = [0, 2]
+"""x and z, which the size changes."""
+_OTHERS: Final = [1, 3, 4, 5]
+"""Height and rotation, which it does not."""
+_LEAST_STD: Final = np.array([1e-3, 1e-2, 1e-2, 1e-2])
+"""Least deviation of these [m, rad]."""
+_CONSTANT: Final = 0.5
+"""g: share of their variance that is one number for a whole repetition."""
+_ALONG: Final = 3e-3
+"""Deviation along the path that phases leave [m]."""
+
+
+class SimilarAdaptation:
+    """Conditioning of the path's size, heading and deviation; of all else by output.
+
+    A via-point brings what its path says about size and heading
+    (`ViaPoint.similarity`), or else counts as the next position of the path.
+    """
+
+    @one_thread
+    def __init__(self, skill: Skill, grid: Times) -> None:
+        """Start from the demonstrations, on a grid of phases (M,)."""
+        predicted, aligned = skill.predict(grid), skill.aligned
+        self._handle, self._grid = turned_handle(aligned), grid
+        self._apart = np.zeros((len(grid), 2))
+        if self._handle is not None:
+            # The hand's way about the handle's axis is no part of what has a size.
+            aligned = seen_at(aligned, self._handle)
+            axes = self._handle.places(predicted.mean)
+            self._apart = (predicted.mean - axes)[:, _LEVEL]
+        model = SimilarityModel.of(aligned)
+        self.similarity = model.unseen()
+        """What the via-points so far say about size and heading."""
+        self._rate = model.rate
+        self._expected = predicted.mean[:, _OTHERS]
+        self._spread = np.maximum(predicted.std[:, _OTHERS], _LEAST_STD)
+        self._phase = float(grid[0])
+        self._state = np.zeros((3, 4))
+        self._covariance = np.zeros((3, 3, 4))
+        self._covariance += np.diag([1.0, 1.0, self._rate**2])[:, :, None]
+        self._forecast()
+
+    @one_thread
+    def observe(self, via_point: ViaPoint) -> None:
+        """Condition on one more via-point, in place."""
+        phase, pose = float(via_point.phase), via_point.pose
+        if via_point.similarity is None:
+            x, _, z = pose[:3]
+            if self._handle is not None:
+                x, _, z = self._handle.place(pose.tolist())
+            self.similarity = self.similarity.updated(
+                math.hypot(x, z), math.atan2(-z, x)
+            )
+        else:
+            self.similarity = via_point.similarity
+
+        # Height and rotation: a scalar Kalman filter each.
+        expected, spread = (
+            np.array([np.interp(phase, self._grid, curve) for curve in curves.T])
+            for curves in (self._expected, self._spread)
+        )
+        noise = via_point.noise_variance[_OTHERS]
+        step = np.full(4, max(phase - self._phase, 0.0))
+        self._phase = max(phase, self._phase)
+        state, covariance = advance(self._state, self._covariance, step, self._rate)
+        constant, smooth = spread * _CONSTANT**0.5, spread * (1.0 - _CONSTANT) ** 0.5
+        gain = constant * covariance[0] + smooth * covariance[1]
+        variance = constant * gain[0] + smooth * gain[1] + noise
+        predicted = expected + constant * state[0] + smooth * state[1]
+        innovation = np.where(np.isfinite(noise), pose[_OTHERS] - predicted, 0.0)
+        self._state = state + gain * (innovation / variance)
+        self._covariance = covariance - gain[:, None] * (gain / variance)
+        self._forecast()
+
+    @property
+    def mean(self) -> Outputs:
+        """Current mean on the grid [m, rad]."""
+        return self._mean
+
+    @property
+    def std(self) -> Outputs:
+        """Current standard deviation on the grid [m, rad]."""
+        return self._std
+
+    @one_thread
+    def trajectory(self) -> GaussianTrajectory:
+        """The current distribution on the grid; samples deviate independently."""
+        std = self._std.copy()
+        return GaussianTrajectory.from_moments(
+            self._grid, self._mean.copy(), std, lambda: white_covariance(std**2)
+        )
+
+    def _forecast(self) -> None:
+        """Compute the moments on the grid."""
+        self._mean, variance = np.empty((2, self._grid.size, 6))
+        weights, paths, angles = self.similarity.forecast(self._grid)
+        path = paths @ weights
+        self._mean[:, 0], self._mean[:, 2] = path.real, -path.imag
+        self._mean[:, _LEVEL] += self._apart
+        apart, across = paths - path[:, None], 1j * paths * np.sqrt(angles)
+        dx, dz = apart.real, -apart.imag
+        ax, az = across.real, -across.imag
+        variance[:, 0] = (dx * dx + ax * ax) @ weights + _ALONG**2
+        variance[:, 2] = (dz * dz + az * az) @ weights + _ALONG**2
+        self.level_covariance: Float[np.ndarray, " M"] = (dx * dz + ax * az) @ weights
+        """Covariance of x and z on the grid [m²]."""
+
+        rate, step = self._rate, self._grid[:, None] - self._phase
+        decay = np.exp(-rate * np.abs(step))
+        a, b = decay * (1.0 + rate * np.abs(step)), decay * step
+        constant, smooth = _CONSTANT**0.5, (1.0 - _CONSTANT) ** 0.5
+        state, left = self._state, self._covariance
+        deviation = constant * state[0] + smooth * (a * state[1] + b * state[2])
+        self._mean[:, _OTHERS] = self._expected + self._spread * deviation
+        own = 1.0 - a * a - (rate * b) ** 2 + a * a * left[1, 1]
+        own = own + 2.0 * a * b * left[1, 2] + b * b * left[2, 2]
+        both = a * left[0, 1] + b * left[0, 2]
+        share = _CONSTANT * left[0, 0] + smooth * (2.0 * constant * both + smooth * own)
+        variance[:, _OTHERS] = self._spread**2 * np.maximum(share, 0.0)
+        self._std = np.sqrt(variance)

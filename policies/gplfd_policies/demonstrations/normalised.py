@@ -1,0 +1,58 @@
+"""Demonstrations without their differences of size and heading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+
+_STILL = 1e-3
+"""Root mean square displacement below which a motion has no size [m]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NormalisedDemonstrations:
+    """Demonstrations of one size and one heading, and what was taken from each.
+
+    Demonstration k is `aligned` enlarged by exp(log_sizes[k]) about the start and
+    turned by headings[k] about the vertical. Both have a mean of zero.
+    """
+
+    aligned: AlignedDemonstrations
+    """The demonstrations, positions of the same size and heading."""
+    log_sizes: Float[np.ndarray, " K"]
+    """Logarithms of the sizes."""
+    headings: Float[np.ndarray, " K"]
+    """Angles about the vertical [rad]."""
+
+
+def normalised(aligned: AlignedDemonstrations) -> NormalisedDemonstrations:
+    """Return demonstrations without their differences of size and heading.
+
+    The size of a demonstration is the root mean square of its displacement from the
+    start, its heading the turn about the vertical that brings the mean onto it with the
+    least squared distance.
+    """
+    positions = aligned.poses[..., :3]
+    lengths = np.sqrt((positions**2).sum(axis=2).mean(axis=1))
+    log_sizes = np.log(np.maximum(lengths, _STILL))
+    log_sizes -= log_sizes.mean()
+    # In the horizontal plane a turn about the vertical is a complex factor.
+    level = (positions[..., 0] - 1j * positions[..., 2]) / np.exp(log_sizes)[:, None]
+    mean = level.mean(axis=0)
+    headings = np.zeros(len(level))
+    # The mean sharpens as headings are removed; a few rounds settle it.
+    for _ in range(5):
+        headings = np.angle((level * mean.conj()).sum(axis=1))
+        headings -= headings.mean()
+        mean = (level * np.exp(-1j * headings)[:, None]).mean(axis=0)
+    level *= np.exp(-1j * headings)[:, None]
+    poses = aligned.poses.copy()
+    poses[..., 0], poses[..., 2] = level.real, -level.imag
+    poses[..., 1] /= np.exp(log_sizes)[:, None]
+    return NormalisedDemonstrations(
+        aligned=replace(aligned, poses=poses), log_sizes=log_sizes, headings=headings
+    )
