@@ -17,14 +17,15 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.studies.jobs import run_job
 from gplfd_experiments.studies.learning_tests.folds import aligned_to
 from gplfd_experiments.studies.learning_tests.methods import learn
-from gplfd_experiments.studies.learning_tests.online import (
+from gplfd_experiments.studies.learning_tests.scores import recorded_metrics, without
+from gplfd_experiments.studies.learning_tests.via_points import (
+    GRID,
     Forecast,
+    forecasts,
     online_forecasts,
     path_distance,
     watch,
 )
-from gplfd_experiments.studies.learning_tests.scores import recorded_metrics, without
-from gplfd_experiments.studies.learning_tests.via_points import GRID, forecasts
 from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.result_format import (
     FORECAST_METRICS,
@@ -146,7 +147,7 @@ def test_a_path_is_judged_ahead_and_without_its_timing():
         mean = late + np.array([0.0, aside, 0.0, 0.0, 0.0, 0.0])
         moments = (GRID, mean, np.ones_like(mean))
         path = GaussianTrajectory.from_moments(*moments, covariance_function=np.empty)
-        return path_distance(Forecast(phase, path), truth)
+        return path_distance(Forecast(phase, path, 0.0 * GRID), truth)
 
     assert distance(0.5) < 1e-4
     assert distance(0.5, aside=0.004) == pytest.approx(0.004, rel=1e-3)

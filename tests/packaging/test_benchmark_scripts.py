@@ -180,7 +180,9 @@ def test_deviation_along_and_across_a_path_is_that_of_its_covariance():
     # The motion is in the plane of x and z, and so are both directions.
     np.testing.assert_allclose(along[:, [0, 2]], rate[:, [0, 2]], atol=1e-12)
     np.testing.assert_allclose(np.abs(np.sum(across * mean[:, :3], axis=1)), 1.0)
+    covariance = np.array([[9.0, 0.0, 5.0], [0.0, 49.0, 0.0], [5.0, 0.0, 16.0]])
+    forecast = forecasts.Forecast(0.0, path, np.full(9, 5.0))
     for axes in (along, across):
-        expected = [d @ np.diag([9.0, 49.0, 16.0]) @ d for d in axes]
-        found = forecasts.std_along(path, axes)
+        expected = [d @ covariance @ d for d in axes]
+        found = forecasts.std_along(forecast, axes)
         np.testing.assert_allclose(found**2, expected, rtol=1e-12)

@@ -23,10 +23,9 @@ from gplfd_experiments.analysis.report.plots import LeftOut, coverage, predictio
 from gplfd_experiments.analysis.report.sentences import value_sentence
 from gplfd_experiments.analysis.results.grouping import by_condition, by_policy, numbers
 from gplfd_experiments.analysis.results.measures import (
-    FORECAST_MEASURES,
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
-    ONLINE_MEASURES,
+    RECORDED_MEASURES,
     Measure,
     median,
 )
@@ -50,23 +49,22 @@ _LEFT_OUT: Final = {
     "demonstration": "One demonstration left out",
     "radius": "The middle radius left out",
 }
-_MEASURES: Final[Mapping[str, Measure]] = {
-    **LEARNING_MEASURES,
-    **FORECAST_MEASURES,
-    **ONLINE_MEASURES,
-}
-_FORECASTS: Final = tuple(
-    f"{when}_25_{what}"
-    for when in ("forecast", "online")
-    for what in ("nlpd", "position_m")
+_MEASURES: Final[Mapping[str, Measure]] = {**LEARNING_MEASURES, **RECORDED_MEASURES}
+_FORECASTS: Final = (
+    *("forecast_25_nlpd", "forecast_25_position_m"),
+    *("online_25_nlpd", "online_25_position_m"),
 )
 """Forecasts that get a sentence."""
 _TABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "A recording that was not seen": tuple(
         name for name in LEARNING_MEASURES if name != "via_far_change"
     ),
-    "Its rest, once a part has been seen": tuple(FORECAST_MEASURES),
-    "The same online": tuple(ONLINE_MEASURES),
+    "Its rest, once a part has been seen": tuple(
+        name for name in RECORDED_MEASURES if name.startswith("forecast")
+    ),
+    "The same online": tuple(
+        name for name in RECORDED_MEASURES if name.startswith("online")
+    ),
 }
 """Columns of the tables of recordings by their title."""
 

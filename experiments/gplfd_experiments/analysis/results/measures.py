@@ -130,36 +130,29 @@ LEARNING_MEASURES: Final = _by_metric(
     Measure("cpu_adapt_s", "adapt [ms]", convert=_thousandfold),
 )
 
-
-def _of_the_rest(name: str, title: str, phrase: str) -> tuple[Measure, ...]:
-    return (
-        _millimetres(f"{name}_position_m", f"{title} [mm]", f"error of {phrase}"),
-        Measure(f"{name}_rotation_rad", f"{title} [°]", convert=math.degrees),
-        Measure(f"{name}_nlpd", f"NLPD {title}", f"likelihood of {phrase}"),
-        Measure(f"{name}_coverage_95", f"inside 95 % {title}"),
-    )
-
-
-FORECAST_MEASURES: Final = _by_metric(
+RECORDED_MEASURES: Final = _by_metric(
     *(
         measure
-        for n in (10, 25, 50)
-        for measure in _of_the_rest(
-            f"forecast_{n}", f"after {n} %", f"the rest after {n} %"
-        )
-    )
-)
-ONLINE_MEASURES: Final = _by_metric(
-    *(
-        measure
-        for n in (10, 25, 50)
-        for measure in (
-            *_of_the_rest(
-                f"online_{n}", f"online {n} %", f"the rest after {n} %, online"
+        for name, after, rest in (
+            *((f"forecast_{n}", f"after {n} %", f"after {n} %") for n in (10, 25, 50)),
+            *(
+                (f"online_{n}", f"online {n} %", f"after {n} %, online")
+                for n in (10, 25, 50)
             ),
-            _millimetres(f"online_{n}_path_m", f"path, online {n} % [mm]"),
         )
-    )
+        for measure in (
+            _millimetres(
+                f"{name}_position_m", f"{after} [mm]", f"error of the rest {rest}"
+            ),
+            Measure(f"{name}_rotation_rad", f"{after} [°]", convert=math.degrees),
+            Measure(f"{name}_nlpd", f"NLPD {after}", f"likelihood of the rest {rest}"),
+            Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
+        )
+    ),
+    *(
+        _millimetres(f"online_{n}_path_m", f"path, online {n} % [mm]")
+        for n in (10, 25, 50)
+    ),
 )
 
 HEADLINES: Final = tuple(one for one in EPISODE_MEASURES.values() if one.phrase)

@@ -70,9 +70,12 @@ from gplfd_experiments.studies.learning_tests.folds import (
     folds,
 )
 from gplfd_experiments.studies.learning_tests.methods import cpu_seconds, learn
-from gplfd_experiments.studies.learning_tests.online import online_forecasts
 from gplfd_experiments.studies.learning_tests.tumbling import tumbling
-from gplfd_experiments.studies.learning_tests.via_points import adaptation, forecasts
+from gplfd_experiments.studies.learning_tests.via_points import (
+    adaptation,
+    forecasts,
+    online_forecasts,
+)
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.movement import Movement
