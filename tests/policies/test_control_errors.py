@@ -17,7 +17,7 @@ from gplfd_policies.control.stiffness import (
     PAPER_PROFILE,
     VirtualDynamics,
 )
-from gplfd_policies.phase.heading import HeadingConfig
+from gplfd_policies.demonstrations.similarity import SimilarityConfig
 from gplfd_policies.phase.path_phase import PathPhaseConfig
 from gplfd_policies.phase.phase_rule import PhaseNoise
 
@@ -45,9 +45,9 @@ NUMBERS = [
     (PhaseNoise, "position", -1e-3),
     (PhaseNoise, "rotation", NAN),
     (PhaseNoise, "heading", -0.1),
-    (HeadingConfig, "size_std", -0.1),
-    (HeadingConfig, "spacing", 0.0),
-    (HeadingConfig, "least_std", -0.1),
+    (SimilarityConfig, "size_std", -0.1),
+    (SimilarityConfig, "spacing", 0.0),
+    (SimilarityConfig, "scale_weight", 0.0),
     (PathPhaseConfig, "least_std", 0.0),
     (PathPhaseConfig, "largest_std", INF),
     (PathPhaseConfig, "lost_misfit", -1.0),

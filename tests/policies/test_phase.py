@@ -1,13 +1,16 @@
 """The phase of an observation is told by the path, not by the clock or the radius."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import GaussianTrajectory
+from gplfd_policies.demonstrations.normalised import normalised
+from gplfd_policies.demonstrations.similarity import SimilarityModel
 from gplfd_policies.movements.movement import EmpiricalDistribution
-from gplfd_policies.phase.heading import Heading, HeadingConfig, directions
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
 
@@ -140,33 +143,38 @@ def test_misfit_makes_the_phase_unsure(skill):
 
 
 def nearest_by_hand(skill, pose, previous):
-    """The search as its definition reads, one row, one point after the other."""
-    grid = np.linspace(0.0, 1.0, 201)
-    demonstrated, noise = skill.predict(grid), PhaseNoise()
-    positions = np.stack(
-        [
-            [np.interp(grid, skill.aligned.times, axis) for axis in curve.T[:3]]
-            for curve in skill.aligned.poses
-        ]
-    )
-    length = np.linalg.norm(positions, axis=1)
-    unit = positions / np.maximum(length, 1e-3)[:, None]
-    mean = unit.mean(axis=0)
-    variance = ((unit - mean) ** 2).sum(axis=1).mean(axis=0) / 2.0
-    variance += (1e-3 / np.maximum(length.min(axis=0), 1e-3)) ** 2
+    """The search as its definition reads, one row, one size, one point at a time."""
+    grid, config = np.linspace(0.0, 1.0, 201), TRUSTING
+    demonstrated, noise = skill.predict(grid), config.noise
+    poses = normalised(skill.aligned).aligned.poses
+    curves = [[np.interp(grid, skill.aligned.times, c) for c in one.T] for one in poses]
+    positions = np.array(curves)[:, :3]
+    mean = positions.mean(axis=0)
+    length = np.linalg.norm(mean, axis=0)
+    unit = mean / np.maximum(length, 1e-3)
+    variance = (positions[:, 1].std(axis=0) / np.maximum(length, 1e-3)) ** 2
+    variance += (1e-3 / np.maximum(length, 1e-3)) ** 2
+    x, z = pose[[0, 2]]
     reach = np.linalg.norm(pose[:3]) + 1e-9
+    similarity = SimilarityModel.of(
+        skill.aligned, replace(config.similarity, heading_std=0.0)
+    ).unseen()
+    likely = similarity.updated(np.hypot(x, z), np.arctan2(-z, x)).likely
 
     def cost(index):
         there, std = demonstrated.mean[index], demonstrated.std[index]
-        radial = np.abs(mean[:, index]) @ std[:3]
-        far = (np.linalg.norm(there[:3]) - reach) ** 2
-        turned = (there[3:] - pose[3:]) ** 2 / (std[3:] ** 2 + noise.rotation**2)
-        aside = np.sum((mean[:, index] - pose[:3] / reach) ** 2)
-        return (
-            far / (radial**2 + noise.position**2)
-            + turned.sum()
-            + aside / (variance[index] + (noise.position / reach) ** 2)
-        )
+        turned_by = (there[3:] - pose[3:]) ** 2 / (std[3:] ** 2 + noise.rotation**2)
+        share = np.hypot(config.distance_share, 0.6 * np.diff(likely.log_sizes)[0])
+        spread = noise.position**2 + (share * length[index]) ** 2
+        total = 0.0
+        for number, weight in enumerate(likely.weights):
+            far = reach - np.exp(likely.log_sizes[number]) * length[index]
+            back = turned(pose[None], -likely.angle[number])[0, :3] / reach
+            aside = np.sum((unit[:, index] - back) ** 2)
+            blur = (noise.position / reach) ** 2 + likely.angle_variance[number]
+            squares = far**2 / spread + aside / (variance[index] + blur)
+            total += weight * np.exp(-0.5 * squares)
+        return turned_by.sum() - 2.0 * np.log(max(total, 1e-300))
 
     first = max(0, int(np.floor((previous - 0.02) * 200)) - 1)
     last = min(200, int(np.ceil((previous + 0.05) * 200)) + 1)
@@ -184,6 +192,7 @@ def test_search_is_the_one_that_is_defined(skill, previous):
     estimator = PathPhase(skill, skill.aligned, TRUSTING)
     rng = np.random.default_rng(0)
     for _ in range(20):
+        estimator.reset()
         there = np.clip(previous + rng.uniform(-0.06, 0.06), 0.0, 1.0)
         angle = skill.predict(there[None]).mean[0, 4]
         pose = handle_pose_on_arc(0.45, angle) + 1e-3 * rng.normal(size=6)
@@ -225,79 +234,3 @@ def test_phase_does_not_depend_on_the_heading(skill, radius, yaw):
     assert error.max() < 0.06
     assert error.max() < 0.5 * np.abs(misled - straight)[opened].max()
     assert (np.abs(askew - true_phase(skill, angles)) < 3.0 * std)[opened].all()
-
-
-def heading_of(skill, prior_std=PRIOR, **config):
-    return Heading(
-        skill.aligned,
-        np.linspace(0.0, 1.0, 201),
-        prior_std=prior_std,
-        position_std=2e-3,
-        config=HeadingConfig(**config),
-    )
-
-
-def see_arc(heading, radius, yaw):
-    """Standard deviations of a heading along a door's arc that is seen turned."""
-    stds = [np.sqrt(heading.variance)]
-    for x, _, z in turned(arc(radius, np.linspace(0.0, FINAL_ANGLE, 300)), yaw)[:, :3]:
-        heading.update(np.hypot(x, z), np.arctan2(-z, x))
-        stds.append(np.sqrt(heading.variance))
-    return stds
-
-
-@pytest.mark.parametrize(("radius", "degrees"), [(0.35, 4), (0.42, -5), (0.6, -3)])
-def test_heading_is_found_from_the_path(skill, radius, degrees):
-    """The mean is right to three of its standard deviations, which shrink."""
-    heading = heading_of(skill)
-    stds = see_arc(heading, radius, np.radians(degrees))
-    assert abs(np.degrees(heading.yaw) - degrees) < 3.0 * np.degrees(stds[-1])
-    assert np.degrees(heading.yaw) == pytest.approx(degrees, abs=1.5)
-    assert max(stds) == stds[0] == np.radians(3.0)
-    assert stds[-1] < 0.4 * stds[0]
-    heading.reset()
-    assert (heading.yaw, heading.variance) == (0.0, stds[0] ** 2)
-
-
-@pytest.mark.parametrize(
-    ("config", "ratio"),
-    [({"size_std": 1.0}, 0.69), ({"spacing": 0.3}, 2.2), ({"least_std": 0.02}, 1.6)],
-)
-def test_how_sure_a_heading_is_depends_on_its_settings(skill, config, ratio):
-    usual = see_arc(heading_of(skill), 0.5, 0.05)[-1]
-    found = see_arc(heading_of(skill, **config), 0.5, 0.05)[-1]
-    assert found == pytest.approx(ratio * usual, rel=0.1)
-
-
-def test_trusted_heading_is_never_doubted(skill):
-    heading = heading_of(skill, prior_std=0.0)
-    for distance in np.linspace(0.0, 0.6, 60):
-        heading.update(distance, 0.3)
-        assert (heading.yaw, heading.variance) == (0.0, 0.0)
-
-
-def test_heading_is_the_posterior_of_its_model(skill):
-    """Eq. by quadrature over yaw and size, with the direction as a function of both."""
-    phases, prior, n = np.linspace(0.0, 1.0, 201), np.radians(3.0), 2e-3
-    heading = heading_of(skill, prior)
-    mean, spread = directions(skill.aligned, phases)
-    level = np.hypot(skill.aligned.poses[..., 0], skill.aligned.poses[..., 2])
-    curve = np.interp(phases, skill.aligned.times, level.mean(axis=0))
-    first = np.unique(np.maximum.accumulate(curve), return_index=True)[1]
-    known = np.arctan2(-mean[first, 2], mean[first, 0])
-    gamma = np.hypot(np.log(level.max(axis=1)).std(ddof=1), 0.25)
-    yaws = np.radians(np.linspace(-15.0, 15.0, 601))[:, None]
-    steps = np.linspace(-2.5, 2.5, 401)
-    surprise = yaws**2 / prior**2 + steps**2
-    for distance, angle in [(0.05, 0.1), (0.1, 0.16), (0.2, 0.3), (0.3, 0.36)]:
-        heading.update(distance, angle)
-        there = np.interp(distance * np.exp(-gamma * steps), curve[first], known)
-        variance = 2.0 * n**2 / distance**2
-        variance += np.interp(distance, curve[first], spread[first])
-        surprise = surprise + (angle - there - yaws) ** 2 / variance
-    weights = np.exp(-0.5 * (surprise - surprise.min()))
-    weights /= weights.sum()
-    expected = (weights * yaws).sum()
-    assert heading.yaw == pytest.approx(expected, abs=np.radians(0.05))
-    posterior = (weights * (yaws - expected) ** 2).sum() + np.radians(0.5) ** 2
-    assert heading.variance == pytest.approx(posterior, rel=0.05)

@@ -1,4 +1,4 @@
-"""Adaptation of size, heading and deviation: the demonstrated path, enlarged and turned.
+"""Adaptation of the size, heading and deviation of the demonstrated path.
 
 This form is ours. A repetition of the task is the demonstrated path m of mean size,
 enlarged by c, turned by ψ, and deviating smoothly,
@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
+from gplfd_policies.arrays.shapes import Outputs, Times
 from gplfd_policies.demonstrations.similarity import SimilarityModel, advance
 from gplfd_policies.demonstrations.turned_handle import seen_at, turned_handle
 from gplfd_policies.movements.skill import Skill
@@ -37,6 +37,8 @@ _LEAST_STD: Final = np.array([1e-3, 1e-2, 1e-2, 1e-2])
 """Least deviation of these [m, rad]."""
 _CONSTANT: Final = 0.5
 """g: share of their variance that is one number for a whole repetition."""
+_STRONGEST: Final = 1e-4
+"""Least noise of a via-point, as a share of the deviation."""
 _ALONG: Final = 3e-3
 """Deviation along the path that phases leave [m]."""
 
@@ -75,22 +77,23 @@ class SimilarAdaptation:
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place."""
         phase, pose = float(via_point.phase), via_point.pose
-        if via_point.similarity is None:
+        noise = via_point.noise_variance
+        if via_point.similarity is not None:
+            self.similarity = via_point.similarity
+        elif np.isfinite(noise[_LEVEL]).all():
             x, _, z = pose[:3]
             if self._handle is not None:
                 x, _, z = self._handle.place(pose.tolist())
             self.similarity = self.similarity.updated(
                 math.hypot(x, z), math.atan2(-z, x)
             )
-        else:
-            self.similarity = via_point.similarity
 
         # Height and rotation: a scalar Kalman filter each.
         expected, spread = (
             np.array([np.interp(phase, self._grid, curve) for curve in curves.T])
             for curves in (self._expected, self._spread)
         )
-        noise = via_point.noise_variance[_OTHERS]
+        noise = np.maximum(noise[_OTHERS], (_STRONGEST * spread) ** 2)
         step = np.full(4, max(phase - self._phase, 0.0))
         self._phase = max(phase, self._phase)
         state, covariance = advance(self._state, self._covariance, step, self._rate)
@@ -105,8 +108,10 @@ class SimilarAdaptation:
 
     @property
     def mean(self) -> Outputs:
-        """Current mean on the grid [m, rad]."""
-        return self._mean
+        """Current mean on the grid [m, rad], a read-only view."""
+        view: np.ndarray = self._mean.view()
+        view.setflags(write=False)
+        return view
 
     @property
     def std(self) -> Outputs:
@@ -124,7 +129,8 @@ class SimilarAdaptation:
     def _forecast(self) -> None:
         """Compute the moments on the grid."""
         self._mean, variance = np.empty((2, self._grid.size, 6))
-        weights, paths, angles = self.similarity.forecast(self._grid)
+        weights = self.similarity.likely.weights
+        paths, angles = self.similarity.forecast(self._grid)
         path = paths @ weights
         self._mean[:, 0], self._mean[:, 2] = path.real, -path.imag
         self._mean[:, _LEVEL] += self._apart

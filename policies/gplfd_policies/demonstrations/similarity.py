@@ -9,25 +9,26 @@ heading error turns all of it, size says how fast it bends, and progress goes al
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
 from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.records import Settings
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.normalised import normalised
 
-_STEPS: Final = np.linspace(-2.5, 2.5, 61)
+_STEPS: Final = np.linspace(-2.5, 2.5, 31)
 """Sizes that are compared, in prior standard deviations of the logarithm of size."""
 _SMOOTHING: Final = 20
 """Samples on either side over which the demonstrations' variance is averaged."""
-_MOST: Final = 15
-"""Sizes that a forecast mixes, at most."""
-_LIKELY: Final = 1e-4
-"""Share of the probability below which a size is left out of a forecast."""
+_LIKELY: Final = 15
+"""Number of likely sizes."""
+_REACH: Final = 3.0
+"""How far they reach on either side, in standard deviations."""
 _NEAR: Final = 1e-3
 """Least distance from the start by which deviations are divided [m]."""
 _NEAREST: Final = 1e-6
@@ -51,14 +52,14 @@ class SimilarityConfig(Settings):
     the door. 0 trusts the heading."""
     position_std: float = quantity(3e-3, above=0.0, unit="m")
     """Error of a position across the path that the next does not share [m]."""
-    scale_weight: float = quantity(8.0, above=0.0)
+    scale_weight: float = quantity(40.0, above=0.0)
     """ν: number of positions that the stated errors are worth; more positions decide
     themselves how large these are. Tuned."""
     spacing: float = quantity(0.004, above=0.0, unit="m")
     """Distance between two positions that are used [m]."""
     least_wobble: float = quantity(1e-3, above=0.0, unit="m")
     """Least smooth deviation across the path of demonstrations of equal size [m]."""
-    wobble_scale: float = quantity(0.3, above=0.0)
+    wobble_scale: float = quantity(0.5, above=0.0)
     """Length-scale of this deviation, in phase."""
 
 
@@ -74,18 +75,17 @@ class SimilarityModel:
     """How size and heading are estimated."""
     phases: Phases
     """Where the mean path is known."""
-    path: Float[np.ndarray, " M"]
+    path: Complex[np.ndarray, " M"]
     """Mean path of the demonstrations, of one size and heading, complex [m]."""
     wobble: Phases
     """σ: standard deviation across it of demonstrations of equal size [m]."""
     log_sizes: Sizes
     """Logarithms of the sizes that are compared."""
-    heading_std: float
-    """τ: what the heading errs by before the path is seen [rad]."""
-    _distances: Phases = field(repr=False)
-    _first_phases: Phases = field(repr=False)
-    _angles: Phases = field(repr=False)
-    _first_wobble: Phases = field(repr=False)
+    least_scale: float
+    """Share of the stated variances that is the mean path's own error."""
+    outward: Float[np.ndarray, "4 F"]
+    """Where the mean path first comes so far from its start: distance [m], phase,
+    direction about the vertical [rad] and `wobble` [m]."""
 
     @classmethod
     def of(
@@ -93,7 +93,7 @@ class SimilarityModel:
         aligned: AlignedDemonstrations,
         config: SimilarityConfig = SimilarityConfig(),
     ) -> SimilarityModel:
-        """Return the model of demonstrations, of whose handle's axis where one turns."""
+        """Return the model of demonstrations; of a handle that turns, of its axis."""
         similar = normalised(aligned)
         poses, count = similar.aligned.poses, len(aligned.poses)
         level = poses[..., 0] - 1j * poses[..., 2]
@@ -117,24 +117,27 @@ class SimilarityModel:
         moved = furthest > _NEAREST
         first = first[moved]
         angles = np.unwrap(np.angle(path[first]))
+        direction = float(angles[0]) if angles.size else 0.0
         return cls(
             config=config,
             phases=aligned.times,
             path=path,
             wobble=wobble,
             log_sizes=math.sqrt(variance) * _STEPS,
-            heading_std=config.heading_std,
-            _distances=np.append(0.0, furthest[moved]),
-            _first_phases=np.append(aligned.times[0], aligned.times[first]),
-            _angles=np.append(angles[:1], angles) if angles.size else np.zeros(1),
-            _first_wobble=np.append(config.least_wobble, wobble[first]),
+            least_scale=1.0 / (count + 1),
+            outward=np.hstack(
+                [
+                    [[0.0], [aligned.times[0]], [direction], [config.least_wobble]],
+                    [furthest[moved], aligned.times[first], angles, wobble[first]],
+                ]
+            ),
         )
 
     def unseen(self) -> PathSimilarity:
         """Return what is known before any of the path is seen."""
-        rate = self.rate
+        variances = [self.config.heading_std**2, 1.0, self.rate**2]
         covariance = np.zeros((3, 3, _STEPS.size))
-        covariance += np.diag([self.heading_std**2, 1.0, rate**2])[:, :, None]
+        covariance += np.diag(variances)[:, :, None]
         return PathSimilarity(
             model=self,
             log_variance=np.zeros(_STEPS.size),
@@ -142,15 +145,15 @@ class SimilarityModel:
             count=0,
             mean=np.zeros((3, _STEPS.size)),
             covariance=covariance,
-            phase=np.full(_STEPS.size, self._first_phases[0]),
+            phase=np.full(_STEPS.size, self.outward[1, 0]),
             due=self.config.spacing,
             angle=np.zeros(_STEPS.size),
-            angle_variance=np.full(_STEPS.size, self.heading_std**2),
+            angle_variance=np.full(_STEPS.size, self.config.heading_std**2),
         )
 
     def at(
         self, phases: Phases
-    ) -> tuple[Float[np.ndarray, " M"], Float[np.ndarray, " M"]]:
+    ) -> tuple[Complex[np.ndarray, " M"], Float[np.ndarray, " M"]]:
         """Return the mean path at phases, and σ over the distance from its start."""
         path: np.ndarray = np.interp(phases, self.phases, self.path)
         wobble = np.interp(phases, self.phases, self.wobble)
@@ -162,7 +165,7 @@ class SimilarityModel:
         return math.sqrt(3.0) / self.config.wobble_scale
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class PathSimilarity:
     """What the path so far says about its size and heading, for a grid of sizes.
 
@@ -214,15 +217,15 @@ class PathSimilarity:
         model, config = self.model, self.model.config
         sizes = np.exp(model.log_sizes)
         shrunk = distance / sizes
-        phase = np.interp(shrunk, model._distances, model._first_phases)
-        expected = np.interp(shrunk, model._distances, model._angles)
+        distances, *curves = model.outward
+        phase, expected, wobble = (np.interp(shrunk, distances, c) for c in curves)
         error = np.remainder(angle - expected + math.pi, 2.0 * math.pi) - math.pi
         phase = np.maximum(phase, self.phase)
         mean, covariance = advance(
             self.mean, self.covariance, phase - self.phase, model.rate
         )
         # r = H (ψ, f, df/ds) + e.
-        wobble = sizes * np.interp(shrunk, model._distances, model._first_wobble)
+        wobble = sizes * wobble
         gain = distance * covariance[0] + wobble * covariance[1]
         explained = distance * gain[0] + wobble * gain[1]
         variance = explained + config.position_std**2
@@ -245,74 +248,140 @@ class PathSimilarity:
 
     @property
     def scale(self) -> Sizes:
-        """(ν + δ²)/(ν + n): factor on the covariances from the innovations so far."""
-        free = self.model.config.scale_weight
-        return (free + self.surprise) / (free + self.count)
+        """(ν + δ²)/(ν + n): factor on the covariances from the innovations so far.
 
-    @property
-    def weights(self) -> Sizes:
-        """p(c | path) of every size: Student-t, as the scale is learned."""
+        It is not less than the share of the demonstrations' mean in the deviations.
+        """
         free = self.model.config.scale_weight
-        surprise = (free + self.count) * np.log1p(self.surprise / free)
-        exponent = -0.5 * (_STEPS**2 + self.log_variance + surprise)
-        likely = np.exp(exponent - exponent.max())
-        weights: Sizes = likely / likely.sum()
-        return weights
+        scale = (free + self.surprise) / (free + self.count)
+        return np.maximum(scale, self.model.least_scale)
+
+    @cached_property
+    def likely(self) -> LikelySizes:
+        """The sizes that the path leaves likely, finer than those that are compared."""
+        config, grid = self.model.config, self.model.log_sizes
+        # p(c, path): Student-t, as the scale is learned.
+        surprise = (config.scale_weight + self.count) * np.log(self.scale)
+        log_weights = -0.5 * (_STEPS**2 + self.log_variance + surprise)
+        weights = np.exp(log_weights - log_weights.max())
+        weights /= weights.sum()
+        centre = float((weights * grid).sum())
+        variance = float((weights * (grid - centre) ** 2).sum())
+        spacing = float(grid[1] - grid[0])
+        reach = _REACH * max(math.sqrt(variance), 0.5 * spacing)
+        sizes = np.linspace(
+            max(centre - reach, float(grid[0])),
+            min(centre + reach, float(grid[-1])),
+            _LIKELY,
+        )
+        # All is smooth in log c: between the sizes, the cubic through four of them.
+        position = (sizes - grid[0]) / max(spacing, _NEAREST)
+        left = np.clip(position.astype(np.int64) - 1, 0, grid.size - 4)
+        u = position - left
+        cubic = np.array(
+            [
+                -(u - 1.0) * (u - 2.0) * (u - 3.0) / 6.0,
+                u * (u - 2.0) * (u - 3.0) / 2.0,
+                -u * (u - 1.0) * (u - 3.0) / 2.0,
+                u * (u - 1.0) * (u - 2.0) / 6.0,
+            ]
+        )
+        curves = np.vstack(
+            [
+                log_weights,
+                self.phase,
+                self.angle,
+                self.scale * self.angle_variance,
+                self.mean,
+                (self.scale * self.covariance).reshape(9, -1),
+            ]
+        )
+        found = np.add.reduce(curves[:, left + np.arange(4)[:, None]] * cubic, axis=1)
+        log_weights = found[0] - found[0].max()
+        weights = np.exp(log_weights)
+        total = weights.sum()
+        return LikelySizes(
+            log_sizes=sizes,
+            weights=weights / total,
+            log_weights=log_weights - math.log(total),
+            phase=found[1],
+            angle=found[2],
+            angle_variance=np.maximum(found[3], 0.0),
+            mean=found[4:7],
+            covariance=found[7:].reshape(3, 3, -1),
+            scale=np.add.reduce(
+                self.scale[left + np.arange(4)[:, None]] * cubic, axis=0
+            ),
+        )
 
     @property
     def log_size(self) -> tuple[float, float]:
         """Mean and standard deviation of log c."""
-        weights, sizes = self.weights, self.model.log_sizes
+        weights, sizes = self.likely.weights, self.likely.log_sizes
         mean = float((weights * sizes).sum())
         return mean, math.sqrt(float((weights * (sizes - mean) ** 2).sum()))
 
+    @property
+    def heading(self) -> tuple[float, float]:
+        """Mean and standard deviation of ψ [rad]."""
+        weights, turns = self.likely.weights, self.likely.mean[0]
+        mean = float((weights * turns).sum())
+        variance = self.likely.covariance[0, 0] + (turns - mean) ** 2
+        return mean, math.sqrt(max(float((weights * variance).sum()), 0.0))
+
     def forecast(
         self, phases: Phases
-    ) -> tuple[
-        Float[np.ndarray, " K"], Float[np.ndarray, "M K"], Float[np.ndarray, "M K"]
-    ]:
-        """Return the paths that are expected, for K of the likely sizes.
+    ) -> tuple[Complex[np.ndarray, "M K"], Float[np.ndarray, "M K"]]:
+        """Return the paths that are expected of the likely sizes.
 
         Args:
             phases: Where along the task, increasing, (M,).
 
         Returns:
-            Their weights, their means as complex numbers x - iz [m], and the variances
-            of the angles by which they may be turned about the start [rad²].
+            Their means as complex numbers x - iz [m], and the variances of the angles
+            by which they may be turned about the start [rad²].
         """
-        model, weights = self.model, self.weights
-        likely = np.flatnonzero(weights > _LIKELY)
-        likely = likely[:: math.ceil(likely.size / _MOST)]
-        weights = weights[likely] / weights[likely].sum()
-        (turn, f, slope), covariance = self.mean[:, likely], self.covariance[..., likely]
+        model, likely = self.model, self.likely
+        (turn, f, slope), covariance = likely.mean, likely.covariance
         path, turning = model.at(phases)
-
+        turning = turning[:, None]
         # f at phases s from (f, df/ds) at the last one: a f + b df/ds, and a remainder.
-        step = phases[:, None] - self.phase[likely]
+        step = phases[:, None] - likely.phase
         decay = np.exp(-model.rate * np.abs(step))
         a, b = decay * (1.0 + model.rate * np.abs(step)), decay * step
-        variance = 1.0 - a * a - (model.rate * b) ** 2
+        variance = likely.scale * (1.0 - a * a - (model.rate * b) ** 2)
         variance += a * a * covariance[1, 1] + b * b * covariance[2, 2]
         variance += 2.0 * a * b * covariance[1, 2]
         both = a * covariance[0, 1] + b * covariance[0, 2]
-        turning = turning[:, None]
         variance = covariance[0, 0] + turning * (2.0 * both + turning * variance)
         angle = turn + turning * (a * f + b * slope)
-        sizes = np.exp(model.log_sizes[likely])
-        means = path[:, None] * sizes * np.exp(1j * angle)
-        return weights, means, self.scale[likely] * np.maximum(variance, 0.0)
+        means = path[:, None] * np.exp(likely.log_sizes + 1j * angle)
+        return means, np.maximum(variance, 0.0)
 
-    @property
-    def table(self) -> Float[np.ndarray, "4 C"]:
-        """Of every size: log p(c | path), c, and `angle` with its variance."""
-        return np.array(
-            [
-                np.log(np.maximum(self.weights, 1e-300)),
-                np.exp(self.model.log_sizes),
-                self.angle,
-                self.scale * self.angle_variance,
-            ]
-        )
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LikelySizes:
+    """The posterior of a path's size, and of the rest given each of K sizes."""
+
+    log_sizes: Float[np.ndarray, " K"]
+    """Logarithms of the sizes, log c."""
+    weights: Float[np.ndarray, " K"]
+    """p(c | path)."""
+    log_weights: Float[np.ndarray, " K"]
+    """Its logarithm."""
+    phase: Float[np.ndarray, " K"]
+    """Phase of the last position."""
+    angle: Float[np.ndarray, " K"]
+    """How far the path is seen turned from the demonstrated one at the same distance,
+    by its heading and its deviation [rad]."""
+    angle_variance: Float[np.ndarray, " K"]
+    """Variance of that [rad²]."""
+    mean: Float[np.ndarray, "3 K"]
+    """Mean of (ψ [rad], f, df/ds)."""
+    covariance: Float[np.ndarray, "3 3 K"]
+    """Its covariance."""
+    scale: Float[np.ndarray, " K"]
+    """Factor on the variance of f that the innovations show."""
 
 
 def advance(

@@ -40,6 +40,9 @@ _SPACING: Final = float(_GRID[1])
 _FAR: Final = 1e100
 """Deviation of the direction, and less than the cost, outside the grid."""
 
+_OVERLAP: Final = 0.6
+"""Standard deviation of the sizes that one size stands for, over their distance."""
+
 _FEATURES: Final = 6
 """Number of features of a pose."""
 
@@ -145,8 +148,6 @@ class PathPhase:
             means[:, 3:] = np.array(leaves) + np.outer(most, handle.axis)
         similar = normalised(aligned)
         direction, variance, distance = _directions(similar.aligned, _GRID)
-        if len(aligned.poses) == 1:
-            distance = np.sqrt((means[:, :3] ** 2).sum(axis=1))
         # Long enough for any window, of which rounding may cut a point more or less.
         self._stretch = np.arange(math.ceil(sum(config.window) / _SPACING) + 5)
         # Features first, so that a search takes the same stretch of every one; and as
@@ -159,7 +160,7 @@ class PathPhase:
                 distance,
                 means[:, 3:].T,
                 direction.T,
-                1.0 / (noise.position**2 + (config.distance_share * distance) ** 2),
+                distance**2,
                 1.0 / (prediction.std[:, 3:].T ** 2 + noise.rotation**2),
                 variance,
             ]
@@ -215,8 +216,8 @@ class PathPhase:
         """
         numbers = np.ravel(self._numbers[rows]).tolist()
 
-        # Features (7, *N): ρ, u, θ, and the sizes (4, *N, C) that the path so far leaves
-        # likely. A few numbers per row: Python's floats cost no more than NumPy's calls.
+        # Features (7, *N): ρ, θ, u, and the sizes (4, *N, C) by what the path so far
+        # says of them. A few numbers per row: Python's floats are as fast as NumPy.
         observed, sizes = [], []
         for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
             x, y, z, *rotation = pose
@@ -235,9 +236,17 @@ class PathPhase:
             self._similarities[number] = similarity
             far = math.sqrt(x * x + y * y + z * z) + 1e-9
             observed.append((far, *rotation, x / far, y / far, z / far))
-            sizes.append(similarity.table)
+            likely = similarity.likely
+            sizes.append(
+                (
+                    likely.log_weights,
+                    np.exp(likely.log_sizes),
+                    likely.angle,
+                    likely.angle_variance,
+                )
+            )
         features = np.array(observed).T.reshape(7, *poses.shape[:-1])
-        similar = np.stack(sizes, axis=1).reshape(4, *poses.shape[:-1], -1)
+        similar = np.array(sizes).swapaxes(0, 1).reshape(4, *poses.shape[:-1], -1)
 
         # Search near the previous phases: grid points first to first + size.
         backward, forward = self._config.window
@@ -252,20 +261,20 @@ class PathPhase:
             near = self._features[:, column : column + edge]
         else:
             near = self._features.take(column[:, None] + self._stretch, axis=1)
-        costs = self._cost(near, features, similar).reshape(-1, edge)
+        costs = [each.reshape(-1, edge) for each in self._cost(near, features, similar)]
 
         # Search the whole task where nothing near fits.
         found = []
-        for index, (number, cost, (first, size)) in enumerate(
-            zip(numbers, costs, windows, strict=True)
+        for index, (number, cost, error, (first, size)) in enumerate(
+            zip(numbers, *costs, windows, strict=True)
         ):
-            best = self._nearest(cost[:size], first)
+            best = self._nearest(cost[:size], error, first)
             if best[2] > self._config.lost_misfit:
                 begin = number * width + edge
                 whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
                 own = features.reshape(7, -1)[:, index]
                 alone = similar.reshape(4, len(numbers), -1)[:, index]
-                anywhere = self._nearest(self._cost(whole, own, alone), -1)
+                anywhere = self._nearest(*self._cost(whole, own, alone), -1)
                 if anywhere[2] < self._config.clearer_share * best[2]:
                     best = anywhere
             found.append(best)
@@ -283,7 +292,7 @@ class PathPhase:
         return self._rates.take(self._numbers[rows] * _GRID.size + nearest, axis=0)
 
     def _nearest(
-        self, cost: Float[np.ndarray, " W"], first: int
+        self, cost: Float[np.ndarray, " W"], error: Float[np.ndarray, " _"], first: int
     ) -> tuple[float, float, float]:
         """Return the phase of least cost, between points of the grid, std and misfit.
 
@@ -294,7 +303,7 @@ class PathPhase:
         largest = self._config.largest_std
         best = int(cost.argmin())
         point = _POINTS[min(max(first + best, 0), _GRID.size - 1)]
-        misfit = math.sqrt(float(cost[best]) / _FEATURES)
+        misfit = math.sqrt(float(error[best]) / _FEATURES)
         if not 0 < best < cost.size - 1:
             return point, largest, misfit
         before, here, after = cost[best - 1 : best + 2].tolist()
@@ -310,33 +319,41 @@ class PathPhase:
         features: Float[np.ndarray, "*F W"],
         observed: Float[np.ndarray, "*E"],
         sizes: Float[np.ndarray, "4 *N C"],
-    ) -> Float[np.ndarray, "*N W"]:
-        """Return -2 log p of observed features (7, *N) along stretches of the grid."""
+    ) -> tuple[Float[np.ndarray, "*N W"], Float[np.ndarray, "*N W"]]:
+        """Return what observed features (7, *N) cost along stretches of the grid.
+
+        That is -2 log Σ_c w_c exp(-d²(c)/2), and the expectation of d² over sizes.
+        """
         each, along = observed[..., None], features[:, ..., None, :]
         log_weight, size, angle, variance = sizes[..., None]
-        turning = np.add.reduce((features[1:4] - each[1:4]) ** 2 * features[8:11], axis=0)
+        turning = np.add.reduce(
+            (features[1:4] - each[1:4]) ** 2 * features[8:11], axis=0
+        )
         # One term per size c: of ρ - c ρ̄, and of u turned back by its angle.
-        radial = (observed[0][..., None, None] - size * along[0]) ** 2 * along[7]
+        # Each size stands for those up to the next: together they leave no gaps.
+        spacing = np.log(size[..., 1:2, :] / size[..., :1, :])
+        share = self._config.distance_share**2 + (_OVERLAP * spacing) ** 2
+        radial = (observed[0][..., None, None] - size * along[0]) ** 2
+        radial /= self._config.noise.position**2 + share * along[7]
         cosine, sine = np.cos(angle), np.sin(angle)
         x, y, z = (part[..., None, None] for part in observed[4:7])
         sideways = (cosine * x - sine * z - along[4]) ** 2
         sideways += (y - along[5]) ** 2
         sideways += (sine * x + cosine * z - along[6]) ** 2
         blur = (self._config.noise.position / observed[0][..., None, None]) ** 2
-        exponent = log_weight - 0.5 * (
-            radial + sideways / (along[11] + (blur + variance))
-        )
+        error = radial + sideways / (along[11] + (blur + variance))
+        exponent = log_weight - 0.5 * error
         highest = exponent.max(axis=-2)
-        total = np.add.reduce(np.exp(exponent - highest[..., None, :]), axis=-2)
+        likely = np.exp(exponent - highest[..., None, :])
+        total = np.add.reduce(likely, axis=-2)
         cost: Float[np.ndarray, "*N W"] = turning - 2.0 * (highest + np.log(total))
-        return cost
+        expected = turning + np.add.reduce(likely * error, axis=-2) / total
+        return cost, expected
 
 
 def _directions(
     aligned: AlignedDemonstrations, phases: Float[np.ndarray, " G"]
-) -> tuple[
-    Float[np.ndarray, "G 3"], Float[np.ndarray, " G"], Float[np.ndarray, " G"]
-]:
+) -> tuple[Float[np.ndarray, "G 3"], Float[np.ndarray, " G"], Float[np.ndarray, " G"]]:
     """Return mean direction, its variance off the plane, and mean distance.
 
     Args:

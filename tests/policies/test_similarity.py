@@ -1,0 +1,162 @@
+"""Size and heading of a path are the posterior of a Gaussian process across it."""
+
+import numpy as np
+import pytest
+import scipy
+from numpy.testing import assert_allclose
+
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_policies import AlignedDemonstrations
+from gplfd_policies.demonstrations.normalised import normalised
+from gplfd_policies.demonstrations.similarity import (
+    SimilarityConfig,
+    SimilarityModel,
+    advance,
+)
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
+TIMES = np.linspace(0.0, 1.0, 200)
+
+
+def arc(radius, angles=1.2 * TIMES):
+    return np.array([handle_pose_on_arc(radius, angle) for angle in angles])
+
+
+def turned(poses, yaw):
+    level = (poses[..., 0] - 1j * poses[..., 2]) * np.exp(1j * yaw)
+    seen = poses.copy()
+    seen[..., 0], seen[..., 2] = level.real, -level.imag
+    return seen
+
+
+@pytest.fixture(scope="module")
+def aligned():
+    rng = np.random.default_rng(0)
+    yaws = zip((0.4, 0.5, 0.6), (-0.05, 0.02, 0.03), strict=True)
+    poses = [turned(arc(radius), yaw) for radius, yaw in yaws]
+    waves = np.sin(np.outer(np.pi * TIMES, [1.0, 2.0]))
+    wobble = 4e-3 * np.stack([waves @ rng.normal(size=(2, 6)) for _ in poses])
+    return AlignedDemonstrations(times=TIMES, poses=np.stack(poses) + wobble)
+
+
+def seen(similarity, radius, yaw=0.0, until=1.0, noise=0.0):
+    rng = np.random.default_rng(1)
+    path = turned(arc(radius), yaw)[until >= TIMES][:, [0, 2]]
+    for x, z in path + noise * rng.normal(size=path.shape):
+        similarity = similarity.updated(np.hypot(x, z), np.arctan2(-z, x))
+    return similarity
+
+
+def test_demonstrations_are_brought_to_one_size_and_heading():
+    sizes, yaws = np.array([0.35, 0.5, 0.62]), np.array([0.02, -0.05, 0.04])
+    poses = np.stack([turned(arc(r), y) for r, y in zip(sizes, yaws, strict=True)])
+    found = normalised(AlignedDemonstrations(times=TIMES, poses=poses))
+    assert_allclose(found.log_sizes, np.log(sizes) - np.log(sizes).mean(), atol=1e-12)
+    assert_allclose(found.headings, yaws - yaws.mean(), atol=1e-12)
+    assert np.ptp(found.aligned.poses[..., :3], axis=0).max() < 1e-12
+
+
+@pytest.mark.parametrize(("radius", "yaw"), [(0.33, 0.06), (0.5, -0.08), (0.64, 0.03)])
+def test_size_and_heading_are_found_and_ever_better_known(aligned, radius, yaw):
+    model = SimilarityModel.of(aligned)
+    stages = [seen(model.unseen(), radius, yaw, until) for until in (0, 0.3, 0.6, 1)]
+    stds = np.array([stage.log_size[1] for stage in stages])
+    assert (np.diff(stds) < 0.0).all()
+    # Relative to the demonstrations' geometric mean.
+    size = np.log(radius) - np.log([0.4, 0.5, 0.6]).mean()
+    assert abs(stages[-1].log_size[0] - size) < min(3.0 * stds[-1], 0.03)
+    found, std = stages[-1].heading
+    assert abs(found - yaw) < 3.0 * std < 0.1
+
+
+def test_trusted_heading_is_never_doubted(aligned):
+    model = SimilarityModel.of(aligned, SimilarityConfig(heading_std=0.0))
+    assert seen(model.unseen(), 0.5, 0.1).heading == (0.0, 0.0)
+
+
+def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
+    """Of every size: evidence and moments by one big matrix instead of a filter."""
+    config = SimilarityConfig(spacing=0.03)
+    model = SimilarityModel.of(aligned, config)
+    distances = np.array([0.06, 0.11, 0.17, 0.22, 0.30])
+    # An arc of 0.55 m, turned by 0.03 and with errors.
+    angles = 0.03 + np.arcsin(distances / 1.1) + [0.01, -0.01, 0.01, 0.0, -0.01]
+    similarity = model.unseen()
+    for distance, angle in zip(distances, angles, strict=True):
+        similarity = similarity.updated(distance, angle)
+    ahead = np.array([0.85, 0.9, 0.95, 1.0])
+    (path, turning), free = model.at(ahead), config.scale_weight
+
+    def matern(first, second):
+        step = model.rate * np.abs(np.subtract.outer(first, second))
+        return (1.0 + step) * np.exp(-step)
+
+    log_weights, means, variances = [], [], []
+    for log_size in model.log_sizes:
+        size = np.exp(log_size)
+        shrunk = distances / size
+        phase, expected, wobble = (
+            np.interp(shrunk, model.outward[0], curve) for curve in model.outward[1:]
+        )
+        wobble = size * wobble
+        across = distances * (angles - expected)
+        covariance = config.heading_std**2 * np.outer(distances, distances)
+        covariance += np.outer(wobble, wobble) * matern(phase, phase)
+        covariance += config.position_std**2 * np.eye(5)
+        surprise = across @ np.linalg.solve(covariance, across)
+        shape = covariance
+        log_weights.append(
+            scipy.stats.multivariate_t(shape=shape, df=free).logpdf(across)
+            - 0.5 * (log_size / model.log_sizes[-1] * 2.5) ** 2
+        )
+        # How far the path is turned ahead: ψ + σ f/|m|, and what a sees of it.
+        between = config.heading_std**2 * np.outer(np.ones(4), distances)
+        between += turning[:, None] * wobble * matern(ahead, phase)
+        prior = config.heading_std**2 + turning**2
+        gain = np.linalg.solve(covariance, between.T).T
+        angle, left = gain @ across, prior - (gain * between).sum(axis=1)
+        means.append(size * path * np.exp(1j * angle))
+        variances.append(left * (free + surprise) / (free + 5))
+    expected = np.exp(np.array(log_weights) - max(log_weights))
+    expected /= expected.sum()
+    size = (expected * model.log_sizes).sum()
+    std = np.sqrt((expected * (model.log_sizes - size) ** 2).sum())
+    assert_allclose(similarity.log_size, (size, std), atol=0.02 * std)
+    # The likely sizes lie between those that are compared.
+    likely = similarity.likely.log_sizes
+    paths, turns = similarity.forecast(ahead)
+    of_path = scipy.interpolate.CubicSpline(model.log_sizes, np.array(means))(likely)
+    of_turn = scipy.interpolate.CubicSpline(model.log_sizes, np.array(variances))
+    assert_allclose(paths, of_path.T, atol=1e-3)
+    assert_allclose(turns, of_turn(likely).T, rtol=0.02)
+
+
+def test_noise_that_is_smaller_than_stated_makes_the_size_better_known(aligned):
+    similarity = SimilarityModel.of(aligned).unseen()
+    rough, clean = (seen(similarity, 0.5, 0.0, 0.5, noise) for noise in (3e-3, 2e-4))
+    assert clean.log_size[1] < 0.8 * rough.log_size[1]
+    assert (clean.likely.scale < 0.9 * rough.likely.scale).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 12])
+def test_demonstrations_dilute_the_prior_of_the_size(count):
+    poses = np.stack([arc(0.5)] * count)
+    aligned = AlignedDemonstrations(times=TIMES, poses=poses)
+    config = SimilarityConfig(size_std=0.3, size_weight=4.0)
+    expected = 4.0 * 0.3**2 * (1.0 + 1.0 / count) / (4.0 + count - 1)
+    found = SimilarityModel.of(aligned, config).log_sizes[-1] / 2.5
+    assert found == pytest.approx(np.sqrt(expected))
+
+
+def test_states_advance_as_their_process():
+    """Two steps are one, and from nothing known nothing is learned."""
+    rate, step = 7.0, np.array([0.1, 0.4])
+    rng = np.random.default_rng(0)
+    mean, root = rng.normal(size=(3, 2)), rng.normal(size=(3, 3, 2))
+    spread = np.einsum("ijc,kjc->ikc", root, root)
+    twice = advance(*advance(mean, spread, 0.3 * step, rate), 0.7 * step, rate)
+    for once, both in zip(advance(mean, spread, step, rate), twice, strict=True):
+        assert_allclose(once, both, atol=1e-12)
+    stationary = np.repeat(np.diag([0.3, 1.0, rate**2])[:, :, None], 2, axis=2)
+    assert_allclose(advance(mean, stationary, step, rate)[1], stationary, atol=1e-12)
