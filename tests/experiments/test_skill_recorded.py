@@ -115,12 +115,13 @@ class Told(ClockPhase):
 
 def test_online_equals_offline_where_the_phase_is_exact():
     """But for via-points at samples, not hundredths: 1.5 mm and 0.1 of the NLPD."""
-    movement, left_out, _ = without(method("gp"), arcs(), 1)
-    offline = forecasts(method("gp"), movement, left_out)
+    gp = method("gp-process")
+    movement, left_out, _ = without(gp, arcs(), 1)
+    offline = forecasts(gp, movement, left_out)
 
     def told(error: float) -> dict[str, float | None]:
         rule = Told(left_out.phases + error)
-        exact = replace(method("gp"), phases=lambda _: rule)
+        exact = replace(gp, phases=lambda _: rule)
         return online_forecasts(exact, movement, left_out, 0.025)
 
     online, wrong = told(0.0), told(0.05)
@@ -132,7 +133,7 @@ def test_online_equals_offline_where_the_phase_is_exact():
             )
             assert wrong[f"online_{share}_{name}"] > known + 2.0 * tolerance
     # Without via-points both are what was learned.
-    fixed = replace(method("gp"), adaptation=None)
+    fixed = replace(gp, adaptation=None)
     online = online_forecasts(fixed, movement, left_out, 0.025)
     for name, value in forecasts(fixed, movement, left_out).items():
         assert online[name.replace("forecast", "online")] == value

@@ -190,17 +190,9 @@ def watch(
 ) -> Mapping[int, Forecast]:
     """Let the method's agent, with its own phase rule and via-points, observe poses.
 
-    The hand feels no force, and the commands are ignored.
-
-    Args:
-        method: Has the rules of the agent.
-        movement: What it learned.
-        poses: Of the hand, in order, (N, 6) [m, rad].
-        counts: After how many poses it is asked, each from 1 to N.
-        period: Time between two poses [s].
-
-    Returns:
-        Forecasts by count; each depends on no later pose.
+    Poses (N, 6) [m, rad] are those of the hand, one every period [s]. It feels no
+    force, and the commands are ignored. Returns what is expected after some counts of
+    poses, from 1 to N, by count; no later pose matters.
     """
     agent = CompliantAgent(
         GriddedMovement(movement, method.adaptation, GRID.size),
