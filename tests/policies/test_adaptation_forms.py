@@ -25,8 +25,8 @@ pytestmark = pytest.mark.usefixtures("unchecked_types")
 TIMES = np.linspace(0.0, 1.0, 50)
 FORMS = sorted(ADAPTATIONS)
 GRID_FREE = ["exact", "process"]
-BY_PHASE = [form for form in FORMS if form != "similar"]
-"""Forms that take a via-point at its phase; "similar" takes it as the next position."""
+BY_PHASE = [form for form in FORMS if form != "similarity"]
+"""Forms that take a via-point at its phase, and not as the next one of a path."""
 INDEPENDENT = ["exact", "process", "product"]
 """Forms in which an output says nothing about another one, nor late about early."""
 

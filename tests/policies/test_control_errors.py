@@ -17,7 +17,7 @@ from gplfd_policies.control.stiffness import (
     PAPER_PROFILE,
     VirtualDynamics,
 )
-from gplfd_policies.demonstrations.similarity import SimilarityConfig
+from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
 from gplfd_policies.phase.path_phase import PathPhaseConfig
 from gplfd_policies.phase.phase_rule import PhaseNoise
 

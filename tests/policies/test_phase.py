@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import GaussianTrajectory
 from gplfd_policies.demonstrations.normalised import normalised
-from gplfd_policies.demonstrations.similarity import SimilarityModel
+from gplfd_policies.demonstrations.path_similarity import SimilarityModel
 from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
@@ -164,7 +164,7 @@ def nearest_by_hand(skill, pose, previous):
     def cost(index):
         there, std = demonstrated.mean[index], demonstrated.std[index]
         turned_by = (there[3:] - pose[3:]) ** 2 / (std[3:] ** 2 + noise.rotation**2)
-        share = np.hypot(config.distance_share, 0.6 * np.diff(likely.log_sizes)[0])
+        share = np.hypot(config.distance_share, likely.size_std)
         spread = noise.position**2 + (share * length[index]) ** 2
         total = 0.0
         for number, weight in enumerate(likely.weights):

@@ -23,7 +23,7 @@ from gplfd_policies.adaptation.process import (
     ProcessAdaptation,
 )
 from gplfd_policies.adaptation.product import ProductAdaptation
-from gplfd_policies.adaptation.similar import SimilarAdaptation
+from gplfd_policies.adaptation.similarity import SimilarityAdaptation
 from gplfd_policies.movements.movement import Adaptation, AdaptationForm
 
 __all__ = [
@@ -38,7 +38,7 @@ __all__ = [
     "OwnClockAdaptation",
     "ProcessAdaptation",
     "ProductAdaptation",
-    "SimilarAdaptation",
+    "SimilarityAdaptation",
     "adapt",
     "begin_adaptation",
 ]

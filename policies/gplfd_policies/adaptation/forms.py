@@ -8,7 +8,7 @@ from typing import Final
 from gplfd_policies.adaptation.own_clock import OwnClockAdaptation
 from gplfd_policies.adaptation.process import ExactAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
-from gplfd_policies.adaptation.similar import SimilarAdaptation
+from gplfd_policies.adaptation.similarity import SimilarityAdaptation
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Outputs, Times
 from gplfd_policies.movements.movement import (
@@ -28,7 +28,7 @@ ADAPTATIONS: Final[Mapping[str, AdaptationForm]] = MappingProxyType(
         "process": ProcessAdaptation,
         "product": ProductAdaptation,
         "exact": ExactAdaptation,
-        "similar": SimilarAdaptation,
+        "similarity": SimilarityAdaptation,
     }
 )
 """Forms of a skill's adaptation by name."""
@@ -92,7 +92,7 @@ def adapt(
             if form is None:
                 form = "process" if learned.aligned.clocks is None else "own-clock"
                 if learned.count == 1:
-                    form = "similar"
+                    form = "similarity"
             if form not in ADAPTATIONS:
                 raise ValueError(
                     f"Unknown adaptation form {form!r}; choose from "
@@ -130,7 +130,8 @@ def begin_adaptation(
     """
     if form is None:
         return NoAdaptation(movement, grid)
-    if isinstance(movement, ResidualMovement):
+    # The size of a path is that of the whole motion, its prior mean included.
+    if isinstance(movement, ResidualMovement) and form is not SimilarityAdaptation:
         return ResidualAdaptation(form, movement, grid)
     return form(movement, grid)
 

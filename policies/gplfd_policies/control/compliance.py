@@ -147,7 +147,7 @@ class ComplianceController:
             rate = self._phases.rate(observed_phase, rows)
             along = rate * np.asarray(seen.std)[..., None]
             # Indexed by `due`, the arrays of one hand have a leading axis, too.
-            similar = seen.similarities or [None] * np.size(due)
+            similar = seen.similarities or (None,) * np.size(due)
             for number, phase, pose, error, index in zip(
                 movements.numbers[rows][due].tolist(),
                 np.asarray(observed_phase)[due].tolist(),

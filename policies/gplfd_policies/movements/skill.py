@@ -185,7 +185,7 @@ class Skill(LearnedMovement):
     def _unknown_size(self, moments: OutputMoments) -> Outputs:
         """γ (m(t) - m(0)): what its size leaves unknown of a single demonstration."""
         start = self.processes.moments(self.aligned.times[:1]).mean
-        return SIZE_STD * (moments.mean - start)
+        return np.asarray(SIZE_STD * (moments.mean - start))
 
     @one_thread
     def save(self, path: str | Path) -> None:

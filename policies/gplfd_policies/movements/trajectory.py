@@ -17,7 +17,7 @@ from gplfd_policies.arrays.records import freeze, read_only, short_repr
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose, Times
 from gplfd_policies.arrays.storage import complete_or_absent
-from gplfd_policies.demonstrations.similarity import PathSimilarity
+from gplfd_policies.demonstrations.path_similarity import PathSimilarity
 
 CSV_COLUMNS: Final = (
     "time [s],x [m],y [m],z [m],qx,qy,qz,qw,std_x [m],std_y [m],std_z [m],"

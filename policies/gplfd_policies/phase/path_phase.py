@@ -21,7 +21,7 @@ from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.normalised import normalised
-from gplfd_policies.demonstrations.similarity import (
+from gplfd_policies.demonstrations.path_similarity import (
     PathSimilarity,
     SimilarityConfig,
     SimilarityModel,
@@ -39,9 +39,6 @@ _POINTS: Final = _GRID.tolist()
 _SPACING: Final = float(_GRID[1])
 _FAR: Final = 1e100
 """Deviation of the direction, and less than the cost, outside the grid."""
-
-_OVERLAP: Final = 0.6
-"""Standard deviation of the sizes that one size stands for, over their distance."""
 
 _FEATURES: Final = 6
 """Number of features of a pose."""
@@ -216,7 +213,7 @@ class PathPhase:
         """
         numbers = np.ravel(self._numbers[rows]).tolist()
 
-        # Features (7, *N): ρ, θ, u, and the sizes (4, *N, C) by what the path so far
+        # Features (7, *N): ρ, θ, u, and the sizes (5, *N, K) by what the path so far
         # says of them. A few numbers per row: Python's floats are as fast as NumPy.
         observed, sizes = [], []
         for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
@@ -241,12 +238,13 @@ class PathPhase:
                 (
                     likely.log_weights,
                     np.exp(likely.log_sizes),
+                    np.full(likely.log_sizes.size, likely.size_std**2),
                     likely.angle,
                     likely.angle_variance,
                 )
             )
         features = np.array(observed).T.reshape(7, *poses.shape[:-1])
-        similar = np.array(sizes).swapaxes(0, 1).reshape(4, *poses.shape[:-1], -1)
+        similar = np.array(sizes).swapaxes(0, 1).reshape(5, *poses.shape[:-1], -1)
 
         # Search near the previous phases: grid points first to first + size.
         backward, forward = self._config.window
@@ -273,7 +271,7 @@ class PathPhase:
                 begin = number * width + edge
                 whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
                 own = features.reshape(7, -1)[:, index]
-                alone = similar.reshape(4, len(numbers), -1)[:, index]
+                alone = similar.reshape(5, len(numbers), -1)[:, index]
                 anywhere = self._nearest(*self._cost(whole, own, alone), -1)
                 if anywhere[2] < self._config.clearer_share * best[2]:
                     best = anywhere
@@ -318,23 +316,23 @@ class PathPhase:
         self,
         features: Float[np.ndarray, "*F W"],
         observed: Float[np.ndarray, "*E"],
-        sizes: Float[np.ndarray, "4 *N C"],
+        sizes: Float[np.ndarray, "5 *N C"],
     ) -> tuple[Float[np.ndarray, "*N W"], Float[np.ndarray, "*N W"]]:
         """Return what observed features (7, *N) cost along stretches of the grid.
 
         That is -2 log Σ_c w_c exp(-d²(c)/2), and the expectation of d² over sizes.
         """
         each, along = observed[..., None], features[:, ..., None, :]
-        log_weight, size, angle, variance = sizes[..., None]
+        log_weight, size, size_variance, angle, variance = sizes[..., None]
         turning = np.add.reduce(
             (features[1:4] - each[1:4]) ** 2 * features[8:11], axis=0
         )
         # One term per size c: of ρ - c ρ̄, and of u turned back by its angle.
-        # Each size stands for those up to the next: together they leave no gaps.
-        spacing = np.log(size[..., 1:2, :] / size[..., :1, :])
-        share = self._config.distance_share**2 + (_OVERLAP * spacing) ** 2
         radial = (observed[0][..., None, None] - size * along[0]) ** 2
-        radial /= self._config.noise.position**2 + share * along[7]
+        radial /= (
+            self._config.noise.position**2
+            + (self._config.distance_share**2 + size_variance) * along[7]
+        )
         cosine, sine = np.cos(angle), np.sin(angle)
         x, y, z = (part[..., None, None] for part in observed[4:7])
         sideways = (cosine * x - sine * z - along[4]) ** 2

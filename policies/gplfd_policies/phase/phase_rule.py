@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
-from gplfd_policies.demonstrations.similarity import PathSimilarity
+from gplfd_policies.demonstrations.path_similarity import PathSimilarity
 
 Poses = Float[np.ndarray, "*N 6"]
 Phases = Float[Numbers, "*N"]

@@ -15,7 +15,7 @@ from gplfd_policies.adaptation import (
     OwnClockAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
-    SimilarAdaptation,
+    SimilarityAdaptation,
 )
 from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
 from gplfd_policies.agents.model_based.oracle import OracleAgent, ToldHandleAgent
@@ -70,7 +70,7 @@ GP: Final = Method(
     fit=fit_skill,
     accepts_prior_mean=True,
     beyond=0.5,
-    adaptation=SimilarAdaptation,
+    adaptation=SimilarityAdaptation,
 )
 """The method of this project, of which the ablations differ in one field each."""
 

@@ -25,8 +25,11 @@ _STEPS: Final = np.linspace(-2.5, 2.5, 31)
 """Sizes that are compared, in prior standard deviations of the logarithm of size."""
 _SMOOTHING: Final = 20
 """Samples on either side over which the demonstrations' variance is averaged."""
-_LIKELY: Final = 15
+_LIKELY: Final = 19
 """Number of likely sizes."""
+_OVERLAP: Final = 0.6
+"""Standard deviation of those that one size stands for, over the distance to the next:
+together they leave no gaps."""
 _REACH: Final = 3.0
 """How far they reach on either side, in standard deviations."""
 _NEAR: Final = 1e-3
@@ -306,7 +309,9 @@ class PathSimilarity:
             log_weights=log_weights - math.log(total),
             phase=found[1],
             angle=found[2],
-            angle_variance=np.maximum(found[3], 0.0),
+            angle_variance=np.maximum(found[3], 0.0)
+            + (_OVERLAP * np.gradient(found[2])) ** 2,
+            size_std=_OVERLAP * float(sizes[1] - sizes[0]),
             mean=found[4:7],
             covariance=found[7:].reshape(3, 3, -1),
             scale=np.add.reduce(
@@ -375,7 +380,9 @@ class LikelySizes:
     """How far the path is seen turned from the demonstrated one at the same distance,
     by its heading and its deviation [rad]."""
     angle_variance: Float[np.ndarray, " K"]
-    """Variance of that [rad²]."""
+    """Variance of that, for all that the size stands for [rad²]."""
+    size_std: float
+    """Standard deviation of log c among those that one size stands for."""
     mean: Float[np.ndarray, "3 K"]
     """Mean of (ψ [rad], f, df/ds)."""
     covariance: Float[np.ndarray, "3 3 K"]

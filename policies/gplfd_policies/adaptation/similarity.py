@@ -5,11 +5,11 @@ enlarged by c, turned by ψ, and deviating smoothly,
 
     p(s) = c exp(i (ψ + σ(s) f(s)/|m(s)|)) m(s)
 
-in the horizontal plane; see `gplfd_policies.demonstrations.similarity`. What the path
-so far says about c, ψ and f is the state of a filter at its end, and the forecast is
-the mixture over sizes that follows from it. Height and rotation do not depend on size:
-each deviates by σ_i(s) (√g b_i + √(1 - g) f_i(s)), b_i constant and f_i smooth, and has
-a filter of its own over the phases of the via-points.
+in the horizontal plane (`gplfd_policies.demonstrations.path_similarity`). All that the
+path so far says about c, ψ and f is the state of a filter at its end, and the forecast
+is the mixture over sizes that follows from it. Height and rotation do not depend on
+size: each deviates by σ_i(s) (√g b_i + √(1 - g) f_i(s)), b_i constant and f_i smooth,
+and has a filter of its own over the phases of the via-points.
 """
 
 import math
@@ -20,9 +20,9 @@ from jaxtyping import Float
 
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Outputs, Times
-from gplfd_policies.demonstrations.similarity import SimilarityModel, advance
+from gplfd_policies.demonstrations.path_similarity import SimilarityModel, advance
 from gplfd_policies.demonstrations.turned_handle import seen_at, turned_handle
-from gplfd_policies.movements.skill import Skill
+from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.trajectory import (
     GaussianTrajectory,
     ViaPoint,
@@ -43,7 +43,7 @@ _ALONG: Final = 3e-3
 """Deviation along the path that phases leave [m]."""
 
 
-class SimilarAdaptation:
+class SimilarityAdaptation:
     """Conditioning of the path's size, heading and deviation; of all else by output.
 
     A via-point brings what its path says about size and heading
@@ -51,9 +51,9 @@ class SimilarAdaptation:
     """
 
     @one_thread
-    def __init__(self, skill: Skill, grid: Times) -> None:
+    def __init__(self, movement: Movement, grid: Times) -> None:
         """Start from the demonstrations, on a grid of phases (M,)."""
-        predicted, aligned = skill.predict(grid), skill.aligned
+        predicted, aligned = movement.predict(grid), movement.aligned
         self._handle, self._grid = turned_handle(aligned), grid
         self._apart = np.zeros((len(grid), 2))
         if self._handle is not None:
