@@ -49,7 +49,7 @@ from gplfd_policies.adaptation import (
     IndependentPhaseAdaptation,
     OwnClockAdaptation,
     ProcessAdaptation,
-    SimilarAdaptation,
+    SimilarityAdaptation,
     begin_adaptation,
 )
 from gplfd_policies.agents.model_based.circle import fit_circle
@@ -390,7 +390,7 @@ def judge(
 
 
 UNSEEN_FORMS: Final[Mapping[str, AdaptationForm]] = {
-    "similar": SimilarAdaptation,
+    "similarity": SimilarityAdaptation,
     "process": ProcessAdaptation,
     "own-clock": OwnClockAdaptation,
     "independent": IndependentPhaseAdaptation,
@@ -416,7 +416,7 @@ def unseen_motions(
     for name, tasks in sets.items():
         found = judge(UNSEEN_FORMS, tasks)
         rows |= {f"{name}, {form}": scores for form, scores in found.items()}
-        own, running = found["own-clock"], found["similar"]
+        own, running = found["own-clock"], found["similarity"]
         targets.append(between(f"{name}: {ALL_HOLD}", own[ALL_HOLD], 0.90, 0.98))
         targets += [
             at_most(f"{name}: {column}", scores[column], limit)
