@@ -1,6 +1,7 @@
 """`gplfd skill`: recordings left out in turn, and what is said of them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_experiments.analysis.report.predictions import advice
+from gplfd_experiments.analysis.report.predictions import advice, overview
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.records import RecordedResult
 from gplfd_experiments.cli import main as cli
@@ -16,8 +17,24 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.studies.jobs import run_job
 from gplfd_experiments.studies.learning_tests.folds import aligned_to
 from gplfd_experiments.studies.learning_tests.methods import learn
-from gplfd_experiments.studies.learning_tests.scores import recorded_metrics
+from gplfd_experiments.studies.learning_tests.scores import recorded_metrics, without
+from gplfd_experiments.studies.learning_tests.via_points import (
+    GRID,
+    Forecast,
+    forecasts,
+    online_forecasts,
+    path_distance,
+    watch,
+)
 from gplfd_experiments.studies.plan import recorded_tasks
+from gplfd_experiments.studies.result_format import (
+    FORECAST_METRICS,
+    KIND,
+    LEARNING_METRICS,
+    ONLINE_METRICS,
+    VERSION,
+    outcome,
+)
 from gplfd_experiments.studies.tasks import RecordedTask, task_from
 from gplfd_policies import POLICIES
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -26,6 +43,8 @@ from gplfd_policies.demonstrations.npz import (
     load_demonstrations,
     save_demonstrations,
 )
+from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.phase.phase_rule import ClockPhase, PhaseEstimate
 from gplfd_policies.registry.method import Method
 
 pytestmark = pytest.mark.slow
@@ -65,6 +84,89 @@ def test_errors_are_those_of_a_family_that_is_known():
     errors = [found[f"forecast_{share}_position_m"] for share in (10, 25, 50)]
     assert errors[0] < found["rmse_position_m"]
     assert errors[2] < 0.2 * found["rmse_position_m"]
+
+
+def test_a_forecast_depends_on_no_later_sample():
+    movement, left_out, _ = without(method("gp"), arcs(), 1)
+    other = left_out.poses.copy()
+    other[70:, :3] += 0.1
+    before, after = (
+        watch(method("gp"), movement, poses, [40, 70, 75], 0.025)
+        for poses in (left_out.poses, other)
+    )
+    for count in (40, 70):
+        first, second = before[count], after[count]
+        assert first.phase == second.phase
+        np.testing.assert_array_equal(first.trajectory.mean, second.trajectory.mean)
+        np.testing.assert_array_equal(first.trajectory.std, second.trajectory.std)
+    assert not np.array_equal(before[75].trajectory.mean, after[75].trajectory.mean)
+
+
+class Told(ClockPhase):
+    """A phase rule that is told the phases of the poses, one by one."""
+
+    def __init__(self, phases: np.ndarray) -> None:
+        self._phases = iter(phases)
+
+    def update(self, *arguments: object) -> PhaseEstimate:
+        zero = np.zeros(())
+        return PhaseEstimate(zero + next(self._phases), zero, zero)
+
+
+def test_online_equals_offline_where_the_phase_is_exact():
+    """But for via-points at samples, not hundredths: 1.5 mm and 0.1 of the NLPD."""
+    gp = method("gp-process")
+    movement, left_out, _ = without(gp, arcs(), 1)
+    offline = forecasts(gp, movement, left_out)
+
+    def told(error: float) -> dict[str, float | None]:
+        rule = Told(left_out.phases + error)
+        exact = replace(gp, phases=lambda _: rule)
+        return online_forecasts(exact, movement, left_out, 0.025)
+
+    online, wrong = told(0.0), told(0.05)
+    for share in (10, 25, 50):
+        for name, tolerance in (("position_m", 1.5e-3), ("nlpd", 0.1)):
+            known = offline[f"forecast_{share}_{name}"]
+            assert online[f"online_{share}_{name}"] == pytest.approx(
+                known, abs=tolerance
+            )
+            assert wrong[f"online_{share}_{name}"] > known + 2.0 * tolerance
+    # Without via-points both are what was learned.
+    fixed = replace(gp, adaptation=None)
+    online = online_forecasts(fixed, movement, left_out, 0.025)
+    for name, value in forecasts(fixed, movement, left_out).items():
+        assert online[name.replace("forecast", "online")] == value
+    assert online.keys() == ONLINE_METRICS
+
+
+def test_a_path_is_judged_ahead_and_without_its_timing():
+    late = handle_pose_on_arc(0.5, 1.2 * GRID**1.3)
+    truth = handle_pose_on_arc(0.5, np.linspace(0.6, 1.2, 40))[:, :3]
+
+    def distance(phase: float, aside: float = 0.0) -> float:
+        mean = late + np.array([0.0, aside, 0.0, 0.0, 0.0, 0.0])
+        moments = (GRID, mean, np.ones_like(mean))
+        path = GaussianTrajectory.from_moments(*moments, covariance_function=np.empty)
+        return path_distance(Forecast(phase, path, 0.0 * GRID), truth)
+
+    assert distance(0.5) < 1e-4
+    assert distance(0.5, aside=0.004) == pytest.approx(0.004, rel=1e-3)
+    assert distance(0.9) > 0.05
+
+
+def test_results_before_the_online_metrics_are_complete_without_them():
+    task = RecordedTask(policy="gp", seed=0, recordings="x")
+    metrics = dict.fromkeys(LEARNING_METRICS | FORECAST_METRICS, 0.5)
+    record = {"format": KIND, "format_version": 1, "metrics": metrics}
+    assert outcome(record, task) == metrics
+    with pytest.raises(ValueError, match="online_10_coverage_95"):
+        outcome({**record, "format_version": VERSION}, task)
+    unknown = dict.fromkeys(("pair", "error", "code", "machine", "policy_source"), "")
+    old = RecordedResult(task=task, metrics=metrics, lost=False, **unknown)
+    heads, row = overview([old]).splitlines()[:2]
+    assert heads.endswith("inside 95 % online 25 %")
+    assert row.split()[-4:] == ["500.0", "–", "–", "–"]
 
 
 def test_outputs_that_never_move_are_not_scored():
@@ -146,6 +248,7 @@ def test_the_command_reports_and_goes_on(folder, capsys):
     assert "6 recordings left out of 2 policies" in page
     assert "3 recordings)" in page
     assert "What to make of it" in page
+    assert page.count("**Online** means that the method watches the recording") == 1
     assert "Doors opened" not in page
     # Another method is added; what is there is kept.
     before = {path: path.stat().st_mtime_ns for path in Path("out/tasks").iterdir()}

@@ -25,6 +25,7 @@ from gplfd_experiments.studies.result_format import (
     EPISODE_METRICS,
     FORECAST_METRICS,
     LEARNING_METRICS,
+    ONLINE_METRICS,
     STAMP,
     VERSION,
     lost,
@@ -272,14 +273,14 @@ def test_a_version_of_results_has_its_metrics():
     assert [
         hashlib.sha256(" ".join(sorted(names)).encode()).hexdigest()[:8]
         for names in EPISODE_METRICS.values()
-    ] == ["46f63489", "a83b9fff"]
+    ] == ["46f63489", "a83b9fff", "a83b9fff"]
     assert max(EPISODE_METRICS) == VERSION
     assert EPISODE_METRICS[1] - EPISODE_METRICS[0] == {
         *("reason", "capability", "stage"),
         *("latency_wall_median_ms", "latency_wall_p95_ms"),
     }
     assert LEARNING_MEASURES.keys() == LEARNING_METRICS
-    assert RECORDED_MEASURES.keys() == FORECAST_METRICS
+    assert RECORDED_MEASURES.keys() == FORECAST_METRICS | ONLINE_METRICS
 
 
 def test_an_older_result_lacks_only_later_metrics(tmp_path, runs):

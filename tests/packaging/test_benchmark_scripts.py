@@ -4,6 +4,7 @@ import importlib
 import math
 import re
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -165,3 +166,23 @@ def test_door_targets_compare_with_the_product_of_the_same_doors():
     targets = forecasts.door_targets("some", found)
     assert [target.met for target in targets] == [True, False, True, False]
     assert targets[1].value == pytest.approx(0.75)
+
+
+def test_deviation_along_and_across_a_path_is_that_of_its_covariance():
+    angles = np.linspace(0.1, 1.0, 9)
+    mean, rate, std = np.zeros((3, 9, 6))
+    mean[:, [0, 2]] = np.column_stack([np.sin(angles), np.cos(angles)])
+    rate[:, [0, 2]] = np.column_stack([np.cos(angles), -np.sin(angles)])
+    rate[:, 1], std[:, :3] = 0.3, [3.0, 7.0, 4.0]
+    path = forecasts.GaussianTrajectory.from_moments(angles, mean, std, np.empty)
+    path = replace(path, mean_rate=rate)
+    along, across = forecasts.path_axes(path)
+    # The motion is in the plane of x and z, and so are both directions.
+    np.testing.assert_allclose(along[:, [0, 2]], rate[:, [0, 2]], atol=1e-12)
+    np.testing.assert_allclose(np.abs(np.sum(across * mean[:, :3], axis=1)), 1.0)
+    covariance = np.array([[9.0, 0.0, 5.0], [0.0, 49.0, 0.0], [5.0, 0.0, 16.0]])
+    forecast = forecasts.Forecast(0.0, path, np.full(9, 5.0))
+    for axes in (along, across):
+        expected = [d @ covariance @ d for d in axes]
+        found = forecasts.std_along(forecast, axes)
+        np.testing.assert_allclose(found**2, expected, rtol=1e-12)

@@ -2,7 +2,7 @@
 
 A result states its version and is complete if it has every metric of that version.
 Older results lack the metrics of later versions and stay readable and complete. To add
-a metric, raise `VERSION` and name it in `_ADDED`.
+a metric of an episode, raise `VERSION` and name it in `_ADDED`.
 """
 
 import typing
@@ -16,7 +16,7 @@ from gplfd_experiments.files.plain_data import check_stamp, entry, stamp
 from gplfd_experiments.studies.tasks import RecordedTask
 
 KIND: Final = "gplfd result"
-VERSION: Final = 1
+VERSION: Final = 2
 """Version of result files: of their layout and of the metrics that they must have."""
 STAMP: Final[Mapping[str, Any]] = stamp(KIND, VERSION)
 """Entries with which a result file begins."""
@@ -66,6 +66,13 @@ FORECAST_METRICS: Final = frozenset(
 )
 """Further metrics of a complete test on a recording, in every version."""
 
+ONLINE_METRICS: Final = frozenset(
+    f"online_{share}_{what}"
+    for share in (10, 25, 50)
+    for what in ("position_m", "rotation_rad", "nlpd", "coverage_95", "path_m")
+)
+"""Those that version 2 added."""
+
 _LARGEST: Final = 1e9
 """No metric is larger, so that what is computed from any of them stays finite."""
 _OUTPUTS: Final = frozenset({"outputs_cpu_s", "outputs_nlpd"})
@@ -86,6 +93,7 @@ def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
         needed = set(LEARNING_METRICS)
         if isinstance(task, RecordedTask):
             needed |= FORECAST_METRICS
+            needed |= ONLINE_METRICS if version >= 2 else frozenset()
         kinds = dict.fromkeys((*metrics, *sorted(needed)), _NUMBER)
         kinds |= dict.fromkeys(_OUTPUTS & kinds.keys(), dict[str, float | None])
     for name, kind in kinds.items():

@@ -133,16 +133,26 @@ LEARNING_MEASURES: Final = _by_metric(
 RECORDED_MEASURES: Final = _by_metric(
     *(
         measure
-        for name, after in ((f"forecast_{n}", f"after {n} %") for n in (10, 25, 50))
+        for name, after, rest in (
+            *((f"forecast_{n}", f"after {n} %", f"after {n} %") for n in (10, 25, 50)),
+            *(
+                (f"online_{n}", f"online {n} %", f"after {n} %, online")
+                for n in (10, 25, 50)
+            ),
+        )
         for measure in (
             _millimetres(
-                f"{name}_position_m", f"{after} [mm]", f"error of the rest {after}"
+                f"{name}_position_m", f"{after} [mm]", f"error of the rest {rest}"
             ),
             Measure(f"{name}_rotation_rad", f"{after} [°]", convert=math.degrees),
-            Measure(f"{name}_nlpd", f"NLPD {after}", f"likelihood of the rest {after}"),
+            Measure(f"{name}_nlpd", f"NLPD {after}", f"likelihood of the rest {rest}"),
             Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
         )
-    )
+    ),
+    *(
+        _millimetres(f"online_{n}_path_m", f"path, online {n} % [mm]")
+        for n in (10, 25, 50)
+    ),
 )
 
 HEADLINES: Final = tuple(one for one in EPISODE_MEASURES.values() if one.phrase)

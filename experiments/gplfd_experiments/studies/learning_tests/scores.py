@@ -39,6 +39,9 @@ outputs that move, so that recordings of positions alone are judged by positions
 ``forecast_10_rotation_rad``  the same of the angle between orientations
 ``forecast_10_nlpd``          negative log predictive density per number of the rest
 ``forecast_10_coverage_95``   share of the rest within central normal intervals
+``online_10_...``             the same four if the method's agent watches the recording
+                              and finds the phase from the samples so far
+``online_10_path_m``          rms distance of the rest of the path from the forecast one
 ============================= ========================================================
 
 A number is None where a method cannot have it.
@@ -68,7 +71,11 @@ from gplfd_experiments.studies.learning_tests.folds import (
 )
 from gplfd_experiments.studies.learning_tests.methods import cpu_seconds, learn
 from gplfd_experiments.studies.learning_tests.tumbling import tumbling
-from gplfd_experiments.studies.learning_tests.via_points import adaptation, forecasts
+from gplfd_experiments.studies.learning_tests.via_points import (
+    adaptation,
+    forecasts,
+    online_forecasts,
+)
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.movement import Movement
@@ -116,10 +123,12 @@ def recorded_metrics(
 ) -> dict[str, Any]:
     """Leave one recording out, learn from the others, and predict it."""
     movement, left_out, cpu_s = without(method, recordings, number)
+    period = float(np.ptp(recordings[number].times)) / (len(left_out.phases) - 1)
     return {
         **prediction_scores(movement, left_out),
         **adaptation(method, movement, [left_out]),
         **forecasts(method, movement, left_out),
+        **online_forecasts(method, movement, left_out, period),
         **_movement_scores(movement),
         "cpu_fit_s": cpu_s,
     }

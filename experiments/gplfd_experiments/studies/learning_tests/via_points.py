@@ -1,20 +1,25 @@
 """Adaptation by via-points: at the via-points, far from them, and after them."""
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from gplfd_experiments.episodes.forecast_error import squared_distances
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.learning_tests.accuracy import (
     averaged,
     known,
     rms_distance,
     rms_rotation,
+    root_mean_square,
 )
 from gplfd_experiments.studies.learning_tests.folds import OnPhases
 from gplfd_experiments.studies.learning_tests.methods import cpu_seconds
 from gplfd_policies.adaptation import begin_adaptation
+from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.movements.movement import AdaptationForm, Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
@@ -30,6 +35,8 @@ _FAR: Final = 0.3  # Distance from a via-point that counts as far [phase].
 _SEEN: Final = 0.3  # Observed part before the rest is predicted [phase].
 FORECASTS: Final = (0.10, 0.25, 0.50)
 """Observed shares of a recording, in turn."""
+_BEHIND: Final = 0.03
+"""How far before the phase at which an agent believes to be its path ahead begins."""
 _VIA_POINT_SCORES: Final = (
     *("via_error_position_m", "via_error_rotation_rad"),
     *("via_error_strict_position_m", "via_error_strict_rotation_rad"),
@@ -122,15 +129,92 @@ def forecasts(
     """
     found: dict[str, float | None] = {}
     for share in FORECASTS:
-        rest, truth, _ = _observed(method, movement, left_out, share)
-        scored, name = left_out.scored(truth), f"forecast_{100 * share:.0f}"
-        found |= {
-            f"{name}_position_m": rms_distance(rest.mean, truth),
-            f"{name}_rotation_rad": rms_rotation(rest.mean, truth),
-            f"{name}_nlpd": known(rest.nlpd(scored)),
-            f"{name}_coverage_95": known(rest.coverage(scored, normal=True)),
-        }
+        rest, _, _ = _observed(method, movement, left_out, share)
+        found |= _rest_scores(f"forecast_{100 * share:.0f}", rest, left_out)
     return found
+
+
+def online_forecasts(
+    method: Method, movement: Movement, left_out: OnPhases, period: float
+) -> dict[str, float | None]:
+    """Return the scores of `forecasts` if the method's agent watches, every period [s].
+
+    The truth is compared at the same phases, which follow from its whole path and are
+    not known to the agent. ``path_m`` is the rms distance of the true path ahead from
+    the forecast one, whose timing is not judged.
+    """
+    counts = np.searchsorted(left_out.phases, FORECASTS, side="right").tolist()
+    learned = movement.predict(GRID)
+    watched: Mapping[int, Forecast] = {}
+    if method.adaptation is not None:
+        watched = watch(method, movement, left_out.poses, counts, period)
+    found: dict[str, float | None] = {}
+    for share, count in zip(FORECASTS, counts, strict=True):
+        forecast = watched.get(count) or Forecast(share, learned, np.zeros(GRID.size))
+        rest, name = forecast.trajectory[share < GRID], f"online_{100 * share:.0f}"
+        found |= _rest_scores(name, rest, left_out)
+        truth = left_out.at(rest.times)[:, :3]
+        found[f"{name}_path_m"] = path_distance(forecast, truth)
+    return found
+
+
+def _rest_scores(
+    name: str, rest: GaussianTrajectory, left_out: OnPhases
+) -> dict[str, float | None]:
+    truth = left_out.at(rest.times)
+    scored = left_out.scored(truth)
+    return {
+        f"{name}_position_m": rms_distance(rest.mean, truth),
+        f"{name}_rotation_rad": rms_rotation(rest.mean, truth),
+        f"{name}_nlpd": known(rest.nlpd(scored)),
+        f"{name}_coverage_95": known(rest.coverage(scored, normal=True)),
+    }
+
+
+class Forecast(NamedTuple):
+    """What an agent expects of the whole task, on `GRID`."""
+
+    phase: float
+    """Where along the task it believes the hand to be."""
+    trajectory: GaussianTrajectory
+    level_covariance: FloatArray
+    """Covariance of x and z [m²]; zero of a form that does not know it."""
+
+
+def watch(
+    method: Method,
+    movement: Movement,
+    poses: FloatArray,
+    counts: Collection[int],
+    period: float,
+) -> Mapping[int, Forecast]:
+    """Let the method's agent, with its own phase rule and via-points, observe poses.
+
+    Poses (N, 6) [m, rad] are those of the hand, one every period [s]. It feels no
+    force, and the commands are ignored. Returns what is expected after some counts of
+    poses, from 1 to N, by count; no later pose matters.
+    """
+    agent = CompliantAgent(
+        GriddedMovement(movement, method.adaptation, GRID.size),
+        phases=method.phases(movement),
+        config=replace(method.config, control_period=period),
+        handle_config=method.handle_config,
+    )
+    found = {}
+    for count, pose in enumerate(poses[: max(counts)], start=1):
+        step = agent.act({"ee_pose": pose, "wrench": np.zeros(6)})
+        if count in counts:
+            form = agent.movement.distribution
+            level = getattr(form, "level_covariance", np.zeros(GRID.size))
+            phase = float(step.observed_phase)
+            found[count] = Forecast(phase, agent.forecast(), level)
+    return found
+
+
+def path_distance(forecast: Forecast, positions: FloatArray) -> float:
+    """Return the rms distance [m] of positions (M, 3) from the forecast path ahead."""
+    path = forecast.trajectory.mean[forecast.phase - _BEHIND < GRID, :3]
+    return root_mean_square(np.sqrt(squared_distances(positions, path)))
 
 
 def _observed(
