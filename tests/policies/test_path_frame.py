@@ -71,7 +71,7 @@ def test_frame_of_a_level_path_keeps_up_and_that_of_the_pull_is_the_axes():
 @given(path=tangents(1), std=arrays(np.float64, 6, elements=st.floats(0, 0.1)))
 def test_directional_law_is_that_of_the_variance_along_it(path, std):
     frame = path_frame(path[0])
-    found = directional_std(frame, std)
+    found = directional_std(frame, std, level)
     covariance = frame.T @ np.diag(std[:3] ** 2) @ frame
     assert_allclose(found[:3] ** 2, np.diag(covariance), atol=1e-15)
     assert_array_equal(found[3:], std[3:])

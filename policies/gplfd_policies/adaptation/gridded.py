@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gplfd_policies.adaptation.forms import begin_adaptation
+from gplfd_policies.adaptation.similarity import SimilarityAdaptation
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
 from gplfd_policies.arrays.shapes import Axes, Covariances, Outputs, Pose, Vectors
 from gplfd_policies.movements.movement import Adaptation, AdaptationForm, Movement
@@ -109,7 +110,7 @@ class GriddedMovements:
         self.numbers = np.reshape(np.arange(count), shape)
         # The last grid point twice, so that it, too, has a right neighbour.
         self._first_row = self.numbers * (self._n_grid + 1)
-        self._table = np.empty((count * (self._n_grid + 1), 12))
+        self._table = np.empty((count * (self._n_grid + 1), 13))
         for member in range(count):
             self._renew(member)
 
@@ -128,13 +129,25 @@ class GriddedMovements:
         self, phases: Float[Numbers, "*S"], rows: Rows = ALL_ROWS
     ) -> tuple[Float[np.ndarray, "*S 6"], Float[np.ndarray, "*S 6"]]:
         """Return means and standard deviations at one phase in [0, 1] per row."""
+        both = self._interpolated(phases, rows)
+        return both[..., :6], both[..., 6:12]
+
+    def level_covariance(
+        self, phases: Float[Numbers, "*S"], rows: Rows = ALL_ROWS
+    ) -> Float[Numbers, "*S"]:
+        """Return the covariance of x and z [m²] at one phase in [0, 1] per row."""
+        return self._interpolated(phases, rows)[..., 12]
+
+    def _interpolated(
+        self, phases: Float[Numbers, "*S"], rows: Rows
+    ) -> Float[np.ndarray, "*S 13"]:
         position = phases * (self._n_grid - 1)
         left = position.astype(np.int64)
         share = np.asarray(position - left)[..., None]
-        row = self._first_row[rows] + left
-        table = self._table
-        both = (1.0 - share) * table.take(row, 0) + share * table.take(row + 1, 0)
-        return both[..., :6], both[..., 6:]
+        row, table = self._first_row[rows] + left, self._table
+        found: np.ndarray = (1.0 - share) * table.take(row, 0)
+        found += share * table.take(row + 1, 0)
+        return found
 
     def at_member(self, member: int, phase: float) -> tuple[Pose, Pose]:
         """Return mean and standard deviation of one member at a phase, each (6,)."""
@@ -165,7 +178,10 @@ class GriddedMovements:
     def _renew(self, member: int) -> None:
         movement = self._movements[member]
         distribution, drift = movement.distribution, movement.drift
-        part = self._table.reshape(-1, self._n_grid + 1, 12)[member]
+        part = self._table.reshape(-1, self._n_grid + 1, 13)[member]
         part[:-1, :6] = distribution.mean
-        part[:-1, 6:] = np.sqrt(distribution.std**2 + drift**2)
+        part[:-1, 6:12] = np.sqrt(distribution.std**2 + drift**2)
+        part[:-1, 12] = 0.0
+        if isinstance(distribution, SimilarityAdaptation):
+            part[:-1, 12] = distribution.level_covariance
         part[-1] = part[-2]

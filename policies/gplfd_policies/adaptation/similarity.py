@@ -39,15 +39,15 @@ _CONSTANT: Final = 0.5
 """g: share of their variance that is one number for a whole repetition."""
 _STRONGEST: Final = 1e-4
 """Least noise of a via-point, as a share of the deviation."""
-_ALONG: Final = 3e-3
-"""Deviation along the path that phases leave [m]."""
+_NOISE: Final = 1e-3
+"""Deviation in any direction that no path explains [m]."""
 
 
 class SimilarityAdaptation:
     """Conditioning of the path's size, heading and deviation; of all else by output.
 
     A via-point brings what its path says about size and heading
-    (`ViaPoint.similarity`), or else counts as the next position of the path.
+    (`ViaPoint.sizes`), or else counts as the next position of the path.
     """
 
     @one_thread
@@ -62,8 +62,10 @@ class SimilarityAdaptation:
             axes = self._handle.places(predicted.mean)
             self._apart = (predicted.mean - axes)[:, _LEVEL]
         model = SimilarityModel.of(aligned)
-        self.similarity = model.unseen()
-        """What the via-points so far say about size and heading."""
+        self._path = model.unseen()
+        self._lag = np.interp(grid, model.phases, model.lag)
+        self.sizes = self._path.likely
+        """What the via-points so far say about size, heading and deviation."""
         self._rate = model.rate
         self._expected = predicted.mean[:, _OTHERS]
         self._spread = np.maximum(predicted.std[:, _OTHERS], _LEAST_STD)
@@ -78,15 +80,14 @@ class SimilarityAdaptation:
         """Condition on one more via-point, in place."""
         phase, pose = float(via_point.phase), via_point.pose
         noise = via_point.noise_variance
-        if via_point.similarity is not None:
-            self.similarity = via_point.similarity
+        if via_point.sizes is not None:
+            self.sizes = via_point.sizes
         elif np.isfinite(noise[_LEVEL]).all():
             x, _, z = pose[:3]
             if self._handle is not None:
                 x, _, z = self._handle.place(pose.tolist())
-            self.similarity = self.similarity.updated(
-                math.hypot(x, z), math.atan2(-z, x)
-            )
+            self._path = self._path.updated(math.hypot(x, z), math.atan2(-z, x))
+            self.sizes = self._path.likely
 
         # Height and rotation: a scalar Kalman filter each.
         expected, spread = (
@@ -129,17 +130,21 @@ class SimilarityAdaptation:
     def _forecast(self) -> None:
         """Compute the moments on the grid."""
         self._mean, variance = np.empty((2, self._grid.size, 6))
-        weights = self.similarity.likely.weights
-        paths, angles = self.similarity.forecast(self._grid)
+        weights = self.sizes.weights
+        paths, angles = self.sizes.forecast(self._grid)
         path = paths @ weights
         self._mean[:, 0], self._mean[:, 2] = path.real, -path.imag
         self._mean[:, _LEVEL] += self._apart
         apart, across = paths - path[:, None], 1j * paths * np.sqrt(angles)
         dx, dz = apart.real, -apart.imag
         ax, az = across.real, -across.imag
-        variance[:, 0] = (dx * dx + ax * ax) @ weights + _ALONG**2
-        variance[:, 2] = (dz * dz + az * az) @ weights + _ALONG**2
-        self.level_covariance: Float[np.ndarray, " M"] = (dx * dz + ax * az) @ weights
+        tangent = np.gradient(path)
+        along = self._lag * tangent / np.maximum(np.abs(tangent), _NOISE**2)
+        tx, tz = along.real, -along.imag
+        variance[:, 0] = (dx * dx + ax * ax) @ weights + tx * tx + _NOISE**2
+        variance[:, 2] = (dz * dz + az * az) @ weights + tz * tz + _NOISE**2
+        level: Float[np.ndarray, " M"] = (dx * dz + ax * az) @ weights + tx * tz
+        self.level_covariance = level
         """Covariance of x and z on the grid [m²]."""
 
         rate, step = self._rate, self._grid[:, None] - self._phase

@@ -31,7 +31,7 @@ from gplfd_policies.control.stiffness import (
     VirtualDynamics,
 )
 from gplfd_policies.movements.trajectory import ViaPoint
-from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseObserver
+from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseObserver, Phases
 
 _PULL: Final = np.array([1.0, 0.0, 0.0])
 """Direction of the path before the first step."""
@@ -61,6 +61,9 @@ class ComplianceConfig:
     """Progress between two via-points, in phase."""
     via_std: tuple[float, float] = POSE_ERROR
     """Noise of an observed via-point: position [m], rotation [rad]."""
+    settling_time: float = quantity(0.1, low=0.0, unit="s")
+    """Time constant with which the set-point moves onto a path that a via-point has
+    changed [s]; 0 lets it jump. Tuned."""
     max_turn_lead: float = quantity(0.05, above=0.0)
     """How far the set-point's rotation may run ahead of the hand, in phase. It turns
     with the handle: turning first would only twist the hand on the bar."""
@@ -140,6 +143,7 @@ class ComplianceController:
         self._last_via = np.zeros(shape)
         self._std = np.full((*shape, 6), np.nan)  # NaN before the first step
         self._tangent = np.broadcast_to(_PULL, (*shape, 3)).copy()
+        self._offset = np.zeros((*shape, 6))  # of the set-point from the mean
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Let these rows begin an episode at the closed door."""
@@ -152,6 +156,14 @@ class ComplianceController:
             phase[rows] = 0.0
         self._std[rows] = np.nan
         self._tangent[rows] = _PULL
+        self._offset[rows] = 0.0
+
+    def _set_point(self, phase: Phases, observed_phase: Phases, rows: Rows) -> Axes:
+        """Return the means of these rows' movements, whose turn leads the hand less."""
+        turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
+        means, _ = self._movements.at(np.array([phase, turn_phase]), rows)
+        means[0, ..., 3:] = means[1, ..., 3:]
+        return means[0]
 
     def decide(self, poses: Axes, wrenches: Axes, rows: Rows = ALL_ROWS) -> AgentStep:
         """Return the commands of these rows for the next control period.
@@ -176,13 +188,13 @@ class ComplianceController:
         lost = observed_phase < last_via - config.phase_drop
         due = (observed_phase >= last_via + config.via_spacing) | lost
         if due.any():
-            before, _ = movements.at(command_phase, rows)
+            before = self._set_point(command_phase, observed_phase, rows)
             self._last_via[rows] = np.where(due, observed_phase, last_via)
             # A phase error displaces all outputs together along the path.
             rate = self._phases.rate(observed_phase, rows)
             along = rate * np.asarray(seen.std)[..., None]
             # Indexed by `due`, the arrays of one hand have a leading axis, too.
-            similar = seen.similarities or (None,) * np.size(due)
+            sizes = seen.sizes or (None,) * np.size(due)
             for number, phase, pose, error, index in zip(
                 movements.numbers[rows][due].tolist(),
                 np.asarray(observed_phase)[due].tolist(),
@@ -196,22 +208,22 @@ class ComplianceController:
                     pose=pose,
                     std=self._via_noise,
                     along=error,
-                    similarity=similar[index],
+                    sizes=sizes[index],
                 )
                 movements.observe(number, via_point)
             _, _, direction = movements.ahead(observed_phase, rows)
-            # The set-point stays where it is along the path, whose phases may shift.
+            # The set-point stays where it is: along the path, whose phases may shift,
+            # by the command phase, and otherwise by an offset that decays.
             (after, begin, end), _ = movements.at(
                 look_ahead(command_phase, command_phase), rows
             )
             chord = (end - begin)[..., :3] / LOOK_AHEAD
             shift = np.add.reduce((before - after)[..., :3] * chord, axis=-1)
             shift /= np.add.reduce(chord * chord, axis=-1) + 1e-9
-            command_phase = np.where(
-                due,
-                np.minimum(np.maximum(command_phase + shift, 0.0), 1.0),
-                command_phase,
-            )
+            shifted = np.minimum(np.maximum(command_phase + shift, 0.0), 1.0)
+            command_phase = np.where(due, shifted, command_phase)
+            jump = before - self._set_point(command_phase, observed_phase, rows)
+            self._offset[rows] += np.where(due[..., None], jump, 0.0)
 
         # 3. Load: what is compensated, what is yielded to, and whether the clock waits.
         response = self._load.update(
@@ -238,7 +250,9 @@ class ComplianceController:
         velocity = chord / LOOK_AHEAD * np.asarray(phase_rate)[..., None]
         desired = means[0]
         desired[..., 3:] = means[3, ..., 3:]
-        desired = movements.hand_poses(desired, rows)
+        remaining = config.settling_time / (period + config.settling_time)
+        offset = self._offset[rows] = remaining * self._offset[rows]
+        desired = movements.hand_poses(desired + offset, rows)
 
         # 5. Stiffness from uncertainty, Eq. (24), as fast as it may rise. A hand that
         # lags along the path shows that the policy is wrong there: the lag is added.
@@ -250,7 +264,8 @@ class ComplianceController:
             square = np.add.reduce(tangent * tangent, axis=-1, keepdims=True)
             tangent = self._tangent[rows] = tangent / np.sqrt(square)
             frame = path_frame(tangent)
-            std = directional_std(frame, std)
+            level = movements.level_covariance(phase, rows)
+            std = directional_std(frame, std, level)
             lag = product(frame.swapaxes(-1, -2), lag[..., None])[..., 0]
         std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + lag * lag)
         previous = self._std[rows]

@@ -8,6 +8,7 @@ an order that depends on the other rows.
 import numpy as np
 from jaxtyping import Float
 
+from gplfd_policies.arrays.rows import Numbers
 from gplfd_policies.arrays.shapes import Axes, Frames, Vectors
 
 
@@ -40,13 +41,16 @@ def product(
     return found
 
 
-def directional_std(frame: Frames, std: Axes) -> Axes:
+def directional_std(frame: Frames, std: Axes, level: Float[Numbers, "*N"]) -> Axes:
     """Return σ along the directions of frames, and about the axes [m, rad].
 
-    The positions of σ (..., 6) are independent: σ_d² = Σ_i T_id² σ_i².
+    σ_d² = Σ_i T_id² σ_i² + 2 T_xd T_zd σ_xz with the covariance σ_xz of x and z [m²];
+    other positions are independent.
     """
     found = np.array(std)
     variance = (std[..., :3] * std[..., :3])[..., None]
-    along = product((frame * frame).swapaxes(-1, -2), variance)
-    found[..., :3] = np.sqrt(along[..., 0])
+    along = product((frame * frame).swapaxes(-1, -2), variance)[..., 0]
+    both = frame[..., 0, :] * frame[..., 2, :]
+    along += 2.0 * both * np.asarray(level)[..., None]
+    found[..., :3] = np.sqrt(np.maximum(along, 0.0))
     return found

@@ -82,6 +82,8 @@ class SimilarityModel:
     """Mean path of the demonstrations, of one size and heading, complex [m]."""
     wobble: Phases
     """σ: standard deviation across it of demonstrations of equal size [m]."""
+    lag: Phases
+    """Standard deviation along it of demonstrations of equal size [m]."""
     log_sizes: Sizes
     """Logarithms of the sizes that are compared."""
     least_scale: float
@@ -101,15 +103,14 @@ class SimilarityModel:
         poses, count = similar.aligned.poses, len(aligned.poses)
         level = poses[..., 0] - 1j * poses[..., 2]
         path = level.mean(axis=0)
-        wobble = np.full(len(path), config.least_wobble)
+        wobble = lag = np.full(len(path), config.least_wobble)
         if count > 1:
-            # Across the mean path as seen from the start; one degree of freedom less.
+            # Across is meant as seen from the start.
+            tangent = np.gradient(path)
+            tangent /= np.maximum(np.abs(tangent), _NEAREST)
+            along = ((level - path) * tangent.conj()).real
             across = (level * np.exp(-1j * np.angle(path))).imag
-            variance = (across**2).sum(axis=0) * (1.0 + 1.0 / count) / (count - 1)
-            padded = np.pad(variance, _SMOOTHING, mode="edge")
-            window = np.full(2 * _SMOOTHING + 1, 1.0 / (2 * _SMOOTHING + 1))
-            smooth = np.sqrt(np.convolve(padded, window, "valid"))
-            wobble = np.maximum(smooth, config.least_wobble)
+            lag, wobble = (_smooth_std(e, config.least_wobble) for e in (along, across))
         scatter = float((similar.log_sizes**2).sum())
         variance = config.size_weight * config.size_std**2 + scatter
         variance *= (1.0 + 1.0 / count) / (config.size_weight + count - 1)
@@ -126,6 +127,7 @@ class SimilarityModel:
             phases=aligned.times,
             path=path,
             wobble=wobble,
+            lag=lag,
             log_sizes=math.sqrt(variance) * _STEPS,
             least_scale=1.0 / (count + 1),
             outward=np.hstack(
@@ -300,13 +302,11 @@ class PathSimilarity:
             ]
         )
         found = np.add.reduce(curves[:, left + np.arange(4)[:, None]] * cubic, axis=1)
-        log_weights = found[0] - found[0].max()
-        weights = np.exp(log_weights)
-        total = weights.sum()
+        weights = np.exp(found[0] - found[0].max())
         return LikelySizes(
+            model=self.model,
             log_sizes=sizes,
-            weights=weights / total,
-            log_weights=log_weights - math.log(total),
+            weights=weights / weights.sum(),
             phase=found[1],
             angle=found[2],
             angle_variance=np.maximum(found[3], 0.0)
@@ -319,61 +319,17 @@ class PathSimilarity:
             ),
         )
 
-    @property
-    def log_size(self) -> tuple[float, float]:
-        """Mean and standard deviation of log c."""
-        weights, sizes = self.likely.weights, self.likely.log_sizes
-        mean = float((weights * sizes).sum())
-        return mean, math.sqrt(float((weights * (sizes - mean) ** 2).sum()))
-
-    @property
-    def heading(self) -> tuple[float, float]:
-        """Mean and standard deviation of ψ [rad]."""
-        weights, turns = self.likely.weights, self.likely.mean[0]
-        mean = float((weights * turns).sum())
-        variance = self.likely.covariance[0, 0] + (turns - mean) ** 2
-        return mean, math.sqrt(max(float((weights * variance).sum()), 0.0))
-
-    def forecast(
-        self, phases: Phases
-    ) -> tuple[Complex[np.ndarray, "M K"], Float[np.ndarray, "M K"]]:
-        """Return the paths that are expected of the likely sizes.
-
-        Args:
-            phases: Where along the task, increasing, (M,).
-
-        Returns:
-            Their means as complex numbers x - iz [m], and the variances of the angles
-            by which they may be turned about the start [rad²].
-        """
-        model, likely = self.model, self.likely
-        (turn, f, slope), covariance = likely.mean, likely.covariance
-        path, turning = model.at(phases)
-        turning = turning[:, None]
-        # f at phases s from (f, df/ds) at the last one: a f + b df/ds, and a remainder.
-        step = phases[:, None] - likely.phase
-        decay = np.exp(-model.rate * np.abs(step))
-        a, b = decay * (1.0 + model.rate * np.abs(step)), decay * step
-        variance = likely.scale * (1.0 - a * a - (model.rate * b) ** 2)
-        variance += a * a * covariance[1, 1] + b * b * covariance[2, 2]
-        variance += 2.0 * a * b * covariance[1, 2]
-        both = a * covariance[0, 1] + b * covariance[0, 2]
-        variance = covariance[0, 0] + turning * (2.0 * both + turning * variance)
-        angle = turn + turning * (a * f + b * slope)
-        means = path[:, None] * np.exp(likely.log_sizes + 1j * angle)
-        return means, np.maximum(variance, 0.0)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LikelySizes:
     """The posterior of a path's size, and of the rest given each of K sizes."""
 
+    model: SimilarityModel
+    """The demonstrated path."""
     log_sizes: Float[np.ndarray, " K"]
     """Logarithms of the sizes, log c."""
     weights: Float[np.ndarray, " K"]
     """p(c | path)."""
-    log_weights: Float[np.ndarray, " K"]
-    """Its logarithm."""
     phase: Float[np.ndarray, " K"]
     """Phase of the last position."""
     angle: Float[np.ndarray, " K"]
@@ -389,6 +345,64 @@ class LikelySizes:
     """Its covariance."""
     scale: Float[np.ndarray, " K"]
     """Factor on the variance of f that the innovations show."""
+
+    def weighed(self, weights: Float[np.ndarray, " K"]) -> LikelySizes:
+        """Return the posterior with other weights, which need not sum to one."""
+        return replace(self, weights=weights / weights.sum())
+
+    @property
+    def log_size(self) -> tuple[float, float]:
+        """Mean and standard deviation of log c."""
+        weights, sizes = self.weights, self.log_sizes
+        mean = float((weights * sizes).sum())
+        return mean, math.sqrt(float((weights * (sizes - mean) ** 2).sum()))
+
+    @property
+    def heading(self) -> tuple[float, float]:
+        """Mean and standard deviation of ψ [rad]."""
+        weights, turns = self.weights, self.mean[0]
+        mean = float((weights * turns).sum())
+        variance = self.covariance[0, 0] + (turns - mean) ** 2
+        return mean, math.sqrt(max(float((weights * variance).sum()), 0.0))
+
+    def forecast(
+        self, phases: Phases
+    ) -> tuple[Complex[np.ndarray, "M K"], Float[np.ndarray, "M K"]]:
+        """Return the paths that are expected of the likely sizes.
+
+        Args:
+            phases: Where along the task, increasing, (M,).
+
+        Returns:
+            Their means as complex numbers x - iz [m], and the variances of the angles
+            by which they may be turned about the start [rad²].
+        """
+        model, covariance = self.model, self.covariance
+        turn, f, slope = self.mean
+        path, turning = model.at(phases)
+        turning = turning[:, None]
+        # f at phases s from (f, df/ds) at the last one: a f + b df/ds, and a remainder.
+        step = phases[:, None] - self.phase
+        decay = np.exp(-model.rate * np.abs(step))
+        a, b = decay * (1.0 + model.rate * np.abs(step)), decay * step
+        variance = self.scale * (1.0 - a * a - (model.rate * b) ** 2)
+        variance += a * a * covariance[1, 1] + b * b * covariance[2, 2]
+        variance += 2.0 * a * b * covariance[1, 2]
+        both = a * covariance[0, 1] + b * covariance[0, 2]
+        variance = covariance[0, 0] + turning * (2.0 * both + turning * variance)
+        angle = turn + turning * (a * f + b * slope)
+        means = path[:, None] * np.exp(self.log_sizes + 1j * angle)
+        return means, np.maximum(variance, 0.0)
+
+
+def _smooth_std(deviations: Float[np.ndarray, "D M"], least: float) -> Phases:
+    """Return the standard deviation of a repetition, averaged along the task [m]."""
+    count, width = len(deviations), 2 * _SMOOTHING + 1
+    # The deviations are those from their own mean: one degree of freedom less.
+    variance = (deviations**2).sum(axis=0) * (1.0 + 1.0 / count) / (count - 1)
+    padded = np.pad(variance, _SMOOTHING, mode="edge")
+    smooth = np.convolve(padded, np.full(width, 1.0 / width), "valid")
+    return np.maximum(np.sqrt(smooth), least)
 
 
 def advance(

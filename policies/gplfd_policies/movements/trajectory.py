@@ -17,7 +17,7 @@ from gplfd_policies.arrays.records import freeze, read_only, short_repr
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose, Times
 from gplfd_policies.arrays.storage import complete_or_absent
-from gplfd_policies.demonstrations.path_similarity import PathSimilarity
+from gplfd_policies.demonstrations.path_similarity import LikelySizes
 
 CSV_COLUMNS: Final = (
     "time [s],x [m],y [m],z [m],qx,qy,qz,qw,std_x [m],std_y [m],std_z [m],"
@@ -300,7 +300,7 @@ class ViaPoint:
     """Signed effect on each output [m, rad] of one standard deviation of an error that
     all outputs share. If the phase of an observation is uncertain by σ_s, it is dμ/ds
     σ_s: the pose may lie further along the path."""
-    similarity: PathSimilarity | None = None
+    sizes: LikelySizes | None = None
     """What the path up to here says about its size and heading, if that is known."""
 
     def __post_init__(self) -> None:

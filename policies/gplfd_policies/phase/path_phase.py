@@ -104,10 +104,11 @@ class PathPhase:
     logarithms that would make it a likelihood are left out: they favour early phases,
     where the demonstrations agree, over the hand's progress.
 
-    From the curvature of the cost the phase has a standard deviation. The misfit √(E d²/6)
-    at the best phase is about 1 or less where errors are as expected. Where it is more,
-    the standard deviation grows with it (Birge's ratio); from `lost_misfit` on, the
-    phase is searched along the whole task and not only near the last one.
+    From the curvature of the cost the phase has a standard deviation. The misfit
+    √(E d²/6) at the best phase is about 1 or less where errors are as expected. Where
+    it is more, the standard deviation grows with it (Birge's ratio); from
+    `lost_misfit` on, the phase is searched along the whole task and not only near the
+    last one.
 
     The distribution is the one before adaptation, so that the estimate cannot follow
     the policy's belief in the robot's own errors. The search stays near the last phase.
@@ -144,23 +145,22 @@ class PathPhase:
             # That the handle goes back is the policy's own doing.
             most = np.maximum.accumulate(np.maximum(turns, 0.0))
             means[:, 3:] = np.array(leaves) + np.outer(most, handle.axis)
-        similar = normalised(aligned)
-        direction, variance, distance = _directions(similar.aligned, _GRID)
+        direction, others = _directions(normalised(aligned).aligned, _GRID)
         # Long enough for any window, of which rounding may cut a point more or less.
         self._stretch = np.arange(math.ceil(sum(config.window) / _SPACING) + 5)
         # Features first, so that a search takes the same stretch of every one; and as
         # much on either side of the grid as a stretch may stick out, far from any pose.
-        features = np.zeros((12, _GRID.size + 2 * self._stretch.size))
+        features = np.zeros((13, _GRID.size + 2 * self._stretch.size))
         features[4:7] = _FAR
         features[11] = 1.0
         features[:, self._stretch.size : -self._stretch.size] = np.vstack(
             [
-                distance,
+                np.sqrt(others[0]),
                 means[:, 3:].T,
                 direction.T,
-                distance**2,
+                others[0],
                 1.0 / (prediction.std[:, 3:].T ** 2 + noise.rotation**2),
-                variance,
+                others[1:],
             ]
         )
         self._features, self._rates = features, prediction.mean_rate
@@ -216,7 +216,7 @@ class PathPhase:
 
         # Features (7, *N): ρ, θ, u, and the sizes (5, *N, K) by what the path so far
         # says of them. A few numbers per row: Python's floats are as fast as NumPy.
-        observed, sizes = [], []
+        observed, similarities = [], []
         for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
             x, y, z, *rotation = pose
             handle = self._handles[number]
@@ -235,9 +235,9 @@ class PathPhase:
             far = math.sqrt(x * x + y * y + z * z) + 1e-9
             observed.append((far, *rotation, x / far, y / far, z / far))
             likely = similarity.likely
-            sizes.append(
+            similarities.append(
                 (
-                    likely.log_weights,
+                    np.log(np.maximum(likely.weights, 1e-300)),
                     np.exp(likely.log_sizes),
                     np.full(likely.log_sizes.size, likely.size_std**2),
                     likely.angle,
@@ -245,7 +245,9 @@ class PathPhase:
                 )
             )
         features = np.array(observed).T.reshape(7, *poses.shape[:-1])
-        similar = np.array(sizes).swapaxes(0, 1).reshape(5, *poses.shape[:-1], -1)
+        similar = (
+            np.array(similarities).swapaxes(0, 1).reshape(5, *poses.shape[:-1], -1)
+        )
 
         # Search near the previous phases: grid points first to first + size.
         backward, forward = self._config.window
@@ -260,30 +262,30 @@ class PathPhase:
             near = self._features[:, column : column + edge]
         else:
             near = self._features.take(column[:, None] + self._stretch, axis=1)
-        costs = [each.reshape(-1, edge) for each in self._cost(near, features, similar)]
+        costs = [
+            each.reshape(len(numbers), -1)
+            for each in self._cost(near, features, similar)
+        ]
 
         # Search the whole task where nothing near fits.
-        found = []
-        for index, (number, cost, error, (first, size)) in enumerate(
+        found, sizes = [], []
+        for index, (number, cost, error, near_by, (first, size)) in enumerate(
             zip(numbers, *costs, windows, strict=True)
         ):
-            best = self._nearest(cost[:size], error, first)
+            best, weights = self._nearest(cost[:size], error, first), near_by
             if best[2] > self._config.lost_misfit:
                 begin = number * width + edge
                 whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
                 own = features.reshape(7, -1)[:, index]
                 alone = similar.reshape(5, len(numbers), -1)[:, index]
-                anywhere = self._nearest(*self._cost(whole, own, alone), -1)
+                *elsewhere, others = self._cost(whole, own, alone)
+                anywhere = self._nearest(*elsewhere, -1)
                 if anywhere[2] < self._config.clearer_share * best[2]:
-                    best = anywhere
+                    best, weights = anywhere, others
             found.append(best)
+            sizes.append(self._similarities[number].likely.weighed(weights))
         phases, stds, misfits = np.array(found).T.reshape(3, *previous.shape)
-        return PhaseEstimate(
-            phases,
-            stds,
-            misfits,
-            tuple(self._similarities[number] for number in numbers),
-        )
+        return PhaseEstimate(phases, stds, misfits, tuple(sizes))
 
     def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
         """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
@@ -318,10 +320,13 @@ class PathPhase:
         features: Float[np.ndarray, "*F W"],
         observed: Float[np.ndarray, "*E"],
         sizes: Float[np.ndarray, "5 *N C"],
-    ) -> tuple[Float[np.ndarray, "*N W"], Float[np.ndarray, "*N W"]]:
+    ) -> tuple[
+        Float[np.ndarray, "*N W"], Float[np.ndarray, "*N W"], Float[np.ndarray, "*N C"]
+    ]:
         """Return what observed features (7, *N) cost along stretches of the grid.
 
-        That is -2 log Σ_c w_c exp(-d²(c)/2), and the expectation of d² over sizes.
+        That is -2 log Σ_c w_c exp(-d²(s, c)/2), the expectation of d² over sizes, and
+        the weights Σ_s w_c exp(-d²(s, c)/2) of the sizes, up to a factor.
         """
         each, along = observed[..., None], features[:, ..., None, :]
         log_weight, size, size_variance, angle, variance = sizes[..., None]
@@ -333,6 +338,7 @@ class PathPhase:
         radial /= (
             self._config.noise.position**2
             + (self._config.distance_share**2 + size_variance) * along[7]
+            + along[12]
         )
         cosine, sine = np.cos(angle), np.sin(angle)
         x, y, z = (part[..., None, None] for part in observed[4:7])
@@ -347,17 +353,23 @@ class PathPhase:
         total = np.add.reduce(likely, axis=-2)
         cost: Float[np.ndarray, "*N W"] = turning - 2.0 * (highest + np.log(total))
         expected = turning + np.add.reduce(likely * error, axis=-2) / total
-        return cost, expected
+        share = np.exp(highest - 0.5 * turning - (-0.5 * cost).max(-1, keepdims=True))
+        weights = np.add.reduce(likely * share[..., None, :], axis=-1)
+        return cost, expected, weights
 
 
 def _directions(
     aligned: AlignedDemonstrations, phases: Float[np.ndarray, " G"]
-) -> tuple[Float[np.ndarray, "G 3"], Float[np.ndarray, " G"], Float[np.ndarray, " G"]]:
-    """Return mean direction, its variance off the plane, and mean distance.
+) -> tuple[Float[np.ndarray, "G 3"], Float[np.ndarray, "3 G"]]:
+    """Return the mean direction along the task, and features of the displacement.
 
     Args:
         aligned: The demonstrations, of one size and heading.
         phases: Where along the task.
+
+    Returns:
+        The direction, and the mean distance's square [m²], the variance of direction
+        off the plane [rad²] and that of the distance [m²].
     """
     positions = np.stack(
         [
@@ -366,7 +378,9 @@ def _directions(
         ]
     ).transpose(0, 2, 1)
     mean = positions.mean(axis=0)
-    length = np.linalg.norm(mean, axis=1)
+    length = np.sqrt((mean**2).sum(axis=1))
     least = np.maximum(length, 1e-3)
-    variance = positions[..., 1].var(axis=0) / least**2 + (1e-3 / least) ** 2
-    return mean / least[:, None], variance, length
+    direction = mean / least[:, None]
+    off_plane = positions[..., 1].var(axis=0) / least**2 + (1e-3 / least) ** 2
+    distance = (positions * direction).sum(axis=2).var(axis=0)
+    return direction, np.array([length**2, off_plane, distance])

@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
-from gplfd_policies.demonstrations.path_similarity import PathSimilarity
+from gplfd_policies.demonstrations.path_similarity import LikelySizes
 
 Poses = Float[np.ndarray, "*N 6"]
 Phases = Float[Numbers, "*N"]
@@ -62,7 +62,7 @@ class PhaseEstimate:
     """How far they are from anything demonstrated near there: root mean square of the
     features' errors over their standard deviations. About 1 or less where all is as
     expected; NaN of a rule that does not compare."""
-    similarities: Sequence[PathSimilarity] = ()
+    sizes: Sequence[LikelySizes] = ()
     """What the paths so far say about size and heading, one per pose; none of a rule
     that does not infer them."""
 

@@ -91,7 +91,7 @@ def clock_phase(movement: Movement) -> PhaseRule:
 
 
 def profile_of_spread(
-    aligned: AlignedDemonstrations, resolution: tuple[float, float] = (1e-3, 3e-2)
+    aligned: AlignedDemonstrations, resolution: tuple[float, float] = (1e-4, 3e-2)
 ) -> StiffnessProfile:
     """Scale the stiffness profile by the demonstrations' spread, root mean square.
 
