@@ -56,6 +56,7 @@ from gplfd_policies.registry.method import (
     clock_phase,
     demonstrated_phase,
     heading_trusting_phase,
+    one_size_phase,
 )
 from gplfd_policies.registry.policy import Policy
 
@@ -70,7 +71,8 @@ GP: Final = Method(
     fit=fit_skill,
     accepts_prior_mean=True,
     beyond=0.5,
-    adaptation=SimilarityAdaptation,
+    adaptation=ProcessAdaptation,
+    door_adaptation=SimilarityAdaptation,
 )
 """The method of this project, of which the ablations differ in one field each."""
 
@@ -156,27 +158,32 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-product": _ablation(
             "gp with the paper's adaptation (product of Gaussians)",
             adaptation=ProductAdaptation,
+            door_adaptation=None,
         ),
         "gp-exact": _ablation(
             "gp with joint conditioning on demonstrations and via-points",
             adaptation=ExactAdaptation,
+            door_adaptation=None,
         ),
         "gp-process": _ablation(
-            "gp whose forecast knows no size: outputs deviate as demonstrated",
-            adaptation=ProcessAdaptation,
+            "gp whose forecast infers no size: outputs deviate as demonstrated",
+            door_adaptation=None,
         ),
         "gp-independent-phase": _ablation(
             "gp that treats phase uncertainty as independent noise per output",
             adaptation=IndependentPhaseAdaptation,
+            door_adaptation=None,
         ),
         "gp-own-clock": _ablation(
             "gp that also adapts the timing of the motion",
             adaptation=OwnClockAdaptation,
+            door_adaptation=None,
             accepts_prior_mean=False,
         ),
         "gp-fixed": _ablation(
             "gp without adaptation (follows the mean of the demonstrations)",
             adaptation=None,
+            door_adaptation=None,
         ),
         "gp-homoscedastic": _ablation(
             "gp with one noise level for the whole motion (homoscedastic)",
@@ -200,6 +207,10 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-heading-trusting": _ablation(
             "gp without tolerance for heading errors in the phase estimate",
             phases=heading_trusting_phase,
+        ),
+        "gp-one-size": _ablation(
+            "gp that takes every path for one of the demonstrations' mean size",
+            phases=one_size_phase,
         ),
         "gp-position-only": _ablation(
             "gp that learns positions only (constant orientation)",

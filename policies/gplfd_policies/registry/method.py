@@ -23,6 +23,7 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
 from gplfd_policies.movements.movement import (
     AdaptationForm,
     EmpiricalDistribution,
@@ -76,6 +77,12 @@ def path_phase(movement: Movement, config: PathPhaseConfig = _PATH_PHASE) -> Pha
 def heading_trusting_phase(movement: Movement) -> PhaseRule:
     """Find it on the path as if the robot stood exactly straight to the door."""
     return path_phase(movement, PathPhaseConfig(noise=PhaseNoise(heading=0.0)))
+
+
+def one_size_phase(movement: Movement) -> PhaseRule:
+    """Find it on the path as if every door had the demonstrations' mean size."""
+    same = SimilarityConfig(size_std=0.0, size_weight=1e9)
+    return path_phase(movement, PathPhaseConfig(similarity=same))
 
 
 def demonstrated_phase(
@@ -139,6 +146,9 @@ class Method:
     end, ever less certain; 0 for none."""
     adaptation: AdaptationForm | None = None
     """In which form via-points adapt the movement; None for a method without."""
+    door_adaptation: AdaptationForm | None = None
+    """In which form they do while an agent follows it on doors, whose paths differ in
+    size; None for `adaptation`."""
     phases: Callable[[Movement], PhaseRule] = path_phase
     """How an agent finds where along the task the hand is."""
     profile: Callable[[AlignedDemonstrations], StiffnessProfile] = profile_of_spread
@@ -190,7 +200,9 @@ class Method:
         """
         _check_starts(movement.aligned.demonstrated.poses)
         return CompliantAgent(
-            GriddedMovement(movement, self.adaptation, _GRID),
+            GriddedMovement(
+                movement, self.door_adaptation or self.adaptation, _GRID
+            ),
             phases=self.phases(movement),
             config=replace(self.config, profile=self.profile(movement.aligned)),
             handle_config=self.handle_config,

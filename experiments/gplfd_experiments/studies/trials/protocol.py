@@ -1,4 +1,4 @@
-"""Protocol v2: the trials, their policies, and how contrasts are decided.
+"""Protocol v3: the trials, their policies, and how contrasts are decided.
 
 Frozen under its version: a change of a door, a draw, a demonstration, a measure or a
 policy that takes part makes another version. The criteria were settled before the
@@ -25,7 +25,7 @@ from gplfd_experiments.studies.trials.records import Contrast, Level, Side, Tria
 from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.tuning_spaces import tuned_settings
 
-VERSION: Final = 2
+VERSION: Final = 3
 """Of the protocol."""
 
 SEEDS: Final = 20
@@ -114,6 +114,13 @@ def _directions(measure: str) -> tuple[Contrast, ...]:
     return _without("stiffness along the path", measure, "gp-axis-stiffness")
 
 
+def _sizes(measure: str) -> tuple[Contrast, ...]:
+    return (
+        *_without("size and phase together", measure, "gp-one-size"),
+        *_without("forecast with size", measure, "gp-process"),
+    )
+
+
 def _load(measure: str) -> tuple[Contrast, ...]:
     return _without("learned load", measure, "gp-carried-load")
 
@@ -152,6 +159,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             contrasts=(
                 *_without("via-points", _RADIAL, "gp-fixed"),
                 *_without("shared phase error", _RADIAL, "gp-independent-phase"),
+                *_sizes(_RADIAL),
                 *_directions(_RADIAL),
             ),
             tuned=True,
@@ -187,6 +195,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             },
             contrasts=(
                 _prior_mean(_RADIAL, "two and a prior mean", "two of the small door"),
+                *_sizes(_RADIAL),
             ),
         ),
         "messy": Trial(
