@@ -68,11 +68,17 @@ def test_frame_of_a_level_path_keeps_up_and_that_of_the_pull_is_the_axes():
     assert_allclose(back.T @ back, np.eye(3))
 
 
-@given(path=tangents(1), std=arrays(np.float64, 6, elements=st.floats(0, 0.1)))
-def test_directional_law_is_that_of_the_variance_along_it(path, std):
+@given(
+    path=tangents(1),
+    std=arrays(np.float64, 6, elements=st.floats(0, 0.1)),
+    correlation=st.floats(-1.0, 1.0),
+)
+def test_directional_law_is_that_of_the_variance_along_it(path, std, correlation):
     frame = path_frame(path[0])
-    found = directional_std(frame, std, level)
-    covariance = frame.T @ np.diag(std[:3] ** 2) @ frame
+    together = np.diag(std[:3] ** 2)
+    together[0, 2] = together[2, 0] = correlation * std[0] * std[2]
+    found = directional_std(frame, std, together[0, 2])
+    covariance = frame.T @ together @ frame
     assert_allclose(found[:3] ** 2, np.diag(covariance), atol=1e-15)
     assert_array_equal(found[3:], std[3:])
     # αβ is 6 on all axes, and so it is between them.

@@ -186,7 +186,7 @@ def test_settings_of_phase_and_handles_are_those_of_a_method(demonstrations, lea
     method = dataclasses.replace(
         POLICIES["gp"].method,
         phases=partial(path_phase, config=window),
-        profile=partial(profile_of_spread, resolution=(4e-3, 3e-2)),
+        profile=partial(profile_of_spread, resolution=(4e-4, 3e-2)),
         handle_config=handle,
     )
     movement = learned(method, demonstrations)

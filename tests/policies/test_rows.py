@@ -59,7 +59,8 @@ def governed(part, given, rows):
 
 def in_frames(part, given, rows):
     frame = given["frame"]
-    std = directional_std(frame, np.abs(given["pose"]))
+    pose = given["pose"]
+    std = directional_std(frame, np.abs(pose), 0.5 * pose[..., 0] * pose[..., 2])
     wished = DEFAULT_PROFILE.stiffness(std, frame)
     if isinstance(part, Admittance):
         return part.step(wished, given["wrench"], DT, rows, frame), part.velocity[rows]

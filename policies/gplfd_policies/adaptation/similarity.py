@@ -13,21 +13,18 @@ and has a filter of its own over the phases of the via-points.
 """
 
 import math
+from functools import partial
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.shapes import Outputs, Times
+from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
 from gplfd_policies.demonstrations.path_similarity import SimilarityModel, advance
 from gplfd_policies.demonstrations.turned_handle import seen_at, turned_handle
 from gplfd_policies.movements.movement import Movement
-from gplfd_policies.movements.trajectory import (
-    GaussianTrajectory,
-    ViaPoint,
-    white_covariance,
-)
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 _LEVEL: Final = [0, 2]
 """x and z, which the size changes."""
@@ -121,10 +118,14 @@ class SimilarityAdaptation:
 
     @one_thread
     def trajectory(self) -> GaussianTrajectory:
-        """The current distribution on the grid; samples deviate independently."""
+        """The current distribution on the grid, whose deviations are smooth."""
         std = self._std.copy()
+        (x, z), others = self._level, [std[:, [output]] for output in _OTHERS]
         return GaussianTrajectory.from_moments(
-            self._grid, self._mean.copy(), std, lambda: white_covariance(std**2)
+            self._grid,
+            self._mean.copy(),
+            std,
+            partial(_over_time, [x, others[0], z, *others[1:]], std),
         )
 
     def _forecast(self) -> None:
@@ -141,10 +142,16 @@ class SimilarityAdaptation:
         tangent = np.gradient(path)
         along = self._lag * tangent / np.maximum(np.abs(tangent), _NOISE**2)
         tx, tz = along.real, -along.imag
-        variance[:, 0] = (dx * dx + ax * ax) @ weights + tx * tx + _NOISE**2
-        variance[:, 2] = (dz * dz + az * az) @ weights + tz * tz + _NOISE**2
-        level: Float[np.ndarray, " M"] = (dx * dz + ax * az) @ weights + tx * tz
-        self.level_covariance = level
+        # Deviations are independent of each other, and each is one for all phases.
+        share = np.sqrt(weights)
+        self._level = tuple(
+            np.column_stack([share * between, share * aside, behind])
+            for between, aside, behind in ((dx, ax, tx), (dz, az, tz))
+        )
+        for output, roots in zip(_LEVEL, self._level, strict=True):
+            variance[:, output] = (roots * roots).sum(axis=1) + _NOISE**2
+        x, z = self._level
+        self.level_covariance: Float[np.ndarray, " M"] = (x * z).sum(axis=1)
         """Covariance of x and z on the grid [m²]."""
 
         rate, step = self._rate, self._grid[:, None] - self._phase
@@ -160,3 +167,14 @@ class SimilarityAdaptation:
         share = _CONSTANT * left[0, 0] + smooth * (2.0 * constant * both + smooth * own)
         variance[:, _OTHERS] = self._spread**2 * np.maximum(share, 0.0)
         self._std = np.sqrt(variance)
+
+
+def _over_time(roots: list[Float[np.ndarray, "M _"]], std: Outputs) -> Covariances:
+    """Covariance over time of every output, of deviations that are one for all phases.
+
+    What these leave of the variance is independent from phase to phase.
+    """
+    covariance = np.stack([root @ root.T for root in roots])
+    diagonal = np.arange(len(std))
+    covariance[:, diagonal, diagonal] = std.T**2
+    return covariance

@@ -213,6 +213,8 @@ class PathPhase:
             rows: The rows that are meant.
         """
         numbers = np.ravel(self._numbers[rows]).tolist()
+        if not numbers:
+            return PhaseEstimate(previous, previous, previous)
 
         # Features (7, *N): ρ, θ, u, and the sizes (5, *N, K) by what the path so far
         # says of them. A few numbers per row: Python's floats are as fast as NumPy.

@@ -200,9 +200,7 @@ class Method:
         """
         _check_starts(movement.aligned.demonstrated.poses)
         return CompliantAgent(
-            GriddedMovement(
-                movement, self.door_adaptation or self.adaptation, _GRID
-            ),
+            GriddedMovement(movement, self.door_adaptation or self.adaptation, _GRID),
             phases=self.phases(movement),
             config=replace(self.config, profile=self.profile(movement.aligned)),
             handle_config=self.handle_config,
