@@ -104,10 +104,11 @@ class PathPhase:
     logarithms that would make it a likelihood are left out: they favour early phases,
     where the demonstrations agree, over the hand's progress.
 
-    From the curvature of the cost the phase has a standard deviation. The misfit √(E d²/6)
-    at the best phase is about 1 or less where errors are as expected. Where it is more,
-    the standard deviation grows with it (Birge's ratio); from `lost_misfit` on, the
-    phase is searched along the whole task and not only near the last one.
+    From the curvature of the cost the phase has a standard deviation. The misfit
+    √(E d²/6) at the best phase is about 1 or less where errors are as expected. Where
+    it is more, the standard deviation grows with it (Birge's ratio); from
+    `lost_misfit` on, the phase is searched along the whole task and not only near the
+    last one.
 
     The distribution is the one before adaptation, so that the estimate cannot follow
     the policy's belief in the robot's own errors. The search stays near the last phase.
