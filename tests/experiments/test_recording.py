@@ -12,11 +12,13 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_experiments.recording import colours, record_episode
+from gplfd_experiments.recording.episode import mean_radius
 from gplfd_experiments.recording.lanes import LEVELS, SCALE, recent_mean, stages
 from gplfd_experiments.recording.layout import PLOTS, layout
 from gplfd_experiments.recording.motion import VIEW
 from gplfd_experiments.recording.scene import visual_geoms
 from gplfd_experiments.recording.tube import N_RINGS, N_SIDES
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 
 def packed(colour):
@@ -142,6 +144,7 @@ def test_bands_are_1_96_sigma_and_predictions_end_where_they_are_unknown(
 
 def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_log):
     belief = ("predicted_mean", "predicted_std", "std", "std_rate")
+    size = dict.fromkeys(("path_size", "path_size_std"), np.full(601, np.nan))
     rendered = ("stiffness", "stiffness_rate", "stability_margin")
     forecast = ("forecast_mean", "forecast_std")
     recording = record(
@@ -149,6 +152,7 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_lo
             **dict.fromkeys((*belief, *rendered), np.full((601, 6), np.nan)),
             **dict.fromkeys(forecast, np.empty((0, 0, 6))),
             **dict.fromkeys(("forecast_times", "forecast_phase"), np.empty(0)),
+            **size,
             via_point=np.zeros(601, dtype=bool),
         )
     )
@@ -156,8 +160,33 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_lo
     assert "policy_now" not in paths
     assert "belief" not in paths
     assert "/plots/stiffness" not in paths
+    assert "/plots/size" not in paths
     assert "/plots/angle/door" in recording.entities
     assert "/world/task/true_arc" in recording.entities
+
+
+def test_size_is_shown_by_its_band_and_its_true_value(record, make_log):
+    log = make_log()
+    recording = record(log)
+    (_, centre), (_, variance) = (
+        recording["/plots/size/belief", f"Measurements:{name}"]
+        for name in ("values", "variances")
+    )
+    centre, half = np.ravel(centre), np.sqrt(np.ravel(variance))
+    spread = np.exp(1.96 * log.path_size_std)
+    np.testing.assert_allclose(centre - half, 120.0 / spread, rtol=1e-5)
+    np.testing.assert_allclose(centre + half, 120.0 * spread, rtol=1e-5)
+    _, curves = recording["/plots/size/curves", "Scalars:scalars"]
+    # Of the demonstrated doors, of .35 and .65 m, the mean is a geometric one.
+    truth = 100.0 * log.radius / math.sqrt(0.35 * 0.65)
+    np.testing.assert_allclose(curves, [[120.0, truth]] * 601, rtol=0.02)
+
+
+def test_true_size_is_unknown_where_no_arcs_were_demonstrated():
+    line = np.linspace(0.0, 1.0, 50)[:, None] * np.array([0.4, 0.0, 0.0, 0.0, 0.0, 0.0])
+    straight = Demonstration(times=np.linspace(0.0, 1.0, 50), poses=line)
+    assert math.isnan(mean_radius([straight]))
+    assert math.isnan(mean_radius([]))
 
 
 def test_before_adaptation_is_the_first_forecast_at_the_observed_phase(make_log):
@@ -257,12 +286,12 @@ def blueprint_of(path):
 
 def test_file_carries_the_layout_as_rerun_would_write_it(record, make_log, tmp_path):
     # Time is spent per chunk, 0.1 ms each to make and to write.
-    assert len(record(make_log()).chunks) <= 70
+    assert len(record(make_log()).chunks) <= 74
     written = blueprint_of(tmp_path / "episode.rrd")
     layout((), (), "right").save("gplfd", tmp_path / "plain.rbl")
     assert written == blueprint_of(tmp_path / "plain.rbl")
     views = {path for path, name in written if name == "ViewBlueprint:space_origin"}
-    assert len(views) == 16  # twelve of series, two 3-D, lanes and page
+    assert len(views) == 17  # thirteen of series, two 3-D, lanes and page
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")
