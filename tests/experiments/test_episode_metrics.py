@@ -100,8 +100,7 @@ def test_a_file_from_before_wall_times_were_measured_is_read(rewritten):
 def test_a_file_from_before_sizes_were_logged_is_read(rewritten):
     sizes = ("path_size", "path_size_std", "heading", "heading_std")
     log = EpisodeLog.load(rewritten(lambda arrays: [*map(arrays.pop, sizes)]))
-    for name in sizes:
-        assert np.isnan(getattr(log, name)).all()
+    assert np.isnan([getattr(log, name) for name in sizes]).all()
 
 
 def test_a_file_from_before_stiffness_turned_has_the_frame_of_the_axes(rewritten):

@@ -144,7 +144,6 @@ def test_bands_are_1_96_sigma_and_predictions_end_where_they_are_unknown(
 
 def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_log):
     belief = ("predicted_mean", "predicted_std", "std", "std_rate")
-    size = dict.fromkeys(("path_size", "path_size_std"), np.full(601, np.nan))
     rendered = ("stiffness", "stiffness_rate", "stability_margin")
     forecast = ("forecast_mean", "forecast_std")
     recording = record(
@@ -152,7 +151,7 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_lo
             **dict.fromkeys((*belief, *rendered), np.full((601, 6), np.nan)),
             **dict.fromkeys(forecast, np.empty((0, 0, 6))),
             **dict.fromkeys(("forecast_times", "forecast_phase"), np.empty(0)),
-            **size,
+            path_size=np.full(601, np.nan),
             via_point=np.zeros(601, dtype=bool),
         )
     )
@@ -168,14 +167,11 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_lo
 def test_size_is_shown_by_its_band_and_its_true_value(record, make_log):
     log = make_log()
     recording = record(log)
-    (_, centre), (_, variance) = (
-        recording["/plots/size/belief", f"Measurements:{name}"]
-        for name in ("values", "variances")
-    )
-    centre, half = np.ravel(centre), np.sqrt(np.ravel(variance))
-    spread = np.exp(1.96 * log.path_size_std)
-    np.testing.assert_allclose(centre - half, 120.0 / spread, rtol=1e-5)
-    np.testing.assert_allclose(centre + half, 120.0 * spread, rtol=1e-5)
+    _, centre = recording["/plots/size/belief", "Measurements:values"]
+    _, variance = recording["/plots/size/belief", "Measurements:variances"]
+    band = np.ravel(centre) + np.outer([-1.0, 1.0], np.sqrt(variance))
+    factor = np.exp(1.96 * log.path_size_std)
+    np.testing.assert_allclose(band, [120.0 / factor, 120.0 * factor], rtol=1e-5)
     _, curves = recording["/plots/size/curves", "Scalars:scalars"]
     # Of the demonstrated doors, of .35 and .65 m, the mean is a geometric one.
     truth = 100.0 * log.radius / math.sqrt(0.35 * 0.65)
@@ -183,10 +179,10 @@ def test_size_is_shown_by_its_band_and_its_true_value(record, make_log):
 
 
 def test_true_size_is_unknown_where_no_arcs_were_demonstrated():
-    line = np.linspace(0.0, 1.0, 50)[:, None] * np.array([0.4, 0.0, 0.0, 0.0, 0.0, 0.0])
-    straight = Demonstration(times=np.linspace(0.0, 1.0, 50), poses=line)
-    assert math.isnan(mean_radius([straight]))
-    assert math.isnan(mean_radius([]))
+    times = np.linspace(0.0, 1.0, 50)
+    line = Demonstration(times=times, poses=np.outer(times, np.eye(6)[0]))
+    for demonstrations in [], [line]:
+        assert math.isnan(mean_radius(demonstrations))
 
 
 def test_before_adaptation_is_the_first_forecast_at_the_observed_phase(make_log):

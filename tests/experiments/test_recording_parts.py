@@ -139,19 +139,13 @@ def test_an_episode_shown_in_parts_shows_what_it_shows_at_once(
     first_row = first_forecast = 0
     for end in ends:
         log = so_far(whole, end)
-        part = Part(
-            log=log,
-            first_row=first_row,
-            first_forecast=first_forecast,
-            demonstrated_radius=0.4,
-        )
+        part = Part(log=log, first_row=first_row, first_forecast=first_forecast)
         new = columns_of(part_chunks(part, door_model))
         assert not parts.keys() & new.keys()
         parts |= new
         first_row, first_forecast = end, log.forecast_times.size
     missing = []
-    once = Part(log=whole, demonstrated_radius=0.4)
-    for key, value in columns_of(part_chunks(once, door_model)).items():
+    for key, value in columns_of(part_chunks(Part(log=whole), door_model)).items():
         if key not in parts:
             missing.append(key)
         elif key[1] == "LineStrips3D:strips" and "trail" in key[0]:

@@ -116,10 +116,8 @@ def test_fig10_compliance_towards_the_hinge_rises_to_the_end(skill):
 @pytest.mark.parametrize("radius", [0.3, 0.7])
 def test_size_and_heading_narrow_to_the_truth(radius, skill):
     steps, _ = ideal_door(agent_of(skill), radius, 600)
-    size, size_std, heading, heading_std = (
-        stacked(steps, name)
-        for name in ("path_size", "path_size_std", "heading", "heading_std")
-    )
+    size, size_std = stacked(steps, "path_size"), stacked(steps, "path_size_std")
+    heading, heading_std = stacked(steps, "heading"), stacked(steps, "heading_std")
     assert size[0] == pytest.approx(1.0)
     assert size_std[0] > 0.2
     assert heading_std[0] == pytest.approx(np.radians(3.0), rel=0.05)
@@ -133,8 +131,8 @@ def test_size_and_heading_narrow_to_the_truth(radius, skill):
 def test_clock_infers_no_size(skill):
     agent = dataclasses.replace(agent_of(skill), phases=ClockPhase())
     (step,) = held_still(agent, 1)
-    assert np.isnan([step.path_size, step.path_size_std, step.heading]).all()
-    assert np.isnan(step.heading_std)
+    inferred = step.path_size, step.path_size_std, step.heading, step.heading_std
+    assert np.isnan(inferred).all()
 
 
 def test_via_points_share_what_the_phase_leaves_open(skill, monkeypatch):

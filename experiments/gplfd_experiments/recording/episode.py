@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from statistics import fmean
+from statistics import geometric_mean
 
 import mujoco
 import rerun as rr
@@ -85,10 +85,9 @@ def recording_name(log: EpisodeLog) -> str:
 def mean_radius(demonstrations: Sequence[Demonstration]) -> float:
     """Return the geometric mean of the radii of demonstrated arcs [m]; NaN of none."""
     try:
-        radii = [find_hinge(each.poses[:, :3]).radius for each in demonstrations]
-    except ValueError:
+        return geometric_mean(find_hinge(d.poses[:, :3]).radius for d in demonstrations)
+    except ValueError:  # no circle, or no demonstration
         return math.nan
-    return math.exp(fmean(map(math.log, radii))) if radii else math.nan
 
 
 def static_chunks(

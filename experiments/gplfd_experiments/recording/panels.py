@@ -142,10 +142,9 @@ def _beliefs(part: Part) -> list[Chunk]:
 
 
 def _sizes(part: Part) -> list[Chunk]:
-    """Inferred size of the path in % of the demonstrations', ±1.96 σ of its logarithm.
+    """Size of the path, in % of the demonstrations' mean, ±1.96 σ of its logarithm.
 
-    The band is not symmetric about its median, as the viewer's are: the median is a
-    curve of its own. The true size is that of a bar's arc.
+    The median is not the middle of the band, and has a curve of its own.
     """
     log = part.log
     bounds = QUANTILE * np.stack([-log.path_size_std, log.path_size_std])
@@ -160,10 +159,11 @@ def _sizes(part: Part) -> list[Chunk]:
     if log.config.handle == "bar" and math.isfinite(part.demonstrated_radius):
         truth = 100.0 * log.config.hand_radius / part.demonstrated_radius
         curves[Line("true", colours.TRUTH)] = np.full_like(low, truth)
-    band = Line("±1.96 σ", colours.ADAPTED, 0.0)
-    look = [line_style(path, band, archetype=rr.Measurements)]
+    band = line_style(
+        path, Line("±1.96 σ", colours.ADAPTED, 0.0), archetype=rr.Measurements
+    )
     return [
-        *(look if part.begins(low) else []),
+        *([band] if part.begins(low) else []),
         moving(path, part.times, columns),
         *lines(part, f"{ROOT}/size/curves", curves),
     ]
