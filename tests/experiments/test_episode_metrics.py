@@ -97,6 +97,12 @@ def test_a_file_from_before_wall_times_were_measured_is_read(rewritten):
     assert late_decisions([metrics.as_json()]) == ""
 
 
+def test_a_file_from_before_sizes_were_logged_is_read(rewritten):
+    sizes = ("path_size", "path_size_std", "heading", "heading_std")
+    log = EpisodeLog.load(rewritten(lambda arrays: [*map(arrays.pop, sizes)]))
+    assert np.isnan([getattr(log, name) for name in sizes]).all()
+
+
 def test_a_file_from_before_stiffness_turned_has_the_frame_of_the_axes(rewritten):
     log = EpisodeLog.load(rewritten(lambda arrays: arrays.pop("frame")))
     np.testing.assert_array_equal(log.frame, [np.eye(3)] * log.times.size)

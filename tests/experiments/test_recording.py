@@ -12,11 +12,13 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_experiments.recording import colours, record_episode
+from gplfd_experiments.recording.episode import mean_radius
 from gplfd_experiments.recording.lanes import LEVELS, SCALE, recent_mean, stages
 from gplfd_experiments.recording.layout import PLOTS, layout
 from gplfd_experiments.recording.motion import VIEW
 from gplfd_experiments.recording.scene import visual_geoms
 from gplfd_experiments.recording.tube import N_RINGS, N_SIDES
+from gplfd_policies.demonstrations.demonstration import Demonstration
 
 
 def packed(colour):
@@ -149,6 +151,7 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_lo
             **dict.fromkeys((*belief, *rendered), np.full((601, 6), np.nan)),
             **dict.fromkeys(forecast, np.empty((0, 0, 6))),
             **dict.fromkeys(("forecast_times", "forecast_phase"), np.empty(0)),
+            path_size=np.full(601, np.nan),
             via_point=np.zeros(601, dtype=bool),
         )
     )
@@ -156,8 +159,30 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_lo
     assert "policy_now" not in paths
     assert "belief" not in paths
     assert "/plots/stiffness" not in paths
+    assert "/plots/size" not in paths
     assert "/plots/angle/door" in recording.entities
     assert "/world/task/true_arc" in recording.entities
+
+
+def test_size_is_shown_by_its_band_and_its_true_value(record, make_log):
+    log = make_log()
+    recording = record(log)
+    _, centre = recording["/plots/size/belief", "Measurements:values"]
+    _, variance = recording["/plots/size/belief", "Measurements:variances"]
+    band = np.ravel(centre) + np.outer([-1.0, 1.0], np.sqrt(variance))
+    factor = np.exp(1.96 * log.path_size_std)
+    np.testing.assert_allclose(band, [120.0 / factor, 120.0 * factor], rtol=1e-5)
+    _, curves = recording["/plots/size/curves", "Scalars:scalars"]
+    # Of the demonstrated doors, of .35 and .65 m, the mean is a geometric one.
+    truth = 100.0 * log.radius / math.sqrt(0.35 * 0.65)
+    np.testing.assert_allclose(curves, [[120.0, truth]] * 601, rtol=0.02)
+
+
+def test_true_size_is_unknown_where_no_arcs_were_demonstrated():
+    times = np.linspace(0.0, 1.0, 50)
+    line = Demonstration(times=times, poses=np.outer(times, np.eye(6)[0]))
+    for demonstrations in [], [line]:
+        assert math.isnan(mean_radius(demonstrations))
 
 
 def test_before_adaptation_is_the_first_forecast_at_the_observed_phase(make_log):
@@ -257,12 +282,12 @@ def blueprint_of(path):
 
 def test_file_carries_the_layout_as_rerun_would_write_it(record, make_log, tmp_path):
     # Time is spent per chunk, 0.1 ms each to make and to write.
-    assert len(record(make_log()).chunks) <= 70
+    assert len(record(make_log()).chunks) <= 74
     written = blueprint_of(tmp_path / "episode.rrd")
     layout((), (), "right").save("gplfd", tmp_path / "plain.rbl")
     assert written == blueprint_of(tmp_path / "plain.rbl")
     views = {path for path, name in written if name == "ViewBlueprint:space_origin"}
-    assert len(views) == 16  # twelve of series, two 3-D, lanes and page
+    assert len(views) == 17  # thirteen of series, two 3-D, lanes and page
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")

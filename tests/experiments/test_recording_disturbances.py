@@ -100,4 +100,4 @@ def test_the_layout_has_room_only_for_what_happens(make_log, titles_of):
         for log in (make_log(), make_log(person_force=held(33.0)))
     )
     assert set(disturbed) - set(plain) == {"From outside: person [N]", "From outside"}
-    assert len(plain) == 16
+    assert len(plain) == 17

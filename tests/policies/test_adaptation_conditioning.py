@@ -308,8 +308,8 @@ def test_one_demonstration_has_no_deviations():
         skill = fit_skill(aligned, noise="homoscedastic")
     point = ViaPoint(phase=0.5, pose=door(0.5)[30] + 1e-3)
     with pytest.raises(ValueError, match=r'at least 2 demonstrations.*form="exact"'):
-        adapt(skill, [point]).predict(TIMES)
-    for form in ("exact", "product"):
+        adapt(skill, [point], "process").predict(TIMES)
+    for form in ("similarity", "exact", "product"):
         assert np.isfinite(adapt(skill, [point], form).predict(TIMES).std).all()
 
 

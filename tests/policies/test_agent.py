@@ -101,17 +101,38 @@ def test_rendered_stiffness_keeps_the_stability_bound(skill, radius):
     assert excess(DEFAULT_PROFILE.stiffness(stacked(steps, "std"), frames)) > 0.0
 
 
-@pytest.mark.parametrize("name", ["gp-paper", "gp-axis-stiffness"])
-def test_fig10_compliance_towards_the_hinge_rises_to_the_end(name, learned_agent):
-    agent = learned_agent(name)
-    duration = agent.movement.learned.duration
-    steps, angles = ideal_door(agent, 0.5, round(duration / PERIOD))
+def test_fig10_compliance_towards_the_hinge_rises_to_the_end(skill):
+    """Without adaptation, towards the hinge as it is at the closed door."""
+    agent = agent_of(skill, None, stiffness_frame="axes")
+    steps, angles = ideal_door(agent, 0.5, round(skill.duration / PERIOD))
     stiffness = stacked(steps, "stiffness")[:, 2]
     thirds = [
         stiffness[(angles > low) & (angles <= low + 0.35)].mean()
         for low in (0.0, 0.35, 0.7)
     ]
     assert thirds[0] > thirds[1] > thirds[2]
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.7])
+def test_size_and_heading_narrow_to_the_truth(radius, skill):
+    steps, _ = ideal_door(agent_of(skill), radius, 600)
+    size, size_std = stacked(steps, "path_size"), stacked(steps, "path_size_std")
+    heading, heading_std = stacked(steps, "heading"), stacked(steps, "heading_std")
+    assert size[0] == pytest.approx(1.0)
+    assert size_std[0] > 0.2
+    assert heading_std[0] == pytest.approx(np.radians(3.0), rel=0.05)
+    truth = radius / np.cbrt(0.35 * 0.5 * 0.65)
+    assert np.all(np.abs(np.log(size / truth)) < 1.96 * size_std)
+    assert np.all(np.abs(heading) < 1.96 * heading_std)
+    assert size_std[-1] < 0.05
+    assert heading_std[-1] < np.radians(1.5)
+
+
+def test_clock_infers_no_size(skill):
+    agent = dataclasses.replace(agent_of(skill), phases=ClockPhase())
+    (step,) = held_still(agent, 1)
+    inferred = step.path_size, step.path_size_std, step.heading, step.heading_std
+    assert np.isnan(inferred).all()
 
 
 def test_via_points_share_what_the_phase_leaves_open(skill, monkeypatch):

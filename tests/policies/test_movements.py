@@ -314,7 +314,6 @@ def test_outputs_that_never_vary_are_predicted_as_such(name, count, aligned):
     [
         (fit_promp, "at least 2 demonstrations, got 1"),
         (FITS["wishart-gp"], "at least 2 demonstrations, got 1"),
-        (fit_skill, r'at least 2 of them, got 1.*noise="homoscedastic"'),
         (partial(fit_gmr, config=GMRConfig(components=61)), "61 components need as ma"),
         (partial(fit_tp_gmm, config=GMRConfig(components=61)), "61 components need as"),
         (

@@ -125,6 +125,10 @@ class EpisodeLog:
     phase: Number
     observed_phase: Number
     phase_misfit: Number
+    path_size: Number
+    path_size_std: Number
+    heading: Number
+    heading_std: Number
     predicted_mean: Pose
     predicted_std: Pose
     via_point: Flag
@@ -248,7 +252,11 @@ PER_STEP: Final = tuple(
 )
 """Arrays with a row per control step."""
 
-_LATER: Final[Mapping[str, Any]] = {"latency_wall_s": np.nan, "frame": np.eye(3)}
+_LATER: Final[Mapping[str, Any]] = {
+    "latency_wall_s": np.nan,
+    "frame": np.eye(3),
+    **dict.fromkeys(("path_size", "path_size_std", "heading", "heading_std"), np.nan),
+}
 """Arrays that older files of this version lack, with what is meant there."""
 
 _HEADER: Final[Mapping[str, Any]] = {

@@ -4,11 +4,13 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from statistics import geometric_mean
 
 import mujoco
 import rerun as rr
 from rerun.chunk import Chunk
 
+from gplfd_experiments.data.preparation.frames import find_hinge
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.provenance import versions
 from gplfd_experiments.recording.disturbances import disturbance_chunks, kinds_of
@@ -56,7 +58,9 @@ def record_episode(
         # One by one: while one is written the next is made.
         chunks = itertools.chain(
             static_chunks(log, model, demonstrations, looks),
-            part_chunks(Part(log=log), model),
+            part_chunks(
+                Part(log=log, demonstrated_radius=mean_radius(demonstrations)), model
+            ),
             stage_lane(log),
             [page(log, len(demonstrations))],
         )
@@ -76,6 +80,14 @@ def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:
 def recording_name(log: EpisodeLog) -> str:
     """Return what the viewer calls the episode."""
     return f"{log.door} door, {log.policy}, seed {log.seed}"
+
+
+def mean_radius(demonstrations: Sequence[Demonstration]) -> float:
+    """Return the geometric mean of the radii of demonstrated arcs [m]; NaN of none."""
+    try:
+        return geometric_mean(find_hinge(d.poses[:, :3]).radius for d in demonstrations)
+    except ValueError:  # no circle, or no demonstration
+        return math.nan
 
 
 def static_chunks(

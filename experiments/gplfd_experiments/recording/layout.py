@@ -69,6 +69,7 @@ PLOTS: Final = {
         Plot("x", "x, along the pull [m], ±1.96 σ", "LeftTop"),
         Plot("z", "z, across it [m], ±1.96 σ"),
         Plot("turn", "θu_y, turn of the hand [deg], ±1.96 σ"),
+        Plot("size", "Size [% of demonstrated], ±1.96 σ", "RightTop", limits=(40, 200)),
     ),
     # What the control loop used in every period: σ falls at every via-point.
     "Unsmoothed, rates": (

@@ -34,6 +34,7 @@ from gplfd_experiments.episodes.rollout import Progress, rollout
 from gplfd_experiments.episodes.task import episode_task, named_doors
 from gplfd_experiments.recording.disturbances import KINDS
 from gplfd_experiments.recording.episode import (
+    mean_radius,
     page,
     part_chunks,
     recording_name,
@@ -71,6 +72,7 @@ class LiveRecording:
     ) -> None:
         self._stream, self._model = stream, model
         self._demonstrations = demonstrations
+        self._radius = mean_radius(demonstrations)
         self._rows = self._forecasts = 0
         self._stages: set[str] = set()
 
@@ -81,7 +83,12 @@ class LiveRecording:
             stream.send_recording_name(recording_name(log))
             stream.send_chunks(static_chunks(log, self._model, self._demonstrations))
         if log.times.size > self._rows:
-            part = Part(log=log, first_row=self._rows, first_forecast=self._forecasts)
+            part = Part(
+                log=log,
+                first_row=self._rows,
+                first_forecast=self._forecasts,
+                demonstrated_radius=self._radius,
+            )
             stream.send_chunks(part_chunks(part, self._model))
         stream.send_chunks(stage_lane(log, self._stages, ended=ended))
         if page_due:

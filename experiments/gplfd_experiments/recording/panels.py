@@ -1,6 +1,7 @@
 """Time series beside the scene, all on the same time axis."""
 
 import functools
+import math
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
@@ -84,6 +85,7 @@ def panels(part: Part) -> list[Chunk]:
             for chunk in lines(part, f"{ROOT}/{path}", own)
         ),
         *_beliefs(part),
+        *_sizes(part),
         *levels(part, f"{ROOT}/angle/marks", ANGLE_MARKS_DEG, colours.MARK),
         *levels(part, f"{ROOT}/force/marks", FORCE_MARKS, colours.MARK),
         *levels(part, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT),
@@ -137,6 +139,34 @@ def _beliefs(part: Part) -> list[Chunk]:
             chunks.append(line_style(path, *beliefs, archetype=rr.Measurements))
         chunks.append(moving(path, part.times, columns.partition(each)))
     return chunks
+
+
+def _sizes(part: Part) -> list[Chunk]:
+    """Size of the path, in % of the demonstrations' mean, ±1.96 σ of its logarithm.
+
+    The median is not the middle of the band, and has a curve of its own.
+    """
+    log = part.log
+    bounds = QUANTILE * np.stack([-log.path_size_std, log.path_size_std])
+    low, high = 100.0 * log.path_size * np.exp(bounds)
+    if not part.shows(low):
+        return []
+    first, path = part.first_row, f"{ROOT}/size/belief"
+    columns = rr.Measurements.columns(
+        values=0.5 * (low + high)[first:], variances=0.25 * (high - low)[first:] ** 2
+    )
+    curves = {Line("policy now", colours.ADAPTED): 100.0 * log.path_size}
+    if log.config.handle == "bar" and math.isfinite(part.demonstrated_radius):
+        truth = 100.0 * log.config.hand_radius / part.demonstrated_radius
+        curves[Line("true", colours.TRUTH)] = np.full_like(low, truth)
+    band = line_style(
+        path, Line("±1.96 σ", colours.ADAPTED, 0.0), archetype=rr.Measurements
+    )
+    return [
+        *([band] if part.begins(low) else []),
+        moving(path, part.times, columns),
+        *lines(part, f"{ROOT}/size/curves", curves),
+    ]
 
 
 @functools.cache

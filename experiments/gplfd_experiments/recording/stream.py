@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import functools
+import math
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -43,6 +44,9 @@ class Part:
     log: EpisodeLog
     first_row: int = 0
     first_forecast: int = 0
+    demonstrated_radius: float = math.nan
+    """Geometric mean of the radii on which the demonstrations' hands went [m]; NaN
+    where they went on no circle."""
 
     @property
     def times(self) -> FloatArray:

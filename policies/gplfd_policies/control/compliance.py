@@ -181,6 +181,11 @@ class ComplianceController:
         )
         observed_phase = self._observed_phase[rows] = seen.phase
         predicted_mean, predicted_std, direction = movements.ahead(observed_phase, rows)
+        inferred = np.full((*poses.shape[:-1], 4), np.nan)
+        for row, similarity in enumerate(seen.similarities):
+            log_size, log_size_std = similarity.log_size
+            numbers = math.exp(log_size), log_size_std, *similarity.heading
+            inferred.reshape(-1, 4)[row] = numbers
 
         # 2. Adapt the movements of rows that have moved on by `via_spacing`, or whose
         # phase has fallen so far that the last via-point was taken at a wrong one.
@@ -299,6 +304,10 @@ class ComplianceController:
             phase=phase,
             observed_phase=observed_phase,
             phase_misfit=seen.misfit,
+            path_size=inferred[..., 0],
+            path_size_std=inferred[..., 1],
+            heading=inferred[..., 2],
+            heading_std=inferred[..., 3],
             predicted_mean=movements.hand_poses(predicted_mean, rows),
             predicted_std=predicted_std,
             via_point=due,

@@ -74,6 +74,15 @@ class AgentStep:
     square of the errors of distance, direction and rotation over their standard
     deviations. About 1 or less where all is as expected; from 3 on, the phase is looked
     for along the whole task."""
+    path_size: Phases | float = _NAN
+    """Median size of the path relative to the demonstrations' geometric mean, inferred
+    from the path so far."""
+    path_size_std: Phases | float = _NAN
+    """Standard deviation of its logarithm."""
+    heading: Phases | float = _NAN
+    """Turn of the path about the vertical relative to the demonstrations' [rad]."""
+    heading_std: Phases | float = _NAN
+    """Its standard deviation [rad]."""
     predicted_mean: Poses = _NAN
     """Mean at `observed_phase`, before this observation adapted the movement; the phase
     itself was found with it [m, rad]."""
@@ -141,18 +150,9 @@ class AgentStep:
         return AgentStep(**fields)
 
 
-_NUMBERS: Final = (
-    "carried_load",
-    "give",
-    "phase",
-    "observed_phase",
-    "phase_misfit",
-    "via_point",
-)
-
 STEP_SHAPES: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
     {
-        each.name: () if each.name in _NUMBERS else (6,)
+        each.name: (6,) if each.type == "Poses" else ()
         for each in dataclasses.fields(AgentStep)
     }
     | {"frame": (3, 3)}
