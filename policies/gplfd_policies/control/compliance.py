@@ -182,7 +182,7 @@ class ComplianceController:
         observed_phase = self._observed_phase[rows] = seen.phase
         predicted_mean, predicted_std, direction = movements.ahead(observed_phase, rows)
         inferred = np.full((*poses.shape[:-1], 4), np.nan)
-        for row, similarity in enumerate(seen.similarities):
+        for row, similarity in enumerate(seen.sizes):
             log_size, log_size_std = similarity.log_size
             numbers = math.exp(log_size), log_size_std, *similarity.heading
             inferred.reshape(-1, 4)[row] = numbers
