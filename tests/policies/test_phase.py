@@ -154,6 +154,7 @@ def nearest_by_hand(skill, pose, previous):
     unit = mean / np.maximum(length, 1e-3)
     variance = (positions[:, 1].std(axis=0) / np.maximum(length, 1e-3)) ** 2
     variance += (1e-3 / np.maximum(length, 1e-3)) ** 2
+    stretch = np.einsum("kig,ig->kg", positions, unit).std(axis=0)
     x, z = pose[[0, 2]]
     reach = np.linalg.norm(pose[:3]) + 1e-9
     similarity = SimilarityModel.of(
@@ -166,6 +167,7 @@ def nearest_by_hand(skill, pose, previous):
         turned_by = (there[3:] - pose[3:]) ** 2 / (std[3:] ** 2 + noise.rotation**2)
         share = np.hypot(config.distance_share, likely.size_std)
         spread = noise.position**2 + (share * length[index]) ** 2
+        spread += stretch[index] ** 2
         total = 0.0
         for number, weight in enumerate(likely.weights):
             far = reach - np.exp(likely.log_sizes[number]) * length[index]

@@ -194,4 +194,4 @@ def test_settings_of_phase_and_handles_are_those_of_a_method(demonstrations, lea
     assert agent.phases.settings == window
     assert agent.handle_config == handle
     beta = agent.config.profile.beta / usual.config.profile.beta
-    assert_allclose(beta, [2.0, 4.0, 2.0, 1.0, 1.0, 1.0])
+    assert_allclose(beta, [2.0, 2.0, 2.0, 1.0, 1.0, 1.0])

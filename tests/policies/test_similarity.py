@@ -45,7 +45,7 @@ def seen(similarity, radius, yaw=0.0, until=1.0, noise=0.0):
     path = turned(arc(radius), yaw)[until >= TIMES][:, [0, 2]]
     for x, z in path + noise * rng.normal(size=path.shape):
         similarity = similarity.updated(np.hypot(x, z), np.arctan2(-z, x))
-    return similarity
+    return similarity.likely
 
 
 def test_demonstrations_are_brought_to_one_size_and_heading():
@@ -122,21 +122,21 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
     expected /= expected.sum()
     size = (expected * model.log_sizes).sum()
     std = np.sqrt((expected * (model.log_sizes - size) ** 2).sum())
-    assert_allclose(similarity.log_size, (size, std), atol=0.04 * std)
+    likely = similarity.likely
+    assert_allclose(likely.log_size, (size, std), atol=0.04 * std)
     # The likely sizes lie between those that are compared.
-    likely = similarity.likely.log_sizes
-    paths, turns = similarity.forecast(ahead)
-    of_path = scipy.interpolate.CubicSpline(model.log_sizes, np.array(means))(likely)
+    paths, turns = likely.forecast(ahead)
+    of_path = scipy.interpolate.CubicSpline(model.log_sizes, np.array(means))(likely.log_sizes)
     of_turn = scipy.interpolate.CubicSpline(model.log_sizes, np.array(variances))
     assert_allclose(paths, of_path.T, atol=1e-3)
-    assert_allclose(turns, of_turn(likely).T, rtol=0.02)
+    assert_allclose(turns, of_turn(likely.log_sizes).T, rtol=0.02)
 
 
 def test_noise_that_is_smaller_than_stated_makes_the_size_better_known(aligned):
     similarity = SimilarityModel.of(aligned).unseen()
     rough, clean = (seen(similarity, 0.5, 0.0, 0.5, noise) for noise in (3e-3, 2e-4))
     assert clean.log_size[1] < 0.8 * rough.log_size[1]
-    assert (clean.likely.scale < 0.9 * rough.likely.scale).all()
+    assert (clean.scale < 0.9 * rough.scale).all()
 
 
 @pytest.mark.parametrize("count", [1, 2, 12])

@@ -13,15 +13,16 @@ from gplfd_policies.arrays.shapes import Axes, Frames, Vectors
 
 
 def path_frame(tangent: Vectors) -> Frames:
-    """Return the frames whose first columns are unit tangents (..., 3).
+    """Return the frames whose first columns are unit tangents (..., 3), or opposite.
 
-    The least rotation of the task's axes onto a tangent t, from x to t: I + [u] + [u]²
-    / (1 + x·t) with u = x × t. Up stays y for a tangent in the horizontal plane. Near
-    -x, against the pull, the other two columns are not continuous, and at -x itself the
-    first column is x.
+    The least rotation of the task's axes onto a tangent t, from x to t or -t, whichever
+    is nearer: I + [u] + [u]²/(1 + x·t) with u = x × t. A push has the frame of a pull.
+    Up stays y for a tangent in the horizontal plane. Where t is across x, the columns
+    of such a tangent only change their sign.
     """
+    tangent = np.where(tangent[..., :1] < 0.0, -tangent, tangent)
     x, y, z = tangent[..., 0], tangent[..., 1], tangent[..., 2]
-    share = 1.0 / np.maximum(1.0 + x, 1e-12)
+    share = 1.0 / (1.0 + x)
     frame = np.empty((*tangent.shape, 3))
     frame[..., 0] = tangent
     frame[..., 0, 1:] = -tangent[..., 1:]

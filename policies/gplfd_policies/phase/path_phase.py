@@ -328,7 +328,8 @@ class PathPhase:
         """Return what observed features (7, *N) cost along stretches of the grid.
 
         That is -2 log Σ_c w_c exp(-d²(s, c)/2), the expectation of d² over sizes, and
-        the weights Σ_s w_c exp(-d²(s, c)/2) of the sizes, up to a factor.
+        the weights max_s w_c exp(-d²(s, c)/2) of the sizes, up to a factor: how far a
+        size fits at its best phase, not how many phases of the grid it fits at.
         """
         each, along = observed[..., None], features[:, ..., None, :]
         log_weight, size, size_variance, angle, variance = sizes[..., None]
@@ -356,7 +357,7 @@ class PathPhase:
         cost: Float[np.ndarray, "*N W"] = turning - 2.0 * (highest + np.log(total))
         expected = turning + np.add.reduce(likely * error, axis=-2) / total
         share = np.exp(highest - 0.5 * turning - (-0.5 * cost).max(-1, keepdims=True))
-        weights = np.add.reduce(likely * share[..., None, :], axis=-1)
+        weights = np.maximum.reduce(likely * share[..., None, :], axis=-1)
         return cost, expected, weights
 
 
