@@ -1,6 +1,6 @@
 """Forecasts of motions that were not demonstrated.
 
-python benchmarks/forecasts.py {doors,unseen,worth}
+python benchmarks/forecasts.py {doors,unseen,worth,inference}
 
 ``doors`` leaves every radius out of the demonstrations once, streams the left-out
 opening as via-points, and predicts the rest of it after each.
@@ -18,22 +18,30 @@ knows that it is one.
 of deviations that is worth fewer and more independent deviations than
 `gplfd_policies.gp.deviations.MODEL_WORTH`, and with the share that forecasts left-out
 demonstrations best (`gplfd_policies.gp.deviations.forecast_score`).
+
+``inference`` opens 60 doors under the errors of ``hard``, and compares the phase with
+the door's true angle and the set-point with the true arc.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import tyro
-from harness import report
+from harness import opened, report
 
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.randomization import door_randomization
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions
+from gplfd_experiments.episodes.build import learned_agents
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.policies import resampled
 from gplfd_experiments.speed.report import Measurement, Target, at_most, between
@@ -63,6 +71,7 @@ from gplfd_policies.movements.movement import AdaptationForm
 from gplfd_policies.movements.skill import Skill, fit_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 from gplfd_policies.registry.built_in import GP
+from gplfd_policies.registry.catalogue import policy_named
 
 _SAMPLES: Final = 200
 _SOON: Final = 20
@@ -490,6 +499,80 @@ def worth_of_the_model(draws: int, per_radius: int) -> Measurement:
     )
 
 
+# --- Inference while a door opens ---------------------------------------------
+
+_SMALL, _LARGE = np.linspace(0.30, 0.35, 18), np.linspace(0.60, 0.65, 18)
+PHASE, BIAS, WORST, HARD_RADIAL, ALL_RADIAL, ACROSS = (
+    "phase: rms deg",
+    "correlation with radius",
+    "worst phase error",
+    "radial peak: hard N",
+    "all N",
+    "set-point across mm",
+)
+
+
+def inferences(policies: Sequence[str]) -> Measurement:
+    """Let policies open 24 doors of ``hard``, 18 small and 18 large ones."""
+    own = asdict(door_randomization("hard"))
+    del own["radius"], own["doors"]
+    rows: dict[str, dict[str, float]] = {}
+    for policy in policies:
+        task = partial(episode_task, policy=policy, seed=0)
+        tasks = [
+            *(task(f"hard{n}", DoorConfig(), randomization="hard") for n in range(24)),
+            *(
+                task(f"r{radius:.4f}", DoorConfig(radius=radius), randomization=own)
+                for radius in (*_SMALL.tolist(), *_LARGE.tolist())
+            ),
+        ]
+        movement = learned_agents(tasks[0], policy_named(policy))().movement.learned
+        grid = np.linspace(0.0, 1.0, 2001)
+        turn = movement.predict(grid).mean[:, 4]
+        scores = np.array([_inference(log, grid, turn) for log in opened(tasks)])
+        rms, bias, worst, peak, across, radius = scores.T
+        rows[policy] = {
+            PHASE: np.sqrt(np.mean(rms**2)),
+            BIAS: np.corrcoef(bias, radius)[0, 1],
+            WORST: worst.max(),
+            HARD_RADIAL: np.median(peak[:24]),
+            ALL_RADIAL: peak.mean(),
+            ACROSS: np.sqrt(np.mean(across**2)),
+        }
+    found = rows[policies[0]]
+    return Measurement(
+        title="60 doors with the errors of hard: 24 of hard, 18 small, 18 large",
+        rows=rows,
+        targets=(
+            at_most(PHASE, found[PHASE], 1.2),
+            between(BIAS, found[BIAS], -0.2, 0.2),
+            at_most(WORST, found[WORST], 0.05),
+            at_most(HARD_RADIAL, found[HARD_RADIAL], 2.5),
+        ),
+    )
+
+
+def _inference(log: EpisodeLog, grid: FloatArray, turn: FloatArray) -> list[float]:
+    """Errors of phase and set-point, radial peak and radius of one opening."""
+    angle = log.door_angle
+    moving = (angle > np.radians(2.0)) & (angle < np.radians(62.0))
+    told = np.degrees(np.interp(log.observed_phase, grid, turn) - angle)[moving]
+    apart = log.observed_phase - np.interp(angle, turn, grid)
+    # The hand is on the true arc, but for the noise of its sensors.
+    circle = fit_circle(log.ee_pose[moving, :3])
+    pull, _, away = (log.desired[moving, :3] @ circle.axes).T
+    radius = 1.0 / circle.curvature
+    across = 1e3 * (np.hypot(pull, away + radius) - radius)
+    return [
+        np.sqrt(np.mean(told**2)),
+        told.mean(),
+        np.abs(apart[moving & (angle > np.radians(10.0))]).max(),
+        np.abs(log.force_radial).max(),
+        np.sqrt(np.mean(across**2)),
+        log.radius,
+    ]
+
+
 # --- Commands ----------------------------------------------------------------
 
 
@@ -533,7 +616,23 @@ def model_worth(draws: int = 12, per_radius: tuple[int, ...] = (1, 2, 4, 8)) -> 
     )
 
 
-COMMANDS: Final = {"doors": doors, "unseen": unseen, "worth": model_worth}
+def inference(
+    policies: tuple[str, ...] = ("gp", "gp-process", "gp-one-size"),
+) -> None:
+    """Judge phase and set-point while doors open; a quarter of a minute per policy.
+
+    Args:
+        policies: Policies that open the doors; targets are those of the first.
+    """
+    report({"inference": partial(inferences, policies)})
+
+
+COMMANDS: Final = {
+    "doors": doors,
+    "unseen": unseen,
+    "worth": model_worth,
+    "inference": inference,
+}
 
 if __name__ == "__main__":
     tyro.extras.subcommand_cli_from_dict(COMMANDS)
