@@ -157,14 +157,14 @@ def test_a_later_version_s_files_are_refused_and_kept(name, tmp_path, ran, capsy
     assert benchmark(tmp_path, *ONE, "1") == 0
     file = next(tmp_path.glob(f"{name}/*.json"), tmp_path / name)
     assert "format_version" in file.read_text()
-    later = re.sub(r'(format_version"?\W+)1', r"\g<1>7", file.read_text())
+    later = re.sub(r'(format_version"?\W+)\d', r"\g<1>7", file.read_text())
     file.write_text(later)
     about = (tmp_path / "study.json").read_text()
     capsys.readouterr()
     assert benchmark(tmp_path, *ONE, "2") == 2
     printed = capsys.readouterr().err
     assert f"gplfd: {file}: it has version 7 of gplfd " in printed
-    assert "this program reads up to version 1" in printed
+    assert re.search(r"this program reads up to version [12]\b", printed)
     assert file.read_text() == later
     assert (tmp_path / "study.json").read_text() == about
     assert len(ran) == 1

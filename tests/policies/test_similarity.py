@@ -126,7 +126,9 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
     assert_allclose(likely.log_size, (size, std), atol=0.04 * std)
     # The likely sizes lie between those that are compared.
     paths, turns = likely.forecast(ahead)
-    of_path = scipy.interpolate.CubicSpline(model.log_sizes, np.array(means))(likely.log_sizes)
+    of_path = scipy.interpolate.CubicSpline(model.log_sizes, np.array(means))(
+        likely.log_sizes
+    )
     of_turn = scipy.interpolate.CubicSpline(model.log_sizes, np.array(variances))
     assert_allclose(paths, of_path.T, atol=1e-3)
     assert_allclose(turns, of_turn(likely.log_sizes).T, rtol=0.02)

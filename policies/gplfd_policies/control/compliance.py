@@ -162,8 +162,9 @@ class ComplianceController:
         """Return the means of these rows' movements, whose turn leads the hand less."""
         turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
         means, _ = self._movements.at(np.array([phase, turn_phase]), rows)
-        means[0, ..., 3:] = means[1, ..., 3:]
-        return means[0]
+        found: Axes = means[0]
+        found[..., 3:] = means[1, ..., 3:]
+        return found
 
     def decide(self, poses: Axes, wrenches: Axes, rows: Rows = ALL_ROWS) -> AgentStep:
         """Return the commands of these rows for the next control period.

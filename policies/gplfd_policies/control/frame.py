@@ -42,7 +42,9 @@ def product(
     return found
 
 
-def directional_std(frame: Frames, std: Axes, level: Float[Numbers, "*N"]) -> Axes:
+def directional_std(
+    frame: Frames, std: Axes, level: Float[Numbers, "*N"] | float = 0.0
+) -> Axes:
     """Return σ along the directions of frames, and about the axes [m, rad].
 
     σ_d² = Σ_i T_id² σ_i² + 2 T_xd T_zd σ_xz with the covariance σ_xz of x and z [m²];

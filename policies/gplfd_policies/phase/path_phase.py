@@ -280,8 +280,8 @@ class PathPhase:
                 whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
                 own = features.reshape(7, -1)[:, index]
                 alone = similar.reshape(5, len(numbers), -1)[:, index]
-                *elsewhere, others = self._cost(whole, own, alone)
-                anywhere = self._nearest(*elsewhere, -1)
+                everywhere, errors, others = self._cost(whole, own, alone)
+                anywhere = self._nearest(everywhere, errors, -1)
                 if anywhere[2] < self._config.clearer_share * best[2]:
                     best, weights = anywhere, others
             found.append(best)
