@@ -72,7 +72,9 @@ def adapt(
         form: Of a skill, "own-clock" (its default where the demonstrations' clocks are
             known), for via-points by the clock of a repetition, whose timing is
             unknown, too; "process" (its default elsewhere), for phases that are
-            certain; "product" (the paper's Eqs. 19–21) or "exact"; or a callable
+            certain; "product" (the paper's Eqs. 19–21) or "exact"; "similarity" (the
+            default of a single demonstration), for positions that follow each other on
+            a path of unknown size in the x-z plane; or a callable
             (movement, grid) → `Adaptation`, such as
             ``partial(ProductAdaptation, prior_mean="zero")``. Other movements adapt in
             one form of their own, which is their default.
