@@ -93,13 +93,13 @@ _GENTLE: Final = (_RADIAL, "success")
 
 
 def _without(
-    idea: str, measure: str, *lacking: str, level: str = ""
+    idea: str, measure: str, *lacking: str, having: str = "gp", level: str = ""
 ) -> tuple[Contrast, ...]:
     return tuple(
         Contrast(
             idea=idea,
             measure=measure,
-            having=Side(policy="gp", level=level),
+            having=Side(policy=having, level=level),
             lacking=Side(policy=policy, level=level),
         )
         for policy in lacking
@@ -158,7 +158,12 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             },
             contrasts=(
                 *_without("via-points", _RADIAL, "gp-fixed"),
-                *_without("shared phase error", _RADIAL, "gp-independent-phase"),
+                *_without(
+                    "shared phase error",
+                    _RADIAL,
+                    "gp-independent-phase",
+                    having="gp-process",
+                ),
                 *_sizes(_RADIAL),
                 *_directions(_RADIAL),
             ),
