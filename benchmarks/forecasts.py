@@ -501,7 +501,8 @@ def worth_of_the_model(draws: int, per_radius: int) -> Measurement:
 
 # --- Inference while a door opens ---------------------------------------------
 
-_SMALL, _LARGE = np.linspace(0.30, 0.35, 18), np.linspace(0.60, 0.65, 18)
+_HARD: Final = 24
+_SMALL_AND_LARGE: Final = (*np.linspace(0.30, 0.35, 18), *np.linspace(0.60, 0.65, 18))
 PHASE, BIAS, WORST, HARD_RADIAL, ALL_RADIAL, ACROSS = (
     "phase: rms deg",
     "correlation with radius",
@@ -519,12 +520,11 @@ def inferences(policies: Sequence[str]) -> Measurement:
     rows: dict[str, dict[str, float]] = {}
     for policy in policies:
         task = partial(episode_task, policy=policy, seed=0)
-        tasks = [
-            *(task(f"hard{n}", DoorConfig(), randomization="hard") for n in range(24)),
-            *(
-                task(f"r{radius:.4f}", DoorConfig(radius=radius), randomization=own)
-                for radius in (*_SMALL.tolist(), *_LARGE.tolist())
-            ),
+        hard, doors = DoorConfig(), map(float, _SMALL_AND_LARGE)
+        tasks = [task(f"hard{n}", hard, randomization="hard") for n in range(_HARD)]
+        tasks += [
+            task(f"r{radius:.4f}", DoorConfig(radius=radius), randomization=own)
+            for radius in doors
         ]
         movement = learned_agents(tasks[0], policy_named(policy))().movement.learned
         grid = np.linspace(0.0, 1.0, 2001)
@@ -535,7 +535,7 @@ def inferences(policies: Sequence[str]) -> Measurement:
             PHASE: np.sqrt(np.mean(rms**2)),
             BIAS: np.corrcoef(bias, radius)[0, 1],
             WORST: worst.max(),
-            HARD_RADIAL: np.median(peak[:24]),
+            HARD_RADIAL: np.median(peak[:_HARD]),
             ALL_RADIAL: peak.mean(),
             ACROSS: np.sqrt(np.mean(across**2)),
         }

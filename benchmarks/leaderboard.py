@@ -15,7 +15,7 @@ import tyro
 from gplfd_experiments.analysis.results.trials import SHARES
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
-from gplfd_experiments.studies.trials.protocol import REFERENCES, TRIALS, VERSION
+from gplfd_experiments.studies.trials.protocol import REFERENCES, TRIALS
 from gplfd_experiments.studies.trials.records import MEASURES
 
 Answers = Mapping[str, Any]
@@ -23,7 +23,9 @@ Answers = Mapping[str, Any]
 Found = Mapping[str, Mapping[str, Mapping[str, Answers]]]
 """The same by trial, level and policy."""
 
-STORED: Final = Path(__file__).parents[1] / f"docs/results/trials-v{VERSION}.json"
+PROTOCOL: Final = 2
+"""The latest protocol of which all policies have results."""
+STORED: Final = Path(__file__).parents[1] / f"docs/results/trials-v{PROTOCOL}.json"
 """Of the whole protocol, run for the documents."""
 
 _SHORT: Final = {
@@ -42,10 +44,10 @@ def answers_of(files: Sequence[Path]) -> Found:
     found: dict[str, dict[str, dict[str, Answers]]] = {}
     for file in files:
         held = read_json(file)
-        if held.get("protocol") != VERSION:
+        if held.get("protocol") != PROTOCOL:
             raise ValueError(
                 f"{file} is of protocol {held.get('protocol')}, and the leaderboard of "
-                f"{VERSION}: run the trials again"
+                f"{PROTOCOL}: run the trials again"
             )
         for trial, levels in held["trials"].items():
             for level, policies in levels.items():

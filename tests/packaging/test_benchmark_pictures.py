@@ -11,7 +11,7 @@ import pytest
 import tyro
 from PIL import Image
 
-from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
+from gplfd_experiments.studies.trials.protocol import TRIALS
 
 pytestmark = pytest.mark.slow
 
@@ -109,7 +109,9 @@ def test_a_policy_of_others_has_its_place(tmp_path, capsys):
     theirs, own = tmp_path / "trials.json", stored["stop"]["stop"]["mine:make"]
 
     def write() -> Path:
-        theirs.write_text(json.dumps({"protocol": VERSION, "trials": stored}))
+        theirs.write_text(
+            json.dumps({"protocol": leaderboard.PROTOCOL, "trials": stored})
+        )
         return theirs
 
     rows = printed(capsys, write()).splitlines()
@@ -128,5 +130,7 @@ def test_a_policy_of_others_has_its_place(tmp_path, capsys):
     del stored["stop"]["stop"]["mine:make"]
     assert "mine:make" not in printed(capsys, write())
     old = ROOT / "docs" / "results" / "trials-v1.json"
-    with pytest.raises(ValueError, match=f"of protocol 1, .* leaderboard of {VERSION}"):
+    with pytest.raises(
+        ValueError, match=f"of protocol 1, .* leaderboard of {leaderboard.PROTOCOL}"
+    ):
         leaderboard.answers_of([leaderboard.STORED, old])

@@ -30,6 +30,7 @@ RUNS = {
     "demonstrations alignments": ("--seeds 1 --habits pauses", "ion, worst habit"),
     "demonstrations rests": ("--sets 1 --rates 60 --noises 3e-4", "sets within 1.5 x"),
     "forecasts doors": ("--draws 1 --every 80", "2 of 3 radii, process"),
+    "forecasts inference": ("--policies gp", "radial peak: hard N"),
     "forecasts unseen": ("--draws 1 --unseen 0.42", "synthetic human, own-clock"),
     "forecasts worth": ("--draws 1 --per-radius 2", "synthetic human, left out"),
     "learning calibration": ("--draws 1", "accuracy, 20 smooth: in stated 95 %"),
@@ -72,6 +73,8 @@ def test_script_runs(command, capsys, monkeypatch):
     for module, name, fewer in (
         (forecasts, "WORTH_FORMS", one_form),
         (forecasts, "OPENINGS", {"2 of 3 radii": partial(forecasts.arcs, RADII)}),
+        (forecasts, "_HARD", 1),
+        (forecasts, "_SMALL_AND_LARGE", RADII),
         (demonstrations, "METHODS", ("gp",)),
         (demonstrations, "RESTS", (0.0, 2.0)),
         (demonstrations, "_DOORS", ("small",)),
