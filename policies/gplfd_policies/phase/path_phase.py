@@ -92,11 +92,11 @@ class PathPhase:
     not depend on the door, and the handle goes back because the policy has it go. A
     path that is enlarged by c and seen turned by α_c is at Mahalanobis distance
 
-        d²(s, c) = (ρ - c ρ̄)²/(n_v² + (κ ρ̄)²) + |R(-α_c) u - û|²/(ς² + n_v²/ρ² + v_c)
-                   + Σ_i (θ_i - θ̄_i)²/(σ_i² + n_θ²),
+        d²(s, c) = (ρ - c ρ̄)²/(n_v² + (κ ρ̄)² + σ_ρ²) + Σ_i (θ_i - θ̄_i)²/(σ_i² + n_θ²)
+                   + |R(-α_c) u - û|²/(ς² + n_v²/ρ² + v_c),
 
     with the demonstrations' means ρ̄(s), û(s), θ̄(s), ρ̄ and û of demonstrations that
-    were brought to one size and heading, their variances σ(s)², ς(s)², the errors n of
+    were brought to one size and heading, variances σ(s)², ς(s)², the errors n of
     `PhaseNoise` and κ, `PathPhaseConfig.distance_share`. The phase has the least cost
     -2 log Σ_c w_c exp(-d²(s, c)/2): sizes have the weights w_c, angles α_c and
     variances v_c of `gplfd_policies.demonstrations.path_similarity.PathSimilarity`.
