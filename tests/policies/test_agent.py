@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies.adaptation import ProcessAdaptation
+from gplfd_policies.adaptation import ProcessAdaptation, SimilarityAdaptation
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.rows import ALL_ROWS
@@ -126,6 +126,19 @@ def test_size_and_heading_narrow_to_the_truth(radius, skill):
     assert np.all(np.abs(heading) < 1.96 * heading_std)
     assert size_std[-1] < 0.05
     assert heading_std[-1] < np.radians(1.5)
+
+
+def test_set_point_settles_on_a_path_that_a_via_point_has_changed(skill):
+    """A via-point changes its velocity by less than a fifth of what a jump does."""
+    kinks = []
+    for seconds in (0.0, 0.1):
+        agent = agent_of(skill, SimilarityAdaptation, settling_time=seconds)
+        steps, _ = ideal_door(agent, 0.65, 600)
+        change = np.diff(stacked(steps, "desired"), n=2, axis=0)
+        at_via = stacked(steps, "via_point")[2:]
+        squares = change[at_via] ** 2
+        kinks.append(np.sqrt([squares[:, :3].mean(), squares[:, 3:].mean()]))
+    assert (kinks[1] < 0.2 * kinks[0]).all()
 
 
 def test_clock_infers_no_size(skill):
