@@ -77,7 +77,8 @@ def test_trusted_heading_is_never_doubted(aligned):
 
 def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
     """Of every size: evidence and moments by one big matrix instead of a filter."""
-    config = SimilarityConfig(spacing=0.03)
+    # A deviation that counts beside the heading.
+    config = SimilarityConfig(spacing=0.03, least_wobble=0.02, heading_std=0.02)
     model = SimilarityModel.of(aligned, config)
     distances = np.array([0.06, 0.11, 0.17, 0.22, 0.30])
     # An arc of 0.55 m, turned by 0.03 and with errors.
