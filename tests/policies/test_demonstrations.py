@@ -154,3 +154,30 @@ REFUSED = {
 def test_unusable_input_is_refused(message):
     with pytest.raises(ValueError, match=message):
         REFUSED[message]()
+
+
+def test_wrenches_turn_into_the_axes_of_the_first_pose():
+    rng = np.random.default_rng(3)
+    poses, wrenches = rng.normal(size=(5, 6)), rng.normal(size=(5, 6))
+    poses[:, 3:] *= 0.1
+    recorded = Demonstration(times=np.arange(5.0), poses=poses, wrenches=wrenches)
+    relative = recorded.relative_to_first()
+    axes = Rotation.from_rotvec(poses[0, 3:]).as_matrix()
+    assert relative.wrenches is not None
+    np.testing.assert_allclose(relative.wrenches[:, :3] @ axes.T, wrenches[:, :3])
+    np.testing.assert_allclose(relative.wrenches[:, 3:] @ axes.T, wrenches[:, 3:])
+    assert not relative.wrenches.flags.writeable
+
+
+@pytest.mark.usefixtures("as_for_users")
+@pytest.mark.parametrize(
+    ("wrenches", "message"),
+    [
+        (np.zeros((2, 3)), r"wrenches must have shape \(N, 6\).*got \(2, 3\) for 3"),
+        (np.full((3, 6), np.nan), r"wrenches\[0\] = .* is not finite; interpolate"),
+    ],
+)
+def test_wrenches_that_cannot_be_used_are_refused(wrenches, message):
+    poses = np.linspace(0.0, 0.5, 18).reshape(3, 6)
+    with pytest.raises(ValueError, match=message):
+        Demonstration(times=np.arange(3.0), poses=poses, wrenches=wrenches)

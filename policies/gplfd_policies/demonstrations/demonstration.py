@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
 from gplfd_env.spatial.se3 import relative_poses
@@ -18,7 +19,7 @@ _SAME_ROTVEC = 1e-6
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Demonstration:
-    """A validated, read-only recording of hand poses.
+    """A validated, read-only recording of hand poses, and optionally forces.
 
     Raises:
         ValueError: If the shapes are wrong, there are fewer than two samples, an entry
@@ -31,6 +32,10 @@ class Demonstration:
     poses: Float[np.ndarray, "N 6"]
     """Hand poses (x, y, z, θu_x, θu_y, θu_z) [m, rad] in the task frame; the rotation
     vectors are continuous in time."""
+    wrenches: Float[np.ndarray, "N 6"] | None = None
+    """Forces and moments (f_x, f_y, f_z, m_x, m_y, m_z) of the hand on what it holds
+    [N, N m], in the axes of the task frame and about the position of the hand; None
+    where they were not recorded."""
 
     __repr__ = short_repr
 
@@ -81,6 +86,23 @@ class Demonstration:
             raise ValueError(
                 "the demonstration never moves: all poses are equal, so no progress "
                 "can be measured; check the recording and its units (metres, radians)"
+            )
+        if self.wrenches is not None:
+            self._check_wrenches()
+
+    def _check_wrenches(self) -> None:
+        freeze(self, "wrenches")
+        wrenches = np.asarray(self.wrenches)
+        if wrenches.shape != self.poses.shape:
+            raise ValueError(
+                "wrenches must have shape (N, 6), force [N] and moment [N m], one row "
+                f"per pose; got {wrenches.shape} for {len(self.poses)} poses"
+            )
+        bad = np.flatnonzero(~np.isfinite(wrenches).all(axis=1))
+        if bad.size:
+            raise ValueError(
+                f"wrenches[{bad[0]}] = {wrenches[bad[0]]} is not finite; interpolate "
+                "the sample first, or leave out the wrenches of this demonstration"
             )
 
     @classmethod
@@ -146,4 +168,8 @@ class Demonstration:
         the hand at the start.
         """
         poses = relative_poses(self.poses, self.poses[0])
-        return Demonstration(times=self.times, poses=poses)
+        wrenches = self.wrenches
+        if wrenches is not None:
+            axes = Rotation.from_rotvec(self.poses[0, 3:].copy()).as_matrix()
+            wrenches = np.hstack([wrenches[:, :3] @ axes, wrenches[:, 3:] @ axes])
+        return Demonstration(times=self.times, poses=poses, wrenches=wrenches)
