@@ -134,6 +134,17 @@ def relative_poses(poses: npt.ArrayLike, reference: npt.ArrayLike) -> Array:
     return np.hstack([positions, rotvecs])
 
 
+def into_axes(rotvecs: npt.ArrayLike, vectors: npt.ArrayLike) -> Array:
+    """Return vectors in axes that are turned by rotation vectors: R(θu)ᵀ v.
+
+    Both of shape (..., 3); the inverse turn is ``into_axes(-rotvecs, vectors)``.
+    """
+    w, axis = _quaternion(rotvecs)
+    given = np.asarray(vectors, dtype=np.float64)
+    cross = _cross(given, axis)
+    return np.asarray(given + 2.0 * (w[..., None] * cross + _cross(cross, axis)))
+
+
 def _quaternion(rotvec: npt.ArrayLike) -> tuple[Array, Array]:
     """Return scalar (...) and vector part (..., 3) of exp(rotvec)."""
     rotvec = np.asarray(rotvec, dtype=np.float64)

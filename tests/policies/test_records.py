@@ -22,7 +22,7 @@ def test_a_continued_skill_tells_its_demonstrations_from_what_follows(skill):
 def test_arrays_are_shown_by_their_shape(demonstrations, skill):
     assert (
         repr(demonstrations[0])
-        == "Demonstration(times=array(200,), poses=array(200, 6))"
+        == "Demonstration(times=array(200,), poses=array(200, 6), wrenches=None)"
     )
     aligned = align(demonstrations, n_samples=50)
     assert repr(aligned).startswith(

@@ -36,10 +36,8 @@ def product(
     left: Float[np.ndarray, "*#N 3 3"], right: Float[np.ndarray, "*#N 3 J"]
 ) -> Float[np.ndarray, "*M 3 J"]:
     """Return the matrix products of stacks."""
-    found: np.ndarray = left[..., :1] * right[..., :1, :]
-    found += left[..., 1:2] * right[..., 1:2, :]
-    found += left[..., 2:] * right[..., 2:, :]
-    return found
+    # Added in the order of the rows.
+    return np.asarray(np.add.reduce(left[..., None] * right[..., None, :, :], axis=-2))
 
 
 def directional_std(

@@ -94,6 +94,8 @@ class AgentStep:
     def __post_init__(self) -> None:
         leading = np.shape(self.action)[:-1]
         for name, shape in STEP_SHAPES.items():
+            if not (leading or shape) and type(getattr(self, name)) is np.float64:
+                continue
             dtype = np.bool_ if name == "via_point" else np.float64
             array: np.ndarray = np.array(getattr(self, name), dtype=dtype)
             expected = leading + shape

@@ -36,6 +36,9 @@ class AlignedDemonstrations:
     clocks: Float[np.ndarray, "K M"] | None = None
     """Own time of each demonstration at the phases, as a share of its duration; None if
     unknown."""
+    wrenches: Float[np.ndarray, "K M 6"] | None = None
+    """Forces and moments of the hand on what it holds, in the axes of the hand [N, N m];
+    NaN for demonstrations without. None if no demonstration has any."""
 
     __repr__ = short_repr
 
@@ -51,14 +54,34 @@ class AlignedDemonstrations:
             poses=self.poses[:, shown],
             duration=self.duration * self.end,
             clocks=None if self.clocks is None else self.clocks[:, shown] / self.end,
+            wrenches=None if self.wrenches is None else self.wrenches[:, shown],
             end=1.0,
+            drift=np.zeros(6),
+        )
+
+    @property
+    def forces(self) -> "AlignedDemonstrations | None":
+        """What movements learn of the forces: the wrenches in the place of the poses.
+
+        Of the demonstrations that have them; None if there are none.
+        """
+        if self.wrenches is None:
+            return None
+        felt = np.isfinite(self.wrenches[:, 0, 0])
+        return replace(
+            self,
+            poses=self.wrenches[felt],
+            clocks=None if self.clocks is None else self.clocks[felt],
+            wrenches=None,
+            rests=(),
             drift=np.zeros(6),
         )
 
     def __post_init__(self) -> None:
         freeze(self, "times", "poses", "drift")
-        if self.clocks is not None:
-            freeze(self, "clocks")
+        for name in ("clocks", "wrenches"):
+            if getattr(self, name) is not None:
+                freeze(self, name)
         times, poses = self.times, self.poses
         if times.ndim != 1 or poses.ndim != 3 or poses.shape[1:] != (times.size, 6):
             raise ValueError(
@@ -81,6 +104,17 @@ class AlignedDemonstrations:
                 f"the duration for every pose; got shape {clocks.shape} for poses of "
                 f"{poses.shape}"
             )
+        wrenches = self.wrenches
+        if wrenches is not None:
+            given = np.isfinite(wrenches)
+            whole = given.all(axis=(1, 2)) | ~given.any(axis=(1, 2))
+            if wrenches.shape != poses.shape or not (whole.all() and given.any()):
+                raise ValueError(
+                    "wrenches must be None, or of the shape of the poses with finite "
+                    "numbers for at least one demonstration, and NaN throughout for "
+                    f"those without; got shape {wrenches.shape} for poses of "
+                    f"{poses.shape}"
+                )
         if times[0] < 0.0 or times[-1] > 1.0 or np.any(np.diff(times) <= 0):
             raise ValueError(
                 "times are phases: they must increase strictly within [0, 1], got "

@@ -15,7 +15,7 @@ import scipy
 from jaxtyping import Float
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
-from gplfd_env.spatial.se3 import pose_distance
+from gplfd_env.spatial.se3 import into_axes, pose_distance
 from gplfd_policies.arrays.shapes import Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.completion import measure_completion, warn_of_noise
@@ -113,7 +113,8 @@ def align(
             make become rests of the result.
 
     Returns:
-        The aligned demonstrations with the mean duration and each one's clock.
+        The aligned demonstrations with the mean duration and each one's clock, and
+        with the wrenches of those that have them.
 
     Raises:
         ValueError: If an argument is not as described.
@@ -182,7 +183,24 @@ def align(
         duration=float(np.mean(durations)),
         rests=rests,
         clocks=clocks,
+        wrenches=_felt(demonstrations, clocks),
     )
+
+
+def _felt(
+    demonstrations: Sequence[Demonstration], clocks: Float[np.ndarray, "K M"]
+) -> Float[np.ndarray, "K M 6"] | None:
+    """Return the wrenches at shares of the durations, in the axes of the hand."""
+    if all(one.wrenches is None for one in demonstrations):
+        return None
+    felt = np.full((*clocks.shape, 6), np.nan)
+    for found, demo, clock in zip(felt, demonstrations, clocks, strict=True):
+        if demo.wrenches is not None:
+            rotvecs = demo.poses[:, None, 3:]
+            own = into_axes(rotvecs, demo.wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
+            times = demo.times[0] + clock * (demo.times[-1] - demo.times[0])
+            found[:] = np.column_stack([np.interp(times, demo.times, c) for c in own.T])
+    return felt
 
 
 def _interpolated(courses: Sequence[_Course], phases: Times) -> Matched:

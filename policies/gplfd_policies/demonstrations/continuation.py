@@ -67,10 +67,16 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
             for own in aligned.clocks
         ]
         clocks = np.where(phases * length <= 1.0, demonstrated, phases)
+    wrenches = aligned.wrenches
+    if wrenches is not None:
+        # What the hand bears last, it goes on to bear.
+        shown = phases * length
+        wrenches = np.stack([_at(shown, aligned.times, each) for each in wrenches])
     return replace(
         aligned,
         times=phases,
         poses=np.stack([_at(phases, times, poses) for poses in longer]),
+        wrenches=wrenches,
         duration=aligned.duration * length,
         clocks=clocks,
         end=1.0 / length,

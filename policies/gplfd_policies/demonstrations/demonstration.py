@@ -5,10 +5,9 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
-from gplfd_env.spatial.se3 import relative_poses
+from gplfd_env.spatial.se3 import into_axes, relative_poses
 from gplfd_policies.arrays.records import freeze, short_repr
 
 _REST = 1e-9
@@ -170,6 +169,6 @@ class Demonstration:
         poses = relative_poses(self.poses, self.poses[0])
         wrenches = self.wrenches
         if wrenches is not None:
-            axes = Rotation.from_rotvec(self.poses[0, 3:].copy()).as_matrix()
-            wrenches = np.hstack([wrenches[:, :3] @ axes, wrenches[:, 3:] @ axes])
+            turned = into_axes(self.poses[0, 3:], wrenches.reshape(-1, 2, 3))
+            wrenches = turned.reshape(wrenches.shape)
         return Demonstration(times=self.times, poses=poses, wrenches=wrenches)

@@ -262,6 +262,25 @@ class PathSimilarity:
         return np.maximum(scale, self.model.least_scale)
 
     @cached_property
+    def features(self) -> Float[np.ndarray, "6 K"]:
+        """What the phase of a pose takes of the likely sizes c.
+
+        The logarithm of the weight, c, the variance of log c, cosine and sine of the
+        angle, and its variance.
+        """
+        likely = self.likely
+        return np.array(
+            [
+                np.log(np.maximum(likely.weights, 1e-300)),
+                np.exp(likely.log_sizes),
+                np.full(likely.log_sizes.size, likely.size_std**2),
+                np.cos(likely.angle),
+                np.sin(likely.angle),
+                likely.angle_variance,
+            ]
+        )
+
+    @cached_property
     def likely(self) -> LikelySizes:
         """The sizes that the path leaves likely, finer than those that are compared."""
         config, grid = self.model.config, self.model.log_sizes

@@ -61,6 +61,10 @@ class LearnedMovement:
 
     aligned: AlignedDemonstrations
     """The demonstrations it was learned from."""
+    forces: Movement | None = None
+    """What was learned of the demonstrated forces, in the same way: a movement over the
+    same phases whose six outputs are force and moment of the hand on what it holds, in
+    the axes of the hand [N, N m]. None without forces."""
 
     @property
     def duration(self) -> float:

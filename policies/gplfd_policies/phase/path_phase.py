@@ -216,7 +216,7 @@ class PathPhase:
         if not numbers:
             return PhaseEstimate(previous, previous, previous)
 
-        # Features (7, *N): ρ, θ, u, and the sizes (5, *N, K) by what the path so far
+        # Features (7, *N): ρ, θ, u, and the sizes (6, *N, K) by what the path so far
         # says of them. A few numbers per row: Python's floats are as fast as NumPy.
         observed, similarities = [], []
         for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
@@ -236,20 +236,11 @@ class PathPhase:
             self._similarities[number] = similarity
             far = math.sqrt(x * x + y * y + z * z) + 1e-9
             observed.append((far, *rotation, x / far, y / far, z / far))
-            likely = similarity.likely
-            similarities.append(
-                (
-                    np.log(np.maximum(likely.weights, 1e-300)),
-                    np.exp(likely.log_sizes),
-                    np.full(likely.log_sizes.size, likely.size_std**2),
-                    likely.angle,
-                    likely.angle_variance,
-                )
-            )
+            similarities.append(similarity.features)
         features = np.array(observed).T.reshape(7, *poses.shape[:-1])
-        similar = (
-            np.array(similarities).swapaxes(0, 1).reshape(5, *poses.shape[:-1], -1)
-        )
+        similar = similarities[0]
+        if poses.ndim > 1:
+            similar = np.stack(similarities, axis=1)
 
         # Search near the previous phases: grid points first to first + size.
         backward, forward = self._config.window
@@ -279,7 +270,7 @@ class PathPhase:
                 begin = number * width + edge
                 whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
                 own = features.reshape(7, -1)[:, index]
-                alone = similar.reshape(5, len(numbers), -1)[:, index]
+                alone = similarities[index]
                 everywhere, errors, others = self._cost(whole, own, alone)
                 anywhere = self._nearest(everywhere, errors, -1)
                 if anywhere[2] < self._config.clearer_share * best[2]:
@@ -321,7 +312,7 @@ class PathPhase:
         self,
         features: Float[np.ndarray, "*F W"],
         observed: Float[np.ndarray, "*E"],
-        sizes: Float[np.ndarray, "5 *N C"],
+        sizes: Float[np.ndarray, "6 *N C"],
     ) -> tuple[
         Float[np.ndarray, "*N W"], Float[np.ndarray, "*N W"], Float[np.ndarray, "*N C"]
     ]:
@@ -332,7 +323,7 @@ class PathPhase:
         size fits at its best phase, not how many phases of the grid it fits at.
         """
         each, along = observed[..., None], features[:, ..., None, :]
-        log_weight, size, size_variance, angle, variance = sizes[..., None]
+        log_weight, size, size_variance, cosine, sine, variance = sizes[..., None]
         turning = np.add.reduce(
             (features[1:4] - each[1:4]) ** 2 * features[8:11], axis=0
         )
@@ -343,7 +334,6 @@ class PathPhase:
             + (self._config.distance_share**2 + size_variance) * along[7]
             + along[12]
         )
-        cosine, sine = np.cos(angle), np.sin(angle)
         x, y, z = (part[..., None, None] for part in observed[4:7])
         sideways = (cosine * x - sine * z - along[4]) ** 2
         sideways += (y - along[5]) ** 2

@@ -1,6 +1,7 @@
 """A method: how a movement is learned from demonstrations, adapted and followed."""
 
 import textwrap
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -27,6 +28,7 @@ from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
 from gplfd_policies.movements.movement import (
     AdaptationForm,
     EmpiricalDistribution,
+    LearnedMovement,
     Movement,
 )
 from gplfd_policies.movements.prior_mean import PriorMean, Stretched, fit_residual
@@ -186,9 +188,17 @@ class Method:
         aligned = continued(shown, self.beyond)
         fit = partial(self.fit, seed=training.seed) if self.seeded else self.fit
         if prior_mean is None:
-            return fit(aligned)
-        longer = Stretched(of=prior_mean, factor=1.0 / aligned.end)
-        return fit_residual(aligned, longer, partial(fit, centred=False))
+            movement = fit(aligned)
+        else:
+            longer = Stretched(of=prior_mean, factor=1.0 / aligned.end)
+            movement = fit_residual(aligned, longer, partial(fit, centred=False))
+        forces = aligned.forces
+        if forces is None or not isinstance(movement, LearnedMovement):
+            return movement
+        with warnings.catch_warnings():
+            # Of too few demonstrations: the motion has warned already.
+            warnings.simplefilter("ignore", UserWarning)
+            return replace(movement, forces=fit(forces))
 
     @one_thread
     def follow(self, movement: Movement) -> CompliantAgent:
