@@ -165,6 +165,7 @@ class CompliantAgent:
         phases: Finds where along the task an observed pose lies.
         config: Stiffness, load, timing and via-points.
         handle_config: When and how far a handle is turned beyond the demonstration.
+        forces: The movement of the demonstrated forces, adapted in place; None without.
         handle: The handle that the demonstrations turn; None of a bar.
     """
 
@@ -172,6 +173,7 @@ class CompliantAgent:
     phases: PhaseRule
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
     handle_config: HandleConfig = field(default_factory=HandleConfig)
+    forces: GriddedMovement | None = None
     handle: TurnedHandle | None = field(init=False, repr=False, compare=False)
     _controller: ComplianceController = field(init=False, repr=False, compare=False)
 
@@ -184,6 +186,7 @@ class CompliantAgent:
             self.config,
             [] if handle is None else [handle],
             self.handle_config,
+            self.forces,
         )
         object.__setattr__(self, "handle", handle)
         object.__setattr__(self, "_controller", controller)

@@ -63,15 +63,19 @@ def controller_of(
     config: ComplianceConfig,
     handles: Sequence[TurnedHandle],
     handle_config: HandleConfig,
+    forces: GriddedMovement | Sequence[GriddedMovement] | None = None,
 ) -> ComplianceController:
     """Return the controller of one hand or many, for bars or for the rows' handles.
 
     Movements are on grids of one size, and adapted in place; without handles, bars.
     """
     shape = () if isinstance(movements, GriddedMovement) else (len(movements),)
+    felt = None if forces is None else GriddedMovements(forces)
     if not handles:
         load = config.load.begin(config.profile, shape)
-        return ComplianceController(GriddedMovements(movements), phases, load, config)
+        return ComplianceController(
+            GriddedMovements(movements), phases, load, config, felt
+        )
     compensation = HandleCompensation(handles, shape, handle_config)
     return ComplianceController(
         HandleMovements(movements, compensation),
@@ -80,6 +84,7 @@ def controller_of(
             config.load, config.profile, compensation, shape, config.control_period
         ),
         config,
+        felt,
     )
 
 

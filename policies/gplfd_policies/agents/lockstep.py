@@ -95,6 +95,7 @@ class _AllAtOnce(AgentBatch):
             first.config,
             [agent.handle for agent in agents if agent.handle is not None],
             first.handle_config,
+            [agent.forces for agent in agents if agent.forces is not None] or None,
         )
 
     def _reset(self, observations: Observation, rows: Rows) -> None:
@@ -159,6 +160,7 @@ def _shared(agent: CompliantAgent) -> tuple[object, ...]:
         type(agent.phases),
         agent.phases.settings,
         agent.handle is None,
+        agent.forces is None,
         agent.handle_config,
         *map(comparable, _values(agent.config)),
     )

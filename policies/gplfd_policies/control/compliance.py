@@ -15,12 +15,19 @@ from typing import Final, Literal
 import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes
 from gplfd_policies.control.frame import directional_std, path_frame, product
-from gplfd_policies.control.load import ContactState, LearnedLoad, Load, LoadRule
+from gplfd_policies.control.load import (
+    ContactState,
+    ExpectedForce,
+    LearnedLoad,
+    Load,
+    LoadRule,
+)
 from gplfd_policies.control.rendering import Rendering, VirtualRendering
 from gplfd_policies.control.stability import StiffnessGovernor
 from gplfd_policies.control.steps import AgentStep
@@ -61,6 +68,9 @@ class ComplianceConfig:
     """Progress between two via-points, in phase."""
     via_std: tuple[float, float] = POSE_ERROR
     """Noise of an observed via-point: position [m], rotation [rad]."""
+    force_std: tuple[float, float] = (1.0, 0.1)
+    """Standard deviation of a measured force [N] and moment [N m] as an observation of
+    what this door asks for."""
     settling_time: float = quantity(0.1, low=0.0, unit="s")
     """Time constant with which the set-point moves onto a path that a via-point has
     changed [s]; 0 lets it jump. Tuned."""
@@ -129,8 +139,9 @@ class ComplianceController:
         phases: PhaseObserver,
         load: Load,
         config: ComplianceConfig,
+        forces: GriddedMovements | None = None,
     ) -> None:
-        self._movements, self._phases = movements, phases
+        self._movements, self._phases, self._forces = movements, phases, forces
         self._load, self._config = load, config
         shape = movements.durations.shape
         self._governor = StiffnessGovernor(config.profile, config.dynamics, shape)
@@ -144,12 +155,19 @@ class ComplianceController:
         self._std = np.full((*shape, 6), np.nan)  # NaN before the first step
         self._tangent = np.broadcast_to(_PULL, (*shape, 3)).copy()
         self._offset = np.zeros((*shape, 6))  # of the set-point from the mean
+        self._force_noise = np.repeat(config.force_std, 3)
+        # Measured wrenches since the last via-point: sum and number.
+        self._felt, self._felt_count = np.zeros((*shape, 6)), np.zeros(shape)
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Let these rows begin an episode at the closed door."""
         self._movements.reset(rows)
         self._phases.reset(rows)
         self._load.reset(rows)
+        if self._forces is not None:
+            self._forces.reset(rows)
+        self._felt[rows] = 0.0
+        self._felt_count[rows] = 0.0
         self._governor.reset(rows)
         self._renderer.reset(rows)
         for phase in (self._command_phase, self._observed_phase, self._last_via):
@@ -188,6 +206,14 @@ class ComplianceController:
             numbers = math.exp(log_size), log_size_std, *similarity.heading
             inferred.reshape(-1, 4)[row] = numbers
 
+        forces, rotation = self._forces, poses[..., 3:]
+        if forces is not None:
+            # In the axes of the hand, and of the hand on what it holds.
+            apart = np.stack([wrenches[..., :3], wrenches[..., 3:]], axis=-2)
+            own = into_axes(rotation[..., None, :], -apart)
+            self._felt[rows] += own.reshape(wrenches.shape)
+            self._felt_count[rows] += 1.0
+
         # 2. Adapt the movements of rows that have moved on by `via_spacing`, or whose
         # phase has fallen so far that the last via-point was taken at a wrong one.
         last_via = self._last_via[rows]
@@ -217,6 +243,20 @@ class ComplianceController:
                     sizes=sizes[index],
                 )
                 movements.observe(number, via_point)
+            if forces is not None:
+                felt = self._felt[rows] / self._felt_count[rows][..., None]
+                for number, phase, mean in zip(
+                    movements.numbers[rows][due].tolist(),
+                    np.asarray(observed_phase)[due].tolist(),
+                    felt[due],
+                    strict=True,
+                ):
+                    forces.observe(
+                        number,
+                        ViaPoint(phase=phase, pose=mean, std=self._force_noise),
+                    )
+                self._felt[rows] = np.where(due[..., None], 0.0, self._felt[rows])
+                self._felt_count[rows] = np.where(due, 0.0, self._felt_count[rows])
             _, _, direction = movements.ahead(observed_phase, rows)
             # The set-point stays where it is: along the path, whose phases may shift,
             # by the command phase, and otherwise by an offset that decays.
@@ -232,8 +272,15 @@ class ComplianceController:
             self._offset[rows] += np.where(due[..., None], jump, 0.0)
 
         # 3. Load: what is compensated, what is yielded to, and whether the clock waits.
+        expected = None
+        if forces is not None:
+            mean, std = forces.at(observed_phase, rows)
+            expected = ExpectedForce(
+                mean=mean[..., :3], std=std[..., :3], rotation=rotation
+            )
         response = self._load.update(
             ContactState(
+                expected=expected,
                 wrench=wrenches,
                 direction=direction,
                 pose=poses,

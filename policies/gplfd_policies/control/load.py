@@ -13,6 +13,7 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
@@ -28,6 +29,24 @@ _NO_LIMIT: Final = "to carry nothing use YieldToAll"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class ExpectedForce:
+    """Force with which some hands are expected to act on what they hold."""
+
+    mean: Vectors
+    """Its mean, in the axes of the hand [N]."""
+    std: Vectors
+    """Its standard deviation along each of these axes [N]."""
+    rotation: Vectors
+    """Rotation vector of the hand in the task frame [rad]."""
+
+    def resistance(self, direction: Vectors) -> tuple[Amount, Amount]:
+        """Return mean and σ of the resistance to a motion along unit vectors [N]."""
+        own = into_axes(self.rotation, direction)
+        variance = np.add.reduce((own * self.std) ** 2, axis=-1)
+        return np.asarray(np.add.reduce(own * self.mean, axis=-1)), np.sqrt(variance)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class ContactState:
     """Contact of some hands in one control step; task frame."""
 
@@ -39,6 +58,9 @@ class ContactState:
     """Pose of the hand [m, rad]."""
     displacement: Vectors
     """How far it has been displaced: e of Eq. (22) [m]."""
+    expected: ExpectedForce | None = None
+    """What the demonstrations, and this door so far, say of the force; None without
+    demonstrated forces."""
     hook_grasp: bool = False
     """Whether the fingers stand behind a handle that they have turned, and do not hold
     it by friction alone."""
@@ -118,6 +140,11 @@ class LearnedLoad:
     """h: load capacity of a hook grasp relative to a friction grasp; factor of `limit`
     and `reach` where fingers stand behind a handle. There the arm's joints give way
     first, at 58 N along the path (assets/README.md, "What the arm can carry")."""
+    shown_limit: float = quantity(33.0, above=0.0, unit="N")
+    """Greatest resistance that is compensated because it was demonstrated [N]: nine
+    tenths of the force at which a friction grasp slips."""
+    interval: float = quantity(2.0, low=0.0)
+    """Standard deviations of the expected force up to which it is compensated."""
     least: float = quantity(1.0, above=0.0, unit="N")
     """Least resistance to be expected of a door [N]: what hinge and sensor add now and
     take away again."""
@@ -195,7 +222,12 @@ class LoadLearner:
         std = np.repeat(np.asarray(lag)[..., None], 6, axis=-1)
         stiffness = _stretched(self._profile.stiffness(std), direction)
         reserve = gain * rule.reach * stiffness
-        compensated = np.minimum(np.minimum(resistance, expected), reserve)
+        most: Amount = np.minimum(expected, reserve)
+        if contact.expected is not None:
+            mean, std = contact.expected.resistance(direction)
+            shown = np.minimum(mean + rule.interval * std, gain * rule.shown_limit)
+            most = np.maximum(most, shown)
+        compensated = np.asarray(np.minimum(resistance, most))
 
         # Pace: by the lag, and by the lag to which the force leads on a known door. A
         # path without direction has no stiffness along it, and no resistance.

@@ -37,8 +37,8 @@ class AlignedDemonstrations:
     """Own time of each demonstration at the phases, as a share of its duration; None if
     unknown."""
     wrenches: Float[np.ndarray, "K M 6"] | None = None
-    """Forces and moments of the hand on what it holds, in the axes of the hand [N, N m];
-    NaN for demonstrations without. None if no demonstration has any."""
+    """Forces and moments of the hand on what it holds, in the axes of the hand
+    [N, N m]; NaN for demonstrations without. None if no demonstration has any."""
 
     __repr__ = short_repr
 

@@ -214,7 +214,16 @@ class Method:
             phases=self.phases(movement),
             config=replace(self.config, profile=self.profile(movement.aligned)),
             handle_config=self.handle_config,
+            forces=self._follow_forces(movement),
         )
+
+    def _follow_forces(self, movement: Movement) -> GriddedMovement | None:
+        learned = movement.forces if isinstance(movement, LearnedMovement) else None
+        if learned is None:
+            return None
+        # How repetitions differ is unknown of a single one.
+        alone = len(learned.aligned.poses) < 2
+        return GriddedMovement(learned, None if alone else self.adaptation, _GRID)
 
     def __call__(self, training: TrainingInput) -> CompliantAgent:
         """Learn a movement and follow it on doors; raises what both do."""
