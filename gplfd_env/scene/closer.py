@@ -12,24 +12,12 @@ do, without a callback:
 None of them adds energy.
 """
 
-import math
-from dataclasses import dataclass
 from typing import Final
 
 import mujoco
 
-from gplfd_env.conventions.one_and_many import (
-    Flag,
-    Number,
-    anywhere,
-    larger,
-    negated,
-    where,
-)
+from gplfd_env.doors.closer import fading_torques, has_tendons
 from gplfd_env.doors.config import DoorConfig
-
-STICTION_ANGLE: Final = math.radians(0.5)
-"""Angle at which the stiction has faded [rad]."""
 
 _FADING: Final = ("stiction", "seal", "closer_boost")
 """Torques that fade; each is a tendon of that name."""
@@ -42,74 +30,6 @@ _ANYWHERE: Final = 10.0
 _SOFT: Final = 1e-4
 """Impedance of a limit that acts as a damper, the least that MuJoCo allows: its force
 then does not depend on the other forces on the door."""
-
-_SPEED: Final = 1e-3
-"""Speed below which a door counts as at rest [rad/s]."""
-
-
-def fading_torques(door: DoorConfig) -> tuple[tuple[float, float], ...]:
-    """Return torques at the closed door [N m] and where they have faded [rad]."""
-    return (
-        (door.stiction, STICTION_ANGLE),
-        (door.seal, door.seal_angle),
-        (door.closer_boost, door.closer_boost_angle),
-    )
-
-
-def has_tendons(door: DoorConfig) -> bool:
-    """Return whether a door's closer is more than preload, stiffness and friction."""
-    one_way = door.closing_damping + door.backcheck_damping
-    return one_way > 0.0 or any(torque > 0.0 for torque, _ in fading_torques(door))
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CloserLaw:
-    """The closing torque of a door's closer, seal and stiction.
-
-    Friction counts while the door moves. Fields are those of a `DoorConfig`, or arrays
-    (n,) of those of n doors; `fading` is what `fading_torques` gives.
-    """
-
-    preload: Number
-    stiffness: Number
-    fading: tuple[tuple[Number, Number], ...]
-    friction: Number
-    damping: Number
-    closing_damping: Number
-    backcheck_damping: Number
-    backcheck_angle: Number
-    springs_alone: Flag
-    """Preload and stiffness are all that is not zero, as of most doors."""
-
-    @classmethod
-    def of(cls, door: DoorConfig) -> "CloserLaw":
-        """Return that of a door."""
-        further = door.closer_friction or door.closer_damping or has_tendons(door)
-        return cls(
-            preload=door.closer_preload,
-            stiffness=door.closer_stiffness,
-            fading=fading_torques(door),
-            friction=door.closer_friction,
-            damping=door.closer_damping,
-            closing_damping=door.closing_damping,
-            backcheck_damping=door.backcheck_damping,
-            backcheck_angle=door.backcheck_angle,
-            springs_alone=not further,
-        )
-
-    def torque(self, angle: Number, velocity: Number) -> Number:
-        """Return it [N m] at an opening angle [rad] and its rate [rad/s]."""
-        opened = where(angle > 0.0, angle, 0.0)
-        torque = self.preload + self.stiffness * opened
-        if not anywhere(negated(self.springs_alone)):
-            return torque
-        for closed, faded in self.fading:
-            torque = torque + closed * larger(1.0 - opened / faded, 0.0)
-        backcheck = where(angle > self.backcheck_angle, self.backcheck_damping, 0.0)
-        damping = self.damping + where(velocity < 0.0, self.closing_damping, backcheck)
-        friction = where(velocity < 0.0, -self.friction, self.friction)
-        torque = torque + where(abs(velocity) > _SPEED, friction, 0.0)
-        return torque + damping * velocity
 
 
 def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array, Base
+from gplfd_env.doors.closer import has_tendons
 from gplfd_env.doors.config import DoorConfig, Handle
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.mobile_base import HARD_STOP, SOFT_STOP
@@ -16,7 +17,7 @@ from gplfd_env.robot.placement import (
     task_rotation_w,
 )
 from gplfd_env.scene.arena import DOOR_HEIGHT
-from gplfd_env.scene.closer import add_closer, has_tendons, set_closer
+from gplfd_env.scene.closer import add_closer, set_closer
 from gplfd_env.scene.handle import STEEL, add_bar, add_turning_handle, set_spring
 from gplfd_env.scene.latch import add_latch
 from gplfd_env.scene.visuals import (

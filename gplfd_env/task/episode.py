@@ -22,11 +22,11 @@ from gplfd_env.conventions.one_and_many import (
     where,
     with_rows,
 )
+from gplfd_env.doors.closer import CloserLaw
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.gripper import Gripper
 from gplfd_env.robot.placement import hand_position_w
 from gplfd_env.robot.whole_body import BaseDrive
-from gplfd_env.scene.closer import CloserLaw
 from gplfd_env.scene.latch import latch_holds
 from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.loads import NO_DEMANDS, Demands

@@ -85,6 +85,7 @@ CHANGES = {
     "disturbance": "person",
     "demonstrated_radii": (0.4,),
     "habits": {"pauses": 1},
+    "demonstrated_forces": True,
     "prior_radius": 0.5,
     "trial": "person",
     "level": "500 N/m",
@@ -196,6 +197,7 @@ def test_a_job_learns_from_one_set_of_demonstrations():
         episode(demonstrations_per_door=3),
         episode(teacher={"noise_bandwidth": 2.0}),
         episode(habits={"pauses": 1}),
+        episode(demonstrated_forces=True),
         SkillTask(policy="gp", seed=0, held_out="radius"),
         SkillTask(policy="gp", seed=0, held_out="demonstration"),
     ]

@@ -16,6 +16,7 @@ from gplfd_experiments.data.teacher import (
     MESSY,
     ROOM_RADII,
     TIDY,
+    ForceConfig,
     Habits,
     Teacher,
     TeacherConfig,
@@ -131,6 +132,7 @@ def test_coloured_noise_has_unit_variance_and_no_power_above_its_bandwidth() -> 
     ("call", "message"),
     [
         (lambda: TeacherConfig(duration_mean=0), r"Config\.duration_mean = 0.*\["),
+        (lambda: ForceConfig(effort_std=-1), r"ForceConfig\.effort_std = -1.*\["),
         (lambda: TeacherConfig(sampling_rate=math.nan), r"sampling_rate = nan.*\["),
         (lambda: Habits(dropped=-1), r"Habits\.dropped = -1.*\["),
         (lambda: Teacher().demonstrate(-1.0, rng()), r"radius = -1\.0 is outside"),

@@ -20,7 +20,7 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.reaching import GRASPED, openings, reaches
-from gplfd_experiments.data.teacher import Habits, Teacher, TeacherConfig
+from gplfd_experiments.data.teacher import ForceConfig, Habits, Teacher, TeacherConfig
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.rollout import rollouts
 from gplfd_experiments.episodes.task import EpisodeTask
@@ -51,7 +51,9 @@ def _demonstrated(shown: str) -> LabelledDemonstrations:
     seed, per_door = fields["seed"], fields["demonstrations_per_door"]
     kind, radii = fields["demonstrated_kind"] or {}, fields["demonstrated_radii"]
     teacher = Teacher(
-        TeacherConfig(**fields["teacher"]), Habits(**(fields["habits"] or {}))
+        TeacherConfig(**fields["teacher"]),
+        Habits(**(fields["habits"] or {})),
+        ForceConfig() if fields["demonstrated_forces"] else None,
     )
     given = teacher.demonstrate_doors(
         [DoorConfig(radius=radius, **kind) for radius in radii],

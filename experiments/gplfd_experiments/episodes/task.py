@@ -44,7 +44,7 @@ def definition_hash(definition: Mapping[str, Any]) -> str:
 
 _DEMONSTRATED_BY: Final = (
     *("seed", "demonstrations_per_door", "teacher", "demonstrated_radii"),
-    *("demonstrated_kind", "habits", "start"),
+    *("demonstrated_kind", "habits", "demonstrated_forces", "start"),
 )
 """Fields of an episode that determine the demonstrations."""
 
@@ -120,6 +120,9 @@ class EpisodeTask(TaughtTask):
     """Whether the hand holds the handle at the start or has to reach for it."""
     habits: Mapping[str, Any] | None = omit_default(None)
     """Fields of `gplfd_experiments.data.teacher.Habits`; None for a tidy teacher."""
+    demonstrated_forces: bool = omit_default(False)
+    """Whether the demonstrations have wrenches, as the standard
+    `gplfd_experiments.data.teacher.ForceConfig` gives them."""
     prior_radius: float | None = omit_default(None)
     """Radius of the arc that is given as a prior mean [m]; None for none."""
     trial: str = omit_default("")
@@ -130,6 +133,11 @@ class EpisodeTask(TaughtTask):
     def __post_init__(self) -> None:
         # A file has a list.
         object.__setattr__(self, "demonstrated_radii", tuple(self.demonstrated_radii))
+        if self.demonstrated_forces and self.start == "approach":
+            raise ValueError(
+                "demonstrations that reach for the handle have no forces; leave out "
+                "start = 'approach' or demonstrated_forces"
+            )
 
     @property
     def shown(self) -> str:

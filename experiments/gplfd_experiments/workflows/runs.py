@@ -72,6 +72,7 @@ def open_doors(
     policy: str,
     seed: int,
     demonstrations: Path | int,
+    demonstrated_forces: bool,
     skill: Path | None,
     randomization: str,
     disturbance: str,
@@ -84,9 +85,10 @@ def open_doors(
 
     Doors of several kinds are opened by several agents: each learns from demonstrations
     of its own kind, as many per door as ``demonstrations`` says, or from the file that
-    it is. Where the policy raises an error in acting, the door counts as not opened and
-    the others are opened all the same. Nothing is written before everything is checked
-    and the policy has learned; then what an earlier run left in the folder is removed.
+    it is; the former with wrenches if ``demonstrated_forces``. Where the policy raises
+    an error in acting, the door counts as not opened and the others are opened all the
+    same. Nothing is written before everything is checked and the policy has learned;
+    then what an earlier run left in the folder is removed.
     """
     check_least("--seed", seed, 0)
     check_circumstances(randomization, disturbance)
@@ -101,6 +103,7 @@ def open_doors(
             policy_source=source_of(chosen),
             seed=seed,
             demonstrations_per_door=per_door,
+            demonstrated_forces=demonstrated_forces,
             randomization=randomization,
             disturbance=disturbance,
             start=start,
@@ -124,6 +127,11 @@ def open_doors(
     if skill is not None or isinstance(demonstrations, Path):
         # There is only one thing to learn from.
         option = "--skill" if skill is not None else "--demonstrations"
+        if demonstrated_forces:
+            raise ValueError(
+                "--demonstrated-forces is about the synthetic human's demonstrations: "
+                f"leave it out, or leave out {option}"
+            )
         first, *others = ((t.door, DoorConfig(**t.door_config).kind) for t in tasks)
         for door, kind in others:
             if differ := [name for name in kind if kind[name] != first[1][name]]:

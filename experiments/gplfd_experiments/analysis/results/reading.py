@@ -62,6 +62,7 @@ _OPTIONAL: Final = {
     "environment_version": int,
     "start": Start,
     "habits": dict[str, float] | None,
+    "demonstrated_forces": bool,
     "prior_radius": float | None,
     "trial": str,
     "level": str,

@@ -56,6 +56,9 @@ class Run:
     """Number of demonstrations by the synthetic human on each of the three
     demonstrated doors."""
 
+    demonstrated_forces: bool = False
+    """The synthetic human's demonstrations have the forces and moments of the hand."""
+
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None
     """Learn from this .npz file of demonstrations instead of the synthetic human."""
 

@@ -1,5 +1,6 @@
 """The synthetic human that demonstrates doors, and random smooth motion."""
 
+from gplfd_experiments.data.teacher.forces import ForceConfig
 from gplfd_experiments.data.teacher.habits import MESSY, TIDY, Habits
 from gplfd_experiments.data.teacher.handle_motion import (
     DEMONSTRATED_RADII,
@@ -17,6 +18,7 @@ __all__ = [
     "MESSY",
     "ROOM_RADII",
     "TIDY",
+    "ForceConfig",
     "Habits",
     "Teacher",
     "TeacherConfig",

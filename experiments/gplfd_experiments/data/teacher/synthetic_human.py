@@ -12,7 +12,8 @@ vertical drift of the suit, and the suit's sampling rate and coloured noise.
 `Habits` describe an untidy person and recording: pauses, backward motion, rests,
 dropped samples, outliers. A handle that turns is pressed first, the door moved as soon
 as the latch is free, and the handle let go back while it opens. On request the person
-reaches for the handle first and takes hold of it.
+reaches for the handle first and takes hold of it, and the forces of the opening are
+recorded (`ForceConfig`).
 
 Not modelled: letting go, a suit whose axes are turned against the door, magnetic
 disturbance, and one person's habits that persist from one demonstration to the next.
@@ -31,6 +32,7 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_experiments.data.teacher import handle_motion, random_motion
+from gplfd_experiments.data.teacher.forces import ForceConfig, hand_wrenches
 from gplfd_experiments.data.teacher.habits import (
     TIDY,
     Habits,
@@ -103,13 +105,18 @@ class Teacher:
     Args:
         config: How the human moves and how the suit measures.
         habits: How untidily; not at all by default.
+        forces: How the forces of openings vary and are measured; None records none.
     """
 
     def __init__(
-        self, config: TeacherConfig | None = None, habits: Habits = TIDY
+        self,
+        config: TeacherConfig | None = None,
+        habits: Habits = TIDY,
+        forces: ForceConfig | None = None,
     ) -> None:
         self.config = TeacherConfig() if config is None else config
         self.habits = habits
+        self.forces = forces
 
     @one_thread
     def demonstrate(
@@ -127,7 +134,8 @@ class Teacher:
                 effect, so switching one effect off leaves the others' draws alone.
 
         Returns:
-            Times [s] from 0 at the suit's rate and poses (N, 6) [m, rad].
+            Times [s] from 0 at the suit's rate, poses (N, 6) [m, rad] and, with
+            `forces`, wrenches (N, 6) [N, N m]. Times and poses are the same without.
 
         Raises:
             ValueError: No door has such a radius.
@@ -162,10 +170,17 @@ class Teacher:
         turn = Rotation.from_rotvec(config.wobble_rotation_std * wobble[:, 3:])
         positions, rotations = path[:, :3] + handle.apply(slip), handle * turn
         poses = self._measured(times, positions, rotations, suit_rng, origin=0)
+        wrenches = None
+        if self.forces is not None:
+            (force_rng,) = press_rng.spawn(1)
+            wrenches = hand_wrenches(
+                self.forces, door, times, angles, turns, positions, force_rng
+            )
         if tidy:
-            return Demonstration(times=times, poses=poses)
+            return Demonstration(times=times, poses=poses, wrenches=wrenches)
         kept, poses = lose_samples(self.habits, poses, habit_rng)
-        return Demonstration(times=times[kept], poses=poses[kept])
+        wrenches = None if wrenches is None else wrenches[kept]
+        return Demonstration(times=times[kept], poses=poses[kept], wrenches=wrenches)
 
     def demonstrate_doors(
         self,

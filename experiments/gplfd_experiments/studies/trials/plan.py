@@ -63,6 +63,7 @@ def trial_tasks(
                     disturbance=level.disturbance,
                     demonstrated_radii=level.demonstrated_radii,
                     habits=level.habits,
+                    demonstrated_forces=level.demonstrated_forces,
                     prior_radius=level.prior_radius,
                     trial=name,
                     level=title,

@@ -26,6 +26,7 @@ class Level:
     teacher: Mapping[str, float] = field(default_factory=dict)
     """Fields of the teacher that differ from the standard one."""
     habits: Mapping[str, Any] | None = None
+    demonstrated_forces: bool = False
     prior_radius: float | None = None
     """Only methods that accept a prior mean take part."""
 

@@ -1,0 +1,161 @@
+"""Forces with which the synthetic human presses a handle and opens a door.
+
+For opening angles φ and handle angles θ the mechanism of the simulated door takes,
+about the axes of hinge and handle,
+
+    T = I φ̈ + (c + c_d) φ̇ + F tanh(φ̇ / φ̇₀) + tanh(φ / φ₀) S(φ)
+    H = tanh(θ / φ₀) (p + k θ) + tanh(x / (ρ φ₀)) ρ (p_b + k_b x),  x = ρ max(θ - θ₀, 0)
+
+with the moment of inertia I, dampers c of the hinge and c_d of the closer, Coulomb
+friction F of both, springs S of closer, seal and stiction (`CloserLaw`), a return
+spring p, k, and a bolt with a spring p_b, k_b that is drawn by ρ per angle beyond the
+dead travel θ₀. Friction at rest, which is undetermined, counts as zero, and stops carry
+the springs of a closed door and handle, within about φ₀.
+
+A hand that holds the handle at r from the hinge pulls with T/|r| along its path,
+presses a lever with H over its arm, and turns a knob by the moment H.
+
+Left out: damping and inertia of the handle (less than 0.06 N m), friction of the bolt,
+contact with frame and stop, and the weight of the hand.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from scipy.signal import savgol_filter
+from scipy.spatial.transform import Rotation
+
+from gplfd_env.doors.closer import CloserLaw
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_experiments.data.teacher.random_motion import smooth_functions
+from gplfd_experiments.files.arrays import FloatArray
+
+_HANDLE_MASS: Final = 0.4  # At the distance of the handle from the hinge [kg].
+_ARMATURE: Final = 0.01  # Of the hinge [kg m²].
+_AT_REST: Final = 0.01  # Angular velocity φ̇₀ that smooths the friction [rad/s].
+_AT_STOP: Final = math.radians(0.1)  # Angle φ₀ within which stops carry [rad].
+_SMOOTHED: Final = 0.1  # Time over which angles are differentiated [s].
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ForceConfig:
+    """How a person's forces vary and are measured; raises as `TeacherConfig` does."""
+
+    effort_std: float = quantity(0.03, low=0.0, high=0.5)
+    """Variation of what the mechanism takes: standard deviation of a factor about 1."""
+    across_std: float = quantity(1.0, unit="N", low=0.0, high=50.0)
+    """Pull across the path, towards the hinge and up: standard deviation of each."""
+    across_share: float = quantity(0.1, low=0.0, high=2.0)
+    """What is added to that for a pull along the path: share of this."""
+    grip_moment_std: float = quantity(0.05, unit="N m", low=0.0, high=5.0)
+    """Moment by which the hand twists the handle: standard deviation per axis."""
+    variation_time: float = quantity(1.0, unit="s", low=0.05, high=60.0)
+    """Correlation time of all these."""
+    bias_force_std: float = quantity(0.3, unit="N", low=0.0, high=20.0)
+    """Sensor's bias, constant in a demonstration: standard deviation per axis."""
+    bias_moment_std: float = quantity(0.01, unit="N m", low=0.0, high=2.0)
+    """The same of the moment."""
+    noise_force_std: float = quantity(0.2, unit="N", low=0.0, high=20.0)
+    """Sensor's white noise: standard deviation per axis."""
+    noise_moment_std: float = quantity(0.01, unit="N m", low=0.0, high=2.0)
+    """The same of the moment."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+def hinge_inertia(door: DoorConfig) -> float:
+    """Return the moment of inertia of leaf and handle about the hinge [kg m²]."""
+    width = door.radius + door.backset + door.overhang
+    middle = 0.5 * width - door.overhang
+    leaf = (width**2 + door.leaf_thickness**2) / 12.0
+    leaf += middle**2 + door.handle_standoff**2
+    return door.panel_mass * leaf + _HANDLE_MASS * door.radius**2 + _ARMATURE
+
+
+def hinge_torque(door: DoorConfig, angles: FloatArray, rate: float) -> FloatArray:
+    """Return the torques T [N m], (N,), for opening angles [rad] at a rate [Hz]."""
+    window = 2 * max(round(0.5 * _SMOOTHED * rate), 1) + 1
+    mode: Literal["interp", "nearest"] = (
+        "interp" if window <= angles.size else "nearest"
+    )
+    velocity, acceleration = (
+        savgol_filter(angles, window, 2, deriv=order, delta=1.0 / rate, mode=mode)
+        for order in (1, 2)
+    )
+    closer = dataclasses.replace(CloserLaw.of(door), friction=0.0)
+    springs = closer.torque(angles, np.zeros_like(angles))
+    torque: FloatArray = np.tanh(angles / _AT_STOP) * springs
+    torque += closer.torque(angles, velocity) - springs + door.hinge_damping * velocity
+    torque += door.friction * np.tanh(velocity / _AT_REST)
+    torque += hinge_inertia(door) * acceleration
+    return torque
+
+
+def handle_torque(door: DoorConfig, turns: FloatArray) -> FloatArray:
+    """Return the torque H [N m] that holds a lever or knob at angles [rad], (N,)."""
+    preload, stiffness = door.handle_spring
+    torque = np.tanh(turns / _AT_STOP) * (preload + stiffness * turns)
+    if door.latch == "spring":
+        ratio = door.bolt_throw / (door.handle_travel - door.dead_travel)
+        beyond = np.maximum(turns - door.dead_travel, 0.0)
+        bolt = door.bolt_preload + door.bolt_stiffness * ratio * beyond
+        torque += np.tanh(beyond / _AT_STOP) * ratio * bolt
+    return torque
+
+
+def hand_wrenches(
+    config: ForceConfig,
+    door: DoorConfig,
+    times: FloatArray,
+    angles: FloatArray,
+    turns: FloatArray,
+    hand: FloatArray,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return what a sensor in the hand of a person who opens a door measures.
+
+    Times [s] are evenly spaced, (N,), as are angles of door and handle [rad]. Child
+    generators are spawned for person and sensor.
+
+    Returns:
+        Forces and moments of the hand on the handle [N, N m], axes of the task frame,
+        about the position of the recorded hand [m], which is (N, 3); (N, 6).
+    """
+    human_rng, sensor_rng = rng.spawn(2)
+    varied = smooth_functions(times, config.variation_time, 6, human_rng)
+    effort = 1.0 + config.effort_std * varied[:, :1]
+    rate = (times.size - 1) / float(times[-1] - times[0])
+    geometry = DoorGeometry.of(door)
+    held = geometry.hand_poses(angles, turns)[:, :3]
+    # Where the handle goes as the door turns, ∂p/∂φ, and what is across that.
+    along = np.cross(geometry.axis, held - geometry.hinge)
+    radius = np.linalg.norm(along, axis=1, keepdims=True)
+    pull = effort * hinge_torque(door, angles, rate)[:, None] / radius
+    across = (config.across_std + config.across_share * np.abs(pull)) * varied[:, 1:3]
+    inwards = np.cross(geometry.axis, along) / radius
+    force = pull * along / radius + across[:, :1] * inwards
+    force += across[:, 1:] * geometry.axis
+    moment = config.grip_moment_std * varied[:, 3:]
+    if geometry.spindle is not None and geometry.turn is not None:
+        leaf = Rotation.from_rotvec(angles[:, None] * geometry.axis).as_matrix()
+        spindle = geometry.hinge + leaf @ (geometry.spindle - geometry.hinge)
+        turn = leaf @ geometry.turn
+        arm = np.cross(turn, held - spindle)  # ∂p/∂θ
+        torque = effort * handle_torque(door, turns)[:, None]
+        if door.grip > 0.0:
+            force += torque * arm / door.grip**2
+        # A knob is turned by a moment, which also keeps a lever from being turned by a
+        # pull up or down.
+        moment += (torque - (force * arm).sum(axis=1, keepdims=True)) * turn
+    moment += np.cross(held - hand, force)
+    errors = sensor_rng.standard_normal((times.size + 1, 6))
+    errors[0] *= np.repeat([config.bias_force_std, config.bias_moment_std], 3)
+    errors[1:] *= np.repeat([config.noise_force_std, config.noise_moment_std], 3)
+    measured: FloatArray = np.hstack([force, moment]) + errors[0] + errors[1:]
+    return measured
