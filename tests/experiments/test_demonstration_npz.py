@@ -1,5 +1,7 @@
 """Files of demonstrations: exact, labelled, and refused with one message."""
 
+import dataclasses
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from gplfd_policies.demonstrations.npz import (
     FIRST_POSE,
     KIND,
     VERSION,
+    hash_of,
     load_demonstrations,
     save_demonstrations,
 )
@@ -42,6 +45,26 @@ def test_round_trip_is_exact_and_says_what_it_holds(saved):
     # Radii may be unknown altogether, and a folder means the file in it.
     save_demonstrations(saved.with_name("demonstrations.npz"), SHOWN)
     assert load_demonstrations(saved.parent).radii == (None, None)
+
+
+def test_wrenches_are_kept_where_there_are_any(saved):
+    without = saved.read_bytes()
+    wrenches = RNG.normal(size=(50, 6))
+    felt = dataclasses.replace(SHOWN[1], wrenches=wrenches)
+    save_demonstrations(saved, (SHOWN[0], felt), [0.35, None])
+    first, second = load_demonstrations(saved).demonstrations
+    assert first.wrenches is None
+    assert_array_equal(second.wrenches, wrenches)
+    # Sets without them are what they were, and so are their hashes.
+    digest = hashlib.sha256()
+    for one in SHOWN:
+        digest.update(np.rint(1e6 * one.times).astype("<i8").tobytes())
+        digest.update(np.rint(1e6 * one.poses).astype("<i8").tobytes())
+    assert hash_of(SHOWN) == digest.hexdigest()[:16] != hash_of((SHOWN[0], felt))
+    save_demonstrations(saved, SHOWN, [0.35, None])
+    assert saved.read_bytes() == without
+    with np.load(saved) as archive:
+        assert not any(name.startswith("wrench") for name in archive)
 
 
 def test_frame_and_signals_are_kept(saved):
@@ -88,6 +111,8 @@ SHORT = {"signals": ["f"], "f_0": np.zeros((2, 1)), "f_1": np.zeros(2)}
         ({"signals": np.zeros(2)}, "signals must be a list of names"),
         ({"signals": ["force"]}, "it lacks 'force_0'"),
         (SHORT, r"signal 'f' has shape \(2, 1\), must be \("),
+        ({"wrenches_1": np.full((50, 6), np.nan)}, r"demonstration 1: wrenches\[0\]"),
+        ({"wrenches_1": ["f"]}, "wrenches_1 holds <U1, must hold numbers"),
         ({"poses_1": None}, "it lacks 'poses_1'"),
         ({"radii": None}, "it lacks 'radii'"),
         ({"radii": np.zeros(0)}, "0 demonstrations and 0 radii"),

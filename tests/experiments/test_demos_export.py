@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
@@ -18,6 +19,7 @@ from gplfd_env.envs.camera import Camera
 from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
+from gplfd_experiments.data.preparation import Preparation, prepare
 from gplfd_experiments.data.preparation.samples import Notes, usable
 from gplfd_experiments.data.raw import Selection
 from gplfd_experiments.data.readers import read_recordings
@@ -32,13 +34,20 @@ pytestmark = pytest.mark.slow
 def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Demonstration, ...]:
     """Two demonstrations with two signals in a file of the working folder."""
     monkeypatch.chdir(tmp_path)
-    both = Teacher().demonstrate_doors([0.35, 0.5], 1, rng=np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    both = tuple(
+        replace(one, wrenches=rng.normal(size=one.poses.shape))
+        for one in Teacher().demonstrate_doors([0.35, 0.5], 1, rng=rng)
+    )
     signals = [
         {"gripper": np.full((len(one.times), 2), 0.04), "grasped": one.times[:, None]}
         for one in both
     ]
     save_demonstrations("demonstrations.npz", both, signals=signals)
     return both
+
+
+AS_RECORDED = Preparation(frame="recorded", trim_rests=False, cutoff=None, rate=None)
 
 
 def exported(form: str, out: str) -> int:
@@ -63,6 +72,10 @@ def test_what_was_written_is_read_back(shown, form, out, apart):
         )
         turned = rotation_distance(found.poses[:, 3:], one.poses[:, 3:])
         assert turned.max() < apart
+        # As the environment observes them, and as the hand applies them.
+        assert_allclose(recorded.wrenches, -np.asarray(one.wrenches), atol=apart)
+        (motion,) = prepare([recorded], AS_RECORDED)
+        assert_allclose(motion.demonstration.wrenches, one.wrenches, atol=apart)
 
 
 def test_robomimic_finds_what_it_looks_for(shown):
@@ -157,7 +170,10 @@ def test_episodes_are_read_back_with_what_was_commanded(episodes):
         turned = Rotation.from_quat(commanded[:, 3:]).as_rotvec()
         assert rotation_distance(turned, last[:, 3:6]).max() < 1e-6
         force = np.array(rows["observation.force"])[own]
-        assert_allclose(force, episode.observations["wrench"][:-1:5], rtol=1e-6)
+        wrenches = episode.observations["wrench"][:-1:5]
+        assert_allclose(force, wrenches, rtol=1e-6)
+        (motion,) = prepare([one], AS_RECORDED)
+        assert_allclose(motion.demonstration.wrenches, -wrenches, rtol=1e-6)
 
 
 def test_pictures_without_opengl_are_refused(episodes, monkeypatch, caplog):

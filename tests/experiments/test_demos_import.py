@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.image import imread as read_image
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
@@ -88,6 +89,27 @@ def test_each_motion_relative_to_its_own_first_pose(files, caplog):
         kept.demonstrations, load_demonstrations("set").demonstrations, strict=True
     ):
         assert_allclose(first.poses, second.poses, rtol=0, atol=1e-9)
+
+
+def test_forces_are_imported_as_the_options_say(files):
+    first, *rows = Path("0.csv").read_text().splitlines()
+    forces = [f"{row},0,0,{5.0 + number % 3},0,0,0" for number, row in enumerate(rows)]
+    Path("f.csv").write_text("\n".join([f"{first},fx,fy,fz,mx,my,mz", *forces]))
+    said = ["--force-on", "object", "--force-axes", "recorded", "--frame", "recorded"]
+    lever = ["--force-sensor", "0,0,0,1,0,0,0", "--tool-weight", "5"]
+    kept = ["--cutoff", "0", "--rate", "0", "--keep-rests"]
+    assert imported("0.csv", "f.csv", "--out", "set", *said, *lever, *kept) == 0
+    without, shown = load_demonstrations("set").demonstrations
+    assert without.wrenches is None
+    expected = np.zeros(shown.poses.shape)
+    # Gravity pulls the tool down: the hand applies less than is measured upwards.
+    expected[:, 2] = np.arange(len(expected)) % 3
+    assert_allclose(shown.wrenches, expected, atol=1e-12)
+    assert "peak force [N]" in Path("set/report.txt").read_text()
+    origin = json.loads(Path("set/import.json").read_text())["config"]
+    assert origin["preparation"]["sensor"]["acts_on"] == "object"
+    rows, columns, _ = read_image("set/before_after.png").shape
+    assert rows > 0.8 * columns  # With a third row of panels.
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """What is wrong with a recording is mended, refused or noticed, and said."""
 
 import math
+import re
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from gplfd_experiments.data.importing import report, warnings_in
 from gplfd_experiments.data.preparation import Motion, Preparation, prepare
 from gplfd_experiments.data.preparation.frames import find_hinge, suspicious_order
 from gplfd_experiments.data.preparation.samples import Notes, usable, without_spikes
-from gplfd_experiments.data.raw import RawRecording, Selection
+from gplfd_experiments.data.raw import RawRecording, Selection, WrenchSensor
 from gplfd_experiments.data.readers import read_recordings
 
 pytestmark = pytest.mark.slow
@@ -475,13 +476,156 @@ def test_what_is_about_no_hinge_is_refused():
         find_hinge(bent)
 
 
-def test_forces_stay_with_the_motion():
+# ------------------------------------------------------------------ forces
+FRAME_POSE = (0.3, -0.2, 0.5, 0.5, 0.5, -0.5, 0.5)
+SENSOR_POSE = (0.02, -0.01, -0.12, 0.8, 0.0, 0.6, 0.0)
+OFFSET = (0.1, 0.05, -0.03, 0.6, 0.0, 0.0, 0.8)
+
+
+def matrix(pose: Any) -> Any:
+    """Homogeneous matrices of poses with quaternions, (..., 4, 4)."""
+    pose = np.asarray(pose, dtype=float)
+    transform = np.zeros((*pose.shape[:-1], 4, 4))
+    transform[..., :3, :3] = Rotation.from_quat(
+        pose[..., 3:], scalar_first=True
+    ).as_matrix()
+    transform[..., :3, 3], transform[..., 3, 3] = pose[..., :3], 1.0
+    return transform
+
+
+def power(wrenches: Any, body: Any, axes: Any, twists: Any) -> Any:
+    """Of wrenches about the origin of a body, when points x move by v + ω × x."""
+    velocities = twists[:, :3] + np.cross(twists[:, 3:], body[:, :3, 3])
+    both = np.stack([velocities, twists[:, 3:]], axis=1)
+    return np.sum(wrenches * (both @ axes).reshape(-1, 6), axis=1)
+
+
+@pytest.mark.parametrize("frame", ["recorded", "first-pose", "hinge", FRAME_POSE])
+@pytest.mark.parametrize("acts_on", ["hand", "object"])
+def test_the_power_of_a_wrench_is_the_same_in_every_frame(frame, acts_on):
+    """Virtual work: for any motion of the hand, and the opposite of the environment."""
+    rng = np.random.default_rng(3)
+    felt, twists = rng.normal(size=(2, 401, 6))
+    sensor = WrenchSensor(pose=SENSOR_POSE, acts_on=acts_on)
+    raw = replace(RAW, wrenches=felt)
+    # Of a hinge, only the frame of the hand itself is known here.
+    offset = None if frame == "hinge" else OFFSET
+    motion = only(raw, sensor=sensor, offset=offset, frame=frame)
+    hand = matrix(np.hstack([POSITIONS, np.asarray(WXYZ)]))
+    sensed = hand @ matrix(SENSOR_POSE)
+    held = hand if offset is None else hand @ matrix(offset)
+    bases = {"recorded": np.eye(3), "first-pose": held[0, :3, :3]}
+    bases["hinge"] = TURN.as_matrix()
+    axes = bases[frame] if isinstance(frame, str) else matrix(frame)[:3, :3]
+    measured = power(felt, sensed, sensed[:, :3, :3], twists)
+    found = power(motion.demonstration.wrenches, held, axes, twists)
+    sign = -1.0 if acts_on == "hand" else 1.0
+    assert_allclose(found, sign * measured, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("axes", ["hand", "recorded"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_weight_and_bias_are_removed_exactly(axes, sign):
+    """Two equal springs, of which one sensor carries a tool and is not tared."""
+    rng = np.random.default_rng(4)
     raw = door(rest=1.0)
-    force = np.tile(np.asarray(raw.times)[:, None], 6)
-    motion = only(replace(raw, signals={"force": force}), Preparation(cutoff=None))
-    times = motion.demonstration.times
-    assert_allclose(np.diff(motion.signals["force"][:, 0]), np.diff(times), atol=1e-9)
-    assert "peak force [N]" in report([motion], Preparation())
+    pose = SENSOR_POSE if axes == "hand" else (*SENSOR_POSE[:3], 1.0, 0.0, 0.0, 0.0)
+    hand = matrix(np.hstack([raw.positions, np.asarray(raw.quaternions)]))
+    sensor = hand @ matrix(pose)
+    turned = sensor[:, :3, :3] if axes == "hand" else np.eye(3)[None]
+    applied = rng.normal(size=(len(hand), 6)) * (np.asarray(raw.times) > 0.5)[:, None]
+    centre, down = np.array([0.01, 0.02, 0.15]), np.array([0.6, 0.0, -0.8])
+    arms = np.einsum("nij,j->ni", sensor[:, :3, :3], centre)
+    weight = np.hstack(
+        [np.tile(7.0 * down, (len(hand), 1)), np.cross(arms, 7.0 * down)]
+    )
+    about = applied - np.hstack(
+        [0.0 * arms, np.cross(sensor[:, :3, 3] - hand[:, :3, 3], applied[:, :3])]
+    )
+    felt = (about + weight).reshape(-1, 2, 3) @ turned
+    felt = felt.reshape(-1, 6) + np.array([3.0, -2.0, 1.0, 0.1, 0.2, 0.3])
+    settings = WrenchSensor(
+        acts_on="hand" if sign > 0.0 else "object",
+        axes=axes,
+        pose=pose,
+        rest=0.5,
+        tool_weight=7.0,
+        tool_centre=tuple(centre),
+        gravity=tuple(2.0 * down),
+    )
+    motion = only(replace(raw, wrenches=sign * felt), sensor=settings)
+    assert_allclose(motion.demonstration.wrenches, -applied, rtol=0, atol=1e-12)
+    assert "weight of 7 N taken from the forces" in texts(motion)
+    assert "bias of 3.74 N and 0.374 N m taken" in texts(motion)
+
+
+HELD = WrenchSensor(axes="recorded", acts_on="object")
+
+
+def test_forces_are_cut_filtered_and_resampled_as_positions():
+    raw = door(rest=1.0)
+    positions = np.array(raw.positions)
+    raw = replace(raw, wrenches=np.hstack([positions, positions]))
+    for segments in ("none", ((1.2, 2.6),)):
+        settings = Preparation(frame="recorded", sensor=HELD, segments=segments)
+        shown = only(raw, settings).demonstration
+        assert shown.wrenches is not None
+        assert_allclose(shown.wrenches, np.tile(shown.poses[:, :3], 2), atol=1e-12)
+
+
+def test_missing_forces_are_interpolated_or_left_out():
+    line = np.outer(TIMES, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    wrenches = line.copy()
+    wrenches[100:120, 2], wrenches[0, 0], wrenches[300] = np.nan, np.inf, 1e300
+    motion = only(replace(RAW, wrenches=wrenches), sensor=HELD)
+    found = motion.demonstration.wrenches
+    assert found is not None
+    assert_allclose(found[1:], line[1:], atol=1e-12)
+    assert_array_equal(found[0], found[1])
+    assert "forces of 22 samples interpolated" in texts(motion, warnings=False)
+    wrenches[100:220] = np.nan
+    motion = only(replace(RAW, wrenches=wrenches), sensor=HELD)
+    assert motion.demonstration.wrenches is None
+    said = "none for 0.61 s from 0.49 s on; .* --largest-gap 0.62"
+    assert re.search(said, texts(motion, warnings=True))
+    # In the other repetition they are kept.
+    parts = ((0.0, 0.4), (1.2, 2.0))
+    raw = replace(RAW, wrenches=wrenches)
+    kept = prepare([raw], replace(AS_RECORDED, sensor=HELD, segments=parts))
+    assert all(one.demonstration.wrenches is not None for one in kept)
+    assert "peak force [N]" in report(kept, AS_RECORDED)
+
+
+def test_forces_that_cannot_be_converted_are_left_out():
+    felt = np.ones((401, 6))
+    flat = replace(RAW, quaternions=None, wrenches=felt)
+    motion = only(flat)
+    assert motion.demonstration.wrenches is None
+    assert "say --force-axes recorded if" in texts(motion, warnings=True)
+    motion = only(flat, sensor=HELD)
+    assert_array_equal(motion.demonstration.wrenches, felt)
+    late = np.where(TIMES[:, None] < 0.5, np.nan, felt)
+    motion = only(replace(RAW, wrenches=late), sensor=WrenchSensor(rest=0.3))
+    assert motion.demonstration.wrenches is None
+    assert "forces left out: none in the first 0.3 s" in texts(motion, warnings=True)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"acts_on": "door"}, "forces on 'door' must be on hand or object"),
+        ({"axes": "world"}, "axes 'world' of forces must be hand or recorded"),
+        ({"pose": (0, 0, 0, 1, 1, 0, 0)}, "force sensor = .* and a unit quaternion"),
+        ({"pose": SENSOR_POSE, "axes": "recorded"}, "turned in the hand.*1,0,0,0"),
+        ({"rest": -1.0}, "rest = -1 must be 0 or positive"),
+        ({"tool_weight": math.nan}, "tool weight = nan must be 0 or positive"),
+        ({"gravity": (0.0, -1.0)}, "gravity = .* must be three numbers x,y,z"),
+        ({"gravity": (0.0, 0.0, 0.0)}, "gravity = 0,0,0 has no direction"),
+    ],
+)
+def test_sensors_that_make_no_sense(settings, message):
+    with pytest.raises(ValueError, match=message):
+        WrenchSensor(**settings)
 
 
 # ------------------------------------------------------------------ settings

@@ -65,8 +65,10 @@ STORE = get_typestore(Stores.ROS2_HUMBLE)
 
 # ------------------------------------------------------------------ files of every kind
 def write_csv(path: Path) -> None:
-    heads = "time [s],x [m],y [m],z [m],qw,qx,qy,qz,comment"
-    rows = np.column_stack([TIMES, POSITIONS, WXYZ, np.zeros(N)]).tolist()
+    heads = "time [s],x [m],y [m],z [m],qw,qx,qy,qz,comment,fx,fy,fz,"
+    heads += "mx [N mm],my [N mm],mz [N mm]"
+    forces = FORCE * [1.0, 1.0, 1.0, 1e3, 1e3, 1e3]
+    rows = np.column_stack([TIMES, POSITIONS, WXYZ, np.zeros(N), forces]).tolist()
     lines = [",".join(map(repr, row)) for row in rows]
     path.write_text("# recorded by hand\n" + "\n".join([heads, *lines]) + "\n")
 
@@ -228,6 +230,7 @@ def write_robomimic(path: Path) -> None:
             obs["robot0_eef_pos"] = POSITIONS
             obs["robot0_eef_quat"] = XYZW
             obs["robot0_gripper_qpos"] = FORCE[:, :2]
+            obs["robot0_eef_wrench"] = FORCE
 
 
 def write_lerobot(path: Path, columns: Any = None) -> None:
@@ -238,11 +241,15 @@ def write_lerobot(path: Path, columns: Any = None) -> None:
     info = {
         "codebase_version": "v3.0",
         "fps": int(RATE),
-        "features": {"observation.state": state},
+        "features": {
+            "observation.state": state,
+            "observation.force": {"dtype": "float64", "shape": [6], "names": None},
+        },
     }
     (path / "meta/info.json").write_text(json.dumps(info))
     table = {
         "observation.state": list(np.tile(np.hstack([POSITIONS, XYZW]), (2, 1))),
+        "observation.force": list(np.tile(FORCE, (2, 1))),
         "episode_index": np.repeat([0, 1], N),
         "frame_index": np.tile(np.arange(N), 2),
     }
@@ -253,7 +260,8 @@ def write_lerobot(path: Path, columns: Any = None) -> None:
 
 def write_set(path: Path) -> None:
     poses = np.hstack([POSITIONS, ROTATIONS.as_rotvec()])
-    save_demonstrations(path, [Demonstration(times=TIMES, poses=poses)])
+    one = Demonstration(times=TIMES, poses=poses, wrenches=FORCE)
+    save_demonstrations(path, [one])
 
 
 def write_set_folder(path: Path) -> None:
@@ -275,9 +283,10 @@ class Kind:
     damaged: str = ""
     text: bool = False
     signals: Mapping[str, Any] = field(default_factory=dict)
+    forces: bool = True
 
 
-FORCES = {"force": FORCE}
+FORCELESS: Any = {"forces": False}
 SQLITE = {"storage": StoragePlugin.SQLITE3}
 COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 GRIPPER = {"gripper": FORCE[:, :2]}
@@ -287,18 +296,26 @@ write_minari = partial(shutil.copytree, RECORDED)
 MM, CM = (Selection(quaternions="wxyz", units=unit) for unit in ("mm", "cm"))
 KINDS = {
     "csv": Kind("csv", write_csv, "a.csv", text=True),
-    "npz": Kind("numpy", write_npz, "a.npz"),
-    "npy": Kind("numpy", write_npy, "a.npy", Selection(columns=COLUMNS, units="m")),
-    "mat": Kind("matlab", write_mat, "a.mat", MM, signals=FORCES),
+    "npz": Kind("numpy", write_npz, "a.npz", **FORCELESS),
+    "npy": Kind(
+        "numpy", write_npy, "a.npy", Selection(columns=COLUMNS, units="m"), **FORCELESS
+    ),
+    "mat": Kind("matlab", write_mat, "a.mat", MM),
     "mat-4": Kind("matlab", partial(write_mat, format="4"), "a.mat", MM),
-    "mat-cells": Kind("matlab", write_mat_cells, "b.mat", CM),
-    "mvnx": Kind("mvnx", write_mvnx, "a.mvnx", text=True),
-    "bvh": Kind("bvh", write_bvh, "a.bvh", Selection(units="cm"), text=True),
-    "c3d": Kind("c3d", write_c3d, "a.c3d", Selection(body="A,B,C")),
-    "mcap": Kind("ros", write_one_file, "a.mcap", signals=FORCES),
+    "mat-cells": Kind("matlab", write_mat_cells, "b.mat", CM, **FORCELESS),
+    "mvnx": Kind("mvnx", write_mvnx, "a.mvnx", text=True, **FORCELESS),
+    "bvh": Kind(
+        "bvh", write_bvh, "a.bvh", Selection(units="cm"), text=True, **FORCELESS
+    ),
+    "c3d": Kind("c3d", write_c3d, "a.c3d", Selection(body="A,B,C"), **FORCELESS),
+    "mcap": Kind("ros", write_one_file, "a.mcap"),
     "db3": Kind("ros", partial(write_one_file, **SQLITE), "a.db3"),
     "bag": Kind(
-        "ros", lambda bag: write_bag(bag, "/t", **SQLITE), "bag", damaged="bag.db3"
+        "ros",
+        lambda bag: write_bag(bag, "/t", **SQLITE),
+        "bag",
+        damaged="bag.db3",
+        **FORCELESS,
     ),
     "robomimic": Kind("robomimic", write_robomimic, "a.hdf5", signals=GRIPPER),
     "lerobot": Kind("lerobot", write_lerobot, "set", damaged=PARQUET),
@@ -336,7 +353,7 @@ def test_reads_what_was_written(written):
         seen = open_dataset(path).episode(0).observations
         positions, times = seen["ee_pose"][:, :3], seen["time"][:, 0]
         rotations = Rotation.from_rotvec(seen["ee_pose"][:, 3:])
-        assert_array_equal(found[0].signals["force"], seen["wrench"])
+        assert_array_equal(found[0].wrenches, seen["wrench"])
     for one in found:
         metres = METRES[one.unit or kind.selection.units or "m"]
         assert_allclose(
@@ -353,6 +370,34 @@ def test_reads_what_was_written(written):
         turned = Rotation.from_quat(one.quaternions, scalar_first=True)
         apart = (turned * expected.inv()).magnitude().max()
         assert apart < (1e-5 if float32 else 1e-9)
+
+
+AS_RECORDED = Preparation(frame="recorded", trim_rests=False, cutoff=None, rate=None)
+
+
+def test_forces_pass_from_files_to_demonstrations(written):
+    """As a WrenchStamped has them, unless the files are of this program."""
+    kind, path = written
+    prepared = prepare(read_recordings(path, kind.selection), AS_RECORDED)
+    turned = np.einsum("nij,npj->npi", ROTATIONS.as_matrix(), FORCE.reshape(N, 2, 3))
+    expected = -turned.reshape(N, 6)
+    if kind.reader == "minari":
+        expected = -open_dataset(path).episode(0).observations["wrench"]
+    elif kind.write in (write_set, write_set_folder):
+        expected = FORCE
+    for motion in prepared[: 1 if kind.reader == "minari" else None]:
+        found = motion.demonstration.wrenches
+        assert (found is not None) == kind.forces
+        if found is not None:
+            assert_allclose(found, expected, rtol=0, atol=1e-9)
+            says = kind.reader == "minari" or kind.write in (
+                write_set,
+                write_set_folder,
+            )
+            notes = " ".join(note.text for note in motion.notes)
+            assert (
+                "forces are on the hand, in the axes of the sensor" in notes
+            ) != says
 
 
 def test_nothing_is_waited_for(written, tmp_path):
@@ -484,6 +529,56 @@ def test_reads_every_message_with_a_pose_and_joint_states(tmp_path):
     ):
         with pytest.raises(ValueError, match=message):
             read_recordings(bag, Selection(**selection))
+
+
+def test_forces_of_a_bag_are_those_of_one_topic_on_the_clock_of_the_hand(
+    tmp_path, monkeypatch
+):
+    for topic in ("/a", "/b"):
+        monkeypatch.setitem(TOPICS, topic, wrench)
+    write_bag(tmp_path / "bag", "/hand", "/a", "/b")
+    one = only(tmp_path / "bag")
+    assert one.wrenches is None
+    assert one.notes == ("forces left out: choose with --wrench: /a, /b",)
+    one = only(tmp_path / "bag", wrench="/b")
+    assert_allclose(one.wrenches, FORCE, rtol=0, atol=1e-12)
+    with pytest.raises(ValueError, match="has no force topic '/c'; it has /a, /b"):
+        only(tmp_path / "bag", wrench="/c")
+    # Forces at every fifth sample from the tenth to the fortieth, but for three.
+    sparse = [10, 15, 20, 40]
+    bag = tmp_path / "sparse"
+    with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic, places in (("/hand", range(N)), ("/wrench", sparse)):
+            messages = [TOPICS[topic](place) for place in places]
+            kind = messages[0].__msgtype__
+            connection = writer.add_connection(topic, kind, typestore=STORE)
+            for message in messages:
+                writer.write(connection, 1, STORE.serialize_cdr(message, kind))
+    found = only(bag).wrenches
+    assert found is not None
+    # Linear between the samples, and missing far from all of them.
+    missing = np.isnan(found).any(axis=1)
+    assert_array_equal(np.flatnonzero(~missing), [*range(5, 26), *range(35, 46)])
+    between = [*range(10, 26), *range(35, 41)]
+    assert_allclose(found[between], FORCE[between], atol=1e-12)
+
+
+def test_features_and_observations_of_forces_are_chosen(tmp_path):
+    write_lerobot(tmp_path / "set")
+    info = json.loads((tmp_path / "set/meta/info.json").read_text())
+    info["features"]["observation.force"]["shape"] = [1]
+    (tmp_path / "set/meta/info.json").write_text(json.dumps(info))
+    first, _ = read_recordings(tmp_path / "set", ANY)
+    assert first.wrenches is None  # Of another shape, it is something else.
+    for name, message in (
+        ("observation.state", "observation.state has 7 numbers, not fx, fy, fz, mx"),
+        ("force", "has no feature of numbers 'force'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read_recordings(tmp_path / "set", Selection(wrench=name))
+    write_robomimic(tmp_path / "a.hdf5")
+    with pytest.raises(ValueError, match=r"obs/robot0_eef_pos has shape .*\(N, 6\)"):
+        read_recordings(tmp_path / "a.hdf5", Selection(wrench="robot0_eef_pos"))
 
 
 URDF = """<robot name="r"><link name="base"/><link name="arm"/><link name="hand"/>
@@ -668,6 +763,8 @@ def test_columns_among_which_the_time_may_be_are_shown(tmp_path):
         ("a,b,c\n1,2,3\n", {}, "no column x and no y: it has a, b, c"),
         ("x,y,x\n1,2,3\n", {}, "two columns for x"),
         ("x,y,qw,qx,qy\n1,2,3,4,5", {}, "no column qz"),
+        ("x,y,fx,fy\n1,2,3,4\n5,6,7,8", {}, "fx, fy of a force and a moment; they n"),
+        ("x,y,fx [m],fy,fz\n1,2,3,4,5", {}, "fx, fy, fz are in m; they must share"),
         ("x [m],y [cm]\n1,2\n3,4", {}, "x, y, z are in cm and m; they must share"),
         ("x,y,z\n1,2,3\n", {}, "has 1 samples; a motion needs at least two"),
         ("x\0y\n", {}, "line 1 holds a zero byte"),

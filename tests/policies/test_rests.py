@@ -129,3 +129,12 @@ def test_a_slow_hand_that_gets_somewhere_does_not_rest(creep):
     shown, rests = without_rests(Demonstration(times=times, poses=poses))
     assert rests == ()
     assert shown.poses[0, 0] == 0.0
+
+
+def test_forces_stay_with_their_samples():
+    recorded = opening(before=1.0, pause=2.0, noise=3e-4)
+    wrenches = 30.0 * recorded.poses
+    shown = Demonstration(times=recorded.times, poses=recorded.poses, wrenches=wrenches)
+    left, rests = without_rests(shown)
+    assert rests
+    assert_array_equal(left.wrenches, 30.0 * left.poses)

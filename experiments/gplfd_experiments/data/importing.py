@@ -89,7 +89,7 @@ def report(motions: Sequence[Motion], settings: Preparation) -> str:
     ]
     if settings.offset is not None:
         done.append("moved by the offset of the hand")
-    forces = any("force" in motion.signals for motion in motions)
+    forces = any(motion.demonstration.wrenches is not None for motion in motions)
     rows = []
     for number, motion in enumerate(motions):
         times, poses = motion.demonstration.times, motion.demonstration.poses
@@ -108,9 +108,9 @@ def report(motions: Sequence[Motion], settings: Preparation) -> str:
         }
         if forces:
             row["peak force [N]"] = ""
-            if "force" in motion.signals:
-                force = motion.signals["force"][:, :3]
-                row["peak force [N]"] = f"{np.linalg.norm(force, axis=1).max():.1f}"
+            if (wrenches := motion.demonstration.wrenches) is not None:
+                peak = np.linalg.norm(wrenches[:, :3], axis=1).max()
+                row["peak force [N]"] = f"{peak:.1f}"
         rows.append(row)
     notes = [
         f"{'!' if note.warning else ' '} {number}: {note.text}"
@@ -131,28 +131,35 @@ def draw(motions: Sequence[Motion], path: Path) -> None:
     """Write a picture: recorded motions on the left, prepared ones on the right.
 
     Positions are in the upper row, orientations below: the components of the recorded
-    quaternions, and of the rotation vectors that were made of them.
+    quaternions, and of the rotation vectors that were made of them. If a motion has
+    forces, a third row shows those of the hand on what it holds, in the axes of the
+    recorded and of the prepared poses.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11.0, 6.5), layout="constrained")
+    number = 2 + any(motion.demonstration.wrenches is not None for motion in motions)
+    figure = Figure(figsize=(11.0, 3.25 * number), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(2, 2)
-    position, rotation = slice(0, 3), slice(3, None)
+    axes = figure.subplots(number, 2)
     xyz = ("x", "y", "z")
-    for row, column, what, names in (
+    panels: tuple[tuple[int, int, str, tuple[str, ...]], ...] = (
         (0, 0, "recorded: position [m]", xyz),
         (0, 1, "prepared: position [m]", xyz),
         (1, 0, "recorded: quaternion", ("w", *xyz)),
         (1, 1, "prepared: rotation vector [rad]", xyz),
-    ):
+        (2, 0, "recorded: force [N]", xyz),
+        (2, 1, "prepared: force [N]", xyz),
+    )
+    for row, column, what, names in panels[: 2 * number]:
         one = axes[row, column]
         for motion in motions:
             drawn = motion.demonstration if column else motion.recorded
             clock = drawn.times - drawn.times[0]
-            values = drawn.poses[:, rotation if row else position]
-            for place, component in enumerate(values.T):
+            values = (drawn.poses[:, :3], drawn.poses[:, 3:], drawn.wrenches)[row]
+            if values is None:
+                continue
+            for place, component in enumerate(values.T[: len(names)]):
                 one.plot(clock, component, color=f"C{place}", linewidth=0.8, alpha=0.7)
         one.set_title(what, loc="left", fontsize=10)
         one.legend(one.lines[: len(names)], names)

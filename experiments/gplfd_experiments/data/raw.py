@@ -28,6 +28,88 @@ def likely_time_unit(step: float) -> str | None:
     return next(fits, None)
 
 
+Transform = tuple[float, float, float, float, float, float, float]
+"""A pose as x, y, z [m] and a quaternion qw, qx, qy, qz, the scalar first."""
+_NORM_TOLERANCE: Final = 0.05
+
+
+def unit_transform(name: str, pose: Transform) -> tuple[float, ...]:
+    """Return a pose with its quaternion normalised; the name is for messages.
+
+    Raises:
+        ValueError: It is not seven finite numbers, or the quaternion is no rotation.
+    """
+    norm = math.hypot(*pose[3:])
+    if len(pose) != 7 or not abs(norm - 1.0) < _NORM_TOLERANCE:
+        raise ValueError(
+            f"{name} = {pose} must be x,y,z [m] and a unit quaternion qw,qx,qy,qz"
+        )
+    if not math.isfinite(sum(pose)):
+        raise ValueError(f"{name} = {pose} must be finite")
+    return (*pose[:3], *(part / norm for part in pose[3:]))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WrenchSensor:
+    """How recorded forces and moments are to be understood.
+
+    The defaults are those of a sensor between the arm and the hand of a robot, as ROS
+    has it in a WrenchStamped: the wrench of the environment on the hand, in the axes of
+    the hand and about its origin, without bias and without the weight of the hand.
+
+    Raises:
+        ValueError: A value is outside its range.
+    """
+
+    acts_on: Literal["hand", "object"] = "hand"
+    """Whether the wrench is that of the environment on the hand, or the opposite one,
+    of the hand on what it holds."""
+    axes: Literal["hand", "recorded"] = "hand"
+    """Axes of force and moment: of the sensor, which moves with the hand, or of the
+    frame in which the poses were recorded."""
+    pose: Transform = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    """Pose of the sensor in the frame of the recorded hand; moments are about its
+    origin."""
+    rest: float = 0.0
+    """Time at the start of a recording in which nothing touches the hand [s]. The mean
+    wrench in it, less the tool's weight, is the sensor's bias; 0 for no bias."""
+    tool_weight: float = 0.0
+    """Weight of what the sensor carries [N]."""
+    tool_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Its centre of mass, in the frame of the sensor [m]."""
+    gravity: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    """Direction of gravity in the frame in which the poses were recorded."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", unit_transform("force sensor", self.pose))
+        if self.acts_on not in ("hand", "object"):
+            raise ValueError(f"forces on {self.acts_on!r} must be on hand or object")
+        if self.axes not in ("hand", "recorded"):
+            raise ValueError(f"axes {self.axes!r} of forces must be hand or recorded")
+        if self.axes == "recorded" and any(self.pose[4:]):
+            raise ValueError(
+                "the sensor is turned in the hand, and its forces are in the axes of "
+                "the recorded poses; give its position alone, x,y,z,1,0,0,0"
+            )
+        for name, number in (("rest", self.rest), ("tool weight", self.tool_weight)):
+            if not 0.0 <= number < math.inf:
+                raise ValueError(f"{name} = {number:g} must be 0 or positive")
+        for name in ("tool_centre", "gravity"):
+            vector = getattr(self, name)
+            if len(vector) != 3 or not math.isfinite(sum(vector)):
+                raise ValueError(f"{name} = {vector} must be three numbers x,y,z")
+        if not any(self.gravity):
+            raise ValueError("gravity = 0,0,0 has no direction; 0,0,-1 is downwards")
+
+
+WRIST: Final = WrenchSensor()
+"""A force-torque sensor at the wrist."""
+OBSERVED: Final = WrenchSensor(axes="recorded")
+"""Wrenches as the environment observes them: on the hand, in the frame of the poses."""
+DEMONSTRATED: Final = WrenchSensor(axes="recorded", acts_on="object")
+"""Wrenches as a `Demonstration` has them."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RawRecording:
     """One motion of a hand: what a file says, whether or not it can be used.
@@ -50,15 +132,19 @@ class RawRecording:
     """Time stamps [s], (N,); None where the file has none."""
     quaternions: FloatArray | None = None
     """Orientations, the scalar first, of any sign and norm, (N, 4); or none."""
+    wrenches: FloatArray | None = None
+    """Forces and moments [N, N m], (N, 6); or none."""
+    sensor: WrenchSensor | None = None
+    """How the wrenches were recorded; None where the file does not say."""
     signals: Mapping[str, FloatArray] = field(default_factory=dict)
-    """Other arrays, (N, d): "force" (force [N] and torque [N m], 6), "gripper"."""
+    """Other arrays, (N, d), such as "gripper"."""
     untimed: str = ""
     """What may be the times of a file without any; continues a message."""
     notes: tuple[str, ...] = ()
     """What the reader of the file found remarkable."""
 
     def __post_init__(self) -> None:
-        for name in ("positions", "times", "quaternions"):
+        for name in ("positions", "times", "quaternions", "wrenches"):
             if getattr(self, name) is not None:
                 freeze(self, name)
         signals = {name: read_only(array) for name, array in self.signals.items()}
@@ -68,6 +154,7 @@ class RawRecording:
             "positions": (self.positions, (rows, 3)),
             "times": (self.times, (rows,)),
             "quaternions": (self.quaternions, (rows, 4)),
+            "wrenches": (self.wrenches, (rows, 6)),
             **{name: (a, (rows, *a.shape[1:2])) for name, a in signals.items()},
         }
         for name, (array, shape) in expected.items():
@@ -104,6 +191,8 @@ class Selection:
     """Unit of time stamps, one of `SECONDS`; before what the file says."""
     angles: str = "rad"
     """Unit of rotation vectors without one, one of `RADIANS`."""
+    wrench: str | None = None
+    """What holds the forces: a topic, feature or observation of the file."""
     quaternions: Literal["wxyz", "xyzw"] | None = None
     """Order of quaternions whose components have no names."""
     recorded_rate: float | None = None

@@ -111,6 +111,7 @@ class Demonstration:
         positions: Float[np.ndarray, "..."],
         quaternions: Float[np.ndarray, "..."],
         order: Literal["wxyz", "xyzw"] = "wxyz",
+        wrenches: Float[np.ndarray, "..."] | None = None,
     ) -> "Demonstration":
         """Build a demonstration from positions and quaternions.
 
@@ -120,6 +121,7 @@ class Demonstration:
             quaternions: Hand orientations, (N, 4); their signs may flip and their
                 norms may be slightly off.
             order: Where the scalar part stands: first ("wxyz") or last ("xyzw").
+            wrenches: Forces and moments as the class has them, (N, 6); or none.
 
         Returns:
             The demonstration, its rotation vectors unwrapped along the path.
@@ -134,7 +136,8 @@ class Demonstration:
                 f"positions must have shape (N, 3) with one row per quaternion, got "
                 f"{positions.shape} for {len(rotvecs)} quaternions"
             )
-        return cls(times=times, poses=np.hstack([positions, rotvecs]))
+        poses = np.hstack([positions, rotvecs])
+        return cls(times=times, poses=poses, wrenches=wrenches)
 
     @classmethod
     def from_positions(

@@ -100,6 +100,8 @@ def save_demonstrations(
 ) -> None:
     """Write demonstrations and their doors' radii, complete or not at all.
 
+    Wrenches are written where a demonstration has them, in N and N m.
+
     Args:
         path: File to write; an existing one is replaced.
         demonstrations: At least one demonstration, poses in the task frame.
@@ -128,6 +130,8 @@ def save_demonstrations(
     for number, demonstration in enumerate(given.demonstrations):
         arrays[f"times_{number}"] = demonstration.times
         arrays[f"poses_{number}"] = demonstration.poses
+        if demonstration.wrenches is not None:
+            arrays[f"wrenches_{number}"] = demonstration.wrenches
         for name in names:
             empty = np.zeros((0, 0))
             arrays[f"{name}_{number}"] = given.signals[number].get(name, empty)
@@ -170,10 +174,11 @@ def demonstrations_file(path: str | Path) -> Path:
 
 
 def hash_of(demonstrations: Sequence[Demonstration]) -> str:
-    """Return a hash of demonstrations, coarse enough (1 µm) for all machines."""
+    """Return a hash of demonstrations, coarse enough (1 µm, 1 µN) for all machines."""
     digest = hashlib.sha256()
     for one in demonstrations:
-        for values in (one.times, one.poses):
+        wrenches = () if one.wrenches is None else (one.wrenches,)
+        for values in (one.times, one.poses, *wrenches):
             digest.update(np.rint(values * 1e6).astype(np.int64).tobytes())
     return digest.hexdigest()[:16]
 
@@ -197,8 +202,11 @@ def _labelled(members: Members) -> LabelledDemonstrations:
     demonstrations, signals = [], []
     for number in range(radii.size):
         times, poses = numbers(f"times_{number}"), numbers(f"poses_{number}")
+        name = f"wrenches_{number}"
+        wrenches = numbers(name) if name in members else None
         try:
-            demonstrations.append(Demonstration(times=times, poses=poses))
+            one = Demonstration(times=times, poses=poses, wrenches=wrenches)
+            demonstrations.append(one)
         except ValueError as error:
             raise ValueError(f"demonstration {number}: {error}") from error
         arrays = {str(name): numbers(f"{name}_{number}") for name in names}

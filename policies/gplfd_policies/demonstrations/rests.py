@@ -99,7 +99,12 @@ def without_rests(
         clock[times >= rest.end] -= rest.end - rest.start
     if not rests or np.count_nonzero(remaining) < 2:
         return demonstration, ()
-    trimmed = Demonstration(times=clock[remaining], poses=poses[remaining])
+    wrenches = demonstration.wrenches
+    trimmed = Demonstration(
+        times=clock[remaining],
+        poses=poses[remaining],
+        wrenches=None if wrenches is None else wrenches[remaining],
+    )
     return trimmed, tuple(rests)
 
 

@@ -64,6 +64,33 @@ class Import:
     link: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
     """Link of that robot which is the hand."""
 
+    wrench: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """What holds the forces: a topic of WrenchStamped, a feature or an observation."""
+
+    force_on: Literal["hand", "object"] = "hand"
+    """Recorded forces are those of the environment on the hand, or of the hand on the
+    object. Sets of gplfd say this and all that follows themselves."""
+
+    force_axes: Literal["hand", "recorded"] = "hand"
+    """Axes of forces: of the sensor, which moves with the hand, or of the poses."""
+
+    force_sensor: Annotated[str, tyro.conf.arg(metavar="POSE")] = "0,0,0,1,0,0,0"
+    """Pose of the force sensor in the frame of the recorded hand, x,y,z,qw,qx,qy,qz
+    [m]. Moments are about its origin."""
+
+    force_rest: Annotated[float, tyro.conf.arg(metavar="S")] = 0.0
+    """Time at the start in which nothing touches the hand; its mean force is the bias
+    that is removed. 0 for none."""
+
+    tool_weight: Annotated[float, tyro.conf.arg(metavar="N")] = 0.0
+    """Weight of the tool that the sensor carries, which is removed [N]."""
+
+    tool_centre: Annotated[str, tyro.conf.arg(metavar="X,Y,Z")] = "0,0,0"
+    """Centre of mass of the tool in the frame of the sensor [m]."""
+
+    gravity: Annotated[str, tyro.conf.arg(metavar="X,Y,Z")] = "0,0,-1"
+    """Direction of gravity in the frame of the recorded poses."""
+
     frame: Annotated[str, tyro.conf.arg(metavar="FRAME")] = "first-pose"
     """What poses are relative to: first-pose (each its own), recorded, hinge (of a
     door, found from the motion), or a pose x,y,z,qw,qx,qy,qz [m]."""
@@ -101,7 +128,7 @@ class Import:
                 warnings_in,
             )
             from gplfd_experiments.data.preparation import Preparation
-            from gplfd_experiments.data.raw import Selection
+            from gplfd_experiments.data.raw import Selection, WrenchSensor
 
         if not self.files:
             raise ValueError("give at least one file to import")
@@ -119,10 +146,22 @@ class Import:
                     "such as 1.5-4.2,6-9.5"
                 ) from None
         frame: Any = self.frame
+        posed, vector = "x,y,z,qw,qx,qy,qz", "x,y,z"
+        offset = self.offset
+        sensor = WrenchSensor(
+            acts_on=self.force_on,
+            axes=self.force_axes,
+            pose=_numbers("--force-sensor", self.force_sensor, posed),
+            rest=self.force_rest,
+            tool_weight=self.tool_weight,
+            tool_centre=_numbers("--tool-centre", self.tool_centre, vector),
+            gravity=_numbers("--gravity", self.gravity, vector),
+        )
         preparation = Preparation(
             units=self.units,
-            frame=_pose("--frame", frame) if "," in frame else frame,
-            offset=None if self.offset is None else _pose("--offset", self.offset),
+            sensor=sensor,
+            frame=_numbers("--frame", frame, posed) if "," in frame else frame,
+            offset=None if offset is None else _numbers("--offset", offset, posed),
             segments=segments,
             trim_rests=not self.keep_rests,
             cutoff=self.cutoff or None,
@@ -152,14 +191,14 @@ class Import:
         return 0
 
 
-def _pose(option: str, text: str) -> Any:
-    """Return the seven numbers of a pose."""
+def _numbers(option: str, text: str, names: str) -> Any:
+    """Return the numbers of a vector or a pose, as many as there are names."""
     try:
         numbers = tuple(map(float, text.split(",")))
     except ValueError:
         numbers = ()
-    if len(numbers) != 7:
-        raise ValueError(f"{option} {text!r} must be seven numbers x,y,z,qw,qx,qy,qz")
+    if len(numbers) != len(names.split(",")):
+        raise ValueError(f"{option} {text!r} must be numbers {names}")
     return numbers
 
 

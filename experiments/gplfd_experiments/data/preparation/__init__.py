@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_experiments.data.preparation import frames, timing
+from gplfd_experiments.data.preparation import frames, timing, wrenches
 from gplfd_experiments.data.preparation.samples import (
     Note,
     Notes,
@@ -45,7 +45,7 @@ class Motion:
     demonstration: Demonstration
     """The motion in the wanted frame."""
     signals: Mapping[str, FloatArray]
-    """What else was recorded, at the same times, (N, d) each."""
+    """What else was recorded than poses and wrenches, at the same times, (N, d)."""
     radius: float | None
     """Of the hinge that was found [m]."""
     recorded: Samples
@@ -81,6 +81,7 @@ def prepare(
         notes = Notes()
         samples = usable(raw, settings.units, recorded_rate, notes)
         samples = without_spikes(samples, notes)
+        samples = wrenches.of_the_hand(samples, raw, settings.sensor, notes)
         name = raw.name
         try:
             parts = timing.repetitions(samples, settings.segments, notes)
@@ -116,7 +117,8 @@ def _motion(
 ) -> Motion:
     """Prepare one repetition, of at most so many samples."""
     timing.check_gaps(recorded, settings.largest_gap, notes)
-    samples = frames.offset_by(recorded, settings.offset)
+    samples = wrenches.bridged(recorded, settings.largest_gap, notes)
+    samples = frames.offset_by(samples, settings.offset)
     span = float(np.ptp(samples.poses[:, :3], axis=0).max())
     if span > _LARGE:
         unit = "millimetres" if span > 100.0 * _LARGE else "centimetres"
@@ -151,4 +153,6 @@ def _motion(
 
 def _demonstration(samples: Samples) -> Demonstration:
     positions, quaternions = samples.poses[:, :3], samples.poses[:, 3:]
-    return Demonstration.from_quaternions(samples.times, positions, quaternions)
+    return Demonstration.from_quaternions(
+        samples.times, positions, quaternions, wrenches=samples.wrenches
+    )

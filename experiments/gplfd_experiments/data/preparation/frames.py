@@ -9,7 +9,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.preparation.samples import Notes, Samples
-from gplfd_experiments.data.preparation.settings import FrameName, Transform
+from gplfd_experiments.data.preparation.settings import FrameName
+from gplfd_experiments.data.preparation.wrenches import about, in_axes
+from gplfd_experiments.data.raw import Transform
 from gplfd_experiments.files.arrays import FloatArray
 
 _STAYS_OPEN: Final = 0.75  # Least final angle of a door, as a share of its widest.
@@ -135,18 +137,27 @@ def suspicious_order(poses: FloatArray) -> str | None:
 
 
 def offset_by(samples: Samples, offset: Transform | None) -> Samples:
-    """Return the motion of an object with a pose in the frame of the hand recorded."""
+    """Return the motion of an object with a pose in the frame of the hand recorded.
+
+    Moments are then about the position of the object.
+    """
     if offset is None:
         return samples
     positions, rotations = _parts(samples.poses)
     shift, turn = _parts(np.array(offset))
-    return _of_parts(samples, positions + rotations.apply(shift), rotations * turn)
+    arms = rotations.apply(shift)
+    if samples.wrenches is not None:
+        samples = replace(samples, wrenches=about(samples.wrenches, arms))
+    return _of_parts(samples, positions + arms, rotations * turn)
 
 
 def in_frame(
     samples: Samples, frame: FrameName | Transform, notes: Notes
 ) -> tuple[Samples, float | None]:
-    """Return a motion in a `Preparation.frame`, and the radius of its hinge [m]."""
+    """Return a motion in a `Preparation.frame`, and the radius of its hinge [m].
+
+    Forces and moments have the axes of that frame.
+    """
     if frame == "recorded":
         return samples, None
     positions, rotations = _parts(samples.poses)
@@ -154,7 +165,7 @@ def in_frame(
         base = samples.poses[0] if frame == "first-pose" else np.array(frame)
         origin, axes = _parts(base)
         moved = axes.inv().apply(positions - origin)
-        return _of_parts(samples, moved, axes.inv() * rotations), None
+        return _of_parts(samples, moved, axes.inv() * rotations, axes), None
     hinge = find_hinge(positions)
     # The door's task frame: x pull, y up, z outwards from the hinge.
     origin = positions[0]
@@ -182,13 +193,21 @@ def in_frame(
         "the circle (rms)"
     )
     moved = axes.inv().apply(positions - origin)
-    return _of_parts(samples, moved, turned), hinge.radius
+    return _of_parts(samples, moved, turned, axes), hinge.radius
 
 
 def _parts(poses: FloatArray) -> tuple[FloatArray, Rotation]:
     return poses[..., :3], Rotation.from_quat(poses[..., 3:], scalar_first=True)
 
 
-def _of_parts(samples: Samples, positions: FloatArray, rotations: Rotation) -> Samples:
-    quaternions = rotations.as_quat(scalar_first=True)
-    return replace(samples, poses=np.hstack([positions, quaternions]))
+def _of_parts(
+    samples: Samples,
+    positions: FloatArray,
+    rotations: Rotation,
+    axes: Rotation | None = None,
+) -> Samples:
+    """Return samples with other poses, and wrenches in other axes."""
+    poses = np.hstack([positions, rotations.as_quat(scalar_first=True)])
+    if samples.wrenches is None or axes is None:
+        return replace(samples, poses=poses)
+    return replace(samples, poses=poses, wrenches=in_axes(samples.wrenches, axes))

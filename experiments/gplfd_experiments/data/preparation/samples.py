@@ -50,6 +50,9 @@ class Samples:
     poses: FloatArray
     """Positions [m] and unit quaternions, the scalar first, continuous in sign, (N, 7);
     the identity where a motion has no orientations."""
+    wrenches: FloatArray | None
+    """Forces and moments [N, N m], (N, 6), not finite where they are missing; or none.
+    At first as recorded, then as a `Demonstration` has them."""
     signals: Mapping[str, FloatArray]
     """What else was recorded, (N, d) each."""
 
@@ -58,6 +61,7 @@ class Samples:
         return Samples(
             times=self.times[kept],
             poses=self.poses[kept],
+            wrenches=None if self.wrenches is None else self.wrenches[kept],
             signals={name: array[kept] for name, array in self.signals.items()},
         )
 
@@ -120,6 +124,7 @@ def usable(
         poses=np.hstack(
             [raw.positions * METRES[units or raw.unit or "m"], quaternions]
         ),
+        wrenches=raw.wrenches,
         signals={name: _filled(times, array) for name, array in raw.signals.items()},
     )[there]
     # In order of time, without repeated stamps.

@@ -1,16 +1,14 @@
 """Settings of the preparation of motions."""
 
-import math
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
-Transform = tuple[float, float, float, float, float, float, float]
-"""A pose as x, y, z [m] and a quaternion qw, qx, qy, qz, the scalar first."""
+from gplfd_experiments.data.raw import WRIST, Transform, WrenchSensor, unit_transform
+
 FrameName = Literal["first-pose", "recorded", "hinge"]
 Segments = Literal["none", "rests", "turns"] | tuple[tuple[float, float], ...]
 
 _LARGEST: Final = 1e5  # Of a rate or a cut-off [Hz], and of a gap [s].
-_NORM_TOLERANCE: Final = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -26,6 +24,8 @@ class Preparation:
     offset: Transform | None = None
     """Pose of the moved object in the recorded frame, such as from a glove's tracker
     to the handle in the hand."""
+    sensor: WrenchSensor = WRIST
+    """How forces were recorded, where the file does not say."""
     frame: FrameName | Transform = "first-pose"
     """Frame of the result: each motion's first pose, the recorded frame, that of a
     door whose hinge is found from the motion, or a pose in the recorded frame."""
@@ -51,18 +51,8 @@ class Preparation:
                 )
         for name in ("offset", "frame"):
             pose = getattr(self, name)
-            if pose is None or isinstance(pose, str):
-                continue
-            norm = math.hypot(*pose[3:])
-            if len(pose) != 7 or not abs(norm - 1.0) < _NORM_TOLERANCE:
-                raise ValueError(
-                    f"{name} = {pose} must be x,y,z [m] and a unit quaternion "
-                    "qw,qx,qy,qz"
-                )
-            if not math.isfinite(sum(pose)):
-                raise ValueError(f"{name} = {pose} must be finite")
-            unit = (*pose[:3], *(part / norm for part in pose[3:]))
-            object.__setattr__(self, name, unit)
+            if pose is not None and not isinstance(pose, str):
+                object.__setattr__(self, name, unit_transform(name, pose))
         frames = get_args(FrameName)
         if isinstance(self.frame, str) and self.frame not in frames:
             raise ValueError(

@@ -164,7 +164,7 @@ def check_gaps(samples: Samples, largest: float, notes: Notes) -> None:
 
 
 def filtered(samples: Samples, cutoff: float | None, notes: Notes) -> Samples:
-    """Filter poses and signals at equal steps, forwards and backwards.
+    """Filter poses, wrenches and signals at equal steps, forwards and backwards.
 
     The cut-off is the frequency that is halved [Hz], None to filter nothing.
     """
@@ -182,8 +182,12 @@ def filtered(samples: Samples, cutoff: float | None, notes: Notes) -> Samples:
     def low_passed(columns: FloatArray) -> FloatArray:
         return np.asarray(sosfiltfilt(sections, columns, axis=0))
 
-    signals = {name: low_passed(array) for name, array in even.signals.items()}
-    return replace(even, poses=_unit(low_passed(even.poses)), signals=signals)
+    return replace(
+        even,
+        poses=_unit(low_passed(even.poses)),
+        wrenches=None if even.wrenches is None else low_passed(even.wrenches),
+        signals={name: low_passed(array) for name, array in even.signals.items()},
+    )
 
 
 def at_rate(samples: Samples, rate: float | None, most: int) -> Samples:
@@ -210,13 +214,15 @@ def at_rate(samples: Samples, rate: float | None, most: int) -> Samples:
 
 def _resampled(samples: Samples, times: FloatArray) -> Samples:
     """Return the motion at other times, linearly interpolated."""
+
+    def at_times(array: FloatArray) -> FloatArray:
+        return _interpolated(samples.times, array, times)
+
     return Samples(
         times=times,
-        poses=_unit(_interpolated(samples.times, samples.poses, times)),
-        signals={
-            name: _interpolated(samples.times, array, times)
-            for name, array in samples.signals.items()
-        },
+        poses=_unit(at_times(samples.poses)),
+        wrenches=None if samples.wrenches is None else at_times(samples.wrenches),
+        signals={name: at_times(array) for name, array in samples.signals.items()},
     )
 
 

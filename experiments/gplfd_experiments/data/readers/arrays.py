@@ -15,7 +15,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_experiments.data.raw import RawRecording, Selection, chosen
+from gplfd_experiments.data.raw import DEMONSTRATED, RawRecording, Selection, chosen
 from gplfd_experiments.data.readers.tables import (
     FORCE,
     POSITION,
@@ -70,6 +70,8 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             positions=one.poses[:, :3],
             unit="m",
             quaternions=quaternions_of(one.poses[:, 3:]),
+            wrenches=one.wrenches,
+            sensor=DEMONSTRATED,
         )
         for number, one in enumerate(load_demonstrations(path).demonstrations)
     ]
@@ -190,7 +192,7 @@ def _as_rows(key: str, array: FloatArray, width: int) -> FloatArray:
     if width == 1 and array.size == max(array.shape, default=0):
         return array.reshape(-1, 1)
     # Positions may lack z, and forces their torques.
-    allowed = range({3: 2, 6: 3}.get(width, width), width + 1)
+    allowed = {3: (2, 3), 6: (3, 6)}.get(width, (width,))
     if array.ndim == 2 and array.shape[1] not in allowed and array.shape[0] in allowed:
         array = array.T
     if array.ndim != 2 or array.shape[1] not in allowed:

@@ -1,7 +1,8 @@
 """Bags of ROS 2 and ROS 1: poses, joint states by forward kinematics, and wrenches.
 
 The hand is a topic of poses, transforms (``/tf:child_frame``) or, with a URDF and a
-link, joint states. The only topic of WrenchStamped becomes the force, on its clock.
+link, joint states. A topic of WrenchStamped, the only one or ``--wrench``, gives the
+forces, on the clock of the hand.
 """
 
 import bz2
@@ -169,7 +170,7 @@ class _Track:
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
-    """Read the motion of a topic, and the force of the only topic of wrenches."""
+    """Read the motion of a topic, and the wrenches of another."""
     files = list(path.iterdir()) if path.is_dir() else [path]
     size = sum(regular_file(one).stat().st_size for one in files if not one.is_dir())
     hand, wrench = _Track(), _Track()
@@ -191,8 +192,13 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         if wanted is not None and wanted not in moving and ":" in wanted:
             wanted, child = wanted.rsplit(":", 1)
         topic, kind = chosen(wanted, moving, "topic", file=path.name)
-        forces = [name for name, held in topics.items() if held == _WRENCH]
-        force = forces[0] if len(forces) == 1 else None
+        forces = {name: held for name, held in topics.items() if held == _WRENCH}
+        force, notes = next(iter(forces), None), []
+        if selection.wrench is not None:
+            force, _ = chosen(selection.wrench, forces, "force topic", file=path.name)
+        elif len(forces) > 1:
+            force = None
+            notes.append(f"forces left out: choose with --wrench: {', '.join(forces)}")
         take: Callable[[Any], _Row] = _pose
         if kind == _JOINTS:
             take = _forward_kinematics(selection.urdf, selection.link)
@@ -220,15 +226,20 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         )
         raise ValueError(f"{problem}: --body {topic}:FRAME, of {listed}")
     times, poses = hand.arrays()
-    signals = {}
+    wrenches = None
     if wrench.stamps:
-        # On the clock of the poses.
+        # On the clock of the poses; missing where none was recorded nearby.
         clock, rows = wrench.arrays()
         order = np.argsort(clock, kind="stable")
         clock = clock[order] + (wrench.stamps[0] - hand.stamps[0]) * 1e-9
-        signals["force"] = np.column_stack(
+        wrenches = np.column_stack(
             [np.interp(times, clock, column) for column in rows[order].T]
         )
+        padded = np.concatenate([[-np.inf], clock, [np.inf]])
+        after = np.searchsorted(clock, times) + 1
+        nearest = np.minimum(times - padded[after - 1], padded[after] - times)
+        steps = [np.median(np.diff(one)) for one in (times, clock) if len(one) > 1]
+        wrenches[nearest > max(steps, default=0.0)] = np.nan
     return [
         RawRecording(
             name=f"{path.name}: {topic}{f':{child}' if child else ''}",
@@ -236,7 +247,8 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             positions=poses[:, :3],
             unit="m",
             quaternions=poses[:, 3:],
-            signals=signals,
+            wrenches=wrenches,
+            notes=tuple(notes),
         )
     ]
 

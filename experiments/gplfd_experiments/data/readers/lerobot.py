@@ -1,7 +1,8 @@
 """LeRobot data sets, version 3: one motion per episode, from parquet files.
 
 The hand is a feature of the data set, by default ``observation.state``. The names of
-its numbers stand in the data set, or are given by ``--columns``.
+its numbers stand in the data set, or are given by ``--columns``. Forces and moments are
+the six numbers of ``observation.force`` or of another feature.
 """
 
 from dataclasses import replace
@@ -11,8 +12,9 @@ from typing import Any, BinaryIO, Final
 
 import numpy as np
 
-from gplfd_experiments.data.raw import RawRecording, Selection, chosen
-from gplfd_experiments.data.readers.tables import named_columns, recording
+from gplfd_experiments.data.raw import OBSERVED, RawRecording, Selection, chosen
+from gplfd_experiments.data.readers.tables import FORCE, named_columns, recording
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import entry, read_json
 from gplfd_policies.arrays.storage import DecodingBudget, regular_file
@@ -22,6 +24,9 @@ with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
 
 INFO: Final = "meta/info.json"
 STATE: Final = "observation.state"
+WRENCH: Final = "observation.force"
+AS_OBSERVED: Final = {"wrench": "of the environment on the hand, axes of the state"}
+"""Entry ``info`` of the feature of wrenches that are written here."""
 _VERSION: Final = "v3."
 
 _NUMBERS: Final = frozenset({"BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE"})
@@ -59,6 +64,12 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         )
     heads = selection.columns or list(map(str, names))
     found = named_columns(heads, "--columns" if selection.columns else f"{name!r}")
+    force, sensor = selection.wrench, None
+    if vectors.get(WRENCH, {}).get("shape") == [len(FORCE)]:
+        force = force or WRENCH
+    if force is not None:
+        _, felt = chosen(force, vectors, "feature of numbers", file=path.name)
+        sensor = OBSERVED if felt.get("info") == AS_OBSERVED else None
     rate = float(entry(info, "fps", float))
     if not 0.0 < rate < 1e6:
         raise ValueError(f"fps is {rate}")
@@ -66,7 +77,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     if not files:
         raise ValueError("there is no parquet file in its folder data")
     # Episode, frame and feature of every row, in order.
-    wanted = ("episode_index", "frame_index", name)
+    wanted = ("episode_index", "frame_index", name, *([force] if force else []))
     budget = DecodingBudget(sum(regular_file(file).stat().st_size for file in files))
     parts = []
     for file in files:
@@ -74,24 +85,21 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             with file.open("rb") as stream, parquet.ParquetFile(stream) as opened:
                 _claim_columns(stream, opened.metadata, wanted, budget)
                 table = opened.read(columns=list(wanted))
-            # Lists of equal length become rows.
-            lists = table[name].combine_chunks()
-            flat = lists.flatten().to_numpy(zero_copy_only=False)
-            if lists.null_count or len(lists) == 0 or len(flat) % len(lists):
-                raise ValueError("a row lacks numbers")
-            rows = np.asarray(flat, dtype=np.float64).reshape(len(lists), -1)
-            if len(lists[0]) != rows.shape[1]:
-                raise ValueError("its rows differ in length")
-            parts.append((*(table[index].to_numpy() for index in wanted[:2]), rows))
+            numbers = [_rows(table[one].combine_chunks()) for one in wanted[2:]]
+            indices = [table[index].to_numpy() for index in wanted[:2]]
+            parts.append((*indices, *numbers))
         # Arrow answers damage with errors of every kind.
         except Exception as error:
             raise ValueError(f"{file.relative_to(path)}: {error!s:.300}") from error
-    episodes, frames, values = map(np.concatenate, zip(*parts, strict=True))
+    episodes, frames, values, *wrenches = map(np.concatenate, zip(*parts, strict=True))
     episodes, frames = episodes.astype(np.int64), frames.astype(np.float64)
     if values.shape[1] != len(heads):
         raise ValueError(
             f"{name} has {values.shape[1]} numbers, and {len(heads)} names"
         )
+    if wrenches and wrenches[0].shape[1] != len(FORCE):
+        found_numbers = wrenches[0].shape[1]
+        raise ValueError(f"{force} has {found_numbers} numbers, not {', '.join(FORCE)}")
     # The times are those of the frames, in seconds.
     seconds = replace(selection, time_unit="s")
     recordings = []
@@ -102,9 +110,22 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             key: (values[own, place], unit) for key, (place, unit) in found.items()
         }
         columns["t"] = (frames[own] / rate, "s")
+        for felt in wrenches:
+            columns |= {key: (felt[own, at], None) for at, key in enumerate(FORCE)}
         label = f"{path.name}: episode {episodes[own[0]]}"
-        recordings.append(recording(label, columns, seconds))
+        recordings.append(replace(recording(label, columns, seconds), sensor=sensor))
     return recordings
+
+
+def _rows(lists: Any) -> FloatArray:
+    """Return lists of equal length as rows."""
+    flat = lists.flatten().to_numpy(zero_copy_only=False)
+    if lists.null_count or len(lists) == 0 or len(flat) % len(lists):
+        raise ValueError("a row lacks numbers")
+    rows = np.asarray(flat, dtype=np.float64).reshape(len(lists), -1)
+    if len(lists[0]) != rows.shape[1]:
+        raise ValueError("its rows differ in length")
+    return rows
 
 
 def _claim_columns(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.data.minari.writing import DATA, MAIN_FILE
-from gplfd_experiments.data.raw import RawRecording, Selection
+from gplfd_experiments.data.raw import OBSERVED, RawRecording, Selection
 from gplfd_experiments.data.readers.tables import quaternions_of
 from gplfd_policies.arrays.storage import DecodingBudget
 
@@ -28,7 +28,8 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
                 positions=poses[:, :3],
                 unit="m",
                 quaternions=quaternions_of(poses[:, 3:]),
-                signals={"force": seen["wrench"]},
+                wrenches=seen["wrench"],
+                sensor=OBSERVED,
             )
         )
     return recordings

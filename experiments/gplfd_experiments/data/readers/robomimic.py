@@ -1,7 +1,8 @@
 """Demonstrations of robomimic in HDF5: one motion per demonstration.
 
-The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last. Files have no
-time stamps: the rate is that of the environment's control, if the file says it.
+The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last, and forces are
+``obs/NAME_wrench``. Files have no time stamps: the rate is that of the environment's
+control, if the file says it.
 """
 
 import json
@@ -11,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gplfd_experiments.data.raw import RawRecording, Selection, chosen
+from gplfd_experiments.data.raw import OBSERVED, RawRecording, Selection, chosen
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.arrays.storage import DecodingBudget
@@ -22,6 +23,8 @@ with optional_libraries("robomimic's files need h5py", "robomimic"):
     from gplfd_experiments.data.hdf5 import member, numbers
 
 DEFAULT_HAND: Final = "robot0_eef"
+AS_OBSERVED: Final = "of the environment on the hand, in the frame of its poses"
+"""Attribute ``wrench`` of wrenches that are written here."""
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
@@ -63,12 +66,17 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             wanted = selection.body or DEFAULT_HAND
             hand, position = chosen(wanted, hands, "hand in obs", file=label)
             positions = array(obs, position, 3)
-            quaternions, signals = None, {}
+            quaternions, wrenches, sensor, signals = None, None, None, {}
             if f"{hand}_quat" in obs:
                 quaternions = np.roll(array(obs, f"{hand}_quat", 4), 1, axis=1)
             gripper = f"{hand.removesuffix('_eef')}_gripper_qpos"
             if gripper in obs:
                 signals["gripper"] = array(obs, gripper)
+            force = selection.wrench or f"{hand}_wrench"
+            if force in obs or selection.wrench is not None:
+                wrenches = array(obs, force, 6)
+                said = obs[force].attrs.get("wrench")
+                sensor = OBSERVED if str(said) == AS_OBSERVED else None
             recordings.append(
                 RawRecording(
                     name=label,
@@ -76,6 +84,8 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
                     positions=positions,
                     unit="m",
                     quaternions=quaternions,
+                    wrenches=wrenches,
+                    sensor=sensor,
                     signals=signals,
                 )
             )

@@ -45,6 +45,8 @@ POSITION: Final = ("x", "y", "z")
 QUATERNION: Final = ("qw", "qx", "qy", "qz")
 ROTATION_VECTOR: Final = ("rx", "ry", "rz")
 FORCE: Final = ("fx", "fy", "fz", "mx", "my", "mz")
+_NEWTONS: Final = {"n": 1.0}
+_NEWTON_METRES: Final = {"nm": 1.0, "n m": 1.0, "nmm": 1e-3, "n mm": 1e-3}
 
 _MANY_TURNS: Final = 7.0
 """A longer rotation vector [rad] is probably in degrees."""
@@ -55,7 +57,7 @@ Columns = Mapping[str, tuple[FloatArray, str | None]]
 _CANONICAL: Final = {
     other: name for name, others in _NAMES.items() for other in (name, *others)
 }
-_UNITS: Final = frozenset((*METRES, *SECONDS, *RADIANS, "n", "n m", "nm"))
+_UNITS: Final = frozenset((*METRES, *SECONDS, *RADIANS, *_NEWTONS, *_NEWTON_METRES))
 _BRACKETED: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]")
 _SUFFIXED: Final = re.compile(r"(.+)_(cm|mm|m|in|s|ms|us|ns|rad|deg)")
 
@@ -124,7 +126,7 @@ def recording(
         absent = np.zeros(len(columns["x"][0])), None
         return np.column_stack([columns.get(column, absent)[0] for column in names])
 
-    quaternions, notes, signals = None, [], {}
+    quaternions, wrenches, notes, signals = None, None, [], {}
     if "qw" in columns:
         quaternions = stacked(QUATERNION)
     elif "rx" in columns:
@@ -150,8 +152,18 @@ def recording(
                 f"say --time-unit {likely}, or --time-unit {said} if they are not"
             )
         times = times * SECONDS[selection.time_unit or said]
-    if "fx" in columns:
-        signals["force"] = stacked(FORCE)
+    forces, moments = FORCE[:3], FORCE[3:]
+    if given := columns.keys() & set(FORCE):
+        if given not in (set(forces), set(FORCE)):
+            raise ValueError(
+                f"{name} has {', '.join(sorted(given))} of a force and a moment; they "
+                "need fx, fy, fz, and mx, my, mz or none of these"
+            )
+        unit(forces, _NEWTONS)
+        newton_metres = _NEWTON_METRES[unit(moments, _NEWTON_METRES) or "nm"]
+        if given == set(forces):
+            notes.append("forces without moments: taken as zero about the sensor")
+        wrenches = np.hstack([stacked(forces), newton_metres * stacked(moments)])
     if "gripper" in columns:
         signals["gripper"] = stacked(["gripper"])
     return RawRecording(
@@ -160,6 +172,7 @@ def recording(
         unit=unit(POSITION, METRES),
         times=times,
         quaternions=quaternions,
+        wrenches=wrenches,
         signals=signals,
         untimed="" if "t" in columns else untimed,
         notes=tuple(notes),

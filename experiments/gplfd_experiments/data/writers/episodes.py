@@ -52,7 +52,8 @@ def episode_rows(
                     rate=float(rate),
                     states=both[:, 0],
                     actions=both[:, 1],
-                    signals={"force": episode.observations["wrench"][steps]},
+                    wrenches=episode.observations["wrench"][steps],
+                    signals={},
                     pictures={
                         name: _pictures(
                             env.unwrapped, episode.states[steps], name, size

@@ -15,7 +15,8 @@ import pyarrow
 import pyarrow.parquet
 from PIL import Image
 
-from gplfd_experiments.data.readers.lerobot import INFO, STATE
+from gplfd_experiments.data.readers.lerobot import AS_OBSERVED, INFO, STATE, WRENCH
+from gplfd_experiments.data.readers.tables import FORCE
 from gplfd_experiments.data.writers.rows import Rows
 from gplfd_experiments.files.folders import complete_folder
 from gplfd_experiments.files.plain_data import write_json
@@ -88,6 +89,10 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
     for name in sorted(shared):
         parts = [one.signals[name] for one in demonstrations]
         columns[f"observation.{name}"] = stacked(parts)
+    wrenches = [one.wrenches for one in demonstrations if one.wrenches is not None]
+    if len(wrenches) == len(demonstrations):
+        columns[WRENCH] = stacked(wrenches, list(FORCE))
+        columns[WRENCH].feature["info"] = AS_OBSERVED
     for camera in demonstrations[0].pictures:
         files = [file for one in demonstrations for file in one.pictures[camera]]
         columns[f"observation.images.{camera}"] = _pictures(files)

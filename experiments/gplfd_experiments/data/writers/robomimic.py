@@ -13,13 +13,13 @@ from typing import Final
 import h5py
 import numpy as np
 
-from gplfd_experiments.data.readers.robomimic import DEFAULT_HAND
+from gplfd_experiments.data.readers.robomimic import AS_OBSERVED, DEFAULT_HAND
 from gplfd_experiments.data.writers.rows import Rows
 from gplfd_policies.arrays.storage import complete_or_absent
 
 _GYM: Final = 2  # robomimic's number for environments of Gym.
 _HAND: Final = DEFAULT_HAND.removesuffix("_eef")
-_NAMES: Final = {"gripper": f"{_HAND}_gripper_qpos", "force": f"{DEFAULT_HAND}_wrench"}
+_NAMES: Final = {"gripper": f"{_HAND}_gripper_qpos"}
 """robosuite's names of signals."""
 
 
@@ -55,8 +55,13 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
                     _NAMES.get(name, name): array for name, array in one.signals.items()
                 },
             }
+            if one.wrenches is not None:
+                seen[f"{DEFAULT_HAND}_wrench"] = one.wrenches
             for name, array in seen.items():
                 group[f"obs/{name}"] = array
                 group[f"next_obs/{name}"] = array[np.minimum(index + 1, samples - 1)]
+            if one.wrenches is not None:
+                attributes = group[f"obs/{DEFAULT_HAND}_wrench"].attrs
+                attributes["wrench"] = AS_OBSERVED
     with complete_or_absent(path) as temporary:
         temporary.write_bytes(image.getvalue())

@@ -24,6 +24,9 @@ class Rows:
     actions: FloatArray
     """The state at the next sample, which is where the hand is to be; the last one is
     repeated, (N, 7)."""
+    wrenches: FloatArray | None
+    """Forces and moments of the environment on the hand, in the frame of the states and
+    about the position of the hand [N, N m], (N, 6); or none."""
     signals: Mapping[str, FloatArray]
     """What else was recorded, (N, d) each."""
     pictures: Mapping[str, Sequence[bytes]] = field(default_factory=dict)
@@ -55,7 +58,16 @@ def demonstration_rows(labelled: LabelledDemonstrations) -> list[Rows]:
         states = states_of(one.poses)
         actions = np.vstack([states[1:], states[-1:]])
         signals = labelled.signals[number] if labelled.signals else {}
-        rows.append(Rows(rate=rate, states=states, actions=actions, signals=signals))
+        rows.append(
+            Rows(
+                rate=rate,
+                states=states,
+                actions=actions,
+                # As the environment observes them: of the opposite sign.
+                wrenches=None if one.wrenches is None else -one.wrenches,
+                signals=signals,
+            )
+        )
     return rows
 
 
