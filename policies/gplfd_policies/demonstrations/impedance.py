@@ -154,7 +154,7 @@ def _regress(
     window /= window.sum(axis=1, keepdims=True)
 
     def within(values: np.ndarray) -> np.ndarray:
-        return np.einsum("mn,nab->mab", window, values)
+        return np.asarray(np.einsum("mn,nab->mab", window, values))
 
     xx = within(np.einsum("kna,knb->nab", x, x) / count)
     yx = within(np.einsum("kna,knb->nab", y, x) / count)
