@@ -240,13 +240,12 @@ def test_demonstrated_stiffness_stays_within_the_range_of_the_profile():
 
 def pulled(demonstrations, force):
     """The same motions with a constant force in the axes of the hand [N]."""
-    wrenches = []
-    for one in demonstrations:
-        turned = into_axes(-one.poses[:, 3:], np.broadcast_to(force, (200, 3)))
-        wrenches.append(np.hstack([turned, np.zeros((200, 3))]))
     return [
-        replace(one, wrenches=felt)
-        for one, felt in zip(demonstrations, wrenches, strict=True)
+        replace(
+            one, wrenches=np.pad(into_axes(-one.poses[:, 3:], given), ((0, 0), (0, 3)))
+        )
+        for one in demonstrations
+        for given in [np.broadcast_to(force, (200, 3))]
     ]
 
 

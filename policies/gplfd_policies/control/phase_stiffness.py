@@ -91,7 +91,11 @@ def demonstrated_stiffness(
         known.append((found, 1.0 - (std / PRIOR[part, 0]) ** 2))
     stiffness, share = (np.hstack(both) for both in zip(*known, strict=True))
     return PhaseStiffness(
-        stiffness=np.clip(stiffness, profile.k_min, _highest(profile)),
+        stiffness=np.clip(
+            stiffness,
+            profile.k_min,
+            np.repeat(profile.k_max.reshape(2, 3).min(axis=1), 3),
+        ),
         share=np.clip(share, 0.0, 1.0),
         direction=np.full((_PHASES.size, 3), np.nan),
     )
@@ -119,7 +123,7 @@ def stiffness_from_force(
     poses = movement.predict(_PHASES).mean
     force = into_axes(-poses[:, 3:], learned.predict(_PHASES).mean[:, :3])
     size = np.linalg.norm(force, axis=1)
-    highest = _highest(profile)
+    highest = np.repeat(profile.k_max.reshape(2, 3).min(axis=1), 3)
     stiffness = np.tile(highest, (_PHASES.size, 1))
     stiffness[:, 0] = np.interp(size, forces, (highest[0], profile.k_min[0]))
     felt = (size > forces[0])[:, None]
@@ -128,8 +132,3 @@ def stiffness_from_force(
         share=np.ones_like(stiffness),
         direction=np.where(felt, force / np.maximum(size, 1e-12)[:, None], np.nan),
     )
-
-
-def _highest(profile: StiffnessProfile) -> Float[np.ndarray, "6"]:
-    """Return k_max in every direction: its least of the three axes."""
-    return np.repeat(profile.k_max.reshape(2, 3).min(axis=1), 3)

@@ -39,15 +39,11 @@ _SEEN: Final = 2.0
 _SHARE_LEFT: Final = 1e-6
 """Least noise of deviations and forces, relative to their size: divides."""
 
-_HALF: Final = np.sqrt(0.5)
-BASIS: Final = np.array(
+_UNITS: Final = np.eye(9).reshape(3, 3, 3, 3)
+BASIS: Final = np.stack(
     [
-        [[1, 0, 0], [0, 0, 0], [0, 0, 0]],
-        [[0, 0, 0], [0, 1, 0], [0, 0, 0]],
-        [[0, 0, 0], [0, 0, 0], [0, 0, 1]],
-        [[0, 0, 0], [0, 0, _HALF], [0, _HALF, 0]],
-        [[0, 0, _HALF], [0, 0, 0], [_HALF, 0, 0]],
-        [[0, _HALF, 0], [_HALF, 0, 0], [0, 0, 0]],
+        (_UNITS[i, j] + _UNITS[j, i]) / (2.0 if i == j else np.sqrt(2.0))
+        for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
     ]
 )
 """Orthonormal basis of symmetric matrices, in which a prior is the same in all axes."""
@@ -200,11 +196,8 @@ def _correlation(residual: Float[np.ndarray, "K M 3"]) -> float:
     samples = residual.shape[1]
     power = np.abs(np.fft.rfft(residual, 2 * samples, axis=1)) ** 2
     total = np.fft.irfft(power.sum(axis=(0, 2)))[:samples]
-    if total[0] <= 0.0:
-        return 1.0
-    share = total / total[0]
-    last = int(np.argmax(share <= 0.0)) or samples
-    return float(1.0 + 2.0 * share[1:last].sum())
+    last = int(np.argmax(total <= 0.0)) or samples
+    return float(1.0 + 2.0 * total[1:last].sum() / max(total[0], np.finfo(float).tiny))
 
 
 def _positive(matrices: Float[np.ndarray, "M 3 3"]) -> Float[np.ndarray, "M 3 3"]:
