@@ -75,7 +75,10 @@ def results() -> Iterator[tuple[str, Any]]:
         if method is None or policy.kind != "method" or name.endswith("-tuned"):
             continue
         method = replace(method, fit=QUICK.get(name, method.fit))
-        movement = method.learn(TrainingInput(demonstrations=shown))
+        lesson = shown
+        if method.phase_stiffness is not None:
+            lesson = tuple(replace(one, wrenches=10.0 * one.poses) for one in shown)
+        movement = method.learn(TrainingInput(demonstrations=lesson))
         yield f"{name}: learned", numbers(movement.predict(PHASES))
         yield f"{name}: acts", acted(method.follow(movement), movement)
         if name == "gp":

@@ -142,7 +142,13 @@ def learned_agent(
         if method is None:
             agent = make_agent(name, ())
         else:
-            agent = method.follow(learned(method, demonstrations))
+            lesson = demonstrations
+            if method.phase_stiffness is not None:
+                lesson = tuple(
+                    replace(one, wrenches=np.full(one.poses.shape, 2.0))
+                    for one in demonstrations
+                )
+            agent = method.follow(learned(method, lesson))
         agent.inform(DoorGeometry.nominal(0.5))
         return agent
 

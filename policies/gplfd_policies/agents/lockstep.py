@@ -16,6 +16,7 @@ from gplfd_policies.agents.agent import Agent, CompliantAgent, as_agent
 from gplfd_policies.agents.handles import controller_of
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.rows import Rows, rows_of
+from gplfd_policies.control.phase_stiffness import PhaseStiffness
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
 from gplfd_policies.movements.trajectory import GaussianTrajectory
@@ -151,7 +152,7 @@ def _shared(agent: CompliantAgent) -> tuple[object, ...]:
     """Return what the agents of one batch share; records of arrays as their bytes."""
 
     def comparable(part: object) -> object:
-        if isinstance(part, StiffnessProfile | VirtualDynamics):
+        if isinstance(part, StiffnessProfile | VirtualDynamics | PhaseStiffness):
             return [np.ravel(each).tobytes() for each in _values(part)]
         return part
 

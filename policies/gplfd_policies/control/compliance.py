@@ -28,6 +28,7 @@ from gplfd_policies.control.load import (
     Load,
     LoadRule,
 )
+from gplfd_policies.control.phase_stiffness import PhaseStiffness
 from gplfd_policies.control.rendering import Rendering, VirtualRendering
 from gplfd_policies.control.stability import StiffnessGovernor
 from gplfd_policies.control.steps import AgentStep
@@ -55,6 +56,8 @@ class ComplianceConfig:
     """How the load of the door is compensated."""
     profile: StiffnessProfile = DEFAULT_PROFILE
     """Stiffness as a function of uncertainty, Eq. (24)."""
+    phase_stiffness: PhaseStiffness | None = None
+    """Stiffness that demonstrated forces give at a phase, in addition to `profile`."""
     dynamics: VirtualDynamics = DEFAULT_DYNAMICS
     """Mass and damping ratio of what the stiffness is rendered with, Eq. (22)."""
     rendering: Rendering = field(default_factory=VirtualRendering)
@@ -101,6 +104,11 @@ class ComplianceConfig:
         check_choice(name, self.stiffness_frame, ("path", "axes"))
         if self.stiffness_frame == "path":
             self._check_turning()
+        elif self.phase_stiffness is not None:
+            raise ValueError(
+                "ComplianceConfig.phase_stiffness has the directions of the path; "
+                'choose stiffness_frame="path", or None'
+            )
         if len(self.via_std) != 2 or not all(0.0 <= s < math.inf for s in self.via_std):
             raise ValueError(
                 "ComplianceConfig.via_std must be two finite numbers >= 0, position "
@@ -311,12 +319,14 @@ class ComplianceController:
         # lags along the path shows that the policy is wrong there: the lag is added.
         std = stds[0]
         lag = np.asarray(response.path_lag)[..., None] * direction
-        frame = None
+        frame, learned = None, config.phase_stiffness
         if config.stiffness_frame == "path":
             tangent = chord + _HELD * self._tangent[rows]
             square = np.add.reduce(tangent * tangent, axis=-1, keepdims=True)
             tangent = self._tangent[rows] = tangent / np.sqrt(square)
-            frame = path_frame(tangent)
+            frame = path_frame(
+                tangent if learned is None else learned.direction_at(phase, tangent)
+            )
             level = movements.level_covariance(phase, rows)
             std = directional_std(frame, std, level)
             lag = product(frame.swapaxes(-1, -2), lag[..., None])[..., 0]
@@ -325,6 +335,8 @@ class ComplianceController:
         previous = np.where(np.isnan(previous), std, previous)
         self._std[rows] = std
         wished = config.profile.stiffness(std, frame)
+        if learned is not None:
+            wished = learned.combined(wished, phase)
         governed = self._governor.step(wished, period, rows, frame)
 
         # 6. Render it, Eq. (22).

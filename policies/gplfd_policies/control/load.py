@@ -224,8 +224,8 @@ class LoadLearner:
         reserve = gain * rule.reach * stiffness
         most: Amount = np.minimum(expected, reserve)
         if contact.expected is not None:
-            mean, std = contact.expected.resistance(direction)
-            shown = np.minimum(mean + rule.interval * std, gain * rule.shown_limit)
+            mean, spread = contact.expected.resistance(direction)
+            shown = np.minimum(mean + rule.interval * spread, gain * rule.shown_limit)
             most = np.maximum(most, shown)
         compensated = np.asarray(np.minimum(resistance, most))
 

@@ -26,6 +26,7 @@ from gplfd_policies.agents.model_based.pulling import (
 )
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
+from gplfd_policies.control.phase_stiffness import stiffness_from_force
 from gplfd_policies.control.rendering import ARM_DYNAMICS, ArmRendering
 from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
@@ -245,6 +246,10 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             config=ComplianceConfig(
                 rendering=ArmRendering(), dynamics=ARM_DYNAMICS, stiffness_frame="axes"
             ),
+        ),
+        "stiffness-from-force": Policy(
+            summary="gp's motion; soft along the demonstrated force, stiff across it",
+            make=replace(GP, phase_stiffness=stiffness_from_force),
         ),
         "dmp": _method(
             "dynamic movement primitive; no uncertainty, no via-points",

@@ -15,6 +15,7 @@ from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.control.compliance import ComplianceConfig
+from gplfd_policies.control.phase_stiffness import PhaseStiffness
 from gplfd_policies.control.stiffness import (
     DEFAULT_PROFILE,
     StiffnessProfile,
@@ -155,6 +156,11 @@ class Method:
     """How an agent finds where along the task the hand is."""
     profile: Callable[[AlignedDemonstrations], StiffnessProfile] = profile_of_spread
     """Which stiffness has which uncertainty; it takes the place of the config's."""
+    phase_stiffness: Callable[[Movement, StiffnessProfile], PhaseStiffness] | None = (
+        None
+    )
+    """Which stiffness demonstrated forces give in addition, such as
+    `gplfd_policies.control.phase_stiffness.demonstrated_stiffness`; None for none."""
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
     """How it follows the movement otherwise: load, timing, via-points."""
     handle_config: HandleConfig = field(default_factory=HandleConfig)
@@ -206,13 +212,18 @@ class Method:
 
         Raises:
             ValueError: The demonstrations that it was learned from do not begin at the
-                closed handle, or are not in metres.
+                closed handle, are not in metres, or lack wrenches that it needs.
         """
         _check_starts(movement.aligned.demonstrated.poses)
+        profile, learned = self.profile(movement.aligned), self.phase_stiffness
         return CompliantAgent(
             GriddedMovement(movement, self.door_adaptation or self.adaptation, _GRID),
             phases=self.phases(movement),
-            config=replace(self.config, profile=self.profile(movement.aligned)),
+            config=replace(
+                self.config,
+                profile=profile,
+                phase_stiffness=learned and learned(movement, profile),
+            ),
             handle_config=self.handle_config,
             forces=self._follow_forces(movement),
         )
