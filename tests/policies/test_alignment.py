@@ -1,6 +1,7 @@
 """The task completion index and temporal alignment."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,11 @@ from numpy.testing import assert_allclose
 from scipy.signal import butter, sosfiltfilt
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies import Demonstration, align
+from gplfd_policies import POLICIES, Demonstration, align
 from gplfd_policies.demonstrations.completion import task_completion_index
+from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
+from gplfd_policies.registry.method import TrainingInput
 
 METHODS = ["interpolation", "directions", "dtw", "dtw-euclidean"]
 
@@ -394,3 +397,37 @@ def test_clocks_say_when_each_demonstration_was_there(method):
         assert_allclose(reached, poses[:, 0], atol=4e-3)
     if method == "interpolation":
         assert_allclose(aligned.clocks.mean(axis=0), aligned.times)
+
+
+def test_aligned_forces_are_those_of_the_hand_at_the_phase():
+    """A hand that turns and pulls along its own x-axis, beside one without forces."""
+    times = np.linspace(0.0, 2.0, 80)
+    angles = 0.6 * times
+    poses = np.zeros((80, 6))
+    poses[:, 0], poses[:, 4] = 0.2 * times, angles
+    pull = np.stack([np.cos(angles), 0.0 * angles, -np.sin(angles)], axis=1)
+    wrenches = np.hstack([pull * (5.0 + times)[:, None], np.zeros((80, 3))])
+    felt = Demonstration(times=times, poses=poses, wrenches=wrenches)
+    plain = Demonstration(times=times, poses=poses)
+    aligned = align([felt, plain], n_samples=41)
+    assert np.isnan(aligned.wrenches[1]).all()
+    assert_allclose(aligned.wrenches[0, :, 0], 5.0 + 2.0 * aligned.times, atol=1e-9)
+    assert_allclose(aligned.wrenches[0, :, 1:], 0.0, atol=1e-9)
+    assert aligned.forces.poses.shape == (1, 41, 6)
+    assert align([plain], n_samples=41).forces is None
+    longer = continued(aligned, 0.5)
+    assert_allclose(longer.wrenches[0, -1, 0], 7.0)
+    assert_allclose(longer.demonstrated.wrenches[0, :, 0].max(), 7.0, atol=0.1)
+
+
+def test_forces_are_learned_in_the_way_of_the_motion(demonstrations):
+    felt = tuple(
+        replace(one, wrenches=np.full(one.poses.shape, 2.0)) for one in demonstrations
+    )
+    for name in ("gp", "promp"):
+        movement = POLICIES[name].method.learn(TrainingInput(demonstrations=felt))
+        assert type(movement.forces) is type(movement)
+        mean = movement.forces.predict(np.linspace(0.0, 1.0, 5)).mean
+        assert_allclose(mean[:, 1], 2.0, atol=0.2)  # up, about which the hand turns
+    without = POLICIES["gp-without-forces"].method
+    assert without.learn(TrainingInput(demonstrations=felt)).forces is None

@@ -5,10 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
 
 from gplfd_policies.control.load import (
     CarriedLoad,
     ContactState,
+    ExpectedForce,
     LearnedLoad,
     YieldToAll,
 )
@@ -60,6 +62,60 @@ def test_what_is_compensated_is_not_yielded_to(rule, given, left, compensated, p
     assert response.path_lag == 0.0
     if pace is not None:
         assert response.pace == pytest.approx(pace)
+
+
+def test_expected_resistance_is_that_of_the_turned_hand():
+    """The oracle: mean and covariance turned by SciPy's rotation matrix."""
+    rng = np.random.default_rng(2)
+    mean, std, rotation = rng.normal(size=(3, 4, 3))
+    direction = rng.normal(size=(4, 3))
+    found = ExpectedForce(mean=mean, std=np.abs(std), rotation=rotation).resistance(
+        direction
+    )
+    axes = Rotation.from_rotvec(rotation).as_matrix()
+    covariance = np.einsum("nij,nj,nkj->nik", axes, std**2, axes)
+    along = np.einsum("ni,nij,nj->n", direction, axes, mean)
+    variance = np.einsum("ni,nij,nj->n", direction, covariance, direction)
+    assert_allclose(found, (along, np.sqrt(variance)))
+
+
+@pytest.mark.parametrize(
+    ("mean", "hook_grasp", "resistance", "compensated"),
+    [
+        (30.0, False, 31.0, 31.0),  # within the interval, beyond the constant limit
+        (28.0, False, 40.0, 32.0),  # 28 N and two standard deviations
+        (40.0, False, 40.0, 33.0),  # a friction grasp would slip
+        (80.0, True, 90.0, 33.0 * 58.0 / 25.0),
+        (5.0, False, 24.0, 24.0),  # never less than without demonstrated forces
+    ],
+)
+def test_demonstrated_force_is_compensated(mean, hook_grasp, resistance, compensated):
+    expected = ExpectedForce(
+        mean=np.array([mean, 0.0, 0.0]), std=np.full(3, 2.0), rotation=np.zeros(3)
+    )
+    response = (
+        LearnedLoad()
+        .begin(DEFAULT_PROFILE)
+        .update(
+            contact(wrench(x=-resistance), expected=expected, hook_grasp=hook_grasp)
+        )
+    )
+    assert response.compensated_load == pytest.approx(compensated)
+
+
+def test_a_hand_that_lags_still_bears_what_was_demonstrated():
+    expected = ExpectedForce(
+        mean=np.array([30.0, 0.0, 0.0]), std=np.ones(3), rotation=np.zeros(3)
+    )
+    lagging = {"displacement": (-0.1, 0.0, 0.0)}
+    with_forces, without = (
+        LearnedLoad()
+        .begin(DEFAULT_PROFILE)
+        .update(contact(wrench(x=-30.0), **lagging, **more))
+        for more in ({"expected": expected}, {})
+    )
+    assert with_forces.compensated_load == 30.0
+    assert without.compensated_load < 11.0
 
 
 def moved(load, resistance, distance, steps=100):

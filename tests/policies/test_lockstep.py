@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.data.teacher import ForceConfig, Teacher
 from gplfd_policies import POLICIES, AgentStep, batch_agents, make_agent
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.model_based.oracle import OracleAgent
@@ -46,7 +46,7 @@ WAYS_TO_FOLLOW = {
 def agents_of(demonstrations, learned):
     """One agent per door, by name; learned once: a reset makes them as new.
 
-    ``"levers"`` are those of ``"gp"`` that were taught to turn a handle.
+    ``"levers"`` are those of ``"gp"`` that were taught to turn a handle, with forces.
     """
 
     @cache
@@ -55,7 +55,9 @@ def agents_of(demonstrations, learned):
         if name == "levers":
             name = "gp"
             one, other = (
-                Teacher().standard_demonstrations(seed=seed, like=LEVER)
+                Teacher(forces=ForceConfig()).standard_demonstrations(
+                    seed=seed, like=LEVER
+                )
                 for seed in (0, 1)
             )
         method = POLICIES[name].method

@@ -96,6 +96,7 @@ DIFFERENCES = {
     **{f"gp-constant-{k}": differs for k, differs in CONSTANT.items()},
     # These learn from other alignments.
     "gp-untrimmed": {},
+    "gp-without-forces": {},
     "gp-dtw-euclidean": {},
     "gp-directions": {},
     "gp-paper": {

@@ -125,6 +125,10 @@ class LearnedLoad:
     sticks and slips resists less where it moves than where it has to be started. A
     person who holds the hand, which then stands still, is not the door's weight.
 
+    Where forces were demonstrated, a resistance within the interval of what they, and
+    this door so far, say is compensated in any case, up to `shown_limit`: a closer
+    holds a hand back as hard as it was expected to, however far the hand lags.
+
     The clock slows down as the hand lags, and waits at `lag`: of the lag itself and, as
     far as the door is known (from 0 to 1 over the same way as r̂), of that to which the
     force will lead, (r - compensated)/k_min. What holds the hand finally bears
@@ -222,12 +226,12 @@ class LoadLearner:
         std = np.repeat(np.asarray(lag)[..., None], 6, axis=-1)
         stiffness = _stretched(self._profile.stiffness(std), direction)
         reserve = gain * rule.reach * stiffness
-        most: Amount = np.minimum(expected, reserve)
+        bound: Amount = np.minimum(expected, reserve)
         if contact.expected is not None:
             mean, spread = contact.expected.resistance(direction)
             shown = np.minimum(mean + rule.interval * spread, gain * rule.shown_limit)
-            most = np.maximum(most, shown)
-        compensated = np.asarray(np.minimum(resistance, most))
+            bound = np.maximum(bound, shown)
+        compensated = np.asarray(np.minimum(resistance, bound))
 
         # Pace: by the lag, and by the lag to which the force leads on a known door. A
         # path without direction has no stiffness along it, and no resistance.

@@ -122,6 +122,11 @@ TABLE_1: Final = (
 """The methods of the paper's Table 1, the paper's own and ours."""
 
 
+def _motion_only(demonstrations: Sequence[Demonstration]) -> AlignedDemonstrations:
+    """Align demonstrations and leave out their forces."""
+    return replace(align(demonstrations), wrenches=None)
+
+
 def _ablation(summary: str, **changes: Any) -> Policy:
     """Return `GP` with other fields."""
     return Policy(summary=summary, make=replace(GP, **changes), kind="ablation")
@@ -228,6 +233,9 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-axis-stiffness": _ablation(
             "gp with stiffness along the axes of the task frame, not along the path",
             config=ComplianceConfig(stiffness_frame="axes"),
+        ),
+        "gp-without-forces": _ablation(
+            "gp that learns nothing of the demonstrated forces", align=_motion_only
         ),
         "gp-within-demonstrations": _ablation(
             "gp that stops where the demonstrations end", beyond=0.0
