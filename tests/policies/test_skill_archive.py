@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gplfd_policies import PosePath, ViaPoint, align, fit_skill, load_skill
+from gplfd_policies import POLICIES, PosePath, ViaPoint, align, fit_skill, load_skill
 from gplfd_policies.adaptation import ADAPTATIONS
 from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.movements.prior_mean import fit_residual
+from gplfd_policies.registry.method import TrainingInput
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -156,3 +157,21 @@ def test_a_skill_that_cannot_be_written_leaves_nothing(small, tmp_path):
     with pytest.raises(OSError, match=r"folder\.npz"):
         small.save(tmp_path / "folder.npz")
     assert [path.name for path in tmp_path.iterdir()] == ["folder.npz"]
+
+
+def test_forces_are_kept_with_the_skill(demonstrations, tmp_path):
+    rng = np.random.default_rng(4)
+    felt = [
+        replace(one, wrenches=rng.normal(3.0, 0.5, one.poses.shape))
+        for one in demonstrations[1:]
+    ]
+    method = POLICIES["gp"].method
+    given = TrainingInput(demonstrations=[demonstrations[0], *felt])
+    learned = method.learn(given)
+    learned.save(tmp_path / "skill.npz")
+    loaded = load_skill(tmp_path / "skill.npz")
+    assert_array_equal(loaded.aligned.wrenches, learned.aligned.wrenches)
+    assert same_bits(loaded.predict(PHASES), learned.predict(PHASES))
+    assert same_bits(loaded.forces.predict(PHASES), learned.forces.predict(PHASES))
+    assert loaded.forces.deviations == learned.forces.deviations
+    assert method.follow(loaded).forces is not None

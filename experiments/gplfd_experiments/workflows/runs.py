@@ -272,6 +272,7 @@ def _load(
         )
     aligned = skill.aligned.demonstrated
     times = aligned.duration * aligned.times
+    # The forces, if any, are with the skill.
     shown = tuple(Demonstration(times=times, poses=poses) for poses in aligned.poses)
     radii = (None,) * len(shown)
     return (

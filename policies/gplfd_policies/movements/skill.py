@@ -56,6 +56,8 @@ _KIND: Final = "a gplfd skill"
 """Content of the file of a skill."""
 _VERSION: Final = 3
 """Version of its layout."""
+_FORCES: Final = "forces_"
+"""Begins the names of what was learned of forces."""
 _NO_CLOCKS: Final = np.zeros((0, 0))
 """In place of the clocks where they are unknown."""
 _DEVIATION: Final = tuple(field.name for field in fields(DeviationProcess))
@@ -192,7 +194,8 @@ class Skill(LearnedMovement):
         """Keep the skill in a file, complete or not at all; `load_skill` reads it.
 
         An archive of arrays (.npz): the aligned demonstrations, the parameters of the
-        six processes, and those of the deviations. Nothing in it is code.
+        six processes, and those of the deviations; and the same of demonstrated forces,
+        where there are any. Nothing in it is code.
 
         Args:
             path: file to write; an existing one is replaced.
@@ -202,6 +205,15 @@ class Skill(LearnedMovement):
                 `gplfd_policies.gp.noise.NoiseProfile.basis_over`.
             OSError: if the file cannot be written.
         """
+        arrays = self._arrays()
+        if isinstance(self.forces, Skill):
+            felt = self.forces._arrays()
+            arrays |= {f"{_FORCES}{name}": array for name, array in felt.items()}
+            arrays["wrenches"] = np.asarray(self.aligned.wrenches)
+        write_archive(path, kind=_KIND, version=_VERSION, arrays=arrays)
+
+    def _arrays(self) -> dict[str, np.ndarray]:
+        """Return the arrays of its file, without those of its forces."""
         aligned, outputs = self.aligned, self.processes.outputs
         basis = NoiseProfile.basis_over(aligned.times)
         if any(output.noise.basis != basis for output in outputs):
@@ -227,10 +239,9 @@ class Skill(LearnedMovement):
         deviations = self.deviations if self.count > 1 else ()
         for name in _DEVIATION:
             numbers[name] = [getattr(deviation, name) for deviation in deviations]
-        arrays = {
+        return {
             name: np.array(each, dtype=np.float64) for name, each in numbers.items()
         }
-        write_archive(path, kind=_KIND, version=_VERSION, arrays=arrays)
 
 
 @one_thread
@@ -250,9 +261,17 @@ def load_skill(path: str | Path) -> Skill:
 
 def _skill_of(members: Members) -> Skill:
     """Build a skill from the members of its archive; raise for any that is wrong."""
+    if "wrenches" not in members:
+        return _part_of(members, "")
+    wrenches = members("wrenches")
+    return _part_of(members, "", wrenches=wrenches, forces=_part_of(members, _FORCES))
+
+
+def _part_of(members: Members, prefix: str, **forces: Any) -> Skill:
+    """Build the skill of the motion, or that of the forces, by the prefix of names."""
 
     def finite(name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
-        array = members(name)
+        array = members(prefix + name)
         if array.dtype != np.float64 or not np.isfinite(array).all():
             raise ValueError(f"{name!r} must be finite numbers of type float64")
         if shape is not None and array.shape != shape:
@@ -267,6 +286,7 @@ def _skill_of(members: Members) -> Skill:
         end=float(finite("end", ())),
         drift=finite("drift", (6,)),
         clocks=None if clocks.shape == _NO_CLOCKS.shape else clocks,
+        wrenches=forces.pop("wrenches", None),
     )
 
     basis = NoiseProfile.basis_over(aligned.times)
@@ -297,7 +317,8 @@ def _skill_of(members: Members) -> Skill:
             ),
         )
         outputs.append(output)
-    skill = Skill(aligned=aligned, processes=MultiOutputGP(outputs=tuple(outputs)))
+    processes = MultiOutputGP(outputs=tuple(outputs))
+    skill = Skill(aligned=aligned, processes=processes, **forces)
 
     deviating = 6 if len(aligned.poses) > 1 else 0
     columns = [finite(name, (deviating,)) for name in _DEVIATION]
