@@ -13,6 +13,7 @@ from gplfd_policies.control.frame import directional_std, path_frame
 from gplfd_policies.control.load import (
     CarriedLoad,
     ContactState,
+    ExpectedForce,
     LearnedLoad,
     YieldToAll,
 )
@@ -38,6 +39,8 @@ def inputs(rng):
         "pose": 0.02 * rng.normal(size=(N, 6)),
         "displacement": 0.02 * rng.normal(size=(N, 3)),
         "frame": path_frame(unit),
+        "force": 20.0 * rng.normal(size=(N, 3)),
+        "force_std": rng.uniform(0.5, 5.0, (N, 3)),
         "stiffness": rng.uniform(0.2, 1.0, (N, 6)) * DEFAULT_PROFILE.k_max,
     }
 
@@ -69,8 +72,12 @@ def in_frames(part, given, rows):
 
 
 def loaded(part, given, rows):
-    contact = {one.name: given[one.name] for one in fields(ContactState)[:-1]}
-    found = part.update(ContactState(**contact), rows)
+    names = ("wrench", "direction", "pose", "displacement")
+    expected = ExpectedForce(
+        mean=given["force"], std=given["force_std"], rotation=given["pose"][..., 3:]
+    )
+    contact = ContactState(**{name: given[name] for name in names}, expected=expected)
+    found = part.update(contact, rows)
     return tuple(getattr(found, one.name) for one in fields(found))
 
 
