@@ -147,12 +147,12 @@ def test_a_task_says_what_is_demonstrated():
     assert shown.times[-1] > tidy.times[-1]
 
 
-def test_a_task_says_whether_forces_are_demonstrated():
+@pytest.mark.parametrize("start", ["grasped", "approach"])
+def test_a_task_says_whether_forces_are_demonstrated(start):
     for forces in (True, False):
-        shown = build.demonstrations_of(task("gp", demonstrated_forces=forces))
-        assert all((one.wrenches is not None) is forces for one in shown.demonstrations)
-    with pytest.raises(ValueError, match="reach for the handle have no forces"):
-        task("gp", demonstrated_forces=True, start="approach")
+        one = task("gp", demonstrated_forces=forces, start=start)
+        shown = build.demonstrations_of(one).demonstrations
+        assert all((each.wrenches is not None) is forces for each in shown)
 
 
 def test_a_prior_mean_is_the_arc_at_the_phases_of_demonstrations(monkeypatch):

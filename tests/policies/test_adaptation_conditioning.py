@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gplfd_policies import AlignedDemonstrations, ViaPoint, adapt, fit_skill
 from gplfd_policies.adaptation import (
     ExactAdaptation,
+    ForceAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
 )
@@ -285,6 +286,40 @@ def test_process_covers_doors_never_demonstrated():
             inside += np.sum(held[:, [0, 2]])
             total += held[:, [0, 2]].size
     assert inside / total > 0.93
+
+
+def test_a_door_has_a_force_of_its_own(skill):
+    """Half the demonstrated root mean square: half constant, half over a tenth."""
+    ours, plain = (
+        form(skill, TIMES).trajectory().covariance
+        for form in (ForceAdaptation, ProcessAdaptation)
+    )
+    square = np.sum(skill.aligned.poses**2, axis=(0, 1)) / np.prod(
+        skill.aligned.poses.shape[:2]
+    )
+    apart = TIMES[:, None] - TIMES
+    shape = 0.5 * (1.0 + np.exp(-50.0 * apart**2))
+    for output, total in enumerate(np.repeat([square[:3].sum(), square[3:].sum()], 3)):
+        own = ours[output] - plain[output]
+        assert_allclose(own, 0.25 * total * shape, atol=2e-3 * total)
+
+
+def test_a_door_heavier_than_all_demonstrated_ones_is_heavy_all_the_way(skill):
+    """Seen at its first tenth; the demonstrations' spread alone forgets it."""
+    demonstrated = skill.predict(TIMES).mean
+    shift = 2.0 * np.sqrt(np.mean(demonstrated[:, :3] ** 2))
+    errors = []
+    for form in (ForceAdaptation, ProcessAdaptation):
+        adaptation = form(skill, TIMES)
+        for index in range(6):
+            pose = demonstrated[index] + shift
+            adaptation.observe(ViaPoint(phase=float(TIMES[index]), pose=pose, std=0.01))
+        error = adaptation.mean[-20:, 1] - demonstrated[-20:, 1] - shift
+        errors.append(np.abs(error).max() / shift)
+        inside = np.abs(error) < 1.96 * adaptation.std[-20:, 1]
+    assert errors[0] < 0.5
+    assert errors[1] > 0.9
+    assert not inside.any()
 
 
 def test_student_scale_is_the_textbook_one(skill):

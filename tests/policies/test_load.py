@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+from gplfd_policies.control.expected_force import ExpectedForce
 from gplfd_policies.control.load import (
     CarriedLoad,
     ContactState,
-    ExpectedForce,
     LearnedLoad,
     YieldToAll,
 )
@@ -69,9 +69,8 @@ def test_expected_resistance_is_that_of_the_turned_hand():
     rng = np.random.default_rng(2)
     mean, std, rotation = rng.normal(size=(3, 4, 3))
     direction = rng.normal(size=(4, 3))
-    found = ExpectedForce(mean=mean, std=np.abs(std), rotation=rotation).resistance(
-        direction
-    )
+    expected = ExpectedForce(mean=mean, std=np.abs(std), rotation=rotation)
+    found = expected.along(direction)
     axes = Rotation.from_rotvec(rotation).as_matrix()
     covariance = np.einsum("nij,nj,nkj->nik", axes, std**2, axes)
     along = np.einsum("ni,nij,nj->n", direction, axes, mean)
@@ -79,40 +78,61 @@ def test_expected_resistance_is_that_of_the_turned_hand():
     assert_allclose(found, (along, np.sqrt(variance)))
 
 
+def expecting(mean, std=2.0, ahead=0.0, largest=1e3):
+    """Expect forces along x, here and at the end of the path ahead."""
+    here, there = (
+        ExpectedForce(
+            mean=np.array([force, 0.0, 0.0]),
+            std=np.full(3, std),
+            rotation=np.zeros(3),
+            largest=largest,
+        )
+        for force in (mean, ahead)
+    )
+    return {"expected": here, "expected_ahead": there}
+
+
 @pytest.mark.parametrize(
-    ("mean", "hook_grasp", "resistance", "compensated"),
+    ("expected", "hook_grasp", "resistance", "compensated"),
     [
-        (30.0, False, 31.0, 31.0),  # within the interval, beyond the constant limit
-        (28.0, False, 40.0, 32.0),  # 28 N and two standard deviations
-        (40.0, False, 40.0, 33.0),  # a friction grasp would slip
-        (80.0, True, 90.0, 33.0 * 58.0 / 25.0),
-        (5.0, False, 24.0, 24.0),  # never less than without demonstrated forces
+        # Within the interval, beyond the constant limit.
+        (expecting(30.0), False, 31.0, 31.0),
+        # 28 N and two standard deviations.
+        (expecting(28.0), False, 40.0, 32.0),
+        # A friction grasp would slip.
+        (expecting(40.0), False, 40.0, 33.0),
+        (expecting(80.0), True, 90.0, 33.0 * 58.0 / 25.0),
+        # A quarter more than was demonstrated.
+        (expecting(30.0, largest=22.0), False, 40.0, 27.5),
+        # A closer that begins to resist a little later.
+        (expecting(3.0, ahead=26.0), False, 40.0, 30.0),
+        # Never less than without demonstrated forces.
+        (expecting(5.0), False, 24.0, 24.0),
     ],
 )
-def test_demonstrated_force_is_compensated(mean, hook_grasp, resistance, compensated):
-    expected = ExpectedForce(
-        mean=np.array([mean, 0.0, 0.0]), std=np.full(3, 2.0), rotation=np.zeros(3)
-    )
-    response = (
-        LearnedLoad()
-        .begin(DEFAULT_PROFILE)
-        .update(
-            contact(wrench(x=-resistance), expected=expected, hook_grasp=hook_grasp)
-        )
-    )
-    assert response.compensated_load == pytest.approx(compensated)
+def test_demonstrated_force_is_compensated(
+    expected, hook_grasp, resistance, compensated
+):
+    load = LearnedLoad().begin(DEFAULT_PROFILE)
+    held = contact(wrench(x=-resistance), hook_grasp=hook_grasp, **expected)
+    assert load.update(held).compensated_load == pytest.approx(compensated)
+
+
+def test_on_a_known_door_the_path_ahead_does_not_count():
+    load = LearnedLoad().begin(DEFAULT_PROFILE)
+    moved(load, 1.0, 0.3)
+    expected = expecting(10.0, std=0.0, ahead=30.0)
+    held = contact(wrench(x=-40.0), position=(0.3, 0.0, 0.0), **expected)
+    assert load.update(held).compensated_load == pytest.approx(10.0, abs=0.01)
 
 
 def test_a_hand_that_lags_still_bears_what_was_demonstrated():
-    expected = ExpectedForce(
-        mean=np.array([30.0, 0.0, 0.0]), std=np.ones(3), rotation=np.zeros(3)
-    )
     lagging = {"displacement": (-0.1, 0.0, 0.0)}
     with_forces, without = (
         LearnedLoad()
         .begin(DEFAULT_PROFILE)
         .update(contact(wrench(x=-30.0), **lagging, **more))
-        for more in ({"expected": expected}, {})
+        for more in (expecting(30.0, std=1.0), {})
     )
     assert with_forces.compensated_load == 30.0
     assert without.compensated_load < 11.0

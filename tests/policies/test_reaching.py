@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.data.teacher import ForceConfig, Teacher
 from gplfd_policies import AgentStep, Demonstration, as_agent
 from gplfd_policies.agents.reaching import (
     CLOSING,
@@ -47,8 +47,9 @@ def commands(agent, start, seconds):
     return steps
 
 
-def test_parts_are_what_they_were_joined_from():
-    teacher, rng = Teacher(), np.random.default_rng(0)
+@pytest.mark.parametrize("forces", [None, ForceConfig()])
+def test_parts_are_what_they_were_joined_from(forces):
+    teacher, rng = Teacher(forces=forces), np.random.default_rng(0)
     reached, opening = teacher.demonstrate_reach(rng), teacher.demonstrate(0.5, rng)
     whole = joined(reached, opening)
     for part, given in zip(
@@ -56,6 +57,9 @@ def test_parts_are_what_they_were_joined_from():
     ):
         assert np.array_equal(part.times, given.times)
         assert np.array_equal(part.poses, given.poses)
+        assert np.array_equal(part.wrenches, given.wrenches)
+    if forces is not None:
+        assert not whole.wrenches[whole.times < 0.0].any()
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """One contract of all parts of the controller: a row of a batch is as if alone."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -9,11 +9,11 @@ from numpy.testing import assert_array_equal
 from gplfd_policies.agents.handles import HandleCompensation, HandleConfig, HandleLoad
 from gplfd_policies.arrays.rows import ALL_ROWS, rows_of
 from gplfd_policies.control.admittance import Admittance
+from gplfd_policies.control.expected_force import ExpectedForce
 from gplfd_policies.control.frame import directional_std, path_frame
 from gplfd_policies.control.load import (
     CarriedLoad,
     ContactState,
-    ExpectedForce,
     LearnedLoad,
     YieldToAll,
 )
@@ -76,7 +76,11 @@ def loaded(part, given, rows):
     expected = ExpectedForce(
         mean=given["force"], std=given["force_std"], rotation=given["pose"][..., 3:]
     )
-    contact = ContactState(**{name: given[name] for name in names}, expected=expected)
+    contact = ContactState(
+        **{name: given[name] for name in names},
+        expected=expected,
+        expected_ahead=replace(expected, mean=given["displacement"]),
+    )
     found = part.update(contact, rows)
     return tuple(getattr(found, one.name) for one in fields(found))
 

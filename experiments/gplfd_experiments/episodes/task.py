@@ -133,11 +133,6 @@ class EpisodeTask(TaughtTask):
     def __post_init__(self) -> None:
         # A file has a list.
         object.__setattr__(self, "demonstrated_radii", tuple(self.demonstrated_radii))
-        if self.demonstrated_forces and self.start == "approach":
-            raise ValueError(
-                "demonstrations that reach for the handle have no forces; leave out "
-                "start = 'approach' or demonstrated_forces"
-            )
 
     @property
     def shown(self) -> str:

@@ -20,6 +20,7 @@ from gplfd_policies.adaptation.forms import (
 from gplfd_policies.adaptation.own_clock import OwnClockAdaptation
 from gplfd_policies.adaptation.process import (
     ExactAdaptation,
+    ForceAdaptation,
     IndependentPhaseAdaptation,
     ProcessAdaptation,
 )
@@ -33,6 +34,7 @@ __all__ = [
     "AdaptationForm",
     "AdaptedMovement",
     "ExactAdaptation",
+    "ForceAdaptation",
     "IndependentPhaseAdaptation",
     "NoAdaptation",
     "OwnAdaptation",

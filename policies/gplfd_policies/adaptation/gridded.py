@@ -114,6 +114,10 @@ class GriddedMovements:
         for member in range(count):
             self._renew(member)
 
+    def demonstrated(self) -> list[Float[np.ndarray, "K M 6"]]:
+        """Return what each movement was learned from."""
+        return [each.learned.aligned.demonstrated.poses for each in self._movements]
+
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget the via-points of these rows."""
         for member in np.ravel(self.numbers[rows]).tolist():

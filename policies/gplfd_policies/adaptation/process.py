@@ -25,6 +25,10 @@ from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 _SMOOTHING_GRID = 60
 """Samples of a demonstration from which its smooth curve is computed."""
+_OWN_SHARE = 0.5
+"""Size of a door's own force relative to the demonstrated ones."""
+_OWN_SCALE = 0.1
+"""Length scale of the part of it that varies, in phase."""
 
 
 class StudentProcess(ConditionedProcess):
@@ -119,8 +123,28 @@ class ProcessAdaptation(StudentProcess):
             ValueError: for a share outside [0, 1], a single demonstration, or a grid
                 that is empty, not finite, or far outside the demonstrations.
         """
-        prior = demonstrated_repetition(skill, grid, empirical_share)
+        variance = self._own_variance(skill)
+        prior = demonstrated_repetition(skill, grid, empirical_share, variance)
         super().__init__(prior, float(skill.count - 1), grid)
+
+    def _own_variance(self, skill: Skill) -> Pose:
+        """Variance, by output, of what a repetition has beside the demonstrations'."""
+        return np.zeros(6)
+
+
+class ForceAdaptation(ProcessAdaptation):
+    """The same for the force at a door that may be unlike all that were demonstrated.
+
+    A door's force deviates beyond the demonstrations' spread by b + f(s): b, which is
+    one number on the whole way, as the weight of a leaf or the pull of a closer, and f,
+    which varies over a tenth of it, as the springs of handle and seal. Each has half of
+    the variance, and both together have half the root mean square of the demonstrated
+    forces, and moments, as standard deviation along every axis.
+    """
+
+    def _own_variance(self, skill: Skill) -> Pose:
+        square = np.mean(skill.aligned.poses.reshape(-1, 2, 3) ** 2, axis=0)
+        return np.repeat(_OWN_SHARE**2 * square.sum(axis=-1), 3)
 
 
 class IndependentPhaseAdaptation(ProcessAdaptation):
@@ -180,12 +204,16 @@ class ExactAdaptation(ConditionedProcess):
 
 
 def demonstrated_repetition(
-    skill: Skill, grid: Times, empirical_share: float | None = None
+    skill: Skill,
+    grid: Times,
+    empirical_share: float | None = None,
+    own_variance: Pose | None = None,
 ) -> Repetition:
     """The prior of a repetition; arguments as of `ProcessAdaptation`.
 
     The variance is that of `Skill.predict`: r + r/D, or more outside the
-    demonstrations. The smooth covariance mixes the model's with that of the
+    demonstrations, and `own_variance` more, half of it constant. The smooth covariance
+    mixes the model's with that of the
     demonstrations' own curves, which the model first frees of white noise.
     """
     if empirical_share is None:
@@ -226,6 +254,10 @@ def demonstrated_repetition(
         white[:, output] = total * share
         stretch = np.sqrt(total * (1.0 - share) / np.diag(smooth))
         covariance[output] = stretch[:, None] * smooth * stretch
+    if own_variance is not None:
+        apart = (nodes[:, None] - nodes) / _OWN_SCALE
+        shape = 0.5 + 0.5 * np.exp(-0.5 * apart**2)
+        covariance += own_variance[:, None, None] * shape
     root = basis.root_weights[:, None]
     return Repetition.from_covariance(
         basis,

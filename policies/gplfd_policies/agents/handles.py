@@ -25,6 +25,7 @@ from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
 from gplfd_policies.arrays.shapes import Pose, Vectors
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
+from gplfd_policies.control.expected_force import ForceForecast
 from gplfd_policies.control.load import ContactState, LoadResponse, LoadRule
 from gplfd_policies.control.stiffness import StiffnessProfile
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
@@ -70,11 +71,13 @@ def controller_of(
     Movements are on grids of one size, and adapted in place; without handles, bars.
     """
     shape = () if isinstance(movements, GriddedMovement) else (len(movements),)
-    felt = None if forces is None else GriddedMovements(forces)
+    forecast = None
+    if forces is not None:
+        forecast = ForceForecast(GriddedMovements(forces), config.force_std)
     if not handles:
         load = config.load.begin(config.profile, shape)
         return ComplianceController(
-            GriddedMovements(movements), phases, load, config, felt
+            GriddedMovements(movements), phases, load, config, forecast
         )
     compensation = HandleCompensation(handles, shape, handle_config)
     return ComplianceController(
@@ -84,7 +87,7 @@ def controller_of(
             config.load, config.profile, compensation, shape, config.control_period
         ),
         config,
-        felt,
+        forecast,
     )
 
 
@@ -292,6 +295,8 @@ class HandleLoad:
             contact,
             direction=self._handles.turning_directions(poses, rows),
             pose=poses - axes,
+            expected=None,
+            expected_ahead=None,
         )
         of_handle = self._handle.update(turning, rows)
         opening = replace(

@@ -44,14 +44,26 @@ def parted(
         )
     times, poses = demonstration.times, demonstration.poses
     reach = Demonstration(times=times[: first + 1], poses=poses[: first + 1])
-    return reach, Demonstration(times=times[first:], poses=poses[first:])
+    wrenches = demonstration.wrenches
+    return reach, Demonstration(
+        times=times[first:],
+        poses=poses[first:],
+        wrenches=None if wrenches is None else wrenches[first:],
+    )
 
 
 def joined(reach: Demonstration, opening: Demonstration) -> Demonstration:
-    """Return the demonstration of which `parted` makes these two."""
+    """Return the demonstration of which `parted` makes these two.
+
+    If the opening has wrenches, those of the reach are zero: the hand holds nothing.
+    """
+    wrenches = opening.wrenches
+    if wrenches is not None:
+        wrenches = np.concatenate([np.zeros((len(reach.times) - 1, 6)), wrenches])
     return Demonstration(
         times=np.concatenate([reach.times, opening.times[1:]]),
         poses=np.concatenate([reach.poses, opening.poses[1:]]),
+        wrenches=wrenches,
     )
 
 

@@ -15,15 +15,14 @@ from typing import Final, Literal
 import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes
+from gplfd_policies.control.expected_force import ForceForecast
 from gplfd_policies.control.frame import directional_std, path_frame, product
 from gplfd_policies.control.load import (
     ContactState,
-    ExpectedForce,
     LearnedLoad,
     Load,
     LoadRule,
@@ -147,7 +146,7 @@ class ComplianceController:
         phases: PhaseObserver,
         load: Load,
         config: ComplianceConfig,
-        forces: GriddedMovements | None = None,
+        forces: ForceForecast | None = None,
     ) -> None:
         self._movements, self._phases, self._forces = movements, phases, forces
         self._load, self._config = load, config
@@ -163,9 +162,6 @@ class ComplianceController:
         self._std = np.full((*shape, 6), np.nan)  # NaN before the first step
         self._tangent = np.broadcast_to(_PULL, (*shape, 3)).copy()
         self._offset = np.zeros((*shape, 6))  # of the set-point from the mean
-        self._force_noise = np.repeat(config.force_std, 3)
-        # Measured wrenches since the last via-point: sum and number.
-        self._felt, self._felt_count = np.zeros((*shape, 6)), np.zeros(shape)
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Let these rows begin an episode at the closed door."""
@@ -174,8 +170,6 @@ class ComplianceController:
         self._load.reset(rows)
         if self._forces is not None:
             self._forces.reset(rows)
-        self._felt[rows] = 0.0
-        self._felt_count[rows] = 0.0
         self._governor.reset(rows)
         self._renderer.reset(rows)
         for phase in (self._command_phase, self._observed_phase, self._last_via):
@@ -214,13 +208,11 @@ class ComplianceController:
             numbers = math.exp(log_size), log_size_std, *similarity.heading
             inferred.reshape(-1, 4)[row] = numbers
 
-        forces, rotation = self._forces, poses[..., 3:]
+        forces, rotations = self._forces, poses[..., 3:]
+        expected = ahead = None
         if forces is not None:
-            # In the axes of the hand, and of the hand on what it holds.
-            apart = np.stack([wrenches[..., :3], wrenches[..., 3:]], axis=-2)
-            own = into_axes(rotation[..., None, :], -apart)
-            self._felt[rows] += own.reshape(wrenches.shape)
-            self._felt_count[rows] += 1.0
+            expected, ahead = forces.expect(observed_phase, rotations, rows)
+            forces.measure(wrenches, rotations, rows)
 
         # 2. Adapt the movements of rows that have moved on by `via_spacing`, or whose
         # phase has fallen so far that the last via-point was taken at a wrong one.
@@ -252,19 +244,7 @@ class ComplianceController:
                 )
                 movements.observe(number, via_point)
             if forces is not None:
-                felt = self._felt[rows] / self._felt_count[rows][..., None]
-                for number, phase, mean in zip(
-                    movements.numbers[rows][due].tolist(),
-                    np.asarray(observed_phase)[due].tolist(),
-                    felt[due],
-                    strict=True,
-                ):
-                    forces.observe(
-                        number,
-                        ViaPoint(phase=phase, pose=mean, std=self._force_noise),
-                    )
-                self._felt[rows] = np.where(due[..., None], 0.0, self._felt[rows])
-                self._felt_count[rows] = np.where(due, 0.0, self._felt_count[rows])
+                forces.learn(due, observed_phase, rows)
             _, _, direction = movements.ahead(observed_phase, rows)
             # The set-point stays where it is: along the path, whose phases may shift,
             # by the command phase, and otherwise by an offset that decays.
@@ -280,15 +260,10 @@ class ComplianceController:
             self._offset[rows] += np.where(due[..., None], jump, 0.0)
 
         # 3. Load: what is compensated, what is yielded to, and whether the clock waits.
-        expected = None
-        if forces is not None:
-            mean, std = forces.at(observed_phase, rows)
-            expected = ExpectedForce(
-                mean=mean[..., :3], std=std[..., :3], rotation=rotation
-            )
         response = self._load.update(
             ContactState(
                 expected=expected,
+                expected_ahead=ahead,
                 wrench=wrenches,
                 direction=direction,
                 pose=poses,
@@ -338,6 +313,12 @@ class ComplianceController:
         if learned is not None:
             wished = learned.combined(wished, phase)
         governed = self._governor.step(wished, period, rows, frame)
+        directions = np.eye(3) if frame is None else frame
+        expectation = {}
+        if expected is not None:
+            along = [expected.along(directions[..., axis]) for axis in range(3)]
+            force, force_std = np.moveaxis(np.array(along), (1, 0), (0, -1))
+            expectation = {"expected_force": force, "expected_force_std": force_std}
 
         # 6. Render it, Eq. (22).
         action = self._renderer.step(
@@ -352,7 +333,7 @@ class ComplianceController:
         return AgentStep(
             action=action,
             desired=desired,
-            frame=np.eye(3) if frame is None else frame,
+            frame=directions,
             std=std,
             std_rate=(std - previous) / period,
             stiffness=governed.stiffness,
@@ -371,4 +352,5 @@ class ComplianceController:
             predicted_mean=movements.hand_poses(predicted_mean, rows),
             predicted_std=predicted_std,
             via_point=due,
+            **expectation,
         )

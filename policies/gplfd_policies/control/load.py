@@ -13,11 +13,11 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
 from gplfd_policies.arrays.shapes import Axes, Vectors
+from gplfd_policies.control.expected_force import ExpectedForce
 from gplfd_policies.control.stiffness import StiffnessProfile
 
 Amount = Float[Numbers, "*N"]
@@ -26,24 +26,6 @@ _NO_STIFFNESS: Final = 1e-9
 """Divides where there is none [N/m]."""
 
 _NO_LIMIT: Final = "to carry nothing use YieldToAll"
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ExpectedForce:
-    """Force with which some hands are expected to act on what they hold."""
-
-    mean: Vectors
-    """Its mean, in the axes of the hand [N]."""
-    std: Vectors
-    """Its standard deviation along each of these axes [N]."""
-    rotation: Vectors
-    """Rotation vector of the hand in the task frame [rad]."""
-
-    def resistance(self, direction: Vectors) -> tuple[Amount, Amount]:
-        """Return mean and σ of the resistance to a motion along unit vectors [N]."""
-        own = into_axes(self.rotation, direction)
-        variance = np.add.reduce((own * self.std) ** 2, axis=-1)
-        return np.asarray(np.add.reduce(own * self.mean, axis=-1)), np.sqrt(variance)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -61,6 +43,8 @@ class ContactState:
     expected: ExpectedForce | None = None
     """What the demonstrations, and this door so far, say of the force; None without
     demonstrated forces."""
+    expected_ahead: ExpectedForce | None = None
+    """The same at the end of the chord that `direction` is of."""
     hook_grasp: bool = False
     """Whether the fingers stand behind a handle that they have turned, and do not hold
     it by friction alone."""
@@ -126,8 +110,11 @@ class LearnedLoad:
     person who holds the hand, which then stands still, is not the door's weight.
 
     Where forces were demonstrated, a resistance within the interval of what they, and
-    this door so far, say is compensated in any case, up to `shown_limit`: a closer
-    holds a hand back as hard as it was expected to, however far the hand lags.
+    this door so far, say is compensated in any case, up to `shown_limit` and
+    `shown_share` of the largest that was demonstrated: a closer holds a hand back as
+    hard as it was expected to, however far the hand lags. While the door is unknown,
+    the interval may also be that at the end of the path ahead, because the phase at
+    which a closer begins to resist is uncertain.
 
     The clock slows down as the hand lags, and waits at `lag`: of the lag itself and, as
     far as the door is known (from 0 to 1 over the same way as r̂), of that to which the
@@ -149,6 +136,9 @@ class LearnedLoad:
     tenths of the force at which a friction grasp slips."""
     interval: float = quantity(2.0, low=0.0)
     """Standard deviations of the expected force up to which it is compensated."""
+    shown_share: float = quantity(1.25, low=0.0)
+    """The same relative to the largest force that was demonstrated: a hand that pulls
+    at a locked door expects more force by its own pull."""
     least: float = quantity(1.0, above=0.0, unit="N")
     """Least resistance to be expected of a door [N]: what hinge and sensor add now and
     take away again."""
@@ -227,9 +217,15 @@ class LoadLearner:
         stiffness = _stretched(self._profile.stiffness(std), direction)
         reserve = gain * rule.reach * stiffness
         bound: Amount = np.minimum(expected, reserve)
-        if contact.expected is not None:
-            mean, spread = contact.expected.resistance(direction)
-            shown = np.minimum(mean + rule.interval * spread, gain * rule.shown_limit)
+        if contact.expected is not None and contact.expected_ahead is not None:
+            here, ahead = (
+                _upper(one, direction, rule.interval)
+                for one in (contact.expected, contact.expected_ahead)
+            )
+            # Where a door that has not moved yet begins to resist is uncertain.
+            shown = here + (1.0 - known) * np.maximum(ahead - here, 0.0)
+            largest = rule.shown_share * np.asarray(contact.expected.largest)
+            shown = np.minimum(shown, np.minimum(largest, gain * rule.shown_limit))
             bound = np.maximum(bound, shown)
         compensated = np.asarray(np.minimum(resistance, bound))
 
@@ -297,6 +293,12 @@ class YieldToAll(_Stateless):
             pace=nothing + 1.0,
             path_lag=nothing,
         )
+
+
+def _upper(expected: ExpectedForce, direction: Vectors, interval: float) -> Amount:
+    """Return the upper end of the interval of the resistance along the path [N]."""
+    mean, std = expected.along(direction)
+    return mean + interval * std
 
 
 def _along(direction: Vectors, vectors: Float[np.ndarray, "*N V"]) -> Amount:

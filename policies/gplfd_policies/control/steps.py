@@ -19,6 +19,7 @@ Observation = Mapping[str, Float[np.ndarray, "..."]]
 """Measurements of the robot by name; of a batch, with a leading axis."""
 
 Poses = Float[np.ndarray, "*N 6"]
+Vectors = Float[np.ndarray, "*N 3"]
 Phases = Float[Numbers, "*N"]
 
 _NAN: Final[Any] = math.nan
@@ -88,6 +89,11 @@ class AgentStep:
     itself was found with it [m, rad]."""
     predicted_std: Poses = _NAN
     """Standard deviation there [m, rad]."""
+    expected_force: Vectors = _NAN
+    """Mean of the force of the hand on what it holds, along the columns of `frame`,
+    before this observation, by demonstrated forces and this door so far [N]."""
+    expected_force_std: Vectors = _NAN
+    """Its standard deviation [N]."""
     via_point: Bool[np.ndarray | np.bool_, "*N"] | bool = False
     """Whether this observation was taken as a via-point."""
 
@@ -154,7 +160,7 @@ class AgentStep:
 
 STEP_SHAPES: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
     {
-        each.name: (6,) if each.type == "Poses" else ()
+        each.name: {"Poses": (6,), "Vectors": (3,)}.get(str(each.type), ())
         for each in dataclasses.fields(AgentStep)
     }
     | {"frame": (3, 3)}

@@ -10,6 +10,7 @@ import numpy as np
 
 from gplfd_policies.adaptation import (
     ExactAdaptation,
+    ForceAdaptation,
     IndependentPhaseAdaptation,
     OwnAdaptation,
     OwnClockAdaptation,
@@ -74,6 +75,7 @@ GP: Final = Method(
     beyond=0.5,
     adaptation=ProcessAdaptation,
     door_adaptation=SimilarityAdaptation,
+    force_adaptation=ForceAdaptation,
 )
 """The method of this project, of which the ablations differ in one field each."""
 

@@ -152,6 +152,9 @@ class Method:
     door_adaptation: AdaptationForm | None = None
     """In which form they do while an agent follows it on doors, whose paths differ in
     size; None for `adaptation`."""
+    force_adaptation: AdaptationForm | None = None
+    """In which form forces measured on a door adapt what is expected of them; None for
+    `adaptation`."""
     phases: Callable[[Movement], PhaseRule] = path_phase
     """How an agent finds where along the task the hand is."""
     profile: Callable[[AlignedDemonstrations], StiffnessProfile] = profile_of_spread
@@ -234,7 +237,8 @@ class Method:
             return None
         # How repetitions differ is unknown of a single one.
         alone = len(learned.aligned.poses) < 2
-        return GriddedMovement(learned, None if alone else self.adaptation, _GRID)
+        form = None if alone else self.force_adaptation or self.adaptation
+        return GriddedMovement(learned, form, _GRID)
 
     def __call__(self, training: TrainingInput) -> CompliantAgent:
         """Learn a movement and follow it on doors; raises what both do."""

@@ -1,0 +1,117 @@
+"""Expected force: what demonstrations, and this door so far, say of the hand's force.
+
+The force of demonstrated hands is a movement like that of their poses
+(`gplfd_policies.movements.movement.LearnedMovement.forces`), and the force that a robot
+measures on its way through a door is a via-point of it: the mean since the last one,
+because friction and sensors vary faster than the phase.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from gplfd_env.spatial.se3 import into_axes
+from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements
+from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
+from gplfd_policies.arrays.shapes import Axes, Vectors
+from gplfd_policies.movements.trajectory import ViaPoint
+
+Amount = Float[Numbers, "*N"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ExpectedForce:
+    """Force with which some hands are expected to act on what they hold."""
+
+    mean: Vectors
+    """Its mean, in the axes of the hand [N]."""
+    std: Vectors
+    """Its standard deviation along each of these axes [N]."""
+    rotation: Vectors
+    """Rotation vector of the hand in the task frame [rad]."""
+    largest: Amount | float = math.inf
+    """Largest force that was demonstrated, on the whole way [N]."""
+
+    def along(self, direction: Vectors) -> tuple[Amount, Amount]:
+        """Return mean and σ [N] along unit vectors: of the resistance to a motion."""
+        own = into_axes(self.rotation, direction)
+        variance = np.add.reduce((own * self.std) ** 2, axis=-1)
+        return np.asarray(np.add.reduce(own * self.mean, axis=-1)), np.sqrt(variance)
+
+
+class ForceForecast:
+    """Expects the forces of some hands, and learns from those that they measure."""
+
+    def __init__(
+        self, movements: GriddedMovements, measurement_std: tuple[float, float]
+    ) -> None:
+        """Take movements of wrenches, and σ of measured ones [N], [N m]."""
+        self._movements = movements
+        self._noise = np.repeat(measurement_std, 3)
+        self._largest = np.reshape(
+            [_largest_force(poses) for poses in movements.demonstrated()],
+            movements.numbers.shape,
+        )
+        # Measured since the last via-point: sum and number.
+        self._sum = np.zeros((*movements.numbers.shape, 6))
+        self._count = np.zeros(movements.numbers.shape)
+
+    def reset(self, rows: Rows = ALL_ROWS) -> None:
+        """Forget these rows' doors."""
+        self._movements.reset(rows)
+        self._sum[rows] = 0.0
+        self._count[rows] = 0.0
+
+    def expect(
+        self, phases: Amount, rotations: Vectors, rows: Rows = ALL_ROWS
+    ) -> tuple[ExpectedForce, ExpectedForce]:
+        """Return what is expected at phases, and where the path ahead of them ends."""
+        ends = np.minimum(np.array([phases, phases + LOOK_AHEAD]), 1.0)
+        (here, ahead), (here_std, ahead_std) = self._movements.at(ends, rows)
+        largest = self._largest[rows]
+        return (
+            ExpectedForce(
+                mean=here[..., :3],
+                std=here_std[..., :3],
+                rotation=rotations,
+                largest=largest,
+            ),
+            ExpectedForce(
+                mean=ahead[..., :3],
+                std=ahead_std[..., :3],
+                rotation=rotations,
+                largest=largest,
+            ),
+        )
+
+    def measure(
+        self, wrenches: Axes, rotations: Vectors, rows: Rows = ALL_ROWS
+    ) -> None:
+        """Take wrenches on the hands, task frame [N, N m]."""
+        apart = np.stack([wrenches[..., :3], wrenches[..., 3:]], axis=-2)
+        # Of the hand on what it holds, in the axes of the hand.
+        own = into_axes(rotations[..., None, :], -apart)
+        self._sum[rows] += own.reshape(wrenches.shape)
+        self._count[rows] += 1.0
+
+    def learn(
+        self, due: Bool[np.ndarray, "*N"], phases: Amount, rows: Rows = ALL_ROWS
+    ) -> None:
+        """Condition the rows that are due on what was measured since they last were."""
+        total, count = self._sum[rows], self._count[rows]
+        for number, phase, mean in zip(
+            self._movements.numbers[rows][due].tolist(),
+            np.asarray(phases)[due].tolist(),
+            (total / count[..., None])[due],
+            strict=True,
+        ):
+            via_point = ViaPoint(phase=phase, pose=mean, std=self._noise)
+            self._movements.observe(number, via_point)
+        self._sum[rows] = np.where(due[..., None], 0.0, total)
+        self._count[rows] = np.where(due, 0.0, count)
+
+
+def _largest_force(wrenches: Float[np.ndarray, "K M 6"]) -> float:
+    return float(np.sqrt(np.sum(wrenches[..., :3] ** 2, axis=-1).max()))

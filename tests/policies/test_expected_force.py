@@ -1,0 +1,84 @@
+"""What hands expect to feel, and what they learn from feeling it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_policies import POLICIES, TrainingInput
+from gplfd_policies.adaptation.gridded import LOOK_AHEAD
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
+RADIUS = 0.5
+
+
+def along_the_path(poses, newtons):
+    """Wrenches with a force along the arc of a door, whose hand turns about y."""
+    wrenches = np.zeros(poses.shape)
+    wrenches[:, 0] = newtons * np.cos(poses[:, 4])
+    wrenches[:, 2] = -newtons * np.sin(poses[:, 4])
+    return wrenches
+
+
+@pytest.fixture(scope="module")
+def agent(demonstrations):
+    """An agent that was shown doors which take 2 N at first and 4 N at last."""
+    shown = [
+        replace(
+            one,
+            wrenches=along_the_path(one.poses, 2.0 + 2.0 * np.linspace(0, 1, 200)),
+        )
+        for one in demonstrations
+    ]
+    return POLICIES["gp"].method(TrainingInput(demonstrations=shown))
+
+
+def felt(agent, newtons, count=60, end=0.6):
+    """Lead its hand through a door that resists with a force; return its steps."""
+    agent.reset({})
+    poses = handle_pose_on_arc(RADIUS, np.linspace(0.0, end, count))
+    resisting = -along_the_path(poses, newtons)
+    return [
+        agent.act({"ee_pose": pose, "wrench": wrench})
+        for pose, wrench in zip(poses, resisting, strict=True)
+    ]
+
+
+def test_a_door_as_demonstrated_is_expected_to_feel_so(agent):
+    steps = felt(agent, 2.7)
+    force = np.array([np.linalg.norm(step.expected_force) for step in steps])
+    spread = np.array([step.expected_force_std for step in steps])
+    assert_allclose(steps[0].expected_force, [2.0, 0.0, 0.0], atol=0.3)
+    assert (np.abs(force - 2.7) < 1.96 * spread[:, 0]).mean() > 0.9
+    assert spread[-1, 0] < 0.5 * spread[0, 0]
+
+
+def test_a_heavier_door_is_expected_to_stay_heavy(agent):
+    """Expected before it is felt: the first step knows the demonstrations only."""
+    steps = felt(agent, 9.0)
+    assert_allclose(steps[0].expected_force[0], 2.0, atol=0.3)
+    assert np.linalg.norm(steps[-1].expected_force) == pytest.approx(9.0, abs=1.0)
+    agent.reset({})
+    assert_allclose(
+        felt(agent, 2.0, count=2)[0].expected_force, steps[0].expected_force
+    )
+
+
+def test_what_is_expected_ahead_is_that_of_the_phase_ahead(agent):
+    forecast = agent._controller._forces
+    forecast.reset()
+    rotation, phase = np.zeros(3), np.float64(0.4)
+    here, ahead = forecast.expect(phase, rotation)
+    there, _ = forecast.expect(phase + LOOK_AHEAD, rotation)
+    assert_allclose(ahead.mean, there.mean)
+    assert_allclose(ahead.std, there.std)
+    assert here.mean[0] < ahead.mean[0]
+    assert here.largest == pytest.approx(4.0, abs=0.1)
+
+
+def test_without_demonstrated_forces_nothing_is_expected(demonstrations):
+    agent = POLICIES["gp"].method(TrainingInput(demonstrations=demonstrations))
+    assert np.isnan(felt(agent, 9.0, count=3)[-1].expected_force).all()
