@@ -233,6 +233,8 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
         **dict.fromkeys(("heading", "heading_std"), 0.02 * one),
         "predicted_mean": pose + 0.003,
         "predicted_std": 0.004 * six,
+        "expected_force": np.tile([5.0, 0.5, -0.5], (n_steps, 1)),
+        "expected_force_std": np.tile(2.0 - angle[:, None], 3),
         "via_point": np.arange(n_steps) % 10 == 0,
         "latency_s": 1e-3 * one,
         "latency_wall_s": 2e-3 * one,

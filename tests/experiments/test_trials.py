@@ -121,8 +121,8 @@ def test_tasks_come_back_from_their_files_and_share_what_they_learn():
         assert task_from(task.definition) == task
     learned = Counter(task.policy for job in jobs_of(tasks) for task in job[:1])
     # Standard, beyond, 45°, with prior, one per door, small alone, with prior, messy,
-    # with rests.
-    assert learned["gp"] == 2 * 9
+    # with rests; with forces: standard, with closers, levers, levers with closers.
+    assert learned["gp"] == 2 * 13
     assert learned["gp-constant-100"] == 2
 
 
@@ -424,7 +424,7 @@ def test_a_whole_trial_follows_the_protocol(write_study, whole, capsys):
     folder = write_study(results)
     assert protocol_problems(read_results(folder)) == []
     assert main(["report", str(folder), "--check"]) == 0
-    assert capsys.readouterr().out == "the results follow protocol v3\n"
+    assert capsys.readouterr().out == "the results follow protocol v4\n"
 
 
 @pytest.mark.parametrize(

@@ -50,13 +50,17 @@ def _demonstrated(shown: str) -> LabelledDemonstrations:
     fields = json.loads(shown)
     seed, per_door = fields["seed"], fields["demonstrations_per_door"]
     kind, radii = fields["demonstrated_kind"] or {}, fields["demonstrated_radii"]
+    hardware = fields["demonstrated_hardware"] or [{}] * len(radii)
     teacher = Teacher(
         TeacherConfig(**fields["teacher"]),
         Habits(**(fields["habits"] or {})),
         ForceConfig() if fields["demonstrated_forces"] else None,
     )
     given = teacher.demonstrate_doors(
-        [DoorConfig(radius=radius, **kind) for radius in radii],
+        [
+            DoorConfig(radius=radius, **kind, **own)
+            for radius, own in zip(radii, hardware, strict=True)
+        ],
         per_door,
         rng=np.random.default_rng(seed),
     )

@@ -34,6 +34,7 @@ def record_dataset(
     episodes: int,
     seed: int,
     demonstrations_per_door: int,
+    demonstrated_forces: bool,
     randomization: str,
     start: Start,
     max_steps: int | None,
@@ -55,6 +56,7 @@ def record_dataset(
             policy=policy,
             seed=seed + number,
             demonstrations_per_door=demonstrations_per_door,
+            demonstrated_forces=demonstrated_forces,
             randomization=randomization,
             start=start,
         )

@@ -44,7 +44,8 @@ def definition_hash(definition: Mapping[str, Any]) -> str:
 
 _DEMONSTRATED_BY: Final = (
     *("seed", "demonstrations_per_door", "teacher", "demonstrated_radii"),
-    *("demonstrated_kind", "habits", "demonstrated_forces", "start"),
+    *("demonstrated_kind", "demonstrated_hardware", "habits", "demonstrated_forces"),
+    "start",
 )
 """Fields of an episode that determine the demonstrations."""
 
@@ -95,6 +96,9 @@ class TaughtTask(Task):
     """How often the teacher opens each of the three demonstrated doors."""
     teacher: Mapping[str, float] = field(default_factory=standard_teacher)
     """Fields of `gplfd_experiments.data.teacher.TeacherConfig`."""
+    demonstrated_forces: bool = omit_default(False)
+    """Whether the demonstrations have wrenches, as the standard
+    `gplfd_experiments.data.teacher.ForceConfig` gives them."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -112,6 +116,9 @@ class EpisodeTask(TaughtTask):
     """Radii of the doors that the teacher opens [m]."""
     demonstrated_kind: Mapping[str, str] | None = omit_default(None)
     """`DoorConfig.kind` of those; None for furniture doors with a bar."""
+    demonstrated_hardware: Sequence[Mapping[str, float]] = omit_default(())
+    """For each of those the fields of its `DoorConfig` that are not the default, such
+    as the closer's; () for none."""
     base: Base = omit_default("fixed")
     environment_version: int = omit_default(0)
     """Version of the environment's physics; 0 for a fixed base, whose physics are the
@@ -120,9 +127,6 @@ class EpisodeTask(TaughtTask):
     """Whether the hand holds the handle at the start or has to reach for it."""
     habits: Mapping[str, Any] | None = omit_default(None)
     """Fields of `gplfd_experiments.data.teacher.Habits`; None for a tidy teacher."""
-    demonstrated_forces: bool = omit_default(False)
-    """Whether the demonstrations have wrenches, as the standard
-    `gplfd_experiments.data.teacher.ForceConfig` gives them."""
     prior_radius: float | None = omit_default(None)
     """Radius of the arc that is given as a prior mean [m]; None for none."""
     trial: str = omit_default("")
@@ -132,7 +136,14 @@ class EpisodeTask(TaughtTask):
 
     def __post_init__(self) -> None:
         # A file has a list.
-        object.__setattr__(self, "demonstrated_radii", tuple(self.demonstrated_radii))
+        for name in ("demonstrated_radii", "demonstrated_hardware"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        doors, given = len(self.demonstrated_radii), len(self.demonstrated_hardware)
+        if given not in (0, doors):
+            raise ValueError(
+                f"demonstrated_hardware must have an entry for each of the {doors} "
+                f"demonstrated doors, or none; got {given}"
+            )
 
     @property
     def shown(self) -> str:

@@ -136,6 +136,7 @@ def _learning_metrics(
         seed=task.seed,
         demonstrations_per_door=task.demonstrations_per_door,
         teacher=task.teacher,
+        demonstrated_forces=task.demonstrated_forces,
         held_out=task.held_out,
     )
 

@@ -93,6 +93,7 @@ def tasks(settings: StudySettings) -> tuple[Task, ...]:
                 seed=seed,
                 demonstrations_per_door=number,
                 teacher=noisy_teacher(noise),
+                demonstrated_forces=settings.demonstrated_forces,
                 held_out=left_out,
             )
             for number, noise, policy, left_out in itertools.product(
@@ -121,6 +122,7 @@ def conditions(settings: StudySettings) -> Iterator[Condition]:
             randomization=randomization,
             disturbance=disturbance,
             start=settings.start,
+            demonstrated_forces=settings.demonstrated_forces,
         )
 
 
@@ -141,6 +143,7 @@ def episodes(
             randomization=condition.randomization,
             disturbance=condition.disturbance,
             start=condition.start,
+            demonstrated_forces=condition.demonstrated_forces,
         )
 
 

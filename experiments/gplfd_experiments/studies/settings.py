@@ -39,6 +39,9 @@ class StudySettings:
     """Noise levels of the synthetic human: multiples of its standard variation in
     motion, grasp offset, drift and sensor noise."""
 
+    demonstrated_forces: bool = False
+    """The synthetic human's demonstrations have the forces and moments of the hand."""
+
     randomizations: tuple[str, ...] = ("none",)
     """What is drawn at random for each episode: none, mild, hard or standard; see
     `gplfd list`."""
@@ -67,15 +70,17 @@ class Condition:
     randomization: str
     disturbance: str = "none"
     start: str = "grasped"
+    demonstrated_forces: bool = False
     trial: str = ""
     level: str = ""
 
     @property
     def teaching(self) -> str:
         """How the demonstrations were made, in words."""
+        forces = " with forces" if self.demonstrated_forces else ""
         return (
-            f"{self.demonstrations_per_door} demonstrations per door, teacher noise "
-            f"× {self.teacher_noise:g}"
+            f"{self.demonstrations_per_door} demonstrations{forces} per door, teacher "
+            f"noise × {self.teacher_noise:g}"
         )
 
     def __str__(self) -> str:

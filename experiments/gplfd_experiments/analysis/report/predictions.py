@@ -23,6 +23,7 @@ from gplfd_experiments.analysis.report.plots import LeftOut, coverage, predictio
 from gplfd_experiments.analysis.report.sentences import value_sentence
 from gplfd_experiments.analysis.results.grouping import by_condition, by_policy, numbers
 from gplfd_experiments.analysis.results.measures import (
+    FORCE_MEASURES,
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
     RECORDED_MEASURES,
@@ -49,12 +50,17 @@ _LEFT_OUT: Final = {
     "demonstration": "One demonstration left out",
     "radius": "The middle radius left out",
 }
-_MEASURES: Final[Mapping[str, Measure]] = {**LEARNING_MEASURES, **RECORDED_MEASURES}
+_MEASURES: Final[Mapping[str, Measure]] = {
+    **LEARNING_MEASURES,
+    **RECORDED_MEASURES,
+    **FORCE_MEASURES,
+}
 _FORECASTS: Final = (
     *("forecast_25_nlpd", "forecast_25_position_m"),
     *("online_25_nlpd", "online_25_position_m"),
 )
 """Forecasts that get a sentence."""
+_FORCES: Final = tuple(FORCE_MEASURES)
 _TABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "A recording that was not seen": tuple(
         name for name in LEARNING_MEASURES if name != "via_far_change"
@@ -65,9 +71,14 @@ _TABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "The same online": tuple(
         name for name in RECORDED_MEASURES if name.startswith("online")
     ),
+    "Its force, and that of its rest once a part has been felt": _FORCES,
 }
 """Columns of the tables of recordings by their title."""
 
+_FORCE_NOTE: Final = (
+    "Force and moment of what is left out, before any force was measured and of the "
+    "rest once a part was, at known phases. NLPD in newtons and newton metres."
+)
 _HONEST: Final = (0.90, 0.99)
 """Share of what was left out that 95 % intervals should hold; few recordings determine
 it to a few hundredths only."""
@@ -116,6 +127,9 @@ def learning_section(tests: Tests, reference: str) -> Section:
     )
     table = policy_table(groups, _columns(LEARNING_MEASURES), note)
     section.table(table, folded="All measures of the learning tests")
+    if any(one.number("force_error_n") is not None for one in ran):
+        table = policy_table(groups, _columns(_FORCES), _FORCE_NOTE)
+        section.table(table, folded="Forces of the learning tests")
 
     standard = next(iter(by_condition(ran).values()))
     if timed := by_policy(one for one in standard if one.outputs_cpu_s):
@@ -158,9 +172,13 @@ def recorded_section(results: Results, reference: str) -> Section:
     _add_plots(section, [one for one in results if not one.error], reference)
     section.say("**What to make of it**")
     section.items(advice(runs.get(reference, ()), reference))
+    felt = any(one.number("force_error_n") is not None for one in results)
     for title, metrics in _TABLES.items():
+        if metrics is _FORCES and not felt:
+            continue
         columns = _columns(metrics)
-        table = policy_table({"": runs}, columns, "Medians over recordings.")
+        note = f"Medians over recordings. {_FORCE_NOTE if metrics is _FORCES else ''}"
+        table = policy_table({"": runs}, columns, note.strip())
         section.table(table, folded=title)
 
     nlpd = _MEASURES["nlpd"]

@@ -155,6 +155,22 @@ RECORDED_MEASURES: Final = _by_metric(
     ),
 )
 
+FORCE_MEASURES: Final = _by_metric(
+    *(
+        measure
+        for name, after in (
+            ("force", "force"),
+            *((f"forecast_{n}_force", f"after {n} %") for n in (10, 25, 50)),
+        )
+        for measure in (
+            Measure(f"{name}_error_n", f"{after} [N]", f"error of the {after}"),
+            Measure(f"{name}_nlpd", f"NLPD {after}"),
+            Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
+        )
+    )
+)
+"""Measures of learning tests on demonstrations with forces."""
+
 HEADLINES: Final = tuple(one for one in EPISODE_MEASURES.values() if one.phrase)
 """Episode measures that get a sentence, in their order."""
 LEARNING_HEADLINES: Final = ("nlpd", "rmse_position_m", "rmse_rotation_rad")

@@ -58,6 +58,7 @@ _OPTIONAL: Final = {
     "disturbance": str | dict[str, Any],
     "demonstrated_radii": tuple[float, ...],
     "demonstrated_kind": dict[str, str] | None,
+    "demonstrated_hardware": tuple[dict[str, float], ...],
     "base": str,
     "environment_version": int,
     "start": Start,
@@ -253,6 +254,7 @@ def _condition(task: TaughtTask) -> Condition:
         demonstrations_per_door=task.demonstrations_per_door,
         teacher_noise=round(noise / TeacherConfig().wobble_position_std, 6),
         randomization="none",
+        demonstrated_forces=task.demonstrated_forces,
     )
     if not isinstance(task, EpisodeTask):
         return taught

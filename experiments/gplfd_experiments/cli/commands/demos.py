@@ -273,6 +273,9 @@ class Record:
     demonstrations_per_door: int = 2
     """How often the synthetic human opens each of the three demonstrated doors."""
 
+    demonstrated_forces: bool = False
+    """The synthetic human's demonstrations have the forces and moments of the hand."""
+
     randomization: str = "none"
     """What is drawn at random for each episode: none, mild, hard or standard; see
     `gplfd list`."""

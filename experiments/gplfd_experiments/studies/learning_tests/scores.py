@@ -44,6 +44,16 @@ outputs that move, so that recordings of positions alone are judged by positions
 ``online_10_path_m``          rms distance of the rest of the path from the forecast one
 ============================= ========================================================
 
+Where forces were demonstrated, the following are measured of force and moment, in the
+axes of the hand, before any force was measured and (``forecast_10_force_...``) of the
+rest once 10, 25 and 50 % were, at phases that are known:
+
+============================= ========================================================
+``force_error_n``             root mean square error of the force [N]
+``force_nlpd``                negative log predictive density per number, N and N m
+``force_coverage_95``         share within central normal intervals
+============================= ========================================================
+
 A number is None where a method cannot have it.
 """
 
@@ -55,8 +65,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
+from gplfd_experiments.data.teacher import (
+    DEMONSTRATED_RADII,
+    ForceConfig,
+    Teacher,
+    TeacherConfig,
+)
 from gplfd_experiments.episodes.metrics import log_dimensionless_jerk
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.learning_tests.accuracy import (
     accuracy,
     averaged,
@@ -69,6 +85,7 @@ from gplfd_experiments.studies.learning_tests.folds import (
     by_door,
     folds,
 )
+from gplfd_experiments.studies.learning_tests.forces import force_scores
 from gplfd_experiments.studies.learning_tests.methods import cpu_seconds, learn
 from gplfd_experiments.studies.learning_tests.tumbling import tumbling
 from gplfd_experiments.studies.learning_tests.via_points import (
@@ -97,9 +114,11 @@ def method_metrics(
     demonstrations_per_door: int,
     teacher: Mapping[str, float],
     held_out: str,
+    demonstrated_forces: bool = False,
 ) -> dict[str, Any]:
     """Measure a method on the synthetic human's demonstrations."""
-    recorded = Teacher(TeacherConfig(**teacher)).demonstrate_doors(
+    forces = ForceConfig() if demonstrated_forces else None
+    recorded = Teacher(TeacherConfig(**teacher), forces=forces).demonstrate_doors(
         DEMONSTRATED_RADII, demonstrations_per_door, rng=np.random.default_rng(seed)
     )
     every = folds(by_door(recorded, demonstrations_per_door), held_out, seed)
@@ -112,7 +131,14 @@ def method_metrics(
             **_movement_scores(movement),
             "cpu_fit_s": cpu_s,
         }
-        scores += [{**prediction_scores(movement, one), **shared} for one in left_out]
+        scores += [
+            {
+                **prediction_scores(movement, one),
+                **shared,
+                **force_scores(method, movement, one, given),
+            }
+            for one, given in zip(left_out, fold.left_out, strict=True)
+        ]
     if held_out == "demonstration":
         return {**averaged(scores), **beyond(method, every[0], seed)}
     return {**averaged(scores), **tumbling(method, seed)}
@@ -123,12 +149,14 @@ def recorded_metrics(
 ) -> dict[str, Any]:
     """Leave one recording out, learn from the others, and predict it."""
     movement, left_out, cpu_s = without(method, recordings, number)
-    period = float(np.ptp(recordings[number].times)) / (len(left_out.phases) - 1)
+    one = _evenly_sampled(recordings[number])
+    period = float(np.ptp(one.times)) / (len(left_out.phases) - 1)
     return {
         **prediction_scores(movement, left_out),
         **adaptation(method, movement, [left_out]),
         **forecasts(method, movement, left_out),
         **online_forecasts(method, movement, left_out, period),
+        **force_scores(method, movement, left_out, one),
         **_movement_scores(movement),
         "cpu_fit_s": cpu_s,
     }
@@ -140,16 +168,24 @@ def without(
     """Learn from all recordings but one."""
     given = [*recordings[:number], *recordings[number + 1 :]]
     movement, cpu_s = learn(method, given, number)
-    one = recordings[number]
-    steps = np.diff(one.times)
-    if np.ptp(steps) > _UNEVEN * np.median(steps):
-        count = math.ceil((one.times[-1] - one.times[0]) / float(np.median(steps))) + 1
-        times = np.linspace(one.times[0], one.times[-1], count)
-        poses = [np.interp(times, one.times, output) for output in one.poses.T]
-        one = Demonstration(times=times, poses=np.column_stack(poses))
+    one = _evenly_sampled(recordings[number])
     every = np.concatenate([each.poses for each in recordings])
     moving = np.asarray(np.ptp(every, axis=0) > FINEST)
     return movement, replace(aligned_to(one, movement.aligned), moving=moving), cpu_s
+
+
+def _evenly_sampled(one: Demonstration) -> Demonstration:
+    steps = np.diff(one.times)
+    if np.ptp(steps) <= _UNEVEN * np.median(steps):
+        return one
+    count = math.ceil((one.times[-1] - one.times[0]) / float(np.median(steps))) + 1
+    times = np.linspace(one.times[0], one.times[-1], count)
+
+    def sampled(given: FloatArray) -> FloatArray:
+        return np.column_stack([np.interp(times, one.times, each) for each in given.T])
+
+    wrenches = None if one.wrenches is None else sampled(one.wrenches)
+    return Demonstration(times=times, poses=sampled(one.poses), wrenches=wrenches)
 
 
 def prediction_scores(

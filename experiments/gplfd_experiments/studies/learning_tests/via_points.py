@@ -23,6 +23,7 @@ from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.movements.movement import AdaptationForm, Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.phase.phase_rule import POSE_ERROR
 from gplfd_policies.registry.method import Method
 
 GRID: Final = np.linspace(0.0, 1.0, 100)
@@ -35,6 +36,7 @@ _FAR: Final = 0.3  # Distance from a via-point that counts as far [phase].
 _SEEN: Final = 0.3  # Observed part before the rest is predicted [phase].
 FORECASTS: Final = (0.10, 0.25, 0.50)
 """Observed shares of a recording, in turn."""
+_AGENTS_NOISE: Final = np.repeat(POSE_ERROR, 3)
 _BEHIND: Final = 0.03
 """How far before the phase at which an agent believes to be its path ahead begins."""
 _VIA_POINT_SCORES: Final = (
@@ -67,7 +69,7 @@ def adaptation(
         if method.adaptation is not None:
             found |= _hits(method.adaptation, movement, one)
             found |= _far_changes(method.adaptation, movement, one)
-        rest, truth, cpu_s = _observed(method, movement, one, _SEEN)
+        rest, truth, cpu_s = observed(method.adaptation, movement, one, _SEEN)
         before = movement.predict(GRID).mean[GRID > _SEEN]
         found |= {
             "rmse_rest_position_m": rms_distance(rest.mean, truth),
@@ -129,7 +131,7 @@ def forecasts(
     """
     found: dict[str, float | None] = {}
     for share in FORECASTS:
-        rest, _, _ = _observed(method, movement, left_out, share)
+        rest, _, _ = observed(method.adaptation, movement, left_out, share)
         found |= _rest_scores(f"forecast_{100 * share:.0f}", rest, left_out)
     return found
 
@@ -217,21 +219,27 @@ def path_distance(forecast: Forecast, positions: FloatArray) -> float:
     return root_mean_square(np.sqrt(squared_distances(positions, path)))
 
 
-def _observed(
-    method: Method, movement: Movement, left_out: OnPhases, share: float
+def observed(
+    form: AdaptationForm | None,
+    movement: Movement,
+    left_out: OnPhases,
+    share: float,
+    noise: FloatArray = _AGENTS_NOISE,
 ) -> tuple[GaussianTrajectory, FloatArray, float | None]:
     """Adapt to the first share of a demonstration, as an agent that opens a door.
 
+    The noise of its via-points is six standard deviations.
+
     Returns prediction and truth of the rest, and the CPU time of a via-point [s].
     """
-    adapted = begin_adaptation(movement, method.adaptation, GRID)
+    adapted = begin_adaptation(movement, form, GRID)
     cpu_s = None
-    if method.adaptation is not None:
-        config = ComplianceConfig()
-        count = round(share / config.via_spacing)
-        phases: FloatArray = config.via_spacing * np.arange(1.0, count + 1.0)
+    if form is not None:
+        spacing = ComplianceConfig().via_spacing
+        count = round(share / spacing)
+        phases: FloatArray = spacing * np.arange(1.0, count + 1.0)
         via_points = [
-            ViaPoint(phase=float(phase), pose=pose, std=np.repeat(config.via_std, 3))
+            ViaPoint(phase=float(phase), pose=pose, std=noise)
             for phase, pose in zip(phases, left_out.at(phases), strict=True)
         ]
 

@@ -62,6 +62,7 @@ def trial_tasks(
                     randomization=level.randomization,
                     disturbance=level.disturbance,
                     demonstrated_radii=level.demonstrated_radii,
+                    demonstrated_hardware=level.demonstrated_hardware,
                     habits=level.habits,
                     demonstrated_forces=level.demonstrated_forces,
                     prior_radius=level.prior_radius,

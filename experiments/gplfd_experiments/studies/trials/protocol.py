@@ -1,4 +1,4 @@
-"""Protocol v3: the trials, their policies, and how contrasts are decided.
+"""Protocol v4: the trials, their policies, and how contrasts are decided.
 
 Frozen under its version: a change of a door, a draw, a demonstration, a measure or a
 policy that takes part makes another version. The criteria were settled before the
@@ -25,7 +25,7 @@ from gplfd_experiments.studies.trials.records import Contrast, Level, Side, Tria
 from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.tuning_spaces import tuned_settings
 
-VERSION: Final = 3
+VERSION: Final = 4
 """Of the protocol."""
 
 SEEDS: Final = 20
@@ -87,6 +87,21 @@ _NOISE: Final = {"pose_noise": (0.0005, 0.002), "wrench_noise": (0.3, 0.02)}
 """Of `mild` sensors."""
 _TO_45: Final = {"angle_mean": math.radians(45.0)}
 """A teacher who opens the door to 45° only."""
+_LEVERS: Final = (0.65, 0.78, 0.9)
+"""Radii of demonstrated levers [m]."""
+_CLOSERS: Final[tuple[Mapping[str, float], ...]] = (
+    {},
+    {"closer_preload": 18.0, "closer_stiffness": 2.0, "closer_damping": 6.0},
+    {"closer_preload": 40.0, "closer_stiffness": 5.0, "closer_damping": 10.0},
+)
+"""Closers of these: none, and two of those that DoorBench has."""
+_CLOSER_RANGES: Final = {
+    "radius": (0.66, 0.91),
+    "closer_preload": (8.0, 47.0),
+    "closer_stiffness": (1.0, 10.0),
+    "panel_mass": (20.0, 45.0),
+}
+"""Of levers that are opened: other closers than those, as DoorBench has them."""
 _RADIAL: Final = "force_radial_peak"
 _GENTLE: Final = (_RADIAL, "success")
 """Measures of a door that is opened with a small force."""
@@ -123,6 +138,10 @@ def _sizes(measure: str) -> tuple[Contrast, ...]:
 
 def _load(measure: str) -> tuple[Contrast, ...]:
     return _without("learned load", measure, "gp-carried-load")
+
+
+def _forces(measure: str) -> tuple[Contrast, ...]:
+    return _without("demonstrated forces", measure, "gp-without-forces")
 
 
 def _prior_mean(measure: str, having: str, lacking: str) -> Contrast:
@@ -350,6 +369,94 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             },
             contrasts=_without("heteroscedastic noise", _RADIAL, "gp-homoscedastic"),
             tuned=True,
+        ),
+        "forces-weight": Trial(
+            question="Forces were demonstrated. Which policy opens doors that are "
+            "lighter, or heavier, than all demonstrated ones?",
+            claims=("demonstrated forces",),
+            measures=("success", "force_handle_peak"),
+            levels={
+                "lighter": Level(
+                    doors=_ALL,
+                    demonstrated_hardware=3 * ({"closer_preload": 8.0},),
+                    demonstrated_forces=True,
+                ),
+                "14 N": Level(doors=("heavy",), demonstrated_forces=True),
+                "24 N": Level(
+                    doors=("heavy",),
+                    door={"closer_preload": 10.0},
+                    demonstrated_forces=True,
+                ),
+            },
+            contrasts=(*_forces("success"), *_forces("force_handle_peak")),
+        ),
+        "forces-closer": Trial(
+            question="Forces were demonstrated. Which policy opens levers whose "
+            "closers differ from those of the demonstrations?",
+            claims=("demonstrated forces",),
+            measures=("success", "force_handle_peak"),
+            levels={
+                "closers": Level(
+                    doors=("room-709", "room-834", "room-959"),
+                    door={"closer_damping": 8.0, "closing_damping": 30.0},
+                    randomization=_CLOSER_RANGES,
+                    demonstrated_radii=_LEVERS,
+                    demonstrated_hardware=_CLOSERS,
+                    demonstrated_forces=True,
+                )
+            },
+            contrasts=(*_forces("success"), *_forces("force_handle_peak")),
+            also=("stiffness-from-force",),
+        ),
+        "forces-person": Trial(
+            question="Forces were demonstrated. How large is the force on a person who "
+            "holds the hand, or is in the way?",
+            claims=("demonstrated forces",),
+            measures=("person_force_peak", "success"),
+            levels={
+                "holds the hand": Level(
+                    doors=_MEDIUM, disturbance="person", demonstrated_forces=True
+                ),
+                "in the way": Level(
+                    doors=_MEDIUM, disturbance="person-behind", demonstrated_forces=True
+                ),
+                "holds the hand, room": Level(
+                    doors=("room-834",),
+                    disturbance="person",
+                    demonstrated_radii=_LEVERS,
+                    demonstrated_forces=True,
+                ),
+            },
+            contrasts=_forces("person_force_peak"),
+            also=("stiffness-from-force",),
+        ),
+        "forces-blocked": Trial(
+            question="Forces were demonstrated. The door is blocked for 2.5 s, or "
+            "locked. With how much force does the hand pull?",
+            claims=("demonstrated forces",),
+            measures=("stop_force_sustained", "grasp_kept"),
+            levels={
+                "stop": Level(
+                    doors=_MEDIUM, disturbance="stop", demonstrated_forces=True
+                ),
+                "locked": Level(
+                    doors=_MEDIUM, disturbance="locked", demonstrated_forces=True
+                ),
+            },
+            contrasts=_forces("stop_force_sustained"),
+            also=("stiffness-from-force",),
+        ),
+        "forces-seal": Trial(
+            question="Forces were demonstrated. The hinge sticks at the start and a "
+            "seal holds the leaf. Is the door opened?",
+            claims=("demonstrated forces",),
+            measures=("success", "force_handle_peak"),
+            levels={
+                "breakaway": Level(
+                    doors=_MEDIUM, disturbance="breakaway", demonstrated_forces=True
+                )
+            },
+            contrasts=_forces("force_handle_peak"),
         ),
     }
 )
