@@ -152,6 +152,7 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_lo
             **dict.fromkeys(forecast, np.empty((0, 0, 6))),
             **dict.fromkeys(("forecast_times", "forecast_phase"), np.empty(0)),
             path_size=np.full(601, np.nan),
+            expected_force=np.full((601, 3), np.nan),
             via_point=np.zeros(601, dtype=bool),
         )
     )
@@ -160,6 +161,7 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_lo
     assert "belief" not in paths
     assert "/plots/stiffness" not in paths
     assert "/plots/size" not in paths
+    assert "/plots/expected" not in paths
     assert "/plots/angle/door" in recording.entities
     assert "/world/task/true_arc" in recording.entities
 
@@ -176,6 +178,21 @@ def test_size_is_shown_by_its_band_and_its_true_value(record, make_log):
     # Of the demonstrated doors, of .35 and .65 m, the mean is a geometric one.
     truth = 100.0 * log.radius / math.sqrt(0.35 * 0.65)
     np.testing.assert_allclose(curves, [[120.0, truth]] * 601, rtol=0.02)
+
+
+def test_expected_force_is_shown_with_its_interval_and_what_is_measured(
+    record, make_log
+):
+    log = make_log()
+    recording = record(log)
+    _, centre = recording["/plots/expected/belief", "Measurements:values"]
+    _, variance = recording["/plots/expected/belief", "Measurements:variances"]
+    np.testing.assert_allclose(np.ravel(centre), 5.0)
+    width = 1.96 * log.expected_force_std[:, 0]
+    np.testing.assert_allclose(np.sqrt(np.ravel(variance)), width, rtol=1e-4)
+    # The log has the force of the door on the hand.
+    _, measured = recording["/plots/expected/force", "Scalars:scalars"]
+    np.testing.assert_allclose(np.ravel(measured), -2.0)
 
 
 def test_true_size_is_unknown_where_no_arcs_were_demonstrated():
@@ -280,14 +297,20 @@ def blueprint_of(path):
     }
 
 
-def test_file_carries_the_layout_as_rerun_would_write_it(record, make_log, tmp_path):
+@pytest.mark.parametrize("forces", [False, True])
+def test_file_carries_the_layout_as_rerun_would_write_it(
+    record, make_log, tmp_path, forces
+):
+    log = make_log()
+    if not forces:
+        log = make_log(expected_force=np.full((601, 3), np.nan))
     # Time is spent per chunk, 0.1 ms each to make and to write.
-    assert len(record(make_log()).chunks) <= 74
+    assert len(record(log).chunks) <= 74 + 4 * forces
     written = blueprint_of(tmp_path / "episode.rrd")
-    layout((), (), "right").save("gplfd", tmp_path / "plain.rbl")
+    layout((), (), "right", forces=forces).save("gplfd", tmp_path / "plain.rbl")
     assert written == blueprint_of(tmp_path / "plain.rbl")
     views = {path for path, name in written if name == "ViewBlueprint:space_origin"}
-    assert len(views) == 17  # thirteen of series, two 3-D, lanes and page
+    assert len(views) == 17 + forces  # thirteen of series, two 3-D, lanes and page
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")

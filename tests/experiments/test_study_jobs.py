@@ -226,7 +226,7 @@ def test_a_learning_test_is_measured_without_a_robot(opened, monkeypatch):
     assert opened == []
     # JSON knows neither NaN nor infinity.
     assert result["metrics"] == {
-        "asked": [4, 3, one.teacher, "radius"],
+        "asked": [4, 3, one.teacher, False, "radius"],
         "nlpd": -2.0,
         "far": None,
         "cpu": {"2": None, "6": [1.0, 2]},

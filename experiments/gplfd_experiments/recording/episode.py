@@ -7,6 +7,7 @@ from pathlib import Path
 from statistics import geometric_mean
 
 import mujoco
+import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
@@ -52,7 +53,12 @@ def record_episode(
     """
     check_model(log, model)
     there = mechanism_of(model, log.door_config)
-    arrangement = layout_chunks(kinds_of(log), there, log.config.hinge_side)
+    arrangement = layout_chunks(
+        kinds_of(log),
+        there,
+        log.config.hinge_side,
+        forces=bool(np.isfinite(log.expected_force).any()),
+    )
     with recording_file(path, arrangement) as stream:
         stream.send_recording_name(recording_name(log))
         # One by one: while one is written the next is made.

@@ -83,6 +83,11 @@ PLOTS: Final = {
 }
 """Panels of every recording, by tab."""
 
+EXPECTED_FORCE: Final = Plot(
+    "expected", "4. Force along the path [N]: expected ±1.96 σ, measured", "LeftTop"
+)
+"""Panel of the first tab where the policy expects forces."""
+
 
 # A layout has identifiers of its own: the same one for the same arguments.
 @functools.cache
@@ -91,6 +96,7 @@ def layout(
     there: tuple[str, ...] = (),
     hinge: HingeSide = "right",
     *,
+    forces: bool = False,
     live: bool = False,
 ) -> rrb.Blueprint:
     """Arrange the views, the same for every episode in which the same can happen.
@@ -103,6 +109,7 @@ def layout(
         kinds: Names of the disturbances.
         there: Names of what `gplfd_experiments.recording.mechanism` shows.
         hinge: Where the door's hinge is.
+        forces: Whether the policy expects forces.
         live: Whether time follows what comes in, and does not play what is there.
     """
     scene_eye, plan_eye = _SCENE_EYE, _PLAN_EYE
@@ -133,9 +140,11 @@ def layout(
         row_shares=[5, 2.4 if "latch" in there else 1.9, 4],
     )
     tabs = dict(PLOTS)
+    first = next(iter(tabs))
+    if forces:
+        tabs[first] = (*tabs[first], EXPECTED_FORCE)
     if kinds:
         shown = ", ".join(f"{name} [{disturbances.KINDS[name].unit}]" for name in kinds)
-        first = next(iter(tabs))
         plot = Plot(disturbances.PANEL, f"From outside: {shown}", from_zero=True)
         tabs[first] = (*tabs[first], plot)
     if there:
@@ -160,9 +169,11 @@ def layout_chunks(
     kinds: tuple[str, ...],
     there: tuple[str, ...] = (),
     hinge: HingeSide = "right",
+    *,
+    forces: bool = False,
 ) -> tuple[Chunk, ...]:
     """Return the `layout` of a recording, made once per process."""
-    return as_chunks(layout(kinds, there, hinge))
+    return as_chunks(layout(kinds, there, hinge, forces=forces))
 
 
 def only(

@@ -86,6 +86,7 @@ def panels(part: Part) -> list[Chunk]:
         ),
         *_beliefs(part),
         *_sizes(part),
+        *_expected_force(part),
         *levels(part, f"{ROOT}/angle/marks", ANGLE_MARKS_DEG, colours.MARK),
         *levels(part, f"{ROOT}/force/marks", FORCE_MARKS, colours.MARK),
         *levels(part, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT),
@@ -166,6 +167,29 @@ def _sizes(part: Part) -> list[Chunk]:
         *([band] if part.begins(low) else []),
         moving(path, part.times, columns),
         *lines(part, f"{ROOT}/size/curves", curves),
+    ]
+
+
+def _expected_force(part: Part) -> list[Chunk]:
+    """Force of the hand along the path: expected ±1.96 σ, and measured."""
+    log, first, path = part.log, part.first_row, f"{ROOT}/expected"
+    mean, std = log.expected_force[:, 0], log.expected_force_std[:, 0]
+    if not part.shows(mean):
+        return []
+    # What is expected is of the hand on what it holds, what is measured on the hand.
+    measured = -np.sum(log.frame[:, :, 0] * log.wrench[:, :3], axis=1)
+    columns = rr.Measurements.columns(
+        values=mean[first:], variances=(QUANTILE * std[first:]) ** 2
+    )
+    band = line_style(
+        f"{path}/belief",
+        Line("expected", colours.ADAPTED),
+        archetype=rr.Measurements,
+    )
+    return [
+        *([band] if part.begins(mean) else []),
+        moving(f"{path}/belief", part.times, columns),
+        *lines(part, f"{path}/force", {Line("measured", colours.HAND, 1.5): measured}),
     ]
 
 

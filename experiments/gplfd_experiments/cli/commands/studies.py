@@ -120,7 +120,8 @@ class Trials:
 
     trials: tuple[str, ...] = ()
     """Trials to run (radius, further, few, messy, rests, turned, person, push, stop,
-    locked, heavy, breakaway, delay, noise); by default all that the part has."""
+    locked, heavy, breakaway, delay, noise, forces-weight, forces-closer, forces-person,
+    forces-blocked, forces-seal); by default all that the part has."""
 
     policies: tuple[str, ...] = ()
     """Additional policies: names from `gplfd list`, or module:function for your
