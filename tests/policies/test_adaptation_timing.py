@@ -165,9 +165,7 @@ def test_own_clock_is_the_mixture_of_its_two_filters(openings):
     adaptation, _ = forecast(OwnClockAdaptation, skill, unseen[1], 2)
     share = adaptation.timed
     assert 0.01 < share < 0.99
-    first, second = (
-        one.trajectory() for one in (adaptation._timed, adaptation._registered)
-    )
+    first, second = (one.trajectory() for one in adaptation._parts)
     mixed = adaptation.trajectory()
     second_moment = share * (first.std**2 + first.mean**2)
     second_moment += (1.0 - share) * (second.std**2 + second.mean**2)

@@ -21,7 +21,6 @@ by the evidence of the via-points: both are conditioned, and weighed by it.
 """
 
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -29,12 +28,15 @@ from jaxtyping import Float
 from numpy.polynomial.hermite_e import hermegauss
 
 from gplfd_policies.adaptation.conditioning import Repetition, leading_curves
-from gplfd_policies.adaptation.process import StudentProcess, demonstrated_repetition
+from gplfd_policies.adaptation.process import (
+    MixedProcesses,
+    StudentProcess,
+    demonstrated_repetition,
+)
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.shapes import Covariances, Curves, Outputs, Times
+from gplfd_policies.arrays.shapes import Curves, Times
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.movements.skill import Skill
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 _STATIONARY: Final = 0.5
 """Share of the timing's variance that may take any smooth shape."""
@@ -61,7 +63,7 @@ def timing_covariance(
     return (1.0 + 1.0 / count) * covariance
 
 
-class OwnClockAdaptation:
+class OwnClockAdaptation(MixedProcesses):
     """Conditioning of path and timing together, mixed with that of path alone.
 
     Raises:
@@ -93,60 +95,16 @@ class OwnClockAdaptation:
         basis = registered.basis
         timing = timing_covariance(aligned.times, aligned.clocks, basis.nodes)
         free = float(skill.count - 1)
-        self._timed = StudentProcess(delayed(skill, registered, timing), free, grid)
-        self._registered = StudentProcess(registered, free, grid)
-
-    @one_thread
-    def observe(self, via_point: ViaPoint) -> None:
-        """Condition on one more via-point, in place."""
-        self._timed.observe(via_point)
-        self._registered.observe(via_point)
+        parts = (
+            StudentProcess(delayed(skill, registered, timing), free, grid),
+            StudentProcess(registered, free, grid),
+        )
+        super().__init__(parts, (0.5, 0.5))
 
     @property
     def timed(self) -> float:
         """Probability that the clock is the repetition's own."""
-        odds = self._registered.log_evidence - self._timed.log_evidence
-        return float(1.0 / (1.0 + np.exp(min(odds, 700.0))))
-
-    @property
-    def mean(self) -> Outputs:
-        """Current mean on the grid, read-only."""
-        share = self.timed
-        mean: np.ndarray = share * self._timed.mean
-        mean += (1.0 - share) * self._registered.mean
-        mean.setflags(write=False)
-        return mean
-
-    @property
-    def std(self) -> Outputs:
-        """Current standard deviation on the grid."""
-        share = self.timed
-        apart = self._timed.mean - self._registered.mean
-        variance = share * self._timed.stretched_variance()
-        variance += (1.0 - share) * self._registered.stretched_variance()
-        apart *= apart
-        apart *= share * (1.0 - share)
-        variance += apart
-        return np.asarray(np.sqrt(variance))
-
-    @one_thread
-    def trajectory(self) -> GaussianTrajectory:
-        """The current distribution on the grid, with rates and covariance."""
-        share, rest = self.timed, 1.0 - self.timed
-        first, second = self._timed.trajectory(), self._registered.trajectory()
-        apart = first.mean - second.mean
-        variance = share * first.std**2 + rest * second.std**2
-        rate = share * first.std * first.std_rate + rest * second.std * second.std_rate
-        rate += share * rest * apart * (first.mean_rate - second.mean_rate)
-        std = np.sqrt(variance + share * rest * apart**2)
-        return replace(
-            first,
-            mean=share * first.mean + rest * second.mean,
-            std=std,
-            mean_rate=share * first.mean_rate + rest * second.mean_rate,
-            std_rate=rate / std,
-            covariance_function=partial(_mixed_covariance, share, first, second),
-        )
+        return float(self.shares[0])
 
 
 def delayed(
@@ -174,13 +132,3 @@ def delayed(
         deviations=registered.deviations * stretch.T[:, :, None],
         timing=leading_curves(basis.weigh(timing), _NEGLIGIBLE),
     )
-
-
-def _mixed_covariance(
-    share: float, first: GaussianTrajectory, second: GaussianTrajectory
-) -> Covariances:
-    rest, apart = 1.0 - share, first.mean - second.mean
-    covariance: np.ndarray = share * first.covariance
-    covariance += rest * second.covariance
-    covariance += share * rest * np.einsum("mi,ni->imn", apart, apart)
-    return covariance

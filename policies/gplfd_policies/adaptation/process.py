@@ -6,9 +6,12 @@ known, is known for the rest of the motion. `ExactAdaptation` conditions the pap
 model, whose deviations are white.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+from jaxtyping import Float
 
 from gplfd_policies.adaptation.conditioning import (
     ConditionedProcess,
@@ -17,7 +20,7 @@ from gplfd_policies.adaptation.conditioning import (
 )
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.resolution import thinned
-from gplfd_policies.arrays.shapes import Outputs, Pose, Times
+from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose, Times
 from gplfd_policies.gp.deviations import conjugate_share
 from gplfd_policies.gp.exact import factorise
 from gplfd_policies.movements.skill import Skill
@@ -27,6 +30,9 @@ _SMOOTHING_GRID = 60
 """Samples of a demonstration from which its smooth curve is computed."""
 _OWN_SHARE = 0.5
 """Size of a door's own force relative to the demonstrated ones."""
+_OWN_PRIOR = (0.98, 0.01, 0.01)
+"""Probability that a door has no force of its own, a constant one, or one that varies.
+Chosen on doors: of 50 %, intervals at doors as demonstrated are too wide."""
 _OWN_SCALE = 0.1
 """Length scale of the part of it that varies, in phase."""
 
@@ -90,6 +96,65 @@ class StudentProcess(ConditionedProcess):
         return np.asarray(np.maximum(scale, 1.0))
 
 
+class MixedProcesses:
+    """Conditioned processes, as probable as they make the via-points."""
+
+    def __init__(self, parts: Sequence[StudentProcess], prior: Sequence[float]) -> None:
+        """Mix processes of which each has a probability before any via-point."""
+        self._parts, self._log_prior = tuple(parts), np.log(prior)
+
+    @one_thread
+    def observe(self, via_point: ViaPoint) -> None:
+        """Condition on one more via-point, in place."""
+        for part in self._parts:
+            part.observe(via_point)
+
+    @property
+    def shares(self) -> Float[np.ndarray, " P"]:
+        """Probability of each."""
+        evidence = self._log_prior + [part.log_evidence for part in self._parts]
+        likely = np.exp(evidence - evidence.max())
+        return np.asarray(likely / likely.sum())
+
+    @property
+    def mean(self) -> Outputs:
+        """Current mean on the grid, read-only."""
+        mean: np.ndarray = _mixed(self.shares, [part.mean for part in self._parts])
+        mean.setflags(write=False)
+        return mean
+
+    @property
+    def std(self) -> Outputs:
+        """Current standard deviation on the grid."""
+        shares, means = self.shares, np.stack([part.mean for part in self._parts])
+        variance = _mixed(shares, [part.stretched_variance() for part in self._parts])
+        apart = means - _mixed(shares, means)
+        return np.asarray(np.sqrt(variance + _mixed(shares, apart**2)))
+
+    @one_thread
+    def trajectory(self) -> GaussianTrajectory:
+        """The current distribution on the grid, with rates and covariance."""
+        shares, parts = self.shares, [part.trajectory() for part in self._parts]
+        means, rates = (
+            np.stack([getattr(part, name) for part in parts])
+            for name in ("mean", "mean_rate")
+        )
+        mean, mean_rate = _mixed(shares, means), _mixed(shares, rates)
+        apart, apart_rate = means - mean, rates - mean_rate
+        variance = _mixed(shares, [part.std**2 for part in parts])
+        std = np.sqrt(variance + _mixed(shares, apart**2))
+        rate = _mixed(shares, [part.std * part.std_rate for part in parts])
+        rate += _mixed(shares, apart * apart_rate)
+        return replace(
+            parts[0],
+            mean=mean,
+            std=std,
+            mean_rate=mean_rate,
+            std_rate=rate / std,
+            covariance_function=partial(_mixed_covariance, shares, apart, parts),
+        )
+
+
 class ProcessAdaptation(StudentProcess):
     """Exact Gaussian conditioning of the demonstrated process, phases being registered.
 
@@ -123,28 +188,33 @@ class ProcessAdaptation(StudentProcess):
             ValueError: for a share outside [0, 1], a single demonstration, or a grid
                 that is empty, not finite, or far outside the demonstrations.
         """
-        variance = self._own_variance(skill)
-        prior = demonstrated_repetition(skill, grid, empirical_share, variance)
+        prior = demonstrated_repetition(skill, grid, empirical_share)
         super().__init__(prior, float(skill.count - 1), grid)
 
-    def _own_variance(self, skill: Skill) -> Pose:
-        """Variance, by output, of what a repetition has beside the demonstrations'."""
-        return np.zeros(6)
 
+class ForceAdaptation(MixedProcesses):
+    """Conditioning of the force, at a door that may be unlike all demonstrated ones.
 
-class ForceAdaptation(ProcessAdaptation):
-    """The same for the force at a door that may be unlike all that were demonstrated.
-
-    A door's force deviates beyond the demonstrations' spread by b + f(s): b, which is
-    one number on the whole way, as the weight of a leaf or the pull of a closer, and f,
-    which varies over a tenth of it, as the springs of handle and seal. Each has half of
-    the variance, and both together have half the root mean square of the demonstrated
-    forces, and moments, as standard deviation along every axis.
+    Beyond the demonstrations' spread a door's force deviates by nothing, by a number b
+    on the whole way, as the weight of a leaf or the pull of a closer has it, or by
+    b + f(s) with f that varies over a tenth of the way, as springs of handle and seal
+    do. The first is probable before any force was measured. The standard deviation of
+    the others is half the root mean square of the demonstrated forces, or moments,
+    along every axis.
     """
 
-    def _own_variance(self, skill: Skill) -> Pose:
+    @one_thread
+    def __init__(self, skill: Skill, grid: Times) -> None:
+        """Start from at least two demonstrations; wrenches take the place of poses."""
         square = np.mean(skill.aligned.poses.reshape(-1, 2, 3) ** 2, axis=0)
-        return np.repeat(_OWN_SHARE**2 * square.sum(axis=-1), 3)
+        variance = np.repeat(_OWN_SHARE**2 * square.sum(axis=-1), 3)
+        priors = (
+            demonstrated_repetition(skill, grid, own_variance=own)
+            for own in (None, (variance, 0.0 * variance), (0.5 * variance,) * 2)
+        )
+        free = float(skill.count - 1)
+        parts = [StudentProcess(prior, free, grid) for prior in priors]
+        super().__init__(parts, _OWN_PRIOR)
 
 
 class IndependentPhaseAdaptation(ProcessAdaptation):
@@ -207,14 +277,14 @@ def demonstrated_repetition(
     skill: Skill,
     grid: Times,
     empirical_share: float | None = None,
-    own_variance: Pose | None = None,
+    own_variance: tuple[Pose, Pose] | None = None,
 ) -> Repetition:
     """The prior of a repetition; arguments as of `ProcessAdaptation`.
 
     The variance is that of `Skill.predict`: r + r/D, or more outside the
-    demonstrations, and `own_variance` more, half of it constant. The smooth covariance
-    mixes the model's with that of the
-    demonstrations' own curves, which the model first frees of white noise.
+    demonstrations, and more by the two of `own_variance`, a constant's and that of
+    what varies over a tenth of the task. The smooth covariance mixes the model's with
+    that of the demonstrations' own curves, which the model first frees of white noise.
     """
     if empirical_share is None:
         empirical_share = conjugate_share(skill.count)
@@ -255,9 +325,9 @@ def demonstrated_repetition(
         stretch = np.sqrt(total * (1.0 - share) / np.diag(smooth))
         covariance[output] = stretch[:, None] * smooth * stretch
     if own_variance is not None:
+        constant, smooth = (each[:, None, None] for each in own_variance)
         apart = (nodes[:, None] - nodes) / _OWN_SCALE
-        shape = 0.5 + 0.5 * np.exp(-0.5 * apart**2)
-        covariance += own_variance[:, None, None] * shape
+        covariance += constant + smooth * np.exp(-0.5 * apart**2)
     root = basis.root_weights[:, None]
     return Repetition.from_covariance(
         basis,
@@ -265,3 +335,22 @@ def demonstrated_repetition(
         covariance=basis.weigh(covariance),
         log_white=root * np.log(white),
     )
+
+
+def _mixed(
+    shares: Float[np.ndarray, " P"], values: Sequence[np.ndarray] | np.ndarray
+) -> np.ndarray:
+    # No BLAS product: its order of sums depends on the processor.
+    return np.asarray(
+        sum(share * each for share, each in zip(shares, values, strict=True))
+    )
+
+
+def _mixed_covariance(
+    shares: Float[np.ndarray, " P"],
+    apart: Float[np.ndarray, "P M 6"],
+    parts: Sequence[GaussianTrajectory],
+) -> Covariances:
+    covariance = _mixed(shares, [part.covariance for part in parts])
+    covariance += np.einsum("p,pmi,pni->imn", shares, apart, apart)
+    return covariance
