@@ -27,6 +27,7 @@ RUNS = {
     "agents": ("--repeats 1 --counts 2 --periods 4", "2 agents in lockstep"),
     "building_doors": ("--draws 1 --policies hinge-fit", "that hinge-fit opens"),
     "contact person": ("--seeds 1", "command follows the hand"),
+    "door_closers": ("--doors 1 --seeds 1", "gp, with forces"),
     "demonstrations alignments": ("--seeds 1 --habits pauses", "ion, worst habit"),
     "demonstrations rests": ("--sets 1 --rates 60 --noises 3e-4", "sets within 1.5 x"),
     "forecasts doors": ("--draws 1 --every 80", "2 of 3 radii, process"),

@@ -136,7 +136,7 @@ class LearnedLoad:
     tenths of the force at which a friction grasp slips."""
     interval: float = quantity(2.0, low=0.0)
     """Standard deviations of the expected force up to which it is compensated."""
-    shown_share: float = quantity(1.25, low=0.0)
+    shown_share: float = quantity(1.5, low=0.0)
     """The same relative to the largest force that was demonstrated: a hand that pulls
     at a locked door expects more force by its own pull."""
     least: float = quantity(1.0, above=0.0, unit="N")
