@@ -29,6 +29,7 @@ from gplfd_experiments.studies.learning_tests.folds import (
     by_door,
     folds,
 )
+from gplfd_experiments.studies.learning_tests.forces import force_scores
 from gplfd_experiments.studies.learning_tests.methods import learn
 from gplfd_experiments.studies.learning_tests.scores import method_metrics
 from gplfd_experiments.studies.learning_tests.tumbling import (
@@ -516,3 +517,32 @@ def test_kinds_of_tasks_share_their_names_but_for_the_extra_tests():
     assert other - one == {
         *("outputs_cpu_s", "outputs_nlpd", "outputs_nlpd_change", "tumbling_error")
     }
+
+
+def pulling(one: Demonstration, force: float) -> Demonstration:
+    """Give a demonstration a constant force along the x-axis of its hand."""
+    axis = Rotation.from_rotvec(one.poses[:, 3:].copy()).apply([force, 0.0, 0.0])
+    wrenches = np.hstack([axis, np.zeros_like(axis)])
+    return dataclasses.replace(one, wrenches=wrenches)
+
+
+def test_forces_are_predicted_and_forecast_once_they_were_felt():
+    """Learned from 2, 3, 4 and 5 N: a mean of 3.5 N, of which 8 N is 4.5 N away."""
+    recorded = Teacher().demonstrate_doors([0.5], 5, rng=np.random.default_rng(0))
+    *given, left_out = recorded
+    method = POLICIES["gp"].method
+    assert method is not None
+    shown = [pulling(one, 2.0 + n) for n, one in enumerate(given)]
+    movement, _ = learn(method, shown, 0)
+    phases = aligned_to(left_out, movement.aligned)
+    found = force_scores(method, movement, phases, pulling(left_out, 8.0))
+    assert found["force_error_n"] == pytest.approx(4.5, abs=0.1)
+    assert found["forecast_25_force_error_n"] < 1.5
+    near = force_scores(method, movement, phases, pulling(left_out, 3.5))
+    assert near["force_error_n"] < 0.1
+    assert near["force_coverage_95"] > 0.5
+    assert near["force_nlpd"] < found["force_nlpd"]
+    # Where forces were not learned, or not recorded, there is no score.
+    assert force_scores(method, movement, phases, left_out) == {}
+    plain, _ = learn(method, given, 0)
+    assert force_scores(method, plain, phases, pulling(left_out, 8.0)) == {}

@@ -155,6 +155,28 @@ def test_a_task_says_whether_forces_are_demonstrated(start):
         assert all((each.wrenches is not None) is forces for each in shown)
 
 
+def test_demonstrated_doors_have_their_own_hardware():
+    """The hand presses a handle harder whose door has a closer; the motion is equal."""
+    forces = {"demonstrated_forces": True, "demonstrations_per_door": 1}
+    closers = ({}, {"closer_preload": 10.0}, {})
+    plain, closed = (
+        build.demonstrations_of(task("gp", **forces, demonstrated_hardware=each))
+        for each in ((), closers)
+    )
+    pulls = []
+    for one, other in zip(plain.demonstrations, closed.demonstrations, strict=True):
+        assert np.array_equal(one.poses, other.poses)
+        pulls.append(
+            np.median(np.linalg.norm(other.wrenches[:, :3], axis=1))
+            - np.median(np.linalg.norm(one.wrenches[:, :3], axis=1))
+        )
+    assert pulls == pytest.approx([0.0, 10.0 / 0.5, 0.0], abs=2.0)
+    with pytest.raises(
+        ValueError, match=r"for each of the 3 demonstrated doors.* got 1"
+    ):
+        task("gp", demonstrated_hardware=({"closer_preload": 10.0},))
+
+
 def test_a_prior_mean_is_the_arc_at_the_phases_of_demonstrations(monkeypatch):
     learned = mock.Mock()
     monkeypatch.setattr(build, "learned", learned)

@@ -22,6 +22,7 @@ EXPECTED = {
     "vectorised_evaluation": ("5/5 opened", set()),
     "rl_smoke": ("16/16 opened", set()),
     "plot_episode": ("opened: True", {"episode.png"}),
+    "bag_with_forces": ("6 bags in bags", {"bags"}),
     "play_trajectory": ("opened: True", {"movement.csv"}),
 }
 """A part of what each of them prints, and what it leaves in the working folder."""

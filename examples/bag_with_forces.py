@@ -1,0 +1,97 @@
+"""Bags with poses and forces, as a robot with a sensor in its wrist records them.
+
+    python examples/bag_with_forces.py
+
+Opens six doors and writes bags/door_0 to bags/door_5 (ROS 2, MCAP): the topic /ee_pose,
+poses of the hand in the frame of the robot's base, z up, and /wrist_ft, a WrenchStamped
+of the environment on the hand in the axes of the hand. docs/recordings.md goes on from
+here: to demonstrations, to what they teach, and to a door.
+"""
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+from gplfd_env import ENVIRONMENT_ID
+from gplfd_policies import make_agent
+
+DOORS = tuple(
+    {"radius": radius, "closer_preload": moment}
+    for radius, moment in zip(
+        (0.35, 0.40, 0.47, 0.53, 0.60, 0.65),
+        (0.0, 3.0, 6.0, 2.0, 8.0, 5.0),
+        strict=True,
+    )
+)
+"""Doors of several radii [m], with closers [N m]."""
+BASE = Rotation.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+"""The task frame, x towards the robot and y up, seen from its base, x ahead, z up."""
+HANDLE = np.array([0.8, 0.0, 1.0])
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+
+
+def message(kind, *parts):
+    return STORE.types[f"{kind.replace('/', '/msg/')}"](*parts)
+
+
+def opened(door):
+    """Yield time, pose and wrench of every control period of an opening."""
+    env = gym.make(ENVIRONMENT_ID, door=door)
+    agent = make_agent("oracle", ())
+    observation, _ = env.reset(seed=0)
+    agent.inform(env.unwrapped.door_geometry)
+    agent.reset(observation)
+    ended = False
+    while not ended:
+        action = agent.act(observation).action
+        observation, _, terminated, truncated, _ = env.step(action)
+        ended = terminated or truncated
+        turn = Rotation.from_rotvec(observation["ee_pose"][3:])
+        force, moment = turn.inv().apply(observation["wrench"].reshape(2, 3))
+        position = HANDLE + BASE.apply(observation["ee_pose"][:3])
+        quaternion = (BASE * turn).as_quat()
+        yield float(observation["time"][0]), position, quaternion, force, moment
+    env.close()
+
+
+def write_bag(folder, rows):
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        topics = {
+            name: bag.add_connection(name, f"geometry_msgs/msg/{kind}", typestore=STORE)
+            for name, kind in (
+                ("/ee_pose", "PoseStamped"),
+                ("/wrist_ft", "WrenchStamped"),
+            )
+        }
+        for seconds, position, quaternion, force, moment in rows:
+            stamp = round(1e9 * (1000.0 + seconds))
+            time = message("builtin_interfaces/Time", stamp // 10**9, stamp % 10**9)
+            header = message("std_msgs/Header", time, "base")
+            pose = message(
+                "geometry_msgs/Pose",
+                message("geometry_msgs/Point", *position),
+                message("geometry_msgs/Quaternion", *quaternion),
+            )
+            wrench = message(
+                "geometry_msgs/Wrench",
+                message("geometry_msgs/Vector3", *force),
+                message("geometry_msgs/Vector3", *moment),
+            )
+            for name, kind, content in (
+                ("/ee_pose", "geometry_msgs/PoseStamped", pose),
+                ("/wrist_ft", "geometry_msgs/WrenchStamped", wrench),
+            ):
+                stamped = message(kind, header, content)
+                data = STORE.serialize_cdr(stamped, topics[name].msgtype)
+                bag.write(topics[name], stamp, data)
+
+
+folder = Path("bags")
+folder.mkdir()
+for number, door in enumerate(DOORS):
+    write_bag(folder / f"door_{number}", opened(door))
+print(f"{len(DOORS)} bags in {folder}")
