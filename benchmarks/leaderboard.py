@@ -27,6 +27,10 @@ PROTOCOL: Final = 2
 """The latest protocol of which all policies have results."""
 STORED: Final = Path(__file__).parents[1] / f"docs/results/trials-v{PROTOCOL}.json"
 """Of the whole protocol, run for the documents."""
+RANKED: Final = {
+    name: trial for name, trial in TRIALS.items() if not name.startswith("forces-")
+}
+"""Trials of this protocol; a later one added those with demonstrated forces."""
 
 _SHORT: Final = {
     "final_angle_deg": "°",
@@ -76,7 +80,7 @@ def entrants(found: Found) -> list[str]:
     """
     levels = [
         found.get(name, {}).get(level, {})
-        for name in TRIALS
+        for name in RANKED
         for level in levels_of(name)
     ]
     sets = [
@@ -101,14 +105,14 @@ def _share(found: Found, name: str, policy: str) -> float:
 
 
 def _succeeded(found: Found, policy: str) -> float:
-    return fmean(_share(found, name, policy) for name in TRIALS)
+    return fmean(_share(found, name, policy) for name in RANKED)
 
 
 def leaderboard(found: Found) -> Table:
     """Return a row per policy: the share of successes, and what decides, by trial."""
     policies = entrants(found)
     cells = {policy: [f"{_succeeded(found, policy):.2f}"] for policy in policies}
-    for name, trial in TRIALS.items():
+    for name, trial in RANKED.items():
         measures = (contrast.measure for contrast in trial.contrasts)
         measure = next(one for one in measures if one not in SHARES)
         values = {one: _mean(found, name, one, measure) for one in policies}
@@ -128,7 +132,7 @@ def leaderboard(found: Found) -> Table:
     for policy in policies:
         told = " (learns nothing)" if policy in REFERENCES else ""
         rows.append((f"`{policy}`{told}", *cells[policy]))
-    return Table(columns=("policy", "all", *TRIALS), rows=tuple(rows))
+    return Table(columns=("policy", "all", *RANKED), rows=tuple(rows))
 
 
 def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:

@@ -240,6 +240,19 @@ SHOTS: Final = {
     ),
     "delay": Shot("medium", "30 ms", "commands 30 ms late"),
     "noise": Shot("medium", "× 4", "four-fold sensor noise"),
+    "forces-weight": Shot(
+        "heavy", "24 N", "24 N at the handle, shown: 2 N", "force_tangential"
+    ),
+    "forces-closer": Shot(
+        "room-834", "closers", "a lever with a closer", "force_tangential"
+    ),
+    "forces-person": Shot(
+        "room-834", "holds the hand, room", "somebody holds the hand", "person_force"
+    ),
+    "forces-blocked": Shot("medium", "locked", "the door is locked", "stop_force"),
+    "forces-seal": Shot(
+        "medium", "breakaway", "the hinge sticks at first", "force_tangential"
+    ),
 }
 """By the name of the trial."""
 
