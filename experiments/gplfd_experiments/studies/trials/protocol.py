@@ -17,6 +17,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
 from typing import Final, Literal
 
@@ -102,6 +103,7 @@ _CLOSER_RANGES: Final = {
     "panel_mass": (20.0, 45.0),
 }
 """Of levers that are opened: other closers than those, as DoorBench has them."""
+_felt = partial(Level, demonstrated_forces=True)
 _RADIAL: Final = "force_radial_peak"
 _GENTLE: Final = (_RADIAL, "success")
 """Measures of a door that is opened with a small force."""
@@ -376,16 +378,13 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             claims=("demonstrated forces",),
             measures=("success", "force_handle_peak"),
             levels={
-                "lighter": Level(
-                    doors=_ALL,
-                    demonstrated_hardware=3 * ({"closer_preload": 8.0},),
-                    demonstrated_forces=True,
+                "lighter": _felt(
+                    doors=_ALL, demonstrated_hardware=3 * ({"closer_preload": 8.0},)
                 ),
-                "14 N": Level(doors=("heavy",), demonstrated_forces=True),
-                "24 N": Level(
+                "14 N": _felt(doors=("heavy",)),
+                "24 N": _felt(
                     doors=("heavy",),
                     door={"closer_preload": 10.0},
-                    demonstrated_forces=True,
                 ),
             },
             contrasts=(*_forces("success"), *_forces("force_handle_peak")),
@@ -396,13 +395,12 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             claims=("demonstrated forces",),
             measures=("success", "force_handle_peak"),
             levels={
-                "closers": Level(
+                "closers": _felt(
                     doors=("room-709", "room-834", "room-959"),
                     door={"closer_damping": 8.0, "closing_damping": 30.0},
                     randomization=_CLOSER_RANGES,
                     demonstrated_radii=_LEVERS,
                     demonstrated_hardware=_CLOSERS,
-                    demonstrated_forces=True,
                 )
             },
             contrasts=(*_forces("success"), *_forces("force_handle_peak")),
@@ -414,17 +412,12 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             claims=("demonstrated forces",),
             measures=("person_force_peak", "success"),
             levels={
-                "holds the hand": Level(
-                    doors=_MEDIUM, disturbance="person", demonstrated_forces=True
-                ),
-                "in the way": Level(
-                    doors=_MEDIUM, disturbance="person-behind", demonstrated_forces=True
-                ),
-                "holds the hand, room": Level(
+                "holds the hand": _felt(doors=_MEDIUM, disturbance="person"),
+                "in the way": _felt(doors=_MEDIUM, disturbance="person-behind"),
+                "holds the hand, room": _felt(
                     doors=("room-834",),
                     disturbance="person",
                     demonstrated_radii=_LEVERS,
-                    demonstrated_forces=True,
                 ),
             },
             contrasts=_forces("person_force_peak"),
@@ -436,12 +429,8 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             claims=("demonstrated forces",),
             measures=("stop_force_sustained", "grasp_kept"),
             levels={
-                "stop": Level(
-                    doors=_MEDIUM, disturbance="stop", demonstrated_forces=True
-                ),
-                "locked": Level(
-                    doors=_MEDIUM, disturbance="locked", demonstrated_forces=True
-                ),
+                "stop": _felt(doors=_MEDIUM, disturbance="stop"),
+                "locked": _felt(doors=_MEDIUM, disturbance="locked"),
             },
             contrasts=_forces("stop_force_sustained"),
             also=("stiffness-from-force",),
@@ -451,11 +440,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             "seal holds the leaf. Is the door opened?",
             claims=("demonstrated forces",),
             measures=("success", "force_handle_peak"),
-            levels={
-                "breakaway": Level(
-                    doors=_MEDIUM, disturbance="breakaway", demonstrated_forces=True
-                )
-            },
+            levels={"breakaway": _felt(doors=_MEDIUM, disturbance="breakaway")},
             contrasts=_forces("force_handle_peak"),
         ),
     }
