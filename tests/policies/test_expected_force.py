@@ -69,7 +69,7 @@ def test_a_heavier_door_is_expected_to_stay_heavy(agent):
 def test_what_is_expected_ahead_is_that_of_the_phase_ahead(agent):
     forecast = agent._controller._forces
     forecast.reset()
-    rotation, phase = np.zeros(3), np.float64(0.4)
+    rotation, phase = np.eye(3), np.float64(0.4)
     here, ahead = forecast.expect(phase, rotation)
     there, _ = forecast.expect(phase + LOOK_AHEAD, rotation)
     assert_allclose(ahead.mean, there.mean)

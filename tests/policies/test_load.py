@@ -69,9 +69,9 @@ def test_expected_resistance_is_that_of_the_turned_hand():
     rng = np.random.default_rng(2)
     mean, std, rotation = rng.normal(size=(3, 4, 3))
     direction = rng.normal(size=(4, 3))
-    expected = ExpectedForce(mean=mean, std=np.abs(std), rotation=rotation)
-    found = expected.along(direction)
     axes = Rotation.from_rotvec(rotation).as_matrix()
+    expected = ExpectedForce(mean=mean, std=np.abs(std), axes=axes)
+    found = [each[:, 0] for each in expected.along(direction[..., None])]
     covariance = np.einsum("nij,nj,nkj->nik", axes, std**2, axes)
     along = np.einsum("ni,nij,nj->n", direction, axes, mean)
     variance = np.einsum("ni,nij,nj->n", direction, covariance, direction)
@@ -84,7 +84,7 @@ def expecting(mean, std=2.0, ahead=0.0, largest=1e3):
         ExpectedForce(
             mean=np.array([force, 0.0, 0.0]),
             std=np.full(3, std),
-            rotation=np.zeros(3),
+            axes=np.eye(3),
             largest=largest,
         )
         for force in (mean, ahead)

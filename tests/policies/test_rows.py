@@ -74,7 +74,7 @@ def in_frames(part, given, rows):
 def loaded(part, given, rows):
     names = ("wrench", "direction", "pose", "displacement")
     expected = ExpectedForce(
-        mean=given["force"], std=given["force_std"], rotation=given["pose"][..., 3:]
+        mean=given["force"], std=given["force_std"], axes=given["frame"]
     )
     contact = ContactState(
         **{name: given[name] for name in names},

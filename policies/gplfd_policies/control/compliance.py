@@ -15,6 +15,7 @@ from typing import Final, Literal
 import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
@@ -42,6 +43,7 @@ from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseObserver, Phases
 
 _PULL: Final = np.array([1.0, 0.0, 0.0])
 """Direction of the path before the first step."""
+_UNITS: Final = np.eye(3)
 _HELD: Final = 1e-3
 """Length of the last direction that is added to the path's chord [m]: where the path
 stands still, the stiffness does not turn."""
@@ -208,11 +210,11 @@ class ComplianceController:
             numbers = math.exp(log_size), log_size_std, *similarity.heading
             inferred.reshape(-1, 4)[row] = numbers
 
-        forces, rotations = self._forces, poses[..., 3:]
-        expected = ahead = None
+        forces, expected, ahead = self._forces, None, None
         if forces is not None:
-            expected, ahead = forces.expect(observed_phase, rotations, rows)
-            forces.measure(wrenches, rotations, rows)
+            axes = into_axes(poses[..., None, 3:], _UNITS)
+            expected, ahead = forces.expect(observed_phase, axes, rows)
+            forces.measure(wrenches, axes, rows)
 
         # 2. Adapt the movements of rows that have moved on by `via_spacing`, or whose
         # phase has fallen so far that the last via-point was taken at a wrong one.
@@ -316,8 +318,7 @@ class ComplianceController:
         directions = np.eye(3) if frame is None else frame
         expectation = {}
         if expected is not None:
-            along = [expected.along(directions[..., axis]) for axis in range(3)]
-            force, force_std = np.moveaxis(np.array(along), (1, 0), (0, -1))
+            force, force_std = expected.along(directions)
             expectation = {"expected_force": force, "expected_force_std": force_std}
 
         # 6. Render it, Eq. (22).

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gplfd_env.spatial.se3 import into_axes
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
 from gplfd_policies.arrays.shapes import Axes, Vectors
+from gplfd_policies.control.frame import product
 from gplfd_policies.movements.trajectory import ViaPoint
 
 Amount = Float[Numbers, "*N"]
@@ -29,16 +29,19 @@ class ExpectedForce:
     """Its mean, in the axes of the hand [N]."""
     std: Vectors
     """Its standard deviation along each of these axes [N]."""
-    rotation: Vectors
-    """Rotation vector of the hand in the task frame [rad]."""
+    axes: Float[np.ndarray, "... 3 3"]
+    """Axes of the hand, as columns in the task frame."""
     largest: Amount | float = math.inf
     """Largest force that was demonstrated, on the whole way [N]."""
 
-    def along(self, direction: Vectors) -> tuple[Amount, Amount]:
-        """Return mean and σ [N] along unit vectors: of the resistance to a motion."""
-        own = into_axes(self.rotation, direction)
-        variance = np.add.reduce((own * self.std) ** 2, axis=-1)
-        return np.asarray(np.add.reduce(own * self.mean, axis=-1)), np.sqrt(variance)
+    def along(
+        self, directions: Float[np.ndarray, "... 3 D"]
+    ) -> tuple[Float[np.ndarray, "... D"], Float[np.ndarray, "... D"]]:
+        """Return mean and σ [N] along unit vectors, given as columns."""
+        own = product(self.axes.swapaxes(-1, -2), directions)
+        spread = own * self.std[..., None]
+        variance = np.add.reduce(spread * spread, axis=-2)
+        return np.add.reduce(own * self.mean[..., None], axis=-2), np.sqrt(variance)
 
 
 class ForceForecast:
@@ -65,34 +68,34 @@ class ForceForecast:
         self._count[rows] = 0.0
 
     def expect(
-        self, phases: Amount, rotations: Vectors, rows: Rows = ALL_ROWS
+        self,
+        phases: Amount,
+        axes: Float[np.ndarray, "... 3 3"],
+        rows: Rows = ALL_ROWS,
     ) -> tuple[ExpectedForce, ExpectedForce]:
-        """Return what is expected at phases, and where the path ahead of them ends."""
+        """Return what is expected at phases, and where the path ahead of them ends.
+
+        The axes of the hands are columns in the task frame.
+        """
         ends = np.minimum(np.array([phases, phases + LOOK_AHEAD]), 1.0)
-        (here, ahead), (here_std, ahead_std) = self._movements.at(ends, rows)
+        means, stds = self._movements.at(ends, rows)
         largest = self._largest[rows]
-        return (
-            ExpectedForce(
-                mean=here[..., :3],
-                std=here_std[..., :3],
-                rotation=rotations,
-                largest=largest,
-            ),
-            ExpectedForce(
-                mean=ahead[..., :3],
-                std=ahead_std[..., :3],
-                rotation=rotations,
-                largest=largest,
-            ),
+        here, ahead = (
+            ExpectedForce(mean=mean, std=std, axes=axes, largest=largest)
+            for mean, std in zip(means[..., :3], stds[..., :3], strict=True)
         )
+        return here, ahead
 
     def measure(
-        self, wrenches: Axes, rotations: Vectors, rows: Rows = ALL_ROWS
+        self,
+        wrenches: Axes,
+        axes: Float[np.ndarray, "... 3 3"],
+        rows: Rows = ALL_ROWS,
     ) -> None:
         """Take wrenches on the hands, task frame [N, N m]."""
-        apart = np.stack([wrenches[..., :3], wrenches[..., 3:]], axis=-2)
+        apart = np.stack([wrenches[..., :3], wrenches[..., 3:]], axis=-1)
         # Of the hand on what it holds, in the axes of the hand.
-        own = into_axes(rotations[..., None, :], -apart)
+        own = product(axes.swapaxes(-1, -2), -apart).swapaxes(-1, -2)
         self._sum[rows] += own.reshape(wrenches.shape)
         self._count[rows] += 1.0
 
