@@ -100,10 +100,14 @@ class ForceForecast:
         self._count[rows] += 1.0
 
     def learn(
-        self, due: Bool[np.ndarray, "*N"], phases: Amount, rows: Rows = ALL_ROWS
+        self,
+        due: Bool[np.ndarray | np.bool_, "*N"],
+        phases: Amount,
+        rows: Rows = ALL_ROWS,
     ) -> None:
         """Condition the rows that are due on what was measured since they last were."""
         total, count = self._sum[rows], self._count[rows]
+        fresh = np.asarray(due)
         for number, phase, mean in zip(
             self._movements.numbers[rows][due].tolist(),
             np.asarray(phases)[due].tolist(),
@@ -112,7 +116,7 @@ class ForceForecast:
         ):
             via_point = ViaPoint(phase=phase, pose=mean, std=self._noise)
             self._movements.observe(number, via_point)
-        self._sum[rows] = np.where(due[..., None], 0.0, total)
+        self._sum[rows] = np.where(fresh[..., None], 0.0, total)
         self._count[rows] = np.where(due, 0.0, count)
 
 

@@ -192,6 +192,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             "gp without adaptation (follows the mean of the demonstrations)",
             adaptation=None,
             door_adaptation=None,
+            force_adaptation=None,
         ),
         "gp-homoscedastic": _ablation(
             "gp with one noise level for the whole motion (homoscedastic)",
