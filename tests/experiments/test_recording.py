@@ -193,6 +193,8 @@ def test_expected_force_is_shown_with_its_interval_and_what_is_measured(
     # The log has the force of the door on the hand.
     _, measured = recording["/plots/expected/force", "Scalars:scalars"]
     np.testing.assert_allclose(np.ravel(measured), -2.0)
+    (page,) = recording["/about", "TextDocument:text"][1][0]
+    assert "**panel 4**: what the policy expected of the force" in page
 
 
 def test_true_size_is_unknown_where_no_arcs_were_demonstrated():

@@ -120,6 +120,13 @@ def part_chunks(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
 
 def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk:
     """Write the page beside the scene: what was run and how to read the view."""
+    expected = ""
+    if np.isfinite(log.expected_force).any():
+        expected = (
+            "- **panel 4**: what the policy expected of the force before it measured "
+            "it; outside the band the door is not what was demonstrated and felt so "
+            "far, or somebody is in the way\n"
+        )
     opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
     angle = math.degrees(log.door_angle[-1])
     end = f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s"
@@ -148,6 +155,6 @@ has what the controller used, which is stable below 100 % of the bound
 - **door**: {door} (SI)
 - **demonstrations**: {n_demonstrations}; **seed**: {log.seed}; **control period**: \
 {1e3 * log.dt:g} ms
-{outside}- {", ".join(f"{name} {version}" for name, version in versions().items())}
+{expected}{outside}- {", ".join(f"{name} {version}" for name, version in versions().items())}
 """
     return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
