@@ -120,13 +120,6 @@ def part_chunks(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
 
 def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk:
     """Write the page beside the scene: what was run and how to read the view."""
-    expected = ""
-    if np.isfinite(log.expected_force).any():
-        expected = (
-            "- **panel 4**: what the policy expected of the force before it measured "
-            "it; outside the band the door is not what was demonstrated and felt so "
-            "far, or somebody is in the way\n"
-        )
     opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
     angle = math.degrees(log.door_angle[-1])
     end = f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s"
@@ -134,9 +127,15 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
         f"{name.replace('_', ' ')} {value if isinstance(value, str) else f'{value:g}'}"
         for name, value in log.door_config.items()
     )
-    outside = ", ".join(kinds_of(log))
-    if outside:
-        outside = f"- **from outside** (white, a ball above the hand): {outside}\n"
+    notes = ""
+    if np.isfinite(log.expected_force).any():
+        notes += (
+            "- **panel 4**: what the policy expected of the force before it measured "
+            "it; outside the band the door is not what was demonstrated and felt so "
+            "far, or somebody is in the way\n"
+        )
+    if outside := ", ".join(kinds_of(log)):
+        notes += f"- **from outside** (white, a ball above the hand): {outside}\n"
     text = f"""\
 ### {log.door} door, policy `{log.policy}`: {end if ended else "being opened"}
 
@@ -155,6 +154,6 @@ has what the controller used, which is stable below 100 % of the bound
 - **door**: {door} (SI)
 - **demonstrations**: {n_demonstrations}; **seed**: {log.seed}; **control period**: \
 {1e3 * log.dt:g} ms
-{expected}{outside}- {", ".join(f"{name} {version}" for name, version in versions().items())}
+{notes}- {", ".join(f"{name} {version}" for name, version in versions().items())}
 """
     return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
