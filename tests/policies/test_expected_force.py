@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, TrainingInput
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
+from gplfd_policies.registry.built_in import TABLE_1
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -81,3 +82,16 @@ def test_what_is_expected_ahead_is_that_of_the_phase_ahead(agent):
 def test_without_demonstrated_forces_nothing_is_expected(demonstrations):
     agent = POLICIES["gp"].method(TrainingInput(demonstrations=demonstrations))
     assert np.isnan(felt(agent, 9.0, count=3)[-1].expected_force).all()
+
+
+@pytest.mark.parametrize("name", TABLE_1)
+def test_every_method_can_be_shown_forces(demonstrations, name):
+    """Some state no standard deviation, and some do not adapt."""
+    shown = [
+        replace(one, wrenches=along_the_path(one.poses, 3.0)) for one in demonstrations
+    ]
+    agent = POLICIES[name].method(TrainingInput(demonstrations=shown))
+    steps = felt(agent, 3.0)
+    assert np.isfinite([step.action for step in steps]).all()
+    force = np.linalg.norm(steps[0].expected_force)
+    assert force == pytest.approx(3.0, abs=0.5)

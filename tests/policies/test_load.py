@@ -102,6 +102,8 @@ def expecting(mean, std=2.0, ahead=0.0, largest=1e3):
         # A friction grasp would slip.
         (expecting(40.0), False, 40.0, 33.0),
         (expecting(80.0), True, 90.0, 33.0 * 58.0 / 25.0),
+        # Of a method without standard deviations, its mean.
+        (expecting(28.0, std=np.nan), False, 40.0, 28.0),
         # Half as much again as was demonstrated.
         (expecting(30.0, largest=20.0), False, 40.0, 30.0),
         # A closer that begins to resist a little later.

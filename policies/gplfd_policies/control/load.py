@@ -298,7 +298,8 @@ class YieldToAll(_Stateless):
 def _upper(expected: ExpectedForce, direction: Vectors, interval: float) -> Amount:
     """Return the upper end of the interval of the resistance along the path [N]."""
     mean, std = expected.along(direction[..., None])
-    return np.asarray(mean + interval * std)[..., 0]
+    # Of a method without standard deviations the mean.
+    return np.asarray(mean + interval * np.where(np.isnan(std), 0.0, std))[..., 0]
 
 
 def _along(direction: Vectors, vectors: Float[np.ndarray, "*N V"]) -> Amount:
