@@ -244,7 +244,7 @@ SHOTS: Final = {
         "heavy", "24 N", "24 N at the handle, shown: 2 N", "force_tangential"
     ),
     "forces-closer": Shot(
-        "room-834", "closers", "a lever with a closer", "force_tangential"
+        "room-959", "closers", "a lever with a closer", "force_tangential"
     ),
     "forces-person": Shot(
         "room-834", "holds the hand, room", "somebody holds the hand", "person_force"
