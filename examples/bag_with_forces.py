@@ -1,5 +1,6 @@
 """Bags with poses and forces, as a robot with a sensor in its wrist records them.
 
+    pip install '.[ros]'
     python examples/bag_with_forces.py
 
 Opens six doors and writes bags/door_0 to bags/door_5 (ROS 2, MCAP): the topic /ee_pose,
