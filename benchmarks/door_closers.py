@@ -22,7 +22,7 @@ from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 
 _SHOWN = 6
 """Demonstrated doors, each opened once."""
-_ALIKE = 0.05
+_FELT = 0.05
 """Opened angle from which a hand has felt what the door asks for [rad]."""
 
 
@@ -122,7 +122,7 @@ def _coverage(logs: Sequence[EpisodeLog]) -> float | None:
     """Share of forces along the path within the interval that was expected."""
     inside = []
     for log in logs:
-        felt = np.isfinite(log.expected_force[:, 0]) & (log.door_angle > _ALIKE)
+        felt = np.isfinite(log.expected_force[:, 0]) & (log.door_angle > _FELT)
         force = -np.sum(log.frame[felt, :, 0] * log.wrench[felt, :3], axis=1)
         error = np.abs(force - log.expected_force[felt, 0])
         inside.append(error < 1.96 * log.expected_force_std[felt, 0])

@@ -293,6 +293,23 @@ def test_hands_together_have_the_learned_stiffness_of_each_alone(demonstrations)
         assert np.array_equal(steps.frame[1], step.frame)
 
 
+def test_learned_stiffness_is_that_of_the_commanded_phase(demonstrations, monkeypatch):
+    """The hand is held at the closed door, and the command goes on."""
+    asked = []
+
+    def noted(self, stiffness, phase):
+        asked.append(float(phase))
+        return stiffness
+
+    monkeypatch.setattr(PhaseStiffness, "combined", noted)
+    agent = make_agent("stiffness-from-force", pulled(demonstrations, [3.0, 0.0, 1.0]))
+    held = {"ee_pose": np.zeros(6), "wrench": np.zeros(6)}
+    agent.reset(held)
+    steps = [agent.act(held) for _ in range(20)]
+    assert asked == [step.phase for step in steps]
+    assert steps[-1].phase > steps[-1].observed_phase + 0.01
+
+
 def test_learned_stiffness_needs_the_frame_of_the_path():
     with pytest.raises(ValueError, match='choose stiffness_frame="path"'):
         ComplianceConfig(stiffness_frame="axes", phase_stiffness=table(1.0))

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, TrainingInput
+from gplfd_policies.adaptation import ForceAdaptation, NoAdaptation, OwnAdaptation
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
 from gplfd_policies.registry.built_in import TABLE_1
 
@@ -82,6 +83,16 @@ def test_what_is_expected_ahead_is_that_of_the_phase_ahead(agent):
 def test_without_demonstrated_forces_nothing_is_expected(demonstrations):
     agent = POLICIES["gp"].method(TrainingInput(demonstrations=demonstrations))
     assert np.isnan(felt(agent, 9.0, count=3)[-1].expected_force).all()
+
+
+def test_forces_adapt_in_a_form_of_their_own(agent, demonstrations):
+    assert type(agent.forces.distribution) is ForceAdaptation
+    shown = [
+        replace(one, wrenches=along_the_path(one.poses, 3.0)) for one in demonstrations
+    ]
+    for name, form in (("promp", OwnAdaptation), ("gp-fixed", NoAdaptation)):
+        other = POLICIES[name].method(TrainingInput(demonstrations=shown))
+        assert type(other.forces.distribution) is form
 
 
 @pytest.mark.parametrize("name", TABLE_1)

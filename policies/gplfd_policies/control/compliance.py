@@ -22,12 +22,7 @@ from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes
 from gplfd_policies.control.expected_force import ForceForecast
 from gplfd_policies.control.frame import directional_std, path_frame, product
-from gplfd_policies.control.load import (
-    ContactState,
-    LearnedLoad,
-    Load,
-    LoadRule,
-)
+from gplfd_policies.control.load import ContactState, LearnedLoad, Load, LoadRule
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
 from gplfd_policies.control.rendering import Rendering, VirtualRendering
 from gplfd_policies.control.stability import StiffnessGovernor
