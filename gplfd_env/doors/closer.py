@@ -62,9 +62,10 @@ class CloserLaw:
     def of(cls, door: DoorConfig) -> "CloserLaw":
         """Return that of a door."""
         further = door.closer_friction or door.closer_damping or has_tendons(door)
+        preload, stiffness = door.spring
         return cls(
-            preload=door.closer_preload,
-            stiffness=door.closer_stiffness,
+            preload=preload,
+            stiffness=stiffness,
             fading=fading_torques(door),
             friction=door.closer_friction,
             damping=door.closer_damping,

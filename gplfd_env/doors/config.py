@@ -27,8 +27,14 @@ Latch = Literal["none", "spring"]
 Swing = Literal["pull", "push"]
 """Which way the door opens, for the robot."""
 
-HingeSide = Literal["right", "left"]
-"""Where the hinge is, for the robot."""
+HingeSide = Literal["right", "left", "bottom", "top"]
+"""Where the hinge is, for the robot; of a sliding or folding leaf, where it goes."""
+
+Motion = Literal[
+    "hinged", "sliding", "parallel-sliding", "folding", "flap", "rising-butt",
+    "concealed-hinge",
+]  # fmt: skip
+"""How the leaf moves, see `gplfd_env.doors.motion`."""
 
 OVERHANG: Final = 0.01
 """The leaf ends this far beyond the hinge's axis where no width is given [m]."""
@@ -50,10 +56,12 @@ def held_radius(handle: Handle) -> float:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DoorConfig:
-    """A hinged door.
+    """A door, by default hinged.
 
     The hinge axis lies in the handle's plane, so the handle moves on a circle of
     ``radius`` about it and its first motion is straight out of the frame, or into it.
+    Where a leaf does not turn about a hinge, torques are those that do the same work
+    per rad of `door_angle` (`gplfd_env.doors.motion`).
     `gplfd_env.doors.hardware` gives fields by the standards.
 
     Raises:
@@ -91,8 +99,8 @@ class DoorConfig:
     """Where its hinge is."""
     leaf_width: float | None = quantity(None, unit="m", low=0.35, high=1.05)
     """Width of the leaf; None: 1 cm more than `radius` and `backset`."""
-    backset: float = quantity(0.08, unit="m", low=0.04, high=0.13)
-    """From the leaf's free edge to the handle's axis."""
+    backset: float = quantity(0.08, unit="m", low=0.04, high=0.25)
+    """From the leaf's free edge to the handle's axis; at most 0.13 if not folding."""
     leaf_thickness: float = quantity(0.04, unit="m", low=0.015, high=0.08)
     """Thickness of the leaf."""
     stop_angle: float = quantity(
@@ -142,30 +150,67 @@ class DoorConfig:
     """Latch: force of the bolt's spring where it stands out."""
     bolt_stiffness: float = quantity(300.0, unit="N/m", low=50.0, high=2000.0)
     """Latch: what the bolt's spring adds per length."""
+    motion: Motion = "hinged"
+    """How the leaf moves. `radius` is then the distance from the handle to the jamb at
+    which a sliding or folding leaf ends."""
+    travel: float | None = quantity(None, unit="m", low=0.30, high=1.05)
+    """Sliding: clear way; None: `radius`."""
+    offset: float = quantity(0.05, unit="m", low=0.02, high=0.10)
+    """Parallel-sliding: how far the leaf comes out before it slides."""
+    rise: float = quantity(0.012, unit="m", low=0.005, high=0.02)
+    """Rising butt: height gained per 90°."""
+    strut_stiffness: float = quantity(0.0, unit="N m/rad", low=0.0, high=60.0)
+    """Flap: the gas strut opens beyond its dead point with this torque per angle, and
+    closes before it."""
+    strut_dead_angle: float = quantity(
+        math.radians(10.0), unit="rad", low=0.0, high=math.radians(60.0)
+    )
+    """Flap: the dead point."""
 
     def __post_init__(self) -> None:
         for name, allowed in _CHOICES.items():
             check_choice(f"DoorConfig.{name}", getattr(self, name), get_args(allowed))
         check_quantities(self)
-        problem = ""
-        if self.latch == "spring" and self.handle == "bar":
+        problem = self._impossible_motion()
+        if not problem and self.latch == "spring" and self.handle == "bar":
             problem = (
                 "latch = 'spring' with handle = 'bar', which does not turn and could "
                 "not retract the bolt; choose handle = 'lever' or 'knob'"
             )
-        elif abs(self.overhang) > _DISAGREEMENT:
+        if not problem and abs(self.overhang) > _DISAGREEMENT:
             problem = (
                 f"leaf_width = {self.leaf_width:g} minus backset = {self.backset:g} is "
                 f"not radius = {self.radius:g} within {_DISAGREEMENT:g} m; leave "
                 "leaf_width None to have it follow"
             )
-        elif self.dead_travel > 0.5 * self.handle_travel:
+        if not problem and self.dead_travel > 0.5 * self.handle_travel:
             problem = (
                 f"dead_travel = {self.dead_travel:g} is more than half of "
                 f"handle_travel = {self.handle_travel:g}"
             )
         if problem:
             raise ValueError(f"no such door: {problem}")
+
+    def _impossible_motion(self) -> str:
+        """Return why no leaf moves like this; empty if one does."""
+        motion = self.motion
+        fields = dataclasses.fields(self)
+        changed = {one.name for one in fields if getattr(self, one.name) != one.default}
+        for name, motions in _OF_MOTIONS.items():
+            if name in changed and motion not in motions:
+                return f"{name} is a field of motion = {' or '.join(motions)}"
+        if (motion == "flap") != (self.hinge_side in ("bottom", "top")):
+            return (
+                f"motion = {motion!r} with hinge_side = {self.hinge_side!r}; a flap "
+                "has its hinge at the bottom or top, all others on the right or left"
+            )
+        if motion not in ("hinged", "rising-butt") and self.handle != "bar":
+            return f"motion = {motion!r} with handle = {self.handle!r}; it has a bar"
+        if motion in _PULLED and self.swing == "push":
+            return f"motion = {motion!r} with swing = 'push'; it comes to the robot"
+        if motion != "folding" and self.backset > _WIDEST_BACKSET:
+            return f"backset = {self.backset:g} is more than {_WIDEST_BACKSET:g}"
+        return ""
 
     def as_dict(self) -> dict[str, float | str | None]:
         """Return the first eight fields, and of the others those that have no default.
@@ -211,12 +256,26 @@ class DoorConfig:
     @property
     def kind(self) -> dict[str, str]:
         """What tells doors apart that are opened by another motion."""
-        return {name: getattr(self, name) for name in _CHOICES}
+        kind = {name: getattr(self, name) for name in _CHOICES}
+        # Records of hinged doors stay what they were before there were others.
+        if self.motion == "hinged":
+            del kind["motion"]
+        return kind
 
     @property
     def side(self) -> float:
-        """1 if the hinge is on the right, -1 if on the left."""
-        return 1.0 if self.hinge_side == "right" else -1.0
+        """-1 if the hinge is on the left, else 1."""
+        return -1.0 if self.hinge_side == "left" else 1.0
+
+    @property
+    def clear_way(self) -> float:
+        """How far a sliding leaf can go [m]."""
+        return self.radius if self.travel is None else self.travel
+
+    @property
+    def fold(self) -> float:
+        """Distance from the handle to the joint of folding leaves of one width [m]."""
+        return (self.radius - self.backset) / 2.0
 
     @property
     def way(self) -> float:
@@ -229,6 +288,20 @@ class DoorConfig:
         if self.leaf_width is None:
             return OVERHANG
         return self.leaf_width - self.backset - self.radius
+
+    @property
+    def spring(self) -> tuple[float, float]:
+        """Closing torque of closer and strut [N m], and what an angle adds [N m/rad].
+
+        Without what fades.
+        """
+        strut = self.strut_stiffness
+        if strut == 0.0:
+            return self.closer_preload, self.closer_stiffness
+        return (
+            self.closer_preload + strut * self.strut_dead_angle,
+            self.closer_stiffness - strut,
+        )
 
     @property
     def friction(self) -> float:
@@ -248,7 +321,20 @@ _CHOICES: Final = {
     "latch": Latch,
     "swing": Swing,
     "hinge_side": HingeSide,
+    "motion": Motion,
 }
+
+_OF_MOTIONS: Final[Mapping[str, tuple[Motion, ...]]] = {
+    "travel": ("sliding", "parallel-sliding"),
+    "offset": ("parallel-sliding",),
+    "rise": ("rising-butt",),
+    "strut_stiffness": ("flap",),
+    "strut_dead_angle": ("flap",),
+}
+"""Motions of which a field tells."""
+
+_PULLED: Final = ("sliding", "parallel-sliding", "folding", "flap", "concealed-hinge")
+_WIDEST_BACKSET: Final = 0.13
 
 
 def _room(
@@ -297,10 +383,73 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
         "room-959": _room(0.959, "tubular-core"),
         "office-closer-2": _room(0.834, "tubular-core", **hardware.en1154(2)),
         "heavy-fire": _room(0.959, "fire", bolt_preload=8.0, **hardware.en1154(4)),
+        "bifold-closet": DoorConfig(
+            motion="folding",
+            radius=0.60,
+            backset=0.16,
+            leaf_thickness=0.035,
+            panel_mass=12.0,
+            hinge_friction=2.0,
+            hinge_damping=1.0,
+        ),
+        "barn-door": DoorConfig(
+            motion="sliding",
+            radius=0.82,
+            leaf_thickness=0.045,
+            **hardware.rollers(40.0, 0.82),
+        ),
+        "pocket-door": DoorConfig(
+            motion="sliding",
+            radius=0.68,
+            hinge_side="left",
+            **hardware.rollers(20.0, 0.68, 0.02, soft_close=8.0),
+        ),
+        "plug-door": DoorConfig(
+            motion="parallel-sliding",
+            radius=0.75,
+            offset=0.06,
+            leaf_thickness=0.07,
+            **hardware.rollers(45.0, 0.75, 0.006),
+        ),
+        "oven": DoorConfig(
+            motion="flap",
+            hinge_side="bottom",
+            radius=0.42,
+            panel_mass=6.5,
+            hinge_friction=1.0,
+            closer_preload=4.0,
+            closer_stiffness=12.0,
+        ),
+        "overhead-flap": DoorConfig(
+            motion="flap",
+            hinge_side="top",
+            radius=0.34,
+            backset=0.04,
+            leaf_thickness=0.019,
+            handle_height=1.15,
+            panel_mass=4.5,
+            hinge_friction=0.5,
+            strut_stiffness=8.0,
+        ),
+        "rising-butt": DoorConfig(
+            motion="rising-butt",
+            **hardware.leaf(0.762, "tubular-core", backset=0.06),
+        ),
+        "kitchen-cupboard": DoorConfig(
+            motion="concealed-hinge",
+            radius=0.40,
+            leaf_width=0.45,
+            backset=0.05,
+            leaf_thickness=0.019,
+            panel_mass=5.0,
+            hinge_friction=0.2,
+            hinge_damping=0.3,
+            closer_boost=1.2,
+        ),
     }
 )
 """Small, medium and large are demonstrated; heavy is a medium door that needs 14 N. The
-others are doors of furniture and of buildings."""
+others are doors of furniture and of buildings, the last of which are not hinged."""
 
 DoorSpec = str | float | Mapping[str, Any] | DoorConfig
 """What `door_config` accepts."""

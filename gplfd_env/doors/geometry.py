@@ -11,10 +11,22 @@ from numpy.typing import ArrayLike
 
 from gplfd_env.conventions.constants import Array
 from gplfd_env.doors.config import DoorConfig, HingeSide, Swing
+from gplfd_env.doors.motion import Link, carried, links_of, rotated
 from gplfd_env.spatial.se3 import compose_rotvecs
 
 _TURN: Final = 0.5
 """Share of the leaf's turn that a hand takes where it pushes something round."""
+
+_LEVEL_TURN: Final = 0.25
+"""The same of a flap."""
+
+_LEVEL: Final = 0.5
+"""The hinge's axis is level below this share of its direction upwards."""
+
+_SMALL: Final = 1e-6
+"""Angle over which paths are differentiated [rad]."""
+
+_ANGLES: Final = np.radians(np.linspace(-5.0, 100.0, 1051))
 
 _NOT_TURNED: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -45,6 +57,10 @@ class DoorGeometry:
     turn about it draws the bolt."""
     travel: float = 0.0
     """How far the handle can be turned [rad]; 0 if it does not turn."""
+    links: tuple[Link, ...] = ()
+    """Joints between frame and leaf, in the task frame; none if the leaf turns about
+    the hinge, as `hinge`, `axis` and `radius` tell. Else these are those of the door
+    that ends at the same jamb."""
     radius: float = field(init=False)
     """Distance of the hand from the hinge axis [m]."""
     pull: Array = field(init=False)
@@ -67,6 +83,9 @@ class DoorGeometry:
                 "have a direction and not pass through the handle, the origin"
             )
         pull = np.cross(hinge, axis) / radius
+        if self.links:
+            moved = carried(self.links, _SMALL, np.zeros(6))[:3]
+            pull = moved / math.sqrt(moved @ moved)
         vectors = {"hinge": hinge, "axis": axis, "pull": pull}
         if self.spindle is not None and self.turn is not None:
             spindle, turn = np.array(self.spindle, float), np.array(self.turn, float)
@@ -106,13 +125,24 @@ class DoorGeometry:
         to_task, origin = np.asarray(rotation, float).T, np.asarray(position, float)
         side, turns = door.side, door.handle != "bar"
         hinge = np.array([0.0, 0.0, -side * door.hand_radius])
+        axis = np.array([0.0, side * door.way, 0.0])
+        links = links_of(door)
+        if len(links) == 1 and links[0].name == "hinge":
+            hinge, axis, links = np.array(links[0].anchor), np.array(links[0].axis), ()
         spindle = np.array([0.0, 0.0, side * door.grip])
         return cls(
             hinge=to_task @ (hinge - origin),
-            axis=to_task @ np.array([0.0, side * door.way, 0.0]),
+            axis=to_task @ axis,
             spindle=to_task @ (spindle - origin) if turns else None,
             turn=to_task @ np.array([-side, 0.0, 0.0]) if turns else None,
             travel=door.handle_travel if turns else 0.0,
+            links=tuple(
+                link._replace(
+                    axis=tuple((to_task @ link.axis).tolist()),
+                    anchor=tuple((to_task @ (link.anchor - origin)).tolist()),
+                )
+                for link in links
+            ),
         )
 
     def hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
@@ -133,16 +163,22 @@ class DoorGeometry:
             ValueError: A turn of a handle that does not turn.
         """
         angles = np.asarray(angle, dtype=np.float64)[..., None]
+        turns = np.asarray(turn, dtype=np.float64)[..., None]
+        if turns.any() and (self.spindle is None or self.turn is None):
+            raise ValueError("the handle of this door does not turn, but turn is not 0")
+        if self.links:
+            held = np.zeros((*np.broadcast_shapes(angles.shape, turns.shape)[:-1], 6))
+            if self.spindle is not None and self.turn is not None:
+                held[..., :3] = self.spindle - rotated(self.spindle, self.turn, turns)
+                held[..., 3:] = turns * self.turn
+            return carried(self.links, angle, held)
         forward = self.radius * np.sin(angles) * self.pull
         back = (1.0 - np.cos(angles)) * self.hinge
         opened = np.concatenate([forward + back, angles * self.axis], axis=-1)
-        turns = np.asarray(turn, dtype=np.float64)[..., None]
-        if not turns.any():
+        if self.spindle is None or self.turn is None or not turns.any():
             return opened
-        if self.spindle is None or self.turn is None:
-            raise ValueError("the handle of this door does not turn, but turn is not 0")
-        turned = self.spindle - _rotated(self.spindle, self.turn, turns)
-        moved = _rotated(turned, self.axis, angles)
+        turned = self.spindle - rotated(self.spindle, self.turn, turns)
+        moved = rotated(turned, self.axis, angles)
         rotation = compose_rotvecs(angles * self.axis, turns * self.turn)
         position = opened[..., :3] + moved
         position, rotation = np.broadcast_arrays(position, rotation)
@@ -151,31 +187,46 @@ class DoorGeometry:
     def easy_hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
         """Return the poses of a hand that opens the door as is easy for its arm.
 
-        A bar or a knob can be held from any side: where it is pushed, the hand turns by
+        A bar or a knob can be held from any side. Where it is pushed, the hand turns by
         half as much as the leaf, so that the arm goes through the frame and not into
-        the jamb beside the lock. Everything else is held rigidly, as in `hand_poses`.
+        the jamb beside the lock; on a folding leaf by half, on the level bar of a flap
+        by a quarter. Everything else is held rigidly, as in `hand_poses`.
         """
         poses = self.hand_poses(angle, turn)
         spindle = self.spindle
         is_round = spindle is None or float(spindle @ spindle) < _ROUND**2
-        if self.pull[0] < 0.0 and is_round:
-            poses[..., 3:] = self.hand_poses(_TURN * np.asarray(angle), turn)[..., 3:]
+        share = 1.0
+        if is_round and abs(self.axis[1]) < _LEVEL:
+            share = _LEVEL_TURN
+        elif is_round and (self.pull[0] < 0.0 or self._folds):
+            share = _TURN
+        if share < 1.0:
+            poses[..., 3:] = self.hand_poses(share * np.asarray(angle), turn)[..., 3:]
         return poses
+
+    @property
+    def _folds(self) -> bool:
+        """Whether the leaf turns on a leaf that turns."""
+        return sum(not link.slides for link in self.links) > 1
 
     def direction(self, angle: float) -> Array:
         """Return where the hand moves at an angle [rad]: a unit vector, (3,)."""
+        if self.links:
+            ends = self.hand_poses([angle - _SMALL, angle + _SMALL])[:, :3]
+            step = ends[1] - ends[0]
+            return np.asarray(step / math.sqrt(step @ step))
         inwards = self.hinge / self.radius
         return math.cos(angle) * self.pull + math.sin(angle) * inwards
 
     def angle(self, position: ArrayLike) -> Array:
-        """Return the opening angles [rad], (...), at hand positions, (..., 3)."""
+        """Return the opening angles [rad], (...), at hand positions, (..., 3).
+
+        Where the leaf does not turn about a hinge, those of the nearest points of the
+        path, to 0.05°.
+        """
+        if self.links:
+            path = self.hand_poses(_ANGLES)[:, :3]
+            away = np.asarray(position, dtype=np.float64)[..., None, :] - path
+            return np.asarray(_ANGLES[(away**2).sum(axis=-1).argmin(axis=-1)])
         lever = np.asarray(position, dtype=np.float64) - self.hinge
         return np.arctan2(lever @ self.pull, lever @ -self.hinge / self.radius)
-
-
-def _rotated(vector: Array, axis: Array, angles: Array) -> Array:
-    """Return a vector, (..., 3), turned about a unit axis by angles [rad], (..., 1)."""
-    along = (vector * axis).sum(axis=-1, keepdims=True) * axis
-    across = vector - along
-    side = np.cross(np.broadcast_to(axis, across.shape), across)
-    return np.asarray(along + np.cos(angles) * across + np.sin(angles) * side)

@@ -55,6 +55,17 @@ BEARINGS: Final = MappingProxyType(
 )
 """Coefficient of friction of a hinge."""
 
+OPENED: Final = math.radians(60.0)
+"""`door_angle` at which every door counts as opened [rad]."""
+
+CLEAR_WAY: Final = 0.85
+"""Share of the clear way at `OPENED`, where the leaf does not turn about a hinge."""
+
+_ROLLER_DAMPING: Final = 8.0
+_SOFT_CLOSE_DAMPING: Final = 60.0
+"""Of a leaf that moves, and while it closes [N s/m]; own."""
+_SOFT_CLOSE_WAY: Final = 0.1
+
 _PIN_RADIUS: Final = 4.8e-3
 _THRUST_RADIUS: Final = 7.5e-3
 _HINGE_SPAN: Final = 1.5
@@ -113,6 +124,35 @@ def spring_hinge(moment: float = 6.0) -> dict[str, float]:
         "closing_damping": 0.0,
         "backcheck_damping": 0.0,
     }
+
+
+def rollers(
+    mass: float, way: float, coefficient: float = 0.015, soft_close: float = 0.0
+) -> dict[str, float]:
+    """Return the fields of a leaf that hangs on rollers.
+
+    From its mass [kg], its clear way [m], the rollers' coefficient of friction, and the
+    force [N] of a soft-close spring at the closed door, which fades over 10 cm. Torques
+    do the work of these forces per rad of `door_angle`.
+    """
+    gain = sliding_gain(way)
+    fields = {
+        "panel_mass": mass,
+        "hinge_friction": coefficient * mass * GRAVITY * gain,
+        "hinge_damping": _ROLLER_DAMPING * gain**2,
+    }
+    if soft_close > 0.0:
+        fields |= {
+            "closer_boost": soft_close * gain,
+            "closer_boost_angle": _SOFT_CLOSE_WAY / gain,
+            "closing_damping": _SOFT_CLOSE_DAMPING * gain**2,
+        }
+    return fields
+
+
+def sliding_gain(way: float) -> float:
+    """Return how far a sliding leaf with a clear way [m] moves, per `door_angle`."""
+    return CLEAR_WAY * way / OPENED
 
 
 def bearing_friction(mass: float, width: float, bearing: str = "ball") -> float:

@@ -18,7 +18,7 @@ from gplfd_env.doors.randomization import RandomizationSpec, door_randomization
 from gplfd_env.envs.camera import Camera, require_display
 from gplfd_env.robot.gripper import hold_of
 from gplfd_env.robot.model import Grasp
-from gplfd_env.robot.stance import check_reach
+from gplfd_env.robot.stance import ABOUT_A_HINGE, check_reach
 from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.single import Robot
 from gplfd_env.task.draw import Drawn, draw_episode
@@ -195,6 +195,15 @@ class Sources:
         pairs = zip(values["door"], values["randomization"], strict=True)
         for door, randomization in set(pairs):
             check_reach(randomization.outermost(door), base, start)
+        for door, disturbance in zip(
+            values["door"], values["disturbance"], strict=True
+        ):
+            if not (disturbance.idle or door.motion in ABOUT_A_HINGE):
+                raise ValueError(
+                    f"no disturbance of a door with motion = {door.motion!r}: forces "
+                    "and stops are defined for a leaf that turns about an upright "
+                    f"hinge ({', '.join(ABOUT_A_HINGE)})"
+                )
 
     @classmethod
     def of(cls, settings: Settings | VectorSettings) -> "Sources":

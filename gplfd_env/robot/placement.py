@@ -101,7 +101,8 @@ def standoff_pose(door: DoorConfig, standoff: Standoff, base: Base) -> Array:
 
 def grasp_height(door: DoorConfig, placement: Placement) -> float:
     """Return how far above the middle of a bar the hand holds it [m]."""
-    return placement.grasp_height if door.handle == "bar" else 0.0
+    upright = door.handle == "bar" and door.motion != "flap"
+    return placement.grasp_height if upright else 0.0
 
 
 def task_in_door_frame(

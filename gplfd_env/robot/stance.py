@@ -128,9 +128,13 @@ doors that are pulled with the hinge on the right, or pushed with the hinge on t
 on the other side it reaches less (docs/environment.md)."""
 
 
+ABOUT_A_HINGE: Final = ("hinged", "rising-butt", "concealed-hinge")
+"""Motions about an upright hinge, or nearly so; a fixed base reaches them."""
+
+
 def stance_of(door: DoorConfig, base: Base) -> Stance:
     """Return the stance of the robot in front of a door."""
-    if door.handle == "bar":
+    if door.handle == "bar" and door.motion != "flap":
         return BAR_STANCES[base, door.swing]
     if (base, door.swing, door.hinge_side) == ("mobile", "push", "left"):
         return _DRIVING_LEFT
@@ -145,7 +149,9 @@ def base_for(door: DoorConfig) -> Base:
     """
     stance, furniture = stance_of(door, "fixed"), DoorConfig().kind
     within = door.radius <= stance.radius and door.handle_height <= stance.height
-    return "fixed" if within and door.kind == furniture else "mobile"
+    kind = {name: own for name, own in door.kind.items() if name != "motion"}
+    turns = door.motion in ABOUT_A_HINGE
+    return "fixed" if within and turns and kind == furniture else "mobile"
 
 
 def check_reach(door: DoorConfig, base: Base, start: Start = "grasped") -> None:
@@ -159,6 +165,11 @@ def check_reach(door: DoorConfig, base: Base, start: Start = "grasped") -> None:
             'start="approach" is out of reach before a door that is pushed with '
             'base="fixed": the robot stands too near to draw its hand back; give '
             'base="mobile"'
+        )
+    if base == "fixed" and door.motion not in ABOUT_A_HINGE:
+        raise ValueError(
+            f"DoorConfig.motion = {door.motion!r} is out of reach with base='fixed': "
+            'the arm alone cannot follow the handle; give base="mobile"'
         )
     stance = stance_of(door, base)
     for name, limit in (("radius", stance.radius), ("handle_height", stance.height)):

@@ -8,8 +8,10 @@ import numpy as np
 
 from gplfd_env.conventions.constants import INTANGIBLE, Array, Base
 from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.motion import carried, end_angle, links_of
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.placement import handle_position_w, task_rotation_w
+from gplfd_env.robot.stance import ABOUT_A_HINGE
 
 PHYSICS_STEP: Final = 0.002
 """Physics time step [s]."""
@@ -19,6 +21,9 @@ CASING: Final = 0.11
 
 DOOR_HEIGHT: Final = 2.00
 """Height of every leaf [m]."""
+
+FLAP_WIDTH: Final = 0.60
+"""Width of a leaf that turns about a level hinge [m]."""
 
 _ASPECT: Final = 4.0 / 3.0
 _FIELD_OF_VIEW: Final = math.radians(40.0)
@@ -159,7 +164,19 @@ def _shown_points(door: DoorConfig, base: Base) -> Array:
     for depth in (-0.08, 0.08):
         wall = hinge + (depth - door.handle_standoff) * axes[:, 0]
         leaf += [wall - CASING * to_lock, wall + frame_end * to_lock]
-    for angle in _SHOWN_ANGLES:
+    turning = door.motion in ABOUT_A_HINGE
+    if not turning:
+        links, closed = links_of(door), np.zeros((2, 6))
+        closed[:, 2] = door.side * np.array([-door.radius, door.backset])
+        if door.motion == "folding":
+            closed[0, 2] = -door.side * door.fold
+        elif door.motion == "flap":
+            closed[:, 2] = -FLAP_WIDTH / 2.0, FLAP_WIDTH / 2.0
+        for angle in _SHOWN_ANGLES.clip(max=end_angle(door)):
+            leaf += list(floor + carried(links, angle, closed)[:, :3] @ axes.T)
+            moved = carried(links, angle, np.zeros(6))[:3] * [1.0, 0.0, 1.0]
+            robot.append(axes @ moved + outline)
+    for angle in _SHOWN_ANGLES if turning else ():
         sine, cosine = math.sin(angle), math.cos(angle)
         along = cosine * to_lock + door.way * sine * axes[:, 0]
         leaf.append(hinge + (door.radius + door.backset) * along)

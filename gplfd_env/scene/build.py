@@ -45,10 +45,10 @@ SCENE_FIELDS: Final = (
     "body_ipos", "body_iquat", "body_mass", "body_pos", "body_quat",
     "body_subtreemass", "bvh_aabb", "cam_pos", "cam_quat", "cam_pos0", "cam_poscom0",
     "cam_mat0",
-    "dof_M0", "dof_invweight0", "dof_length", "geom_aabb", "geom_pos", "geom_quat",
-    "geom_rbound", "geom_size", "jnt_axis", "jnt_range", "key_ctrl", "key_qpos",
-    "light_pos0", "light_poscom0", "qpos_spring", "site_pos", "site_quat",
-    "tendon_invweight0", "tendon_length0", "tendon_range", "wrap_prm",
+    "dof_M0", "dof_invweight0", "dof_length", "eq_data", "geom_aabb", "geom_pos",
+    "geom_quat", "geom_rbound", "geom_size", "jnt_axis", "jnt_pos", "jnt_range",
+    "key_ctrl", "key_qpos", "light_pos0", "light_poscom0", "qpos_spring", "site_pos",
+    "site_quat", "tendon_invweight0", "tendon_length0", "tendon_range", "wrap_prm",
 )  # fmt: skip
 """Fields of the model in which the geometry of two scenes can differ."""
 
@@ -61,7 +61,7 @@ _WRITTEN: Final = (
     "closer_stiffness", "closer_preload", "closer_boost", "closer_boost_angle",
     "closer_friction", "closer_damping", "closing_damping", "backcheck_damping",
     "backcheck_angle", "handle_preload", "handle_stiffness", "bolt_preload",
-    "bolt_stiffness",
+    "bolt_stiffness", "strut_stiffness", "strut_dead_angle",
 )  # fmt: skip
 """Fields of a door that `set_door_physics` writes; all others are its geometry."""
 
@@ -168,7 +168,13 @@ def _template(
     structure: Structure, grasp: Hold, control: Control, base: Base
 ) -> mujoco.MjModel:
     latch: Latch = "spring" if structure.latched else "none"
-    door = DoorConfig(handle=structure.handle, latch=latch, panel_mass=NOMINAL_MASS)
+    door = DoorConfig(
+        handle=structure.handle,
+        latch=latch,
+        motion=structure.motion,
+        hinge_side="bottom" if structure.motion == "flap" else "right",
+        panel_mass=NOMINAL_MASS,
+    )
     spec = build_spec(door, grasp, control=control, structure=structure, base=base)
     return spec.compile()
 

@@ -89,7 +89,7 @@ def set_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
 
 def _bias(door: DoorConfig) -> tuple[float, float]:
     """Return the actuator's bias: constant [N m] and per angle [N m/rad]."""
-    preload, stiffness = door.closer_preload, door.closer_stiffness
+    preload, stiffness = door.spring
     for torque, faded in fading_torques(door):
         preload += torque
         stiffness -= torque / faded

@@ -7,7 +7,8 @@ import numpy as np
 
 from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array, Base
 from gplfd_env.doors.closer import has_tendons
-from gplfd_env.doors.config import DoorConfig, Handle
+from gplfd_env.doors.config import OVERHANG, DoorConfig, Handle, Motion
+from gplfd_env.doors.motion import Link, end_angle, links_of
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.mobile_base import HARD_STOP, SOFT_STOP
 from gplfd_env.robot.placement import (
@@ -16,9 +17,15 @@ from gplfd_env.robot.placement import (
     task_in_door_frame,
     task_rotation_w,
 )
-from gplfd_env.scene.arena import DOOR_HEIGHT
+from gplfd_env.scene.arena import DOOR_HEIGHT, FLAP_WIDTH
 from gplfd_env.scene.closer import add_closer, set_closer
-from gplfd_env.scene.handle import STEEL, add_bar, add_turning_handle, set_spring
+from gplfd_env.scene.handle import (
+    STEEL,
+    add_bar,
+    add_level_bar,
+    add_turning_handle,
+    set_spring,
+)
 from gplfd_env.scene.latch import add_latch
 from gplfd_env.scene.visuals import (
     add_casing,
@@ -33,6 +40,8 @@ NOMINAL_MASS: Final = 12.0
 """Mass of the leaf in a compiled scene, before `set_door_physics` [kg]."""
 
 _JAMB: Final = 0.05
+_GAP: Final = 0.004
+"""Between a leaf and what is beside it [m]."""
 _WOOD: Final = (0.78, 0.63, 0.46, 1.0)
 _FRAME: Final = (0.88, 0.87, 0.85, 1.0)
 
@@ -46,11 +55,12 @@ class Structure(NamedTuple):
     handle: Handle
     latched: bool
     closer: bool
+    motion: Motion
 
 
 def structure_of(door: DoorConfig) -> Structure:
     """Return the structure of a door."""
-    return Structure(door.handle, door.latch != "none", has_tendons(door))
+    return Structure(door.handle, door.latch != "none", has_tendons(door), door.motion)
 
 
 def add_door(
@@ -80,35 +90,28 @@ def add_door(
     # frame's z [m].
     edges = -door.radius - door.overhang, door.backset
     hinge_z, lock_z = (door.side * (edge + door.grip) for edge in edges)
+    if door.motion == "flap":
+        hinge_z, lock_z = -FLAP_WIDTH / 2.0, FLAP_WIDTH / 2.0
     _add_frame(frame, door, hinge_z, lock_z)
 
-    leaf = frame.add_body(name="door", pos=[0.0, 0.0, -door.side * door.hand_radius])
-    hinge = leaf.add_joint(
-        name="hinge",
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=[0, door.side * door.way, 0],
-        range=[0.0, door.stop_angle],
-        limited=True,
-        damping=[door.hinge_damping + door.closer_damping, 0, 0],
-        frictionloss=door.friction,
-        # With MuJoCo's soft defaults a hinge creeps at loads below its friction.
-        solref_friction=[0.004, 1.0],
-        solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
-        armature=0.01,
-    )
-    if base == "mobile":
-        # The hinge's own limit, which disturbances move, stays softer.
-        hinge.solref_limit = SOFT_STOP
-        end = spec.add_tendon(
-            name="hinge_end",
-            limited=True,
-            range=[0.0, door.stop_angle],
-            solref_limit=HARD_STOP,
-        )
-        end.wrap_joint("hinge", 1.0)
-    _add_leaf(leaf, door, *edges)
+    leaf = _add_joints(spec, frame, door, base)
+    if door.motion == "flap":
+        _add_flap(frame, leaf, door)
+    elif door.motion == "folding":
+        inner = spec.body("inner_door")
+        _add_leaf(inner, "inner_leaf", door, edges[0], -door.fold)
+        _add_hinges(inner, door)
+        _add_leaf(leaf, "leaf", door, -door.fold, edges[1])
+    else:
+        _add_leaf(leaf, "leaf", door, *edges)
+        if door.motion in ("sliding", "parallel-sliding"):
+            _add_rail(frame, door, hinge_z, lock_z)
+        else:
+            _add_hinges(leaf, door)
     foot = -door.handle_standoff + door.leaf_thickness / 2
-    if door.handle == "bar":
+    if door.motion == "flap":
+        add_level_bar(leaf, door, foot)
+    elif door.handle == "bar":
         add_bar(leaf, door, foot, placement.grasp_height)
     else:
         add_turning_handle(leaf, door, foot)
@@ -127,6 +130,81 @@ def add_door(
         add_far_handle(leaf, spec.body("handle"), door)
 
 
+def _add_joints(
+    spec: mujoco.MjSpec, frame: mujoco.MjsBody, door: DoorConfig, base: Base
+) -> mujoco.MjsBody:
+    """Add the joints between frame and leaf; return the leaf's body.
+
+    The joint ``hinge`` has the coordinate of `gplfd_env.doors.motion`. Where no joint
+    of the leaf has it, it is that of a body without a shape. Equalities tie the other
+    joints to it.
+    """
+    links = links_of(door)
+    origin = np.array([0.0, 0.0, -door.side * door.hand_radius])
+    if door.motion == "flap":
+        origin = np.array(links[-1].anchor)
+    if door.motion == "folding":
+        inner = frame.add_body(name="inner_door", pos=origin)
+        _add_joint(spec, inner, links[0], origin)
+        leaf, links = inner.add_body(name="door"), links[1:]
+    else:
+        leaf = frame.add_body(name="door", pos=origin)
+    bearer = leaf
+    if links[-1].name != "hinge":
+        bearer = frame.add_body(name="coordinate", mass=1e-3, inertia=3 * [1e-6])
+    for link in links:
+        if link.name != "hinge":
+            _add_joint(spec, leaf, link, origin)
+    axis = links[-1].axis if bearer is leaf else [0.0, door.side, 0.0]
+    hinge = bearer.add_joint(
+        name="hinge",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=axis,
+        range=[0.0, end_angle(door)],
+        limited=True,
+        damping=[door.hinge_damping + door.closer_damping, 0, 0],
+        frictionloss=door.friction,
+        # With MuJoCo's soft defaults a hinge creeps at loads below its friction.
+        solref_friction=[0.004, 1.0],
+        solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
+        armature=0.01,
+    )
+    if base == "mobile":
+        # The hinge's own limit, which disturbances move, stays softer.
+        hinge.solref_limit = SOFT_STOP
+        end = spec.add_tendon(
+            name="hinge_end",
+            limited=True,
+            range=[0.0, end_angle(door)],
+            solref_limit=HARD_STOP,
+        )
+        end.wrap_joint("hinge", 1.0)
+    return leaf
+
+
+def _add_joint(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, link: Link, origin: Array
+) -> None:
+    """Add a joint of a body at an origin, door frame [m], and tie it to ``hinge``."""
+    kind = mujoco.mjtJoint
+    body.add_joint(
+        name=link.name,
+        type=kind.mjJNT_SLIDE if link.slides else kind.mjJNT_HINGE,
+        pos=[0.0, 0.0, 0.0] if link.slides else np.array(link.anchor) - origin,
+        axis=link.axis,
+    )
+    tie = spec.add_equality(
+        name=link.name,
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1=link.name,
+        name2="hinge",
+        solref=[0.004, 1.0],
+        solimp=[0.999, 0.9999, 0.001, 0.5, 2.0],
+    )
+    tie.data[: len(link.gains) + 1] = 0.0, *link.gains
+
+
 def _add_frame(
     frame: mujoco.MjsBody, door: DoorConfig, hinge_z: float, lock_z: float
 ) -> None:
@@ -135,6 +213,10 @@ def _add_frame(
     upright = [0.06, DOOR_HEIGHT / 2, _JAMB / 2]
     level = [0.06, _JAMB / 2, abs(lock_z - hinge_z) / 2 + _JAMB]
     middle, out = -door.handle_height + DOOR_HEIGHT / 2, door.side * _JAMB / 2
+    behind = -door.handle_standoff
+    if door.motion == "sliding":
+        # The leaf runs before the wall.
+        behind -= upright[0] + door.leaf_thickness / 2 + _GAP
     for name, y, z, size in (
         ("jamb_hinge", middle, hinge_z - out, upright),
         ("jamb_lock", middle, lock_z + out, upright),
@@ -143,7 +225,7 @@ def _add_frame(
         frame.add_geom(
             name=name,
             type=_BOX,
-            pos=[-door.handle_standoff, y, z],
+            pos=[behind, y, z],
             size=size,
             rgba=_FRAME,
             **INTANGIBLE,
@@ -151,11 +233,17 @@ def _add_frame(
 
 
 def _add_leaf(
-    leaf: mujoco.MjsBody, door: DoorConfig, hinge_edge: float, lock_edge: float
+    body: mujoco.MjsBody,
+    name: str,
+    door: DoorConfig,
+    hinge_edge: float,
+    lock_edge: float,
 ) -> None:
-    """Add the leaf between its edges, from the handle's axis [m], and its hinges."""
-    leaf.add_geom(
-        name="leaf",
+    """Add a leaf between its edges, from the handle's axis [m]."""
+    whole = door.backset + door.radius + door.overhang
+    share = (lock_edge - hinge_edge) / whole if door.motion == "folding" else 1.0
+    body.add_geom(
+        name=name,
         type=_BOX,
         pos=[
             -door.handle_standoff,
@@ -164,9 +252,13 @@ def _add_leaf(
         ],
         size=[door.leaf_thickness / 2, DOOR_HEIGHT / 2, (lock_edge - hinge_edge) / 2],
         rgba=_WOOD,
-        mass=door.panel_mass,
+        mass=share * door.panel_mass,
         **INTANGIBLE,
     )
+
+
+def _add_hinges(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
+    """Add the two visible hinges of a leaf."""
     steel: dict[str, Any] = {"rgba": STEEL, "mass": 0.0, **INTANGIBLE}
     for name, height in (("hinge_upper", 0.55), ("hinge_lower", -0.55)):
         leaf.add_geom(
@@ -182,6 +274,54 @@ def _add_leaf(
             pos=[-door.handle_standoff / 2, height, 0],
             size=[door.handle_standoff / 2, 0.03, 0.004],
             **steel,
+        )
+
+
+def _add_rail(
+    frame: mujoco.MjsBody, door: DoorConfig, hinge_z: float, lock_z: float
+) -> None:
+    """Add the rail above the opening and beside it, on which a leaf hangs."""
+    far = hinge_z - door.side * door.clear_way
+    top = DOOR_HEIGHT - door.handle_height
+    frame.add_geom(
+        name="rail",
+        type=_BOX,
+        pos=[-door.handle_standoff, top + 0.025, (far + lock_z) / 2],
+        size=[door.leaf_thickness, 0.02, abs(lock_z - far) / 2],
+        rgba=STEEL,
+        mass=0.0,
+        **INTANGIBLE,
+    )
+
+
+def _add_flap(frame: mujoco.MjsBody, leaf: mujoco.MjsBody, door: DoorConfig) -> None:
+    """Add a leaf with a level hinge, and the front of its cabinet below and above."""
+    to_handle = -float(leaf.pos[1]) / door.radius
+    edge, x = door.radius + door.backset, -door.handle_standoff
+    size = [door.leaf_thickness / 2, (edge + OVERHANG) / 2, FLAP_WIDTH / 2]
+    leaf.add_geom(
+        name="leaf",
+        type=_BOX,
+        pos=[x, to_handle * (edge - OVERHANG) / 2, 0.0],
+        size=size,
+        rgba=_WOOD,
+        mass=door.panel_mass,
+        **INTANGIBLE,
+    )
+    middle = float(leaf.pos[1]) + to_handle * (edge - OVERHANG) / 2
+    floor = -door.handle_height
+    for name, low, high in (
+        ("front_below", floor, middle - size[1] - _GAP),
+        ("front_above", middle + size[1] + _GAP, floor + DOOR_HEIGHT),
+    ):
+        frame.add_geom(
+            name=name,
+            type=_BOX,
+            pos=[x, (low + high) / 2, 0.0],
+            size=[size[0], max((high - low) / 2, 0.001), size[2]],
+            rgba=_FRAME,
+            mass=0.0,
+            **INTANGIBLE,
         )
 
 
@@ -207,16 +347,23 @@ def set_door_physics(
         set_spring(model, "handle", *door.handle_spring)
     if door.latch == "spring":
         set_spring(model, "bolt", door.bolt_preload, door.bolt_stiffness)
-    _add_leaf_mass(model, door.panel_mass - NOMINAL_MASS)
+    more = door.panel_mass - NOMINAL_MASS
+    if door.motion == "folding":
+        width = door.backset + door.radius + door.overhang
+        outer = more * (door.backset + door.fold) / width
+        _add_leaf_mass(model, "door", "leaf", outer)
+        _add_leaf_mass(model, "inner_door", "inner_leaf", more - outer)
+    else:
+        _add_leaf_mass(model, "door", "leaf", more)
     mujoco.mj_setConst(model, data)
     set_closer(model, door)
     if has_tendons(door):
         show_closer(model, door)
 
 
-def _add_leaf_mass(model: mujoco.MjModel, mass: float) -> None:
-    """Add mass to the leaf: the body's mass, centre and inertia (Steiner's theorem)."""
-    body, leaf = model.body("door").id, model.geom("leaf").id
+def _add_leaf_mass(model: mujoco.MjModel, of: str, geom: str, mass: float) -> None:
+    """Add mass to a leaf: the body's mass, centre and inertia (Steiner's theorem)."""
+    body, leaf = model.body(of).id, model.geom(geom).id
     centre, size = model.geom_pos[leaf], model.geom_size[leaf]
     solid = np.diag(size @ size - size**2) / 3.0
     rotation = np.zeros(9)

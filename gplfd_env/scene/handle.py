@@ -1,5 +1,6 @@
 """The handle as MuJoCo geoms: a bar on the leaf, or a lever or knob that turns."""
 
+import math
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -47,6 +48,35 @@ def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) 
     ):
         _add_rod(leaf, name, [0.0, end, reach, foot, end, reach], 0.009)
     leaf.add_site(name="handle", pos=[0.0, height, reach], **UNDRAWN)
+
+
+def add_level_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
+    """Add the level bar of a flap: the geom ``handle_bar`` and the site ``handle``.
+
+    The site ``leaf_axes`` has its axes along the motion, along the hinge and away from
+    it.
+    """
+    up = -1.0 if door.hinge_side == "top" else 1.0
+    reach = up * door.radius
+    leaf.add_geom(
+        fromto=[0, reach, -BAR_HALF_LENGTH, 0, reach, BAR_HALF_LENGTH],
+        size=[BAR_RADIUS, 0, 0],
+        mass=0.3,
+        **_HELD,
+    )
+    for name, end in (
+        ("handle_post_upper", BAR_HALF_LENGTH),
+        ("handle_post_lower", -BAR_HALF_LENGTH),
+    ):
+        _add_rod(leaf, name, [0.0, reach, end, foot, reach, end], 0.009)
+    leaf.add_site(name="handle", pos=[0.0, reach, 0.0], **UNDRAWN)
+    half = math.sqrt(0.5)
+    leaf.add_site(
+        name="leaf_axes",
+        pos=[0.0, reach, 0.0],
+        quat=[half, -up * half, 0.0, 0.0],
+        **UNDRAWN,
+    )
 
 
 def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:

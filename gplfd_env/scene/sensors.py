@@ -89,7 +89,8 @@ def add_sensors(
     add("handle_pos", _SENSOR.mjSENS_FRAMEPOS, _SITE, "handle", "task_frame")
     add("hand_on_handle", _SENSOR.mjSENS_FRAMEPOS, _SITE, "hand", "handle")
     turning = structure.handle != "bar"
-    add_axes("handle", "leaf_axes" if turning else "handle")
+    level = structure.motion == "flap"
+    add_axes("handle", "leaf_axes" if turning or level else "handle")
     for side in ("right", "left"):
         touching = _GEOM, f"{side}_finger_pad"
         if turning:

@@ -8,6 +8,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Mask
+from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
 from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.scene.door import Structure, set_hinge, structure_of
@@ -58,7 +59,7 @@ class Alike:
             self._robot.load(self.models[row], self._scratch, variation)
         if not now.disturbance.idle:
             door = variation.door
-            set_hinge(self.models[row], door.stop_angle, door.friction)
+            set_hinge(self.models[row], end_angle(door), door.friction)
         self.loaded[row] = variation
 
     def restart(self, rows: Rows) -> None:

@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 import mujoco
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Base
+from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.mobile_base import BASE_DRIVES
 from gplfd_env.robot.model import FOREARM, GRIPPER, GRIPS, Hold
@@ -111,7 +112,7 @@ class DoorSimulation:
         elif variation.scene != now.scene:
             self._robot.load(self.model, self.data, variation)
         if not now.disturbance.idle:
-            set_hinge(self.model, door.stop_angle, door.friction)
+            set_hinge(self.model, end_angle(door), door.friction)
         self.variation = variation
         mujoco.mj_resetDataKeyframe(self.model, self.data, GRASP_KEY)
         # Before the forward pass: the first observation must not depend on the gains

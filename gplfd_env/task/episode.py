@@ -23,6 +23,7 @@ from gplfd_env.conventions.one_and_many import (
     with_rows,
 )
 from gplfd_env.doors.closer import CloserLaw
+from gplfd_env.doors.motion import LeafPath
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.gripper import Gripper
 from gplfd_env.robot.placement import hand_position_w
@@ -48,6 +49,7 @@ from gplfd_env.task.opening import (
     NOT_GRASPED,
     SIMULATION_ERROR,
     STALLED,
+    SUCCESS_ANGLE,
     OpeningMonitor,
     reward_terms,
     sparse_reward_terms,
@@ -68,9 +70,8 @@ class Constants(NamedTuple):
     """Values that are constant during an episode: numbers, or arrays (n,)."""
 
     hand: Hand
-    way: Number  # `DoorConfig.way`; likewise the next three.
-    side: Number
-    radius: Number
+    path: LeafPath
+    radius: Number  # Of the `DoorConfig`; likewise the next.
     hand_radius: Number
     closer: CloserLaw
     latched: Flag  # It has a bolt,
@@ -158,7 +159,10 @@ class Episode:
         variation, noise, delay = drawn
         door, disturbance = variation.door, variation.disturbance
         hold, command, base = robot
-        reader = Reader.of(hold, command.control, base, door.handle, door.swing)
+        level = door.motion == "flap"
+        reader = Reader.of(
+            hold, command.control, base, door.handle, door.swing, level=level
+        )
         rest = command.resting(variation, base)
         holds = variation.standoff is None
         drive = gripper = None
@@ -170,8 +174,7 @@ class Episode:
         intervention = None if disturbance.idle else Intervention(variation)
         constants = Constants(
             hand=reader.hand,
-            way=door.way,
-            side=door.side,
+            path=LeafPath.of(door),
             radius=door.radius,
             hand_radius=door.hand_radius,
             closer=CloserLaw.of(door),
@@ -391,7 +394,7 @@ class Episode:
         if self._noises:
             for _, noise in _chosen(self._noises, stepped):
                 noise.draw()
-        door = reader.door_reading(values, constants.way, constants.side)
+        door = reader.door_reading(values, constants.path)
         return Readings(
             steps * CONTROL_PERIOD,
             reader.wrench(values),
@@ -433,6 +436,11 @@ class Episode:
         return torque / constants.hand_radius
 
     @property
+    def opening(self) -> Number:
+        """Opening angle over that of a success."""
+        return self.readings.door.angle / SUCCESS_ANGLE
+
+    @property
     def closer_torque(self) -> Number:
         """Closing torque of closer, seal and stiction [N m]."""
         door = self.readings.door
@@ -444,7 +452,7 @@ class Episode:
         constants, door = self.constants, self.readings.door
         x, y, z = door.handle_position
         dx, dy, dz = self.outside.base_shift
-        rotation = door.handle_rotation(constants.way, constants.side)
+        rotation = door.handle_rotation(constants.path)
         return (x - dx, y - dy, z - dz, *rotation)
 
     @property

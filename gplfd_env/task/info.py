@@ -26,6 +26,7 @@ _ARRAY: Final = np.ndarray
 
 INFO: Final[Mapping[str, Entry]] = {
     "door_angle": Entry(float, "readings.door.angle", "opening angle", "rad"),
+    "opening": Entry(float, "opening", "1 as soon as it is as far as a success needs"),
     "door_velocity": Entry(float, "readings.door.velocity", "its rate", "rad/s"),
     "door_radius": Entry(float, "constants.radius", "R of the present door", "m"),
     "slip": Entry(float, "slip", "of the hand from where it took hold", "m"),

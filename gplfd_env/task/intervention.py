@@ -9,6 +9,7 @@ from typing import Final
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.disturbance import Person, Push
+from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.simulation.loads import Loads, Vector
@@ -86,7 +87,7 @@ class Intervention:
                 hand = (hand[0] + held[0], hand[1] + held[1], hand[2] + held[2])
         if cause.bump:
             self._move_base(self._bump_start.since(time, angle), cause.bump.duration)
-        stop, friction = door.stop_angle, door.friction
+        stop, friction = end_angle(door), door.friction
         if cause.stop:
             since = self._stop_start.since(time, angle)
             if since is None or since < cause.stop.duration - 1e-9:

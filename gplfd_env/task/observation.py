@@ -27,6 +27,7 @@ from gplfd_env.conventions.one_and_many import (
     where,
 )
 from gplfd_env.doors.config import DoorConfig, Handle, Swing
+from gplfd_env.doors.motion import LeafPath
 from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.robot.model import HAND_BODIES, WRENCH_LIMITS, Hold
 from gplfd_env.robot.placement import ARM_JOINTS
@@ -38,6 +39,8 @@ Vector = tuple[Number, Number, Number]
 Wrench = tuple[Number, Number, Number, Number, Number, Number]
 Values = Any
 """Values of the sensors: a list of one simulation's, or an array (number, n)."""
+
+_NOMINAL: Final = LeafPath()
 
 _TOUCHING: Final = slice(17, 19)
 """Of the readings of a door: whether right and left finger touch the handle."""
@@ -105,15 +108,19 @@ class Reader:
         base: Base = "fixed",
         handle: Handle = "bar",
         swing: Swing = "pull",
+        *,
+        level: bool = False,
     ) -> Reader:
         """Resolve sensor addresses and the hand's weight, once per robot and grasp.
 
         The hand holds the same handle in every scene, so one scene serves for all; the
-        same for all, since settled fingers differ by a micrometre.
+        same for all, since settled fingers differ by a micrometre. The bar of a flap is
+        `level`.
         """
-        model = build_scene(
-            DoorConfig(handle=handle, swing=swing), grasp, control=control, base=base
-        )
+        door = DoorConfig(handle=handle, swing=swing)
+        if level:
+            door = DoorConfig(motion="flap", hinge_side="bottom")
+        model = build_scene(door, grasp, control=control, base=base)
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
         mujoco.mj_forward(model, data)
@@ -204,9 +211,7 @@ class Reader:
             torque_z - (arm_x * force_y - arm_y * force_x),
         )
 
-    def door_reading(
-        self, values: Values, way: Number = 1.0, side: Number = 1.0
-    ) -> DoorReading:
+    def door_reading(self, values: Values, path: LeafPath = _NOMINAL) -> DoorReading:
         """Return the privileged readings of door and grasp."""
         reading = values[self.door]
         angle, velocity, hx, hy, hz, ox, oy, oz = reading[:8]
@@ -215,9 +220,10 @@ class Reader:
         if self.hinge_end is not None:
             limit = limit + values[self.hinge_end]
         handle_angle, bolt = (*turning, 0.0, 0.0)[:2]
-        tangential = way * (tx * fx + ty * fy + tz * fz)
+        normal = path.way * (tx * fx + ty * fy + tz * fz)
         vertical = ux * fx + uy * fy + uz * fz
-        radial = side * (rx * fx + ry * fy + rz * fz)
+        outwards = path.side * (rx * fx + ry * fy + rz * fz)
+        tangential, radial = path.split(angle, normal, outwards)
         return DoorReading(
             angle,
             velocity,
@@ -234,7 +240,10 @@ class Reader:
 
 
 class Forces(NamedTuple):
-    """Of the hand on the handle [N]: along the motion, upwards, away from the hinge."""
+    """Of the hand on the handle [N]: along the motion, upwards, away from the hinge.
+
+    Of a flap, whose hinge is level, the second is along the hinge.
+    """
 
     tangential: Number
     vertical: Number
@@ -265,16 +274,17 @@ class DoorReading(NamedTuple):
     handle_angle: Number  # How far a lever or knob is turned [rad]; else 0.
     bolt: Number  # How far the bolt is drawn in [m]; 0 without a latch.
 
-    def handle_rotation(self, way: Number, side: Number) -> Vector:
+    def handle_rotation(self, path: LeafPath) -> Vector:
         """Return the handle's rotation vector [rad].
 
-        Turned about its own axis, normal to the closed leaf, and then about the hinge.
+        Turned about its own axis, normal to the closed leaf, and then with the leaf.
         """
-        about_up = side * way * self.angle
+        about_up = path.upright * self.angle
         turned = self.handle_angle != 0.0
+        level = path.level * self.angle if anywhere(path.level != 0.0) else 0.0
         if not anywhere(turned):
-            return 0.0, about_up, 0.0
-        turn = -side * self.handle_angle
+            return 0.0, about_up, level
+        turn = -path.side * self.handle_angle
         # The quaternion of a turn about y times that of one about x.
         cy, sy = cos(0.5 * about_up), sin(0.5 * about_up)
         cx, sx = cos(0.5 * turn), sin(0.5 * turn)
@@ -286,7 +296,7 @@ class DoorReading(NamedTuple):
         return (
             where(turned, scale * x, 0.0),
             where(turned, scale * y, about_up),
-            where(turned, scale * z, 0.0),
+            where(turned, scale * z, level),
         )
 
 

@@ -10,8 +10,9 @@ from typing import Final
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.conventions.one_and_many import Flag, Number, negated, where
+from gplfd_env.doors.hardware import OPENED
 
-SUCCESS_ANGLE: Final = math.radians(60.0)
+SUCCESS_ANGLE: Final = OPENED
 """Opening angle of a success [rad]."""
 
 DEMONSTRATED_ANGLE: Final = math.radians(67.0)

@@ -2,22 +2,32 @@
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gplfd_env.doors.config import DOORS, DoorConfig, door_config
+from gplfd_env.doors.config import DOORS, DoorConfig, Motion, door_config
 from gplfd_env.validation.fields import allowed_range
 
 CHOICES = {
     "handle": ("bar", "lever", "knob"),
     "latch": ("none", "spring"),
     "swing": ("pull", "push"),
-    "hinge_side": ("right", "left"),
+    "hinge_side": ("right", "left", "bottom", "top"),
+    "motion": get_args(Motion),
 }
+MOTION = {
+    "travel": "sliding",
+    "offset": "parallel-sliding",
+    "rise": "rising-butt",
+    "strut_stiffness": "flap",
+    "strut_dead_angle": "flap",
+    "backset": "folding",
+}
+"""A motion for which a field is given."""
 NUMBERS = [
     field.name for field in dataclasses.fields(DoorConfig) if field.name not in CHOICES
 ]
@@ -37,6 +47,14 @@ def test_presets():
         "room-959": 0.904,
         "office-closer-2": 0.779,
         "heavy-fire": 0.904,
+        "bifold-closet": 0.60,
+        "barn-door": 0.82,
+        "pocket-door": 0.68,
+        "plug-door": 0.75,
+        "oven": 0.42,
+        "overhead-flap": 0.34,
+        "rising-butt": 0.702,
+        "kitchen-cupboard": 0.40,
     }
     heavy = DOORS["heavy"]
     assert (heavy.closer_preload + heavy.hinge_friction) / heavy.radius == 14.0
@@ -65,6 +83,9 @@ def test_mapping_starts_from_its_preset_and_is_not_changed():
 
 def fitting(field: str, value: float) -> dict[str, Any]:
     """Return fields that agree with one at an end of its range."""
+    if field in MOTION:
+        side = "top" if MOTION[field] == "flap" else "right"
+        return {field: value, "motion": MOTION[field], "hinge_side": side}
     if field != "leaf_width":
         return {field: value}
     backset = 0.05 if value < 0.9 else 0.1
@@ -87,8 +108,12 @@ def test_each_field_s_range(field):
 @pytest.mark.parametrize("field", CHOICES)
 def test_each_field_s_choices(field):
     for allowed in CHOICES[field]:
-        lever = {"handle": "lever"} if field == "latch" else {}
-        assert getattr(DoorConfig(**lever, **{field: allowed}), field) == allowed
+        others = {"handle": "lever"} if field == "latch" else {}
+        if allowed in ("bottom", "top"):
+            others = {"motion": "flap"}
+        elif allowed == "flap":
+            others = {"hinge_side": "top"}
+        assert getattr(DoorConfig(**others, **{field: allowed}), field) == allowed
     with pytest.raises(ValueError, match=rf"DoorConfig\.{field} = 'both' is not one"):
         DoorConfig(**{field: "both"})
 
@@ -118,6 +143,13 @@ def test_each_field_s_choices(field):
             (fields, ValueError, ["no such door: ", *parts])
             for fields, *parts in (
                 ({"latch": "spring"}, "latch = 'spring'", "handle = 'bar'", "'lever'"),
+                ({"travel": 0.6}, "travel", "sliding", "parallel-sliding"),
+                ({"motion": "sliding", "rise": 0.01}, "rise", "rising-butt"),
+                ({"motion": "flap"}, "hinge_side = 'right'", "bottom or top"),
+                ({"hinge_side": "top"}, "motion = 'hinged'", "bottom or top"),
+                ({"motion": "folding", "handle": "lever"}, "'lever'", "it has a bar"),
+                ({"motion": "folding", "swing": "push"}, "comes to the robot"),
+                ({"backset": 0.14}, "backset = 0.14", "0.13"),
                 ({"leaf_width": 0.8}, "= 0.8", "backset = 0.08", "radius = 0.5"),
                 ({"handle_travel": 0.3, "dead_travel": 0.2}, "= 0.2", "travel = 0.3"),
             )

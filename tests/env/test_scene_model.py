@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gplfd_env.conventions.assets import asset_path
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.robot.placement import ARM_JOINTS
-from gplfd_env.robot.stance import BAR_STANCES
+from gplfd_env.robot.stance import BAR_STANCES, base_for
 from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
 from gplfd_env.scene.visuals import CLOSER_ARM, CLOSER_PARTS, GROUP
 
@@ -138,7 +138,7 @@ def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
 
 @pytest.mark.parametrize("door", DOORS)
 def test_every_door_stands_in_a_wall(door):
-    for base in ("fixed", "mobile"):
+    for base in {base_for(DOORS[door]), "mobile"}:
         model = build_scene(DOORS[door], base=base)
         for wall in WALLS:
             assert model.geom(wall).rgba[3] == 1.0

@@ -22,6 +22,7 @@ from scipy.ndimage import minimum_filter1d
 from scipy.signal import savgol_filter
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_env.task.stages import STAGES
 from gplfd_experiments.episodes.forecast_error import PROGRESS, forecast_errors
@@ -290,10 +291,17 @@ def opening_motion(log: EpisodeLog) -> slice:
 
 
 def work_on_door(log: EpisodeLog) -> float:
-    """Work of the hand on the door, ∫ F_t r dφ, by the trapezoidal rule [J].
+    """Work of the hand on the door, ∫ F_t ds, by the trapezoidal rule [J].
 
-    r is the hand's own distance from the hinge: on a lever less than the handle's.
+    Of a leaf that turns about a hinge ds = r dφ, where r is the hand's own distance
+    from the hinge: on a lever less than the handle's.
     """
+    if log.config.motion not in ("hinged", "flap"):
+        path = DoorGeometry.of(log.config).hand_poses(log.door_angle)[:, :3]
+        steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+        signed = np.sign(np.diff(log.door_angle)) * steps
+        middle = 0.5 * (log.force_tangential[1:] + log.force_tangential[:-1])
+        return float(middle @ signed)
     return log.config.hand_radius * float(
         np.trapezoid(log.force_tangential, log.door_angle)
     )

@@ -174,12 +174,21 @@ def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
     if fields["base"] == "mobile":
         fields.setdefault("environment_version", 1)
     if config.kind != DoorConfig().kind:
-        radii = [one.radius for one in doors_like(config)]
-        fields = {
-            "demonstrated_radii": radii,
+        given: dict[str, Any] = {
+            "demonstrated_radii": [one.radius for one in doors_like(config)],
             "demonstrated_kind": config.kind,
-        } | fields
+        }
+        shapes = [_shape(one) for one in doors_like(config)]
+        if any(shapes):
+            given["demonstrated_hardware"] = shapes
+        fields = given | fields
     return EpisodeTask(door=door, door_config=config.as_dict(), **fields)
+
+
+def _shape(door: DoorConfig) -> dict[str, Any]:
+    """Return the fields of a demonstrated door beside its radius and kind."""
+    plain = DoorConfig(radius=door.radius, **door.kind).as_dict()
+    return {name: own for name, own in door.as_dict().items() if plain.get(name) != own}
 
 
 def named_doors(

@@ -218,7 +218,7 @@ def view_3d(
 
 def _seen_from(hinge: HingeSide, eye: Eye) -> Eye:
     """Mirror an eye at the task frame's x-y plane where the hinge is on the left."""
-    sides = np.array([1.0, 1.0 if hinge == "right" else -1.0, 1.0])
+    sides = np.array([1.0, -1.0 if hinge == "left" else 1.0, 1.0])
     return Eye(sides * eye.position, sides * eye.target, eye.up)
 
 

@@ -12,6 +12,8 @@ from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.doors.motion import end_angle, links_of
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
@@ -61,7 +63,7 @@ def door_frame(
         static(ROOT, rr.Transform3D(translation=position, quaternion=turn)),
         static(VIEW, rr.Transform3D(mat3x3=_VIEW_AXES)),
         static(f"{ROOT}/demonstrations", lines),
-        *_arc_and_styles(door.hand_radius, door.radius, door.way, door.side),
+        *_path_and_styles(door),
     ]
 
 
@@ -119,13 +121,16 @@ def hand_motion(part: Part) -> list[Chunk]:
         origins=positions[rows], vectors=METRES_PER_NEWTON * log.wrench[rows, :3]
     )
     # Not as the handle, which may turn in the leaf.
-    about_up = log.config.side * log.config.way * log.door_angle[rows, None]
-    turns = Rotation.from_rotvec(about_up * [0.0, 1.0, 0.0]).as_quat()
+    leaf = DoorGeometry.of(log.config).hand_poses(log.door_angle[rows])
+    turns = Rotation.from_rotvec(leaf[:, 3:]).as_quat()
+    transforms = (
+        rr.Transform3D.columns(quaternion=turns)
+        if log.config.motion == "hinged"
+        else rr.Transform3D.columns(translation=leaf[:, :3], quaternion=turns)
+    )
     chunks = [
         moving(f"{ROOT}/hand/force", log.times[rows], arrows),
-        moving(
-            f"{PLAN}/leaf", log.times[rows], rr.Transform3D.columns(quaternion=turns)
-        ),
+        moving(f"{PLAN}/leaf", log.times[rows], transforms),
     ]
     # The trail so far, a strip per stretch of about `_KNOT_SPACING`.
     knots, counts = _stretches(part)
@@ -189,16 +194,25 @@ def _spaced(
 
 # A study opens the same doors again and again.
 @functools.lru_cache(maxsize=64)
-def _arc_and_styles(
-    hand_radius: float, radius: float, way: float, side: float
-) -> tuple[Chunk, ...]:
-    """The hand's true arc, the leaf as lines from the hinge, the look of the hand."""
+def _path_and_styles(door: DoorConfig) -> tuple[Chunk, ...]:
+    """The hand's true path, the leaf as lines, the look of the hand."""
+    side, radius, hinge = door.side, door.radius, -door.side * door.hand_radius
     angles = np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
-    arc = handle_pose_on_arc(hand_radius, angles)[:, :3] * [way, 1.0, side]
-    leaf = [[[0.0, 0.0, 0.0], [0.0, 0.0, side * radius]]]
+    if door.motion == "hinged":
+        # About the hinge.
+        path = handle_pose_on_arc(door.hand_radius, angles)[:, :3]
+        path = path * [door.way, 1.0, side]
+        leaf = [[[0.0, 0.0, 0.0], [0.0, 0.0, side * radius]]]
+    else:
+        # From the handle, with which it moves.
+        path = DoorGeometry.of(door).hand_poses(angles.clip(max=end_angle(door)))[:, :3]
+        far = [0.0, 0.0, -side * (door.fold if door.motion == "folding" else radius)]
+        if door.motion == "flap":
+            far = list(links_of(door)[-1].anchor)
+        leaf, hinge = [[far, [0.0, 0.0, 0.0]]], 0.0
     looks: dict[str, Any] = {
-        f"{ROOT}/true_arc": rr.LineStrips3D([arc], colors=colours.TRUTH, radii=_LINE),
-        PLAN: rr.Transform3D(translation=[0.0, 0.0, -side * hand_radius]),
+        f"{ROOT}/true_arc": rr.LineStrips3D([path], colors=colours.TRUTH, radii=_LINE),
+        PLAN: rr.Transform3D(translation=[0.0, 0.0, hinge]),
         f"{PLAN}/closed": rr.LineStrips3D(leaf, colors=colours.MARK, radii=_LINE / 2),
         f"{PLAN}/leaf": rr.LineStrips3D(leaf, colors=colours.LEAF, radii=2.0 * _LINE),
         f"{ROOT}/hand/trail": rr.LineStrips3D.from_fields(radii=_TRAIL),

@@ -22,8 +22,12 @@ SPLITS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
 def door_kind(door: DoorConfig) -> str:
     """Return the kind of a door in words: all that decides by which motion it opens."""
     latch = "" if door.latch == "none" else f" with {door.latch} latch"
-    side = "" if door.hinge_side == "right" else ", hinge on the left"
-    return f"{door.handle}{latch}, {door.swing}{side}"
+    side = "" if door.hinge_side == "right" else f", hinge {_WHERE[door.hinge_side]}"
+    motion = "" if door.motion == "hinged" else f"{door.motion}, "
+    return f"{motion}{door.handle}{latch}, {door.swing}{side}"
+
+
+_WHERE: Final = {"left": "on the left", "bottom": "at the bottom", "top": "at the top"}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

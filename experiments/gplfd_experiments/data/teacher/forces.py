@@ -3,14 +3,15 @@
 For opening angles φ and handle angles θ the mechanism of the simulated door takes,
 about the axes of hinge and handle,
 
-    T = I φ̈ + (c + c_d) φ̇ + F tanh(φ̇ / φ̇₀) + tanh(φ / φ₀) S(φ)
+    T = I φ̈ + I' φ̇² / 2 + (c + c_d) φ̇ + F tanh(φ̇ / φ̇₀) + tanh(φ / φ₀) (S(φ) + G(φ))
     H = tanh(θ / φ₀) (p + k θ) + tanh(x / (ρ φ₀)) ρ (p_b + k_b x),  x = ρ max(θ - θ₀, 0)
 
 with the moment of inertia I, dampers c of the hinge and c_d of the closer, Coulomb
-friction F of both, springs S of closer, seal and stiction (`CloserLaw`), a return
-spring p, k, and a bolt with a spring p_b, k_b that is drawn by ρ per angle beyond the
-dead travel θ₀. Friction at rest, which is undetermined, counts as zero, and stops carry
-the springs of a closed door and handle, within about φ₀.
+friction F of both, springs S of closer, seal and stiction (`CloserLaw`), gravity G of a
+leaf that rises, a return spring p, k, and a bolt with a spring p_b, k_b that is drawn
+by ρ per angle beyond the dead travel θ₀. Friction at rest, which is undetermined,
+counts as zero, and stops carry the springs of a closed door and handle, within about
+φ₀.
 
 A hand that holds the handle at r from the hinge pulls with T/|r| along its path,
 presses a lever with H over its arm, and turns a knob by the moment H.
@@ -31,6 +32,8 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.doors.closer import CloserLaw
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.doors.hardware import GRAVITY
+from gplfd_env.doors.motion import carried, links_of
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_experiments.data.teacher.random_motion import smooth_functions
 from gplfd_experiments.files.arrays import FloatArray
@@ -39,6 +42,7 @@ _HANDLE_MASS: Final = 0.4  # At the distance of the handle from the hinge [kg].
 _ARMATURE: Final = 0.01  # Of the hinge [kg m²].
 _AT_REST: Final = 0.01  # Angular velocity φ̇₀ that smooths the friction [rad/s].
 _AT_STOP: Final = math.radians(0.1)  # Angle φ₀ within which stops carry [rad].
+_STEP: Final = 1e-4  # Over which paths are differentiated [rad].
 _SMOOTHED: Final = 0.1  # Time over which angles are differentiated [s].
 
 
@@ -88,13 +92,53 @@ def hinge_torque(door: DoorConfig, angles: FloatArray, rate: float) -> FloatArra
         savgol_filter(angles, window, 2, deriv=order, delta=1.0 / rate, mode=mode)
         for order in (1, 2)
     )
+    inertia, weight = _moved(door, angles)
+    further, _ = _moved(door, angles + _STEP)
     closer = dataclasses.replace(CloserLaw.of(door), friction=0.0)
     springs = closer.torque(angles, np.zeros_like(angles))
     torque: FloatArray = np.tanh(angles / _AT_STOP) * springs
     torque += closer.torque(angles, velocity) - springs + door.hinge_damping * velocity
     torque += door.friction * np.tanh(velocity / _AT_REST)
-    torque += hinge_inertia(door) * acceleration
+    torque += inertia * acceleration + np.tanh(angles / _AT_STOP) * weight
+    torque += 0.5 * (further - inertia) / _STEP * velocity**2
     return torque
+
+
+def _moved(door: DoorConfig, angles: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return inertia [kg m²] and gravity's closing torque [N m] at angles, each (N,).
+
+    Of leaves and handle, whose centres c turn by ψ as `door_angle` φ grows:
+    Σ m (∂c/∂φ)² + J (∂ψ/∂φ)² and Σ m g ∂c_y/∂φ.
+    """
+    if door.motion == "hinged":
+        return np.full_like(angles, hinge_inertia(door)), np.zeros_like(angles)
+    links, depth = links_of(door), -door.handle_standoff
+    # Edges of the leaves, from the handle away from the hinge [m].
+    far, near = -door.radius - door.overhang, door.backset
+    leaves = [(links, far, near)]
+    if door.motion == "folding":
+        leaves = [(links[:1], far, -door.fold), (links, -door.fold, near)]
+    inertia, weight = np.full_like(angles, _ARMATURE), np.zeros_like(angles)
+    parts = [
+        (moving, low, high, depth, door.panel_mass * (high - low) / (near - far))
+        for moving, low, high in leaves
+    ]
+    for moving, low, high, x, mass in [*parts, (links, 0.0, 0.0, 0.0, _HANDLE_MASS)]:
+        centre, middle = np.zeros((angles.size, 6)), 0.5 * (low + high)
+        if door.motion == "flap":
+            centre[:, :2] = x, -math.copysign(1.0, links[0].anchor[1]) * middle
+        else:
+            centre[:, 0], centre[:, 2] = x, door.side * middle
+        before, after = (
+            carried(moving, angles + step, centre) for step in (-_STEP, _STEP)
+        )
+        rates = (after - before) / (2.0 * _STEP)
+        thick = door.leaf_thickness if high > low else 0.0
+        about = mass * ((high - low) ** 2 + thick**2) / 12.0
+        inertia += mass * (rates[:, :3] ** 2).sum(axis=1)
+        inertia += about * (rates[:, 3:] ** 2).sum(axis=1)
+        weight += mass * GRAVITY * rates[:, 1]
+    return inertia, weight
 
 
 def handle_torque(door: DoorConfig, turns: FloatArray) -> FloatArray:
@@ -135,6 +179,11 @@ def hand_wrenches(
     held = geometry.hand_poses(angles, turns)[:, :3]
     # Where the handle goes as the door turns, ∂p/∂φ, and what is across that.
     along = np.cross(geometry.axis, held - geometry.hinge)
+    if geometry.links:
+        before, after = (
+            geometry.hand_poses(angles + step, turns)[:, :3] for step in (-_STEP, _STEP)
+        )
+        along = (after - before) / (2.0 * _STEP)
     radius = np.linalg.norm(along, axis=1, keepdims=True)
     pull = effort * hinge_torque(door, angles, rate)[:, None] / radius
     across = (config.across_std + config.across_share * np.abs(pull)) * varied[:, 1:3]
@@ -145,6 +194,10 @@ def hand_wrenches(
     if geometry.spindle is not None and geometry.turn is not None:
         leaf = Rotation.from_rotvec(angles[:, None] * geometry.axis).as_matrix()
         spindle = geometry.hinge + leaf @ (geometry.spindle - geometry.hinge)
+        if geometry.links:
+            closed = np.zeros((angles.size, 6))
+            closed[:, :3] = geometry.spindle
+            spindle = carried(geometry.links, angles, closed)[:, :3]
         turn = leaf @ geometry.turn
         arm = np.cross(turn, held - spindle)  # ∂p/∂θ
         torque = effort * handle_torque(door, turns)[:, None]

@@ -1,6 +1,7 @@
 """How a person reaches for a handle, presses it, opens the door and lets it go back."""
 
 import math
+from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -15,6 +16,18 @@ DEMONSTRATED_RADII: Final = (0.35, 0.50, 0.65)
 
 ROOM_RADII: Final = (0.53, 0.65, 0.78)
 """Doors with a lever or knob, those of DIN leaves of 0.584, 0.709 and 0.834 m [m]."""
+
+_RADII: Final[Mapping[str, tuple[float, float, float]]] = {
+    "sliding": (0.55, 0.70, 0.85),
+    "parallel-sliding": (0.45, 0.60, 0.75),
+    "folding": (0.44, 0.54, 0.64),
+    "flap": (0.32, 0.38, 0.44),
+    "rising-butt": ROOM_RADII,
+}
+"""The same of other motions."""
+
+_SHAPE: Final = {"parallel-sliding": "offset", "folding": "backset"}
+"""What also determines a motion's path, beside the radius."""
 
 # Pressing the handle: means and standard deviations.
 _PRESS_TIME: Final = (0.8, 0.15)  # Time in which the handle is pressed [s].
@@ -85,9 +98,12 @@ def let_back(press: Press, share: FloatArray, angles: FloatArray) -> FloatArray:
 
 
 def doors_like(door: DoorConfig) -> tuple[DoorConfig, ...]:
-    """Return the three demonstrated doors of a door's handle, latch, swing and side."""
+    """Return the three demonstrated doors of a door's kind: other sizes, one shape."""
     radii = DEMONSTRATED_RADII if door.handle == "bar" else ROOM_RADII
+    radii = _RADII.get(door.motion, radii)
     kind: dict[str, Any] = door.kind
+    if door.motion in _SHAPE:
+        kind[_SHAPE[door.motion]] = getattr(door, _SHAPE[door.motion])
     return tuple(DoorConfig(radius=radius, **kind) for radius in radii)
 
 

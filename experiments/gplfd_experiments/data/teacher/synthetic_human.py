@@ -23,12 +23,14 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.doors.motion import end_angle
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_experiments.data.teacher import handle_motion, random_motion
@@ -43,6 +45,9 @@ from gplfd_experiments.data.teacher.handle_motion import DEMONSTRATED_RADII, doo
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.demonstration import Demonstration
+
+_BEFORE_STOP: Final = math.radians(1.0)
+"""A leaf that does not turn about a hinge is opened to this before its stop [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -147,6 +152,8 @@ class Teacher:
         opening = config.duration_mean + config.duration_std * float(longer)
         opening = max(opening, 0.5 * config.duration_mean)
         final_angle = config.angle_mean + config.angle_std * float(further)
+        if door.motion != "hinged":
+            final_angle = min(final_angle, end_angle(door) - _BEFORE_STOP)
         press = handle_motion.draw_press(door, press_rng)
         lasting = handle_motion.duration(press, opening)
         rate, tidy = config.sampling_rate, self.habits == TIDY

@@ -1,0 +1,222 @@
+"""How a leaf moves: the joints between frame and leaf, as functions of one coordinate.
+
+Every door has one degree of freedom, `door_angle` φ. It is the opening angle of a leaf
+that turns about a hinge. Any other leaf has moved by as much as a person needs at
+φ = 60°: 85 % of its clear way. The scene and every forward kinematics use these joints.
+
+| motion | handle's path from its closed position, hinge on the right |
+|---|---|
+| hinged, flap | circle about a vertical, a horizontal axis |
+| sliding | (0, -s) |
+| parallel-sliding | w (1 - (1-u)⁴), -s (2u² - u³): out by w, then along |
+| folding | trammel ellipse a sin ψ, -(2L-a) (1 - cos ψ); the leaf turns by -ψ |
+| rising-butt | circle, and upwards by 10 to 13 mm per 90° |
+| concealed-hinge | the coupler of a four-bar, whose centre wanders by 15 mm |
+
+assets/README.md names the sources of the dimensions.
+"""
+
+import functools
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gplfd_env.conventions.constants import Array
+from gplfd_env.conventions.one_and_many import (
+    Flag,
+    Number,
+    anywhere,
+    negated,
+    sqrt,
+    where,
+)
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.hardware import CLEAR_WAY, OPENED, sliding_gain
+from gplfd_env.spatial.se3 import compose_rotvecs
+
+Triple = tuple[float, float, float]
+
+_ALONG_AT_OPENED: Final = 0.8656293468
+"""Root u of 2u² - u³ = 0.85."""
+
+_FOLD_GAIN: Final = math.acos(1.0 - CLEAR_WAY) / OPENED
+_FLAT: Final = math.radians(88.0)
+"""Angle of the folded leaves at their stop [rad]."""
+
+# Fixed pivots at (-13, -8.5) and (-48, -5.5) mm, moving ones at (-22.5, 34.5) and
+# (-1, 16) mm, outwards and towards the lock from the corner of cabinet and leaf. The
+# displacement of that corner, as polynomials of the leaf's angle, exact to 0.01 mm.
+_FOUR_BAR_OUT: Final = (-8.7057e-3, -5.2375e-3, 4.7331e-3, -6.743e-4)
+_FOUR_BAR_ALONG: Final = (-1.68670e-2, 1.08996e-2, -1.907e-4, -6.774e-4)
+
+_DEGREE: Final = 4
+"""Degree of the polynomials in `LeafPath.tangent`."""
+
+
+class Link(NamedTuple):
+    """A joint between frame and leaf; further links are fixed to what it moves."""
+
+    name: str  # Of MuJoCo's joint; "hinge" has the coordinate φ itself.
+    slides: bool  # Along the axis; else it turns about it.
+    axis: Triple  # In the door frame, whose origin is the hand at the closed door.
+    anchor: Triple  # A point of the axis, door frame [m].
+    gains: tuple[float, ...]  # g₁, g₂, ...: its position is Σ gₖ φᵏ [m, rad].
+
+
+def links_of(door: DoorConfig) -> tuple[Link, ...]:
+    """Return the joints of a door, from the frame to the leaf."""
+    side, way, origin = door.side, door.way, (0.0, 0.0, 0.0)
+    hinge = Link(
+        "hinge", False, (0.0, side * way, 0.0), (0.0, 0.0, -side * door.hand_radius),
+        (1.0,),
+    )  # fmt: skip
+    inwards, outwards, up = (0.0, 0.0, -side), (way, 0.0, 0.0), (0.0, 1.0, 0.0)
+    if door.motion == "sliding":
+        gain = sliding_gain(door.clear_way)
+        return (Link("along", True, inwards, origin, (gain,)),)
+    if door.motion == "parallel-sliding":
+        u = _ALONG_AT_OPENED / OPENED
+        w, s = door.offset, door.clear_way
+        out = (4.0 * w * u, -6.0 * w * u**2, 4.0 * w * u**3, -w * u**4)
+        along = (0.0, 2.0 * s * u**2, -s * u**3)
+        return (
+            Link("out", True, outwards, origin, out),
+            Link("along", True, inwards, origin, along),
+        )
+    if door.motion == "folding":
+        middle = -side * door.fold
+        return (
+            Link("fold", False, hinge.axis, hinge.anchor, (_FOLD_GAIN,)),
+            Link("unfold", False, hinge.axis, (0.0, 0.0, middle), (-2.0 * _FOLD_GAIN,)),
+        )
+    if door.motion == "flap":
+        down = -1.0 if door.hinge_side == "bottom" else 1.0
+        return (
+            Link(
+                "hinge", False, (0.0, 0.0, down), (0.0, down * door.radius, 0.0), (1.0,)
+            ),
+        )
+    if door.motion == "rising-butt":
+        return Link("rise", True, up, origin, (door.rise / (math.pi / 2.0),)), hinge
+    if door.motion == "concealed-hinge":
+        along = tuple(-gain for gain in _FOUR_BAR_ALONG)
+        return (
+            Link("out", True, outwards, origin, _FOUR_BAR_OUT),
+            Link("along", True, inwards, origin, along),
+            hinge,
+        )
+    return (hinge,)
+
+
+def end_angle(door: DoorConfig) -> float:
+    """Return φ at which the leaf meets its stop [rad]."""
+    ends = {
+        "sliding": OPENED / CLEAR_WAY,
+        "parallel-sliding": OPENED / _ALONG_AT_OPENED,
+        "folding": _FLAT / _FOLD_GAIN,
+    }
+    return min(door.stop_angle, ends.get(door.motion, door.stop_angle))
+
+
+class LeafPath(NamedTuple):
+    """How the handle moves with the leaf, as numbers of one door or arrays (n,)."""
+
+    way: Number = 1.0
+    """`DoorConfig.way`."""
+    side: Number = 1.0
+    """`DoorConfig.side`."""
+    upright: Number = 1.0
+    """Turn of the leaf about the upward axis, per φ."""
+    level: Number = 0.0
+    """The same about the axis z of the door frame."""
+    circle: Flag = True
+    """The handle moves along the normal of the leaf."""
+    tangent: tuple[tuple[Number, ...], tuple[Number, ...]] = (
+        (1.0, *_DEGREE * (0.0,)),
+        (_DEGREE + 1) * (0.0,),
+    )
+    """Direction of the path in the leaf's axes, along its normal and away from the
+    hinge, of any length: coefficients of polynomials of φ, the constant first."""
+
+    @classmethod
+    def of(cls, door: DoorConfig) -> "LeafPath":
+        """Return that of a door."""
+        turns = np.zeros(3)
+        for link in links_of(door):
+            if not link.slides:
+                turns += link.gains[0] * np.array(link.axis)
+        common = {
+            "way": door.way,
+            "side": door.side,
+            "upright": float(turns[1]),
+            "level": float(turns[2]),
+        }
+        if door.motion in ("hinged", "flap", "rising-butt"):
+            return cls(**common)
+        return cls(**common, circle=False, tangent=_tangent(door))
+
+    def split(
+        self, angle: Number, normal: Number, outwards: Number
+    ) -> tuple[Number, Number]:
+        """Return a vector's components along the path and across it, at φ [rad].
+
+        From those along the leaf's normal and away from the hinge; across the path is
+        away from the hinge, too.
+        """
+        if not anywhere(negated(self.circle)):
+            return normal, outwards
+        x, z = (
+            functools.reduce(lambda total, gain: total * angle + gain, reversed(gains))
+            for gains in self.tangent
+        )
+        length = sqrt(x * x + z * z)
+        along = (x * normal + z * outwards) / length
+        across = (x * outwards - z * normal) / length
+        return where(self.circle, normal, along), where(self.circle, outwards, across)
+
+
+@functools.lru_cache(maxsize=256)
+def _tangent(door: DoorConfig) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Fit polynomials to the direction of the handle's path in the leaf's axes."""
+    angles, step = np.linspace(0.0, end_angle(door), 33), 1e-6
+    links, closed = links_of(door), np.zeros((33, 6))
+    before, after = (carried(links, angles + shift, closed) for shift in (-step, step))
+    x, _, z = (after - before)[:, :3].T / (2.0 * step)
+    cosine, sine = (np.cos(before[:, 4]), np.sin(before[:, 4]))
+    directions = (
+        door.way * (cosine * x - sine * z),
+        door.side * (sine * x + cosine * z),
+    )
+    normal, outwards = (
+        tuple(np.polynomial.polynomial.polyfit(angles, each, _DEGREE).tolist())
+        for each in directions
+    )
+    return normal, outwards
+
+
+def carried(links: Sequence[Link], angle: ArrayLike, poses: Array) -> Array:
+    """Return poses (..., 6) on the closed leaf, moved with it.
+
+    Links, poses [m, rad] and result are in one frame; φ [rad] is (...).
+    """
+    angles, moved = np.asarray(angle, dtype=np.float64)[..., None], poses.copy()
+    for link in reversed(links):
+        axis, anchor = np.array(link.axis), np.array(link.anchor)
+        place = np.polynomial.polynomial.polyval(angles, (0.0, *link.gains))
+        if link.slides:
+            moved[..., :3] += place * axis
+            continue
+        moved[..., :3] = anchor + rotated(moved[..., :3] - anchor, axis, place)
+        moved[..., 3:] = compose_rotvecs(place * axis, moved[..., 3:])
+    return moved
+
+
+def rotated(vector: Array, axis: Array, angles: Array) -> Array:
+    """Return a vector, (..., 3), turned about a unit axis by angles [rad], (..., 1)."""
+    along = (vector * axis).sum(axis=-1, keepdims=True) * axis
+    across = vector - along
+    side = np.cross(np.broadcast_to(axis, across.shape), across)
+    return np.asarray(along + np.cos(angles) * across + np.sin(angles) * side)
