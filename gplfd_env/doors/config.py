@@ -351,6 +351,11 @@ def _room(
     return DoorConfig(**{**fields, **hardware.leaf(width, construction), **more})
 
 
+def _with(fields: Mapping[str, float], **more: Any) -> DoorConfig:
+    """Return a door with fields that `gplfd_env.doors.hardware` gives."""
+    return DoorConfig(**{**fields, **more})
+
+
 DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
     {
         "small": DoorConfig(radius=0.35),
@@ -392,24 +397,24 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
             hinge_friction=2.0,
             hinge_damping=1.0,
         ),
-        "barn-door": DoorConfig(
+        "barn-door": _with(
+            hardware.rollers(40.0, 0.82),
             motion="sliding",
             radius=0.82,
             leaf_thickness=0.045,
-            **hardware.rollers(40.0, 0.82),
         ),
-        "pocket-door": DoorConfig(
+        "pocket-door": _with(
+            hardware.rollers(20.0, 0.68, 0.02, soft_close=8.0),
             motion="sliding",
             radius=0.68,
             hinge_side="left",
-            **hardware.rollers(20.0, 0.68, 0.02, soft_close=8.0),
         ),
-        "plug-door": DoorConfig(
+        "plug-door": _with(
+            hardware.rollers(45.0, 0.75, 0.006),
             motion="parallel-sliding",
             radius=0.75,
             offset=0.06,
             leaf_thickness=0.07,
-            **hardware.rollers(45.0, 0.75, 0.006),
         ),
         "oven": DoorConfig(
             motion="flap",
@@ -431,9 +436,8 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
             hinge_friction=0.5,
             strut_stiffness=8.0,
         ),
-        "rising-butt": DoorConfig(
-            motion="rising-butt",
-            **hardware.leaf(0.762, "tubular-core", backset=0.06),
+        "rising-butt": _with(
+            hardware.leaf(0.762, "tubular-core", backset=0.06), motion="rising-butt"
         ),
         "kitchen-cupboard": DoorConfig(
             motion="concealed-hinge",

@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.polynomial.polynomial import polyfit, polyval
 from numpy.typing import ArrayLike
 
 from gplfd_env.conventions.constants import Array
@@ -102,10 +103,10 @@ def links_of(door: DoorConfig) -> tuple[Link, ...]:
     if door.motion == "rising-butt":
         return Link("rise", True, up, origin, (door.rise / (math.pi / 2.0),)), hinge
     if door.motion == "concealed-hinge":
-        along = tuple(-gain for gain in _FOUR_BAR_ALONG)
+        inwards_gains = tuple(-gain for gain in _FOUR_BAR_ALONG)
         return (
             Link("out", True, outwards, origin, _FOUR_BAR_OUT),
-            Link("along", True, inwards, origin, along),
+            Link("along", True, inwards, origin, inwards_gains),
             hinge,
         )
     return (hinge,)
@@ -148,15 +149,10 @@ class LeafPath(NamedTuple):
         for link in links_of(door):
             if not link.slides:
                 turns += link.gains[0] * np.array(link.axis)
-        common = {
-            "way": door.way,
-            "side": door.side,
-            "upright": float(turns[1]),
-            "level": float(turns[2]),
-        }
+        path = cls(door.way, door.side, float(turns[1]), float(turns[2]))
         if door.motion in ("hinged", "flap", "rising-butt"):
-            return cls(**common)
-        return cls(**common, circle=False, tangent=_tangent(door))
+            return path
+        return path._replace(circle=False, tangent=_tangent(door))
 
     def split(
         self, angle: Number, normal: Number, outwards: Number
@@ -191,8 +187,7 @@ def _tangent(door: DoorConfig) -> tuple[tuple[float, ...], tuple[float, ...]]:
         door.side * (sine * x + cosine * z),
     )
     normal, outwards = (
-        tuple(np.polynomial.polynomial.polyfit(angles, each, _DEGREE).tolist())
-        for each in directions
+        tuple(polyfit(angles, each, _DEGREE).tolist()) for each in directions
     )
     return normal, outwards
 
@@ -205,7 +200,7 @@ def carried(links: Sequence[Link], angle: ArrayLike, poses: Array) -> Array:
     angles, moved = np.asarray(angle, dtype=np.float64)[..., None], poses.copy()
     for link in reversed(links):
         axis, anchor = np.array(link.axis), np.array(link.anchor)
-        place = np.polynomial.polynomial.polyval(angles, (0.0, *link.gains))
+        place = np.asarray(polyval(angles, (0.0, *link.gains)), dtype=np.float64)
         if link.slides:
             moved[..., :3] += place * axis
             continue

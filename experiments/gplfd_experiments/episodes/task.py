@@ -187,7 +187,8 @@ def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
 
 def _shape(door: DoorConfig) -> dict[str, Any]:
     """Return the fields of a demonstrated door beside its radius and kind."""
-    plain = DoorConfig(radius=door.radius, **door.kind).as_dict()
+    kind: dict[str, Any] = door.kind
+    plain = DoorConfig(radius=door.radius, **kind).as_dict()
     return {name: own for name, own in door.as_dict().items() if plain.get(name) != own}
 
 
