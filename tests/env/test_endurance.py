@@ -7,7 +7,6 @@ python tests/env/test_endurance.py digest 200
 
 import contextlib
 import hashlib
-import itertools
 import math
 import subprocess
 import sys
@@ -20,7 +19,7 @@ import numpy as np
 import pytest
 
 import gplfd_env
-from gplfd_env.doors.config import DoorConfig, DoorSpec, door_config
+from gplfd_env.doors.config import DOORS, DoorConfig, DoorSpec, door_config
 from gplfd_env.robot.whole_body import SPEED
 
 pytestmark = pytest.mark.slow
@@ -29,12 +28,16 @@ POSE, IMPEDANCE = gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID
 MOBILE = gplfd_env.MOBILE_ENVIRONMENT_ID
 N = 8
 
+OTHER = [name for name, door in DOORS.items() if door.motion != "hinged"]
+"""As many as N doors that are not hinged."""
+
 WIDE = {"preset": "hard", "radius": (0.30, 0.95), "handle_height": (0.60, 1.10)}
 ENDURED = (
     (POSE, {"randomization": "hard"}),
     (IMPEDANCE, {"randomization": "mild"}),
     (MOBILE, {"randomization": WIDE}),
     (POSE, {"randomization": "standard", "base": "mobile"}),
+    (POSE, {"door": OTHER, "base": "mobile"}),
 )
 
 DRIVING = (
@@ -239,6 +242,6 @@ if __name__ == "__main__":
                 found = found.worst(drive(id, start, door, disturbance, each, seed))
             print(id, start, found)
     else:
-        for id, randomization in itertools.product((POSE, IMPEDANCE), ("mild", "hard")):
-            outcomes = endure(id, number // 4, randomization=randomization)
-            print(id, randomization, outcomes)
+        for id, arguments in ENDURED:
+            outcomes = endure(id, number // len(ENDURED), **arguments)
+            print(id, arguments, outcomes)

@@ -1,11 +1,12 @@
 """Leaves that do not only turn about an upright hinge."""
 
+import dataclasses
 import math
 
 import mujoco
 import numpy as np
 import pytest
-from numpy.polynomial.polynomial import polyval
+from numpy.polynomial.polynomial import polyder, polyval
 from numpy.testing import assert_allclose
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
@@ -17,7 +18,7 @@ from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.placement import handle_position_w, task_rotation_w
 from gplfd_env.robot.stance import base_for
 from gplfd_env.scene.build import build_scene
-from gplfd_experiments.data.teacher.forces import hinge_torque
+from gplfd_experiments.data.teacher.forces import hinge_torque, moved
 
 OPENED = math.radians(60.0)
 OTHER = tuple(name for name, door in DOORS.items() if door.motion != "hinged")
@@ -128,6 +129,37 @@ def test_the_nearest_angle_of_a_path():
     angles = np.random.default_rng(0).uniform(0.0, 1.1, 20)
     found = geometry.angle(geometry.hand_poses(angles)[:, :3])
     assert_allclose(found, angles, atol=math.radians(0.06))
+
+
+@pytest.mark.parametrize("door", doors()[: len(OTHER)], ids=lambda door: door.motion)
+def test_a_leaf_without_friction_keeps_its_energy(door):
+    """And never gains any: no joint that ties it does work."""
+    fields = {"hinge_friction": 0.0, "hinge_damping": 0.0, "closer_boost": 0.0}
+    free = {"closing_damping": 0.0, "closer_preload": 0.0, "closer_stiffness": 0.0}
+    door = dataclasses.replace(door, **fields, **free, strut_stiffness=0.0)
+    model = build_scene(door, base="mobile")
+    # Out of the hand.
+    model.geom_conaffinity[model.geom("handle_bar").id] = 0
+    data = mujoco.MjData(model)
+    data.joint("hinge").qpos, data.joint("hinge").qvel = 0.3, 0.5
+    for link in links_of(door):
+        data.joint(link.name).qpos = polyval(0.3, (0.0, *link.gains))
+        slope = polyval(0.3, polyder([0.0, *link.gains]))
+        data.joint(link.name).qvel = 0.5 * slope
+    angles, rates = [], []
+    for _ in range(150):
+        mujoco.mj_step(model, data)
+        angles.append(float(data.joint("hinge").qpos[0]))
+        rates.append(float(data.joint("hinge").qvel[0]))
+    path = np.linspace(0.0, 1.2, 2401)
+    inertia, torque = moved(door, path)
+    height = np.concatenate([[0.0], np.cumsum(0.5 * (torque[1:] + torque[:-1]))])
+    potential = np.interp(angles, path, height * path[1])
+    energy = 0.5 * np.interp(angles, path, inertia) * np.square(rates) + potential
+    assert angles[-1] != pytest.approx(0.3, abs=0.02)
+    scale = energy[0] - potential[0] + 2.0 * np.ptp(potential)
+    assert energy.max() - energy[0] < 0.01 * scale
+    assert energy.min() - energy[0] > -0.05 * scale
 
 
 def opened_by_its_geometry(env, door: DoorConfig) -> tuple[dict, np.ndarray]:
