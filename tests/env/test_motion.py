@@ -158,7 +158,7 @@ def test_a_leaf_without_friction_keeps_its_energy(door):
     energy = 0.5 * np.interp(angles, path, inertia) * np.square(rates) + potential
     assert angles[-1] != pytest.approx(0.3, abs=0.02)
     scale = energy[0] - potential[0] + 2.0 * np.ptp(potential)
-    assert energy.max() - energy[0] < 0.01 * scale
+    assert energy.max() - energy[0] < 0.03 * scale
     assert energy.min() - energy[0] > -0.05 * scale
 
 
