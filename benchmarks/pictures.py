@@ -102,10 +102,16 @@ SCENES: Final = (
         "mobile",
         4.0,
     ),
+    Scene("bifold-closet", "bifold-closet", "mobile", 35.0),
+    Scene("barn-door", "barn-door", "mobile", 40.0),
+    Scene("plug-door", "plug-door", "mobile", 35.0),
+    Scene("oven", "oven", "mobile", 45.0),
+    Scene("overhead-flap", "overhead-flap", "mobile", 45.0),
+    Scene("kitchen-cupboard", "kitchen-cupboard", "fixed", 35.0),
 )
 _COLUMNS: Final = 3
-_MOVING: Final = "room-834"
-"""The door of the moving picture."""
+_MOVING: Final = {"opening.gif": "room-834", "folding.gif": "bifold-closet"}
+"""The doors of the moving pictures."""
 _FRAME: Final = 12
 """Control periods from one frame of it to the next."""
 _SHADES: Final = 256
@@ -153,10 +159,10 @@ def drawn(env: gym.Env[Any, Any], camera: Camera) -> Picture:
     return np.asarray(Image.fromarray(camera.picture("rgb_array", data)).reduce(2))
 
 
-def film_opening(path: Path, width: int) -> None:
+def film_opening(path: Path, door: str, width: int) -> None:
     """Let `gp` open a door that it was not shown, and write a GIF of it."""
-    shown = Teacher().standard_demonstrations(seed=0, like=DOORS[_MOVING])
-    env = gym.make(ENVIRONMENT_IDS["pose"], door=_MOVING, base="mobile")
+    shown = Teacher().standard_demonstrations(seed=0, like=DOORS[door])
+    env = gym.make(ENVIRONMENT_IDS["pose"], door=door, base="mobile")
     inner: Any = env.unwrapped
     frames = []
     with overview(env, width) as camera:
@@ -164,7 +170,7 @@ def film_opening(path: Path, width: int) -> None:
             if number % _FRAME == 0 or info["success"]:
                 frames.append(Image.fromarray(drawn(env, camera)))
     if not info["success"]:
-        raise RuntimeError(f"{_MOVING}: {info['failure'] or 'not opened'}")
+        raise RuntimeError(f"{door}: {info['failure'] or 'not opened'}")
     write_gif(path, frames, _FRAME * inner.dt, _SHADES)
 
 
@@ -188,21 +194,20 @@ def side_by_side(pictures: Mapping[str, Picture], columns: int) -> Figure:
 
 def gallery(
     out: Path = Path("docs/images/gallery.png"),
-    moving: Path = Path("docs/images/opening.gif"),
     width: int = 400,
 ) -> None:
-    """Draw the gallery and the moving picture; a minute.
+    """Draw the gallery and, beside it, the moving pictures; two minutes.
 
     Args:
         out: File of the gallery.
-        moving: File of the moving picture.
         width: Of a picture [px].
     """
     pictures = {scene.title: pictured(scene, width) for scene in SCENES}
     figure = side_by_side(pictures, min(_COLUMNS, len(SCENES)))
     with complete_or_absent(out) as temporary:
         figure.savefig(temporary, format="png", metadata={"Software": None})
-    film_opening(moving, width)
+    for name, door in _MOVING.items():
+        film_opening(out.parent / name, door, width)
 
 
 # --- Films of the trials -----------------------------------------------------
