@@ -39,8 +39,7 @@ _NEARLY_FREE: Final = VirtualDynamics(mass=np.repeat([1.0, 0.1], 3), damping_rat
 class HandPath:
     """The hand's path since the closed door in stretches, a mean point of each.
 
-    Args:
-        size: Of a point: 3 for positions [m], 6 for poses [m, rad].
+    Points are positions [m], size 3, or poses [m, rad], size 6.
     """
 
     points: Float[np.ndarray, "N size"]

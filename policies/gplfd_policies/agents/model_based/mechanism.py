@@ -12,13 +12,12 @@ that of its parameters:
 | rotational | 1 | 9 | length of arc about an axis |
 | Gaussian process | 1 | 1 + d + 6 m | length of the path; m training poses |
 
-With Δ_i the error of the i-th of n poses from its projection f(q_i), the model with the
-least Bayesian information criterion is chosen,
+Δ_i is the error of the i-th of n poses from its projection f(q_i), γ the share of
+outliers, and q uniform over the n places that were seen; the least BIC wins:
 
     BIC = -2 (Σ_i log p(Δ_i) - d n log n) + k log n,
-    p(Δ) = (1 - γ) N(Δ; 0, Σ) + γ U,
+    p(Δ) = (1 - γ) N(Δ; 0, Σ) + γ U.
 
-where q is uniform over the n places that were seen, and γ is the share of outliers.
 Different from the paper: all q are lengths [m], every model but the rigid one begins at
 the origin, the known pose of the closed door, and the fits have priors.
 """
@@ -34,6 +33,7 @@ from jaxtyping import Float
 from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle, CirclePrior
 from gplfd_policies.arrays.rows import Numbers
 
+Array = Float[np.ndarray, "..."]
 Path = Float[np.ndarray, "N 6"]
 Lengths = Float[Numbers, "*N"]
 Points = Float[np.ndarray, "*N 3"]
@@ -72,8 +72,8 @@ class Mechanism:
 
     def direction(self, coordinate: float) -> Vector:
         """Return the unit vector in which the hand moves at q; not if it is rigid."""
-        ahead, behind = self.poses(coordinate + np.array([1e-4, -1e-4]))[:, :3]
-        return np.asarray((ahead - behind) / math.dist(ahead, behind))
+        back, on = self.poses(coordinate + np.array([-1e-4, 1e-4]))[:, :3]
+        return np.asarray((on - back) / math.dist(on, back))
 
     def bic(self, path: Path) -> float:
         """Return the Bayesian information criterion of this model of a path."""
@@ -81,9 +81,8 @@ class Mechanism:
         density = (1.0 - _OUTLIERS) / np.prod(math.sqrt(2.0 * math.pi) * _STD)
         inliers = math.log(density) - 0.5 * np.add.reduce(errors**2, axis=1)
         each = np.logaddexp(inliers, math.log(_OUTLIERS / (8.0 * math.pi**2)))
-        count = len(path)
-        likelihood = each.sum() - self.degrees * count * math.log(count)
-        return float(-2.0 * likelihood + self.parameters * math.log(count))
+        weight = self.parameters + 2 * self.degrees * len(path)
+        return float(-2.0 * each.sum() + weight * math.log(len(path)))
 
 
 class Prismatic(Mechanism):
@@ -101,7 +100,7 @@ class Prismatic(Mechanism):
     def updated(self, path: Path) -> Prismatic:
         """Return the most probable line."""
         points = path[:, :3]
-        evidence = np.sqrt((points**2).sum(axis=1)) @ points / _STD[0] ** 2
+        evidence = np.linalg.norm(points, axis=1) @ points / _STD[0] ** 2
         line = evidence + self._pull / UPRIGHT.heading_std**2
         return Prismatic(self._pull, line / math.sqrt(line @ line))
 
@@ -111,8 +110,7 @@ class Prismatic(Mechanism):
 
     def poses(self, coordinates: Lengths | float) -> Poses:
         """Return places on the line, not turned."""
-        line = np.append(self._line, np.zeros(3))
-        return np.asarray(np.multiply.outer(coordinates, line))
+        return np.asarray(coordinates)[..., None] * np.append(self._line, np.zeros(3))
 
 
 class Rotational(Mechanism):
@@ -154,8 +152,8 @@ class GaussianProcess(Mechanism):
     degrees = 1
 
     def __init__(self, path: Path) -> None:
-        steps = np.diff(path[:, :3], axis=0, prepend=0.0)
-        lengths = np.cumsum(np.sqrt((steps**2).sum(axis=1)))
+        chords = np.diff(path[:, :3], axis=0, prepend=0.0)
+        lengths = np.cumsum(np.linalg.norm(chords, axis=1))
         count = min(-(-len(path) // _EVERY), _MOST)
         chosen = np.linspace(0, len(path), count + 1)[1:].round().astype(int) - 1
         self._places = lengths[chosen]
@@ -180,13 +178,11 @@ class GaussianProcess(Mechanism):
 
     def poses(self, coordinates: Lengths | float) -> Poses:
         """Return the posterior mean."""
-        lengths = np.asarray(coordinates)[..., None]
-        return np.asarray(_kernel(lengths, self._places) @ self._weights)
+        return _kernel(np.asarray(coordinates)[..., None], self._places) @ self._weights
 
 
-def _kernel(
-    here: Float[np.ndarray, "*N 1"], there: Float[np.ndarray, " m"]
-) -> Float[np.ndarray, "*N m"]:
+def _kernel(here: Array, there: Array) -> Array:
     """Return the kernel; the path is straight before the closed door, too."""
     least, most = np.minimum(np.maximum(here, 0.0), there), np.maximum(here, there)
-    return _SLOPE * here * there + _BEND * least**2 * (3.0 * most - least) / 6.0
+    bend = _BEND * least**2 * (3.0 * most - least) / 6.0
+    return np.asarray(_SLOPE * here * there + bend)

@@ -27,13 +27,10 @@ from gplfd_policies.agents.model_based.mechanism import (
 from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.steps import AgentStep, Observation
 
-_X, _, _Z = np.eye(3)
-_GUESSES: Final = (_X, -_Z, -_X, _Z)
+_GUESSES: Final = np.array([[1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 0, 1]], float)
 """Directions that are tried, task frame."""
-_PATIENCE: Final = 1.5
-"""How long each is [s]. Tuned."""
-_PLAY: Final = 4
-"""Number of stretches that a hand may move at a door that does not. Tuned."""
+_PATIENCE, _PLAY = 1.5, 4
+"""Time for each [s], and stretches that the hand may move nevertheless. Tuned."""
 _LEAST_RADIUS: Final = 0.25
 """Of a hinged leaf [m]: a smaller circle is no reason to stop."""
 
@@ -50,10 +47,8 @@ class MechanismFitAgent:
     def __init__(
         self, *, speed: float = 0.12, acceleration: float = 0.06, fading: float = 0.95
     ) -> None:
-        self._top_speed, self._acceleration = speed, acceleration
-        self._fading_share = fading
-        self._path, self._yielding = HandPath(size=6), Yielding()
-        self._load = CarriedLoad()
+        self._top_speed, self._acceleration, self._fade = speed, acceleration, fading
+        self._path, self._yielding, self._load = HandPath(6), Yielding(), CarriedLoad()
         self._begin(0)
 
     def _begin(self, guess: int) -> None:
@@ -80,7 +75,6 @@ class MechanismFitAgent:
             path, before = self._path.points, self.model.poses(self._travelled)
             self._candidates = [each.updated(path) for each in self._candidates]
             best = min(self._candidates, key=lambda each: each.bic(path))
-            # Along the same direction until something moves.
             if best.degrees > 0:
                 self.model = best
                 self._travelled = max(float(best.coordinates(before[:3])), 0.0)
@@ -97,16 +91,15 @@ class MechanismFitAgent:
         load = self._load.compensate(observation["wrench"], direction)
         left = math.inf
         if isinstance(self.model, Rotational):
-            radius = max(self.model.radius, _LEAST_RADIUS)
-            left = max(DEMONSTRATED_ANGLE * radius - self._travelled, 0.0)
+            end = DEMONSTRATED_ANGLE * max(self.model.radius, _LEAST_RADIUS)
+            left = max(end - self._travelled, 0.0)
         self._speed = min(
             self._speed + self._acceleration * CONTROL_PERIOD,
             math.sqrt(2.0 * self._acceleration * left),
             self._top_speed,
         )
-        pace = -1.0 if stuck else float(load.pace)
-        step = pace * self._speed * CONTROL_PERIOD
+        step = self._speed * CONTROL_PERIOD * (-1.0 if stuck else float(load.pace))
         self._travelled = max(self._travelled + step, 0.0)
-        self._fading *= self._fading_share
+        self._fading *= self._fade
         desired = self.model.poses(self._travelled) + self._fading
         return self._yielding.step(desired, load.compliant_wrench)
