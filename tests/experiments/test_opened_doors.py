@@ -59,6 +59,7 @@ def opened(policy, *doors, seeds=(0, 0, 0), **options):
     ("policy", "randomization", "force"),
     [
         ("hinge-fit", "hard", 4.0),
+        ("mechanism-fit", "hard", 8.0),
         ("oracle", "hard", 6.0),
         ("reflex", "mild", 15.0),
         ("chord", "mild", 20.0),

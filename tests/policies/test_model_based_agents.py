@@ -10,6 +10,7 @@ from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies import as_agent, make_agent
 from gplfd_policies.agents.model_based.following import HandPath, turned_towards
 from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
+from gplfd_policies.agents.model_based.mechanism_fit import MechanismFitAgent
 from gplfd_policies.agents.model_based.oracle import OracleAgent
 from gplfd_policies.agents.model_based.pulling import ChordAgent, ReflexAgent
 
@@ -181,6 +182,7 @@ def test_who_is_told_must_be_told(name, message):
     [
         (HingeFitAgent(), HingeFitAgent(speed=0.5, acceleration=0.5)),
         (HingeFitAgent(acceleration=1.0), HingeFitAgent(acceleration=1.0, speed=0.4)),
+        (MechanismFitAgent(), MechanismFitAgent(speed=0.2, acceleration=0.2)),
         (ReflexAgent(), ReflexAgent(speed=0.2)),
         (ChordAgent(), ChordAgent(lead=0.03)),
         (ChordAgent(), ChordAgent(lead_rate=0.1)),

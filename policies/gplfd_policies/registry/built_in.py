@@ -19,6 +19,7 @@ from gplfd_policies.adaptation import (
     SimilarityAdaptation,
 )
 from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
+from gplfd_policies.agents.model_based.mechanism_fit import MechanismFitAgent
 from gplfd_policies.agents.model_based.oracle import OracleAgent, ToldHandleAgent
 from gplfd_policies.agents.model_based.pulling import (
     ChordAgent,
@@ -307,6 +308,9 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         ),
         "hinge-fit-told": _model_based(
             ToldHandleAgent, "knows the handle and turns it, then acts as hinge-fit"
+        ),
+        "mechanism-fit": _model_based(
+            MechanismFitAgent, "finds the kind of mechanism from the hand's path"
         ),
         "reflex": _model_based(
             ReflexAgent, "moves in the last direction of motion; compliant across it"

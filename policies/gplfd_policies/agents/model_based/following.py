@@ -37,27 +37,31 @@ _NEARLY_FREE: Final = VirtualDynamics(mass=np.repeat([1.0, 0.1], 3), damping_rat
 
 
 class HandPath:
-    """The hand's path since the closed door in stretches, a mean position of each."""
+    """The hand's path since the closed door in stretches, a mean point of each.
 
-    points: Float[np.ndarray, "N 3"]
+    Points are positions [m], size 3, or poses [m, rad], size 6.
+    """
 
-    def __init__(self) -> None:
+    points: Float[np.ndarray, "N size"]
+
+    def __init__(self, size: int = 3) -> None:
+        self._size = size
         self.reset()
 
     def reset(self) -> None:
         """Begin at the closed door."""
-        self.points, self._last = np.zeros((0, 3)), np.zeros(3)
-        self._sum, self._count = np.zeros(3), 0
+        self.points, self._last = np.zeros((0, self._size)), np.zeros(3)
+        self._sum, self._count = np.zeros(self._size), 0
 
-    def add(self, position: Point) -> bool:
-        """Add a position of the hand [m]; return whether it ends a stretch."""
-        self._sum += position
+    def add(self, point: Float[np.ndarray, " size"]) -> bool:
+        """Add a point of the hand; return whether it ends a stretch."""
+        self._sum += point
         self._count += 1
-        if math.dist(position, self._last) < _SPACING:
+        if math.dist(point[:3], self._last) < _SPACING:
             return False
-        self._last = position.copy()
+        self._last = point[:3].copy()
         self.points = np.vstack([self.points, self._sum / self._count])
-        self._sum, self._count = np.zeros(3), 0
+        self._sum, self._count = np.zeros(self._size), 0
         return True
 
     def direction(self) -> Point:

@@ -1,0 +1,188 @@
+"""Models of a mechanism that guides a hand, and the choice among them.
+
+The models of J. Sturm, C. Stachniss and W. Burgard, *A Probabilistic Framework for
+Learning Kinematic Models of Articulated Objects*, JAIR 41 (2011) 477-526. Each maps a
+latent coordinate q to a pose f(q) and back; d is its number of degrees of freedom, k
+that of its parameters:
+
+| model | d | k | q |
+|---|---|---|---|
+| rigid | 0 | 6 | none |
+| prismatic | 1 | 8 | distance along a line |
+| rotational | 1 | 9 | length of arc about an axis |
+| Gaussian process | 1 | 1 + d + 6 m | length of the path; m training poses |
+
+Δ_i is the error of the i-th of n poses from its projection f(q_i), γ the share of
+outliers, and q uniform over the n places that were seen; the least BIC wins:
+
+    BIC = -2 (Σ_i log p(Δ_i) - d n log n) + k log n,
+    p(Δ) = (1 - γ) N(Δ; 0, Σ) + γ U.
+
+Different from the paper: all q are lengths [m], every model but the rigid one begins at
+the origin, the known pose of the closed door, and the fits have priors.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle, CirclePrior
+from gplfd_policies.arrays.rows import Numbers
+
+Array = Float[np.ndarray, "..."]
+Path = Float[np.ndarray, "N 6"]
+Lengths = Float[Numbers, "*N"]
+Points = Float[np.ndarray, "*N 3"]
+Poses = Float[np.ndarray, "*N 6"]
+Vector = Float[np.ndarray, " 3"]
+
+_STD: Final = np.repeat([1e-3, 0.2], 3)
+"""Square root of Σ [m, rad]. A grip slips, so that orientation says little. Tuned."""
+_OUTLIERS: Final = 0.01
+"""γ; U is that of positions in a cubic metre and all orientations."""
+_EVERY, _MOST = 4, 20
+"""Points of a path for a training pose, tuned; and greatest m, as the authors have."""
+_SLOPE, _BEND = 1e6, 2e5
+"""a and b of the Gaussian process, over the noise's variance [1/m², 1/m³]. Tuned."""
+
+
+class Mechanism:
+    """A model of how a hand can move; this one is rigid: it cannot."""
+
+    degrees, parameters = 0, 6
+
+    def __init__(self, pose: Float[np.ndarray, " 6"]) -> None:
+        self._pose = pose
+
+    def updated(self, path: Path) -> Mechanism:
+        """Return the model fitted to a path, from this one on."""
+        return Mechanism(path.mean(axis=0))
+
+    def coordinates(self, positions: Points) -> Lengths:
+        """Return q of the poses nearest to positions [m]."""
+        return np.zeros(positions.shape[:-1])
+
+    def poses(self, coordinates: Lengths | float) -> Poses:
+        """Return f(q) [m, rad]."""
+        return np.broadcast_to(self._pose, (*np.shape(coordinates), 6))
+
+    def direction(self, coordinate: float) -> Vector:
+        """Return the unit vector in which the hand moves at q; not if it is rigid."""
+        back, on = self.poses(coordinate + np.array([-1e-4, 1e-4]))[:, :3]
+        return np.asarray((on - back) / math.dist(on, back))
+
+    def bic(self, path: Path) -> float:
+        """Return the Bayesian information criterion of this model of a path."""
+        errors = (path - self.poses(self.coordinates(path[:, :3]))) / _STD
+        density = (1.0 - _OUTLIERS) / np.prod(math.sqrt(2.0 * math.pi) * _STD)
+        inliers = math.log(density) - 0.5 * np.add.reduce(errors**2, axis=1)
+        each = np.logaddexp(inliers, math.log(_OUTLIERS / (8.0 * math.pi**2)))
+        weight = self.parameters + 2 * self.degrees * len(path)
+        return float(-2.0 * each.sum() + weight * math.log(len(path)))
+
+
+class Prismatic(Mechanism):
+    """The hand moves along a line, and does not turn.
+
+    Its direction is the regression of positions on distances from the closed door; the
+    mean of its prior is the direction of the pull.
+    """
+
+    degrees, parameters = 1, 8
+
+    def __init__(self, pull: Vector, line: Vector) -> None:
+        self._pull, self._line = pull, line
+
+    def updated(self, path: Path) -> Prismatic:
+        """Return the most probable line."""
+        points = path[:, :3]
+        evidence = np.linalg.norm(points, axis=1) @ points / _STD[0] ** 2
+        line = evidence + self._pull / UPRIGHT.heading_std**2
+        return Prismatic(self._pull, line / math.sqrt(line @ line))
+
+    def coordinates(self, positions: Points) -> Lengths:
+        """Return the distances along the line."""
+        return np.asarray(positions @ self._line)
+
+    def poses(self, coordinates: Lengths | float) -> Poses:
+        """Return places on the line, not turned."""
+        return np.asarray(coordinates)[..., None] * np.append(self._line, np.zeros(3))
+
+
+class Rotational(Mechanism):
+    """The hand moves on a circle and turns with it, see `circle`."""
+
+    degrees, parameters = 1, 9
+
+    def __init__(self, circle: Circle) -> None:
+        self._circle, self._door = circle, circle.door()
+        self.radius = self._door.radius
+
+    @classmethod
+    def expected(cls, pull: Vector, hinge: Vector) -> Rotational:
+        """Return what is expected if the hinge is in a direction from the hand."""
+        axes = np.stack([pull, np.cross(pull, hinge), -hinge], axis=1)
+        return cls(Circle.expected(CirclePrior(axes=axes)))
+
+    def updated(self, path: Path) -> Rotational:
+        """Return the circle after one more step of its fit."""
+        return Rotational(self._circle.updated(path[:, :3]))
+
+    def coordinates(self, positions: Points) -> Lengths:
+        """Return lengths of arc."""
+        return np.asarray(self.radius * self._door.angle(positions))
+
+    def poses(self, coordinates: Lengths | float) -> Poses:
+        """Return poses on the circle, turned by their angle."""
+        return self._door.hand_poses(coordinates / self.radius)
+
+
+class GaussianProcess(Mechanism):
+    """The hand moves along any smooth path.
+
+    Each component of f is a Gaussian process over the length of the path, with kernel
+    a q q' + b (3 M - m) m²/6, m = min(q, q'), M = max(q, q'), an integrated Wiener
+    process: its mean, a cubic spline, goes straight on beyond the path.
+    """
+
+    degrees = 1
+
+    def __init__(self, path: Path) -> None:
+        chords = np.diff(path[:, :3], axis=0, prepend=0.0)
+        lengths = np.cumsum(np.linalg.norm(chords, axis=1))
+        count = min(-(-len(path) // _EVERY), _MOST)
+        chosen = np.linspace(0, len(path), count + 1)[1:].round().astype(int) - 1
+        self._places = lengths[chosen]
+        kernel = _kernel(self._places[:, None], self._places)
+        self._weights = np.linalg.solve(kernel + np.eye(count), path[chosen])
+        self.parameters = 1 + self.degrees + 6 * count
+
+    def updated(self, path: Path) -> GaussianProcess:
+        """Return the process of the path."""
+        return GaussianProcess(path)
+
+    def coordinates(self, positions: Points) -> Lengths:
+        """Return the nearest lengths, by Newton's method from those of training."""
+        apart = positions[..., None, :] - self.poses(self._places)[:, :3]
+        lengths = self._places[np.argmin((apart**2).sum(axis=-1), axis=-1)]
+        for _ in range(3):
+            here, ahead = self.poses(lengths), self.poses(lengths + 1e-4)
+            slope = (ahead - here)[..., :3] / 1e-4
+            along = ((positions - here[..., :3]) * slope).sum(axis=-1)
+            lengths = lengths + along / (slope**2).sum(axis=-1)
+        return np.asarray(lengths)
+
+    def poses(self, coordinates: Lengths | float) -> Poses:
+        """Return the posterior mean."""
+        return _kernel(np.asarray(coordinates)[..., None], self._places) @ self._weights
+
+
+def _kernel(here: Array, there: Array) -> Array:
+    """Return the kernel; the path is straight before the closed door, too."""
+    least, most = np.minimum(np.maximum(here, 0.0), there), np.maximum(here, there)
+    bend = _BEND * least**2 * (3.0 * most - least) / 6.0
+    return np.asarray(_SLOPE * here * there + bend)

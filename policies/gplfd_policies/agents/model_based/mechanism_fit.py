@@ -1,0 +1,105 @@
+"""Opens a door of which nothing is known, along the mechanism that its path shows.
+
+As in `hinge_fit`, the hand yields to every force but the door's resistance along the
+path; the mechanism is the most probable of those in `mechanism`.
+
+It begins by pulling straight back. If the hand then stays within two centimetres for
+1.5 seconds, the next direction is tried: along the wall, into it, along it the other
+way. It ends, if the mechanism is rotational, where demonstrations end, 67° from the
+closed door. Of the other mechanisms no end is known. The set-point goes on until the
+door stops, and waits where it pulls as hard as the load rule allows.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.task.opening import DEMONSTRATED_ANGLE
+from gplfd_policies.agents.model_based.following import HandPath, Yielding
+from gplfd_policies.agents.model_based.mechanism import (
+    GaussianProcess,
+    Mechanism,
+    Prismatic,
+    Rotational,
+)
+from gplfd_policies.control.load import CarriedLoad
+from gplfd_policies.control.steps import AgentStep, Observation
+
+_GUESSES: Final = np.array([[1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 0, 1]], float)
+"""Directions that are tried, task frame."""
+_PATIENCE, _PLAY = 1.5, 4
+"""Time for each [s], and stretches that the hand may move nevertheless. Tuned."""
+_LEAST_RADIUS: Final = 0.25
+"""Of a hinged leaf [m]: a smaller circle is no reason to stop."""
+
+
+class MechanismFitAgent:
+    """Finds the mechanism while it opens the door, and follows it.
+
+    Args:
+        speed: Of the set-point [m/s]. Tuned.
+        acceleration: With which it is reached and left [m/s²]. Tuned.
+        fading: Share of a jump between two estimates left after a period, 0..1. Tuned.
+    """
+
+    def __init__(
+        self, *, speed: float = 0.12, acceleration: float = 0.06, fading: float = 0.95
+    ) -> None:
+        self._top_speed, self._acceleration, self._fade = speed, acceleration, fading
+        self._path, self._yielding, self._load = HandPath(6), Yielding(), CarriedLoad()
+        self._begin(0)
+
+    def _begin(self, guess: int) -> None:
+        """Try a direction from the closed door."""
+        pull = _GUESSES[guess % len(_GUESSES)]
+        self._guess, self._fading = guess, np.zeros(6)
+        self._travelled = self._speed = self._tried = 0.0
+        self._path.reset()
+        self.model: Mechanism = Prismatic(pull, line=pull)
+        sides = [side for side in (*np.eye(3), *-np.eye(3)) if side @ pull == 0.0]
+        self._candidates: list[Mechanism] = [
+            *(Mechanism(np.zeros(6)), self.model, GaussianProcess(np.zeros((1, 6)))),
+            *(Rotational.expected(pull, side) for side in sides),
+        ]
+
+    def reset(self, observation: Observation) -> None:
+        """Forget the last door and begin at the closed one."""
+        self._yielding.reset()
+        self._begin(0)
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period."""
+        if self._path.add(observation["ee_pose"]):
+            path, before = self._path.points, self.model.poses(self._travelled)
+            self._candidates = [each.updated(path) for each in self._candidates]
+            best = min(self._candidates, key=lambda each: each.bic(path))
+            if best.degrees > 0:
+                self.model = best
+                self._travelled = max(float(best.coordinates(before[:3])), 0.0)
+                # The command goes over to another estimate without a jump.
+                self._fading += before - best.poses(self._travelled)
+
+        # Where nothing moves, the set-point comes back before another direction.
+        self._tried += CONTROL_PERIOD
+        stuck = self._tried > _PATIENCE and len(self._path.points) <= _PLAY
+        if stuck and self._travelled == 0.0:
+            self._begin(self._guess + 1)
+
+        direction = self.model.direction(self._travelled)
+        load = self._load.compensate(observation["wrench"], direction)
+        left = math.inf
+        if isinstance(self.model, Rotational):
+            end = DEMONSTRATED_ANGLE * max(self.model.radius, _LEAST_RADIUS)
+            left = max(end - self._travelled, 0.0)
+        self._speed = min(
+            self._speed + self._acceleration * CONTROL_PERIOD,
+            math.sqrt(2.0 * self._acceleration * left),
+            self._top_speed,
+        )
+        step = self._speed * CONTROL_PERIOD * (-1.0 if stuck else float(load.pace))
+        self._travelled = max(self._travelled + step, 0.0)
+        self._fading *= self._fade
+        desired = self.model.poses(self._travelled) + self._fading
+        return self._yielding.step(desired, load.compliant_wrench)
