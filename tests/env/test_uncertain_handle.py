@@ -136,7 +136,7 @@ def test_a_handle_that_slips_away_at_first_can_be_taken_again(make_env):
     assert command(goal, 0.0, 90)["grasped"]
     # Torn along the closed bar and off its end: nobody told the fingers to open.
     for y in np.arange(0.0, 0.25, 0.001):
-        info = command(goal + [0.0, y, 0.0, 0.0, 0.0, 0.0], 0.0, 1)
+        info = command(goal + y * np.eye(6)[1], 0.0, 1)
     assert (info["grasped"], info["failure"]) == (False, "")
     assert abs(info["door_angle"]) < TRIED_ANGLE
 
@@ -148,7 +148,8 @@ def test_many_are_as_one(counted, count_as, make_env, make_vec):
     envs = make_vec(3, door=doors, num_threads=1, **UNCERTAIN)
     ones = [make_env(door, **UNCERTAIN) for door in doors]
     together, _ = envs.reset(seed=5)
-    single = [one.reset(seed=5 + row)[0] for row, one in enumerate(ones)]
+    for row, one in enumerate(ones):
+        one.reset(seed=5 + row)
     assert envs.variations == tuple(one.variation for one in ones)
     goals = np.zeros((3, 6))
     goals[:, :3] = [np.negative(one.variation.placement.belief[:3]) for one in ones]

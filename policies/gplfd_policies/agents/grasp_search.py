@@ -41,6 +41,8 @@ RESISTANCE: Final = 1.5
 the servo's 2000 N/m a rigid handle has 12 N, a lever's spring 2 to 9 N, an empty hand
 none; noise of 1 N has 0.2 N."""
 
+_REST: Final = 0.15
+"""How long the hand rests after the shake [s]."""
 _SETTLED: Final = 0.2
 """From this time of a motion on a force is a contact, not the beginning [s]."""
 _ARRIVED: Final = 0.005
@@ -74,7 +76,6 @@ class GraspSearch:
 
     Attributes:
         stage: What it does now; ``"held"`` also after the last failed attempt.
-        grasp: Pose of the hand at the grasp (6,), once the stage is ``"held"``.
         attempt: Number of the present grasp, from 1.
         elapsed: Time since the beginning [s].
     """
@@ -83,7 +84,6 @@ class GraspSearch:
         self._spread, self._duration = spread, duration
         self.stage: Stage = "reach"
         self.attempt, self.elapsed = 1, 0.0
-        self.grasp = np.zeros(6)
         self._since = 0.0
         self._goal, self._from, self._command = np.zeros((3, 6))
         self._forces: list[Vector] = []
@@ -112,11 +112,11 @@ class GraspSearch:
             self._command[:3] += force / DAMPING * CONTROL_PERIOD
             self._go_on(since >= CLOSING, "shake")
         elif self.stage == "shake":
-            self._forces.append(force)
-            wave = _shake(since / SHAKE[1])
             self._command = self._from.copy()
-            self._command[1:3] += SHAKE[0] * wave
-            if since >= SHAKE[1]:
+            if since <= SHAKE[1]:
+                self._forces.append(force)
+                self._command[1:3] += SHAKE[0] * _shake(since / SHAKE[1])
+            elif since >= SHAKE[1] + _REST:
                 self._judge(observation)
         squared = float(force @ force)
         moving = self.stage in ("reach", "in") and since > _SETTLED
@@ -135,7 +135,7 @@ class GraspSearch:
         forces, waves = np.array(self._forces)[:, 1:], _shake(shares)
         resistance = -2.0 * (forces * waves.T).mean(axis=0)
         if resistance.min() >= RESISTANCE:
-            self.stage, self.grasp = "held", np.array(observation["ee_pose"])
+            self._go_on(True, "held")
         else:
             deeper = self._spread * _DEEPER[min(self.attempt, len(_DEEPER)) - 1]
             self._again(observation, np.array([deeper, 0.0, 0.0]))
@@ -144,7 +144,7 @@ class GraspSearch:
         """Try the next grasp beside this one, if there is one."""
         self._command = np.array(observation["ee_pose"])
         if self.attempt == ATTEMPTS:
-            self.stage, self.grasp = "held", self._command.copy()
+            self._go_on(True, "held")
             return
         self.attempt += 1
         self._goal[:3] += beside

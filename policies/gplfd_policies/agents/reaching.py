@@ -103,7 +103,7 @@ class ReachingAgent:
         self._elapsed = 0.0
         self._door: DoorGeometry | None = None
         self._search: GraspSearch | None = None
-        self._opening = False
+        self._grasp: Pose | None = None
 
     @property
     def control(self) -> Control:
@@ -119,7 +119,7 @@ class ReachingAgent:
     def reset(self, observation: Observation) -> None:
         """Begin where the hand is."""
         self._path = self._from(observation["ee_pose"])
-        self._elapsed, self._opening = 0.0, False
+        self._elapsed, self._grasp = 0.0, None
         if any(self._perception):
             self._search = GraspSearch(self._perception[0], self._reach.duration)
 
@@ -143,11 +143,13 @@ class ReachingAgent:
         if search.stage != "held":
             mean, std = self._reached(search.elapsed + CONTROL_PERIOD)
             return self._step(search.command(observation, mean), std)
-        grasp, begins = search.grasp, not self._opening
+        begins = self._grasp is None
+        if self._grasp is None:
+            self._grasp = np.array(observation["ee_pose"])
+        grasp = self._grasp
         relative = dict(observation)
         relative["ee_pose"] = _moved(observation["ee_pose"], grasp, -1.0)
         if begins:
-            self._opening = True
             if self._door is not None:
                 self._then.inform(self._door.seen_from(grasp[:3]))
             self._then.reset(relative)
@@ -178,10 +180,10 @@ class ReachingAgent:
 
     def forecast(self) -> GaussianTrajectory | None:
         """Return what is expected of the opening, or None."""
-        forecast, search = self._then.forecast(), self._search
-        if forecast is None or search is None or not self._opening:
+        forecast, grasp = self._then.forecast(), self._grasp
+        if forecast is None or grasp is None:
             return forecast
-        mean = _moved(forecast.mean, search.grasp, 1.0)
+        mean = _moved(forecast.mean, grasp, 1.0)
         return dataclasses.replace(forecast, mean=mean)
 
     def _from(self, start: Float[np.ndarray, " 6"]) -> GaussianTrajectory:
