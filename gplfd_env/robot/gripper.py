@@ -15,6 +15,14 @@ AT_HANDLE: Final = (0.01, 0.1)
 """A gripper without a command closes within this distance of the hand from the pose of
 the closed grasp [m, rad]."""
 
+AT_REST: Final = (0.09, 0.002, 0.25)
+"""A gripper without a command, of a robot that does not know exactly where the handle
+is, closes within this distance of the hand from the believed grasp [m], where the hand
+has moved by less than this [m] for this long [s] ..."""
+
+LEFT: Final = 0.04
+"""... and opens where the hand, holding nothing, is this far from there [m]."""
+
 
 def hold_of(grasp: Grasp, start: Start, *, commanded: bool) -> Hold:
     """Return how a scene holds the handle; no weld where fingers open and close."""
@@ -29,15 +37,6 @@ def hold_of(grasp: Grasp, start: Start, *, commanded: bool) -> Hold:
     return "gripper"
 
 
-AT_REST: Final = (0.09, 0.002, 0.25)
-"""A gripper without a command, of a robot that does not know exactly where the handle
-is, closes within this distance of the hand from the believed grasp [m], where the hand
-has moved by less than this [m] for this long [s] ..."""
-
-LEFT: Final = 0.04
-"""... and opens where the hand, holding nothing, is this far from there [m]."""
-
-
 class Gripper:
     """Width of the fingers during an episode, commanded at a limited rate [m].
 
@@ -48,7 +47,7 @@ class Gripper:
         self._thickness = 2.0 * held_radius(door.handle)
         self.width = width
         self.uncertain = uncertain
-        self._place = (math.inf, 0.0, 0.0)
+        self._place: tuple[float, ...] = (math.inf, 0.0, 0.0)
         self._rested = 0.0
 
     @property

@@ -231,7 +231,7 @@ def test_variation_names_every_number():
     assert numbers["force_noise"] == 1.5
     assert numbers["delay"] == 2
     assert {"radius", "base_yaw", "grasp_depth", "torque_noise"} <= numbers.keys()
-    assert len(numbers) == 8 + 5 + 4 + 1
+    assert len(numbers) == 8 + 11 + 4 + 1
 
 
 # --- Doors by the standards ----------------------------------------------------------

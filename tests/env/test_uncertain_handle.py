@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
+from gymnasium.utils.seeding import np_random
 
 import gplfd_env
 from gplfd_env.conventions.constants import GRIPPER_WIDTH
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_env.doors.randomization import DoorRandomization
+from gplfd_env.doors.randomization import DoorRandomization, door_randomization
 from gplfd_env.doors.variation import BELIEF_LIMIT, Perception
 from gplfd_env.robot.gripper import AT_REST, LEFT, SPEED, Gripper
 from gplfd_env.spatial.se3 import into_axes
@@ -59,6 +60,17 @@ def test_no_other_draw_changes_and_errors_scale(make_env):
         assert none == dataclasses.replace(one, placement=one.placement.true)
         assert one.as_dict()["belief_x"] == one.placement.belief_x
     assert small[0].placement.belief != small[1].placement.belief
+
+
+def test_it_takes_no_number_of_the_environment_s_generator(make_env):
+    """What it has: the ranges', and seeds of noise, disturbance and standoff."""
+    ranges = {"preset": "mild", "perception": (0.01, 0.02)}
+    env = make_env(start="approach", randomization=ranges, disturbance="push")
+    env.reset(seed=3)
+    rng, _ = np_random(3)
+    door_randomization("mild").sample(env.door, rng)
+    rng.integers(2**63, size=3)
+    assert env.np_random.bit_generator.state == rng.bit_generator.state
 
 
 @pytest.mark.parametrize("door", ["small", {"handle": "lever", "latch": "spring"}])
