@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -144,6 +144,12 @@ class DoorGeometry:
                 for link in links
             ),
         )
+
+    def seen_from(self, position: ArrayLike) -> DoorGeometry:
+        """Return the same door in a frame with its origin at a position, (3,) [m]."""
+        origin = np.asarray(position, dtype=np.float64)
+        spindle = None if self.spindle is None else self.spindle - origin
+        return replace(self, hinge=self.hinge - origin, spindle=spindle)
 
     def hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
         """Return the poses of a hand that holds the handle rigidly.

@@ -14,9 +14,10 @@ from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
+from gplfd_env.conventions.constants import Start
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.standard import standard_door
-from gplfd_env.doors.variation import Placement, SensorNoise, Variation
+from gplfd_env.doors.variation import Perception, Placement, SensorNoise, Variation
 from gplfd_env.validation.fields import (
     allowed_range,
     check_choice,
@@ -78,6 +79,10 @@ class DoorRandomization:
     """Standard deviation of the observed position [m] and rotation vector [rad]."""
     wrench_noise: Pair = (0.0, 0.0)
     """Standard deviation of the observed force [N] and torque [N m]."""
+    perception: Pair = (0.0, 0.0)
+    """Standard deviations of the error of the believed grasp: position [m] and rotation
+    vector [rad], per axis, Gaussian, truncated at three of them. Only with
+    ``start="approach"``."""
     shortest_delay: int = quantity(
         0, unit="control periods", low=0, high=allowed_range(Variation, "delay").high
     )
@@ -111,6 +116,7 @@ class DoorRandomization:
             )
         self._check_pair("pose_noise", SensorNoise, "position", "rotation")
         self._check_pair("wrench_noise", SensorNoise, "force", "torque")
+        self._check_pair("perception", Perception, "position", "rotation")
 
     def _check_pair(self, name: str, record: type, first: str, second: str) -> Pair:
         """Keep a pair as floats, allowed for two fields of a record; return it."""
@@ -130,6 +136,14 @@ class DoorRandomization:
     def idle(self) -> bool:
         """Whether nothing is varied."""
         return self == DoorRandomization()
+
+    def check_start(self, start: Start) -> None:
+        """Raise a ValueError if episodes with this start cannot be drawn so."""
+        if start == "grasped" and any(self.perception):
+            raise ValueError(
+                "DoorRandomization.perception is an error with which a hand reaches "
+                'for the handle: it needs start="approach" (--start approach)'
+            )
 
     def outermost(self, door: DoorConfig) -> DoorConfig:
         """Return the door with the highest handle farthest from the hinge."""
@@ -236,7 +250,9 @@ RANDOMIZATIONS: Final[Mapping[str, DoorRandomization]] = MappingProxyType(
             longest_delay=3,
         ),
         "standard": DoorRandomization(doors="standard"),
+        "detector": DoorRandomization(perception=(0.01, math.radians(2.0))),
     }
 )
 """Mild is what a careful laboratory leaves over; hard is a new door every time;
-standard is a door of a building every time, before which the robot stands right."""
+standard is a door of a building every time, before which the robot stands right;
+detector is the error with which a good RGB-D detector finds a handle."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Any
+from statistics import NormalDist
+from typing import Any, Final
 
 import numpy as np
 
@@ -32,6 +33,36 @@ class Placement(Quantities):
     """The hand holds the bar this far above its middle."""
     grasp_depth: float = quantity(0.0, unit="m", low=-0.008, high=0.008)
     """The bar lies this far towards the finger tips."""
+    belief_x: float = quantity(0.0, unit="m", low=-0.09, high=0.09)
+    """The robot believes the grasp to be this far from where it is, along the pulling
+    direction; likewise the next two. Its task frame is at the believed grasp."""
+    belief_y: float = quantity(0.0, unit="m", low=-0.09, high=0.09)
+    """Upwards."""
+    belief_z: float = quantity(0.0, unit="m", low=-0.09, high=0.09)
+    """To the left of someone facing the door."""
+    belief_rx: float = quantity(0.0, unit="rad", low=-0.3, high=0.3)
+    """Rotation vector of the believed grasp from the true one; likewise the next two.
+    """
+    belief_ry: float = quantity(0.0, unit="rad", low=-0.3, high=0.3)
+    """Its component upwards."""
+    belief_rz: float = quantity(0.0, unit="rad", low=-0.3, high=0.3)
+    """Its component to the left."""
+
+    @property
+    def belief(self) -> tuple[float, ...]:
+        """Pose of the believed grasp relative to the true one, (6,) [m, rad]."""
+        return dataclasses.astuple(self)[-6:]
+
+    @property
+    def true(self) -> Placement:
+        """The same placement of a robot that knows where the grasp is."""
+        return dataclasses.replace(self, **dict.fromkeys(_BELIEFS, 0.0))
+
+
+BELIEF_LIMIT: Final = 3.0
+"""Largest error of the believed grasp in standard deviations."""
+
+_BELIEFS: Final = tuple(one.name for one in dataclasses.fields(Placement))[-6:]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -55,6 +86,31 @@ class Standoff(Quantities):
             one.name: allowed_range(cls, one.name) for one in dataclasses.fields(cls)
         }
         return cls(**{name: rng.uniform(r.low, r.high) for name, r in ranges.items()})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Perception(Quantities):
+    """Standard deviations of the error of the believed grasp, per axis."""
+
+    position: float = quantity(0.0, unit="m", low=0.0, high=0.03)
+    """Of its position."""
+    rotation: float = quantity(0.0, unit="rad", low=0.0, high=0.1)
+    """Of its rotation vector."""
+
+    def drawn(self, rng: np.random.Generator) -> dict[str, float]:
+        """Draw fields of `Placement`: Gaussian, truncated at `BELIEF_LIMIT`.
+
+        Always the same number of draws. Errors of two records from equal generators
+        have the ratio of their standard deviations.
+        """
+        normal = NormalDist()
+        low = normal.cdf(-BELIEF_LIMIT)
+        shares = low + (1.0 - 2.0 * low) * rng.random(6)
+        stds = 3 * [self.position] + 3 * [self.rotation]
+        return {
+            name: std * normal.inv_cdf(share)
+            for name, std, share in zip(_BELIEFS, stds, shares.tolist(), strict=True)
+        }
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -55,7 +55,8 @@ class Common:
     start: Start = "grasped"
     """``"grasped"``, or ``"approach"``: the episode begins with the open hand 10 to
     20 cm before the handle. Where no action commands the gripper, it closes when the
-    hand is at the handle, see `gplfd_env.robot.gripper`."""
+    hand is at the handle or, where that is uncertain, at rest, see
+    `gplfd_env.robot.gripper`."""
     render_mode: str | None = None
     """None, ``"human"``, ``"rgb_array"``, ``"depth_array"`` or ``"rgbd_tuple"``; of n
     doors None or ``"rgb_array"``."""
@@ -185,7 +186,8 @@ class Sources:
     """A door, a randomization and a disturbance for each of n simulations.
 
     `n` is None for one, for which nothing may be a sequence. Raises a ValueError for a
-    door that the robot with this base and start cannot reach.
+    door that the robot with this base and start cannot reach, or a randomization that
+    does not go with the start.
     """
 
     def __init__(
@@ -194,6 +196,7 @@ class Sources:
         self._n, self._base, self._start, self._values = n, base, start, values
         pairs = zip(values["door"], values["randomization"], strict=True)
         for door, randomization in set(pairs):
+            randomization.check_start(start)
             check_reach(randomization.outermost(door), base, start)
         for door, disturbance in zip(
             values["door"], values["disturbance"], strict=True

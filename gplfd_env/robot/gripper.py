@@ -15,6 +15,14 @@ AT_HANDLE: Final = (0.01, 0.1)
 """A gripper without a command closes within this distance of the hand from the pose of
 the closed grasp [m, rad]."""
 
+AT_REST: Final = (0.09, 0.002, 0.25)
+"""A gripper without a command, of a robot that does not know exactly where the handle
+is, closes within this distance of the hand from the believed grasp [m], where the hand
+has moved by less than this [m] for this long [s] ..."""
+
+LEFT: Final = 0.04
+"""... and opens where the hand, holding nothing, is this far from there [m]."""
+
 
 def hold_of(grasp: Grasp, start: Start, *, commanded: bool) -> Hold:
     """Return how a scene holds the handle; no weld where fingers open and close."""
@@ -30,11 +38,17 @@ def hold_of(grasp: Grasp, start: Start, *, commanded: bool) -> Hold:
 
 
 class Gripper:
-    """Width of the fingers during an episode, commanded at a limited rate [m]."""
+    """Width of the fingers during an episode, commanded at a limited rate [m].
 
-    def __init__(self, door: DoorConfig, width: float) -> None:
+    If the handle is `uncertain`, the robot believes it to be where it is not.
+    """
+
+    def __init__(self, door: DoorConfig, width: float, *, uncertain: bool) -> None:
         self._thickness = 2.0 * held_radius(door.handle)
         self.width = width
+        self.uncertain = uncertain
+        self._place: tuple[float, ...] = (math.inf, 0.0, 0.0)
+        self._rested = 0.0
 
     @property
     def opened(self) -> bool:
@@ -49,6 +63,19 @@ class Gripper:
 
     def close_at_handle(self, hand: Sequence[float], *, taken: bool) -> None:
         """Close if the hand (6,) [m, rad] is at the handle or holds it, else open."""
+        if self.uncertain:
+            self.obey(0.0 if self._closes(hand[:3]) or taken else GRIPPER_WIDTH)
+            return
         near = math.hypot(*hand[:3]) <= AT_HANDLE[0]
         aligned = math.hypot(*hand[3:]) <= AT_HANDLE[1]
         self.obey(0.0 if taken or (near and aligned) else GRIPPER_WIDTH)
+
+    def _closes(self, hand: Sequence[float]) -> bool:
+        """Return whether the hand rests at the believed handle, or has not left."""
+        moved = math.dist(hand, self._place)
+        closing = self._rested >= AT_REST[2]
+        if moved > (LEFT if closing else AT_REST[1]):
+            self._place, self._rested = tuple(hand), 0.0
+        elif not closing and math.hypot(*hand) <= AT_REST[0]:
+            self._rested += CONTROL_PERIOD
+        return self._rested >= AT_REST[2]

@@ -17,6 +17,7 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.variation import Placement, Standoff, Variation
 from gplfd_env.robot.stance import stance_of
+from gplfd_env.spatial.se3 import into_axes
 
 ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
 
@@ -108,12 +109,23 @@ def grasp_height(door: DoorConfig, placement: Placement) -> float:
 def task_in_door_frame(
     door: DoorConfig, placement: Placement, base: Base
 ) -> tuple[Array, Array]:
-    """Return the task frame in the door frame: position (3,) [m], axes (3, 3)."""
+    """Return the task frame in the door frame: position (3,) [m], axes (3, 3).
+
+    It is where the robot believes that its hand holds the handle.
+    """
     depth = np.array([0.0, 0.0, placement.grasp_depth])
     back = gripper_rotation_w(door, base) @ depth
     axes = task_rotation_w(door, placement.base_yaw, base)
     height = np.array([0.0, grasp_height(door, placement), 0.0])
-    return axes.T @ back + height, axes.T @ task_rotation_w(door, base=base)
+    position, rotation = (
+        axes.T @ back + height,
+        axes.T @ task_rotation_w(door, base=base),
+    )
+    if any(placement.belief):
+        shift, turn = np.split(np.array(placement.belief), 2)
+        position = position + rotation @ shift
+        rotation = rotation @ into_axes(-turn, np.eye(3)).T
+    return position, rotation
 
 
 def solve_closed_posture(

@@ -21,9 +21,11 @@ from gplfd_env.robot.collision import add_collisions, add_walls
 from gplfd_env.robot.model import FINGER_STROKE, GRIPS, Hold, load_robot
 from gplfd_env.robot.placement import (
     ARM_JOINTS,
+    quaternion,
     solve_closed_posture,
     solve_standoff_posture,
     standoff_pose,
+    task_in_door_frame,
 )
 from gplfd_env.robot.stance import check_reach
 from gplfd_env.scene.arena import add_arena
@@ -193,7 +195,7 @@ def _settled(
     model = build_spec(
         geometry,
         grasp,
-        placement=placement,
+        placement=placement.true,
         control=control,
         structure=structure,
         base=base,
@@ -214,7 +216,13 @@ def _settled(
     model.key_qvel[GRASP_KEY] = 0.0
     model.key_ctrl[GRASP_KEY] = data.ctrl
     if standoff is not None:
-        # Or let it start with the open hand at a pose in front of the handle.
+        # Or let it start with the open hand at a pose in front of the believed handle.
+        if any(placement.belief):
+            position, axes = task_in_door_frame(geometry, placement, base)
+            frame = model.site("task_frame")
+            frame.pos[:], frame.quat[:] = position, quaternion(axes)
+            # It was compiled at its body's own frame, whose pose would be taken.
+            model.site_sameframe[frame.id] = 0
         pose = standoff_pose(geometry, standoff, base)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
         mujoco.mj_kinematics(model, data)

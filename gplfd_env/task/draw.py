@@ -10,7 +10,7 @@ from gplfd_env.conventions.constants import Array, Start
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.disturbance import Disturbance
 from gplfd_env.doors.randomization import DoorRandomization
-from gplfd_env.doors.variation import SensorNoise, Standoff, Variation
+from gplfd_env.doors.variation import Perception, SensorNoise, Standoff, Variation
 
 _BLOCK: Final = 128
 
@@ -87,6 +87,11 @@ def draw_episode(
         if not randomization.idle:
             own = np.random.default_rng(int(rng.integers(2**63)))
             standoff = Standoff.drawn(own)
+            # After the standoff, from its generator: no other draw changes.
+            position, rotation = randomization.perception
+            belief = Perception(position=position, rotation=rotation).drawn(own)
+            placement = dataclasses.replace(variation.placement, **belief)
+            variation = dataclasses.replace(variation, placement=placement)
         variation = dataclasses.replace(variation, standoff=standoff)
     delay = DelayLine(variation.delay) if variation.delay else None
     return Drawn(variation, noise, delay)

@@ -50,6 +50,7 @@ from gplfd_env.task.opening import (
     SIMULATION_ERROR,
     STALLED,
     SUCCESS_ANGLE,
+    TRIED_ANGLE,
     OpeningMonitor,
     reward_terms,
     sparse_reward_terms,
@@ -170,7 +171,11 @@ class Episode:
             x, y, _ = hand_position_w(door, variation.placement, "mobile").tolist()
             drive = BaseDrive((x, y), door)
         if reader.finger is not None:
-            gripper = Gripper(door, 0.0 if holds else GRIPPER_WIDTH)
+            gripper = Gripper(
+                door,
+                0.0 if holds else GRIPPER_WIDTH,
+                uncertain=any(variation.placement.belief),
+            )
         intervention = None if disturbance.idle else Intervention(variation)
         constants = Constants(
             hand=reader.hand,
@@ -317,6 +322,9 @@ class Episode:
             blocked = self._each(self._drives, "blocked", False)
         if self._grippers:
             opened = self._each(self._grippers, "opened", False)
+            # A first hold may fail where the handle is not exactly known.
+            tried = self._each(self._grippers, "uncertain", False)
+            opened = opened | (tried & (door.angle < TRIED_ANGLE))
         took = opening.update(
             door.angle,
             door.grasped,

@@ -25,6 +25,10 @@ HOLD_TIME: Final = 0.5
 GRASP_LOST_TIME: Final = 0.25
 """The handle counts as lost after this long without both pads on it [s]."""
 
+TRIED_ANGLE: Final = math.radians(5.0)
+"""Where the robot does not know exactly where the handle is, a handle that slips from
+its fingers at a smaller angle than this is not lost: it may take hold again [rad]."""
+
 STALL_ANGLE: Final = math.radians(0.5)
 STALL_TIME: Final = 3.0
 """A door that gains less than `STALL_ANGLE` [rad] in this time [s] has stalled."""

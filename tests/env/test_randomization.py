@@ -115,8 +115,9 @@ def test_presets():
 
     Their numbers are on the page.
     """
-    none, mild, hard, standard = RANDOMIZATIONS.values()
-    assert list(RANDOMIZATIONS) == ["none", "mild", "hard", "standard"]
+    none, mild, hard, standard, detector = RANDOMIZATIONS.values()
+    names = ["none", "mild", "hard", "standard", "detector"]
+    assert list(RANDOMIZATIONS) == names
     assert none == DoorRandomization()
     assert (none.idle, mild.idle) == (True, False)
     assert mild.radius is None
@@ -126,7 +127,7 @@ def test_presets():
         assert narrow is None or (wide[0] <= narrow[0] and narrow[1] <= wide[1])
     for name in (*WIDTHS, *NOISES, "longest_delay"):
         assert np.all(np.less(getattr(mild, name), getattr(hard, name)))
-    for preset in (none, mild, hard, standard):
+    for preset in (none, mild, hard, standard, detector):
         for name, value in dataclasses.asdict(preset).items():
             entries = value if isinstance(value, tuple) else [value]
             plain = (str,) if name == "doors" else (float, int, type(None))
@@ -230,7 +231,7 @@ def test_variation_names_every_number():
     assert numbers["force_noise"] == 1.5
     assert numbers["delay"] == 2
     assert {"radius", "base_yaw", "grasp_depth", "torque_noise"} <= numbers.keys()
-    assert len(numbers) == 8 + 5 + 4 + 1
+    assert len(numbers) == 8 + 11 + 4 + 1
 
 
 # --- Doors by the standards ----------------------------------------------------------

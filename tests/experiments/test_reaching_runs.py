@@ -96,6 +96,27 @@ def test_a_run_reaches_and_keeps_what_it_learned_from(gplfd, tmp_path):
     assert stages(plain)[0] == (0, "grasp")
 
 
+def test_a_run_finds_a_handle_that_was_detected(gplfd, tmp_path, capsys):
+    uncertain = (*RUN, "--randomization", "detector")
+    assert gplfd(*uncertain, "--out", "run") == 0
+    log = EpisodeLog.load(tmp_path / "run" / "small.npz")
+    assert log.success
+    assert np.linalg.norm(log.handle_pose[0, :3]) > 0.003
+    assert gplfd(*RUN[:-2], *uncertain[-2:], "--out", "no") == 2
+    assert "needs start=" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
+def test_agents_are_told_how_well_the_handle_is_known():
+    tasks = [
+        episode_task("small", DOORS["small"], policy="gp", seed=0, randomization=each)
+        for each in ("none", "mild", "detector", {"perception": [0.02, 0.0]})
+    ]
+    plain, mild, *uncertain = (task.training for task in tasks)
+    assert plain == mild
+    assert len({plain, *uncertain}) == 3
+
+
 def test_it_closes_a_gripper_that_is_commanded():
     policy = as_agent(POLICIES["oracle"].make(TrainingInput(demonstrations=())))
     agent = ReachingAgent(learn_reach(reaches(SHOWN)), policy)

@@ -73,6 +73,7 @@ def _sections() -> Mapping[str, Mapping[str, str]]:
             "mild": "small errors of placement, grasp, sensors, delay; friction, mass",
             "hard": "larger errors and delays; radius, friction, closer, mass, height",
             "standard": "a door of a building: handle, swing, hinge side, closer",
+            "detector": "where the handle is believed to be; with --start approach",
         },
         "disturbances (during the opening)": {
             "none": "no disturbance",

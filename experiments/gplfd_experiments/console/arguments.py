@@ -4,6 +4,7 @@ import errno
 import os
 from pathlib import Path
 
+from gplfd_env.conventions.constants import Start
 from gplfd_env.doors.disturbance import DISTURBANCES
 from gplfd_env.doors.randomization import RANDOMIZATIONS
 from gplfd_env.validation.named import nearest_name
@@ -15,8 +16,13 @@ def check_least(option: str, value: float | None, least: float) -> None:
         raise ValueError(f"{option} {value:g} must be {least:g} or more")
 
 
-def check_circumstances(randomization: str, disturbance: str = "none") -> None:
-    """Raise ValueError for an unknown name; Python takes more than names."""
+def check_circumstances(
+    randomization: str, disturbance: str = "none", start: Start = "grasped"
+) -> None:
+    """Raise ValueError for an unknown name, or a start that does not go with it.
+
+    Python takes more than names.
+    """
     for what, name, known in (
         ("randomization", randomization, RANDOMIZATIONS),
         ("disturbance", disturbance, DISTURBANCES),
@@ -25,6 +31,7 @@ def check_circumstances(randomization: str, disturbance: str = "none") -> None:
             hint = nearest_name(name, known)
             names = ", ".join(known)
             raise ValueError(f"unknown {what} {name!r}{hint}; give one of {names}")
+    RANDOMIZATIONS[randomization].check_start(start)
 
 
 def check_folder(folder: Path) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.randomization import door_randomization
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.reaching import GRASPED, openings, reaches
@@ -122,7 +123,8 @@ def learned_agents(
             demonstrations=openings(shown), seed=task.seed, prior_mean=prior_mean
         ),
     )
-    return make if reach is None else lambda: ReachingAgent(reach, make())
+    perception = door_randomization(task.randomization).perception
+    return make if reach is None else lambda: ReachingAgent(reach, make(), perception)
 
 
 def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> gym.Env:

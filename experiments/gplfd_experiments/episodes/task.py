@@ -15,6 +15,7 @@ from typing import Any, Final, Literal
 
 from gplfd_env.conventions.constants import Base, Start
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
+from gplfd_env.doors.randomization import door_randomization
 from gplfd_env.robot.stance import base_for, check_reach
 from gplfd_experiments.data.teacher import (
     DEMONSTRATED_RADII,
@@ -144,6 +145,13 @@ class EpisodeTask(TaughtTask):
                 f"demonstrated_hardware must have an entry for each of the {doors} "
                 f"demonstrated doors, or none; got {given}"
             )
+
+    @property
+    def training(self) -> str:
+        """As of every task, and how well the agents are told the handle's pose."""
+        told = door_randomization(self.randomization).perception
+        learned = super(EpisodeTask, self).training
+        return f"{learned} {told}" if any(told) else learned
 
     @property
     def shown(self) -> str:

@@ -51,7 +51,7 @@ def checked(settings: StudySettings) -> StudySettings:
         chosen(policy)
     named_doors(settings.doors, start=settings.start)
     for names in itertools.product(settings.randomizations, settings.disturbances):
-        check_circumstances(*names)
+        check_circumstances(*names, settings.start)
     for name, values in dataclasses.asdict(settings).items():
         if isinstance(values, tuple):
             _check_list(name.replace("_", "-"), values)

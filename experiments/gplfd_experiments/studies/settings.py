@@ -43,8 +43,8 @@ class StudySettings:
     """The synthetic human's demonstrations have the forces and moments of the hand."""
 
     randomizations: tuple[str, ...] = ("none",)
-    """What is drawn at random for each episode: none, mild, hard or standard; see
-    `gplfd list`."""
+    """What is drawn at random for each episode: none, mild, hard, standard, or
+    detector (with start approach); see `gplfd list`."""
 
     disturbances: tuple[str, ...] = ("none",)
     """Disturbances during episodes: none, push, person, ...; see `gplfd list`."""

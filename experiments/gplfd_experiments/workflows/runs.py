@@ -91,7 +91,7 @@ def open_doors(
     then what an earlier run left in the folder is removed.
     """
     check_least("--seed", seed, 0)
-    check_circumstances(randomization, disturbance)
+    check_circumstances(randomization, disturbance, start)
     chosen = policy_named(policy)
     per_door = 2 if isinstance(demonstrations, Path) else demonstrations
     check_least("--demonstrations-per-door", per_door, 1)

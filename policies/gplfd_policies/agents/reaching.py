@@ -5,6 +5,7 @@ from demonstrations that begin at many places and end at the handle. Where a han
 is a via-point at its first phase, and the handle one at its last.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Final
 
@@ -13,8 +14,10 @@ from jaxtyping import Bool, Float
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH, Control
 from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_policies.adaptation import adapt
 from gplfd_policies.agents.agent import Agent
+from gplfd_policies.agents.grasp_search import CLOSING, GraspSearch
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.control.rendering import ArmRendering
 from gplfd_policies.control.steps import AgentStep, Observation
@@ -24,9 +27,8 @@ from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
-CLOSING: Final = 0.9
-"""How long the gripper takes to close with all its force [s], for which the hand waits
-at the handle."""
+Pose = Float[np.ndarray, " 6"]
+Poses = Float[np.ndarray, "*N 6"]
 
 _GRID: Final = np.linspace(0.0, 1.0, 100)
 _STIFFEST: Final = np.repeat([most for _, most in ArmRendering.stiffness_range], 3)
@@ -75,13 +77,33 @@ def learn_reach(reaches: Sequence[Demonstration]) -> Movement:
 
 
 class ReachingAgent:
-    """Reaches for the handle, waits until the gripper closed, and lets another act."""
+    """Reaches for the handle, waits until the gripper closed, and lets another act.
+
+    Where the handle's pose is uncertain, a `GraspSearch` corrects the reach by contact.
+    The other agent then sees poses relative to the hand's at the grasp, on the axes of
+    the task frame: it begins at zero, as its demonstrations. An empty hand's is that
+    of the last attempt.
+
+    Args:
+        reach: What `learn_reach` learned.
+        then: Opens the door.
+        perception: Standard deviations of the handle's believed pose [m, rad], as
+            `gplfd_env.doors.randomization.DoorRandomization.perception`.
+    """
 
     @one_thread
-    def __init__(self, reach: Movement, then: Agent) -> None:
-        self._reach, self._then = reach, then
+    def __init__(
+        self,
+        reach: Movement,
+        then: Agent,
+        perception: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        self._reach, self._then, self._perception = reach, then, perception
         self._path = self._from(np.zeros(6))
         self._elapsed = 0.0
+        self._door: DoorGeometry | None = None
+        self._search: GraspSearch | None = None
+        self._grasp: Pose | None = None
 
     @property
     def control(self) -> Control:
@@ -90,41 +112,87 @@ class ReachingAgent:
 
     def inform(self, door: DoorGeometry) -> None:
         """Pass on the door of the next episode."""
+        self._door = door
         self._then.inform(door)
 
     @one_thread
     def reset(self, observation: Observation) -> None:
         """Begin where the hand is."""
         self._path = self._from(observation["ee_pose"])
-        self._elapsed = 0.0
+        self._elapsed, self._grasp = 0.0, None
+        if any(self._perception):
+            self._search = GraspSearch(self._perception[0], self._reach.duration)
 
     @one_thread
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
+        if self._search is not None:
+            return self._act_uncertain(observation, self._search)
         before, whole = self._elapsed, self._reach.duration + CLOSING
         self._elapsed += CONTROL_PERIOD
         if before >= whole:
             if before - CONTROL_PERIOD < whole:
                 self._then.reset(observation)
             return self._then.act(observation)
-        phase = min(self._elapsed / self._reach.duration, 1.0)
+        return self._step(*self._reached(self._elapsed))
+
+    def _act_uncertain(
+        self, observation: Observation, search: GraspSearch
+    ) -> AgentStep:
+        """Return a command of the search, or after it of the other agent."""
+        if search.stage != "held":
+            mean, std = self._reached(search.elapsed + CONTROL_PERIOD)
+            return self._step(search.command(observation, mean), std)
+        begins = self._grasp is None
+        if self._grasp is None:
+            self._grasp = np.array(observation["ee_pose"])
+        grasp = self._grasp
+        relative = dict(observation)
+        relative["ee_pose"] = _moved(observation["ee_pose"], grasp, -1.0)
+        if begins:
+            if self._door is not None:
+                self._then.inform(self._door.seen_from(grasp[:3]))
+            self._then.reset(relative)
+        step = self._then.act(relative)
+        poses = ("action", "desired", "predicted_mean")
+        moved = {name: _moved(getattr(step, name), grasp, 1.0) for name in poses}
+        return dataclasses.replace(step, **moved)
+
+    def _reached(self, time: float) -> tuple[Pose, Pose]:
+        """Return mean and standard deviation of the reach after a time [s]."""
+        phase = min(time / self._reach.duration, 1.0)
         mean, std = (
             np.array([np.interp(phase, _GRID, each) for each in values.T])
             for values in (self._path.mean, self._path.std)
         )
+        return mean, std
+
+    def _step(self, mean: Pose, std: Pose) -> AgentStep:
         stiffness = _STIFFEST if self.control == "impedance" else np.full(6, np.nan)
         return AgentStep(action=mean, desired=mean, std=std, stiffness=stiffness)
 
     @property
     def gripper_width(self) -> float:
         """What goes with the last pose [m]: wide open to the handle, then closed."""
+        if self._search is not None:
+            return self._search.gripper_width
         return GRIPPER_WIDTH if self._elapsed < self._reach.duration else 0.0
 
     def forecast(self) -> GaussianTrajectory | None:
         """Return what is expected of the opening, or None."""
-        return self._then.forecast()
+        forecast, grasp = self._then.forecast(), self._grasp
+        if forecast is None or grasp is None:
+            return forecast
+        mean = _moved(forecast.mean, grasp, 1.0)
+        return dataclasses.replace(forecast, mean=mean)
 
     def _from(self, start: Float[np.ndarray, " 6"]) -> GaussianTrajectory:
         """Return the reach from a pose to the handle."""
         ends = ViaPoint(phase=0.0, pose=start), ViaPoint(phase=1.0, pose=np.zeros(6))
         return adapt(self._reach, ends, "process").predict(_GRID)
+
+
+def _moved(pose: Poses, grasp: Pose, way: float) -> Poses:
+    """Return poses with the pose of the grasp added (way 1) or taken off (way -1)."""
+    turned = compose_rotvecs(pose[..., 3:], way * grasp[3:])
+    return np.concatenate([pose[..., :3] + way * grasp[:3], turned], axis=-1)

@@ -198,7 +198,7 @@ class View:
 
         if self.file is not None:
             raise ValueError(f"--live runs an episode; it does not go with {self.file}")
-        check_circumstances(self.randomization, self.disturbance)
+        check_circumstances(self.randomization, self.disturbance, self.start)
         options = dataclasses.asdict(self)
         del options["file"], options["live"]
         watch(**options)
