@@ -37,9 +37,8 @@ def test_basis_functions_solve_the_published_equation(config):
     start = np.zeros((2, config.n_basis + 3))
     start[0, -2] = start[1, -1] = 1.0
     clock = np.linspace(0.0, 3.0, 3001)
-    solver = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-13}
     solved = scipy.integrate.solve_ivp(
-        rates, (0.0, 3.0), start.ravel(), t_eval=clock, **solver
+        rates, (0.0, 3.0), start.ravel(), "DOP853", clock, rtol=1e-10, atol=1e-13
     )
     values, slopes = solved.y.reshape(2, -1, clock.size)
     # Responses have a maximum of 1 within the task.

@@ -372,7 +372,6 @@ def test_too_few_demonstrations_or_phases_are_refused(fit, message, aligned):
         (KerstingNoise, "shortest_scale", 0.05, r"= 0.05 is outside \[0.1, 1\]"),
         (MapNoise, "shortest_scale", 0.05, r"= 0.05 is outside \[0.1, 1\]"),
         (ProDMPConfig, "alpha", 101.0, r"alpha = 101.0 is outside \(0, 100\]"),
-        (ProDMPConfig, "overlap", 1.0, r"overlap = 1.0 is outside \(0, 1\)"),
         (MiDiGaPConfig, "length_scale", 0.0, r"= 0.0 is outside \(0, inf\)"),
         (MiDiGaPConfig, "mode_angle", 4.0, r"= 4.0 is outside \(0, 3.14"),
         (WishartGPConfig, "degrees", 5, "degrees = 5 must be a whole number from 6"),

@@ -142,7 +142,7 @@ class DiscreteTimeGP(MomentMovement):
         _, half = self._gain(times)
         prior = np.einsum("mini->imn", self.prior_covariance(times, times))
         white = self._white[:, None, None] * np.eye(len(times))
-        return prior + white - np.einsum("pmi,pni->imn", half, half, optimize=True)
+        return np.asarray(prior + white - np.einsum("pmi,pni->imn", half, half))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

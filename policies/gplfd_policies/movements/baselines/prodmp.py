@@ -119,10 +119,7 @@ def fit_prodmp(
 
 @lru_cache(maxsize=64)
 def position_basis(config: ProDMPConfig) -> Any:
-    """(Φ, y_1 + α/2 y_2, y_2) as a spline of the time z in τ, from 0 to `_LONGEST`.
-
-    Φ is scaled; the derivative of the spline is the velocity basis.
-    """
+    """(Φ, y_1 + α/2 y_2, y_2), Φ scaled, as a spline of the time z in τ, from 0 on."""
     z = np.linspace(0.0, _LONGEST, round(_LONGEST * _STEPS) + 1)[:, None]
     damping = 0.5 * config.alpha
     y_1 = np.exp(-damping * z)

@@ -16,6 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy
@@ -188,7 +189,7 @@ def fit_promp(
 
 def learn_weights(
     poses: OutputCurves, basis: Float[np.ndarray, "M B"], ridge: float
-) -> dict[str, np.ndarray]:
+) -> dict[str, Any]:
     """Learn μ, S in the place of Σ, and R of a `WeightMovement` from curves."""
     count, n_phases, _ = poses.shape
     size = basis.shape[1]
