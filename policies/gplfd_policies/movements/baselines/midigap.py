@@ -1,10 +1,11 @@
 """Mixture of discrete-time Gaussian processes: a reconstruction; not in Table 1.
 
 Von Hartz et al., *The Unreasonable Effectiveness of Discrete-Time Gaussian Process
-Mixtures for Robot Policy Learning*, arXiv:2505.03296. From the paper: a mode is a
-sequence of Gaussians, one per step, on the manifold R³ × SO(3), with the Fréchet mean
-and tangent covariance of its demonstrations. Trajectories are partitioned into modes
-without labels; a mode weighs its share of them; evidence updates Gaussians and weights.
+Mixtures for Robot Policy Learning*, arXiv:2505.03296. Of the paper only the abstract
+and summaries were at hand. They say: a mode is a sequence of Gaussians on R³ × SO(3),
+independent from step to step, with Fréchet mean and tangent covariance. Trajectories
+are partitioned into modes without labels; a mode weighs its share of them; evidence
+(there: constraints) updates Gaussians and weights.
 With deviations e_i, Log(R_i R_μᵀ) beside the position, of a mode's K demonstrations,
 
     Cov[e(t), e(t')] = exp(-(t - t')²/(2 ℓ²)) Σ_i e_i(t) e_i(t')ᵀ / (K - 1).
