@@ -10,6 +10,7 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, TrainingInput
 from gplfd_policies.adaptation import ForceAdaptation, NoAdaptation, OwnAdaptation
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
+from gplfd_policies.movements.baselines.promp import ProbabilisticMovementPrimitive
 from gplfd_policies.registry.built_in import TABLE_1
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -95,13 +96,15 @@ def test_forces_adapt_in_a_form_of_their_own(agent, demonstrations):
         assert type(other.forces.distribution) is form
 
 
-@pytest.mark.parametrize("name", TABLE_1)
+@pytest.mark.parametrize("name", [*TABLE_1, "prodmp", "midigap"])
 def test_every_method_can_be_shown_forces(demonstrations, name):
     """Some state no standard deviation, and some do not adapt."""
     shown = [
         replace(one, wrenches=along_the_path(one.poses, 3.0)) for one in demonstrations
     ]
     agent = POLICIES[name].method(TrainingInput(demonstrations=shown))
+    if name == "midigap":  # to which outputs are poses, and forces are none
+        assert isinstance(agent.forces.learned, ProbabilisticMovementPrimitive)
     steps = felt(agent, 3.0)
     assert np.isfinite([step.action for step in steps]).all()
     force = np.linalg.norm(steps[0].expected_force)

@@ -21,6 +21,8 @@ from gplfd_policies.movements.baselines.gmm_gp import (
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
 from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
 from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
+from gplfd_policies.movements.baselines.midigap import MiDiGaPConfig, fit_midigap
+from gplfd_policies.movements.baselines.prodmp import ProDMPConfig, fit_prodmp
 from gplfd_policies.movements.baselines.promp import ProMPConfig, fit_promp
 from gplfd_policies.movements.baselines.tp_gmm import fit_tp_gmm
 from gplfd_policies.movements.baselines.wishart_gp import (
@@ -54,11 +56,13 @@ FITS = {
     "wishart-gp": partial(fit_wishart_gp, config=SHORT_CHAIN, seed=0),
     "kmp": fit_kmp,
     "gmm-gp": fit_gmm_gp,
+    "prodmp": fit_prodmp,
+    "midigap": fit_midigap,
 }
-ADAPTABLE = ("promp", "tp-gmm", "kmp", "gmm-gp")
+ADAPTABLE = ("promp", "tp-gmm", "kmp", "gmm-gp", "prodmp", "midigap")
 """Movements with a method ``adapt``; a skill is adapted by `gplfd_policies.adapt`."""
 SCALED = [name for name in FITS if name not in ("tp-gmm", "gp around a prior mean")]
-DIFFERENCES = ("gmr", "tp-gmm", "local-gp", "wishart-gp", "kmp", "gmm-gp")
+DIFFERENCES = ("gmr", "tp-gmm", "local-gp", "wishart-gp", "kmp", "gmm-gp", "midigap")
 """Movements whose rates are differences of their moments."""
 ANALYTIC = [name for name in FITS if name not in (*DIFFERENCES, "dmp with a spread")]
 
@@ -185,7 +189,7 @@ def test_a_pickled_copy_predicts_and_adapts_with_the_same_bits(name, learned, al
 def test_units_do_not_matter(name, learned, aligned):
     """Powers of two are exact, so that every search takes the same decisions."""
     powers = [10.0, -3.0, 4.0, 5.0, -1.0, 2.0]
-    if name.startswith("dmp"):
+    if name.startswith("dmp") or name == "midigap":
         powers = [10.0, 10.0, 10.0, 0.0, 0.0, 0.0]  # rotations are no numbers here
     factor = 2.0 ** np.array(powers)
     size = aligned.poses.std(axis=(0, 1))
@@ -287,7 +291,7 @@ def test_contradicting_demands_of_no_tolerance_have_an_answer(name, learned, ali
     both = [demonstrated(aligned, 40, row, std=0.0) for row in (0, 5)]
     here = movement.adapt(both).predict(aligned.times[[40]])
     assert np.isfinite(here.mean).all()
-    if name in ("promp", "gmm-gp"):
+    if name in ("promp", "gmm-gp", "prodmp", "midigap"):
         average = 0.5 * (both[0].pose + both[1].pose)
         assert_allclose(here.mean[0], average, atol=5e-3)
 
@@ -314,6 +318,8 @@ def test_outputs_that_never_vary_are_predicted_as_such(name, count, aligned):
     [
         (fit_promp, "at least 2 demonstrations, got 1"),
         (FITS["wishart-gp"], "at least 2 demonstrations, got 1"),
+        (fit_prodmp, "at least 2 demonstrations, got 1"),
+        (fit_midigap, "at least 2 demonstrations of one mode, got 1"),
         (partial(fit_gmr, config=GMRConfig(components=61)), "61 components need as ma"),
         (partial(fit_tp_gmm, config=GMRConfig(components=61)), "61 components need as"),
         (
@@ -365,6 +371,9 @@ def test_too_few_demonstrations_or_phases_are_refused(fit, message, aligned):
         (KerstingNoise, "n_iterations", 0, "= 0 must be a whole number from 1"),
         (KerstingNoise, "shortest_scale", 0.05, r"= 0.05 is outside \[0.1, 1\]"),
         (MapNoise, "shortest_scale", 0.05, r"= 0.05 is outside \[0.1, 1\]"),
+        (ProDMPConfig, "alpha", 101.0, r"alpha = 101.0 is outside \(0, 100\]"),
+        (MiDiGaPConfig, "length_scale", 0.0, r"= 0.0 is outside \(0, inf\)"),
+        (MiDiGaPConfig, "mode_angle", 4.0, r"= 4.0 is outside \(0, 3.14"),
         (WishartGPConfig, "degrees", 5, "degrees = 5 must be a whole number from 6"),
         (WishartGPConfig, "length_scale", 0.01, r"= 0.01 is outside \[0.02, 10\]"),
         (WishartGPConfig, "floor", 0.0, r"floor = 0.0 is outside \[1e-08, 1\)"),

@@ -48,7 +48,7 @@ def test_published_settings_are_those_of_the_registered_method(
 
 
 def test_every_method_of_the_comparison_has_a_space():
-    assert set(SPACES) == {*TABLE_1, "tp-gmm"}
+    assert set(SPACES) == {*TABLE_1, "tp-gmm", "prodmp", "midigap"}
 
 
 @pytest.mark.parametrize("name", SPACES)

@@ -44,6 +44,8 @@ from gplfd_policies.movements.baselines.gmm_gp import fit_gmm_gp
 from gplfd_policies.movements.baselines.gmr import fit_gmr
 from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
 from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
+from gplfd_policies.movements.baselines.midigap import fit_midigap
+from gplfd_policies.movements.baselines.prodmp import fit_prodmp
 from gplfd_policies.movements.baselines.promp import fit_promp
 from gplfd_policies.movements.baselines.tp_gmm import fit_tp_gmm
 from gplfd_policies.movements.baselines.wishart_gp import (
@@ -301,6 +303,17 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gmm-gp": _method(
             "GP with a Gaussian-mixture prior and online conditioning",
             fit_gmm_gp,
+            adaptation=OwnAdaptation,
+        ),
+        "prodmp": _method(
+            "probabilistic dynamic movement primitive with online conditioning",
+            fit_prodmp,
+            adaptation=OwnAdaptation,
+        ),
+        "midigap": _method(
+            "mixture of discrete-time Gaussian processes (reconstruction); modes",
+            fit_midigap,
+            fit_forces=fit_promp,
             adaptation=OwnAdaptation,
         ),
         "hinge-fit": _model_based(

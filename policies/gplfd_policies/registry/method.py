@@ -137,6 +137,8 @@ class Method:
 
     fit: Callable[..., Movement]
     """Learns a movement from `AlignedDemonstrations`."""
+    fit_forces: Callable[..., Movement] | None = None
+    """Learns forces where `fit` takes outputs for poses; None for `fit`."""
     seeded: bool = False
     """Whether learning draws random numbers: `fit` then also takes ``seed=``."""
     accepts_prior_mean: bool = False
@@ -207,7 +209,7 @@ class Method:
         with warnings.catch_warnings():
             # Of too few demonstrations: the motion has warned already.
             warnings.simplefilter("ignore", UserWarning)
-            return replace(movement, forces=fit(forces))
+            return replace(movement, forces=(self.fit_forces or fit)(forces))
 
     @one_thread
     def follow(self, movement: Movement) -> CompliantAgent:

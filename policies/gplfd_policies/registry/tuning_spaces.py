@@ -27,6 +27,8 @@ from gplfd_policies.movements.baselines.gmm_gp import (
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
 from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
 from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
+from gplfd_policies.movements.baselines.midigap import MiDiGaPConfig, fit_midigap
+from gplfd_policies.movements.baselines.prodmp import ProDMPConfig, fit_prodmp
 from gplfd_policies.movements.baselines.promp import ProMPConfig, fit_promp
 from gplfd_policies.movements.baselines.tp_gmm import fit_tp_gmm
 from gplfd_policies.movements.baselines.wishart_gp import (
@@ -227,6 +229,22 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             shortest_length_scale=_log(0.005, 0.005, 1.0),
             via_std_factor=_VIA_STD_FACTOR,
         ),
+        "prodmp": _space(
+            fit_prodmp,
+            ProDMPConfig,
+            n_basis=_linear(20, 8, 40),
+            alpha=_log(25.0, 10.0, 60.0),
+            overlap=_linear(0.22, 0.1, 0.9),
+            shrinkage=_log(1e-3, 1e-6, 0.5),
+            via_std_factor=_VIA_STD_FACTOR,
+        ),
+        "midigap": _space(
+            fit_midigap,
+            MiDiGaPConfig,
+            mode_angle=_linear(0.7, 0.3, 1.5),
+            length_scale=_log(1.0, 0.05, 10.0),
+            via_std_factor=_VIA_STD_FACTOR,
+        ),
         "gp-paper": _space(
             fit_skill,
             KerstingNoise,
@@ -245,7 +263,7 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
         ),
     }
 )
-"""The space of every method of Table 1, and of TP-GMM, by the name of its policy."""
+"""The space of every method of Table 1 and of those beside it, by policy."""
 
 
 def tuned_settings(file: Path = TUNED_FILE) -> Mapping[str, Values]:

@@ -238,7 +238,7 @@ class Tune:
     """
 
     policies: tuple[str, ...] = ()
-    """Methods to tune; by default all of Table 1, and tp-gmm."""
+    """Methods to tune; by default all of Table 1, and those beside it."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/tuning")
     """Folder to write to, or to go on in."""

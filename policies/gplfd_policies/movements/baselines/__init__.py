@@ -2,5 +2,5 @@
 
 The rows of Table 1 in Arduengo et al., *Gaussian-Process-based Robot Learning from
 Demonstration*, arXiv:2002.09979: DMP, ProMP, GMM-GMR (`gmr`), GP (`local_gp` and
-`wishart_gp`), KMP and GMM-based GP (`gmm_gp`); and an oracle.
+`wishart_gp`), KMP and GMM-based GP (`gmm_gp`); TP-GMM, ProDMP and MiDiGaP beside them.
 """

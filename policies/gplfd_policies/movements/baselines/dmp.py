@@ -133,7 +133,7 @@ class DynamicMovementPrimitive(LearnedMovement):
         state_g = np.concatenate([self.goal[:3], np.zeros(3)])
         # Learned up to the last demonstrated phase: the attractor goes on alone.
         forcing = np.where(
-            clock[:, None] <= 1.0, _basis(clock, config) @ self.weights, 0.0
+            clock[:, None] <= 1.0, forcing_basis(clock, config) @ self.weights, 0.0
         )
         drive = forcing + _pull(clock, state_0, state_g, config)
         # ξ̈ + α ξ̇ + α β ξ = drive, exactly for a drive linear between its samples.
@@ -178,7 +178,7 @@ def fit_dmp(
         + 0.25 * config.alpha**2 * states
         - _pull(clock, states[0], states[-1], config)
     )
-    weights = np.linalg.lstsq(_basis(clock, config), target, rcond=None)[0]
+    weights = np.linalg.lstsq(forcing_basis(clock, config), target, rcond=None)[0]
     return DynamicMovementPrimitive(
         aligned=aligned,
         config=config,
@@ -189,7 +189,7 @@ def fit_dmp(
     )
 
 
-def _basis(clock: Times, config: DMPConfig) -> np.ndarray:
+def forcing_basis(clock: Times, config: DMPConfig) -> np.ndarray:
     """Products x ψ_i(x) at times of the clock, 0 to 1 in τ, (M, n_basis)."""
     x = np.exp(-config.alpha_x * clock)
     centres = np.exp(-config.alpha_x * np.linspace(0.0, 1.0, config.n_basis))

@@ -12,9 +12,11 @@ demonstrations are missed, or met by bending the rest of the movement, unless
 `ProMPConfig.shrinkage` is raised (``test_few_demonstrations_span_few_movements``).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy
@@ -23,7 +25,7 @@ from jaxtyping import Float
 from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import Settings
-from gplfd_policies.arrays.shapes import Covariances, Pose, Times
+from gplfd_policies.arrays.shapes import Covariances, OutputCurves, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import LearnedMovement
 from gplfd_policies.movements.trajectory import (
@@ -31,6 +33,9 @@ from gplfd_policies.movements.trajectory import (
     ViaPoint,
     checked_times,
 )
+
+Basis = tuple[Float[np.ndarray, "M B"], Float[np.ndarray, "M B"]]
+"""Basis functions at M phases and their derivatives, per unit phase."""
 
 _SINGULAR = 1e-9
 """Share of a demand's whole variance that must be its own tolerance, so that rounding
@@ -55,11 +60,9 @@ class ProMPConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class ProbabilisticMovementPrimitive(LearnedMovement):
-    """A Gaussian distribution over movements; made by `fit_promp`, immutable."""
+class WeightMovement(LearnedMovement, ABC):
+    """A Gaussian distribution over the weights of basis functions."""
 
-    config: ProMPConfig
-    """Constants of the primitive."""
     weight_mean: Float[np.ndarray, " W"]
     """μ, with W = 6 B."""
     weight_covariance: Float[np.ndarray, "W W"]
@@ -67,17 +70,16 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
     noise_variance: Pose
     """R, the residual variance of the basis functions [m², rad²]."""
 
+    @abstractmethod
+    def basis(self, times: Times) -> Basis:
+        """φ(t) and its derivative."""
+
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, observation noise included."""
         times = checked_times(times)
-        config, size = self.config, self.config.n_basis
-        basis = _basis(times, config)
-        # Derivatives of the Gaussians' logarithms, and of the basis.
-        sharpness = -4.0 * size**2 * np.log(config.overlap)
-        slopes = -2.0 * sharpness * (times[:, None] - np.linspace(0.0, 1.0, size))
-        slope = basis * (slopes - np.sum(basis * slopes, axis=1, keepdims=True))
-        mean = self.weight_mean.reshape(6, -1)
+        basis, slope = self.basis(times)
+        size, mean = basis.shape[1], self.weight_mean.reshape(6, -1)
         # Covariance of the weights of every output by itself.
         blocks = np.einsum(
             "didj->dij", self.weight_covariance.reshape(6, size, 6, size)
@@ -105,7 +107,7 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         return between + noise
 
     @one_thread
-    def adapt(self, via_points: Sequence[ViaPoint]) -> "ProbabilisticMovementPrimitive":
+    def adapt(self, via_points: Sequence[ViaPoint]) -> "WeightMovement":
         """The movement conditioned on ``via_points``, all of them at once.
 
         With y_v the demanded numbers, V their covariance (own variances, and the error
@@ -127,8 +129,9 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         variance = np.diag(variances[which, outputs])
         variance += np.where(together, np.outer(along, along), 0.0)
         demanded = np.array([point.pose for point in via_points])[which, outputs]
-        rows = np.zeros((which.size, 6, self.config.n_basis))
-        rows[np.arange(which.size), outputs] = _basis(phases, self.config)[which]
+        basis, _ = self.basis(phases)
+        rows = np.zeros((which.size, 6, basis.shape[1]))
+        rows[np.arange(which.size), outputs] = basis[which]
         demand = rows.reshape(which.size, -1)
         cross = self.weight_covariance @ demand.T
         # K, by the pseudo-inverse where V leaves the sum singular. Demands are scaled
@@ -150,6 +153,23 @@ class ProbabilisticMovementPrimitive(LearnedMovement):
         return replace(self, weight_mean=mean, weight_covariance=covariance)
 
 
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ProbabilisticMovementPrimitive(WeightMovement):
+    """A Gaussian distribution over movements; made by `fit_promp`, immutable."""
+
+    config: ProMPConfig
+    """Constants of the primitive."""
+
+    def basis(self, times: Times) -> Basis:
+        """φ(t) and its derivative."""
+        config, size = self.config, self.config.n_basis
+        basis = _basis(times, config)
+        # Derivatives of the Gaussians' logarithms, and of the basis.
+        sharpness = -4.0 * size**2 * np.log(config.overlap)
+        slopes = -2.0 * sharpness * (times[:, None] - np.linspace(0.0, 1.0, size))
+        return basis, basis * (slopes - np.sum(basis * slopes, axis=1, keepdims=True))
+
+
 @one_thread
 def fit_promp(
     aligned: AlignedDemonstrations, config: ProMPConfig | None = None
@@ -160,34 +180,40 @@ def fit_promp(
     covariance of the weights, and R the mean squared residual per degree of freedom.
     """
     config = ProMPConfig() if config is None else config
-    count, n_phases, _ = aligned.poses.shape
+    learned = learn_weights(aligned.poses, _basis(aligned.times, config), config.ridge)
+    sample, share = learned["weight_covariance"], config.shrinkage
+    diagonal = np.diag(np.diag(sample))
+    learned["weight_covariance"] = (1.0 - share) * sample + share * diagonal
+    return ProbabilisticMovementPrimitive(aligned=aligned, config=config, **learned)
+
+
+def learn_weights(
+    poses: OutputCurves, basis: Float[np.ndarray, "M B"], ridge: float
+) -> dict[str, Any]:
+    """Learn μ, S in the place of Σ, and R of a `WeightMovement` from curves."""
+    count, n_phases, _ = poses.shape
+    size = basis.shape[1]
     if count < 2:
         raise ValueError(
             "A probabilistic movement primitive learns how repetitions differ, which "
             f"needs at least 2 demonstrations, got {count}."
         )
-    if n_phases <= config.n_basis:
+    if n_phases <= size:
         raise ValueError(
-            f"{config.n_basis} basis functions need more than {config.n_basis} phases, "
-            f"got {n_phases}: align with more samples, or lower n_basis."
+            f"{size} basis functions need more than {size} phases, got {n_phases}: "
+            "align with more samples, or lower n_basis."
         )
-    basis = _basis(aligned.times, config)
     gram = basis.T @ basis
-    regression = np.linalg.solve(gram + config.ridge * np.eye(len(gram)), basis.T)
-    weights = np.einsum("bm,kmd->kdb", regression, aligned.poses)
-    residuals = aligned.poses - np.einsum("mb,kdb->kmd", basis, weights)
+    regression = np.linalg.solve(gram + ridge * np.eye(size), basis.T)
+    weights = np.einsum("bm,kmd->kdb", regression, poses)
+    residuals = poses - np.einsum("mb,kdb->kmd", basis, weights)
     freedom = count * (n_phases - np.trace(regression @ basis))
     weights = weights.reshape(count, -1)
-    sample = np.cov(weights, rowvar=False)
-    diagonal = np.diag(np.diag(sample))
-    return ProbabilisticMovementPrimitive(
-        aligned=aligned,
-        config=config,
-        weight_mean=weights.mean(axis=0),
-        weight_covariance=(1.0 - config.shrinkage) * sample
-        + config.shrinkage * diagonal,
-        noise_variance=np.sum(residuals**2, axis=(0, 1)) / freedom,
-    )
+    return {
+        "weight_mean": weights.mean(axis=0),
+        "weight_covariance": np.cov(weights, rowvar=False),
+        "noise_variance": np.sum(residuals**2, axis=(0, 1)) / freedom,
+    }
 
 
 def _basis(times: Times, config: ProMPConfig) -> Float[np.ndarray, "M B"]:

@@ -1,0 +1,252 @@
+"""Mixture of discrete-time Gaussian processes: a reconstruction; not in Table 1.
+
+Von Hartz et al., *The Unreasonable Effectiveness of Discrete-Time Gaussian Process
+Mixtures for Robot Policy Learning*, arXiv:2505.03296. Of the paper only the abstract
+and summaries were at hand. They say: a mode is a sequence of Gaussians on R³ × SO(3),
+independent from step to step, with Fréchet mean and tangent covariance. Trajectories
+are partitioned into modes without labels; a mode weighs its share of them; evidence
+(there: constraints) updates Gaussians and weights.
+With deviations e_i, Log(R_i R_μᵀ) beside the position, of a mode's K demonstrations,
+
+    Cov[e(t), e(t')] = exp(-(t - t')²/(2 ℓ²)) Σ_i e_i(t) e_i(t')ᵀ / (K - 1).
+
+Assumptions, where the paper is silent or the benchmark needs more:
+
+* Published steps are independent, ℓ → 0: one says nothing about the next. A greater ℓ
+  tapers the sample covariance between steps; that of a step stays as it is.
+* Evidence is via-points, for which conditioning in the tangent space is exact. Bounds
+  (reach, collision), optimised paths and further task frames are left out.
+* The number of modes: demonstrations are joined by average linkage of the chords
+  between their displacements from the start, of unit norm, 1 m and 1 rad alike. So a
+  door's size makes no mode; pushing or pulling and the side of the hinge do.
+* A mode of one demonstration has the spread of the largest mode.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import scipy
+from jaxtyping import Float, Int
+
+from gplfd_env.spatial.se3 import compose_rotvecs
+from gplfd_env.validation.fields import quantity
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.records import Settings
+from gplfd_policies.arrays.resolution import FINEST
+from gplfd_policies.arrays.shapes import Covariances, OutputCurves, Outputs, Times
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.movements.movement import LearnedMovement, MomentMovement, Moments
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
+
+_LEAST: Final = 1e-4
+"""Least standard deviation of steps and via-points, of the greatest of the output."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class MiDiGaPConfig(Settings):
+    """Constants of a mixture of discrete-time Gaussian processes."""
+
+    mode_angle: float = quantity(0.7, above=0.0, high=np.pi)
+    """Mean angle between the displacements of two modes at least [rad]. Doors of 0.35
+    and 0.9 m differ by 0.4, a lever pressed and lifted by 1."""
+    length_scale: float = quantity(1.0, above=0.0)
+    """ℓ, the phase over which steps are correlated."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class DiscreteTimeGP(MomentMovement):
+    """One mode, a movement of its own demonstrations; immutable.
+
+    Predicted deviations are those of the rotation vector, to first order.
+    """
+
+    mean: Outputs
+    """Mean position and Fréchet mean of the orientation at every step [m, rad]."""
+    roots: OutputCurves
+    """Deviations e_i / √(K - 1) at every step, in fixed axes [m, rad]."""
+    length_scale: float
+    """ℓ [phase]."""
+    via_points: tuple[ViaPoint, ...] = ()
+    """Evidence so far."""
+
+    def _at(self, times: Times) -> tuple[Outputs, Float[np.ndarray, "M 6 K"]]:
+        """Mean and roots, those of the rotation vector; constant outside the task."""
+        steps, both = self.aligned.times, np.concatenate([self.mean[None], self.roots])
+        interpolated = scipy.interpolate.make_interp_spline(steps, both, k=1, axis=1)
+        curves = interpolated(np.clip(times, steps[0], steps[-1]))
+        mean, roots = curves[0], curves[1:].transpose(1, 2, 0).copy()
+        roots[:, 3:] = rotvec_jacobian(mean[:, 3:]) @ roots[:, 3:]
+        return mean, roots
+
+    def prior_covariance(
+        self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
+    ) -> Float[np.ndarray, "A 6 B 6"]:
+        """Covariance of the outputs at ``a`` with those at ``b``, before evidence."""
+        taper = np.exp(-0.5 * (np.subtract.outer(a, b) / self.length_scale) ** 2)
+        products = np.tensordot(self._at(a)[1], self._at(b)[1], axes=(2, 2))
+        return np.asarray(products * taper[:, None, :, None])
+
+    @property
+    def _white(self) -> Float[np.ndarray, " 6"]:
+        variance = np.sum(self.roots**2, axis=0).max(axis=0)
+        return np.asarray(_LEAST**2 * np.maximum(variance, FINEST**2))
+
+    @cached_property
+    def _evidence(self) -> tuple[Times, np.ndarray, np.ndarray, np.ndarray]:
+        """Phases, indices of demanded outputs, S = L Lᵀ as L, and L⁻¹ times misses."""
+        phases = np.array([float(one.phase) for one in self.via_points])
+        noise = np.array([one.own_variance for one in self.via_points]).reshape(-1, 6)
+        along = np.array([one.along for one in self.via_points]).reshape(-1, 6)
+        mean, _ = self._at(phases)
+        poses = np.array([one.pose for one in self.via_points]).reshape(-1, 6)
+        poses = np.where(np.isfinite(noise), poses, mean)
+        turns = compose_rotvecs(poses[:, 3:], -mean[:, 3:])[:, :, None]
+        turns = (rotvec_jacobian(mean[:, 3:]) @ turns)[:, :, 0]
+        missed = np.hstack([poses[:, :3] - mean[:, :3], turns]).ravel()
+        covariance = self.prior_covariance(phases, phases)
+        every = np.arange(len(phases))
+        covariance[every, :, every] += along[:, :, None] * along[:, None]
+        covariance = covariance.reshape(missed.size, missed.size)
+        covariance += np.diag(np.maximum(noise, self._white).ravel())
+        seen = np.flatnonzero(np.isfinite(noise))
+        root = np.linalg.cholesky(covariance[np.ix_(seen, seen)])
+        white = scipy.linalg.solve_triangular(root, missed[seen], lower=True)
+        return phases, seen, root, white
+
+    @property
+    def log_evidence(self) -> float:
+        """Log density of the via-points under the mode; 0 without any."""
+        _, _, root, white = self._evidence
+        log_root = np.sum(np.log(np.sqrt(2.0 * np.pi) * np.diag(root)))
+        return float(-0.5 * white @ white - log_root)
+
+    def _gain(self, times: Times) -> tuple[Outputs, Float[np.ndarray, "P M 6"]]:
+        """Change of the mean, and the root of what evidence explains."""
+        phases, seen, root, white = self._evidence
+        across = self.prior_covariance(phases, times).reshape(-1, 6 * len(times))
+        half = scipy.linalg.solve_triangular(root, across[seen], lower=True)
+        return (white @ half).reshape(-1, 6), half.reshape(len(half), len(times), 6)
+
+    def _moments(self, times: Times) -> Moments:
+        (mean, roots), (change, half) = self._at(times), self._gain(times)
+        turns = np.linalg.solve(rotvec_jacobian(mean[:, 3:]), change[:, 3:, None])
+        turned = compose_rotvecs(turns[:, :, 0], mean[:, 3:])
+        moved = mean + change
+        moved[:, 3:] = nearest_rotvecs(turned, moved[:, 3:])
+        variance = np.sum(roots**2, axis=2) - np.sum(half**2, axis=0)
+        return moved, np.sqrt(np.maximum(variance, 0.0) + self._white)
+
+    def _covariance(self, times: Times) -> Covariances:
+        _, half = self._gain(times)
+        prior = np.einsum("mini->imn", self.prior_covariance(times, times))
+        white = self._white[:, None, None] * np.eye(len(times))
+        return np.asarray(prior + white - np.einsum("pmi,pni->imn", half, half))
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class MixtureOfDiscreteTimeGPs(LearnedMovement):
+    """Modes, of which the most probable is predicted; made by `fit_midigap`, immutable.
+
+    An agent's phase rule compares a pose with all demonstrations. One that tries modes
+    itself finds each as a movement in `modes`, and what is believed in `weights`.
+    """
+
+    modes: tuple[DiscreteTimeGP, ...]
+    """The modes, the largest first."""
+
+    @property
+    def weights(self) -> Float[np.ndarray, " modes"]:
+        """Probability of every mode given the via-points so far."""
+        logs = [np.log(len(m.aligned.poses)) + m.log_evidence for m in self.modes]
+        return np.asarray(scipy.special.softmax(logs))
+
+    def adapt(self, via_points: Sequence[ViaPoint]) -> "MixtureOfDiscreteTimeGPs":
+        """The mixture given further via-points: Gaussians and weights."""
+        asked = [one for one in via_points if np.isfinite(one.own_variance).any()]
+        modes = (replace(m, via_points=(*m.via_points, *asked)) for m in self.modes)
+        return replace(self, modes=tuple(modes))
+
+    @one_thread
+    def predict(self, times: Times) -> GaussianTrajectory:
+        """The distribution of the most probable mode; of equal ones the largest."""
+        return self.modes[int(np.argmax(self.weights))].predict(times)
+
+
+@one_thread
+def fit_midigap(
+    aligned: AlignedDemonstrations, config: MiDiGaPConfig | None = None
+) -> MixtureOfDiscreteTimeGPs:
+    """Partition demonstrations into modes, and learn the Gaussians of each.
+
+    Raises:
+        ValueError: No mode has two demonstrations.
+    """
+    config = MiDiGaPConfig() if config is None else config
+    parts = partition(aligned.poses, config.mode_angle)
+    if len(parts[0]) < 2:
+        raise ValueError(
+            "A mixture of discrete-time Gaussian processes needs at least 2 "
+            f"demonstrations of one mode, got 1 of each of {len(parts)}."
+        )
+    modes: list[DiscreteTimeGP] = []
+    for part in parts:
+        poses = aligned.poses[part]
+        mean = frechet_mean(poses)
+        turns = compose_rotvecs(poses[:, :, 3:], -mean[:, 3:])
+        roots = np.concatenate([poses[:, :, :3] - mean[:, :3], turns], axis=2)
+        roots = roots / np.sqrt(len(part) - 1) if len(part) > 1 else modes[0].roots
+        clocks = None if aligned.clocks is None else aligned.clocks[part]
+        own = replace(aligned, poses=poses, clocks=clocks, wrenches=None, rests=())
+        scale = config.length_scale
+        modes += [
+            DiscreteTimeGP(aligned=own, mean=mean, roots=roots, length_scale=scale)
+        ]
+    return MixtureOfDiscreteTimeGPs(aligned=aligned, modes=tuple(modes))
+
+
+def partition(poses: OutputCurves, mode_angle: float) -> list[Int[np.ndarray, " N"]]:
+    """Indices of the demonstrations of every mode, the largest first."""
+    if len(poses) < 2:
+        return [np.arange(len(poses))]
+    flat = (poses - poses[:, :1]).reshape(len(poses), -1)
+    length = np.linalg.norm(flat, axis=1, keepdims=True)
+    tree = scipy.cluster.hierarchy.average(flat / np.maximum(length, FINEST))
+    chord = 2.0 * np.sin(0.5 * mode_angle)
+    labels = scipy.cluster.hierarchy.fcluster(tree, chord, criterion="distance")
+    parts = [np.flatnonzero(labels == label) for label in np.unique(labels)]
+    return sorted(parts, key=lambda part: (-len(part), part[0]))
+
+
+def frechet_mean(poses: OutputCurves) -> Outputs:
+    """Mean position at every phase, and the rotation R with Σ_i Log(R_i Rᵀ) = 0."""
+    mean: np.ndarray = poses.mean(axis=0)
+    for _ in range(100):
+        step = compose_rotvecs(poses[:, :, 3:], -mean[:, 3:]).mean(axis=0)
+        mean[:, 3:] = nearest_rotvecs(compose_rotvecs(step, mean[:, 3:]), mean[:, 3:])
+        if np.abs(step).max() < 1e-12:
+            break
+    return mean
+
+
+def rotvec_jacobian(rotvecs: Float[np.ndarray, "*N 3"]) -> Float[np.ndarray, "*N 3 3"]:
+    """Derivative of Log(Exp(e) Exp(r)) by e at e = 0, singular at |r| = 2π.
+
+    I - [r]×/2 + (1 - (θ/2) cot(θ/2)) [r]×²/θ², θ = |r|.
+    """
+    cross = np.moveaxis(np.cross(rotvecs[..., None, :], np.eye(3)), -2, -1)
+    half = np.maximum(0.5 * np.linalg.norm(rotvecs, axis=-1), 1e-3)
+    factor = (1.0 - half / np.tan(half)) / (4.0 * half**2)
+    return np.asarray(np.eye(3) - 0.5 * cross + factor[..., None, None] * cross @ cross)
+
+
+def nearest_rotvecs(
+    rotvecs: Float[np.ndarray, "*N 3"], targets: Float[np.ndarray, "*N 3"]
+) -> Float[np.ndarray, "*N 3"]:
+    """The rotation vectors (θ + 2πk) u of the same rotations nearest to targets."""
+    angle = np.maximum(np.linalg.norm(rotvecs, axis=-1, keepdims=True), FINEST)
+    along = np.sum(rotvecs * targets, axis=-1, keepdims=True) / angle
+    turns = np.round((along - angle) / (2.0 * np.pi))
+    return np.asarray(rotvecs * (1.0 + 2.0 * np.pi * turns / angle))

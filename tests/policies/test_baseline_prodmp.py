@@ -1,0 +1,107 @@
+"""Probabilistic dynamic movement primitives: the equation, its start, conditioning."""
+
+import numpy as np
+import pytest
+import scipy
+from numpy.testing import assert_allclose, assert_array_equal
+
+from gplfd_policies import ViaPoint
+from gplfd_policies.movements.baselines.prodmp import (
+    ProDMPConfig,
+    fit_prodmp,
+    position_basis,
+)
+
+GRID = np.linspace(0.0, 1.0, 101)
+
+
+@pytest.fixture(scope="module")
+def prodmp(aligned):
+    return fit_prodmp(aligned)
+
+
+@pytest.mark.parametrize("config", [ProDMPConfig(), ProDMPConfig(alpha=60.0)])
+def test_basis_functions_solve_the_published_equation(config):
+    """Integrated for every weight, the goal and both boundary conditions."""
+    centres = np.exp(-config.alpha_x * np.linspace(0.0, 1.0, config.n_basis))
+    spacing = np.append(np.diff(centres), centres[-1] - centres[-2])
+    gain = 0.25 * config.alpha**2
+
+    def rates(z, state):
+        x = np.exp(-config.alpha_x * z)
+        psi = config.overlap ** (((x - centres) / spacing) ** 2)
+        drive = np.append(x * psi / psi.sum(), [gain, 0.0, 0.0])
+        y, rate = state.reshape(2, -1)
+        return np.append(rate, drive - config.alpha * rate - gain * y)
+
+    start = np.zeros((2, config.n_basis + 3))
+    start[0, -2] = start[1, -1] = 1.0
+    clock = np.linspace(0.0, 3.0, 3001)
+    solved = scipy.integrate.solve_ivp(
+        rates, (0.0, 3.0), start.ravel(), "DOP853", clock, rtol=1e-10, atol=1e-13
+    )
+    values, slopes = solved.y.reshape(2, -1, clock.size)
+    # Responses have a maximum of 1 within the task.
+    scale = values[:, clock <= 1.0].max(axis=1, keepdims=True)
+    scale[-2:] = 1.0
+    basis = position_basis(config)
+    assert_allclose(basis(clock), (values / scale).T, atol=1e-6)
+    slopes /= scale
+    assert_allclose(basis(clock, 1), slopes.T, atol=1e-6 * np.abs(slopes).max())
+
+
+def test_every_movement_starts_in_the_boundary_state(prodmp, aligned):
+    """The mean start and velocity, exactly and after any via-point."""
+    for rows in prodmp.basis(aligned.times[:1]):
+        dense = np.kron(np.eye(6), rows)
+        assert_array_equal(dense @ prodmp.weight_covariance @ dense.T, 0.0)
+    poses = aligned.poses.mean(axis=0)
+    rate = (poses[1] - poses[0]) / (aligned.times[1] - aligned.times[0])
+    adapted = prodmp.adapt([ViaPoint(phase=0.1, pose=aligned.poses[0, 60])])
+    for movement in (prodmp, adapted):
+        begun = movement.predict(GRID)
+        assert_allclose(begun.mean[0], poses[0], atol=1e-12)
+        assert_allclose(begun.mean_rate[0], rate, rtol=1e-9, atol=1e-12)
+        assert_allclose(begun.std[0], np.sqrt(prodmp.noise_variance))
+
+
+def test_the_motion_goes_on_to_the_goal(prodmp):
+    goal = prodmp.weight_mean.reshape(6, -1)[:, -3] / (1.0 - 13.5 * np.exp(-12.5))
+    assert_allclose(prodmp.predict(np.array([5.0])).mean[0], goal, atol=2e-3)
+
+
+def test_mean_and_spread_are_those_of_the_demonstrations(prodmp, aligned):
+    learned = prodmp.predict(aligned.times)
+    assert_allclose(learned.mean, aligned.poses.mean(axis=0), atol=3e-4)
+    spread = aligned.poses.std(axis=0, ddof=1)
+    assert_allclose(learned.std[80:], spread[80:], rtol=0.05)
+
+
+@pytest.mark.parametrize("along", [0.0, 0.02])
+def test_conditioning_equals_that_of_a_joint_gaussian(prodmp, aligned, along):
+    """Of all outputs at all phases, with the covariance that the weights give them."""
+    phases = np.append(GRID, [0.3, 0.8])
+    basis, _ = prodmp.basis(phases)
+    matrix = np.kron(np.eye(6), basis)
+    joint = matrix @ prodmp.weight_covariance @ matrix.T
+    mean = matrix @ prodmp.weight_mean
+    seen = np.array([d * phases.size + v for v in (101, 102) for d in range(6)])
+    points = [
+        ViaPoint(phase=phase, pose=aligned.poses[1, row], std=2e-3, along=along)
+        for phase, row in ((0.3, 60), (0.8, 160))
+    ]
+    noise = 4e-6 * np.eye(12) + along**2 * np.kron(np.eye(2), np.ones((6, 6)))
+    gain = joint[:, seen] @ np.linalg.inv(joint[np.ix_(seen, seen)] + noise)
+    missed = np.concatenate([point.pose for point in points]) - mean[seen]
+    expected = (mean + gain @ missed).reshape(6, -1)[:, :-2].T
+    variance = np.diag(joint - gain @ joint[seen]).reshape(6, -1)[:, :-2].T
+    adapted = prodmp.adapt(points).predict(GRID)
+    assert_allclose(adapted.mean, expected, atol=1e-8)
+    assert_allclose(adapted.std**2, variance + prodmp.noise_variance, atol=1e-9)
+
+
+def test_shrinkage_adds_white_deviations_of_the_demonstrated_variance(aligned):
+    """All of it: deviations that are as large on average, and the same throughout."""
+    white = fit_prodmp(aligned, ProDMPConfig(shrinkage=1.0)).predict(aligned.times)
+    demonstrated = aligned.poses.var(axis=0, ddof=1).mean(axis=0)
+    assert_allclose((white.std**2).mean(axis=0), demonstrated, rtol=0.01)
