@@ -11,12 +11,16 @@ from numpy.typing import ArrayLike
 
 from gplfd_env.conventions.constants import Array
 from gplfd_env.doors.config import DoorConfig, HingeSide, Swing
+from gplfd_env.doors.rocker import handle_axis
 from gplfd_env.spatial.se3 import compose_rotvecs
 
 _TURN: Final = 0.5
 """Share of the leaf's turn that a hand takes where it pushes something round."""
 
 _NOT_TURNED: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+_ACROSS: Final = 0.5
+"""Below this cosine of the angle between them an axis is across the pull."""
 
 _ROUND: Final = 0.03
 """Below this distance from its axis a handle counts as a knob [m]."""
@@ -106,13 +110,13 @@ class DoorGeometry:
         to_task, origin = np.asarray(rotation, float).T, np.asarray(position, float)
         side, turns = door.side, door.handle != "bar"
         hinge = np.array([0.0, 0.0, -side * door.hand_radius])
-        spindle = np.array([0.0, 0.0, side * door.grip])
+        spindle, turn = handle_axis(door)
         return cls(
             hinge=to_task @ (hinge - origin),
             axis=to_task @ np.array([0.0, side * door.way, 0.0]),
             spindle=to_task @ (spindle - origin) if turns else None,
-            turn=to_task @ np.array([-side, 0.0, 0.0]) if turns else None,
-            travel=door.handle_travel if turns else 0.0,
+            turn=to_task @ turn if turns else None,
+            travel=door.travel if turns else 0.0,
         )
 
     def hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
@@ -151,13 +155,16 @@ class DoorGeometry:
     def easy_hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
         """Return the poses of a hand that opens the door as is easy for its arm.
 
-        A bar or a knob can be held from any side: where it is pushed, the hand turns by
-        half as much as the leaf, so that the arm goes through the frame and not into
-        the jamb beside the lock. Everything else is held rigidly, as in `hand_poses`.
+        Bars and knobs, and handles that turn about an axis across the pull, can be held
+        from any side: where they are pushed, the hand turns by half as much as the
+        leaf, so that the arm goes through the frame and not into the jamb beside the
+        lock. Everything else is held rigidly, as in `hand_poses`.
         """
         poses = self.hand_poses(angle, turn)
         spindle = self.spindle
         is_round = spindle is None or float(spindle @ spindle) < _ROUND**2
+        if self.turn is not None:
+            is_round |= abs(float(self.turn @ self.pull)) < _ACROSS
         if self.pull[0] < 0.0 and is_round:
             poses[..., 3:] = self.hand_poses(_TURN * np.asarray(angle), turn)[..., 3:]
         return poses

@@ -168,7 +168,12 @@ def _template(
     structure: Structure, grasp: Hold, control: Control, base: Base
 ) -> mujoco.MjModel:
     latch: Latch = "spring" if structure.latched else "none"
-    door = DoorConfig(handle=structure.handle, latch=latch, panel_mass=NOMINAL_MASS)
+    door = DoorConfig(
+        handle=structure.handle,
+        latch=latch,
+        panel_mass=NOMINAL_MASS,
+        swing="push" if structure.handle == "touch-bar" else "pull",
+    )
     spec = build_spec(door, grasp, control=control, structure=structure, base=base)
     return spec.compile()
 

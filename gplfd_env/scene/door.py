@@ -8,6 +8,7 @@ import numpy as np
 from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array, Base
 from gplfd_env.doors.closer import has_tendons
 from gplfd_env.doors.config import DoorConfig, Handle
+from gplfd_env.doors.rocker import ROCKERS
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.mobile_base import HARD_STOP, SOFT_STOP
 from gplfd_env.robot.placement import (
@@ -18,7 +19,13 @@ from gplfd_env.robot.placement import (
 )
 from gplfd_env.scene.arena import DOOR_HEIGHT
 from gplfd_env.scene.closer import add_closer, set_closer
-from gplfd_env.scene.handle import STEEL, add_bar, add_turning_handle, set_spring
+from gplfd_env.scene.handle import (
+    STEEL,
+    add_bar,
+    add_rocker,
+    add_turning_handle,
+    set_spring,
+)
 from gplfd_env.scene.latch import add_latch
 from gplfd_env.scene.visuals import (
     add_casing,
@@ -110,6 +117,8 @@ def add_door(
     foot = -door.handle_standoff + door.leaf_thickness / 2
     if door.handle == "bar":
         add_bar(leaf, door, foot, placement.grasp_height)
+    elif door.handle in ROCKERS:
+        add_rocker(leaf, door, foot)
     else:
         add_turning_handle(leaf, door, foot)
     if structure.latched:
@@ -124,6 +133,7 @@ def add_door(
     if door.handle != "bar":
         add_casing(frame, door, (hinge_z, lock_z), top)
         add_panels(leaf, door, edges[1] - edges[0])
+    if door.handle in ("lever", "knob"):
         add_far_handle(leaf, spec.body("handle"), door)
 
 
