@@ -114,7 +114,7 @@ class DoorConfig:
     """Where its hinge is."""
     leaf_width: float | None = quantity(None, unit="m", low=0.35, high=1.25)
     """Width of the leaf; None: 1 cm more than `radius` and `backset`."""
-    backset: float = quantity(0.08, unit="m", low=0.04, high=0.20)
+    backset: float = quantity(0.08, unit="m", low=0.04, high=0.25)
     """From the leaf's free edge to the handle's axis."""
     leaf_thickness: float = quantity(0.04, unit="m", low=0.015, high=0.08)
     """Thickness of the leaf."""

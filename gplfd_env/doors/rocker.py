@@ -28,6 +28,8 @@ def handle_axis(door: DoorConfig) -> tuple[Array, Array]:
     a thumb piece down, and moves a paddle or a touch bar the way the door opens.
     """
     if door.handle == "handleset":
+        # One that is pulled is level at its stop, one that is pushed at rest: the force
+        # that opens the door does not lift it.
         tilt = door.travel if door.way > 0.0 else 0.0
         back, below = math.cos(tilt), math.sin(tilt)
         spindle = np.array([-door.arm * back, -door.arm * below, 0.0])

@@ -1,4 +1,4 @@
-"""The handle as MuJoCo geoms: a bar on the leaf, or a lever or knob that turns."""
+"""The handle as MuJoCo geoms: a bar on the leaf, or one of the kinds that turn."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -11,6 +11,8 @@ from gplfd_env.doors.rocker import handle_axis
 
 BAR_HALF_LENGTH: Final = 0.10
 
+_ROD: Final = 0.05
+"""From where the hand holds the rod of a paddle or thumb piece to its ends [m]."""
 _TOUCH_BAR: Final = 0.65
 """Length of a touch bar, as a share of the leaf's width."""
 
@@ -95,8 +97,10 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
 def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
     """Add a paddle, a touch bar or a thumb piece on the joint ``handle``.
 
-    The hand holds a horizontal rod, the geom ``handle_bar``, which turns about an axis
-    parallel to it (`gplfd_env.doors.rocker`). The sites are those of a lever.
+    The hand holds a horizontal rod that turns about an axis parallel to it
+    (`gplfd_env.doors.rocker`). What touches the hand, ``handle_bar``, is a ball: the
+    hand may turn about the vertical, as flat fingers can. The sites are those of a
+    lever.
     """
     reach = door.side * door.radius
     spindle, axis = handle_axis(door)
@@ -114,11 +118,10 @@ def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
         armature=1e-3,
     )
     x, y = -spindle[:2]
-    # From the middle towards the lock and towards the hinge.
-    lock, hinge = 0.05, 0.05
+    towards_hinge = _ROD
     if door.handle == "touch-bar":
-        hinge = _TOUCH_BAR * (door.radius + door.backset)
-    ends = [x, y, door.side * lock, x, y, -door.side * hinge]
+        towards_hinge = _TOUCH_BAR * (door.radius + door.backset)
+    ends = [x, y, door.side * _ROD, x, y, -door.side * towards_hinge]
     ball = {**_HELD, "type": mujoco.mjtGeom.mjGEOM_SPHERE}
     body.add_geom(pos=[x, y, 0.0], size=[BAR_RADIUS, 0, 0], mass=0.3, **ball)
     _add_rod(body, "handle_rod", ends, 0.8 * BAR_RADIUS)
