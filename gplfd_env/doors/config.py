@@ -6,7 +6,7 @@ import numbers
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal, NamedTuple, get_args
 
 from gplfd_env.doors import hardware
 from gplfd_env.validation.fields import (
@@ -17,9 +17,10 @@ from gplfd_env.validation.fields import (
 )
 from gplfd_env.validation.named import preset
 
-Handle = Literal["bar", "lever", "knob"]
+Handle = Literal["bar", "lever", "knob", "paddle", "touch-bar", "handleset"]
 """What the hand holds: a vertical bar that is fixed, a horizontal arm or a round knob
-that turns about an axis normal to the leaf."""
+that turns about an axis normal to the leaf, or a part that turns about a horizontal
+axis in the leaf (`gplfd_env.doors.rocker`)."""
 
 Latch = Literal["none", "spring"]
 """Whether a sprung bolt holds the closed door until the handle is turned."""
@@ -54,6 +55,28 @@ def held_radius(handle: Handle) -> float:
     return KNOB_RADIUS if handle == "knob" else BAR_RADIUS
 
 
+class Turning(NamedTuple):
+    """What a handle that turns has where its fields are None."""
+
+    preload: float  # Torque of the return spring at rest [N m].
+    stiffness: float  # What an angle adds to it [N m/rad].
+    travel: float = 0.8  # Angle at which it meets its stop [rad].
+    arm: float = 0.0  # From a horizontal axis in the leaf to the hand [m].
+
+
+TURNING: Final[Mapping[str, Turning]] = MappingProxyType(
+    {
+        "lever": Turning(0.5, 1.2),
+        "knob": Turning(0.175, 0.2),
+        "paddle": Turning(1.5, 1.5, 0.40, 0.09),
+        "touch-bar": Turning(0.9, 3.0, 0.32, 0.05),
+        "handleset": Turning(0.5, 1.2, 0.35, 0.05),
+    }
+)
+"""Levers and knobs: the middle of what `gplfd_env.doors.standard` draws. The others:
+assets/README.md."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DoorConfig:
     """A door, by default hinged.
@@ -70,7 +93,7 @@ class DoorConfig:
     """
 
     radius: float = quantity(
-        0.50, unit="m", low=0.30, high=0.95, reason="the radii the robot can open"
+        0.50, unit="m", low=0.30, high=1.05, reason="the radii the robot can open"
     )
     """Distance from hinge axis to handle axis."""
     hinge_friction: float = quantity(0.5, unit="N m", low=0.0, high=50.0)
@@ -97,10 +120,10 @@ class DoorConfig:
     """Which way it opens."""
     hinge_side: HingeSide = "right"
     """Where its hinge is."""
-    leaf_width: float | None = quantity(None, unit="m", low=0.35, high=1.05)
+    leaf_width: float | None = quantity(None, unit="m", low=0.35, high=1.25)
     """Width of the leaf; None: 1 cm more than `radius` and `backset`."""
     backset: float = quantity(0.08, unit="m", low=0.04, high=0.25)
-    """From the leaf's free edge to the handle's axis; at most 0.13 if not folding."""
+    """From the leaf's free edge to the handle's axis."""
     leaf_thickness: float = quantity(0.04, unit="m", low=0.015, high=0.08)
     """Thickness of the leaf."""
     stop_angle: float = quantity(
@@ -135,15 +158,16 @@ class DoorConfig:
     """Where that begins."""
     handle_length: float = quantity(0.12, unit="m", low=0.10, high=0.15)
     """Lever: from the axis about which it turns to its end."""
-    handle_preload: float | None = quantity(None, unit="N m", low=0.0, high=2.0)
-    """Lever, knob: torque of the return spring at rest; None: 0.5 of a lever, 0.175 of
-    a knob: fingers hold a third of what a lever takes."""
-    handle_stiffness: float | None = quantity(None, unit="N m/rad", low=0.1, high=5.0)
-    """Lever, knob: what the return spring adds per angle; None: 1.2 and 0.2."""
-    handle_travel: float = quantity(0.80, unit="rad", low=0.3, high=1.2)
-    """Lever, knob: angle at which it meets its stop."""
+    handle_preload: float | None = quantity(None, unit="N m", low=0.0, high=5.0)
+    """Torque of the return spring at rest; None: 0.5 of a lever, 0.175 of a knob, as
+    fingers hold a third of what a lever takes, and of others as in `TURNING`."""
+    handle_stiffness: float | None = quantity(None, unit="N m/rad", low=0.1, high=15.0)
+    """What the return spring adds per angle; None: as in `TURNING`."""
+    handle_travel: float | None = quantity(None, unit="rad", low=0.25, high=1.2)
+    """Angle at which the handle meets its stop; None: 0.8 of a lever or knob, and of
+    others as in `TURNING`."""
     dead_travel: float = quantity(0.06, unit="rad", low=0.0, high=0.2)
-    """Lever, knob: angle at which it begins to retract the bolt."""
+    """Angle at which the handle begins to retract the bolt."""
     bolt_throw: float = quantity(0.0127, unit="m", low=0.010, high=0.020)
     """Latch: how far the bolt stands out; the handle's whole travel draws it in."""
     bolt_preload: float = quantity(4.0, unit="N", low=1.0, high=20.0)
@@ -153,7 +177,7 @@ class DoorConfig:
     motion: Motion = "hinged"
     """How the leaf moves. `radius` is then the distance from the handle to the jamb at
     which a sliding or folding leaf ends."""
-    travel: float | None = quantity(None, unit="m", low=0.30, high=1.05)
+    clear_width: float | None = quantity(None, unit="m", low=0.30, high=1.05)
     """Sliding: clear way; None: `radius`."""
     offset: float = quantity(0.05, unit="m", low=0.02, high=0.10)
     """Parallel-sliding: how far the leaf comes out before it slides."""
@@ -166,6 +190,9 @@ class DoorConfig:
         math.radians(10.0), unit="rad", low=0.0, high=math.radians(60.0)
     )
     """Flap: the dead point."""
+    handle_arm: float | None = quantity(None, unit="m", low=0.04, high=0.15)
+    """Paddle, touch bar, handleset: from the axis about which it turns to where it is
+    held; None: as in `TURNING`."""
 
     def __post_init__(self) -> None:
         for name, allowed in _CHOICES.items():
@@ -177,16 +204,21 @@ class DoorConfig:
                 "latch = 'spring' with handle = 'bar', which does not turn and could "
                 "not retract the bolt; choose handle = 'lever' or 'knob'"
             )
+        if not problem and self.handle == "touch-bar" and self.swing == "pull":
+            problem = (
+                "handle = 'touch-bar' with swing = 'pull': it is pushed; choose "
+                "swing = 'push', or handle = 'bar' for the pull on its other side"
+            )
         if not problem and abs(self.overhang) > _DISAGREEMENT:
             problem = (
                 f"leaf_width = {self.leaf_width:g} minus backset = {self.backset:g} is "
                 f"not radius = {self.radius:g} within {_DISAGREEMENT:g} m; leave "
                 "leaf_width None to have it follow"
             )
-        if not problem and self.dead_travel > 0.5 * self.handle_travel:
+        if not problem and self.dead_travel > 0.5 * self.travel:
             problem = (
                 f"dead_travel = {self.dead_travel:g} is more than half of "
-                f"handle_travel = {self.handle_travel:g}"
+                f"handle_travel = {self.travel:g}"
             )
         if problem:
             raise ValueError(f"no such door: {problem}")
@@ -239,14 +271,29 @@ class DoorConfig:
     def handle_spring(self) -> tuple[float, float]:
         """Torque of the handle's return spring [N m], and what an angle adds [N m/rad].
 
-        Where none are given, what levers and knobs usually have.
+        Where none are given, what such handles usually have.
         """
-        preload, stiffness = _KNOB_SPRING if self.handle == "knob" else _LEVER_SPRING
+        preload, stiffness = self._turning.preload, self._turning.stiffness
         if self.handle_preload is not None:
             preload = self.handle_preload
         if self.handle_stiffness is not None:
             stiffness = self.handle_stiffness
         return preload, stiffness
+
+    @property
+    def travel(self) -> float:
+        """Angle at which the handle meets its stop [rad]."""
+        given = self.handle_travel
+        return self._turning.travel if given is None else given
+
+    @property
+    def arm(self) -> float:
+        """From the axis of a paddle, touch bar or handleset to the hand [m]."""
+        return self._turning.arm if self.handle_arm is None else self.handle_arm
+
+    @property
+    def _turning(self) -> "Turning":
+        return TURNING["lever" if self.handle == "bar" else self.handle]
 
     @property
     def hand_radius(self) -> float:
@@ -270,7 +317,7 @@ class DoorConfig:
     @property
     def clear_way(self) -> float:
         """How far a sliding leaf can go [m]."""
-        return self.radius if self.travel is None else self.travel
+        return self.radius if self.clear_width is None else self.clear_width
 
     @property
     def fold(self) -> float:
@@ -309,10 +356,6 @@ class DoorConfig:
         return self.hinge_friction + self.closer_friction
 
 
-_LEVER_SPRING: Final = (0.5, 1.2)
-_KNOB_SPRING: Final = (0.175, 0.2)
-"""Of what `gplfd_env.doors.standard` draws, the middle."""
-
 _ALWAYS: Final = 8
 """Fields that every record of a door has."""
 
@@ -325,7 +368,7 @@ _CHOICES: Final = {
 }
 
 _OF_MOTIONS: Final[Mapping[str, tuple[Motion, ...]]] = {
-    "travel": ("sliding", "parallel-sliding"),
+    "clear_width": ("sliding", "parallel-sliding"),
     "offset": ("parallel-sliding",),
     "rise": ("rising-butt",),
     "strut_stiffness": ("flap",),

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from gplfd_env.conventions.constants import Array
 from gplfd_env.doors.config import DoorConfig, HingeSide, Swing
 from gplfd_env.doors.motion import Link, carried, links_of, rotated
+from gplfd_env.doors.rocker import handle_axis
 from gplfd_env.spatial.se3 import compose_rotvecs
 
 _TURN: Final = 0.5
@@ -29,6 +30,9 @@ _SMALL: Final = 1e-6
 _ANGLES: Final = np.radians(np.linspace(-5.0, 100.0, 1051))
 
 _NOT_TURNED: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+_ACROSS: Final = 0.5
+"""Below this cosine of the angle between them an axis is across the pull."""
 
 _ROUND: Final = 0.03
 """Below this distance from its axis a handle counts as a knob [m]."""
@@ -129,13 +133,13 @@ class DoorGeometry:
         links = links_of(door)
         if len(links) == 1 and links[0].name == "hinge":
             hinge, axis, links = np.array(links[0].anchor), np.array(links[0].axis), ()
-        spindle = np.array([0.0, 0.0, side * door.grip])
+        spindle, turn = handle_axis(door)
         return cls(
             hinge=to_task @ (hinge - origin),
             axis=to_task @ axis,
             spindle=to_task @ (spindle - origin) if turns else None,
-            turn=to_task @ np.array([-side, 0.0, 0.0]) if turns else None,
-            travel=door.handle_travel if turns else 0.0,
+            turn=to_task @ turn if turns else None,
+            travel=door.travel if turns else 0.0,
             links=tuple(
                 link._replace(
                     axis=tuple((to_task @ link.axis).tolist()),
@@ -193,14 +197,17 @@ class DoorGeometry:
     def easy_hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
         """Return the poses of a hand that opens the door as is easy for its arm.
 
-        A bar or a knob can be held from any side. Where it is pushed, the hand turns by
-        half as much as the leaf, so that the arm goes through the frame and not into
-        the jamb beside the lock; on a folding leaf by half, on the level bar of a flap
-        by a quarter. Everything else is held rigidly, as in `hand_poses`.
+        Bars and knobs, and handles that turn about an axis across the pull, can be held
+        from any side. Where they are pushed, the hand turns by half as much as the
+        leaf, so that the arm goes through the frame and not into the jamb beside the
+        lock; on a folding leaf by half, on the level bar of a flap by a quarter.
+        Everything else is held rigidly, as in `hand_poses`.
         """
         poses = self.hand_poses(angle, turn)
         spindle = self.spindle
         is_round = spindle is None or float(spindle @ spindle) < _ROUND**2
+        if self.turn is not None:
+            is_round |= abs(float(self.turn @ self.pull)) < _ACROSS
         share = 1.0
         if is_round and abs(self.axis[1]) < _LEVEL:
             share = _LEVEL_TURN

@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
 
 from gplfd_env.conventions.constants import Base, Start
-from gplfd_env.doors.config import DoorConfig, Swing
+from gplfd_env.doors.config import DoorConfig, Handle, Swing
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,13 +36,15 @@ class Stance:
     """Greatest height at which the handle can be held all the way [m]."""
 
 
+_AT_BAR: Final = (1.119, 0.225, -1.569, 1.569, -1.352, -0.219, -1.564)
+
 _DRIVING: Final = Stance(
     handle_xy_w=(0.814, 0.340),
     door_yaw=math.radians(26.05),
     grasp_yaw=math.radians(25.4),
     torso_below_handle=0.78,
-    closed_posture=(1.119, 0.225, -1.569, 1.569, -1.352, -0.219, -1.564),
-    radius=0.95,
+    closed_posture=_AT_BAR,
+    radius=1.05,
     height=1.22,
 )
 """A mobile base keeps the arm in a posture in which it is strong."""
@@ -54,7 +56,7 @@ _DRIVING_TURNED: Final = Stance(
     torso_below_handle=0.86,
     closed_posture=(1.789, 0.634, -1.197, 1.295, -1.015, -0.662, 0.200),
     roll=math.pi / 2,
-    radius=0.95,
+    radius=1.05,
     height=1.22,
 )
 
@@ -65,10 +67,14 @@ _DRIVING_LEFT: Final = Stance(
     torso_below_handle=0.78,
     closed_posture=(1.119, 0.225, -1.569, 1.569, -1.352, -0.219, 0.006),
     roll=math.pi / 2,
-    radius=0.95,
+    radius=1.0,
     height=1.22,
 )
 """To the left of the handle, where the passage of a left-hinged door is free."""
+
+_DRIVING_LEFT_BAR: Final = replace(_DRIVING_LEFT, roll=0.0, closed_posture=_AT_BAR)
+"""The same for a bar. With a yaw on the bar the palm would meet the jamb beside the
+lock; without one it goes through the frame."""
 
 BAR_STANCES: Final[Mapping[tuple[Base, Swing], Stance]] = MappingProxyType(
     {
@@ -130,14 +136,26 @@ on the other side it reaches less (docs/environment.md)."""
 
 ABOUT_A_HINGE: Final = ("hinged", "rising-butt", "concealed-hinge")
 """Motions about an upright hinge, or nearly so; a fixed base reaches them."""
+_PUSHING_LEFT: Final[Mapping[Handle, Stance]] = MappingProxyType(
+    {
+        "bar": _DRIVING_LEFT_BAR,
+        "lever": replace(_DRIVING_LEFT, radius=1.05),
+        "knob": _DRIVING_LEFT,
+        "paddle": _DRIVING_LEFT,
+        "touch-bar": _DRIVING_LEFT,
+        "handleset": _DRIVING_LEFT,
+    }
+)
+"""Before doors that are pushed with the hinge on the left, with a base that drives.
+Farther from the hinge the base meets the leaf; the hand on a lever is nearer to it."""
 
 
 def stance_of(door: DoorConfig, base: Base) -> Stance:
     """Return the stance of the robot in front of a door."""
+    if (base, door.swing, door.hinge_side) == ("mobile", "push", "left"):
+        return _PUSHING_LEFT[door.handle]
     if door.handle == "bar" and door.motion != "flap":
         return BAR_STANCES[base, door.swing]
-    if (base, door.swing, door.hinge_side) == ("mobile", "push", "left"):
-        return _DRIVING_LEFT
     return TURNED_STANCES[base, door.swing]
 
 

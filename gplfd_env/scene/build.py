@@ -175,6 +175,7 @@ def _template(
         latch=latch,
         motion=structure.motion,
         hinge_side="bottom" if structure.motion == "flap" else "right",
+        swing="push" if structure.handle == "touch-bar" else "pull",
         panel_mass=NOMINAL_MASS,
     )
     spec = build_spec(door, grasp, control=control, structure=structure, base=base)

@@ -9,6 +9,7 @@ from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array, Base
 from gplfd_env.doors.closer import has_tendons
 from gplfd_env.doors.config import OVERHANG, DoorConfig, Handle, Motion
 from gplfd_env.doors.motion import Link, end_angle, links_of
+from gplfd_env.doors.rocker import ROCKERS
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.mobile_base import HARD_STOP, SOFT_STOP
 from gplfd_env.robot.placement import (
@@ -23,6 +24,7 @@ from gplfd_env.scene.handle import (
     STEEL,
     add_bar,
     add_level_bar,
+    add_rocker,
     add_turning_handle,
     set_spring,
 )
@@ -113,6 +115,8 @@ def add_door(
         add_level_bar(leaf, door, foot)
     elif door.handle == "bar":
         add_bar(leaf, door, foot, placement.grasp_height)
+    elif door.handle in ROCKERS:
+        add_rocker(leaf, door, foot)
     else:
         add_turning_handle(leaf, door, foot)
     if structure.latched:
@@ -127,6 +131,7 @@ def add_door(
     if door.handle != "bar":
         add_casing(frame, door, (hinge_z, lock_z), top)
         add_panels(leaf, door, edges[1] - edges[0])
+    if door.handle in ("lever", "knob"):
         add_far_handle(leaf, spec.body("handle"), door)
 
 

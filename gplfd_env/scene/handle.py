@@ -1,4 +1,4 @@
-"""The handle as MuJoCo geoms: a bar on the leaf, or a lever or knob that turns."""
+"""The handle as MuJoCo geoms: a bar on the leaf, or one of the kinds that turn."""
 
 import math
 from collections.abc import Sequence
@@ -8,8 +8,17 @@ import mujoco
 
 from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN
 from gplfd_env.doors.config import BAR_RADIUS, KNOB_RADIUS, DoorConfig
+from gplfd_env.doors.rocker import handle_axis
 
 BAR_HALF_LENGTH: Final = 0.10
+
+_ROD: Final = 0.05
+"""From where the hand holds the rod of a paddle or thumb piece to its ends [m]."""
+_TOUCH_BAR: Final = 0.65
+"""Length of a touch bar, as a share of the leaf's width."""
+
+_ROCKER_DAMPING: Final = 0.15
+"""About critical for the spring and inertia of a touch bar [N m s/rad]."""
 
 STEEL: Final = (0.55, 0.57, 0.60, 1.0)
 
@@ -93,7 +102,7 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
         name="handle",
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=[-door.side, 0, 0],
-        range=[0.0, door.handle_travel],
+        range=[0.0, door.travel],
         limited=True,
         stiffness=[stiffness, 0, 0],
         springref=-preload / stiffness,
@@ -113,6 +122,64 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
     leaf.add_site(name="leaf_axes", pos=[0.0, 0.0, reach - grip], **UNDRAWN)
     rose = [foot, 0.0, reach, foot + 0.008, 0.0, reach]
     _add_rod(leaf, "handle_rose", rose, 0.026)
+
+
+def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
+    """Add a paddle, a touch bar or a thumb piece on the joint ``handle``.
+
+    The hand holds a horizontal rod that turns about an axis parallel to it
+    (`gplfd_env.doors.rocker`). What touches the hand, ``handle_bar``, is a ball: the
+    hand may turn about the vertical, as flat fingers can. The sites are those of a
+    lever.
+    """
+    reach = door.side * door.radius
+    spindle, axis = handle_axis(door)
+    preload, stiffness = door.handle_spring
+    body = leaf.add_body(name="handle", pos=[*spindle[:2], reach], gravcomp=1.0)
+    body.add_joint(
+        name="handle",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=axis,
+        range=[0.0, door.travel],
+        limited=True,
+        stiffness=[stiffness, 0, 0],
+        springref=-preload / stiffness,
+        damping=[_ROCKER_DAMPING, 0, 0],
+        armature=1e-3,
+    )
+    x, y = -spindle[:2]
+    towards_hinge = _ROD
+    if door.handle == "touch-bar":
+        towards_hinge = _TOUCH_BAR * (door.radius + door.backset)
+    ends = [x, y, door.side * _ROD, x, y, -door.side * towards_hinge]
+    ball = {**_HELD, "type": mujoco.mjtGeom.mjGEOM_SPHERE}
+    body.add_geom(pos=[x, y, 0.0], size=[BAR_RADIUS, 0, 0], mass=0.3, **ball)
+    _add_rod(body, "handle_rod", ends, 0.8 * BAR_RADIUS)
+    body.add_site(name="handle", pos=[x, y, 0.0], **UNDRAWN)
+    leaf.add_site(name="leaf_axes", pos=[0.0, 0.0, reach], **UNDRAWN)
+    # The plate between rod and axis, its mount on the leaf, and a handleset's grip.
+    middle, half = (ends[2] + ends[5]) / 2.0, abs(ends[2] - ends[5]) / 2.0
+    box: dict[str, Any] = {
+        "type": mujoco.mjtGeom.mjGEOM_BOX,
+        "rgba": STEEL,
+        "mass": 0.05,
+        **INTANGIBLE,
+    }
+    body.add_geom(
+        name="handle_plate",
+        pos=[x / 2.0, y / 2.0, middle],
+        size=[max(abs(x) / 2.0, 0.004), max(abs(y) / 2.0, 0.004), 0.9 * half],
+        **box,
+    )
+    leaf.add_geom(
+        name="handle_mount",
+        pos=[(foot + spindle[0]) / 2.0, spindle[1], reach + middle],
+        size=[max((spindle[0] - foot) / 2.0, 0.004), 0.012, half],
+        **box,
+    )
+    if door.handle == "handleset":
+        grip = [-0.01, -0.04, reach, -0.01, -0.24, reach]
+        _add_rod(leaf, "handle_grip", grip, BAR_RADIUS)
 
 
 def _add_rod(

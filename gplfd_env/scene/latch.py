@@ -132,7 +132,7 @@ def add_latch(
         solref=[0.005, 1.0],
         solimp=_CONTACT[base],
     )
-    ratio = door.bolt_throw / (door.handle_travel - door.dead_travel)
+    ratio = door.bolt_throw / (door.travel - door.dead_travel)
     retraction = spec.add_tendon(
         name="retraction",
         limited=True,

@@ -13,14 +13,14 @@ from gplfd_env.doors.config import DOORS, DoorConfig, Motion, door_config
 from gplfd_env.validation.fields import allowed_range
 
 CHOICES = {
-    "handle": ("bar", "lever", "knob"),
+    "handle": ("bar", "lever", "knob", "paddle", "handleset"),
     "latch": ("none", "spring"),
     "swing": ("pull", "push"),
     "hinge_side": ("right", "left", "bottom", "top"),
     "motion": get_args(Motion),
 }
 MOTION = {
-    "travel": "sliding",
+    "clear_width": "sliding",
     "offset": "parallel-sliding",
     "rise": "rising-butt",
     "strut_stiffness": "flap",
@@ -62,7 +62,7 @@ def test_presets():
         DOORS["small"] = DoorConfig()
 
 
-@given(radius=st.floats(0.30, 0.95))
+@given(radius=st.floats(0.30, 1.05))
 def test_many_ways_to_say_the_same_door(radius):
     expected = DoorConfig(radius=radius)
     assert door_config(radius) == expected
@@ -88,7 +88,7 @@ def fitting(field: str, value: float) -> dict[str, Any]:
         return {field: value, "motion": MOTION[field], "hinge_side": side}
     if field != "leaf_width":
         return {field: value}
-    backset = 0.05 if value < 0.9 else 0.1
+    backset = 0.05 if value < 0.9 else 0.2
     return {field: value, "backset": backset, "radius": round(value - backset, 6)}
 
 
@@ -123,8 +123,8 @@ def test_each_field_s_choices(field):
     [
         ("mediun", ValueError, ["unknown door 'mediun' (did you mean 'medium'?)"]),
         ("mediun", ValueError, ["small, medium, large, heavy"]),
-        ("zzz", ValueError, ["unknown door 'zzz';", "radius in metres", "[0.3, 0.95]"]),
-        (0.97, ValueError, ["DoorConfig.radius = 0.97", "[0.3, 0.95] m"]),
+        ("zzz", ValueError, ["unknown door 'zzz';", "radius in metres", "[0.3, 1.05]"]),
+        (1.07, ValueError, ["DoorConfig.radius = 1.07", "[0.3, 1.05] m"]),
         ({"preset": "big"}, ValueError, ["unknown door 'big'"]),
         ({"preset": 3}, ValueError, ["unknown door 3"]),
         (
@@ -143,7 +143,7 @@ def test_each_field_s_choices(field):
             (fields, ValueError, ["no such door: ", *parts])
             for fields, *parts in (
                 ({"latch": "spring"}, "latch = 'spring'", "handle = 'bar'", "'lever'"),
-                ({"travel": 0.6}, "travel", "sliding", "parallel-sliding"),
+                ({"clear_width": 0.6}, "clear_width", "sliding", "parallel-sliding"),
                 ({"motion": "sliding", "rise": 0.01}, "rise", "rising-butt"),
                 ({"motion": "flap"}, "hinge_side = 'right'", "bottom or top"),
                 ({"hinge_side": "top"}, "motion = 'hinged'", "bottom or top"),

@@ -124,7 +124,7 @@ def drive(
     Of each kind there are as many control periods as steps.
     """
     config, found = door_config(door), Extremes()
-    travel = config.handle_travel - config.dead_travel
+    travel = config.travel - config.dead_travel
     clear = max(1.0 - BOLT_NOSE / config.bolt_throw, 0.0)
     needed = config.dead_travel + clear * travel
     given = {"door": config, "base": "mobile", "disturbance": disturbance}

@@ -71,7 +71,7 @@ def test_folding_leaves_move_the_handle_on_a_trammel_ellipse():
 def test_a_sliding_leaf_has_made_85_percent_of_its_way_at_a_success():
     for motion, out in (("sliding", 0.0), ("parallel-sliding", 0.06)):
         offset = {"offset": out} if out else {}
-        door = DoorConfig(motion=motion, radius=0.7, travel=0.6, **offset)
+        door = DoorConfig(motion=motion, radius=0.7, clear_width=0.6, **offset)
         opened, stopped = DoorGeometry.of(door).hand_poses([OPENED, end_angle(door)])
         assert_allclose(opened[2], -0.85 * 0.6, rtol=1e-6)
         assert_allclose(stopped, [out, 0.0, -0.6, 0.0, 0.0, 0.0], atol=1e-5)

@@ -181,7 +181,7 @@ REFUSED = [
     ("run --policy :", "':' names no module; give module:function or path/to"),
     ("run --policy oracel", "unknown policy 'oracel' (did you mean 'oracle'?)"),
     ("run --doors smal", "unknown door 'smal' (did you mean 'small'?)"),
-    ("run --doors 1.2", "DoorConfig.radius = 1.2 is outside [0.3, 0.95]"),
+    ("run --doors 1.2", "DoorConfig.radius = 1.2 is outside [0.3, 1.05]"),
     ("run --doors small small", "door small is given twice"),
     ("run --doors 0.4 0.40", "door 0.4 is given twice"),
     ("run --doors", "--doors needs at least one door"),

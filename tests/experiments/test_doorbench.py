@@ -146,12 +146,94 @@ def test_a_fixed_pull_has_no_latch(read):
     assert found.lost == ()
 
 
+def operated(model: str, push: bool = True, width: float = 0.9, **latch: Any) -> Any:
+    """Return the spec with another handle, which only a pushed side has if it is so."""
+    spec = changed("operator/model", model)
+    spec["robot"]["is_push"], spec["leaf"]["width"] = push, width
+    spec["physics"]["latch"] |= latch
+    if model.startswith(("panic", "push_plate")):
+        spec["operator"] |= {"sides": "push_side", "far_side": "pull_d"}
+    return spec
+
+
+ROTATED = {
+    "operator_travel": 0.35,
+    "operator_dead_travel": 0.03,
+    "operator_spring_preload": 0.5,
+    "operator_spring_rate": 1.2,
+    "operator_grip_offset_m": 0.05,
+}
+PUSHED = {
+    "backset_m": 0.0,
+    "operator_travel": 0.016,
+    "operator_dead_travel": 0.002,
+    "operator_spring_preload": 18.0,
+    "operator_spring_rate": 1200.0,
+    "operator_grip_offset_m": 0.0,
+}
+
+
+@pytest.mark.parametrize(
+    ("model", "handle"),
+    [
+        ("paddle_push_pull", "paddle"),
+        ("handleset_thumb", "handleset"),
+        ("thumb_latch_suffolk", "handleset"),
+        ("panic_crossbar", "touch-bar"),
+    ],
+)
+def test_handles_with_a_horizontal_axis(model, handle, read):
+    door = read(operated(model, **ROTATED)).door
+    assert (door.handle, door.latch) == (handle, "spring")
+    assert (door.travel, door.dead_travel, door.arm) == (0.35, 0.03, 0.05)
+    assert door.handle_spring == (0.5, 1.2)
+
+
+def test_the_straight_travel_of_a_touch_bar_becomes_an_arc_of_its_forces(read):
+    door = read(operated("panic_touchbar_rim", **PUSHED)).door
+    assert door.handle == "touch-bar"
+    assert door.radius == pytest.approx(0.75)
+    assert door.arm * math.sin(door.travel) == pytest.approx(0.016, rel=0.02)
+    assert door.arm * door.dead_travel == pytest.approx(0.002)
+    preload, stiffness = door.handle_spring
+    assert preload / door.arm == pytest.approx(18.0)
+    assert stiffness / door.arm**2 == pytest.approx(1200.0)
+
+
+def test_a_touch_bar_of_a_wide_leaf_is_held_where_the_robot_reaches(read):
+    assert read(operated("panic_touchbar_rim", width=1.219, **PUSHED)).door.radius == 1
+
+
+def test_the_other_side_of_a_touch_bar(read):
+    spec = operated("panic_touchbar_rim", push=False, **PUSHED)
+    found = read(spec)
+    assert (found.door.handle, found.door.latch) == ("bar", "none")
+    assert "its latch" in " ".join(found.lost)
+    spec["operator"]["far_side"] = "lever_straight"
+    found = read(spec)
+    assert (found.door.handle, found.door.latch) == ("lever", "spring")
+    assert found.door.handle_spring == DoorConfig(handle="lever").handle_spring
+    assert "spring of 'lever_straight'" in " ".join(found.lost)
+    spec["operator"]["far_side"] = "none"
+    with pytest.raises(ValueError, match="there is nothing to hold"):
+        read(spec)
+
+
+@pytest.mark.parametrize("model", ["none", "push_plate", "pull_ring"])
+def test_what_stands_for_a_bar_is_said(model, read):
+    found = read(operated(model, throw_m=0.0, operator_travel=0.0))
+    assert found.door.handle == "bar"
+    assert f"its handle '{model}'" in found.lost[0]
+
+
 @pytest.mark.parametrize(
     ("path", "value", "problem"),
     [
         ("schema_version", "2.0", "schema_version is '2.0', not '1.0'"),
         ("family", "sliding_single", "family is 'sliding_single'"),
         ("operator/model", "exit_device", "handle is 'exit_device'"),
+        ("operator/model", "push_button_screen", "a button, which a gripper with two"),
+        ("operator/model", "pull_t_handle", "a pull that turns or slides"),
         ("hinge/side", "top", "at the 'top'"),
         ("leaf/width", 1.2, "DoorConfig.radius = 1.13 is outside"),
         ("leaf/width", "wide", "width = 'wide' must be a number"),

@@ -49,7 +49,7 @@ def shown(door, forces=NEEDED, habits=TIDY, seed: int = 0, **changes: float) -> 
 
 def bolt_ratio(door: DoorConfig) -> float:
     """How far an angle of the handle draws the bolt [m/rad]."""
-    return door.bolt_throw / (door.handle_travel - door.dead_travel)
+    return door.bolt_throw / (door.travel - door.dead_travel)
 
 
 @pytest.mark.parametrize("name", DOORS)
@@ -89,7 +89,7 @@ def test_the_simulated_door_takes_the_same_torques(name):
     door, rate = DoorConfig(**DOORS[name]), 500.0
     times, ratio = np.arange(0.0, 4.0, 1.0 / rate), bolt_ratio(door)
     angles = 1.2 * minimum_jerk((times - 0.7) / 3.0)
-    turns = 0.9 * door.handle_travel * minimum_jerk(times / 0.8)
+    turns = 0.9 * door.travel * minimum_jerk(times / 0.8)
     motions = {"hinge": angles}
     if door.handle != "bar":
         bolt = ratio * np.maximum(turns - door.dead_travel, 0.0)

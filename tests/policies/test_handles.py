@@ -110,6 +110,19 @@ def test_a_knob_has_no_way():
     assert handle.way([0.0] * 6) == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("handle", "swing"),
+    [("paddle", "pull"), ("touch-bar", "push"), ("handleset", "pull")],
+)
+def test_handles_that_turn_little_are_found(handle, swing):
+    door = DoorConfig(handle=handle, swing=swing, latch="spring")
+    found, geometry = shown(door), DoorGeometry.of(door)
+    assert found is not None
+    np.testing.assert_allclose(found.point, geometry.spindle, atol=0.015)
+    np.testing.assert_allclose(found.axis, geometry.turn, atol=0.05)
+    assert found.travel == pytest.approx(geometry.travel, abs=0.05)
+
+
 # --- How far it is turned on this door ---------------------------------------
 
 

@@ -1,14 +1,15 @@
 """Doors of DoorBench (github.com/adamraudonis/DoorBench, MIT) as `DoorConfig`.
 
-Read are single swing doors of schema 1.0 with a lever, a knob or a fixed pull.
+Read are single swing doors of schema 1.0 whose handle a gripper can work from the
+robot's side: levers, knobs, fixed pulls, paddles, exit devices, thumb latches.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.config import DoorConfig, Handle
 from gplfd_env.validation.fields import allowed_range
 from gplfd_experiments.files.plain_data import entry, read_json
 
@@ -16,11 +17,18 @@ SCHEMA: Final = "1.0"
 
 _BACKSET: Final = 0.06  # Of a handle for which none is given, as without a latch [m].
 _BEYOND_GRIP: Final = 0.03  # A lever ends so far beyond the point where it is held [m].
+_BESIDE_EDGE: Final = 0.15
+"""Where a touch bar is held: its lock case ends so far from the edge [m]."""
+_REACHED: Final = 1.0
+"""Radius at which the robot opens doors of both swings and sides [m]."""
+_TOUCH_BAR_ARM: Final = 0.05  # Turns a touch bar's straight travel into an angle [m].
 _LEAF: Final = {
     "leaf_width": "leaf/width",
     "leaf_thickness": "leaf/thickness",
     "panel_mass": "physics/mass/total_kg",
     "handle_height": "operator/height",
+}
+_HINGED: Final = {
     "hinge_friction": "physics/hinge/coulomb_torque_Nm",
     "hinge_damping": "physics/hinge/air_damping_Nms_per_rad",
     "stiction": "physics/hinge/stick_torque_Nm",
@@ -35,6 +43,18 @@ _HANDLE: Final = {
     "handle_travel": "physics/latch/operator_travel",
     "dead_travel": "physics/latch/operator_dead_travel",
 }
+_KINDS: Final[Mapping[str, Handle]] = {
+    "lever": "lever",
+    "knob": "knob",
+    "paddle": "paddle",
+    "handleset": "handleset",
+    "thumb": "handleset",
+    "panic": "touch-bar",
+    "pull": "bar",
+    "push": "bar",
+    "none": "bar",
+}
+"""Handles by the first word of an operator's model."""
 _LATCH: Final = {
     "bolt_throw": "physics/latch/throw_m",
     "bolt_preload": "physics/latch/bolt_spring_preload_N",
@@ -85,12 +105,20 @@ def _fields(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
     if version != SCHEMA:
         raise ValueError(f"its schema_version is {version!r}, not {SCHEMA!r}")
     family = _at(spec, "family", str)
-    if family != "swing_single":
-        raise ValueError(f"its family is {family!r}, not 'swing_single'")
+    if family not in _FAMILIES:
+        raise ValueError(f"its family is {family!r}, none of {', '.join(_FAMILIES)}")
     fields: dict[str, Any] = {name: _at(spec, place) for name, place in _LEAF.items()}
-    # The leaf and its hinge.
-    fields["backset"] = _at(spec, "physics/latch/backset_m") or _BACKSET
+    fields |= _FAMILIES[family](spec, lost)
+    fields |= _operated(spec, fields, lost)
     fields["radius"] = fields["leaf_width"] - fields["backset"]
+    if _at(spec, "lock/engaged", bool):
+        lost.append("its lock is engaged; the door is left unlocked")
+    return fields
+
+
+def _hinged(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
+    """Return the fields of hinge and closer."""
+    fields: dict[str, Any] = {name: _at(spec, place) for name, place in _HINGED.items()}
     fields["hinge_side"] = side = _at(spec, "hinge/side", str)
     if side not in ("left", "right"):
         raise ValueError(f"its hinge is at the {side!r}, neither left nor right")
@@ -98,7 +126,6 @@ def _fields(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
     fields["stop_angle"] = math.radians(_at(spec, "kinematics/max_open_deg"))
     if tilt := _at(spec, "hinge/axis_tilt_deg"):
         lost.append(f"its hinge axis is tilted by {tilt:g}°; here it is upright")
-    # The closer.
     closing = _at(spec, "physics/closer/damping_closing")
     fields["closing_damping"] = closing - fields["closer_damping"]
     angle = _at(spec, "physics/closer/backcheck_angle_rad", float | None)
@@ -109,28 +136,76 @@ def _fields(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
         lost.append(f"its closer holds the door open at {hold!r:.20} rad")
     if (boost := _at(spec, "physics/closer/latch_boost")) != 1.0:
         lost.append(f"its closer's latch boost of {boost:g}")
-    # Handle and latch.
+    return fields
+
+
+_FAMILIES: Final[
+    Mapping[str, Callable[[Mapping[str, Any], list[str]], dict[str, Any]]]
+] = {"swing_single": _hinged}
+"""How the leaf of each family moves: what reads the fields of `DoorConfig` for it.
+
+`sliding_single` and `bifold` differ from `swing_single` in these fields alone."""
+
+
+def _operated(
+    spec: Mapping[str, Any], fields: Mapping[str, Any], lost: list[str]
+) -> dict[str, Any]:
+    """Return the fields of handle and latch on the robot's side."""
+    operator = _at(spec, "operator", dict[str, Any])
     model = _at(spec, "operator/model", str)
     latched = _at(spec, "physics/latch/throw_m") > 0.0
-    kind = model.partition("_")[0]
-    if kind in ("lever", "knob"):
-        fields["handle"] = kind
-        fields |= {name: _at(spec, place) for name, place in _HANDLE.items()}
-        if kind == "lever":
-            grip = _at(spec, "physics/latch/operator_grip_offset_m")
-            fields["handle_length"] = grip + _BEYOND_GRIP
-        if latched:
-            fields["latch"] = "spring"
-            fields |= {name: _at(spec, place) for name, place in _LATCH.items()}
-    else:
-        if _at(spec, "physics/latch/operator_travel") > 0.0:
-            raise ValueError(f"its handle is {model!r}, neither lever, knob nor fixed")
-        fields["handle"] = "bar"
+    width, backset = fields["leaf_width"], _at(spec, "physics/latch/backset_m")
+    far = operator.get("sides") == "push_side" and fields["swing"] == "pull"
+    if far:
+        model = str(operator.get("far_side", "none"))
+        if model == "none":
+            raise ValueError("on the side that is pulled there is nothing to hold")
+    handle = _KINDS.get(model.partition("_")[0])
+    if model == "push_button_screen":
+        raise ValueError(
+            f"its handle is {model!r}: a button, which a gripper with two fingers "
+            "cannot press while it holds the pull"
+        )
+    if handle is None:
+        known = ", ".join(_KINDS)
+        raise ValueError(f"its handle is {model!r}, none that begins with {known}")
+    # Where no backset is given, the handle is where the robot can hold it.
+    nearest = width - _REACHED
+    found: dict[str, Any] = {
+        "handle": handle,
+        "backset": backset or round(max(_BACKSET, nearest), 6),
+    }
+    if handle == "bar":
+        travel = 0.0 if far else _at(spec, "physics/latch/operator_travel")
+        if travel > 0.0 and model != "pull_ring":
+            raise ValueError(f"its handle is {model!r}, a pull that turns or slides")
+        if not model.startswith("pull") or model == "pull_ring":
+            lost.append(f"its handle {model!r}; here a fixed bar is held")
         if latched:
             lost.append("its latch, which its fixed handle does not draw")
-    if _at(spec, "lock/engaged", bool):
-        lost.append("its lock is engaged; the door is left unlocked")
-    return fields
+        return found
+    if latched:
+        found["latch"] = "spring"
+        found |= {name: _at(spec, place) for name, place in _LATCH.items()}
+    if far:
+        lost.append(f"the spring of {model!r} on this side, which is not given")
+        return found
+    found |= {name: _at(spec, place) for name, place in _HANDLE.items()}
+    grip = _at(spec, "physics/latch/operator_grip_offset_m")
+    if handle == "lever":
+        found["handle_length"] = grip + _BEYOND_GRIP
+    elif handle == "touch-bar":
+        found["backset"] = round(max(_BESIDE_EDGE, nearest), 6)
+        if grip == 0.0:
+            # A straight travel [m, N, N/m] as that of an arm.
+            grip = _TOUCH_BAR_ARM
+            found["handle_travel"] /= grip
+            found["dead_travel"] /= grip
+            found["handle_preload"] *= grip
+            found["handle_stiffness"] *= grip**2
+    if handle not in ("lever", "knob"):
+        found["handle_arm"] = grip
+    return found
 
 
 def _within(fields: dict[str, Any], lost: list[str]) -> dict[str, Any]:

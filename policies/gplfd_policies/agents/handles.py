@@ -11,6 +11,7 @@ puts an adapter around each of its parts:
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -33,6 +34,10 @@ from gplfd_policies.movements.trajectory import ViaPoint
 from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseRule, Phases, Poses
 
 Amount = Float[Numbers, "*N"]
+
+_SERVO_LAG: Final = 0.012
+"""How far a hand at a handle's spring lags behind its command: 24 N of the servo [m].
+Less than the tuned share of a lever's way, half of that of a thumb piece."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -192,6 +197,9 @@ class HandleCompensation:
                 continue
             along = sum(p * u for p, u in zip(handle.place(pose), path, strict=True))
             follows = config.following_share * gear * handle.travel
+            if handle.arm > 0.0:
+                lag = _SERVO_LAG / handle.arm
+                follows = min(follows, gear * handle.travel - lag)
             if along < config.closed_distance and handle.turned(pose) >= follows:
                 gear = min(gear + config.gear_rate * period, config.max_gear)
                 self._gears[number] = gear

@@ -25,8 +25,9 @@ Quaternion = tuple[float, float, float, float]
 
 Poses = Float[np.ndarray, "*N 6"]
 
-_FIRST_TURN: Final = 0.4
-"""Turn of the hand before the door moves [rad]; handles need more to unlatch."""
+_FIRST_TURNS: Final = (0.4, 0.25)
+"""Turns of the hand before the door moves [rad]: of levers and knobs, which need more
+to unlatch, and, where none is found, of paddles, touch bars and thumb pieces."""
 _LATER_TURN: Final = 0.2
 """Below this angle a later turn has no well-defined axis [rad]."""
 _ANOTHER: Final = math.radians(45.0)
@@ -101,6 +102,12 @@ class TurnedHandle:
         x, y, z = lever
         return _turned((x / arm, y / arm, z / arm), pose[3:])
 
+    @property
+    def arm(self) -> float:
+        """Distance of the hand from the axis [m]; zero for a knob."""
+        _, arm = self._lever()
+        return 0.0 if arm < _LEAST_ARM else arm
+
     def turned(self, pose: list[float]) -> float:
         """Return the turn of a closed door's handle [rad].
 
@@ -149,10 +156,21 @@ def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
 
     by least squares over positions p and rotations R of all demonstrations.
     """
+    for turn in _FIRST_TURNS:
+        handle = _turned_first(aligned, turn)
+        if handle is not None:
+            return handle
+    return None
+
+
+def _turned_first(
+    aligned: AlignedDemonstrations, first_turn: float
+) -> TurnedHandle | None:
+    """Find the handle that demonstrations turn first by at least an angle [rad]."""
     firsts, lasts, rows, sides = [], [], [], []
     for poses in aligned.demonstrated.poses:
         angles = np.sqrt((poses[:, 3:] ** 2).sum(axis=1))
-        turned = int(np.argmax(angles >= _FIRST_TURN))
+        turned = int(np.argmax(angles >= first_turn))
         if turned == 0 or angles[-1] < _LATER_TURN:
             return None
         firsts.append(poses[turned, 3:] / angles[turned])

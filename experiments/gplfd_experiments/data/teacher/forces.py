@@ -146,7 +146,7 @@ def handle_torque(door: DoorConfig, turns: FloatArray) -> FloatArray:
     preload, stiffness = door.handle_spring
     torque = np.tanh(turns / _AT_STOP) * (preload + stiffness * turns)
     if door.latch == "spring":
-        ratio = door.bolt_throw / (door.handle_travel - door.dead_travel)
+        ratio = door.bolt_throw / (door.travel - door.dead_travel)
         beyond = np.maximum(turns - door.dead_travel, 0.0)
         bolt = door.bolt_preload + door.bolt_stiffness * ratio * beyond
         torque += np.tanh(beyond / _AT_STOP) * ratio * bolt

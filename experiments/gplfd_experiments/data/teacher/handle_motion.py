@@ -65,7 +65,7 @@ def draw_press(door: DoorConfig, rng: np.random.Generator) -> Press:
     longer, further = rng.standard_normal(2).tolist()
     time = max(_PRESS_TIME[0] + _PRESS_TIME[1] * longer, 0.5 * _PRESS_TIME[0])
     share = min(_PRESS_SHARE[0] + _PRESS_SHARE[1] * further, 1.0)
-    return Press(time=time, angle=share * door.handle_travel)
+    return Press(time=time, angle=share * door.travel)
 
 
 def duration(press: Press, opening_time: float) -> float:

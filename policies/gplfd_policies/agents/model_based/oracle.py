@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 import scipy
@@ -14,6 +15,13 @@ from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
 from gplfd_policies.control.steps import AgentStep, Observation
 
 Pose = Float[np.ndarray, " 6"]
+
+_KNOB: Final = 0.03
+_SHORT: Final = 0.065
+"""Distances of the hand from a handle's axis, of a knob at most and of a lever at least
+[m]; a lever's servo error is small beside its motion."""
+_FIRMLY: Final = 0.01
+"""How far beyond the stop the hand is commanded: 20 N of its servo [m]."""
 
 
 class _HandleTurner:
@@ -34,6 +42,19 @@ class _HandleTurner:
             self._turned = min(1.0, self._turned + CONTROL_PERIOD / self._turning)
             return True
         return False
+
+    def _travel(self, door: DoorGeometry) -> float:
+        """Return how far to command a handle to turn [rad].
+
+        To its stop; where the hand holds it near its axis, as a thumb piece, beyond it,
+        as the servo gives way to the spring by a good part of so short a motion.
+        """
+        if door.spindle is None or door.turn is None:
+            return door.travel
+        lever = np.cross(door.turn, door.spindle)
+        arm = math.sqrt(lever @ lever)
+        across = abs(float(lever @ door.pull)) < 0.5 * arm
+        return door.travel + (_FIRMLY / arm if _KNOB < arm < _SHORT and across else 0.0)
 
     def _kept(self, angle: float) -> float:
         """Return the share of the turn that is kept at an opening angle [rad]."""
@@ -77,7 +98,7 @@ class OracleAgent(_HandleTurner):
             self._phase = min(1.0, self._phase + CONTROL_PERIOD / self._duration)
         s = self._phase
         angle = _minimum_jerk(s, DEMONSTRATED_ANGLE)
-        turn = door.travel * _minimum_jerk(self._turned) * self._kept(angle)
+        turn = self._travel(door) * _minimum_jerk(self._turned) * self._kept(angle)
         pose = door.easy_hand_poses(angle, turn)
         return AgentStep(action=pose, desired=pose, phase=s, observed_phase=s)
 
@@ -117,11 +138,12 @@ class ToldHandleAgent(_HandleTurner):
                 "env.unwrapped.door_geometry"
             )
         if self._turns_handle(door):
-            pose = door.hand_poses(0.0, _minimum_jerk(self._turned) * door.travel)
+            turn = _minimum_jerk(self._turned) * self._travel(door)
+            pose = door.hand_poses(0.0, turn)
             return AgentStep(action=pose, desired=pose, phase=0.0, observed_phase=0.0)
         # The opener sees and commands the leaf: the hand without the handle's turn.
         kept = self._kept(self._opener.observed_angle)
-        handle = door.hand_poses(0.0, kept * door.travel)
+        handle = door.hand_poses(0.0, kept * self._travel(door))
         back = scipy.spatial.transform.Rotation.from_rotvec(-handle[3:])
         inverse = np.concatenate([-back.apply(handle[:3]), -handle[3:]])
         leaf = _composed(observation["ee_pose"], inverse)

@@ -1,0 +1,133 @@
+"""Paddles, touch bars and handlesets: geometry, limits, and that they open."""
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gplfd_env.doors.config import TURNING, DoorConfig
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.doors.rocker import ROCKERS
+from gplfd_env.robot.stance import check_reach
+from gplfd_env.scene.build import build_scene
+from gplfd_policies.agents.model_based.oracle import OracleAgent
+
+KINDS = [
+    (handle, swing, side)
+    for handle in ROCKERS
+    for swing in ("pull", "push")
+    for side in ("right", "left")
+    if (handle, swing) != ("touch-bar", "pull")
+]
+
+
+def door(handle, swing, side, **more):
+    latch = "none" if handle == "bar" else "spring"
+    fields = {"radius": 0.7, "handle_height": 1.0, **more}
+    return DoorConfig(
+        handle=handle, latch=latch, swing=swing, hinge_side=side, **fields
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS, ids="-".join)
+def test_the_scene_moves_the_handle_as_the_geometry_says(kind):
+    config = door(*kind)
+    model = build_scene(config, base="mobile")
+    data = mujoco.MjData(model)
+    task = model.site("task_frame").id
+    moved = model.site("handle").id
+
+    def pose(hinge, turn):
+        data.joint("hinge").qpos, data.joint("handle").qpos = hinge, turn
+        mujoco.mj_kinematics(model, data)
+        axes = data.site_xmat[task].reshape(3, 3)
+        place = axes.T @ (data.site_xpos[moved] - data.site_xpos[task])
+        return place, data.site_xmat[moved].reshape(3, 3).copy(), axes.copy()
+
+    _, closed, _ = pose(0.0, 0.0)
+    for hinge, turn in ((0.0, 0.3), (0.5, 0.0), (0.4, 0.2)):
+        place, rotation, axes = pose(hinge, turn)
+        expected = DoorGeometry.of(config).hand_poses(hinge, turn)
+        np.testing.assert_allclose(place, expected[:3], atol=1e-9)
+        found = Rotation.from_matrix(axes.T @ rotation @ closed.T @ axes)
+        np.testing.assert_allclose(found.as_rotvec(), expected[3:], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids="-".join)
+def test_a_turn_presses_a_thumb_piece_down_and_moves_others_as_the_door_opens(kind):
+    config = door(*kind)
+    x, y, z = DoorGeometry.of(config).hand_poses(0.0, config.travel)[:3]
+    way = config.arm * np.sin(config.travel)
+    if config.handle == "handleset":
+        assert y == pytest.approx(-way)
+    else:
+        assert x == pytest.approx(config.way * way)
+    assert z == 0.0
+
+
+def test_a_touch_bar_cannot_be_pulled():
+    with pytest.raises(ValueError, match=r"'touch-bar' with swing = 'pull'.*'bar'"):
+        DoorConfig(handle="touch-bar")
+
+
+@pytest.mark.parametrize("handle", TURNING)
+def test_what_is_not_given_is_that_of_the_kind_and_can_be_given(handle):
+    swing = "push" if handle == "touch-bar" else "pull"
+    plain, usual = DoorConfig(handle=handle, swing=swing), TURNING[handle]
+    assert (*plain.handle_spring, plain.travel, plain.arm) == usual
+    given = plain.replaced({"handle_travel": 0.5, "handle_arm": 0.1})
+    assert (given.travel, given.arm) == (0.5, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("handle", "swing", "side", "radius", "allowed"),
+    [
+        ("knob", "push", "left", 1.0, True),
+        ("knob", "push", "left", 1.01, False),
+        ("bar", "push", "left", 1.01, False),
+        ("lever", "push", "left", 1.05, True),
+        ("knob", "push", "right", 1.05, True),
+        ("bar", "pull", "left", 1.05, True),
+    ],
+)
+def test_the_reach_of_a_base_that_drives(handle, swing, side, radius, allowed):
+    config = door(handle, swing, side, radius=radius)
+    if allowed:
+        check_reach(config, "mobile")
+        return
+    with pytest.raises(ValueError, match=f"radius = {radius} is out of reach"):
+        check_reach(config, "mobile")
+
+
+@pytest.mark.parametrize(
+    ("kind", "radius", "most"),
+    [
+        (("paddle", "pull", "left"), 0.7, 60.0),
+        (("paddle", "push", "left"), 1.0, 60.0),
+        (("touch-bar", "push", "right"), 1.0, 60.0),
+        (("touch-bar", "push", "left"), 0.7, 60.0),
+        (("handleset", "pull", "right"), 0.7, 40.0),
+        (("handleset", "push", "left"), 0.7, 40.0),
+        # The palm once met the jamb beside the lock at 5 to 9 degrees.
+        (("bar", "push", "left"), 0.35, 10.0),
+        (("bar", "push", "left"), 0.95, 10.0),
+    ],
+    ids=str,
+)
+def test_who_knows_the_door_opens_it_gently(kind, radius, most):
+    env = gym.make(
+        "gplfd/DoorOpening-v1", door=door(*kind, radius=radius), base="mobile"
+    ).unwrapped
+    observation, info = env.reset(seed=0)
+    agent, done, peak = OracleAgent(), False, 0.0
+    agent.inform(env.door_geometry)
+    agent.reset(observation)
+    while not done:
+        action = agent.act(observation).action
+        observation, _, terminated, truncated, info = env.step(action)
+        peak = max(peak, float(np.linalg.norm(observation["wrench"][:3])))
+        done = terminated or truncated
+    env.close()
+    assert info["success"]
+    assert peak < most
