@@ -1,8 +1,8 @@
-"""The leaderboard of the trials: python benchmarks/leaderboard.py.
+"""The leaderboards of the trials: python benchmarks/leaderboard.py.
 
 From what `gplfd report` kept of `gplfd trials`, trials.json: every policy that took
-part in all trials, by the doors that it opened. Files of others are put beside, and a
-policy of theirs has its place.
+part in all trials of a tier, or of protocol v2, by the doors that it opened. Files of
+others are put beside those of the same protocol, and a policy of theirs has its place.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,11 +12,12 @@ from typing import Any, Final
 
 import tyro
 
-from gplfd_experiments.analysis.results.trials import SHARES
+from gplfd_experiments.analysis.results.trials import graded, share_of
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.trials.protocol import REFERENCES, TRIALS
 from gplfd_experiments.studies.trials.records import MEASURES
+from gplfd_experiments.studies.trials.tiers import TIERS
 
 Answers = Mapping[str, Any]
 """What a trials.json holds of a policy at a level of a trial."""
@@ -39,7 +40,7 @@ _SHORT: Final = {
 """Units in a cell; the others are forces."""
 
 
-def answers_of(files: Sequence[Path]) -> Found:
+def answers_of(files: Sequence[Path], protocol: int = PROTOCOL) -> Found:
     """Return what files hold together; of a policy in several what the first says.
 
     Raises ValueError for a file of another protocol, or one that leaves out episodes in
@@ -48,10 +49,10 @@ def answers_of(files: Sequence[Path]) -> Found:
     found: dict[str, dict[str, dict[str, Answers]]] = {}
     for file in files:
         held = read_json(file)
-        if held.get("protocol") != PROTOCOL:
+        if held.get("protocol") != protocol:
             raise ValueError(
                 f"{file} is of protocol {held.get('protocol')}, and the leaderboard of "
-                f"{PROTOCOL}: run the trials again"
+                f"{protocol}: run the trials again"
             )
         for trial, levels in held["trials"].items():
             for level, policies in levels.items():
@@ -73,21 +74,21 @@ def levels_of(name: str) -> tuple[str, ...]:
     return tuple(level for level, setting in levels if setting.prior_radius is None)
 
 
-def entrants(found: Found) -> list[str]:
-    """Return the policies that took part in every trial, the most successful first.
+def entrants(found: Found, names: Sequence[str]) -> list[str]:
+    """Return the policies that took part in all trials, the most successful first.
 
     Those of which the machine lost an episode have no place: nobody knows its outcome.
     """
     levels = [
         found.get(name, {}).get(level, {})
-        for name in RANKED
+        for name in names
         for level in levels_of(name)
     ]
     sets = [
         {one for one, own in held.items() if not own.get("lost")} for held in levels
     ]
     everywhere = sorted(set.intersection(*sets))
-    return sorted(everywhere, key=lambda policy: -_succeeded(found, policy))
+    return sorted(everywhere, key=lambda policy: -_succeeded(found, names, policy))
 
 
 def _mean(found: Found, name: str, policy: str, measure: str) -> float | None:
@@ -98,23 +99,21 @@ def _mean(found: Found, name: str, policy: str, measure: str) -> float | None:
 
 
 def _share(found: Found, name: str, policy: str) -> float:
-    share = next(one for one in TRIALS[name].measures if one in SHARES)
-    value = _mean(found, name, policy, share)
+    value = _mean(found, name, policy, share_of(TRIALS[name]))
     assert value is not None
     return value
 
 
-def _succeeded(found: Found, policy: str) -> float:
-    return fmean(_share(found, name, policy) for name in RANKED)
+def _succeeded(found: Found, names: Sequence[str], policy: str) -> float:
+    return fmean(_share(found, name, policy) for name in names)
 
 
-def leaderboard(found: Found) -> Table:
+def leaderboard(found: Found, names: Sequence[str]) -> Table:
     """Return a row per policy: the share of successes, and what decides, by trial."""
-    policies = entrants(found)
-    cells = {policy: [f"{_succeeded(found, policy):.2f}"] for policy in policies}
-    for name, trial in RANKED.items():
-        measures = (contrast.measure for contrast in trial.contrasts)
-        measure = next(one for one in measures if one not in SHARES)
+    policies = entrants(found, names)
+    cells = {one: [f"{_succeeded(found, names, one):.2f}"] for one in policies}
+    for name in names:
+        measure = graded(TRIALS[name])
         values = {one: _mean(found, name, one, measure) for one in policies}
         learned = [
             value
@@ -132,16 +131,30 @@ def leaderboard(found: Found) -> Table:
     for policy in policies:
         told = " (learns nothing)" if policy in REFERENCES else ""
         rows.append((f"`{policy}`{told}", *cells[policy]))
-    return Table(columns=("policy", "all", *RANKED), rows=tuple(rows))
+    return Table(columns=("policy", "all", *names), rows=tuple(rows))
 
 
 def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:
-    """Print the leaderboard as Markdown.
+    """Print the leaderboards as Markdown: tiers by the latest results, and protocol v2.
 
     Args:
         files: What `gplfd report` kept of the trials of others, trials.json.
     """
-    print(markdown_table(leaderboard(answers_of([STORED, *files]))))
+    held = {path: read_json(path) for path in (*STORED.parent.glob("*.json"), *files)}
+    left = set(files)
+    for tier, names in {**TIERS, "": tuple(RANKED)}.items():
+        if not names:
+            continue
+        complete = [one for one in held.values() if {*names} <= one["trials"].keys()]
+        protocol = max(one["protocol"] for one in complete) if tier else PROTOCOL
+        stored = STORED.with_name(f"trials-v{protocol}.json")
+        own = [file for file in files if held[file]["protocol"] == protocol]
+        left -= set(own)
+        table = leaderboard(answers_of([stored, *own], protocol), names)
+        title = f"Tier {tier}" if tier else "All trials"
+        print(f"## {title}, protocol v{protocol}\n\n{markdown_table(table)}\n")
+    if left:
+        raise ValueError(f"no table is of the protocol of {', '.join(map(str, left))}")
 
 
 if __name__ == "__main__":

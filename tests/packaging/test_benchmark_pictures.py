@@ -107,7 +107,7 @@ def test_a_policy_of_others_has_its_place(tmp_path, capsys):
     for policies in (level for trial in stored.values() for level in trial.values()):
         if "oracle" in policies:  # not where there is a prior mean
             policies["mine:make"] = {**policies["oracle"], "errors": 1, "lost": 0}
-    theirs, own = tmp_path / "trials.json", stored["stop"]["stop"]["mine:make"]
+    theirs, own = tmp_path / "trials.json", stored["heavy"]["14 N"]["mine:make"]
 
     def write() -> Path:
         theirs.write_text(
@@ -128,10 +128,12 @@ def test_a_policy_of_others_has_its_place(tmp_path, capsys):
     with pytest.raises(ValueError, match="leaves out episodes in which mine:make rai"):
         leaderboard.answers_of([leaderboard.STORED, write()])
     # Without a trial there is no place either, and another protocol has another board.
-    del stored["stop"]["stop"]["mine:make"]
+    del stored["heavy"]["14 N"]["mine:make"]
     assert "mine:make" not in printed(capsys, write())
     old = ROOT / "docs" / "results" / "trials-v1.json"
     with pytest.raises(
         ValueError, match=f"of protocol 1, .* leaderboard of {leaderboard.PROTOCOL}"
     ):
         leaderboard.answers_of([leaderboard.STORED, old])
+    with pytest.raises(ValueError, match=r"no table is of the protocol of .*-v1"):
+        leaderboard.main((old,))

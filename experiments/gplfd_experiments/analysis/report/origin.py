@@ -34,6 +34,12 @@ def say_warnings(lead: Section, results: StudyResults) -> None:
             f"{planned - len(results.all)} of {planned} tasks have no result: run the "
             "study again."
         )
+    config = results.study.get("config")
+    if isinstance(config, dict) and config.get("until_separated"):
+        warnings.append(
+            "The runs ended when two policies were separated; intervals suppose a "
+            "fixed number of seeds and do not hold here."
+        )
     if results.unreadable:
         warnings.append(f"{_LEFT_OUT}: {len(results.unreadable)}.")
     if warnings:

@@ -70,6 +70,7 @@ def report(
 
     lead = Section()
     origin.say_warnings(lead, results)
+    lead.items(trials.tier_lines(results))
     if shown:
         lead.table(doors.summary_table(ran))
     if reference not in policies:

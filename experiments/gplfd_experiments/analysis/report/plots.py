@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import attrgetter
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from gplfd_experiments.analysis.figures import style
+from gplfd_experiments.analysis.results.aggregates import performance_profile
 from gplfd_experiments.analysis.results.grouping import (
-    ResultT,
     Runs,
     door_name,
     grouped,
@@ -37,10 +37,12 @@ from gplfd_experiments.analysis.results.trials import (
     summary,
 )
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.trials.records import MEASURES
 from gplfd_policies.registry.catalogue import POLICIES
 
 LeftOut = LearningTestResult | RecordedResult
+OwnT = TypeVar("OwnT")
 
 Curve = tuple[list[tuple[float, float]], Callable[[Axes, str], None]]
 """Points of a policy, and what draws behind them in a colour."""
@@ -251,12 +253,13 @@ def _radius_axis(axes: Axes, runs: Runs) -> None:
 
 
 def _small_multiples(
-    runs: Mapping[str, Sequence[ResultT]],
+    runs: Mapping[str, OwnT],
     reference: str,
-    curve: Callable[[Sequence[ResultT]], Curve],
+    curve: Callable[[OwnT], Curve],
     prepare: Callable[[Axes], None],
     labels: tuple[str, str],
     without: str = "",
+    marker: str = "o",
 ) -> Figure:
     """Draw a panel per policy, the reference's curve faintly behind the others."""
     n_rows = -(-len(runs) // _MOST)
@@ -274,7 +277,7 @@ def _small_multiples(
         points, draw_behind = curve(runs[policy])
         if points:
             draw_behind(axes, tint)
-            line: Look = {"color": tint, "marker": "o", "ms": 2.6, "zorder": 3}
+            line: Look = {"color": tint, "marker": marker, "ms": 2.6, "zorder": 3}
             axes.plot(*zip(*points, strict=True), **line)
         else:
             look: Look = {"ha": "center", "va": "center", "color": style.MARK}
@@ -343,6 +346,32 @@ def deciding_numbers(
     kinds = {kind_of(policy) for own in levels.values() for policy in own}
     _legend(figure, [look for kind, look in _KINDS.items() if kind in kinds])
     return figure
+
+
+def performance_profiles(
+    arrays: Mapping[str, FloatArray], measure: str, reference: str
+) -> Figure:
+    """Draw the share of episodes at least as good as a value, from policies' scores."""
+    sign = -1.0 if MEASURES[measure][1] == "less" else 1.0
+    values = sign * np.concatenate([own.ravel() for own in arrays.values()])
+    low, high = np.percentile(values[np.isfinite(values)], (0.0, 100.0))
+    wide = low > 0.0 and high > _WIDE * low
+    at = (np.geomspace if wide else np.linspace)(low, high, 61)
+    # An episode at a threshold reaches it.
+    thresholds = sign * at - 1e-9 * max(abs(low), abs(high))
+
+    def curve(own: FloatArray) -> Curve:
+        share, lower, upper = performance_profile(own, thresholds)
+        points = list(zip(at.tolist(), share.tolist(), strict=True))
+        return points, lambda axes, tint: style.band(axes, at, lower, upper, tint)
+
+    def prepare(axes: Axes) -> None:
+        axes.set(ylim=(-0.05, 1.05), yticks=[0.0, 0.5, 1.0])
+        if wide:
+            log_scale(axes, "x")
+
+    labels = (MEASURES[measure][0], "share of episodes")
+    return _small_multiples(arrays, reference, curve, prepare, labels, marker="")
 
 
 def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:

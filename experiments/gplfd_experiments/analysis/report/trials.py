@@ -6,28 +6,41 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from gplfd_experiments.analysis.report.document import Section, code
 from gplfd_experiments.analysis.report.plots import (
     deciding_numbers,
     ideas,
     kind_of,
+    performance_profiles,
 )
 from gplfd_experiments.analysis.report.recordings import link_trial
+from gplfd_experiments.analysis.results.aggregates import probability_of_improvement
 from gplfd_experiments.analysis.results.grouping import Runs
 from gplfd_experiments.analysis.results.measures import number_text
 from gplfd_experiments.analysis.results.records import EpisodeResult, StudyResults
-from gplfd_experiments.analysis.results.statistics import Rate, Shift
+from gplfd_experiments.analysis.results.statistics import Rate, Shift, success_rate
 from gplfd_experiments.analysis.results.trials import (
+    RADIAL,
     SHARES,
     Answer,
     ByLevel,
     answered,
+    graded,
+    middle,
     of_trials,
+    scores,
+    succeeded,
     summary,
+    tier_runs,
 )
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.table import Table
 from gplfd_experiments.studies.trials.protocol import SEEDS, TRIALS, VERSION
 from gplfd_experiments.studies.trials.records import MEASURES, Side, Trial
+from gplfd_experiments.studies.trials.tiers import TIERS
+from gplfd_policies.registry.catalogue import POLICIES
 
 _VERDICTS: Final = {
     "shows": "**better with it**",
@@ -175,6 +188,22 @@ def _trial_section(
         f"on). Bold: {code(reference)}.",
         f"{title}, a row per policy",
     )
+    measure = graded(trial)
+    arrays = scores(
+        (o for levels in policies.values() for own in levels.values() for o in own),
+        measure,
+    )
+    section.table(aggregate_table(arrays, measure, reference))
+    shown = {one: own for one, own in arrays.items() if kind_of(one) != "ablation"}
+    if any(np.any(np.isfinite(own)) for own in shown.values()):
+        section.picture(
+            f"trial_{name}_profile",
+            partial(performance_profiles, shown, measure, reference),
+            "**Performance profiles:** share of the episodes that reach a value or a "
+            "better one, with 95 % bands; failures reach none. Pale: "
+            f"{code(reference)}.",
+            f"Share of episodes over {MEASURES[measure][0]}, a panel per policy",
+        )
     section.items(
         f"{answer.contrast.idea}: {code(answer.contrast.having)} against "
         f"{code(answer.contrast.lacking)}, "
@@ -248,6 +277,67 @@ def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
     )
 
 
+def aggregate_table(
+    arrays: Mapping[str, FloatArray], measure: str, reference: str
+) -> Table:
+    """Return interquartile means and probabilities of improvement, the best first."""
+
+    def cell(found: Shift, digits: int) -> str:
+        known = math.isfinite(found.estimate)
+        text = f"{number_text(found.estimate, digits)}\n{_interval(found, digits)}"
+        return text.strip() if known else "–"
+
+    means = {policy: middle(own, measure) for policy, own in arrays.items()}
+    sign = 1.0 if MEASURES[measure][1] == "less" else -1.0
+    rows = []
+    for policy in sorted(means, key=lambda one: (sign * means[one].estimate, one)):
+        both = arrays.get(reference, arrays[policy]), arrays[policy]
+        better = cell(probability_of_improvement(*both), 2)
+        rows.append((code(policy), cell(means[policy], _digits(measure)), better))
+    head = f"{MEASURES[measure][0]}, interquartile mean"
+    return Table(
+        columns=("policy", head, f"P({reference} better)"),
+        rows=tuple(rows),
+        note="All doors, and levels without a prior mean. **Interquartile mean:** of "
+        "the middle half of the episodes; a dash where more than a quarter failed. "
+        "**P:** probability that the reference is better at the same door and level; a "
+        "failure is worse than all else, ties count half. 95 % intervals: stratified "
+        "bootstrap of the seeds.",
+    )
+
+
+def tier_lines(results: StudyResults) -> list[str]:
+    """Say, a line per tier, who opens what, how gently, and with what knowledge."""
+    lines = []
+    for tier, runs in tier_runs(results).items():
+        every = [one for own in runs.values() for one in own]
+        arrays = scores(every, RADIAL)
+        rates = {
+            policy: success_rate((one.task.seed, succeeded(one)) for one in own)
+            for policy, own in runs.items()
+        }
+        order = sorted(rates, key=lambda one: (-rates[one].estimate, one))
+        others = [one for one in order if kind_of(one) == "reference"][:2]
+        learn = [one for one in order if kind_of(one) in ("method", "own")][:2]
+        said = []
+        for policy in (*learn, *others):
+            force = middle(arrays[policy], RADIAL).estimate
+            knows = "demonstrations" if policy in POLICIES else "own policy"
+            if policy in others:
+                knows = POLICIES[policy].summary
+            gentle = f", {force:.1f} N" if math.isfinite(force) else ""
+            rate = f"{rates[policy].estimate:.2f} ({rates[policy].interval})"
+            said.append(f"{code(policy)} ({knows}) {rate}{gentle}")
+        number = (
+            f"{len({one.task.trial for one in every})} of {len(TIERS[tier])} trials"
+        )
+        lines.append(
+            f"**Tier {tier}**, {number}: successes and interquartile mean of the peak "
+            f"radial force: {'; '.join(said)}."
+        )
+    return lines
+
+
 def _result(answer: Answer) -> str:
     if answer.shift is None:
         return "no value in common"
@@ -271,8 +361,8 @@ def _difference(answer: Answer) -> str:
 
 
 def _interval(found: Shift, digits: int) -> str:
-    if math.isinf(found.low):
-        return ""  # Too few seeds.
+    if math.isinf(found.low) or math.isinf(found.high):
+        return ""  # Too few seeds, or too many failures.
     return " to ".join(number_text(end, digits) for end in (found.low, found.high))
 
 

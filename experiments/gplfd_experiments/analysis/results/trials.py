@@ -6,14 +6,18 @@ trials.json holds every number of a trial, so that the result files need not be 
 import json
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from gplfd_experiments.analysis.results.grouping import by_policy, grouped
+import numpy as np
+
+from gplfd_experiments.analysis.results.aggregates import interquartile_mean
+from gplfd_experiments.analysis.results.grouping import Runs, by_policy, grouped
 from gplfd_experiments.analysis.results.records import EpisodeResult, StudyResults
 from gplfd_experiments.analysis.results.statistics import (
     Key,
+    Pairs,
     Rate,
     Shift,
     mean_shift,
@@ -23,9 +27,17 @@ from gplfd_experiments.analysis.results.statistics import (
 )
 from gplfd_experiments.episodes.build import demonstrations_hash
 from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
-from gplfd_experiments.studies.trials.records import MEASURES, Contrast, Side, value_of
+from gplfd_experiments.studies.trials.records import (
+    MEASURES,
+    Contrast,
+    Side,
+    Trial,
+    value_of,
+)
+from gplfd_experiments.studies.trials.tiers import TIERS
 
 FILE: Final = "trials.json"
 """Name of the file of `trial_answers` in the folder of a report."""
@@ -38,6 +50,9 @@ Verdict = Literal["shows", "harms", "open"]
 
 ByLevel = Mapping[str, Mapping[str, Sequence[EpisodeResult]]]
 """Episodes of a trial by policy and level."""
+
+RADIAL: Final = "force_radial_peak"
+"""Measure of how gently the doors of a tier are opened."""
 
 _DIGITS: Final = 5
 """Significant digits in the file."""
@@ -79,6 +94,15 @@ def of_trial(episodes: Sequence[EpisodeResult], trial: str) -> ByLevel:
 
 def answered(contrast: Contrast, episodes: ByLevel) -> Answer:
     """Compare both sides of a contrast, seed by seed, in the episodes of its trial."""
+    pairs = contrast_pairs(contrast, episodes)
+    if not pairs.seeds:
+        return Answer(contrast=contrast, shift=None)
+    estimate = mean_shift if contrast.measure in SHARES else shift
+    return Answer(contrast=contrast, shift=estimate(*pairs.per_seed()))
+
+
+def contrast_pairs(contrast: Contrast, episodes: ByLevel) -> Pairs:
+    """Return the values of both sides of a contrast at the tasks that both have."""
 
     def numbers(side: Side) -> dict[Key, float]:
         """Return the measure by seed and door, and by level if levels are pooled."""
@@ -91,11 +115,7 @@ def answered(contrast: Contrast, episodes: ByLevel) -> Answer:
             if (value := _value(one, contrast.measure)) is not None
         }
 
-    pairs = paired(numbers(contrast.having), numbers(contrast.lacking))
-    if not pairs.seeds:
-        return Answer(contrast=contrast, shift=None)
-    estimate = mean_shift if contrast.measure in SHARES else shift
-    return Answer(contrast=contrast, shift=estimate(*pairs.per_seed()))
+    return paired(numbers(contrast.having), numbers(contrast.lacking))
 
 
 def summary(episodes: Sequence[EpisodeResult], measure: str) -> Rate | Shift | None:
@@ -124,6 +144,69 @@ def _by_seed(episodes: Sequence[EpisodeResult], measure: str) -> dict[int, list[
 
 def _value(one: EpisodeResult, measure: str) -> float | None:
     return value_of(one.metrics, measure) if one.counts else None
+
+
+def share_of(trial: Trial) -> str:
+    """Return the measure that says whether an episode of a trial succeeded."""
+    return next((one for one in trial.measures if one in SHARES), "success")
+
+
+def graded(trial: Trial) -> str:
+    """Return the measure, not a share, by which a trial is decided."""
+    measures = (*(one.measure for one in trial.contrasts), *trial.measures)
+    return next((one for one in measures if one not in SHARES), trial.measures[0])
+
+
+def succeeded(one: EpisodeResult) -> bool:
+    """Return whether an episode of a trial succeeded, as the trial counts it."""
+    return bool(value_of(one.metrics, share_of(TRIALS[one.task.trial])))
+
+
+def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatArray]:
+    """Return the scores of each policy for `aggregates`, at the seeds and doors of all.
+
+    Of forces and other measures of which less is better, an episode that failed counts
+    as worse than every number: doing nothing would be best. Levels with a prior mean,
+    which not all policies accept, are left out.
+    """
+    less = MEASURES[measure][1] == "less"
+    own = [one for one in episodes if one.counts and one.task.prior_radius is None]
+    places = [(one.task.trial, one.task.level, one.task.door) for one in own]
+    seeds, strata = sorted({one.task.seed for one in own}), sorted(set(places))
+    found: dict[str, FloatArray] = {}
+    for one, place in zip(own, places, strict=True):
+        value = value_of(one.metrics, measure)
+        if value is None or (less and not succeeded(one)):
+            value = math.inf if less else -math.inf
+        empty = np.full((len(seeds), len(strata)), math.nan)
+        array = found.setdefault(one.policy, empty)
+        array[seeds.index(one.task.seed), strata.index(place)] = value
+    return {policy: -each if less else each for policy, each in found.items()}
+
+
+def middle(array: FloatArray, measure: str) -> Shift:
+    """Return the interquartile mean of scores, in the unit of the measure."""
+    found = interquartile_mean(array)
+    if MEASURES[measure][1] == "more":
+        return found
+    ends = {"low": -found.high, "high": -found.low}
+    return Shift(estimate=-found.estimate, **ends, n=found.n)
+
+
+def tier_runs(results: StudyResults) -> dict[str, Runs]:
+    """Return each tier's episodes of the policies that took part in all its levels."""
+    found: dict[str, Runs] = {}
+    for tier, names in TIERS.items():
+        here = (one for one in results.episodes if one.task.trial in names)
+        runs = by_policy(o for o in here if o.counts and o.task.prior_radius is None)
+        met = {
+            policy: {(one.task.trial, one.task.level) for one in own}
+            for policy, own in runs.items()
+        }
+        every = set().union(*met.values())
+        if every:
+            found[tier] = {one: runs[one] for one in runs if met[one] == every}
+    return found
 
 
 def trial_answers(results: StudyResults) -> dict[str, Any]:

@@ -140,6 +140,16 @@ class Trials:
     record: bool = False
     """Also write a recording per trial of the compared policies side by side."""
 
+    until_separated: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Run only the two --policies, seed after seed, until they differ by a test that
+    may be looked at while it runs (5 % false findings over all looks together)."""
+
+    measure: str = "success"
+    """What --until-separated compares: a measure that all its trials have."""
+
+    max_seeds: Annotated[int, tyro.conf.arg(metavar="N")] = 100
+    """Number of seeds at which --until-separated gives up."""
+
     json: Json = False
 
     quiet: Quiet = False
@@ -149,6 +159,10 @@ class Trials:
 
         As JSON it prints what `gplfd report` keeps of the folder in trials.json.
         """
+        if self.until_separated:
+            return self._compare()
+        if (self.measure, self.max_seeds) != ("success", 100):
+            raise ValueError("--measure and --max-seeds need --until-separated")
         with postponed_interruption():
             from gplfd_experiments.analysis.results.reading import read_results
             from gplfd_experiments.analysis.results.trials import trial_answers
@@ -173,6 +187,25 @@ class Trials:
         else:
             report = next_command("report", self.out)
             print(f"results are in {self.out}; read them:  {report}")
+        return FAILED if errors else 0
+
+    def _compare(self) -> int:
+        with postponed_interruption():
+            from gplfd_experiments.files.plain_data import json_text
+            from gplfd_experiments.workflows.separation import run_until_separated
+
+        if self.part != "whole" or self.record:
+            raise ValueError("--until-separated takes neither --part nor --record")
+        state, errors = run_until_separated(
+            self.trials,
+            self.policies,
+            self.measure,
+            self.out,
+            self.where.made(),
+            self.max_seeds,
+            recorded(self),
+        )
+        print(json_text(state) if self.json else state["text"])
         return FAILED if errors else 0
 
 
@@ -293,11 +326,15 @@ class Report:
     reference: Annotated[str, tyro.conf.arg(metavar="POLICY")] = "gp"
     """Policy with which the others are compared; the best if the study lacks it."""
 
+    rows: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Also write a row per task: FILE.csv, or FILE.parquet (extra lerobot)."""
+
     def execute(self) -> int:
         """Write the pages, print where they are; `FAILED` if all tasks failed."""
         with postponed_interruption():
             from gplfd_experiments.analysis.report.page import write_report
             from gplfd_experiments.analysis.results.reading import read_results
+            from gplfd_experiments.analysis.results.rows import write_rows
             from gplfd_experiments.console.arguments import check_folder
             from gplfd_experiments.console.progress import LOG
 
@@ -317,6 +354,8 @@ class Report:
             if not problems:
                 print(f"the results follow protocol v{VERSION}")
             return FAILED if problems else 0
+        if self.rows is not None:
+            write_rows(self.rows, results)
         page = write_report(results, self.folders[0], self.out, self.reference)
         for reason in results.unreadable:
             LOG.warning("warning: left out: %s", reason)

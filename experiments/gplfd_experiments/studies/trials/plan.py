@@ -30,8 +30,14 @@ def trial_tasks(
     *,
     policies: Sequence[str] = (),
     part: Part = "whole",
+    only: Sequence[str] = (),
+    seeds: int | None = None,
 ) -> tuple[EpisodeTask, ...]:
-    """Return the episodes of trials; the seed varies slowest."""
+    """Return the episodes of trials; the seed varies slowest.
+
+    ``only`` gives policies in place of all others, without levels in which one of them
+    cannot take part; ``seeds`` is a number in place of the part's.
+    """
     plan = PARTS[part]
     tuned = TUNED if part == "whole" else ()
     doors = {
@@ -43,13 +49,16 @@ def trial_tasks(
         for title, level in trial.levels.items()
     }
     tasks: list[EpisodeTask] = []
-    for seed, (name, trial) in itertools.product(range(plan.seeds), trials.items()):
+    numbers = range(plan.seeds if seeds is None else seeds)
+    for seed, (name, trial) in itertools.product(numbers, trials.items()):
         own = plan.variants.get(name, trial.own)
         competing = (*plan.everywhere, *own, *(tuned if trial.tuned else ()), *policies)
-        for policy, title in itertools.product(dict.fromkeys(competing), trial.levels):
-            level, method = trial.levels[title], chosen(policy).method
-            takes_prior_mean = method is not None and method.accepts_prior_mean
-            if level.prior_radius is not None and not takes_prior_mean:
+        every = dict.fromkeys(only or competing)
+        for policy, title in itertools.product(every, trial.levels):
+            level = trial.levels[title]
+            methods = [chosen(one).method for one in only or (policy,)]
+            take_prior_mean = all(one and one.accepts_prior_mean for one in methods)
+            if level.prior_radius is not None and not take_prior_mean:
                 continue
             tasks += [
                 episode_task(

@@ -1,0 +1,21 @@
+"""Tiers of the protocol: trials that are ranked together."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+TIERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {
+        "furniture": ("radius", "further", "few", "messy", "rests", "turned", "heavy"),
+        "buildings": (),
+        "other motions": (),
+        "realistic conditions": (),
+        "forces": (
+            *("forces-weight", "forces-closer", "forces-person"),
+            *("forces-blocked", "forces-seal"),
+        ),
+    }
+)
+"""Names of trials by tier. Of protocol v2, furniture has the trials in which the share
+of opened doors separates pairs of methods other than `gp-paper` (signed ranks of 20
+seeds, Holm, 5 %). A tier without trials is not run yet."""
