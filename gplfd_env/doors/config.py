@@ -240,8 +240,6 @@ class DoorConfig:
             return f"motion = {motion!r} with handle = {self.handle!r}; it has a bar"
         if motion in _PULLED and self.swing == "push":
             return f"motion = {motion!r} with swing = 'push'; it comes to the robot"
-        if motion != "folding" and self.backset > _WIDEST_BACKSET:
-            return f"backset = {self.backset:g} is more than {_WIDEST_BACKSET:g}"
         return ""
 
     def as_dict(self) -> dict[str, float | str | None]:
@@ -377,7 +375,6 @@ _OF_MOTIONS: Final[Mapping[str, tuple[Motion, ...]]] = {
 """Motions of which a field tells."""
 
 _PULLED: Final = ("sliding", "parallel-sliding", "folding", "flap", "concealed-hinge")
-_WIDEST_BACKSET: Final = 0.13
 
 
 def _room(

@@ -25,7 +25,6 @@ MOTION = {
     "rise": "rising-butt",
     "strut_stiffness": "flap",
     "strut_dead_angle": "flap",
-    "backset": "folding",
 }
 """A motion for which a field is given."""
 NUMBERS = [
@@ -149,7 +148,6 @@ def test_each_field_s_choices(field):
                 ({"hinge_side": "top"}, "motion = 'hinged'", "bottom or top"),
                 ({"motion": "folding", "handle": "lever"}, "'lever'", "it has a bar"),
                 ({"motion": "folding", "swing": "push"}, "comes to the robot"),
-                ({"backset": 0.14}, "backset = 0.14", "0.13"),
                 ({"leaf_width": 0.8}, "= 0.8", "backset = 0.08", "radius = 0.5"),
                 ({"handle_travel": 0.3, "dead_travel": 0.2}, "= 0.2", "travel = 0.3"),
             )
