@@ -3,13 +3,14 @@
 import dataclasses
 import itertools
 from collections.abc import Sequence
+from typing import Any
 
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_experiments.studies.sources import chosen, policy_fields
 from gplfd_experiments.studies.trials.protocol import PARTS, TRIALS, TUNED, Part
-from gplfd_experiments.studies.trials.records import Trial
+from gplfd_experiments.studies.trials.records import Level, Trial
 
 
 def named_trials(names: Sequence[str], part: Part = "whole") -> dict[str, Trial]:
@@ -70,8 +71,8 @@ def trial_tasks(
                     teacher=standard_teacher() | dict(level.teacher),
                     randomization=level.randomization,
                     disturbance=level.disturbance,
-                    demonstrated_radii=level.demonstrated_radii,
-                    demonstrated_hardware=level.demonstrated_hardware,
+                    **_shown(level),
+                    start=level.start,
                     habits=level.habits,
                     demonstrated_forces=level.demonstrated_forces,
                     prior_radius=level.prior_radius,
@@ -81,3 +82,14 @@ def trial_tasks(
                 for door, config in doors[name, title].items()
             ]
     return tuple(tasks)
+
+
+def _shown(level: Level) -> dict[str, Any]:
+    """Return what a level says of the demonstrated doors; the rest is as usual."""
+    fields: dict[str, Any] = {}
+    if level.demonstrated_radii is not None:
+        fields["demonstrated_radii"] = level.demonstrated_radii
+        fields["demonstrated_hardware"] = level.demonstrated_hardware
+    if level.demonstrated_kind is not None:
+        fields["demonstrated_kind"] = level.demonstrated_kind
+    return fields

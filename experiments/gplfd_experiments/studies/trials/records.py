@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from gplfd_env.conventions.constants import Start
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
 from gplfd_experiments.studies.result_format import POLICY_ERROR
 
@@ -21,8 +22,12 @@ class Level:
     """Fields of every door's configuration that differ from its preset."""
     randomization: str | Mapping[str, Any] = "none"
     disturbance: str | Mapping[str, Any] = "none"
-    demonstrated_radii: tuple[float, ...] = DEMONSTRATED_RADII
-    demonstrated_hardware: tuple[Mapping[str, float], ...] = ()
+    demonstrated_radii: tuple[float, ...] | None = DEMONSTRATED_RADII
+    """None: of the three doors that are demonstrated for a door of this kind."""
+    demonstrated_kind: Mapping[str, str] | None = None
+    """None: that of the door that is opened."""
+    demonstrated_hardware: tuple[Mapping[str, Any], ...] = ()
+    start: Start = "grasped"
     demonstrations_per_door: int = 2
     teacher: Mapping[str, float] = field(default_factory=dict)
     """Fields of the teacher that differ from the standard one."""
