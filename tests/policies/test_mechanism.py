@@ -207,7 +207,6 @@ def test_doors_of_many_kinds_are_opened_within_a_force(door, last, enough, force
     q, across, along = opened("mechanism-fit", door, last)
     assert (q > enough * last).sum() > 50
     assert across.max() < force
-    # The stop of a door is hit, and then pulled at.
     assert np.abs(along[-100:]).max() < 25.1
 
 

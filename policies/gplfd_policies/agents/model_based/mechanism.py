@@ -110,7 +110,8 @@ class Prismatic(Mechanism):
 
     def poses(self, coordinates: Lengths | float) -> Poses:
         """Return places on the line, not turned."""
-        return np.asarray(coordinates)[..., None] * np.append(self._line, np.zeros(3))
+        lengths = np.asarray(coordinates)[..., None]
+        return np.asarray(lengths * np.append(self._line, np.zeros(3)))
 
 
 class Rotational(Mechanism):
