@@ -22,7 +22,7 @@ class Level:
     randomization: str | Mapping[str, Any] = "none"
     disturbance: str | Mapping[str, Any] = "none"
     demonstrated_radii: tuple[float, ...] = DEMONSTRATED_RADII
-    demonstrated_hardware: tuple[Mapping[str, float], ...] = ()
+    demonstrated_hardware: tuple[Mapping[str, float | str], ...] = ()
     demonstrations_per_door: int = 2
     teacher: Mapping[str, float] = field(default_factory=dict)
     """Fields of the teacher that differ from the standard one."""
