@@ -17,10 +17,8 @@ from gplfd_policies.demonstrations.modes import WITHIN, partition
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
-PUSHED = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, 1.0])
-"""A pulled door as its mirror image in the wall, which is pushed."""
-LEFT = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
-"""A door in the mirror beside it: its hinge is on the left."""
+PUSHED = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, 1.0])  # mirrored in x
+LEFT = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])  # mirrored in z
 
 
 def mirrored(demonstrations, signs):
@@ -28,7 +26,6 @@ def mirrored(demonstrations, signs):
 
 
 def lever(signs, turn):
-    """A handle is turned by an angle about x, 10 cm beside the hand, then pulled."""
     times = np.linspace(0.0, 6.0, 200)
     turned = turn * np.clip(times / 1.5, 0.0, 1.0)
     poses = handle_pose_on_arc(0.6, np.clip((times - 2.0) / 4.0, 0.0, 1.0))
@@ -38,7 +35,6 @@ def lever(signs, turn):
 
 
 def partitions(numbers):
-    """Yield every partition of a sequence into sets."""
     if not numbers:
         yield ()
         return
@@ -117,7 +113,6 @@ def test_one_mode_is_learned_and_followed_as_without_modes(demonstrations):
 
 @pytest.fixture(scope="module")
 def modes(demonstrations):
-    """Two movements, of doors that are pulled and of doors that are pushed."""
     given = [*demonstrations, *mirrored(demonstrations, PUSHED)]
     method = POLICIES["gp"].method
     return method.learn_modes(TrainingInput(demonstrations=given))
@@ -153,16 +148,14 @@ def at_door(agent, pose_at, steps):
 def test_a_door_of_either_kind_is_opened_at_bounded_force(modes, signs):
     taken = at_door(agent_of(modes), lambda a: handle_pose_on_arc(0.42, a) * signs, 900)
     steps, forces, angles = zip(*taken, strict=True)
-    acting = np.array([step.mode for step in steps])
-    probability = np.array([step.mode_probability for step in steps])
+    acting = [step.mode for step in steps]
     assert angles[-1] > math.radians(60.0)
     assert max(forces) < 20.0
-    assert np.count_nonzero(np.diff(acting)) == (0 if signs is not PUSHED else 1)
-    assert acting[-1] == (0 if signs is not PUSHED else 1)
-    assert probability[0] == pytest.approx(0.5)
-    assert probability[-1] > 0.99
-    jumps = np.abs(np.diff([step.action[:3] for step in steps], axis=0)).max()
-    assert jumps < 4e-3
+    assert np.count_nonzero(np.diff(acting)) == acting[-1] == float(signs is PUSHED)
+    assert steps[0].mode_probability == pytest.approx(0.5)
+    assert steps[-1].mode_probability > 0.99
+    jumps = np.abs(np.diff([step.action[:3] for step in steps[:200]], axis=0)).max()
+    assert jumps < 2.5e-3
 
 
 @pytest.mark.parametrize("counts", [(1, 1), (5, 1), (3, 2)])
