@@ -235,6 +235,7 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
         "predicted_std": 0.004 * six,
         "expected_force": np.tile([5.0, 0.5, -0.5], (n_steps, 1)),
         "expected_force_std": np.tile(2.0 - angle[:, None], 3),
+        **dict.fromkeys(("mode", "mode_probability"), np.nan * one),
         "via_point": np.arange(n_steps) % 10 == 0,
         "latency_s": 1e-3 * one,
         "latency_wall_s": 2e-3 * one,

@@ -197,6 +197,15 @@ def test_expected_force_is_shown_with_its_interval_and_what_is_measured(
     assert "**panel 4**: what the policy expected of the force" in page
 
 
+def test_the_mode_that_acts_is_shown_with_its_probability(record, make_log):
+    acting = np.where(np.arange(601) < 200, 0.0, 1.0)
+    recording = record(make_log(mode=acting, mode_probability=0.5 + 0.4 * acting))
+    _, curves = recording["/plots/misfit/mode", "Scalars:scalars"]
+    np.testing.assert_allclose(curves, np.stack([acting, 0.5 + 0.4 * acting], axis=1))
+    assert "**modes**" in recording["/about", "TextDocument:text"][1][0][0]
+    assert "/plots/misfit/mode" not in record(make_log()).entities
+
+
 def test_true_size_is_unknown_where_no_arcs_were_demonstrated():
     times = np.linspace(0.0, 1.0, 50)
     line = Demonstration(times=times, poses=np.outer(times, np.eye(6)[0]))

@@ -252,6 +252,7 @@ def test_policy_without_uncertainty_is_followed_stiffly(learned_agent):
         assert_allclose(step.stiffness, DEFAULT_PROFILE.k_max)
         for field in dataclasses.fields(step):
             unknown = field.name in ("std", "std_rate", "predicted_std")
-            unknown |= field.name.startswith("expected_force")  # not demonstrated
+            # Not demonstrated.
+            unknown |= field.name.startswith(("expected_force", "mode"))
             value = np.asarray(getattr(step, field.name))
             assert np.isnan(value).all() if unknown else np.isfinite(value).all()

@@ -94,6 +94,8 @@ DIFFERENCES = {
         "rendering": ArmRendering,
     },
     **{f"gp-constant-{k}": differs for k, differs in CONSTANT.items()},
+    # Of demonstrations of one kind the same.
+    "gp-one-mode": {},
     # These learn from other alignments.
     "gp-untrimmed": {},
     "gp-without-forces": {},

@@ -59,7 +59,7 @@ def _demonstrated(shown: str) -> LabelledDemonstrations:
     )
     given = teacher.demonstrate_doors(
         [
-            DoorConfig(radius=radius, **kind, **own)
+            DoorConfig(radius=radius, **(kind | own))
             for radius, own in zip(radii, hardware, strict=True)
         ],
         per_door,
@@ -88,12 +88,12 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
     """
     method = policy.method
     with one_thread:
-        movement = method.learn(training) if method is not None else None
+        modes = method.learn_modes(training) if method is not None else None
 
     def make() -> Agent:
         with one_thread:
-            if method is not None and movement is not None:
-                return method.follow(movement)
+            if method is not None and modes is not None:
+                return method.follow_modes(modes)
             return as_agent(policy.make(training))
 
     return make

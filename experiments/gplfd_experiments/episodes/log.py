@@ -133,6 +133,8 @@ class EpisodeLog:
     predicted_std: Pose
     expected_force: Float[np.ndarray, "T 3"]
     expected_force_std: Float[np.ndarray, "T 3"]
+    mode: Number
+    mode_probability: Number
     via_point: Flag
     latency_s: Number
     """CPU time of the agent's decision [s]."""
@@ -258,6 +260,7 @@ _LATER: Final[Mapping[str, Any]] = {
     "latency_wall_s": np.nan,
     "frame": np.eye(3),
     **dict.fromkeys(("path_size", "path_size_std", "heading", "heading_std"), np.nan),
+    **dict.fromkeys(("mode", "mode_probability"), np.nan),
     **dict.fromkeys(("expected_force", "expected_force_std"), np.full(3, np.nan)),
 }
 """Arrays that older files of this version lack, with what is meant there."""

@@ -117,9 +117,10 @@ class EpisodeTask(TaughtTask):
     """Radii of the doors that the teacher opens [m]."""
     demonstrated_kind: Mapping[str, str] | None = omit_default(None)
     """`DoorConfig.kind` of those; None for furniture doors with a bar."""
-    demonstrated_hardware: Sequence[Mapping[str, float]] = omit_default(())
+    demonstrated_hardware: Sequence[Mapping[str, float | str]] = omit_default(())
     """For each of those the fields of its `DoorConfig` that are not the default, such
-    as the closer's; () for none."""
+    as the closer's, or that are not as in `demonstrated_kind`, such as the swing of
+    doors that are demonstrated without a label; () for none."""
     base: Base = omit_default("fixed")
     environment_version: int = omit_default(0)
     """Version of the environment's physics; 0 for a fixed base, whose physics are the

@@ -134,6 +134,11 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
             "it; outside the band the door is not what was demonstrated and felt so "
             "far, or somebody is in the way\n"
         )
+    if np.isfinite(log.mode).any():
+        notes += (
+            "- **modes** (tab *Unsmoothed, rates*, last panel): the demonstrations "
+            "show several kinds of motion; which one acts, and its probability\n"
+        )
     if outside := ", ".join(kinds_of(log)):
         notes += f"- **from outside** (white, a ball above the hand): {outside}\n"
     text = f"""\

@@ -57,6 +57,10 @@ def panels(part: Part) -> list[Chunk]:
             Line("radial: against the hinge", colours.FORCE): log.force_radial,
         },
         "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.phase_misfit},
+        "misfit/mode": {
+            Line("mode that acts", colours.OUTSIDE): log.mode,
+            Line("its probability", colours.ADAPTED): log.mode_probability,
+        },
     }
     names = _DIRECTIONS["axes" if np.all(log.frame == np.eye(3)) else "path"]
     along, across = map(Line, names, (colours.AXIS_X, colours.AXIS_Z))

@@ -53,7 +53,14 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     LOG.info("learning from %d demonstrations", len(given))
     started = time.perf_counter()
     with one_thread:
-        movement = method.learn(TrainingInput(demonstrations=given, seed=seed))
+        modes = method.learn_modes(TrainingInput(demonstrations=given, seed=seed))
+    if len(modes) > 1:
+        kinds = "; ".join(", ".join(map(str, mode.numbers)) for mode in modes)
+        raise ValueError(
+            f"{demonstrations} holds {len(modes)} kinds of motion, but a skill is one: "
+            f"demonstrations {kinds}; put each kind into a set of its own"
+        )
+    movement = modes[0].movement
     if not isinstance(movement, Skill):
         raise TypeError(f"fit_skill made a {type(movement).__name__}")
     movement.save(file)

@@ -94,6 +94,10 @@ class AgentStep:
     before this observation, by demonstrated forces and this door so far [N]."""
     expected_force_std: Vectors = _NAN
     """Its standard deviation [N]."""
+    mode: Phases | float = _NAN
+    """Number of the mode that acts, 0 for the first, of an agent that has several."""
+    mode_probability: Phases | float = _NAN
+    """Its probability, by demonstrations and observations so far."""
     via_point: Bool[np.ndarray | np.bool_, "*N"] | bool = False
     """Whether this observation was taken as a via-point."""
 

@@ -26,6 +26,7 @@ from gplfd_policies.agents.model_based.pulling import (
     CompliantPullAgent,
     ReflexAgent,
 )
+from gplfd_policies.agents.modes import ModeConfig
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.phase_stiffness import stiffness_from_force
@@ -79,6 +80,7 @@ GP: Final = Method(
     adaptation=ProcessAdaptation,
     door_adaptation=SimilarityAdaptation,
     force_adaptation=ForceAdaptation,
+    modes=ModeConfig(),
 )
 """The method of this project, of which the ablations differ in one field each."""
 
@@ -242,6 +244,9 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         ),
         "gp-without-forces": _ablation(
             "gp that learns nothing of the demonstrated forces", align=_motion_only
+        ),
+        "gp-one-mode": _ablation(
+            "gp that learns demonstrations of all kinds as one", modes=None
         ),
         "gp-within-demonstrations": _ablation(
             "gp that stops where the demonstrations end", beyond=0.0

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.handles import HandleConfig
+from gplfd_policies.agents.modes import ModeConfig, ModesAgent
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
@@ -25,6 +26,7 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.modes import partition
 from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
 from gplfd_policies.movements.movement import (
     AdaptationForm,
@@ -170,6 +172,9 @@ class Method:
     """How it follows the movement otherwise: load, timing, via-points."""
     handle_config: HandleConfig = field(default_factory=HandleConfig)
     """When and how far a handle is turned beyond the demonstrated turn."""
+    modes: ModeConfig | None = None
+    """When a mode is given up where the demonstrations have several, which are found
+    and learned one by one; None learns all demonstrations as one."""
 
     def __post_init__(self) -> None:
         if self.config.profile is not DEFAULT_PROFILE:
@@ -212,6 +217,25 @@ class Method:
             return replace(movement, forces=(self.fit_forces or fit)(forces))
 
     @one_thread
+    def learn_modes(self, training: TrainingInput) -> "tuple[LearnedMode, ...]":
+        """Learn a movement of every mode of the demonstrations, the largest mode first.
+
+        Raises what `learn` does.
+        """
+        given = training.demonstrations
+        modes: tuple[tuple[int, ...], ...] = (tuple(range(len(given))),)
+        if self.modes is not None and len(given) > 1:
+            with warnings.catch_warnings():
+                # Learning aligns them again, and warns.
+                warnings.simplefilter("ignore", UserWarning)
+                modes = partition(self.align(given))
+        each = [replace(training, demonstrations=[given[n] for n in m]) for m in modes]
+        return tuple(
+            LearnedMode(numbers=numbers, movement=self.learn(shown))
+            for numbers, shown in zip(modes, each, strict=True)
+        )
+
+    @one_thread
     def follow(self, movement: Movement) -> CompliantAgent:
         """Return an agent that follows a movement on doors; any number from one.
 
@@ -233,6 +257,18 @@ class Method:
             forces=self._follow_forces(movement),
         )
 
+    def follow_modes(
+        self, modes: "Sequence[LearnedMode]"
+    ) -> CompliantAgent | ModesAgent:
+        """Return an agent that follows the movement, or tries those of several modes.
+
+        Raises what `follow` does.
+        """
+        agents = [self.follow(mode.movement) for mode in modes]
+        if self.modes is None or len(agents) == 1:
+            return agents[0]
+        return ModesAgent(agents, [len(mode.numbers) for mode in modes], self.modes)
+
     def _follow_forces(self, movement: Movement) -> GriddedMovement | None:
         learned = movement.forces if isinstance(movement, LearnedMovement) else None
         if learned is None:
@@ -242,10 +278,20 @@ class Method:
         form = None if alone else self.force_adaptation or self.adaptation
         return GriddedMovement(learned, form, _GRID)
 
-    def __call__(self, training: TrainingInput) -> CompliantAgent:
+    def __call__(self, training: TrainingInput) -> CompliantAgent | ModesAgent:
         """Learn a movement and follow it on doors; raises what both do."""
         _check_starts(one.poses for one in training.demonstrations)
-        return self.follow(self.learn(training))
+        return self.follow_modes(self.learn_modes(training))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LearnedMode:
+    """What was learned of one mode."""
+
+    numbers: tuple[int, ...]
+    """Numbers of the demonstrations that show it."""
+    movement: Movement
+    """What was learned of those."""
 
 
 def _check_starts(demonstrated: Iterable[Float[np.ndarray, "_ 6"]]) -> None:

@@ -58,7 +58,7 @@ _OPTIONAL: Final = {
     "disturbance": str | dict[str, Any],
     "demonstrated_radii": tuple[float, ...],
     "demonstrated_kind": dict[str, str] | None,
-    "demonstrated_hardware": tuple[dict[str, float], ...],
+    "demonstrated_hardware": tuple[dict[str, float | str], ...],
     "base": str,
     "environment_version": int,
     "start": Start,

@@ -26,7 +26,7 @@ class Level:
     """None: of the three doors that are demonstrated for a door of this kind."""
     demonstrated_kind: Mapping[str, str] | None = None
     """None: that of the door that is opened."""
-    demonstrated_hardware: tuple[Mapping[str, Any], ...] = ()
+    demonstrated_hardware: tuple[Mapping[str, float | str], ...] = ()
     start: Start = "grasped"
     demonstrations_per_door: int = 2
     teacher: Mapping[str, float] = field(default_factory=dict)

@@ -1,0 +1,242 @@
+"""An agent for demonstrations of several modes: it tries one, and then another.
+
+A hand that pulls at a door which has to be pushed does not move. The agent weighs that
+against how much force a door may take, backs off, and tries the next mode.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.validation.fields import quantity
+from gplfd_policies.adaptation.gridded import LOOK_AHEAD
+from gplfd_policies.agents.agent import CompliantAgent
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.records import Settings
+from gplfd_policies.arrays.shapes import Pose
+from gplfd_policies.control.steps import AgentStep, Observation
+from gplfd_policies.movements.trajectory import GaussianTrajectory
+
+_ARM: Final = np.repeat([1.0, 0.1], 3)
+"""Lever arm by which a rotation counts as a distance, and a moment as a force [m]."""
+_LASTING: Final = 3
+"""Control steps for which a force lasts that counts: fingers that slip knock."""
+_TURNED: Final = 0.5
+"""Share of the demonstrated turn from which a handle counts as turned."""
+_STRIDE: Final = 1e-3
+"""Largest step while the hand backs off [m]: 10 cm/s."""
+_SLOWING: Final = 0.05
+"""Such a step relative to the distance from the start: a leaf shuts softly."""
+_REST: Final = 0.4
+"""Rest at the start before another mode begins [s]: a leaf that moved shuts."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ModeConfig(Settings):
+    """When an agent gives a mode up.
+
+    With shares π_j of the demonstrations, the mode j has the weight
+
+        w_j = π_j exp(-F_j²/2b² - D_j²/2).
+
+    F_j is the greatest force that the hand bore since it last came forward along the
+    path of j: in the mode that acts the force on the hand, in another the part against
+    its path. exp(-F_j²/2b²) is the probability that a door of kind j does not open
+    under it, if the force that opens a door has a Rayleigh distribution with the scale
+    b. D_j is the largest Mahalanobis distance of the hand from the path of j so far.
+
+    The agent gives its mode i up for the mode j if w_j > `odds` w_i. Of two modes with
+    equal shares the first is given up at F = b √(2 log `odds`), 15 N, the second at
+    √2 F, the first again at √3 F, and so on: a door that opens in no mode is tried with
+    more force each time, up to what the load rule compensates. A mode that has a share
+    of 5/6 is given up at 20 N.
+
+    Raises:
+        ValueError: A number is outside its range.
+    """
+
+    load_scale: float = quantity(7.5, above=0.0, unit="N")
+    """b: most probable force that opens a door [N]. One of 80 doors needs more than the
+    22.2 N that ADA 404.2.9 allows."""
+    turned_load_scale: float = quantity(20.0, above=0.0, unit="N")
+    """b where the hand has turned a handle, behind which it holds more, and doors with
+    closers stand: the first of two modes is given up at 40 N. A closer of size 2
+    (EN 1154) asks for 37 N."""
+    odds: float = quantity(math.exp(2.0), above=1.0)
+    """How much more probable another mode must be."""
+    step: float = quantity(5e-3, above=0.0, unit="m")
+    """Distance along the path from which the hand counts as moved [m]."""
+    position_std: float = quantity(5e-3, above=0.0, unit="m")
+    """Error of the hand's position on its path, in addition to the movement's σ [m]."""
+    rotation_std: float = quantity(0.5, above=0.0, unit="rad")
+    """Error of its rotation: the hand turns on the bar [rad]."""
+    settling_time: float = quantity(0.2, above=0.0, unit="s")
+    """Time constant with which the set-point settles where the mode changes [s]."""
+
+
+class ModesAgent:
+    """Acts by the agent of the most probable mode, and backs off to try another one.
+
+    It begins with the mode of most demonstrations; of equally many, with the first. To
+    back off, the hand goes through the poses that it came by, to the start, where the
+    agent of the other mode begins. The set-point does not jump at either change.
+
+    Args:
+        agents: One per mode, the mode of most demonstrations first.
+        counts: Number of demonstrations of each mode.
+        config: When a mode is given up.
+    """
+
+    @one_thread
+    def __init__(
+        self,
+        agents: Sequence[CompliantAgent],
+        counts: Sequence[int],
+        config: ModeConfig = ModeConfig(),
+    ) -> None:
+        self.agents, self.config = tuple(agents), config
+        self._prior = np.log(np.divide(counts, sum(counts)))
+        paths = [agent.movement.trajectory() for agent in agents]
+        self._means = np.stack([path.mean for path in paths])
+        floor = np.repeat([config.position_std, config.rotation_std], 3)
+        self._variances = np.stack([path.std for path in paths]) ** 2 + floor**2
+        ahead = math.ceil(LOOK_AHEAD * (self._means.shape[1] - 1))
+        chords = _ARM * (self._means[:, ahead:] - self._means[:, :-ahead])
+        chords /= np.sqrt((chords**2).sum(axis=2, keepdims=True)) + 1e-9
+        last = np.repeat(chords[:, -1:], ahead, axis=1)
+        self._directions = np.concatenate([chords, last], axis=1)
+        self._begin(np.zeros(6))
+
+    @property
+    def control(self) -> Control:
+        """What it commands: the same in all modes."""
+        return self.agents[0].control
+
+    def inform(self, door: DoorGeometry) -> None:
+        """Ignore the door: the agent learns and observes all that it uses."""
+
+    @one_thread
+    def reset(self, observation: Observation) -> None:
+        """Begin at the closed, grasped door with the most probable mode."""
+        self._begin(observation["ee_pose"])
+        self.agents[0].reset(observation)
+
+    def _begin(self, pose: Pose) -> None:
+        count, pose = len(self.agents), np.array(pose)
+        self._last: AgentStep | None = None
+        self._mode, self._next = 0, 0  # They differ while the hand backs off.
+        # Of each mode: where the hand last came forward, F, D² and the latest forces.
+        self._marks = np.tile(pose, (count, 1))
+        self._loads, self._errors = np.zeros((2, count))
+        self._recent = [np.zeros(count)]
+        self._log_weights = self._prior
+        # Poses that the hand came by, the one that it is led to, and for how long it
+        # has been at the start [s].
+        self._trail, self._target, self._rested = [pose], pose, 0.0
+        self._offset = np.zeros(6)  # of the set-point from what the mode commands
+
+    @property
+    def probabilities(self) -> Float[np.ndarray, " J"]:
+        """Probability of every mode."""
+        weights = np.exp(self._log_weights - self._log_weights.max())
+        probabilities: np.ndarray = weights / weights.sum()
+        return probabilities
+
+    @one_thread
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command from ``ee_pose`` [m, rad] and ``wrench`` [N, N m]."""
+        pose, last, config = np.array(observation["ee_pose"]), self._last, self.config
+        decay = config.settling_time / (CONTROL_PERIOD + config.settling_time)
+        self._offset = decay * self._offset
+        if self._next == self._mode:
+            self._weigh(pose, observation["wrench"])
+            best = int(np.argmax(self._log_weights))
+            lead = self._log_weights[best] - self._log_weights[self._mode]
+            if last is not None and lead > math.log(config.odds):
+                self._next, self._target = best, pose
+                self._offset = decay * (last.action - pose)
+        if last is not None and self._next != self._mode:
+            self._rested = 0.0 if self._trail else self._rested + CONTROL_PERIOD
+            if self._rested < _REST:
+                return self._decided(self._back_off(last))
+            self._mode, self._trail = self._next, [self._target]
+            self.agents[self._mode].reset(observation)
+            step = self.agents[self._mode].act(observation)
+            self._offset = decay * (last.action - step.action)
+        else:
+            step = self.agents[self._mode].act(observation)
+            if _length(pose - self._trail[-1]) >= _STRIDE:
+                self._trail.append(pose)
+        return self._decided(replace(step, action=step.action + self._offset))
+
+    def _weigh(self, pose: Pose, wrench: Pose) -> None:
+        """Weigh the modes by a pose of the hand and the wrench on it."""
+        config = self.config
+        errors = ((pose - self._means) ** 2 / self._variances).sum(axis=2)
+        modes, nearest = np.arange(len(errors)), errors.argmin(axis=1)
+        directions = self._directions[modes, nearest]
+        load = -(directions * (wrench / _ARM)).sum(axis=1)
+        load[self._mode] = math.sqrt(wrench[:3] @ wrench[:3])
+        self._recent = [*self._recent[1 - _LASTING :], load]
+        along = (directions * (_ARM * (pose - self._marks))).sum(axis=1)
+        came = along >= config.step
+        self._marks[came] = pose
+        borne = np.maximum(self._loads, np.min(self._recent, axis=0))
+        self._loads = np.where(came, 0.0, borne)
+        self._errors = np.maximum(self._errors, errors[modes, nearest])
+        turned = [
+            one.handle is not None
+            and one.handle.turned(pose.tolist()) >= _TURNED * one.handle.travel
+            for one in self.agents
+        ]
+        scales = np.where(turned, config.turned_load_scale, config.load_scale)
+        self._log_weights = self._prior - 0.5 * (
+            (self._loads / scales) ** 2 + self._errors
+        )
+
+    def _back_off(self, last: AgentStep) -> AgentStep:
+        """Return the next step back through the poses that the hand came by."""
+        if self._trail:
+            way = self._trail[-1] - self._target
+            left = _length(self._trail[0] - self._target)
+            stride = min(_STRIDE, _SLOWING * left + 0.1 * _STRIDE)
+            distance = _length(way)
+            if distance <= stride:
+                self._target = self._trail.pop()
+            else:
+                self._target = self._target + stride / distance * way
+        return replace(
+            last,
+            action=self._target + self._offset,
+            desired=self._target,
+            # The stiffness is held.
+            std_rate=np.zeros(6),
+            stiffness_rate=np.zeros(6),
+            stability_margin=last.stability_margin + last.stiffness_rate,
+            via_point=False,
+        )
+
+    def _decided(self, step: AgentStep) -> AgentStep:
+        self._last = replace(
+            step,
+            mode=float(self._mode),
+            mode_probability=float(self.probabilities[self._mode]),
+        )
+        return self._last
+
+    @one_thread
+    def forecast(self) -> GaussianTrajectory:
+        """Return the current movement of the mode that acts, over the whole task."""
+        return self.agents[self._mode].forecast()
+
+
+def _length(way: Pose) -> float:
+    """Return the length of a way between poses, rotations by their lever arm [m]."""
+    scaled = _ARM * way
+    return math.sqrt(scaled @ scaled)

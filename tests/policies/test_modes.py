@@ -1,0 +1,181 @@
+"""Demonstrations of several kinds without a label: partition, and an agent for them."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_policies import POLICIES, AlignedDemonstrations, Demonstration, TrainingInput
+from gplfd_policies.agents.agent import CompliantAgent
+from gplfd_policies.agents.modes import ModeConfig, ModesAgent
+from gplfd_policies.demonstrations.alignment import align
+from gplfd_policies.demonstrations.modes import WITHIN, partition
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
+PUSHED = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, 1.0])  # mirrored in x
+LEFT = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])  # mirrored in z
+
+
+def mirrored(demonstrations, signs):
+    return [dataclasses.replace(one, poses=one.poses * signs) for one in demonstrations]
+
+
+def lever(signs, turn):
+    times = np.linspace(0.0, 6.0, 200)
+    turned = turn * np.clip(times / 1.5, 0.0, 1.0)
+    poses = handle_pose_on_arc(0.6, np.clip((times - 2.0) / 4.0, 0.0, 1.0))
+    poses[:, 1] -= 0.1 * np.sin(turned)
+    poses[:, 3] += turned
+    return Demonstration(times=times, poses=poses * signs)
+
+
+def partitions(numbers):
+    if not numbers:
+        yield ()
+        return
+    first, *others = numbers
+    for size in range(len(others) + 1):
+        for chosen in itertools.combinations(others, size):
+            left = [n for n in others if n not in chosen]
+            for more in partitions(left):
+                yield ((first, *chosen), *more)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_partition_has_the_least_criterion_of_all_partitions(seed):
+    """Of the 203 partitions of six, for shapes that are one, two or three clusters."""
+    rng = np.random.default_rng(seed)
+    ways = rng.normal(size=(1 + seed % 3, 6))
+    ways = ways[rng.integers(len(ways), size=6)] + 0.15 * rng.normal(size=(6, 6))
+    phases = np.linspace(0.0, 1.0, 50)
+    poses = phases[:, None] * ways[:, None, :]
+    found = partition(AlignedDemonstrations(times=phases, poses=poses))
+
+    sizes = np.sqrt((poses.reshape(6, 50, 2, 3) ** 2).sum(axis=3).mean(axis=1))
+    shapes = poses / np.repeat(sizes, 3, axis=1)[:, None, :]
+
+    def criterion(modes):
+        within = [shapes[list(m)] - shapes[list(m)].mean(axis=0) for m in modes]
+        squares = sum((each**2).sum(axis=2).mean(axis=1).sum() for each in within)
+        return squares / WITHIN**2 + len(modes) * math.log(6)
+
+    best = min(partitions(range(6)), key=criterion)
+    assert sorted(found) == sorted(best)
+    assert [len(m) for m in found] == sorted((len(m) for m in found), reverse=True)
+
+
+@pytest.mark.parametrize("signs", [PUSHED, LEFT, PUSHED * LEFT])
+@pytest.mark.parametrize("counts", [(6, 6), (2, 6), (5, 1), (1, 1)])
+def test_two_kinds_are_two_modes(demonstrations, signs, counts):
+    one, other = counts
+    given = [*demonstrations[:one], *mirrored(demonstrations[:other], signs)]
+    first, second = tuple(range(one)), tuple(range(one, one + other))
+    expected = (first, second) if one >= other else (second, first)
+    assert partition(align(given)) == expected
+
+
+def test_handles_that_turn_up_and_down_are_two_modes():
+    given = [lever(np.ones(6), turn) for turn in (0.7, -0.7, 0.8, -0.8)]
+    assert partition(align(given)) == ((0, 2), (1, 3))
+
+
+@pytest.mark.filterwarnings("ignore:rests")
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
+def test_one_kind_is_one_mode_at_any_radius_and_length(demonstrations, share):
+    whole = demonstrations[-1]
+    end = int(share * len(whole.times))
+    cut = Demonstration(times=whole.times[:end], poses=whole.poses[:end])
+    assert partition(align([demonstrations[0], cut])) == ((0, 1),)
+    assert partition(align(demonstrations)) == (tuple(range(6)),)
+    assert partition(align([cut])) == ((0,),)
+
+
+def test_one_mode_is_learned_and_followed_as_without_modes(demonstrations):
+    method, training = (
+        POLICIES["gp"].method,
+        TrainingInput(demonstrations=demonstrations),
+    )
+    (mode,) = method.learn_modes(training)
+    alone = method.learn(training)
+    phases = np.linspace(0.0, 1.0, 20)
+    for name in ("mean", "std"):
+        assert_array_equal(
+            getattr(mode.movement.predict(phases), name),
+            getattr(alone.predict(phases), name),
+        )
+    assert type(method(training)) is CompliantAgent
+
+
+@pytest.fixture(scope="module")
+def modes(demonstrations):
+    given = [*demonstrations, *mirrored(demonstrations, PUSHED)]
+    method = POLICIES["gp"].method
+    return method.learn_modes(TrainingInput(demonstrations=given))
+
+
+def agent_of(modes, *counts, **config):
+    method = POLICIES["gp"].method
+    agents = [method.follow(mode.movement) for mode in modes]
+    return ModesAgent(agents, counts or (1,) * len(agents), ModeConfig(**config))
+
+
+def at_door(agent, pose_at, steps):
+    """Let an agent open an ideal door, which has an arc; return steps, forces, angles.
+
+    The hand goes to the point of the arc that is nearest the command, and bears what a
+    spring of 2000 N/m exerts; the door opens forwards alone.
+    """
+    angles = np.linspace(0.0, 1.3, 2000)
+    poses = pose_at(angles)
+    pose, force = np.zeros(6), np.zeros(3)
+    agent.reset({"ee_pose": pose, "wrench": np.zeros(6)})
+    taken = []
+    for _ in range(steps):
+        step = agent.act({"ee_pose": pose, "wrench": np.array([*force, 0, 0, 0])})
+        nearest = ((poses[:, :3] - step.action[:3]) ** 2).sum(axis=1).argmin()
+        pose = poses[nearest]
+        force = 2000.0 * (pose - step.action)[:3]
+        taken.append((step, math.sqrt(force @ force), angles[nearest]))
+    return taken
+
+
+@pytest.mark.parametrize("signs", [np.ones(6), PUSHED])
+def test_a_door_of_either_kind_is_opened_at_bounded_force(modes, signs):
+    taken = at_door(agent_of(modes), lambda a: handle_pose_on_arc(0.42, a) * signs, 900)
+    steps, forces, angles = zip(*taken, strict=True)
+    acting = [step.mode for step in steps]
+    assert angles[-1] > math.radians(60.0)
+    assert max(forces) < 20.0
+    assert np.count_nonzero(np.diff(acting)) == acting[-1] == float(signs is PUSHED)
+    assert steps[0].mode_probability == pytest.approx(0.5)
+    assert steps[-1].mode_probability > 0.99
+    jumps = np.abs(np.diff([step.action[:3] for step in steps[:200]], axis=0)).max()
+    assert jumps < 2.5e-3
+
+
+@pytest.mark.parametrize("counts", [(1, 1), (5, 1), (3, 2)])
+def test_modes_are_given_up_in_turn_at_forces_of_the_formula(modes, counts):
+    """A hand that does not move: ½ (F_i² - F_j²) / b² = log(odds) + log(π_i / π_j)."""
+    agent, config = agent_of(modes, *counts), ModeConfig()
+    agent.reset({"ee_pose": np.zeros(6), "wrench": np.zeros(6)})
+    given_up, force, mode = [], 0.0, 0
+    for _ in range(500):
+        against = np.array([force if mode else -force, 0.0, 0.0, 0.0, 0.0, 0.0])
+        step = agent.act({"ee_pose": np.zeros(6), "wrench": against})
+        backs_off = step.mode_probability * (1.0 + config.odds) < 1.0
+        if backs_off and force > 0.0:
+            given_up.append(force)
+        mode, force = int(step.mode), 0.0 if backs_off else force + 0.2
+    expected = [0.0]
+    for number in range(len(given_up)):
+        ratio = math.log(counts[number % 2] / counts[1 - number % 2])
+        added = 2.0 * config.load_scale**2 * (math.log(config.odds) + ratio)
+        expected.append(math.sqrt(expected[-1] ** 2 + added))
+    assert len(given_up) >= 2
+    # A force has to last for three steps.
+    assert_allclose(given_up, np.array(expected[1:]) + 0.4, atol=0.25)
