@@ -9,8 +9,8 @@ load the one that belongs to their demonstrations and seed, or train it.
 
 Model: Chi et al., *Diffusion Policy: Visuomotor Policy Learning via Action Diffusion*,
 RSS 2023, arXiv:2303.04137. A network predicts the noise in a chunk of future poses,
-given the present pose. Noise schedule: Nichol and Dhariwal, arXiv:2102.09672. The
-sampling is deterministic: Song et al., arXiv:2010.02502 (DDIM). Assumptions and
+given the present pose. Noise schedule: Nichol and Dhariwal, arXiv:2102.09672. From
+drawn noise the chunk follows: Song et al., arXiv:2010.02502 (DDIM). Assumptions and
 deviations:
 
 * Demonstrations have poses only, so the demonstrated pose 0.1 s later is the command
@@ -18,7 +18,6 @@ deviations:
 * Poses of a chunk are relative to the present pose of the hand, in its axes: Chi et
   al., *Universal Manipulation Interface*, RSS 2024, arXiv:2402.10329.
 * The network is a residual MLP instead of a U-Net over time: the state has six numbers.
-* The sampling starts from zero, the most probable noise. Drawn noise becomes force.
 * One pose of every chunk is executed, and commands are continuous. Chunks are not
   averaged over time (Zhao et al., *ACT*, RSS 2023, arXiv:2304.13705): what was
   predicted earlier knew less about the door.
@@ -106,10 +105,10 @@ class Denoiser(nn.Module):
         return (rows - getattr(self, f"{name}_centre")) / getattr(self, f"{name}_scale")
 
     @torch.no_grad()
-    def sample(self, pose):
-        """Return the chunk (16, 6) for a pose (6,)."""
+    def sample(self, pose, noise):
+        """Return the chunk (16, 6) that follows from noise (1, 96) at a pose (6,)."""
         state = self.scaled("state", torch.tensor(pose, dtype=torch.float32)[None])
-        chunk = torch.zeros(1, 6 * CHUNK)
+        chunk = noise
         levels = torch.linspace(LEVELS - 1, 0, DENOISED).round().long()
         after = [*self.signal[levels[1:]], torch.ones(())]
         for level, kept in zip(levels, after, strict=True):
@@ -192,10 +191,11 @@ class Diffusion:
     Between them the command moves evenly, from the last command.
     """
 
-    def __init__(self, network):
-        self.network = network
+    def __init__(self, network, seed):
+        self.network, self.seed = network, seed
 
     def reset(self, observation):
+        self.random = torch.Generator().manual_seed(self.seed)
         self.step, self.command = 0, observation["ee_pose"]
 
     def act(self, observation):
@@ -203,7 +203,9 @@ class Diffusion:
         since = self.step % (EXECUTED * every)
         if since == 0:
             hand = observation["ee_pose"]
-            chunk, axes = self.network.sample(hand), Rotation.from_rotvec(hand[3:])
+            noise = torch.randn(1, 6 * CHUNK, generator=self.random)
+            chunk = self.network.sample(hand, noise)
+            axes = Rotation.from_rotvec(hand[3:])
             moved = hand[:3] + axes.apply(chunk[:, :3])
             turned = (axes * Rotation.from_rotvec(chunk[:, 3:])).as_rotvec()
             self.plan = np.vstack([self.command, np.hstack([moved, turned])])
@@ -215,7 +217,8 @@ class Diffusion:
 
 def make(training):
     """Diffusion over chunks of poses."""
-    return Diffusion(learned(training.demonstrations, training.seed))
+    network = learned(training.demonstrations, training.seed)
+    return Diffusion(network, training.seed)
 
 
 if __name__ == "__main__":

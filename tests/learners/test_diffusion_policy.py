@@ -44,19 +44,20 @@ def test_chunks_of_an_even_arc_are_the_same_everywhere():
     np.testing.assert_allclose(chunks[-1], 0.0, atol=1e-6)
 
 
-def test_denoising_finds_the_only_chunk_there_is():
-    """Of a single chunk the best prediction of noise is known."""
-    only = torch.linspace(-0.8, 0.9, 6 * policy.CHUNK)
+def test_denoising_from_zero_ends_at_the_most_probable_chunk():
+    """Of normal chunks the best prediction of noise is known."""
+    mean, std = torch.linspace(-0.3, 0.4, 6 * policy.CHUNK), 0.3
 
     class Known(policy.Denoiser):
         def forward(self, chunks: Any, states: Any, levels: Any) -> Any:
             signal = self.signal[levels, None]
-            return (chunks - signal.sqrt() * only) / (1.0 - signal).sqrt()
+            variance = signal * std**2 + 1.0 - signal
+            return (1.0 - signal).sqrt() * (chunks - signal.sqrt() * mean) / variance
 
     network = Known()
     network.fit_scales(chunk=torch.stack([-2.0 * torch.ones(96), 4.0 * torch.ones(96)]))
-    found = network.sample(np.zeros(6))
-    np.testing.assert_allclose(found.ravel(), 1.0 + 3.0 * only, atol=1e-4)
+    found = network.sample(np.zeros(6), torch.zeros(1, 96))
+    np.testing.assert_allclose(found.ravel(), 1.0 + 3.0 * mean, atol=1e-3)
 
 
 @pytest.mark.parametrize("executed", [1, 4])
@@ -69,12 +70,12 @@ def test_commands_go_on_from_the_last_one_through_what_is_predicted(
     class OnTheArc:
         asked = 0
 
-        def sample(self, hand: Any) -> Any:
+        def sample(self, hand: Any, noise: Any) -> Any:
             self.asked += 1
             return AHEAD
 
     network = OnTheArc()
-    agent, hand = policy.Diffusion(network), np.zeros(6)
+    agent, hand = policy.Diffusion(network, 0), np.zeros(6)
     agent.reset({"ee_pose": hand})
     for step in range(1, 201):
         command = agent.act({"ee_pose": hand})
@@ -96,7 +97,8 @@ def test_what_is_learned_depends_on_demonstrations_and_seed_and_is_kept(
     )
     assert len(list(tmp_path.iterdir())) == 3
     plan, *others = (
-        each.network.sample(np.zeros(6)) for each in (first, again, seed, fewer)
+        each.network.sample(np.zeros(6), torch.zeros(1, 96))
+        for each in (first, again, seed, fewer)
     )
     np.testing.assert_array_equal(plan, others[0])
     assert not any(np.allclose(plan, other) for other in others[1:])
