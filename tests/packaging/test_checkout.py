@@ -95,8 +95,8 @@ def test_sdist_can_be_tested(tmp_path):
 
 
 def test_what_brings_gigabytes_is_installed_on_request_alone():
-    """The extra sb3 brings PyTorch, and warp compiles for a minute; tests that need
-    them have a script of their own."""
+    """The extras sb3 and learners bring PyTorch, and warp compiles for a minute; tests
+    that need them have a script of their own."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     extras = project["project"]["optional-dependencies"]
 
@@ -107,7 +107,8 @@ def test_what_brings_gigabytes_is_installed_on_request_alone():
 
     assert extras["sb3"] == ["stable-baselines3>=2.7"]
     assert brought("dev") >= {"docs", "test", "minari"}
-    assert not {"sb3", "warp"} & brought("dev")
+    assert extras["learners"] == ["torch>=2.4"]
+    assert not {"sb3", "learners", "warp"} & brought("dev")
     folders = project["tool"]["pytest"]["ini_options"]["testpaths"]
     there = {str(each.relative_to(ROOT)) for each in (ROOT / "tests").glob("*/")}
     assert there - {*folders, "tests/__pycache__"} == {"tests/learners"}

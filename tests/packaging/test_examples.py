@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 ALL = {
     path.stem: path for path in (Path(__file__).parents[2] / "examples").glob("*.py")
 }
-ELSEWHERE = {"cloned_policy", "learned_policy"}
+ELSEWHERE = {"cloned_policy", "diffusion_policy", "learned_policy"}
 """Run by .ci/run, with the commands of docs/learners.md; tested in tests/learners, with
 what it needs."""
 

@@ -29,6 +29,7 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
         "robomimic": "files of robomimic",
         "minari": "data sets of episodes",
         "sb3": "learners of Stable-Baselines3",
+        "learners": "the diffusion policy of the examples",
         "warp": "doors on a GPU, an experiment",
         "video": "videos of `gplfd run --video`",
         "tiago": "the manufacturer's meshes in recordings",

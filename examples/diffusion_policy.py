@@ -1,0 +1,235 @@
+"""A diffusion policy that learns from demonstrations; needs the extra learners.
+
+    python examples/diffusion_policy.py --per-door 2 17 67 --seeds 3
+    gplfd run --policy examples/diffusion_policy.py:make
+    gplfd benchmark --config small --policies gp examples/diffusion_policy.py:make
+
+The first command trains networks and writes them into `results/diffusion`. The others
+load the one that belongs to their demonstrations and seed, or train it.
+
+Model: Chi et al., *Diffusion Policy: Visuomotor Policy Learning via Action Diffusion*,
+RSS 2023, arXiv:2303.04137. A network predicts the noise in a chunk of future poses,
+given the present pose. Noise schedule: Nichol and Dhariwal, arXiv:2102.09672. From
+drawn noise the chunk follows: Song et al., arXiv:2010.02502 (DDIM). Assumptions and
+deviations:
+
+* Demonstrations have poses only, so the demonstrated pose 0.1 s later is the command
+  that is learned. The state is the pose: no time, no phase, no force, no radius.
+* Poses of a chunk are relative to the present pose of the hand, in its axes: Chi et
+  al., *Universal Manipulation Interface*, RSS 2024, arXiv:2402.10329.
+* The network is a residual MLP instead of a U-Net over time: the state has six numbers.
+* One pose of every chunk is executed, and commands are continuous. Chunks are not
+  averaged over time (Zhao et al., *ACT*, RSS 2023, arXiv:2304.13705): what was
+  predicted earlier knew less about the door.
+"""
+
+import argparse
+import hashlib
+import math
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+from torch import nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_policies.demonstrations.npz import hash_of
+
+FOLDER = Path("results/diffusion")
+PERIOD = 0.1  # [s]; between the poses of a chunk
+CHUNK, EXECUTED = 16, 1  # poses that are predicted, and executed of them
+WIDTH, BLOCKS = 256, 3  # of the network
+LEVELS, DENOISED = 50, 10  # levels of noise in training, and denoising steps
+STEPS, BATCH, RATE, AVERAGE = 3000, 128, 1e-3, 0.995  # of training
+
+torch.set_num_threads(1)
+
+
+class Block(nn.Module):
+    """A residual block."""
+
+    def __init__(self):
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.LayerNorm(WIDTH),
+            nn.Linear(WIDTH, WIDTH),
+            nn.SiLU(),
+            nn.Linear(WIDTH, WIDTH),
+        )
+
+    def forward(self, hidden):
+        return hidden + self.layers(hidden)
+
+
+class Denoiser(nn.Module):
+    """Predicts the noise in chunks (B, 96), for states (B, 6) and levels (B,).
+
+    Chunks and states are scaled to ±1 by the least and the greatest in the training.
+    """
+
+    def __init__(self):
+        super().__init__()
+        self.blocks = nn.Sequential(
+            nn.Linear(6 * CHUNK + 6 + 32, WIDTH),
+            *(Block() for _ in range(BLOCKS)),
+            nn.LayerNorm(WIDTH),
+            nn.Linear(WIDTH, 6 * CHUNK),
+        )
+        progress = (torch.arange(LEVELS + 1) / LEVELS + 0.008) / 1.008
+        kept = torch.cos(0.5 * math.pi * progress) ** 2
+        lost = (1.0 - kept[1:] / kept[:-1]).clamp(max=0.999)
+        self.register_buffer("signal", torch.cumprod(1.0 - lost, dim=0))
+        frequencies = torch.exp(-math.log(1e4) * torch.arange(16) / 16)
+        self.register_buffer("frequencies", frequencies)
+        for name, size in (("state", 6), ("chunk", 6 * CHUNK)):
+            self.register_buffer(f"{name}_centre", torch.zeros(size))
+            self.register_buffer(f"{name}_scale", torch.ones(size))
+
+    def forward(self, chunks, states, levels):
+        angles = levels[:, None] * self.frequencies
+        given = (chunks, states, angles.sin(), angles.cos())
+        return self.blocks(torch.cat(given, dim=1))
+
+    def fit_scales(self, **values):
+        for name, rows in values.items():
+            low, high = rows.amin(dim=0), rows.amax(dim=0)
+            getattr(self, f"{name}_centre").copy_((low + high) / 2)
+            getattr(self, f"{name}_scale").copy_(((high - low) / 2).clamp(min=1e-5))
+
+    def scaled(self, name, rows):
+        return (rows - getattr(self, f"{name}_centre")) / getattr(self, f"{name}_scale")
+
+    @torch.no_grad()
+    def sample(self, pose, noise):
+        """Return the chunk (16, 6) that follows from noise (1, 96) at a pose (6,)."""
+        state = self.scaled("state", torch.tensor(pose, dtype=torch.float32)[None])
+        chunk = noise
+        levels = torch.linspace(LEVELS - 1, 0, DENOISED).round().long()
+        after = [*self.signal[levels[1:]], torch.ones(())]
+        for level, kept in zip(levels, after, strict=True):
+            signal = self.signal[level]
+            noise = self(chunk, state, level[None])
+            clean = (chunk - (1.0 - signal).sqrt() * noise) / signal.sqrt()
+            clean = clean.clamp(-1.0, 1.0)
+            noise = (chunk - signal.sqrt() * clean) / (1.0 - signal).sqrt()
+            chunk = kept.sqrt() * clean + (1.0 - kept).sqrt() * noise
+        chunk = self.chunk_centre + self.chunk_scale * chunk
+        return chunk.reshape(CHUNK, 6).numpy().astype(float)
+
+
+def lessons(demonstrations):
+    """Return states (N, 6) and what followed each, (N, 96), of every sample."""
+    states, chunks = [], []
+    for one in demonstrations:
+        poses = np.array(one.poses)
+        times = one.times[:, None] + PERIOD * np.arange(1, CHUNK + 1)
+        # After its end a demonstration rests.
+        ahead = np.stack([np.interp(times, one.times, each) for each in poses.T], -1)
+        here = np.repeat(poses, CHUNK, axis=0)
+        ahead, axes = ahead.reshape(-1, 6), Rotation.from_rotvec(here[:, 3:]).inv()
+        moved = axes.apply(ahead[:, :3] - here[:, :3])
+        turned = (axes * Rotation.from_rotvec(ahead[:, 3:])).as_rotvec()
+        states.append(poses)
+        chunks.append(np.hstack([moved, turned]).reshape(len(poses), -1))
+    return (
+        torch.tensor(np.concatenate(each), dtype=torch.float32)
+        for each in (states, chunks)
+    )
+
+
+def learn(demonstrations, seed):
+    """Train a network, whose weights are averaged over the last few hundred steps."""
+    torch.manual_seed(seed)
+    states, chunks = lessons(demonstrations)
+    network = Denoiser()
+    network.fit_scales(state=states, chunk=chunks)
+    states, chunks = network.scaled("state", states), network.scaled("chunk", chunks)
+    average = get_ema_multi_avg_fn(AVERAGE)
+    averaged = AveragedModel(network, multi_avg_fn=average)
+    optimizer = torch.optim.AdamW(network.parameters(), weight_decay=1e-6)
+    rates = torch.optim.lr_scheduler.OneCycleLR(
+        optimizer, RATE, total_steps=STEPS, pct_start=0.1, cycle_momentum=False
+    )
+    for _ in range(STEPS):
+        rows = torch.randint(len(states), (BATCH,))
+        levels = torch.randint(LEVELS, (BATCH,))
+        noise = torch.randn(BATCH, 6 * CHUNK)
+        signal = network.signal[levels, None]
+        noisy = signal.sqrt() * chunks[rows] + (1.0 - signal).sqrt() * noise
+        loss = nn.functional.mse_loss(network(noisy, states[rows], levels), noise)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        rates.step()
+        averaged.update_parameters(network)
+    return averaged.module.eval()
+
+
+def learned(demonstrations, seed):
+    """Return the trained network, from its file if there is one."""
+    source = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    path = FOLDER / f"{hash_of(demonstrations)[:12]}-{seed}-{source[:12]}.pt"
+    if not path.exists():
+        network = learn(demonstrations, seed)
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        part = path.with_suffix(f".{os.getpid()}")
+        torch.save(network.state_dict(), part)
+        part.replace(path)
+    network = Denoiser()
+    network.load_state_dict(torch.load(path, weights_only=True))
+    return network
+
+
+class Diffusion:
+    """An agent: the network's next poses, from the pose of the hand ten times a second.
+
+    Between them the command moves evenly, from the last command.
+    """
+
+    def __init__(self, network, seed):
+        self.network, self.seed = network, seed
+
+    def reset(self, observation):
+        self.random = torch.Generator().manual_seed(self.seed)
+        self.step, self.command = 0, observation["ee_pose"]
+
+    def act(self, observation):
+        every = round(PERIOD / CONTROL_PERIOD)
+        since = self.step % (EXECUTED * every)
+        if since == 0:
+            hand = observation["ee_pose"]
+            noise = torch.randn(1, 6 * CHUNK, generator=self.random)
+            chunk = self.network.sample(hand, noise)
+            axes = Rotation.from_rotvec(hand[3:])
+            moved = hand[:3] + axes.apply(chunk[:, :3])
+            turned = (axes * Rotation.from_rotvec(chunk[:, 3:])).as_rotvec()
+            self.plan = np.vstack([self.command, np.hstack([moved, turned])])
+        self.step += 1
+        at, knots = (since + 1) / every, np.arange(CHUNK + 1)
+        self.command = np.array([np.interp(at, knots, each) for each in self.plan.T])
+        return self.command
+
+
+def make(training):
+    """Diffusion over chunks of poses."""
+    network = learned(training.demonstrations, training.seed)
+    return Diffusion(network, training.seed)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--per-door", type=int, nargs="+", default=[2])
+    parser.add_argument("--seeds", type=int, default=1)
+    given = parser.parse_args()
+    for number in given.per_door:
+        for seed in range(given.seeds):
+            shown = Teacher().standard_demonstrations(number, seed=seed)
+            began = time.process_time()
+            learned(shown, seed)
+            spent = time.process_time() - began
+            print(f"{len(shown)} demonstrations, seed {seed}: {spent:.0f} s of CPU")
