@@ -474,6 +474,7 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
             handle_height=1.15,
             panel_mass=4.5,
             hinge_friction=0.5,
+            closer_preload=3.0,
             strut_stiffness=8.0,
         ),
         "rising-butt": _with(

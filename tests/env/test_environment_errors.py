@@ -20,7 +20,7 @@ POSE, IMPEDANCE = gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID
 
 DOORS: list[tuple[Any, type[Exception], str]] = [
     ("smal", ValueError, r"unknown door 'smal' \(did you mean 'small'\?\)"),
-    (1.2, ValueError, r"radius = 1\.2 is outside \[0\.3, 0\.95\] m"),
+    (1.2, ValueError, r"radius = 1\.2 is outside \[0\.3, 1\.05\] m"),
     (0.9, ValueError, r'radius = 0\.9 is out of reach .* 0\.65 m; give base="mob'),
     ({"radius": "wide"}, TypeError, r"radius must be a number, got 'wide' \(str\)"),
     ({"colour": 1}, ValueError, r"unknown door field 'colour'.*fields: radius, h"),

@@ -168,7 +168,7 @@ def test_names_mappings_and_records():
         ({"radius": ("0.4", 0.5)}, TypeError, r"must be a number, got '0\.4' \(str\)"),
         ({"radius": (0.4, 0.5, 0.6)}, ValueError, "must be a pair of numbers"),
         ({"radius": (0.5, 0.4)}, ValueError, "low <= high"),
-        ({"radius": (math.nan, 0.5)}, ValueError, r"radius = nan is outside \[0\.3, 0"),
+        ({"radius": (math.nan, 0.5)}, ValueError, r"radius = nan is outside \[0\.3, 1"),
         ({"panel_mass": (1, 101)}, ValueError, r"mass = 101\.0 is outside \[1, 100\]"),
         ({"pose_noise": 0.1}, ValueError, r"\.pose_noise = 0\.1 must be a pair"),
         ({"wrench_noise": None}, ValueError, r"\.wrench_noise = None must be a pair"),
