@@ -52,8 +52,13 @@ def trial_tasks(
     tasks: list[EpisodeTask] = []
     numbers = range(plan.seeds if seeds is None else seeds)
     for seed, (name, trial) in itertools.product(numbers, trials.items()):
+        if seeds is None and trial.seeds is not None and seed >= trial.seeds:
+            continue
         own = plan.variants.get(name, trial.own)
-        competing = (*plan.everywhere, *own, *(tuned if trial.tuned else ()), *policies)
+        everywhere = plan.everywhere
+        if part == "whole" and trial.among:
+            everywhere = trial.among
+        competing = (*everywhere, *own, *(tuned if trial.tuned else ()), *policies)
         every = dict.fromkeys(only or competing)
         for policy, title in itertools.product(every, trial.levels):
             level = trial.levels[title]

@@ -1,4 +1,4 @@
-"""Protocol v4: the trials, their policies, and how contrasts are decided.
+"""Protocol v5: the trials, their policies, and how contrasts are decided.
 
 Frozen under its version: a change of a door, a draw, a demonstration, a measure or a
 policy that takes part makes another version. The criteria were settled before the
@@ -21,12 +21,12 @@ from functools import partial
 from types import MappingProxyType
 from typing import Final, Literal
 
-from gplfd_experiments.data.teacher import MESSY
+from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, MESSY, ROOM_RADII
 from gplfd_experiments.studies.trials.records import Contrast, Level, Side, Trial
 from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.tuning_spaces import tuned_settings
 
-VERSION: Final = 4
+VERSION: Final = 5
 """Of the protocol."""
 
 SEEDS: Final = 20
@@ -103,6 +103,30 @@ _CLOSER_RANGES: Final = {
     "panel_mass": (20.0, 45.0),
 }
 """Of levers that are opened: other closers than those, as DoorBench has them."""
+_AMONG: Final = (
+    *("gp", "dmp", "promp", "gmr", "kmp", "gmm-gp", "prodmp", "midigap"),
+    *("hinge-fit", "mechanism-fit", "oracle"),
+)
+"""Policies of the trials that protocol v5 added: the methods of the paper's Table 1
+but for those that open least in v2, and `prodmp`, `midigap` and `mechanism-fit`, which
+take part in no other trial."""
+_SEEDS: Final = 10
+"""Of these trials. Independent episodes needed to separate two shares of opened doors
+(power 0.8, `sequential.seeds_needed`): 24 for 0.9 and 0.4, 84 for 0.85 and 0.6."""
+_PUSH_AND_PULL: Final = tuple(
+    {"swing": swing} for swing in 3 * ("push",) + 3 * ("pull",)
+)
+_HINGES: Final = tuple(
+    {"swing": "pull", "hinge_side": side} for side in 3 * ("left",) + 3 * ("right",)
+)
+"""Of six demonstrated doors without a label, of which three are of another kind."""
+_ROOMS: Final = {
+    "radius": (0.60, 0.90),
+    "panel_mass": (12.0, 40.0),
+    "closer_preload": (0.0, 18.0),
+    "closer_stiffness": (0.0, 4.0),
+}
+"""Of doors of buildings: leaves and closers that were not demonstrated."""
 _felt = partial(Level, demonstrated_forces=True)
 _RADIAL: Final = "force_radial_peak"
 _GENTLE: Final = (_RADIAL, "success")
@@ -371,6 +395,179 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             },
             contrasts=_without("heteroscedastic noise", _RADIAL, "gp-homoscedastic"),
             tuned=True,
+        ),
+        "motions": Trial(
+            question="Leaves slide, fold, tilt, or turn about a four-bar. Which policy "
+            "opens them, having been shown three other sizes?",
+            claims=("learned motion",),
+            measures=("success", "force_handle_peak"),
+            levels={
+                "folding": Level(
+                    doors=("bifold-closet",),
+                    demonstrated_radii=None,
+                    randomization={
+                        "radius": (0.46, 0.68),
+                        "hinge_friction": (0.5, 3.0),
+                    },
+                ),
+                "sliding": Level(
+                    doors=("barn-door", "pocket-door"),
+                    demonstrated_radii=None,
+                    randomization={
+                        "radius": (0.56, 0.82),
+                        "panel_mass": (15.0, 35.0),
+                        "hinge_friction": (1.0, 4.0),
+                    },
+                ),
+                "parallel-sliding": Level(
+                    doors=("plug-door",),
+                    demonstrated_radii=None,
+                    randomization={
+                        "radius": (0.50, 0.80),
+                        "panel_mass": (25.0, 45.0),
+                        "hinge_friction": (0.5, 2.5),
+                    },
+                ),
+                "flap": Level(
+                    doors=("oven", "overhead-flap"),
+                    demonstrated_radii=None,
+                    randomization={
+                        "radius": (0.32, 0.44),
+                        "closer_preload": (3.0, 6.0),
+                    },
+                ),
+                "concealed hinge": Level(
+                    doors=("kitchen-cupboard",),
+                    demonstrated_radii=None,
+                    randomization={
+                        "radius": (0.33, 0.60),
+                        "hinge_friction": (0.1, 2.0),
+                    },
+                ),
+            },
+            contrasts=_without("via-points", "success", "gp-fixed"),
+            among=_AMONG,
+            seeds=_SEEDS,
+        ),
+        "buildings": Trial(
+            question="Doors of buildings have a latch, and are pulled or pushed. Which "
+            "policy opens those whose leaf and closer were not demonstrated?",
+            claims=("via-points", "learned load"),
+            measures=("success", "force_handle_peak"),
+            levels={
+                "pulled": Level(
+                    doors=("room-834",), demonstrated_radii=None, randomization=_ROOMS
+                ),
+                "pushed": Level(
+                    doors=("room-834",),
+                    door={"swing": "push"},
+                    demonstrated_radii=None,
+                    randomization=_ROOMS,
+                ),
+                "knobs": Level(
+                    doors=("room-709",),
+                    door={"handle": "knob"},
+                    demonstrated_radii=None,
+                    randomization={**_ROOMS, "radius": (0.50, 0.80)},
+                ),
+            },
+            contrasts=_load("success"),
+            among=_AMONG,
+            seeds=_SEEDS,
+        ),
+        "handle-pose": Trial(
+            question="The robot reaches for a handle whose pose it knows with a "
+            "standard deviation of 1 or 2 cm. Is the door opened?",
+            claims=("grasp by contact",),
+            measures=("success", "force_handle_peak"),
+            levels={
+                f"{100 * off:g} cm": Level(
+                    doors=("small", "room-834"),
+                    demonstrated_radii=None,
+                    start="approach",
+                    randomization={"perception": (off, math.radians(200.0 * off))},
+                )
+                for off in (0.01, 0.02)
+            },
+            among=_AMONG,
+            seeds=_SEEDS,
+        ),
+        "two-modes": Trial(
+            question="Doors of two kinds were demonstrated, without a label. Which "
+            "policy opens a door of one of them?",
+            claims=("several modes",),
+            measures=("success", "force_handle_peak"),
+            levels={
+                "bars": Level(
+                    doors=("0.6",),
+                    demonstrations_per_door=1,
+                    demonstrated_radii=2 * DEMONSTRATED_RADII,
+                    demonstrated_hardware=_PUSH_AND_PULL,
+                ),
+                "hinges": Level(
+                    doors=("0.42",),
+                    demonstrations_per_door=1,
+                    demonstrated_radii=2 * DEMONSTRATED_RADII,
+                    demonstrated_hardware=_HINGES,
+                ),
+                "levers": Level(
+                    doors=("room-709", "room-834"),
+                    demonstrations_per_door=1,
+                    demonstrated_radii=2 * ROOM_RADII,
+                    demonstrated_hardware=_PUSH_AND_PULL,
+                ),
+            },
+            contrasts=_without("several modes", "success", "gp-one-mode"),
+            among=_AMONG,
+            seeds=_SEEDS,
+        ),
+        "few-doors": Trial(
+            question="One or three demonstrations are all there is. Which policy "
+            "opens a lever or a folding door of another size?",
+            claims=("prior information",),
+            measures=("success", "force_handle_peak"),
+            levels={
+                f"{title}, {len(radii)}": Level(
+                    doors=(door,),
+                    demonstrations_per_door=1,
+                    demonstrated_radii=radii,
+                    demonstrated_hardware=len(radii) * (shape,),
+                    randomization=drawn,
+                )
+                for title, door, sizes, shape, drawn in (
+                    ("lever", "room-834", ROOM_RADII, {}, {"radius": (0.6, 0.9)}),
+                    (
+                        "folding",
+                        "bifold-closet",
+                        (0.44, 0.54, 0.64),
+                        {"backset": 0.16},
+                        {"radius": (0.46, 0.68)},
+                    ),
+                )
+                for radii in ((sizes[1],), sizes)
+            },
+            among=_AMONG,
+            seeds=_SEEDS,
+        ),
+        "another-handle": Trial(
+            question="Levers were demonstrated. Which policy opens a door with a knob?",
+            claims=("learned motion",),
+            measures=("success", "force_handle_peak"),
+            levels={
+                "knob": Level(
+                    doors=("room-709",),
+                    door={"handle": "knob"},
+                    demonstrated_radii=ROOM_RADII,
+                    demonstrated_kind={
+                        "handle": "lever",
+                        "latch": "spring",
+                        "swing": "pull",
+                        "hinge_side": "right",
+                    },
+                ),
+            },
+            among=_AMONG,
+            seeds=_SEEDS,
         ),
         "forces-weight": Trial(
             question="Forces were demonstrated. Which policy opens doors that are "

@@ -73,6 +73,10 @@ class Trial:
     """Comparisons that are decided here."""
     also: tuple[str, ...] = ()
     """Policies that take part besides those of every trial and of the contrasts."""
+    among: tuple[str, ...] = ()
+    """In the whole protocol these take the place of the policies of every trial."""
+    seeds: int | None = None
+    """Number of seeds, at most; None: as in the part of the protocol."""
     tuned: bool = False
     """Whether tuned methods take part as well: where learning decides."""
 

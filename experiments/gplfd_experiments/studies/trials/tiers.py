@@ -7,9 +7,11 @@ from typing import Final
 TIERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
         "furniture": ("radius", "further", "few", "messy", "rests", "turned", "heavy"),
-        "buildings": (),
-        "other motions": (),
-        "realistic conditions": (),
+        "buildings": ("buildings",),
+        "other motions": ("motions",),
+        "realistic conditions": (
+            *("handle-pose", "two-modes", "few-doors", "another-handle"),
+        ),
         "forces": (
             *("forces-weight", "forces-closer", "forces-person"),
             *("forces-blocked", "forces-seal"),
