@@ -245,6 +245,18 @@ SHOTS: Final = {
     ),
     "delay": Shot("medium", "30 ms", "commands 30 ms late"),
     "noise": Shot("medium", "× 4", "four-fold sensor noise"),
+    "motions": Shot(
+        "bifold-closet", "folding", "a folding door; shown: others", "force_tangential"
+    ),
+    "buildings": Shot(
+        "room-834", "pushed", "pushed, with a closer", "force_tangential"
+    ),
+    "handle-pose": Shot("room-834", "2 cm", "the handle is 2 cm off (σ)"),
+    "two-modes": Shot("0.6", "bars", "pull and push were shown", "force_tangential"),
+    "few-doors": Shot("bifold-closet", "folding, 1", "shown once", "force_tangential"),
+    "another-handle": Shot(
+        "room-709", "knob", "a knob; levers were shown", "force_tangential"
+    ),
     "forces-weight": Shot(
         "heavy", "24 N", "24 N at the handle, shown: 2 N", "force_tangential"
     ),

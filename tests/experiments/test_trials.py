@@ -63,6 +63,7 @@ def test_every_policy_of_the_protocol_meets_the_same_draws():
     tasks = tasks_of()
     first = [task for task in tasks if task.seed == 0]
     assert len({task.key for task in first}) == len(first) == len(tasks) / 2
+    later = {name for name, trial in TRIALS.items() if trial.among}
     assert {task.seed for task in tasks} == {0, 1}
     assert PARTS["whole"].seeds == PARTS["ideas"].seeds == SEEDS
     met = {}
@@ -70,10 +71,15 @@ def test_every_policy_of_the_protocol_meets_the_same_draws():
         met.setdefault(task.policy, set()).add(
             (task.trial, task.level, task.door, task.seed, task.reset_seed)
         )
-    plain = met["dmp"]
+    plain = {one for one in met["dmp"] if one[0] not in later}
     assert all(plain <= met[policy] for policy in EVERYWHERE)
+    # The trials that were added later have policies of their own.
+    for name in later:
+        theirs = {one for one in met["oracle"] if one[0] == name}
+        assert all(theirs <= met[policy] for policy in TRIALS[name].among)
+        assert not any(one[0] == name for one in met["reflex"])
     # Who takes a prior mean also meets the levels that give one.
-    given = {(trial, level) for trial, level, *_ in met["gp"] - plain}
+    given = {(trial, level) for trial, level, *_ in met["gp"] - met["dmp"]}
     assert given == {("further", "prior mean"), ("few", "two and a prior mean")}
     assert {trial for trial, *_ in met["gp-constant-100"]} == {
         name for name, trial in TRIALS.items() if "gp-constant-100" in trial.own
@@ -121,8 +127,10 @@ def test_tasks_come_back_from_their_files_and_share_what_they_learn():
         assert task_from(task.definition) == task
     learned = Counter(task.policy for job in jobs_of(tasks) for task in job[:1])
     # Standard, beyond, 45°, with prior, one per door, small alone, with prior, messy,
-    # with rests; with forces: standard, with closers, levers, levers with closers.
-    assert learned["gp"] == 2 * 13
+    # with rests; with forces: standard, with closers, levers, levers with closers. Then
+    # seven other motions, levers, pushed ones and knobs, two doors reached with two
+    # errors of the handle, three pairs of kinds, and four sets of few.
+    assert learned["gp"] == 2 * (13 + 7 + 3 + 4 + 3 + 4)
     assert learned["gp-constant-100"] == 2
 
 
@@ -134,7 +142,7 @@ def test_the_protocol_is_sound():
         for level in trial.levels.values():
             door_randomization(level.randomization)
             disturbance_named(level.disturbance)
-        present = {*EVERYWHERE, *trial.own, *TUNED}
+        present = {*EVERYWHERE, *trial.among, *trial.own, *TUNED}
         assert present <= POLICIES.keys(), name
         for contrast in trial.contrasts:
             for side in (contrast.having, contrast.lacking):
@@ -144,6 +152,17 @@ def test_the_protocol_is_sound():
         assert set(part.everywhere) <= set(EVERYWHERE)
         for name, variants in part.variants.items():
             assert set(variants) <= set(TRIALS[name].own)
+
+
+def test_a_trial_can_have_fewer_seeds_than_the_protocol():
+    tasks = trial_tasks(named_trials(("another-handle", "stop")))
+    seeds = {name: {one.seed for one in tasks if one.trial == name} for name in TRIALS}
+    assert seeds["another-handle"] == set(range(10))
+    assert seeds["stop"] == set(range(SEEDS))
+    (shown,) = {
+        json.dumps(one.demonstrated_kind) for one in tasks if one.trial != "stop"
+    }
+    assert json.loads(shown)["handle"] == "lever"
 
 
 def test_own_policies_take_part_and_unknown_names_are_refused():
@@ -424,7 +443,7 @@ def test_a_whole_trial_follows_the_protocol(write_study, whole, capsys):
     folder = write_study(results)
     assert protocol_problems(read_results(folder)) == []
     assert main(["report", str(folder), "--check"]) == 0
-    assert capsys.readouterr().out == "the results follow protocol v4\n"
+    assert capsys.readouterr().out == "the results follow protocol v5\n"
 
 
 @pytest.mark.parametrize(
