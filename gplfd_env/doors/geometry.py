@@ -153,7 +153,11 @@ class DoorGeometry:
         """Return the same door in a frame with its origin at a position, (3,) [m]."""
         origin = np.asarray(position, dtype=np.float64)
         spindle = None if self.spindle is None else self.spindle - origin
-        return replace(self, hinge=self.hinge - origin, spindle=spindle)
+        links = tuple(
+            link._replace(anchor=tuple((link.anchor - origin).tolist()))
+            for link in self.links
+        )
+        return replace(self, hinge=self.hinge - origin, spindle=spindle, links=links)
 
     def hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
         """Return the poses of a hand that holds the handle rigidly.
