@@ -29,9 +29,14 @@ PROTOCOL: Final = 2
 STORED: Final = Path(__file__).parents[1] / f"docs/results/trials-v{PROTOCOL}.json"
 """Of the whole protocol, run for the documents."""
 RANKED: Final = {
-    name: trial for name, trial in TRIALS.items() if not name.startswith("forces-")
+    name: trial
+    for name, trial in TRIALS.items()
+    if not (name.startswith("forces-") or trial.among)
 }
-"""Trials of this protocol; a later one added those with demonstrated forces."""
+"""Trials of this protocol; later ones added those with demonstrated forces, and those
+with policies of their own."""
+_UNTAUGHT: Final = (*REFERENCES, "mechanism-fit")
+"""Policies that learn nothing."""
 
 _SHORT: Final = {
     "final_angle_deg": "°",
@@ -118,18 +123,18 @@ def leaderboard(found: Found, names: Sequence[str]) -> Table:
         learned = [
             value
             for one, value in values.items()
-            if value is not None and one not in REFERENCES
+            if value is not None and one not in _UNTAUGHT
         ]
         best = (min if MEASURES[measure][1] == "less" else max)(learned)
         for one, value in values.items():
             unit = _SHORT.get(measure, " N")
             text = "–" if value is None else f"{value:.{1 - (unit == '°')}f}{unit}"
-            if value == best and one not in REFERENCES:
+            if value == best and one not in _UNTAUGHT:
                 text = f"**{text}**"
             cells[one].append(f"{_share(found, name, one):.2f}\n{text}")
     rows = []
     for policy in policies:
-        told = " (learns nothing)" if policy in REFERENCES else ""
+        told = " (learns nothing)" if policy in _UNTAUGHT else ""
         rows.append((f"`{policy}`{told}", *cells[policy]))
     return Table(columns=("policy", "all", *names), rows=tuple(rows))
 
