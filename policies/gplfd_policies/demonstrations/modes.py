@@ -20,15 +20,20 @@ means of two modes 2.0 to 2.7 from each other."""
 _LEAST: Final = (0.01, 0.1)
 """Smallest motion that has a shape, root mean square: position [m], rotation [rad]."""
 
+_ARM: Final = 1.0
+"""Nor has a rotation a shape that moves a point at this distance by less than the hand
+has moved [m]: what the hand turns on a leaf that only slides is chance."""
+
 
 def partition(aligned: AlignedDemonstrations) -> tuple[tuple[int, ...], ...]:
     """Partition demonstrations into modes.
 
     The shape of a demonstration is its path over the phases, with positions divided by
     their root mean square from the start, and rotations by theirs: doors of different
-    radius have one shape. Ward's method merges the two modes whose union adds least to
-    W, the sum of squared distances of K shapes from the mean shape of their mode. Of
-    the partitions into m modes that it passes, the one with the least
+    radius have one shape. A rotation that is small against the way of the hand is
+    divided by that way, over a metre. Ward's method merges the two modes whose union
+    adds least to W, the sum of squared distances of K shapes from the mean shape of
+    their mode. Of the partitions into m modes that it passes, the one with the least
 
         W_m / s² + m log K
 
@@ -44,11 +49,19 @@ def partition(aligned: AlignedDemonstrations) -> tuple[tuple[int, ...], ...]:
     count = len(poses)
     if count == 1:
         return ((0,),)
-    parts = []
-    for part, least in zip((poses[..., :3], poses[..., 3:]), _LEAST, strict=True):
-        size = np.sqrt((part**2).sum(axis=2).mean(axis=1))
-        parts.append(part / np.maximum(size, least)[:, None, None])
-    shapes: Float[np.ndarray, "K S"] = np.concatenate(parts, axis=2).reshape(count, -1)
+    moved, turned = (
+        np.sqrt((part**2).sum(axis=2).mean(axis=1))
+        for part in (poses[..., :3], poses[..., 3:])
+    )
+    sizes = np.stack(
+        [
+            np.maximum(moved, _LEAST[0]),
+            np.maximum(np.maximum(turned, _LEAST[1]), moved / _ARM),
+        ],
+        axis=1,
+    )
+    scaled = poses / np.repeat(sizes, 3, axis=1)[:, None, :]
+    shapes: Float[np.ndarray, "K S"] = scaled.reshape(count, -1)
     tree = linkage(shapes / np.sqrt(poses.shape[1]), method="ward")
     # A merger at the height h adds h²/2 to W; without any, W is zero.
     within = np.cumsum([0.0, *(0.5 * tree[:, 2] ** 2)])[::-1]
