@@ -43,8 +43,8 @@ def _sections() -> Mapping[str, Mapping[str, str]]:
     return {
         f"doors (or any radius from {radius.low:g} to {radius.high:g} m, beyond "
         f"{standing:g} m with a driving base; or a .json file)": {
-            name: f"radius {one.radius:.2f} m, hinge friction "
-            f"{one.hinge_friction:.2g} N m"
+            name: ("" if one.motion == "hinged" else f"{one.motion}, ")
+            + f"radius {one.radius:.2f} m, hinge friction {one.hinge_friction:.2g} N m"
             + (f", closer {one.closer_preload:.3g} N m" if one.closer_preload else "")
             + (f", {one.handle}" if one.handle != "bar" else "")
             + (" with latch" if one.latch != "none" else "")
