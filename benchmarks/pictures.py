@@ -248,10 +248,8 @@ SHOTS: Final = {
     "motions": Shot(
         "bifold-closet", "folding", "a folding door; shown: others", "force_tangential"
     ),
-    "buildings": Shot(
-        "room-834", "pushed", "pushed, with a closer", "force_tangential"
-    ),
-    "handle-pose": Shot("room-834", "2 cm", "the handle is 2 cm off (σ)"),
+    "buildings": Shot("room-709", "knobs", "a knob and a closer", "force_tangential"),
+    "handle-pose": Shot("room-834", "2 cm", "believed 2 cm beside"),
     "two-modes": Shot("0.6", "bars", "pull and push were shown", "force_tangential"),
     "few-doors": Shot("bifold-closet", "folding, 1", "shown once", "force_tangential"),
     "another-handle": Shot(
