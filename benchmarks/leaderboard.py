@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import tyro
 
+from gplfd_experiments.analysis.results.statistics import holm, signed_rank
 from gplfd_experiments.analysis.results.trials import graded, share_of
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
@@ -139,6 +140,29 @@ def leaderboard(found: Found, names: Sequence[str]) -> Table:
     return Table(columns=("policy", "all", *names), rows=tuple(rows))
 
 
+def separated(found: Found, names: Sequence[str]) -> str:
+    """Say which policies' shares of successes differ from those of gp, seed by seed."""
+    policies = entrants(found, names)
+
+    def by_seed(policy: str) -> list[float]:
+        cells = [
+            found[name][level][policy][share_of(TRIALS[name])]["seeds"]
+            for name in names
+            for level in levels_of(name)
+        ]
+        return [fmean(values) for values in zip(*cells, strict=True)]
+
+    others, own = [one for one in policies if one != "gp"], by_seed("gp")
+    corrected = holm([signed_rank(own, by_seed(one)) for one in others])
+    groups: dict[str, list[str]] = {"more": [], "less": [], "not separated": []}
+    for policy, p_value in zip(others, corrected, strict=True):
+        better = fmean(by_seed(policy)) > fmean(own)
+        group = ("more" if better else "less") if p_value <= 0.05 else "not separated"
+        groups[group].append(f"`{policy}`")
+    said = "; ".join(f"{one}: {', '.join(who)}" for one, who in groups.items() if who)
+    return f"Compared with `gp` (signed ranks of {len(own)} seeds, Holm, 5 %), {said}."
+
+
 def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:
     """Print the leaderboards as Markdown: tiers by the latest results, and protocol v2.
 
@@ -158,6 +182,8 @@ def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:
         table = leaderboard(answers_of([stored, *own], protocol), names)
         title = f"Tier {tier}" if tier else "All trials"
         print(f"## {title}, protocol v{protocol}\n\n{markdown_table(table)}\n")
+        if tier:
+            print(separated(answers_of([stored, *own], protocol), names) + "\n")
     if left:
         raise ValueError(f"no table is of the protocol of {', '.join(map(str, left))}")
 

@@ -1,5 +1,6 @@
 """Constants, choices and types that every part of the environment shares."""
 
+import math
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -24,6 +25,10 @@ GRIPPER_WIDTH: Final = 0.09
 
 CONTROL_PERIOD: Final = 0.01
 """Time between two commands [s]."""
+
+SUCCESS_ANGLE: Final = math.radians(60.0)
+"""Opening angle of a success [rad]; of a leaf that does not turn about a hinge, see
+`gplfd_env.doors.motion`."""
 
 INTANGIBLE: Final[dict[str, Any]] = {"contype": 0, "conaffinity": 0}
 """Attributes of a geom that touches nothing."""

@@ -198,38 +198,15 @@ class DoorConfig:
         for name, allowed in _CHOICES.items():
             check_choice(f"DoorConfig.{name}", getattr(self, name), get_args(allowed))
         check_quantities(self)
-        problem = self._impossible_motion()
-        if not problem and self.latch == "spring" and self.handle == "bar":
-            problem = (
-                "latch = 'spring' with handle = 'bar', which does not turn and could "
-                "not retract the bolt; choose handle = 'lever' or 'knob'"
-            )
-        if not problem and self.handle == "touch-bar" and self.swing == "pull":
-            problem = (
-                "handle = 'touch-bar' with swing = 'pull': it is pushed; choose "
-                "swing = 'push', or handle = 'bar' for the pull on its other side"
-            )
-        if not problem and abs(self.overhang) > _DISAGREEMENT:
-            problem = (
-                f"leaf_width = {self.leaf_width:g} minus backset = {self.backset:g} is "
-                f"not radius = {self.radius:g} within {_DISAGREEMENT:g} m; leave "
-                "leaf_width None to have it follow"
-            )
-        if not problem and self.dead_travel > 0.5 * self.travel:
-            problem = (
-                f"dead_travel = {self.dead_travel:g} is more than half of "
-                f"handle_travel = {self.travel:g}"
-            )
+        problem = self._contradiction()
         if problem:
             raise ValueError(f"no such door: {problem}")
 
-    def _impossible_motion(self) -> str:
-        """Return why no leaf moves like this; empty if one does."""
-        motion = self.motion
-        fields = dataclasses.fields(self)
-        changed = {one.name for one in fields if getattr(self, one.name) != one.default}
+    def _contradiction(self) -> str:
+        """Return which fields contradict each other; empty if none do."""
+        motion, defaults = self.motion, self.__dataclass_fields__
         for name, motions in _OF_MOTIONS.items():
-            if name in changed and motion not in motions:
+            if motion not in motions and getattr(self, name) != defaults[name].default:
                 return f"{name} is a field of motion = {' or '.join(motions)}"
         if (motion == "flap") != (self.hinge_side in ("bottom", "top")):
             return (
@@ -240,6 +217,27 @@ class DoorConfig:
             return f"motion = {motion!r} with handle = {self.handle!r}; it has a bar"
         if motion in _PULLED and self.swing == "push":
             return f"motion = {motion!r} with swing = 'push'; it comes to the robot"
+        if self.latch == "spring" and self.handle == "bar":
+            return (
+                "latch = 'spring' with handle = 'bar', which does not turn and could "
+                "not retract the bolt; choose handle = 'lever' or 'knob'"
+            )
+        if self.handle == "touch-bar" and self.swing == "pull":
+            return (
+                "handle = 'touch-bar' with swing = 'pull': it is pushed; choose "
+                "swing = 'push', or handle = 'bar' for the pull on its other side"
+            )
+        if abs(self.overhang) > _DISAGREEMENT:
+            return (
+                f"leaf_width = {self.leaf_width:g} minus backset = {self.backset:g} is "
+                f"not radius = {self.radius:g} within {_DISAGREEMENT:g} m; leave "
+                "leaf_width None to have it follow"
+            )
+        if self.dead_travel > 0.5 * self.travel:
+            return (
+                f"dead_travel = {self.dead_travel:g} is more than half of "
+                f"handle_travel = {self.travel:g}"
+            )
         return ""
 
     def as_dict(self) -> dict[str, float | str | None]:

@@ -63,8 +63,8 @@ class DoorGeometry:
     """How far the handle can be turned [rad]; 0 if it does not turn."""
     links: tuple[Link, ...] = ()
     """Joints between frame and leaf, in the task frame; none if the leaf turns about
-    the hinge, as `hinge`, `axis` and `radius` tell. Else these are those of the door
-    that ends at the same jamb."""
+    the hinge alone, which `hinge`, `axis` and `radius` describe. With links these are
+    the upright axis at the jamb to which the leaf goes, and its distance."""
     radius: float = field(init=False)
     """Distance of the hand from the hinge axis [m]."""
     pull: Array = field(init=False)

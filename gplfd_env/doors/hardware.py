@@ -7,6 +7,7 @@ import math
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_env.validation.fields import check_choice
 
 GRAVITY: Final = 9.81
@@ -55,11 +56,8 @@ BEARINGS: Final = MappingProxyType(
 )
 """Coefficient of friction of a hinge."""
 
-OPENED: Final = math.radians(60.0)
-"""`door_angle` at which every door counts as opened [rad]."""
-
 CLEAR_WAY: Final = 0.85
-"""Share of the clear way at `OPENED`, where the leaf does not turn about a hinge."""
+"""Share of the clear way at `SUCCESS_ANGLE`, of a leaf without a hinge."""
 
 _ROLLER_DAMPING: Final = 8.0
 _SOFT_CLOSE_DAMPING: Final = 60.0
@@ -152,7 +150,7 @@ def rollers(
 
 def sliding_gain(way: float) -> float:
     """Return how far a sliding leaf with a clear way [m] moves, per `door_angle`."""
-    return CLEAR_WAY * way / OPENED
+    return CLEAR_WAY * way / SUCCESS_ANGLE
 
 
 def bearing_friction(mass: float, width: float, bearing: str = "ball") -> float:

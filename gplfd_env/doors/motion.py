@@ -25,7 +25,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyfit, polyval
 from numpy.typing import ArrayLike
 
-from gplfd_env.conventions.constants import Array
+from gplfd_env.conventions.constants import SUCCESS_ANGLE, Array
 from gplfd_env.conventions.one_and_many import (
     Flag,
     Number,
@@ -35,15 +35,15 @@ from gplfd_env.conventions.one_and_many import (
     where,
 )
 from gplfd_env.doors.config import DoorConfig
-from gplfd_env.doors.hardware import CLEAR_WAY, OPENED, sliding_gain
+from gplfd_env.doors.hardware import CLEAR_WAY, sliding_gain
 from gplfd_env.spatial.se3 import compose_rotvecs
 
 Triple = tuple[float, float, float]
 
-_ALONG_AT_OPENED: Final = 0.8656293468
+_ALONG_AT_SUCCESS: Final = 0.8656293468
 """Root u of 2u² - u³ = 0.85."""
 
-_FOLD_GAIN: Final = math.acos(1.0 - CLEAR_WAY) / OPENED
+_FOLD_GAIN: Final = math.acos(1.0 - CLEAR_WAY) / SUCCESS_ANGLE
 _FLAT: Final = math.radians(88.0)
 """Angle of the folded leaves at their stop [rad]."""
 
@@ -79,7 +79,7 @@ def links_of(door: DoorConfig) -> tuple[Link, ...]:
         gain = sliding_gain(door.clear_way)
         return (Link("along", True, inwards, origin, (gain,)),)
     if door.motion == "parallel-sliding":
-        u = _ALONG_AT_OPENED / OPENED
+        u = _ALONG_AT_SUCCESS / SUCCESS_ANGLE
         w, s = door.offset, door.clear_way
         out = (4.0 * w * u, -6.0 * w * u**2, 4.0 * w * u**3, -w * u**4)
         along = (0.0, 2.0 * s * u**2, -s * u**3)
@@ -115,8 +115,8 @@ def links_of(door: DoorConfig) -> tuple[Link, ...]:
 def end_angle(door: DoorConfig) -> float:
     """Return φ at which the leaf meets its stop [rad]."""
     ends = {
-        "sliding": OPENED / CLEAR_WAY,
-        "parallel-sliding": OPENED / _ALONG_AT_OPENED,
+        "sliding": SUCCESS_ANGLE / CLEAR_WAY,
+        "parallel-sliding": SUCCESS_ANGLE / _ALONG_AT_SUCCESS,
         "folding": _FLAT / _FOLD_GAIN,
     }
     return min(door.stop_angle, ends.get(door.motion, door.stop_angle))

@@ -7,7 +7,13 @@ from typing import Any, Final, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH, Array, Mask
+from gplfd_env.conventions.constants import (
+    CONTROL_PERIOD,
+    GRIPPER_WIDTH,
+    SUCCESS_ANGLE,
+    Array,
+    Mask,
+)
 from gplfd_env.conventions.one_and_many import (
     Flag,
     Number,
@@ -49,7 +55,6 @@ from gplfd_env.task.opening import (
     NOT_GRASPED,
     SIMULATION_ERROR,
     STALLED,
-    SUCCESS_ANGLE,
     TRIED_ANGLE,
     OpeningMonitor,
     reward_terms,

@@ -8,12 +8,8 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD, SUCCESS_ANGLE
 from gplfd_env.conventions.one_and_many import Flag, Number, negated, where
-from gplfd_env.doors.hardware import OPENED
-
-SUCCESS_ANGLE: Final = OPENED
-"""Opening angle of a success [rad]."""
 
 DEMONSTRATED_ANGLE: Final = math.radians(67.0)
 """Opening angle at which demonstrations end [rad]: a little beyond `SUCCESS_ANGLE`, so

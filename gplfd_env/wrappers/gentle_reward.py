@@ -16,9 +16,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from gplfd_env.conventions.constants import Array, Info, Mask
+from gplfd_env.conventions.constants import SUCCESS_ANGLE, Array, Info, Mask
 from gplfd_env.conventions.resets import masked
-from gplfd_env.task.opening import SUCCESS_ANGLE
 
 FORCE_SCALE: Final = 20.0
 """Force that costs what the whole progress earns [N]: what the grasp holds."""

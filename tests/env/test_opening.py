@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_env.doors.config import DOORS
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.observation import DoorReading
@@ -18,7 +19,6 @@ from gplfd_env.task.opening import (
     HOLD_TIME,
     STALL_ANGLE,
     STALL_TIME,
-    SUCCESS_ANGLE,
     OpeningMonitor,
     reward_terms,
 )

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import gplfd_env
-from gplfd_env.task.opening import SUCCESS_ANGLE
+from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_env.wrappers import (
     LIMITS,
     FlatObservation,

@@ -17,7 +17,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
-from gplfd_env.task.opening import SUCCESS_ANGLE
+from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_experiments.episodes.failures import SHORT, failure_name
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray

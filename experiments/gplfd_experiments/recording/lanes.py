@@ -15,7 +15,8 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import Chunk
 
-from gplfd_env.task.opening import STALL_ANGLE, SUCCESS_ANGLE
+from gplfd_env.conventions.constants import SUCCESS_ANGLE
+from gplfd_env.task.opening import STALL_ANGLE
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording.colours import BEFORE, FORCE, HAND, TRUTH, Colour

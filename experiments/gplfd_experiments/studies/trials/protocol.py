@@ -107,9 +107,9 @@ _AMONG: Final = (
     *("gp", "dmp", "promp", "gmr", "kmp", "gmm-gp", "prodmp", "midigap"),
     *("hinge-fit", "mechanism-fit", "oracle"),
 )
-"""Policies of the trials that protocol v5 added: the methods of the paper's Table 1
-but for those that open least in v2, and `prodmp`, `midigap` and `mechanism-fit`, which
-take part in no other trial."""
+"""Policies of the trials that protocol v5 added: DMP, ProMP, GMM-GMR, GP, KMP and
+GMM-GP of the paper's Table 1, and `prodmp`, `midigap` and `mechanism-fit`, which take
+part in no other trial."""
 _SEEDS: Final = 10
 """Of these trials. Independent episodes needed to separate two shares of opened doors
 (power 0.8, `sequential.seeds_needed`): 24 for 0.9 and 0.4, 84 for 0.85 and 0.6."""
