@@ -62,12 +62,12 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._settings, self.render_mode = settings, settings.render_mode
         self._sources = Sources.of(settings)
         (door,) = self._sources.doors
-        self._robot = settings.robot(self.command)
+        self._robot = settings.commanded(self.command)
         self._simulation = DoorSimulation(self._robot, Variation(door=door))
         self._camera = settings.camera(self.model)
         self._sensed = np.empty(0)
         self._episode: Episode | None = None
-        self.observation_space = observation_space(self.command)
+        self.observation_space = observation_space(self.command, settings.robot_config)
         self.action_space: spaces.Space[Any] = self.command.space
 
     @property
@@ -97,7 +97,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     @property
     def door_geometry(self) -> DoorGeometry:
         """Where its hinge and its handle's axis are in the task frame."""
-        return door_geometry(self.variation, self._settings.base)
+        return door_geometry(self.variation, self._robot.config)
 
     @property
     def dt(self) -> float:
@@ -150,7 +150,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         if episode is None:
             raise gym.error.ResetNeeded("call reset() before the first step()")
         command = self.command.check(action, self.command.rest.shape)
-        if self._settings.base == "mobile":
+        if self._robot.config.base == "mobile":
             # MuJoCo clamps what the servo is told, but the base follows it, too.
             command = self.command.clamped(command)
         demands = episode.demand(command[None])

@@ -17,7 +17,9 @@ from gplfd_env.doors.disturbance import DisturbanceSpec, disturbance_named
 from gplfd_env.doors.randomization import RandomizationSpec, door_randomization
 from gplfd_env.envs.camera import Camera, require_display
 from gplfd_env.robot.gripper import hold_of
+from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import Grasp
+from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.robot.stance import ABOUT_A_HINGE, check_reach
 from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.single import Robot
@@ -49,9 +51,13 @@ class Common:
     a `Disturbance`; of n doors also a sequence of n such."""
     reward: Reward = "dense"
     """``"dense"`` or ``"sparse"`` (1 in success, else 0)."""
-    base: Base = "fixed"
+    robot: RobotSpec = "tiago-like"
+    """``"tiago-like"``, ``"panda-like"``, ``"ur5e-like"``, the path of the URDF of an
+    arm, or a `RobotConfig` (`gplfd_env.robot.urdf.robot_of_urdf`)."""
+    base: Base | None = None
     """``"fixed"``, or ``"mobile"``: it follows the hand, see
-    `gplfd_env.robot.whole_body`, and touches what it runs into."""
+    `gplfd_env.robot.whole_body`, and touches what it runs into. None for that of
+    the robot, which is ``"fixed"`` for those that have a name."""
     start: Start = "grasped"
     """``"grasped"``, or ``"approach"``: the episode begins with the open hand 10 to
     20 cm before the handle. Where no action commands the gripper, it closes when the
@@ -75,16 +81,22 @@ class Common:
     def __post_init__(self) -> None:
         check_choice("grasp", self.grasp, get_args(Grasp))
         check_choice("reward", self.reward, REWARDS)
-        check_choice("base", self.base, get_args(Base))
+        check_choice("base", self.base, (None, *get_args(Base)))
         check_choice("start", self.start, get_args(Start))
         check_choice("render_mode", self.render_mode, (None, *self.render_modes))
         if self.render_mode == "human":
             require_display()
 
-    def robot(self, command: Command) -> Robot:
-        """Return the robot; raise a ValueError for a weld of a hand to take hold."""
+    @property
+    def robot_config(self) -> RobotConfig:
+        """The robot on its base."""
+        config = robot_named(self.robot)
+        return config if self.base is None else config.on(self.base)
+
+    def commanded(self, command: Command) -> Robot:
+        """Return the robot as it is commanded; raise a ValueError for a weld of a hand to take hold."""
         hold = hold_of(self.grasp, self.start, commanded=command.grips)
-        return Robot(hold, command, self.base)
+        return Robot(hold, command, self.robot_config)
 
     def camera(self, model: mujoco.MjModel) -> Camera:
         """Return what draws a model; raise a ValueError if it cannot."""
@@ -191,13 +203,17 @@ class Sources:
     """
 
     def __init__(
-        self, n: int | None, base: Base, start: Start, values: Mapping[str, list[Any]]
+        self,
+        n: int | None,
+        robot: RobotConfig,
+        start: Start,
+        values: Mapping[str, list[Any]],
     ) -> None:
-        self._n, self._base, self._start, self._values = n, base, start, values
+        self._n, self._robot, self._start, self._values = n, robot, start, values
         pairs = zip(values["door"], values["randomization"], strict=True)
         for door, randomization in set(pairs):
             randomization.check_start(start)
-            check_reach(randomization.outermost(door), base, start)
+            check_reach(randomization.outermost(door), robot, start)
         for door, disturbance in zip(
             values["door"], values["disturbance"], strict=True
         ):
@@ -216,7 +232,7 @@ class Sources:
             name: each(name, getattr(settings, name), n, resolve)
             for name, (resolve, _) in _RESOLVE.items()
         }
-        return cls(n, settings.base, settings.start, values)
+        return cls(n, settings.robot_config, settings.start, values)
 
     @property
     def doors(self) -> list[DoorConfig]:
@@ -239,7 +255,7 @@ class Sources:
             new = each(name, given[name], self._n, _RESOLVE[name][0])
             for row in np.flatnonzero(rows):
                 values[name][row] = new[row]
-        return Sources(self._n, self._base, self._start, values), rows
+        return Sources(self._n, self._robot, self._start, values), rows
 
     def draw(self, row: int, random: np.random.Generator) -> Drawn:
         """Draw an episode of a simulation."""

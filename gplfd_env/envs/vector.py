@@ -57,12 +57,12 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             "render_fps": round(1 / CONTROL_PERIOD),
             "autoreset_mode": self.autoreset_mode,
         }
-        self.single_observation_space = observation_space(self.command)
+        self.single_observation_space = observation_space(self.command, settings.robot_config)
         self.single_action_space = self.command.space
         self.observation_space = batch_space(self.single_observation_space, n)
         self.action_space = batch_space(self.single_action_space, n)
         self._sources = Sources.of(settings)
-        self._robot = settings.robot(self.command)
+        self._robot = settings.commanded(self.command)
         self._batch = DoorBatch(
             self._robot,
             [Variation(door=door) for door in self._sources.doors],
@@ -84,7 +84,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     @property
     def door_geometries(self) -> tuple[DoorGeometry, ...]:
         """Where hinges and handles of these doors are in the task frame."""
-        return tuple(door_geometry(one, self._settings.base) for one in self.variations)
+        return tuple(door_geometry(one, self._robot.config) for one in self.variations)
 
     @property
     def models(self) -> tuple[mujoco.MjModel, ...]:
@@ -162,7 +162,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         resting = self._ended if np.count_nonzero(self._ended) else None
         shape = self.num_envs, *self.command.rest.shape
         commands = self.command.check(actions, shape, resting)
-        if self._settings.base == "mobile":
+        if self._robot.config.base == "mobile":
             commands = self.command.clamped(commands)
         episodes, stepped = self._episodes, None if resting is None else ~resting
         demands = episodes.demand(commands, stepped)

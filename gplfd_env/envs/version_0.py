@@ -23,7 +23,8 @@ def _standing(make: Callable[..., Any], successor: str) -> Callable[..., Any]:
     """Return version 1's entry point, which here refuses a driving base."""
 
     def refusing_mobile_base(**arguments: Any) -> Any:
-        if arguments.get("base") == "mobile":
+        own = getattr(arguments.get("robot"), "base", "fixed")
+        if (arguments.get("base") or own) == "mobile":
             raise ValueError(
                 f'base="mobile" needs {successor}: under version 0 a driving base '
                 "exceeded the limits of its drive"

@@ -12,34 +12,19 @@ import mujoco
 
 from gplfd_env.conventions.constants import INTANGIBLE, Base
 from gplfd_env.doors.config import DoorConfig
+from gplfd_env.robot.config import RobotConfig
 
 OBSTACLES: Final = ("leaf", "jamb_hinge", "jamb_lock", "lintel")
 """Geoms of the door that collide with a mobile robot, besides the walls."""
-
-BASE_RADIUS: Final = 0.27
-"""Radius of the base's outline [m]."""
 
 _ROBOT_BIT: Final = 2
 _WALL_HALF_WIDTH: Final = 0.75
 _PLASTER: Final = (0.80, 0.82, 0.83, 1.0)
 
-_CAPSULES: Final[dict[str, tuple[str, tuple[float, ...], float]]] = {
-    "base_body": ("base_link", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
-    "column_body": ("torso_fixed_link", (-0.03, 0, 0.15, -0.03, 0, 0.5), 0.16),
-    "chest_body": ("torso_lift_link", (0.03, 0, -0.15, 0.03, 0, -0.05), 0.16),
-    "head_body": ("head_link", (0, 0, 0, 0, 0, 0.05), 0.12),
-    "shoulder_body": ("arm_1_link", (0, 0, -0.03, 0.125, 0.0195, -0.031), 0.06),
-    "upper_arm_body": ("arm_3_link", (0, 0, 0, -0.01, -0.013, -0.21), 0.055),
-    "elbow_body": ("arm_4_link", (0, 0, 0.005, -0.162, 0.02, 0.027), 0.05),
-    "forearm_body": ("arm_5_link", (0, 0, 0, 0, 0, 0.15), 0.045),
-    "palm_body": ("gripper_link", (0, 0, 0.04, 0, 0, -0.06), 0.045),
-}
-"""Body, ends in its frame [m] and radius [m] of every capsule."""
 
-
-def add_collisions(spec: mujoco.MjSpec) -> None:
+def add_collisions(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
     """Add the robot's collision geometry and enable contact with door and walls."""
-    for name, (body, ends, radius) in _CAPSULES.items():
+    for name, body, ends, radius in robot.capsules:
         spec.body(body).add_geom(
             name=name,
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,

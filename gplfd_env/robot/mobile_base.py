@@ -10,6 +10,8 @@ from typing import Final
 
 import mujoco
 
+from gplfd_env.robot.config import RobotConfig
+
 BASE_JOINTS: Final = ("base_x_joint", "base_y_joint", "base_yaw_joint")
 """Ahead and to the left of where the base stood at the reset, and turned left."""
 
@@ -50,9 +52,9 @@ _RIGID: Final = (0.99, 0.999, 0.001, 0.5, 2.0)
 at most 1 cm."""
 
 
-def add_mobile_base(spec: mujoco.MjSpec) -> None:
+def add_mobile_base(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
     """Give the robot planar joints, and wheels that are driven at a commanded rate."""
-    root = spec.body("base_footprint")
+    root = spec.body(robot.root)
     motors = spec.worldbody.add_body(
         name="motors", explicitinertial=True, mass=1.0, inertia=[1.0, 1.0, 1.0]
     )
@@ -73,8 +75,8 @@ def add_mobile_base(spec: mujoco.MjSpec) -> None:
             name=drive, target=f"{drive}_joint", trntype=mujoco.mjtTrn.mjTRN_JOINT
         )
         servo.set_to_velocity(kv=_TRACKING)
-    for side in ("right", "left"):
-        finger = spec.joint(f"gripper_{side}_finger_joint")
+    for name in robot.fingers:
+        finger = spec.joint(name)
         finger.solref_limit, finger.solimp_limit = HARD_STOP, _RIGID
     for name, (ahead, left, turn) in WHEELS.items():
         slip = spec.add_tendon(

@@ -1,4 +1,4 @@
-"""The TIAGo-like arm: its URDF, and servos, sites and cameras that a URDF lacks."""
+"""The robot in MuJoCo: its URDF, and servos, sites and cameras that a URDF lacks."""
 
 import math
 from collections.abc import Sequence
@@ -7,28 +7,13 @@ from typing import Final, Literal
 import mujoco
 import numpy as np
 
-from gplfd_env.conventions.assets import asset_path
-from gplfd_env.conventions.constants import GRIPPER_WIDTH, UNDRAWN, Base, Control
+from gplfd_env.conventions.constants import UNDRAWN, Control
 from gplfd_env.doors.config import DoorConfig, held_radius
+from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.mobile_base import add_mobile_base
-from gplfd_env.robot.placement import (
-    ARM_JOINTS,
-    gripper_rotation_w,
-    quaternion,
-    task_rotation_w,
-)
-
-HAND_BODIES: Final = (
-    "wrist_ft_link",
-    "wrist_ft_tool_link",
-    "gripper_link",
-    "gripper_right_finger_link",
-    "gripper_left_finger_link",
-)
-"""The bodies beyond the wrist force/torque sensor."""
-
-GRIPPER: Final = "gripper_link"
-FOREARM: Final = "arm_4_link"
+from gplfd_env.robot.placement import gripper_rotation_w, quaternion, task_rotation_w
+from gplfd_env.robot.tiago import TIAGO_LIKE
+from gplfd_env.robot.urdf import PAD_BEHIND, described_robot
 
 SERVO_STIFFNESS: Final = (2000.0, 100.0)
 """Cartesian servo: translation [N/m], rotation [N m/rad]."""
@@ -40,16 +25,12 @@ TRANSLATION_SERVOS: Final = ("servo_x", "servo_y", "servo_z")
 ROTATION_SERVOS: Final = tuple(f"servo_rotation_{axis}" for axis in "xyz")
 """One servo per axis of the hand's rotation vector, under impedance control."""
 
-HAND_BEYOND_GRIPPER: Final = 0.185
-"""Distance of the grasped point from ``gripper_link`` along the approach [m]."""
-
 WRENCH_LIMITS: Final = (500.0, 50.0)
 """Saturation of the wrist sensor: force [N], torque [N m], per axis."""
 
 COMMAND_LIMITS: Final = (1.0, math.pi / 2)
 """Largest commanded displacement [m] and rotation vector component [rad] per axis."""
 
-_ARMATURE: Final = (0.3, 0.3, 0.15, 0.15, 0.05, 0.05, 0.05)
 _POSTURE_STIFFNESS: Final = 0.1
 _FINGER_STIFFNESS: Final = 2000.0
 _TORSO_STIFFNESS: Final = (5.0e4, 2.0e3)
@@ -67,18 +48,16 @@ Hold = Literal["contact", "weld", "gripper"]
 """How a scene holds the handle: a `Grasp`, or ``"gripper"``, friction of fingers that
 open and close during an episode."""
 
+SIDES: Final = ("right", "left")
+"""Of the fingers, in the order of `RobotConfig.fingers`."""
+
 GRIPS: Final = ("grip_right", "grip_left")
 """The fingers' servos."""
 
-FINGER: Final = "gripper_right_finger_joint"
-"""The other finger is coupled to it."""
-
-FINGER_STROKE: Final = GRIPPER_WIDTH / 2.0
-"""How far a finger opens from the middle [m]."""
-
-
-def load_robot(control: Control, door: DoorConfig, base: Base) -> mujoco.MjSpec:
-    """Read the arm's URDF and add gravity compensation, servos, sites and cameras.
+def load_robot(
+    control: Control, door: DoorConfig, robot: RobotConfig = TIAGO_LIKE
+) -> mujoco.MjSpec:
+    """Read a robot and add gravity compensation, servos, sites and cameras.
 
     The hand site's axes coincide with the task frame when the door is closed, so the
     orientation servo's exponential-map input *is* θu (Eq. 8) without a conversion.
@@ -86,11 +65,11 @@ def load_robot(control: Control, door: DoorConfig, base: Base) -> mujoco.MjSpec:
     ``"impedance"`` by one per axis of θu. The result compiles once a ``task_frame``
     site has been added.
     """
-    spec = mujoco.MjSpec.from_file(str(asset_path("tiago_like.urdf")))
+    spec = described_robot(robot)
     spec.modelname = "gplfd door opening"
     for body in spec.bodies:
         body.gravcomp = 1.0
-    for name, armature in zip(ARM_JOINTS, _ARMATURE, strict=True):
+    for name, armature in zip(robot.arm, robot.armature, strict=True):
         joint = spec.joint(name)
         joint.armature = armature
         joint.stiffness[0] = _POSTURE_STIFFNESS
@@ -100,32 +79,26 @@ def load_robot(control: Control, door: DoorConfig, base: Base) -> mujoco.MjSpec:
     (coupling,) = spec.equalities
     coupling.name = "finger_coupling"
 
-    gripper, wrist = spec.body("gripper_link"), spec.body("wrist_ft_link")
-    to_task = gripper_rotation_w(door, base).T @ task_rotation_w(door, base=base)
-    gripper.add_site(
-        name="hand",
-        pos=[0, 0, -HAND_BEYOND_GRIPPER],
-        quat=quaternion(to_task),
-        **UNDRAWN,
+    tool, sensor = spec.body(robot.tool), spec.body(robot.sensor)
+    to_task = gripper_rotation_w(door, robot).T @ task_rotation_w(door, robot=robot)
+    to_task = robot.grasp_axes @ to_task
+    tool.add_site(
+        name="hand", pos=robot.grasp_point, quat=quaternion(to_task), **UNDRAWN
     )
-    # wrist_ft_link is turned by half a turn about x against gripper_link, whatever
-    # the joint angles; the sensor site takes the hand site's axes.
-    to_gripper = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    wrist.add_site(name="wrist_ft", quat=quaternion(to_gripper @ to_task), **UNDRAWN)
+    # The sensor site takes the hand site's axes.
+    to_sensor = np.array(robot.sensor_rotation) @ to_task
+    sensor.add_site(name="wrist_ft", quat=quaternion(to_sensor), **UNDRAWN)
     # A head with pan and tilt keeps the hand in the middle of its picture.
-    spec.body("head_link").add_camera(
+    body, place = robot.head
+    spec.body(body).add_camera(
         name="head",
-        pos=[0.10, 0, 0.05],
+        pos=place,
         mode=mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODY,
-        targetbody="gripper_link",
+        targetbody=robot.tool,
         fovy=60.0,
     )
-    gripper.add_camera(
-        name="hand_camera",
-        pos=[0, -0.12, -0.01],
-        xyaxes=[-1, 0, 0, 0, -0.83, -0.56],
-        fovy=60.0,
-    )
+    place, right, up = robot.hand_camera
+    tool.add_camera(name="hand_camera", pos=place, xyaxes=[*right, *up], fovy=60.0)
 
     _add_axis_servos(spec, TRANSLATION_SERVOS, first=0)
     if control == "pose":
@@ -134,22 +107,18 @@ def load_robot(control: Control, door: DoorConfig, base: Base) -> mujoco.MjSpec:
     else:
         _add_axis_servos(spec, ROTATION_SERVOS, first=3)
     on_joint = mujoco.mjtTrn.mjTRN_JOINT
-    torso = spec.add_actuator(
-        name="torso_hold", target="torso_lift_joint", trntype=on_joint
-    )
-    torso.set_to_position(kp=_TORSO_STIFFNESS[0], kv=_TORSO_STIFFNESS[1])
-    for side, name in zip(("right", "left"), GRIPS, strict=True):
-        finger = spec.add_actuator(
-            name=name, target=f"gripper_{side}_finger_joint", trntype=on_joint
-        )
-        finger.set_to_position(kp=_FINGER_STIFFNESS)
+    lift = spec.add_actuator(name="torso_hold", target=robot.lift, trntype=on_joint)
+    lift.set_to_position(kp=_TORSO_STIFFNESS[0], kv=_TORSO_STIFFNESS[1])
+    for side, finger, name in zip(SIDES, robot.fingers, GRIPS, strict=True):
+        grip = spec.add_actuator(name=name, target=finger, trntype=on_joint)
+        grip.set_to_position(kp=_FINGER_STIFFNESS)
         pad = spec.geom(f"{side}_finger_pad")
         pad.rgba = _RUBBER
         pad.contype, pad.conaffinity = 1, 0
     if door.handle != "bar":
         _add_hooks(spec, held_radius(door.handle))
-    if base == "mobile":
-        add_mobile_base(spec)
+    if robot.base == "mobile":
+        add_mobile_base(spec, robot)
     return spec
 
 
@@ -182,13 +151,19 @@ def _add_hooks(spec: mujoco.MjSpec, radius: float) -> None:
     """
     waist = radius - _RIDGE_HEIGHT
     reach = math.sqrt(radius**2 - waist**2) + _RIDGE_PLAY / 2 + _RIDGE_HALF_THICKNESS
-    for side, inwards in (("right", -1.0), ("left", 1.0)):
-        finger = spec.body(f"gripper_{side}_finger_link")
+    for side, inwards in zip(SIDES, (-1.0, 1.0), strict=True):
+        pad = spec.geom(f"{side}_finger_pad")
+        axes = np.zeros(9)
+        mujoco.mju_quat2Mat(axes, pad.quat)
+        across, _, back = axes.reshape(3, 3).T
+        # The pad's inner face, at the height of the grasped point.
+        face = np.array(pad.pos) + inwards * pad.size[0] * across - PAD_BEHIND * back
         for place, along in (("tip", -reach), ("palm", reach)):
-            finger.add_geom(
+            pad.parent.add_geom(
                 name=f"{side}_finger_ridge_{place}",
                 type=mujoco.mjtGeom.mjGEOM_BOX,
-                pos=[inwards * _RIDGE_HEIGHT / 2, 0.0, along - HAND_BEYOND_GRIPPER],
+                pos=face + inwards * _RIDGE_HEIGHT / 2 * across + along * back,
+                quat=pad.quat,
                 size=[_RIDGE_HEIGHT / 2, _RIDGE_HALF_WIDTH, _RIDGE_HALF_THICKNESS],
                 rgba=_RUBBER,
                 mass=0.0,

@@ -12,66 +12,65 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from gplfd_env.conventions.constants import Array, Base
+from gplfd_env.conventions.constants import Array
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.variation import Placement, Standoff, Variation
-from gplfd_env.robot.stance import stance_of
+from gplfd_env.robot.config import RobotConfig
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.se3 import into_axes
 
-ARM_JOINTS: Final = tuple(f"arm_{i}_joint" for i in range(1, 8))
 
-
-def hand_position_w(door: DoorConfig, placement: Placement, base: Base) -> Array:
+def hand_position_w(door: DoorConfig, placement: Placement, robot: RobotConfig) -> Array:
     """Return where the hand takes hold in the world frame, (3,) [m]."""
-    position, _ = task_in_door_frame(door, placement, base)
-    middle = handle_position_w(door, placement, base)
-    axes = task_rotation_w(door, placement.base_yaw, base)
+    position, _ = task_in_door_frame(door, placement, robot)
+    middle = handle_position_w(door, placement, robot)
+    axes = task_rotation_w(door, placement.base_yaw, robot)
     held: Array = middle + axes @ position
     return held
 
 
 def handle_position_w(
-    door: DoorConfig, placement: Placement, base: Base = "fixed"
+    door: DoorConfig, placement: Placement, robot: RobotConfig = TIAGO_LIKE
 ) -> Array:
     """Return the middle of the closed handle in the world frame, (3,) [m].
 
     The world frame is the base's at the reset, so an error of the base displaces it.
     """
-    handle = stance_of(door, base).handle_xy_w
+    handle = robot.stance(door).handle_xy_w
     x, y = handle[0] - placement.base_x, handle[1] - placement.base_y
     cosine, sine = math.cos(placement.base_yaw), math.sin(placement.base_yaw)
     return np.array([cosine * x + sine * y, cosine * y - sine * x, door.handle_height])
 
 
 def task_rotation_w(
-    door: DoorConfig | None = None, yaw: float = 0.0, base: Base = "fixed"
+    door: DoorConfig | None = None, yaw: float = 0.0, robot: RobotConfig = TIAGO_LIKE
 ) -> Array:
     """Return the task frame's axes as columns in the world frame, (3, 3).
 
     With a heading error `yaw` of the base [rad] they are those of the true door.
     """
     door = DoorConfig() if door is None else door
-    heading = stance_of(door, base).door_yaw - yaw
+    heading = robot.stance(door).door_yaw - yaw
     into_door = np.array([math.cos(heading), math.sin(heading), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     pull = -into_door
     return np.column_stack([pull, up, np.cross(pull, up)])
 
 
-def gripper_rotation_w(door: DoorConfig, base: Base = "fixed") -> Array:
-    """Return ``gripper_link``'s axes at the closed grasp in the world frame, (3, 3).
+def gripper_rotation_w(door: DoorConfig, robot: RobotConfig = TIAGO_LIKE) -> Array:
+    """Return the grasp frame's axes at the closed grasp in the world frame, (3, 3).
 
     The gripper approaches along its -z axis; its fingers close along x. On a bar y runs
     along it (downwards: the wrist rolled so that arm_7's x axis points down); a lever
     or knob is held with the wrist rolled by a quarter, x upright.
     """
-    stance = stance_of(door, base)
+    stance = robot.stance(door)
     yaw = stance.door_yaw + stance.grasp_yaw
     approach = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     arm_7_x = np.array([0.0, 0.0, -1.0])
     arm_7_y = np.cross(approach, arm_7_x)
-    if stance.roll != 0.0:
+    for _ in range(round(abs(stance.roll) / (math.pi / 2))):
         quarter = math.copysign(1.0, stance.roll)
         arm_7_x, arm_7_y = quarter * arm_7_y, -quarter * arm_7_x
     return np.column_stack([-arm_7_y, -arm_7_x, -approach])
@@ -84,16 +83,16 @@ def quaternion(rotation: Array) -> Array:
     return result
 
 
-def door_geometry(variation: Variation, base: Base) -> DoorGeometry:
+def door_geometry(variation: Variation, robot: RobotConfig) -> DoorGeometry:
     """Return where the hinge and the handle's axis are in an episode's task frame."""
     door, placement = variation.door, variation.placement
-    return DoorGeometry.of(door, *task_in_door_frame(door, placement, base))
+    return DoorGeometry.of(door, *task_in_door_frame(door, placement, robot))
 
 
-def standoff_pose(door: DoorConfig, standoff: Standoff, base: Base) -> Array:
+def standoff_pose(door: DoorConfig, standoff: Standoff, robot: RobotConfig) -> Array:
     """Return the pose of a hand before the handle, task frame, (6,) [m, rad]."""
-    to_task = task_rotation_w(door, base=base).T
-    back, up = to_task @ gripper_rotation_w(door, base)[:, 2], np.array([0.0, 1.0, 0.0])
+    to_task = task_rotation_w(door, robot=robot).T
+    back, up = to_task @ gripper_rotation_w(door, robot)[:, 2], np.array([0.0, 1.0, 0.0])
     level = math.cos(standoff.aside) * back
     level += math.sin(standoff.aside) * np.cross(back, up)
     direction = math.cos(standoff.above) * level + math.sin(standoff.above) * up
@@ -107,19 +106,19 @@ def grasp_height(door: DoorConfig, placement: Placement) -> float:
 
 
 def task_in_door_frame(
-    door: DoorConfig, placement: Placement, base: Base
+    door: DoorConfig, placement: Placement, robot: RobotConfig
 ) -> tuple[Array, Array]:
     """Return the task frame in the door frame: position (3,) [m], axes (3, 3).
 
     It is where the robot believes that its hand holds the handle.
     """
     depth = np.array([0.0, 0.0, placement.grasp_depth])
-    back = gripper_rotation_w(door, base) @ depth
-    axes = task_rotation_w(door, placement.base_yaw, base)
+    back = gripper_rotation_w(door, robot) @ depth
+    axes = task_rotation_w(door, placement.base_yaw, robot)
     height = np.array([0.0, grasp_height(door, placement), 0.0])
     position, rotation = (
         axes.T @ back + height,
-        axes.T @ task_rotation_w(door, base=base),
+        axes.T @ task_rotation_w(door, robot=robot),
     )
     if any(placement.belief):
         shift, turn = np.split(np.array(placement.belief), 2)
@@ -133,7 +132,7 @@ def solve_closed_posture(
     data: mujoco.MjData,
     door: DoorConfig,
     placement: Placement,
-    base: Base = "fixed",
+    robot: RobotConfig = TIAGO_LIKE,
 ) -> Array:
     """Return all joint positions, (nq,) [m, rad], that hold the closed handle.
 
@@ -143,13 +142,13 @@ def solve_closed_posture(
     ValueError if the pose is out of reach.
     """
     mujoco.mj_resetData(model, data)
-    stance = stance_of(door, base)
+    stance = robot.stance(door)
     height = door.handle_height + grasp_height(door, placement)
-    lift = height - stance.torso_below_handle
-    lowest, highest = model.joint("torso_lift_joint").range
-    data.joint("torso_lift_joint").qpos = min(max(lift, lowest), highest)
-    data.qpos[_arm(model)] = stance.closed_posture
-    error, there = _bring_hand(model, data)
+    lift = height - stance.below_handle
+    lowest, highest = model.joint(robot.lift).range
+    data.joint(robot.lift).qpos = min(max(lift, lowest), highest)
+    data.qpos[_arm(model, robot)] = stance.closed_posture
+    error, there = _bring_hand(model, data, robot)
     if not there:
         raise ValueError(
             "the arm cannot hold the closed handle from where the robot stands "
@@ -161,7 +160,7 @@ def solve_closed_posture(
 
 
 def solve_standoff_posture(
-    model: mujoco.MjModel, data: mujoco.MjData, pose: Array
+    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotConfig, pose: Array
 ) -> None:
     """Draw the hand back from the closed handle to a pose (6,) before it.
 
@@ -171,7 +170,7 @@ def solve_standoff_posture(
     axes = data.site_xmat[model.site("task_frame").id].reshape(3, 3)
     away = axes @ pose[:3]
     for share in np.linspace(0.0, 1.0, 11)[1:]:
-        _, there = _bring_hand(model, data, share * away)
+        _, there = _bring_hand(model, data, robot, share * away)
     if not there:
         raise ValueError(
             "the arm cannot draw the hand back from the handle by "
@@ -180,16 +179,19 @@ def solve_standoff_posture(
         )
 
 
-def _arm(model: mujoco.MjModel) -> list[int]:
+def _arm(model: mujoco.MjModel, robot: RobotConfig) -> list[int]:
     """Return the addresses of the arm's joints, the same in qpos and qvel."""
-    return [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
+    return [int(model.joint(name).qposadr[0]) for name in robot.arm]
 
 
 def _bring_hand(
-    model: mujoco.MjModel, data: mujoco.MjData, away: Array | None = None
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    robot: RobotConfig,
+    away: Array | None = None,
 ) -> tuple[float, bool]:
     """Bring the hand to the task frame, or `away` from it; return error and success."""
-    arm = _arm(model)
+    arm = _arm(model, robot)
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian, rotation = np.zeros((6, model.nv)), np.zeros(3)
     inverse, relative = np.zeros(4), np.zeros(4)

@@ -25,7 +25,9 @@ from typing import Final
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.config import DoorConfig
+from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.placement import task_rotation_w
+from gplfd_env.robot.tiago import TIAGO_LIKE
 
 Planar = tuple[float, float, float]
 """x, y and yaw, or their rates: [m, m, rad], [m/s, m/s, rad/s]."""
@@ -67,10 +69,14 @@ class BaseDrive:
     """
 
     def __init__(
-        self, hand: tuple[float, float], door: DoorConfig | None = None
+        self,
+        hand: tuple[float, float],
+        door: DoorConfig | None = None,
+        robot: RobotConfig = TIAGO_LIKE,
     ) -> None:
         self._hand = hand
-        self._axes: Axes = task_rotation_w(door, base="mobile").T.tolist()
+        axes = task_rotation_w(door, robot=robot.on("mobile"))
+        self._axes: Axes = axes.T.tolist()
         self._dragged: Planar = (0.0, 0.0, 0.0)
         self.rate: Planar = (0.0, 0.0, 0.0)
         self._slowed = 0.0
@@ -181,4 +187,4 @@ def _shortened(x: float, y: float, most: float) -> tuple[float, float]:
     return x * (most / length), y * (most / length)
 
 
-_BAR_AXES: Final[Axes] = task_rotation_w(base="mobile").T.tolist()
+_BAR_AXES: Final[Axes] = task_rotation_w(robot=TIAGO_LIKE.on("mobile")).T.tolist()

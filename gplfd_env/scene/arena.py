@@ -6,10 +6,11 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from gplfd_env.conventions.constants import INTANGIBLE, Array, Base
+from gplfd_env.conventions.constants import INTANGIBLE, Array
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.motion import carried, end_angle, links_of
 from gplfd_env.doors.variation import Placement
+from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.placement import handle_position_w, task_rotation_w
 from gplfd_env.robot.stance import ABOUT_A_HINGE
 
@@ -38,7 +39,7 @@ _HEAD_SIZE: Final = (0.18, 1.55)
 """Radius and height of upright cylinders around the robot's base and head [m]."""
 
 
-def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
+def add_arena(spec: mujoco.MjSpec, door: DoorConfig, robot: RobotConfig) -> None:
     """Set the physics options and add light, floor and two fixed cameras.
 
     An elliptic cone with a large ``impratio`` prevents creep of a friction grasp: with
@@ -100,10 +101,10 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
     turn, elevation = -door.side * math.radians(45.0), math.radians(-27.0)
     if door.swing == "push":
         turn, elevation = math.radians(30.0), math.radians(-32.0)
-    elif base == "fixed" and (door.handle, door.hinge_side) != ("bar", "right"):
+    elif robot.base == "fixed" and (door.handle, door.hinge_side) != ("bar", "right"):
         turn = door.side * math.radians(75.0)
-    shown = _shown_points(door, base)
-    into_door = -task_rotation_w(door, base=base)[:, 0]
+    shown = _shown_points(door, robot)
+    into_door = -task_rotation_w(door, robot=robot)[:, 0]
     heading = math.atan2(into_door[1], into_door[0]) + turn
     level = np.array([math.cos(heading), math.sin(heading), 0.0])
     upward = np.array([0.0, 0.0, 1.0])
@@ -139,15 +140,15 @@ def _camera_position(points: Array) -> Array:
     return np.array([*((greatest + least) / 2.0), distance])
 
 
-def _shown_points(door: DoorConfig, base: Base) -> Array:
+def _shown_points(door: DoorConfig, robot: RobotConfig) -> Array:
     """Return corners of the leaf and the robot while the door opens, world (N, 3) [m].
 
     A mobile base turns with the leaf about the hinge while it pulls, and moves straight
     with the handle while it pushes. This approximates `gplfd_env.robot.whole_body` to
     about a decimetre.
     """
-    axes = task_rotation_w(door, base=base)
-    floor = handle_position_w(door, Placement(), base) * [1.0, 1.0, 0.0]
+    axes = task_rotation_w(door, robot=robot)
+    floor = handle_position_w(door, Placement(), robot) * [1.0, 1.0, 0.0]
     hinge = floor - door.side * door.hand_radius * axes[:, 2]
     to_lock = door.side * axes[:, 2]
     frame_end = door.radius + door.backset + CASING
@@ -160,7 +161,7 @@ def _shown_points(door: DoorConfig, base: Base) -> Array:
             for radius, height in ((_BASE_SIZE[0], 0.0), _BASE_SIZE, _HEAD_SIZE)
         ]
     )
-    leaf, robot = [], [outline]
+    leaf, around_robot = [], [outline]
     for depth in (-0.08, 0.08):
         wall = hinge + (depth - door.handle_standoff) * axes[:, 0]
         leaf += [wall - CASING * to_lock, wall + frame_end * to_lock]
@@ -175,16 +176,16 @@ def _shown_points(door: DoorConfig, base: Base) -> Array:
         for angle in _SHOWN_ANGLES.clip(max=end_angle(door)):
             leaf += list(floor + carried(links, angle, closed)[:, :3] @ axes.T)
             moved = carried(links, angle, np.zeros(6))[:3] * [1.0, 0.0, 1.0]
-            robot.append(axes @ moved + outline)
+            around_robot.append(axes @ moved + outline)
     for angle in _SHOWN_ANGLES if turning else ():
         sine, cosine = math.sin(angle), math.cos(angle)
         along = cosine * to_lock + door.way * sine * axes[:, 0]
         leaf.append(hinge + (door.radius + door.backset) * along)
-        if base == "mobile" and door.swing == "pull":
+        if robot.base == "mobile" and door.swing == "pull":
             turned = door.side * sine * np.cross([0.0, 0.0, 1.0], to_base)
-            robot.append(hinge + cosine * to_base + turned + outline)
-        elif base == "mobile":
-            robot.append(door.hand_radius * (along - to_lock) + outline)
+            around_robot.append(hinge + cosine * to_base + turned + outline)
+        elif robot.base == "mobile":
+            around_robot.append(door.hand_radius * (along - to_lock) + outline)
     high = (DOOR_HEIGHT + CASING) * axes[:, 1]
-    points: Array = np.concatenate([leaf, leaf + high, *robot])
+    points: Array = np.concatenate([leaf, leaf + high, *around_robot])
     return points

@@ -14,13 +14,13 @@ from typing import Any, Final
 
 import mujoco
 
-from gplfd_env.conventions.constants import Array, Base, Control
+from gplfd_env.conventions.constants import Array, Control
 from gplfd_env.doors.config import DoorConfig, Latch, held_radius
 from gplfd_env.doors.variation import Placement, Standoff
 from gplfd_env.robot.collision import add_collisions, add_walls
-from gplfd_env.robot.model import FINGER_STROKE, GRIPS, Hold, load_robot
+from gplfd_env.robot.config import RobotConfig
+from gplfd_env.robot.model import GRIPS, Hold, load_robot
 from gplfd_env.robot.placement import (
-    ARM_JOINTS,
     quaternion,
     solve_closed_posture,
     solve_standoff_posture,
@@ -28,6 +28,7 @@ from gplfd_env.robot.placement import (
     task_in_door_frame,
 )
 from gplfd_env.robot.stance import check_reach
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.arena import add_arena
 from gplfd_env.scene.door import (
     NOMINAL_MASS,
@@ -80,7 +81,7 @@ def build_spec(
     placement: Placement | None = None,
     control: Control = "pose",
     structure: Structure | None = None,
-    base: Base = "fixed",
+    robot: RobotConfig = TIAGO_LIKE,
 ) -> mujoco.MjSpec:
     """Assemble arena, robot, door and sensors without compiling them.
 
@@ -89,13 +90,13 @@ def build_spec(
     """
     structure = structure_of(door) if structure is None else structure
     placement = Placement() if placement is None else placement
-    spec = load_robot(control, door, base)
-    add_arena(spec, door, base)
-    add_door(spec, door, placement, structure, base)
-    add_sensors(spec, structure, control, base, grasp)
-    add_walls(spec, door, base)
-    if base == "mobile":
-        add_collisions(spec)
+    spec = load_robot(control, door, robot)
+    add_arena(spec, door, robot)
+    add_door(spec, door, placement, structure, robot)
+    add_sensors(spec, structure, control, robot, grasp)
+    add_walls(spec, door, robot.base)
+    if robot.base == "mobile":
+        add_collisions(spec, robot)
     spec.add_key(name="grasp")
     if grasp == "weld":
         spec.add_equality(
@@ -116,14 +117,14 @@ def build_scene(
     placement: Placement | None = None,
     standoff: Standoff | None = None,
     control: Control = "pose",
-    base: Base = "fixed",
+    robot: RobotConfig = TIAGO_LIKE,
 ) -> mujoco.MjModel:
     """Return a model of a scene with a settled grasp, which callers may edit.
 
     Its keyframe `GRASP_KEY` is the state after a reset: the hand holds the handle, or
     is before it by a `standoff`. Raises a ValueError if that is out of reach.
     """
-    model = _template(structure_of(door), grasp, control, base).__copy__()
+    model = _template(structure_of(door), grasp, control, robot).__copy__()
     data = mujoco.MjData(model)
     load_scene(
         model,
@@ -133,7 +134,7 @@ def build_scene(
         placement=placement,
         standoff=standoff,
         control=control,
-        base=base,
+        robot=robot,
     )
     return model
 
@@ -147,7 +148,7 @@ def load_scene(
     placement: Placement | None = None,
     standoff: Standoff | None = None,
     control: Control = "pose",
-    base: Base = "fixed",
+    robot: RobotConfig = TIAGO_LIKE,
 ) -> None:
     """Write another door of the same structure into a scene's model, in place.
 
@@ -155,11 +156,12 @@ def load_scene(
     `build_scene`, bit for bit. Raises a ValueError, and leaves the model unchanged, if
     the handle is out of reach. Reset `data` to the keyframe afterwards.
     """
-    check_reach(door, base, "grasped" if standoff is None else "approach")
+    check_reach(door, robot, "grasped" if standoff is None else "approach")
     placement = Placement() if placement is None else placement
     geometry, structure = dataclasses.replace(door, **_NOMINAL), structure_of(door)
-    robot = grasp, control, base
-    settled = _settled(geometry, structure, placement, standoff, *robot)
+    settled = _settled(
+        geometry, structure, placement, standoff, grasp, control, robot
+    )
     for name, values in settled.items():
         getattr(model, name)[...] = values
     set_door_physics(model, data, door)
@@ -167,7 +169,7 @@ def load_scene(
 
 @lru_cache(maxsize=32)
 def _template(
-    structure: Structure, grasp: Hold, control: Control, base: Base
+    structure: Structure, grasp: Hold, control: Control, robot: RobotConfig
 ) -> mujoco.MjModel:
     latch: Latch = "spring" if structure.latched else "none"
     door = DoorConfig(
@@ -178,7 +180,7 @@ def _template(
         swing="push" if structure.handle == "touch-bar" else "pull",
         panel_mass=NOMINAL_MASS,
     )
-    spec = build_spec(door, grasp, control=control, structure=structure, base=base)
+    spec = build_spec(door, grasp, control=control, structure=structure, robot=robot)
     return spec.compile()
 
 
@@ -190,7 +192,7 @@ def _settled(
     standoff: Standoff | None,
     grasp: Hold,
     control: Control,
-    base: Base,
+    robot: RobotConfig,
 ) -> Mapping[str, Array]:
     """Compile a scene, settle the grasp and return its `SCENE_FIELDS`."""
     model = build_spec(
@@ -199,19 +201,18 @@ def _settled(
         placement=placement.true,
         control=control,
         structure=structure,
-        base=base,
+        robot=robot,
     ).compile()
-    data, fingers = mujoco.MjData(model), ("right", "left")
-    configuration = solve_closed_posture(model, data, geometry, placement, base)
+    data = mujoco.MjData(model)
+    configuration = solve_closed_posture(model, data, geometry, placement, robot)
     # Close the fingers on the handle and store the state at rest as the keyframe.
     mujoco.mj_resetData(model, data)
     data.qpos[:] = configuration
-    arm = [int(model.joint(name).qposadr[0]) for name in ARM_JOINTS]
+    arm = [int(model.joint(name).qposadr[0]) for name in robot.arm]
     model.qpos_spring[arm] = data.qpos[arm]
-    for side in fingers:
-        finger = data.joint(f"gripper_{side}_finger_joint")
-        finger.qpos = held_radius(geometry.handle) - _BAR_INDENTATION
-    data.actuator("torso_hold").ctrl = data.joint("torso_lift_joint").qpos
+    for finger in robot.fingers:
+        data.joint(finger).qpos = held_radius(geometry.handle) - _BAR_INDENTATION
+    data.actuator("torso_hold").ctrl = data.joint(robot.lift).qpos
     mujoco.mj_step(model, data, nstep=round(_SETTLING_TIME / model.opt.timestep))
     model.key_qpos[GRASP_KEY] = data.qpos
     model.key_qvel[GRASP_KEY] = 0.0
@@ -219,18 +220,18 @@ def _settled(
     if standoff is not None:
         # Or let it start with the open hand at a pose in front of the believed handle.
         if any(placement.belief):
-            position, axes = task_in_door_frame(geometry, placement, base)
+            position, axes = task_in_door_frame(geometry, placement, robot)
             frame = model.site("task_frame")
             frame.pos[:], frame.quat[:] = position, quaternion(axes)
             # It was compiled at its body's own frame, whose pose would be taken.
             model.site_sameframe[frame.id] = 0
-        pose = standoff_pose(geometry, standoff, base)
+        pose = standoff_pose(geometry, standoff, robot)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
         mujoco.mj_kinematics(model, data)
-        solve_standoff_posture(model, data, pose)
-        for side, grip in zip(fingers, GRIPS, strict=True):
-            data.joint(f"gripper_{side}_finger_joint").qpos = FINGER_STROKE
-            data.actuator(grip).ctrl = FINGER_STROKE
+        solve_standoff_posture(model, data, robot, pose)
+        for finger, grip in zip(robot.fingers, GRIPS, strict=True):
+            data.joint(finger).qpos = robot.finger_stroke
+            data.actuator(grip).ctrl = robot.finger_stroke
         data.ctrl[:6] = pose
         model.key_qpos[GRASP_KEY] = data.qpos
         model.key_ctrl[GRASP_KEY] = data.ctrl

@@ -5,12 +5,13 @@ from typing import Any, Final, NamedTuple
 import mujoco
 import numpy as np
 
-from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array, Base
+from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array
 from gplfd_env.doors.closer import has_tendons
 from gplfd_env.doors.config import OVERHANG, DoorConfig, Handle, Motion
 from gplfd_env.doors.motion import Link, end_angle, links_of
 from gplfd_env.doors.rocker import ROCKERS
 from gplfd_env.doors.variation import Placement
+from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.mobile_base import HARD_STOP, SOFT_STOP
 from gplfd_env.robot.placement import (
     handle_position_w,
@@ -70,7 +71,7 @@ def add_door(
     door: DoorConfig,
     placement: Placement,
     structure: Structure,
-    base: Base,
+    robot: RobotConfig,
 ) -> None:
     """Add a door to a scene.
 
@@ -83,10 +84,10 @@ def add_door(
     """
     frame = spec.worldbody.add_body(
         name="door_frame",
-        pos=handle_position_w(door, placement, base),
-        quat=quaternion(task_rotation_w(door, placement.base_yaw, base)),
+        pos=handle_position_w(door, placement, robot),
+        quat=quaternion(task_rotation_w(door, placement.base_yaw, robot)),
     )
-    grasp, axes = task_in_door_frame(door, placement, base)
+    grasp, axes = task_in_door_frame(door, placement, robot)
     frame.add_site(name="task_frame", pos=grasp, quat=quaternion(axes), **UNDRAWN)
     # Where the leaf ends towards hinge and lock: from the handle's axis, and in the
     # frame's z [m].
@@ -96,7 +97,7 @@ def add_door(
         hinge_z, lock_z = -FLAP_WIDTH / 2.0, FLAP_WIDTH / 2.0
     _add_frame(frame, door, hinge_z, lock_z)
 
-    leaf = _add_joints(spec, frame, door, base)
+    leaf = _add_joints(spec, frame, door, robot)
     if door.motion == "flap":
         _add_flap(frame, leaf, door)
     elif door.motion == "folding":
@@ -120,7 +121,7 @@ def add_door(
     else:
         add_turning_handle(leaf, door, foot)
     if structure.latched:
-        add_latch(spec, frame, leaf, door, lock_z, base)
+        add_latch(spec, frame, leaf, door, lock_z, robot.base)
     add_closer(spec, door, tendons=structure.closer)
 
     top = DOOR_HEIGHT - door.handle_height
@@ -136,7 +137,7 @@ def add_door(
 
 
 def _add_joints(
-    spec: mujoco.MjSpec, frame: mujoco.MjsBody, door: DoorConfig, base: Base
+    spec: mujoco.MjSpec, frame: mujoco.MjsBody, door: DoorConfig, robot: RobotConfig
 ) -> mujoco.MjsBody:
     """Add the joints between frame and leaf; return the leaf's body.
 
@@ -174,7 +175,7 @@ def _add_joints(
         solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
         armature=0.01,
     )
-    if base == "mobile":
+    if robot.base == "mobile":
         # The hinge's own limit, which disturbances move, stays softer.
         hinge.solref_limit = SOFT_STOP
         end = spec.add_tendon(

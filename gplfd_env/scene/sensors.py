@@ -5,16 +5,16 @@ from typing import Final
 
 import mujoco
 
-from gplfd_env.conventions.constants import Base, Control
+from gplfd_env.conventions.constants import Control
+from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.robot.model import (
-    FINGER,
     ROTATION_SERVOS,
+    SIDES,
     TRANSLATION_SERVOS,
     WRENCH_LIMITS,
     Hold,
 )
-from gplfd_env.robot.placement import ARM_JOINTS
 from gplfd_env.scene.door import Structure
 
 _SENSOR: Final = mujoco.mjtSensor
@@ -36,7 +36,11 @@ _NET_FORCE: Final = 3
 
 
 def add_sensors(
-    spec: mujoco.MjSpec, structure: Structure, control: Control, base: Base, grasp: Hold
+    spec: mujoco.MjSpec,
+    structure: Structure,
+    control: Control,
+    robot: RobotConfig,
+    grasp: Hold,
 ) -> None:
     """Add every sensor, in the order in which `gplfd_env.task.observation` reads them.
 
@@ -73,16 +77,16 @@ def add_sensors(
         add(sensor, _SENSOR.mjSENS_ACTUATORPOS, _ACTUATOR, name)
     add("hand_linvel", _SENSOR.mjSENS_FRAMELINVEL, _SITE, "hand", "task_frame")
     add("hand_angvel", _SENSOR.mjSENS_FRAMEANGVEL, _SITE, "hand", "task_frame")
-    add_joints(ARM_JOINTS)
+    add_joints(robot.arm)
     force = add("wrist_force", _SENSOR.mjSENS_FORCE, _SITE, "wrist_ft")
     torque = add("wrist_torque", _SENSOR.mjSENS_TORQUE, _SITE, "wrist_ft")
     force.cutoff, torque.cutoff = WRENCH_LIMITS
     add_axes("wrist", "wrist_ft", "task_frame")
-    if base == "mobile":
+    if robot.base == "mobile":
         add_joints(BASE_JOINTS)
     if grasp == "gripper":
-        add("finger", _SENSOR.mjSENS_JOINTPOS, _JOINT, FINGER)
-    if base == "mobile":
+        add("finger", _SENSOR.mjSENS_JOINTPOS, _JOINT, robot.fingers[0])
+    if robot.base == "mobile":
         add("hinge_end", _SENSOR.mjSENS_TENDONLIMITFRC, _TENDON, "hinge_end")
     add("hinge_angle", _SENSOR.mjSENS_JOINTPOS, _JOINT, "hinge")
     add("hinge_velocity", _SENSOR.mjSENS_JOINTVEL, _JOINT, "hinge")
@@ -91,10 +95,11 @@ def add_sensors(
     turning = structure.handle != "bar"
     level = structure.motion == "flap"
     add_axes("handle", "leaf_axes" if turning or level else "handle")
-    for side in ("right", "left"):
+    for side, finger in zip(SIDES, robot.fingers, strict=True):
         touching = _GEOM, f"{side}_finger_pad"
         if turning:
-            touching = mujoco.mjtObj.mjOBJ_BODY, f"gripper_{side}_finger_link"
+            body = spec.joint(finger).parent.name
+            touching = mujoco.mjtObj.mjOBJ_BODY, body
         _add_contact(spec, f"{side}_pad_contact", touching, _CONTACT_FOUND)
     _add_contact(spec, "bar_force", None, _CONTACT_FORCE)
     add("hinge_stop", _SENSOR.mjSENS_JOINTLIMITFRC, _JOINT, "hinge")

@@ -14,7 +14,7 @@ from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.scene.door import Structure, set_hinge, structure_of
 from gplfd_env.simulation.command import ServoGains, servo_gains
 from gplfd_env.simulation.loads import Demands
-from gplfd_env.simulation.single import BAD_STATE, Robot, loaded_bodies
+from gplfd_env.simulation.single import BAD_STATE, Robot
 
 Rows = Sequence[int]
 
@@ -45,7 +45,7 @@ class Alike:
         self.qpos: Array = self._batch.bind("qpos")
         self.sensordata: Array = self._batch.bind("sensordata")
         self._applied: Array = self._batch.bind("xfrc_applied")
-        self._bodies = loaded_bodies(scene)
+        self._bodies = self._robot.loaded_bodies(scene)
         self._base_rate = self._robot.base_rate(scene)
         self._fingers = self._robot.fingers(scene)
         self._counts = self._batch.warning[:, BAD_STATE, _COUNT]

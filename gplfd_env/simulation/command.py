@@ -10,8 +10,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from gplfd_env.conventions.constants import GRIPPER_WIDTH, Array, Base, Control
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, Array, Control
 from gplfd_env.doors.variation import Variation
+from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import COMMAND_LIMITS, SERVO_DAMPING, SERVO_STIFFNESS
 from gplfd_env.robot.placement import standoff_pose
 from gplfd_env.robot.whole_body import SPEED
@@ -46,12 +47,12 @@ class Command:
         """The action space."""
         return spaces.Box(self.low, self.high, dtype=np.float64)
 
-    def resting(self, variation: Variation, base: Base) -> Array:
+    def resting(self, variation: Variation, robot: RobotConfig) -> Array:
         """Return the action that holds the hand where an episode begins."""
         if variation.standoff is None:
             return self.rest
         action = self.rest.copy()
-        action[:6] = standoff_pose(variation.door, variation.standoff, base)
+        action[:6] = standoff_pose(variation.door, variation.standoff, robot)
         if self.grips:
             action[-1] = GRIPPER_WIDTH
         return action

@@ -5,11 +5,12 @@ from typing import Any, Final, NamedTuple
 
 import mujoco
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Base
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Array
 from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
+from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.mobile_base import BASE_DRIVES
-from gplfd_env.robot.model import FOREARM, GRIPPER, GRIPS, Hold
+from gplfd_env.robot.model import GRIPS, Hold
 from gplfd_env.scene.build import GRASP_KEY, build_scene, load_scene
 from gplfd_env.scene.door import set_hinge, structure_of
 from gplfd_env.simulation.command import Command, ServoGains, servo_gains
@@ -22,11 +23,11 @@ BAD_STATE: Final = slice(
 
 
 class Robot(NamedTuple):
-    """How the robot of a simulation holds the handle, is commanded, and stands."""
+    """The robot of a simulation, how it holds the handle, and how it is commanded."""
 
     hold: Hold
     command: Command
-    base: Base
+    config: RobotConfig
 
     def build(self, variation: Variation) -> mujoco.MjModel:
         """Return a scene with this robot, see `gplfd_env.scene.build.build_scene`."""
@@ -46,12 +47,17 @@ class Robot(NamedTuple):
             "placement": placement,
             "standoff": standoff,
             "control": self.command.control,
-            "base": self.base,
+            "robot": self.config,
         }
 
     def base_rate(self, model: mujoco.MjModel) -> slice:
         """Return where in the controls the rate of the base is; nowhere if fixed."""
-        return _controls(model, BASE_DRIVES if self.base == "mobile" else ())
+        return _controls(model, BASE_DRIVES if self.config.base == "mobile" else ())
+
+    def loaded_bodies(self, model: mujoco.MjModel) -> tuple[int, ...]:
+        """Return the bodies on which `Loads.wrenches` act."""
+        names = self.config.tool, self.config.forearm, "door"
+        return tuple(model.body(name).id for name in names)
 
     def fingers(self, model: mujoco.MjModel) -> slice:
         """Return where in the controls the fingers are; nowhere if they stay."""
@@ -64,11 +70,6 @@ def _controls(model: mujoco.MjModel, actuators: Sequence[str]) -> slice:
         return slice(0)
     first = int(model.actuator_ctrladr[model.actuator(actuators[0]).id])
     return slice(first, first + len(actuators))
-
-
-def loaded_bodies(model: mujoco.MjModel) -> tuple[int, ...]:
-    """Return the bodies on which `Loads.wrenches` act."""
-    return tuple(model.body(name).id for name in (GRIPPER, FOREARM, "door"))
 
 
 class DoorSimulation:
@@ -95,7 +96,9 @@ class DoorSimulation:
         self._pose: Array = data.ctrl[:6]
         self._rate: Array = data.ctrl[self._robot.base_rate(model)]
         self._fingers: Array = data.ctrl[self._robot.fingers(model)]
-        self._loaded = [data.xfrc_applied[row] for row in loaded_bodies(model)]
+        self._loaded = [
+            data.xfrc_applied[row] for row in self._robot.loaded_bodies(model)
+        ]
         self._divergences = data.warning.number[BAD_STATE]
         impedance = self._robot.command.control == "impedance"
         self._gains = ServoGains(model) if impedance else None
@@ -117,7 +120,7 @@ class DoorSimulation:
         mujoco.mj_resetDataKeyframe(self.model, self.data, GRASP_KEY)
         # Before the forward pass: the first observation must not depend on the gains
         # that the last episode ended with.
-        self._apply(self._robot.command.resting(variation, self._robot.base))
+        self._apply(self._robot.command.resting(variation, self._robot.config))
         mujoco.mj_forward(self.model, self.data)
 
     def advance(self, command: Array, demands: Demands) -> bool:

@@ -16,7 +16,7 @@ from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.scene.door import set_hinge, structure_of
 from gplfd_env.simulation.batch import Alike, Rows
 from gplfd_env.simulation.loads import Demands
-from gplfd_env.simulation.single import Robot, loaded_bodies
+from gplfd_env.simulation.single import Robot
 
 try:
     import mujoco_warp as mjw
@@ -65,7 +65,7 @@ class WarpPhysics(Alike):
         """Make model and data on the device, and record what a control period does."""
         scene, n = self.models[0].__copy__(), len(self.models)
         self._scratch = mujoco.MjData(scene)
-        self._bodies = loaded_bodies(scene)
+        self._bodies = self._robot.loaded_bodies(scene)
         self._model = mjw.put_model(scene, batch_sizes=dict.fromkeys(WORLD_FIELDS, n))
         # As MuJoCo solves: with Warp's default, forces are off by four times as much.
         self._model.opt.tolerance.fill_(scene.opt.tolerance)

@@ -164,17 +164,17 @@ class Episode:
         """Return an episode of one simulation at rest, with values of its sensors."""
         variation, noise, delay = drawn
         door, disturbance = variation.door, variation.disturbance
-        hold, command, base = robot
+        hold, command, config = robot
         level = door.motion == "flap"
         reader = Reader.of(
-            hold, command.control, base, door.handle, door.swing, level=level
+            hold, command.control, config, door.handle, door.swing, level=level
         )
-        rest = command.resting(variation, base)
+        rest = command.resting(variation, config)
         holds = variation.standoff is None
         drive = gripper = None
         if reader.odometry is not None:
-            x, y, _ = hand_position_w(door, variation.placement, "mobile").tolist()
-            drive = BaseDrive((x, y), door)
+            x, y, _ = hand_position_w(door, variation.placement, config).tolist()
+            drive = BaseDrive((x, y), door, config)
         if reader.finger is not None:
             gripper = Gripper(
                 door,

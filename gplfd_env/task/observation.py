@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from gymnasium import spaces
 
-from gplfd_env.conventions.constants import GRIPPER_WIDTH, Array, Base, Control
+from gplfd_env.conventions.constants import GRIPPER_WIDTH, Array, Control
 from gplfd_env.conventions.one_and_many import (
     Flag,
     Number,
@@ -28,9 +28,10 @@ from gplfd_env.conventions.one_and_many import (
 )
 from gplfd_env.doors.config import DoorConfig, Handle, Swing
 from gplfd_env.doors.motion import LeafPath
+from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.mobile_base import BASE_JOINTS
-from gplfd_env.robot.model import HAND_BODIES, WRENCH_LIMITS, Hold
-from gplfd_env.robot.placement import ARM_JOINTS
+from gplfd_env.robot.model import WRENCH_LIMITS, Hold
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_env.simulation.command import Command
 
@@ -46,7 +47,9 @@ _TOUCHING: Final = slice(17, 19)
 """Of the readings of a door: whether right and left finger touch the handle."""
 
 
-def observation_space(command: Command) -> spaces.Space[Observation]:
+def observation_space(
+    command: Command, robot: RobotConfig = TIAGO_LIKE
+) -> spaces.Space[Observation]:
     """Return the observation space; units and frames in docs/environment.md."""
 
     def box(*blocks: tuple[float, int]) -> spaces.Box:
@@ -60,8 +63,8 @@ def observation_space(command: Command) -> spaces.Space[Observation]:
         "ee_pose": box((3.0, 3), (np.pi, 3)),
         "ee_twist": box((1e4, 6)),
         "wrench": box((force, 3), (torque, 3)),
-        "joint_pos": box((10.0, 7)),
-        "joint_vel": box((1e4, 7)),
+        "joint_pos": box((10.0, len(robot.arm))),
+        "joint_vel": box((1e4, len(robot.arm))),
         "time": spaces.Box(0.0, 1e6, (1,), np.float64),
     }
     if command.drives:
@@ -105,7 +108,7 @@ class Reader:
         cls,
         grasp: Hold,
         control: Control,
-        base: Base = "fixed",
+        robot: RobotConfig = TIAGO_LIKE,
         handle: Handle = "bar",
         swing: Swing = "pull",
         *,
@@ -120,11 +123,12 @@ class Reader:
         door = DoorConfig(handle=handle, swing=swing)
         if level:
             door = DoorConfig(motion="flap", hinge_side="bottom")
-        model = build_scene(door, grasp, control=control, base=base)
+        model = build_scene(door, grasp, control=control, robot=robot)
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
         mujoco.mj_forward(model, data)
-        root, drives = model.body(HAND_BODIES[0]).id, base == "mobile"
+        root, drives = model.body(robot.sensor).id, robot.base == "mobile"
+        joints = len(robot.arm)
         sensor = data.site("wrist_ft")
         axes = sensor.xmat.reshape(3, 3)
         com = axes.T @ (data.subtree_com[root] - sensor.xpos)
@@ -137,10 +141,10 @@ class Reader:
             ),
             ee_pose=_span(model, "hand_x", 6),
             ee_twist=_span(model, "hand_linvel", 6),
-            joint_pos=_span(model, f"{ARM_JOINTS[0]}_pos", 7),
-            joint_vel=_span(model, f"{ARM_JOINTS[0]}_vel", 7),
+            joint_pos=_span(model, f"{robot.arm[0]}_pos", joints),
+            joint_vel=_span(model, f"{robot.arm[0]}_vel", joints),
             arm_limits=tuple(
-                tuple(model.joint(name).range.tolist()) for name in ARM_JOINTS
+                tuple(model.joint(name).range.tolist()) for name in robot.arm
             ),
             wrist=_span(model, "wrist_force", 15),
             door=slice(int(model.sensor("hinge_angle").adr[0]), None),

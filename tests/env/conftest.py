@@ -18,6 +18,7 @@ from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
 from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.scene.build import GRASP_KEY, build_scene
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
 
@@ -173,7 +174,7 @@ def door_alone() -> Callable[..., tuple[mujoco.MjModel, mujoco.MjData]]:
     def build(
         base: Base = "fixed", **fields: Any
     ) -> tuple[mujoco.MjModel, mujoco.MjData]:
-        model = build_scene(DoorConfig(**fields), base=base)
+        model = build_scene(DoorConfig(**fields), robot=TIAGO_LIKE.on(base))
         model.geom("handle_bar").conaffinity = 0
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)

@@ -13,6 +13,7 @@ from gplfd_env.doors.variation import Standoff
 from gplfd_env.robot.gripper import AT_HANDLE, SPEED
 from gplfd_env.robot.placement import standoff_pose
 from gplfd_env.scene.build import build_scene
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.task.opening import STALL_TIME
 
 pytestmark = pytest.mark.slow
@@ -80,7 +81,7 @@ def test_where_it_begins_is_drawn_and_nothing_else_changes(make_env):
         for name in ("door", "placement", "noise", "delay", "disturbance"):
             assert getattr(variation, name) == getattr(other.variation, name)
         assert 0.10 <= standoff.distance <= 0.20
-        pose = standoff_pose(env.door, standoff, "fixed")
+        pose = standoff_pose(env.door, standoff, TIAGO_LIKE)
         assert np.linalg.norm(pose[:3]) == pytest.approx(standoff.distance)
         assert observation["ee_pose"] == pytest.approx(pose, abs=0.01)
         drawn.append((standoff.distance, standoff.aside, standoff.above))
@@ -90,9 +91,9 @@ def test_where_it_begins_is_drawn_and_nothing_else_changes(make_env):
 
 def test_left_and_above_are_the_robot_s():
     door = gplfd_env.DoorConfig()
-    straight = standoff_pose(door, Standoff(), "fixed")
-    left = standoff_pose(door, Standoff(aside=0.2), "fixed") - straight
-    above = standoff_pose(door, Standoff(above=0.2), "fixed") - straight
+    straight = standoff_pose(door, Standoff(), TIAGO_LIKE)
+    left = standoff_pose(door, Standoff(aside=0.2), TIAGO_LIKE) - straight
+    above = standoff_pose(door, Standoff(above=0.2), TIAGO_LIKE) - straight
     assert left[2] > 0.02
     assert left[1] == 0.0
     assert above[1] == pytest.approx(0.15 * np.sin(0.2))
@@ -221,6 +222,8 @@ def test_what_does_not_go_together_is_refused(make_env):
 def test_a_hand_that_cannot_be_drawn_back_is_refused():
     low = gplfd_env.DoorConfig(handle="lever", handle_height=0.6)
     far = Standoff(distance=0.2, aside=0.25)
-    build_scene(low, "gripper", standoff=Standoff(distance=0.1), base="mobile")
+    build_scene(
+        low, "gripper", standoff=Standoff(distance=0.1), robot=TIAGO_LIKE.on("mobile")
+    )
     with pytest.raises(ValueError, match=r"cannot draw the hand back .* by 0\.20 m"):
-        build_scene(low, "gripper", standoff=far, base="mobile")
+        build_scene(low, "gripper", standoff=far, robot=TIAGO_LIKE.on("mobile"))

@@ -15,6 +15,7 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.variation import Placement, Variation
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.scene.build import build_scene
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
 ANGLES = np.linspace(0.0, 1.2, 7)
@@ -42,7 +43,7 @@ def test_the_hinge_is_where_the_simulator_has_it(seed, make_env):
 def test_a_wrong_heading_turns_the_arc_as_documented(radius, psi):
     door = DoorConfig(radius=radius)
     placed = Variation(door=door, placement=Placement(base_yaw=psi))
-    poses = door_geometry(placed, "fixed").hand_poses(ANGLES)
+    poses = door_geometry(placed, TIAGO_LIKE).hand_poses(ANGLES)
     sine, rest = np.sin(ANGLES), 1.0 - np.cos(ANGLES)
     x = radius * (np.cos(psi) * sine + np.sin(psi) * rest)
     z = radius * (np.sin(psi) * sine - np.cos(psi) * rest)
@@ -118,8 +119,8 @@ def test_a_handle_is_where_the_simulator_has_it(swing, side, handle, base):
     """Poses of a hand that is fixed to the handle, for hinge and handle turned."""
     door = DoorConfig(radius=0.5, handle=handle, swing=swing, hinge_side=side)
     placement = Placement(base_yaw=0.03, base_x=0.01, grasp_depth=0.004)
-    geometry = door_geometry(Variation(door=door, placement=placement), base)
-    model = build_scene(door, placement=placement, base=base)
+    geometry = door_geometry(Variation(door=door, placement=placement), TIAGO_LIKE.on(base))
+    model = build_scene(door, placement=placement, robot=TIAGO_LIKE.on(base))
     data = mujoco.MjData(model)
     frame, site = data.site("task_frame"), data.site("handle")
     mujoco.mj_kinematics(model, data)

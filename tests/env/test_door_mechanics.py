@@ -12,6 +12,7 @@ from gplfd_env.doors.closer import STICTION_ANGLE, CloserLaw
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.hardware import EN_1154, en1154, leaf, spring_hinge
 from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.task.observation import Reader
 
 pytestmark = pytest.mark.slow
@@ -101,7 +102,7 @@ def test_the_torque_at_the_stop_is_what_presses_the_leaf_against_it(
     data.joint("hinge").qpos = door.stop_angle
     data.joint("hinge").qfrc_applied = 50.0
     mujoco.mj_step(model, data, nstep=500)
-    reader = Reader.of("contact", "pose", base, door.handle, door.swing)
+    reader = Reader.of("contact", "pose", TIAGO_LIKE.on(base), door.handle, door.swing)
     reading = reader.door_reading(data.sensordata.tolist())
     assert reading.angle == pytest.approx(door.stop_angle, abs=2e-3)
     assert reading.stop_torque == pytest.approx(50.0, rel=0.03)

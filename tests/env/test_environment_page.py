@@ -18,7 +18,8 @@ from gplfd_env.doors.disturbance import CAUSES, DISTURBANCES
 from gplfd_env.doors.randomization import RANDOMIZATIONS, DoorRandomization
 from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
-from gplfd_env.robot.model import HAND_BODIES, SERVO_DAMPING, SERVO_STIFFNESS
+from gplfd_env.robot.tiago import TIAGO_LIKE
+from gplfd_env.robot.model import SERVO_DAMPING, SERVO_STIFFNESS
 from gplfd_env.task.info import INFO
 from gplfd_env.validation.fields import allowed_range
 
@@ -228,7 +229,7 @@ def test_stated_numbers_are_the_code_s(make_env):
     arm_limits = ", ".join(f"{limit:g}" for limit in env.model.jnt_actfrcrange[1:8, 1])
     (stated,) = re.findall(r"effort limits \((.*?) N m", PAGE)
     assert stated.replace(" and ", ", ") == arm_limits
-    hand = sum(env.model.body(name).mass[0] for name in HAND_BODIES)
+    hand = env.model.body_subtreemass[env.model.body(TIAGO_LIKE.sensor).id]
     assert f"({hand:.2f} kg)" in PAGE
     assert f"{1000 * CONTROL_PERIOD:g} ms: five physics steps of 2 ms" in PAGE
     assert env.model.opt.timestep == 0.002

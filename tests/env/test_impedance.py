@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import gplfd_env
-from gplfd_env.robot.placement import ARM_JOINTS
 from gplfd_env.simulation.command import servo_gains
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
 pytestmark = pytest.mark.slow
@@ -87,7 +87,7 @@ def test_deflection_under_a_known_load_is_load_over_stiffness(
     """In the middle of the opening, without the springs that settle self-motion."""
     env = start_env(id=IMPEDANCE)
     release_handle(env)
-    for name in ARM_JOINTS:
+    for name in TIAGO_LIKE.arm:
         env.model.jnt_stiffness[env.model.joint(name).id] = 0.0
     for step in range(200):
         env.step(command(MIDDLE * min(1.0, step / 150)))

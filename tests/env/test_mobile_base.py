@@ -14,9 +14,9 @@ import gplfd_env
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.robot.collision import OBSTACLES
 from gplfd_env.robot.mobile_base import BASE_JOINTS, WHEEL_FORCE, WHEEL_LEVER, WHEELS
-from gplfd_env.robot.placement import ARM_JOINTS
-from gplfd_env.robot.stance import BAR_STANCES, check_reach
+from gplfd_env.robot.stance import check_reach
 from gplfd_env.robot.whole_body import SPEED
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene
 
 pytestmark = pytest.mark.slow
@@ -35,7 +35,7 @@ def touching(env: Any) -> set[str]:
 
 def margins(env: Any, qpos: Any) -> np.ndarray:
     """Return how far the arm is from the nearest limit of a joint [rad]."""
-    arm = [env.model.joint(name).id for name in ARM_JOINTS]
+    arm = [env.model.joint(name).id for name in TIAGO_LIKE.arm]
     low, high = env.model.jnt_range[arm].T
     at = np.array(qpos)[:, env.model.jnt_qposadr[arm]]
     return np.minimum(at - low, high - at).min(axis=1)
@@ -144,7 +144,7 @@ def robot_mass(model: mujoco.MjModel) -> float:
 
 @pytest.mark.parametrize(("base", "bodies"), [("fixed", 0), ("mobile", 9)])
 def test_what_the_robot_touches_is_solid_to_it_alone(base, bodies):
-    model = build_scene(DoorConfig(), base=base)
+    model = build_scene(DoorConfig(), robot=TIAGO_LIKE.on(base))
     solid = {
         model.geom(index).name
         for index in range(model.ngeom)
@@ -188,7 +188,7 @@ def test_wheels_hold_the_base_up_to_the_torque_of_their_motors(pushed):
     # All of a wheel's force is spent once, on whatever it opposes.
     assert np.abs(pushed(0.45 * LIMIT, 0.45 * LIMIT * WHEEL_LEVER)).max() < 1e-3
     assert np.abs(pushed(0.65 * LIMIT, 0.65 * LIMIT * WHEEL_LEVER)).max() > 0.05
-    mass = robot_mass(build_scene(DoorConfig(), base="mobile"))
+    mass = robot_mass(build_scene(DoorConfig(), robot=TIAGO_LIKE.on("mobile")))
     for force in (2.0 * LIMIT, 4.0 * LIMIT):
         ahead, *_ = pushed(force)
         # The arm, which hangs on springs, goes along in part.
@@ -269,7 +269,7 @@ def test_a_base_that_stands_refuses_what_it_cannot_reach(
         rf'{field} = {beyond} is out of reach .*at most {reached:g} m; give base="'
     )
     far, near = {field: beyond}, {field: reached}
-    check_reach(DoorConfig(**near), "fixed")
+    check_reach(DoorConfig(**near))
     for make in (make_env, partial(make_vec, 2)):
         env = make(door=near)
         env.reset(seed=0)
@@ -283,8 +283,8 @@ def test_a_base_that_stands_refuses_what_it_cannot_reach(
 
 
 def test_the_record_ends_where_the_driving_robot_s_reach_does():
-    most = {"radius": BAR_STANCES["mobile", "pull"].radius, "handle_height": 1.22}
-    check_reach(DoorConfig(**most), "mobile")
+    most = {"radius": TIAGO_LIKE.on("mobile").stance(DoorConfig()).radius, "handle_height": 1.22}
+    check_reach(DoorConfig(**most), TIAGO_LIKE.on("mobile"))
     for field, value in most.items():
         with pytest.raises(ValueError, match=f"{field} = "):
             DoorConfig(**{field: value + 0.01})

@@ -17,6 +17,7 @@ from gplfd_env.doors.motion import LeafPath, end_angle, links_of
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.placement import handle_position_w, task_rotation_w
 from gplfd_env.robot.stance import base_for
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene
 from gplfd_experiments.data.teacher.forces import hinge_torque, moved
 
@@ -34,7 +35,7 @@ def doors() -> list[DoorConfig]:
 
 def moved_scene(door: DoorConfig, angle: float) -> mujoco.MjData:
     """Return a scene whose joints are where the motion says, before any dynamics."""
-    model = build_scene(door, base="mobile")
+    model = build_scene(door, robot=TIAGO_LIKE.on("mobile"))
     data = mujoco.MjData(model)
     data.joint("hinge").qpos = angle
     for link in links_of(door):
@@ -45,8 +46,8 @@ def moved_scene(door: DoorConfig, angle: float) -> mujoco.MjData:
 
 @pytest.mark.parametrize("door", doors(), ids=lambda door: door.motion)
 def test_the_scene_moves_the_handle_as_the_geometry_says(door):
-    axes = task_rotation_w(door, base="mobile")
-    origin = handle_position_w(door, Placement(), "mobile")
+    axes = task_rotation_w(door, robot=TIAGO_LIKE.on("mobile"))
+    origin = handle_position_w(door, Placement(), TIAGO_LIKE.on("mobile"))
     geometry = DoorGeometry.of(door)
     for angle in np.linspace(0.0, end_angle(door), 5):
         site = moved_scene(door, angle).site("handle")
@@ -109,7 +110,7 @@ def test_a_concealed_hinge_is_a_four_bar():
 def test_forces_are_split_along_the_path(door):
     """Along it, as the geometry tells its direction; the rest is across."""
     path, geometry = LeafPath.of(door), DoorGeometry.of(door)
-    axes = task_rotation_w(door, base="mobile")
+    axes = task_rotation_w(door, robot=TIAGO_LIKE.on("mobile"))
     site = "leaf_axes" if door.motion == "flap" else "handle"
     for angle in np.linspace(0.01, 0.95 * end_angle(door), 5).tolist():
         frame = axes.T @ moved_scene(door, angle).site(site).xmat.reshape(3, 3)
@@ -147,7 +148,7 @@ def test_a_leaf_without_friction_keeps_its_energy(door):
     fields = {"hinge_friction": 0.0, "hinge_damping": 0.0, "closer_boost": 0.0}
     free = {"closing_damping": 0.0, "closer_preload": 0.0, "closer_stiffness": 0.0}
     door = dataclasses.replace(door, **fields, **free, strut_stiffness=0.0)
-    model = build_scene(door, base="mobile")
+    model = build_scene(door, robot=TIAGO_LIKE.on("mobile"))
     # Out of the hand.
     model.geom_conaffinity[model.geom("handle_bar").id] = 0
     data = mujoco.MjData(model)

@@ -14,9 +14,9 @@ from numpy.testing import assert_allclose
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.variation import Placement
-from gplfd_env.robot.stance import BAR_STANCES
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.task.observation import Reader
 
 READER = Reader.of("contact", "pose")
@@ -87,7 +87,7 @@ def test_the_hand_begins_at_the_origin_wherever_it_takes_hold(placement):
     lift = min(0.85 + placement.grasp_height - 0.5, 0.35)
     assert data.joint("torso_lift_joint").qpos[0] == pytest.approx(lift, abs=1e-3)
 
-    stance, yaw = BAR_STANCES["fixed", "pull"], placement.base_yaw
+    stance, yaw = TIAGO_LIKE.stance(DoorConfig()), placement.base_yaw
     base = np.array([placement.base_x, placement.base_y])
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     assert_allclose(base + turn @ bar[:2], stance.handle_xy_w, atol=1e-12)

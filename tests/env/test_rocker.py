@@ -10,6 +10,7 @@ from gplfd_env.doors.config import TURNING, DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.rocker import ROCKERS
 from gplfd_env.robot.stance import check_reach
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene
 from gplfd_policies.agents.model_based.oracle import OracleAgent
 
@@ -33,7 +34,7 @@ def door(handle, swing, side, **more):
 @pytest.mark.parametrize("kind", KINDS, ids="-".join)
 def test_the_scene_moves_the_handle_as_the_geometry_says(kind):
     config = door(*kind)
-    model = build_scene(config, base="mobile")
+    model = build_scene(config, robot=TIAGO_LIKE.on("mobile"))
     data = mujoco.MjData(model)
     task = model.site("task_frame").id
     moved = model.site("handle").id
@@ -94,10 +95,10 @@ def test_what_is_not_given_is_that_of_the_kind_and_can_be_given(handle):
 def test_the_reach_of_a_base_that_drives(handle, swing, side, radius, allowed):
     config = door(handle, swing, side, radius=radius)
     if allowed:
-        check_reach(config, "mobile")
+        check_reach(config, TIAGO_LIKE.on("mobile"))
         return
     with pytest.raises(ValueError, match=f"radius = {radius} is out of reach"):
-        check_reach(config, "mobile")
+        check_reach(config, TIAGO_LIKE.on("mobile"))
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.conventions.assets import asset_path
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
-from gplfd_env.robot.placement import ARM_JOINTS
-from gplfd_env.robot.stance import BAR_STANCES, base_for
+from gplfd_env.robot.stance import base_for
 from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.visuals import CLOSER_ARM, CLOSER_PARTS, GROUP
 
 NAMED = (
@@ -28,7 +28,7 @@ both_bases = pytest.mark.parametrize("base", ["fixed", "mobile"])
     ("grasp", "base"), [("contact", "fixed"), ("weld", "fixed"), ("contact", "mobile")]
 )
 def test_every_element_has_a_name(grasp, base):
-    model = build_scene(DoorConfig(), grasp, base=base)
+    model = build_scene(DoorConfig(), grasp, robot=TIAGO_LIKE.on(base))
     for kind in NAMED:
         element, count = getattr(model, kind), getattr(model, f"n{kind}")
         names = [element(index).name for index in range(count)]
@@ -41,13 +41,13 @@ def test_every_element_has_a_name(grasp, base):
 @both_bases
 def test_scene_keeps_the_urdf_bodies(base):
     alone = mujoco.MjModel.from_xml_path(str(asset_path("tiago_like.urdf")))
-    scene = build_scene(DoorConfig(), base=base)
+    scene = build_scene(DoorConfig(), robot=TIAGO_LIKE.on(base))
     for index in range(1, alone.nbody):
         name = alone.body(index).name
         for field in ("mass", "inertia", "ipos", "pos", "quat"):
             in_scene = getattr(scene.body(name), field)
             assert_allclose(in_scene, getattr(alone.body(name), field))
-    for joint, effort in zip(ARM_JOINTS, (43, 43, 26, 26, 3, 6.6, 6.6), strict=True):
+    for joint, effort in zip(TIAGO_LIKE.arm, (43, 43, 26, 26, 3, 6.6, 6.6), strict=True):
         limits = scene.jnt_actfrcrange[scene.joint(joint).id]
         assert_allclose(limits, (-effort, effort))
 
@@ -66,18 +66,18 @@ def test_scenes_are_the_caller_s_own():
 def test_every_door_in_reach_can_be_held(base, share, up, handle_standoff):
     """Hand on the closed handle, arm within limits, robot at rest."""
     door = DoorConfig(
-        radius=0.30 + share * (BAR_STANCES[base, "pull"].radius - 0.30),
-        handle_height=0.50 + up * (BAR_STANCES[base, "pull"].height - 0.50),
+        radius=0.30 + share * (TIAGO_LIKE.on(base).stance(DoorConfig()).radius - 0.30),
+        handle_height=0.50 + up * (TIAGO_LIKE.on(base).stance(DoorConfig()).height - 0.50),
         handle_standoff=handle_standoff,
     )
-    model = build_scene(door, base=base)
+    model = build_scene(door, robot=TIAGO_LIKE.on(base))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
     mujoco.mj_forward(model, data)
     hand, frame = data.site("hand"), data.site("task_frame")
     assert_allclose(hand.xpos, frame.xpos, atol=2e-5)
     assert_allclose(hand.xmat, frame.xmat, atol=2e-4)
-    arm = [model.joint(name).id for name in ARM_JOINTS]
+    arm = [model.joint(name).id for name in TIAGO_LIKE.arm]
     low, high = model.jnt_range[arm].T
     assert np.all((low < data.qpos[arm]) & (data.qpos[arm] < high))
     assert_allclose(data.sensor("hinge_angle").data, 0.0, atol=1e-4)
@@ -117,7 +117,7 @@ def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
     Before a base that drives the walls are solid; before one that stands still they
     are only to be seen.
     """
-    spec = build_spec(door_config(door), base=base)
+    spec = build_spec(door_config(door), robot=TIAGO_LIKE.on(base))
     dressed = spec.compile()
     seen = looks(dressed) | (WALLS if base == "fixed" else set())
     for geom in [one for one in spec.geoms if one.name in seen]:
@@ -139,7 +139,7 @@ def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
 @pytest.mark.parametrize("door", DOORS)
 def test_every_door_stands_in_a_wall(door):
     for base in {base_for(DOORS[door]), "mobile"}:
-        model = build_scene(DOORS[door], base=base)
+        model = build_scene(DOORS[door], robot=TIAGO_LIKE.on(base))
         for wall in WALLS:
             assert model.geom(wall).rgba[3] == 1.0
             assert model.geom(wall).size[2] > 0.5
@@ -157,7 +157,7 @@ def test_no_wall_hides_the_arm_of_a_robot_that_stands_still_and_pushes():
 @pytest.mark.parametrize("hinge_side", ["right", "left"])
 def test_the_far_handle_is_the_near_one_in_the_mirror(handle, hinge_side):
     fields = {"preset": "room-834", "handle": handle, "hinge_side": hinge_side}
-    model = build_scene(door_config(fields), base="mobile")
+    model = build_scene(door_config(fields), robot=TIAGO_LIKE.on("mobile"))
     data = mujoco.MjData(model)
     data.joint("handle").qpos = 0.5
     mujoco.mj_kinematics(model, data)
@@ -174,11 +174,11 @@ def test_the_far_handle_is_the_near_one_in_the_mirror(handle, hinge_side):
 def test_only_a_hydraulic_closer_is_seen():
     """A lever's seal has tendons, too: the scene is the same, and loaded in place."""
     lever, closed_by = DOORS["room-834"], DOORS["heavy-fire"]
-    model = build_scene(lever, base="mobile")
+    model = build_scene(lever, robot=TIAGO_LIKE.on("mobile"))
     data = mujoco.MjData(model)
     arm = model.tendon(CLOSER_ARM).id
     for door, seen in ((lever, 0.0), (closed_by, 1.0), (lever, 0.0)):
-        load_scene(model, data, door, base="mobile")
+        load_scene(model, data, door, robot=TIAGO_LIKE.on("mobile"))
         assert [model.geom(part).rgba[3] for part in CLOSER_PARTS] == [seen, seen]
         assert model.tendon_rgba[arm, 3] == seen
         assert (model.tendon_width[arm] > 1e-3) == (seen > 0.0)
@@ -187,7 +187,7 @@ def test_only_a_hydraulic_closer_is_seen():
 @pytest.mark.parametrize("hinge_side", ["right", "left"])
 def test_the_closer_s_arm_ends_at_its_box_however_far_the_door_is_open(hinge_side):
     door = door_config({"preset": "heavy-fire", "hinge_side": hinge_side})
-    model = build_scene(door, base="mobile")
+    model = build_scene(door, robot=TIAGO_LIKE.on("mobile"))
     data = mujoco.MjData(model)
     for angle in (0.0, 0.8, 1.6):
         data.joint("hinge").qpos = angle

@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import gplfd_env
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.variation import Placement
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
 
 pytestmark = [pytest.mark.slow, pytest.mark.bits]
@@ -107,12 +108,12 @@ def assert_close(model: mujoco.MjModel, compiled: mujoco.MjModel, *but: str) -> 
 @example(first=ODD, second=PLAIN)
 @example(first=PLAIN, second=ODD)
 def test_a_scene_does_not_remember_the_one_before(base, first, second):
-    model = build_scene(first[0], placement=first[1], base=base)
+    model = build_scene(first[0], placement=first[1], robot=TIAGO_LIKE.on(base))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)
     mujoco.mj_step(model, data, nstep=3)
-    load_scene(model, data, second[0], placement=second[1], base=base)
-    direct = build_scene(second[0], placement=second[1], base=base)
+    load_scene(model, data, second[0], placement=second[1], robot=TIAGO_LIKE.on(base))
+    direct = build_scene(second[0], placement=second[1], robot=TIAGO_LIKE.on(base))
     assert_equal_bits(fields(model), fields(direct))
 
 

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.envs.door_opening import DoorOpeningEnv
-from gplfd_env.robot.placement import ARM_JOINTS, task_rotation_w
+from gplfd_env.robot.placement import task_rotation_w
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
 EFFORT_LIMITS = np.array([43.0, 43.0, 26.0, 26.0, 3.0, 6.6, 6.6])
@@ -28,7 +29,7 @@ def free(start_env: Callable, release_handle: Callable) -> DoorOpeningEnv:
 
 def calm(env: DoorOpeningEnv) -> None:
     """Let the arm's self-motion die out quickly; statics do not depend on it."""
-    for name in ARM_JOINTS:
+    for name in TIAGO_LIKE.arm:
         env.model.joint(name).damping = 2.0
 
 
@@ -41,7 +42,7 @@ def move_slowly(env: DoorOpeningEnv, pose: np.ndarray, steps: int = 500) -> Any:
 
 
 def dofs(env: DoorOpeningEnv) -> list[int]:
-    return [int(env.model.joint(name).dofadr[0]) for name in ARM_JOINTS]
+    return [int(env.model.joint(name).dofadr[0]) for name in TIAGO_LIKE.arm]
 
 
 # --- The servo -----------------------------------------------------------------------
@@ -68,7 +69,7 @@ def test_efforts_stay_within_limits_under_violent_commands(seed, start_env):
 
 def test_weight_counts_against_the_effort_limit(free):
     """With the limits below the weight's torques the arm sinks: no hidden helper."""
-    for name in ARM_JOINTS:
+    for name in TIAGO_LIKE.arm:
         free.model.jnt_actfrcrange[free.model.joint(name).id] = (-0.5, 0.5)
     start = free.data.site("hand").xpos[2]
     for _ in range(60):
@@ -113,7 +114,7 @@ def test_observation_is_the_state_one_physics_step_ago(start_env):
     """A period is five steps of 2 ms; the sensors sample before the last of them."""
     env, twin = start_env("small"), start_env("small")
     command = handle_pose_on_arc(0.35, 0.02)
-    joints = [int(env.model.joint(name).qposadr[0]) for name in ARM_JOINTS]
+    joints = [int(env.model.joint(name).qposadr[0]) for name in TIAGO_LIKE.arm]
     for number in range(1, 4):
         twin.data.ctrl[:6] = command
         mujoco.mj_step(twin.model, twin.data, nstep=4)

@@ -8,6 +8,7 @@ import pytest
 
 from gplfd_env.doors.config import DOORS, door_config
 from gplfd_env.robot.mobile_base import BASE_JOINTS
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene
 from gplfd_experiments.recording.episode import part_chunks, static_chunks
 from gplfd_experiments.recording.layout import layout
@@ -28,7 +29,7 @@ TORQUE = 20.0 + 1e-2 * ROWS
 
 @pytest.fixture(scope="module")
 def model():
-    return build_scene(DOORS["heavy-fire"], base="mobile")
+    return build_scene(DOORS["heavy-fire"], robot=TIAGO_LIKE.on("mobile"))
 
 
 @pytest.fixture
@@ -70,7 +71,7 @@ def test_nothing_is_made_of_a_plain_bar_door(make_log, door_model, shown):
 )
 def test_only_what_is_there_is_shown(door, base, there):
     config = door_config(door)
-    assert mechanism_of(build_scene(config, base=base), config.as_dict()) == there
+    assert mechanism_of(build_scene(config, robot=TIAGO_LIKE.on(base)), config.as_dict()) == there
 
 
 def test_curves_are_the_log_s_in_the_units_of_the_titles(log, model, shown):
@@ -107,7 +108,7 @@ def test_the_arm_joins_box_and_frame_in_every_frame(log, model, shown):
         mujoco.mj_kinematics(model, data)
         ends = [data.site(f"closer_{end}").xpos for end in ("spindle", "foot")]
         np.testing.assert_allclose(strips[frame][0], ends, atol=1e-6)
-    plain = build_scene(DOORS["room-834"], base="mobile")
+    plain = build_scene(DOORS["room-834"], robot=TIAGO_LIKE.on("mobile"))
     assert (ARM, "LineStrips3D:strips") not in shown(part, plain)
 
 
@@ -116,7 +117,7 @@ def test_the_arm_joins_box_and_frame_in_every_frame(log, model, shown):
 def test_the_true_arc_is_that_of_the_model_s_handle(make_log, swing, hinge_side):
     """Both ways, both sides, at the place of a lever that is held."""
     door = door_config({"preset": "room-709", "swing": swing, "hinge_side": hinge_side})
-    model = build_scene(door, base="mobile")
+    model = build_scene(door, robot=TIAGO_LIKE.on("mobile"))
     log = make_log(door_config=door.as_dict(), qpos=np.zeros((601, model.nq)))
     arc = next(
         chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()[0][0]

@@ -15,6 +15,7 @@ from gplfd_env.doors.closer import CloserLaw
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.hardware import en1154
 from gplfd_env.robot.stance import base_for
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_experiments.data import teacher
 from gplfd_experiments.data.teacher.forces import (
@@ -94,7 +95,7 @@ def test_the_simulated_door_takes_the_same_torques(name):
     if door.handle != "bar":
         bolt = ratio * np.maximum(turns - door.dead_travel, 0.0)
         motions |= {"handle": turns, "bolt": bolt}
-    model = build_scene(door, base=base_for(door))
+    model = build_scene(door, robot=TIAGO_LIKE.on(base_for(door)))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)

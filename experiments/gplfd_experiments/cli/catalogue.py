@@ -11,7 +11,7 @@ from gplfd_env import (
     RL_ENVIRONMENT_ID,
 )
 from gplfd_env.doors.config import DOORS, DoorConfig
-from gplfd_env.robot.stance import stance_of
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.validation.fields import allowed_range
 from gplfd_policies.registry.catalogue import POLICIES
 from gplfd_policies.registry.user_policies import packaged_policies
@@ -39,7 +39,7 @@ def catalogue_json() -> dict[str, dict[str, str]]:
 def _sections() -> Mapping[str, Mapping[str, str]]:
     """Return a line about each name, by the titles of the sections."""
     radius = allowed_range(DoorConfig, "radius")
-    standing = stance_of(DoorConfig(), "fixed").radius
+    standing = TIAGO_LIKE.stance(DoorConfig()).radius
     return {
         f"doors (or any radius from {radius.low:g} to {radius.high:g} m, beyond "
         f"{standing:g} m with a driving base; or a .json file)": {
