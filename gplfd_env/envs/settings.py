@@ -16,8 +16,8 @@ from gplfd_env.doors.config import DoorConfig, DoorSpec, door_config
 from gplfd_env.doors.disturbance import DisturbanceSpec, disturbance_named
 from gplfd_env.doors.randomization import RandomizationSpec, door_randomization
 from gplfd_env.envs.camera import Camera, require_display
-from gplfd_env.robot.gripper import hold_of
 from gplfd_env.robot.config import RobotConfig
+from gplfd_env.robot.gripper import hold_of
 from gplfd_env.robot.model import Grasp
 from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.robot.stance import ABOUT_A_HINGE, check_reach
@@ -94,7 +94,10 @@ class Common:
         return config if self.base is None else config.on(self.base)
 
     def commanded(self, command: Command) -> Robot:
-        """Return the robot as it is commanded; raise a ValueError for a weld of a hand to take hold."""
+        """Return the robot as it is commanded.
+
+        Raises a ValueError for a weld of a hand that has to take hold.
+        """
         hold = hold_of(self.grasp, self.start, commanded=command.grips)
         return Robot(hold, command, self.robot_config)
 

@@ -57,7 +57,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             "render_fps": round(1 / CONTROL_PERIOD),
             "autoreset_mode": self.autoreset_mode,
         }
-        self.single_observation_space = observation_space(self.command, settings.robot_config)
+        self.single_observation_space = observation_space(
+            self.command, settings.robot_config
+        )
         self.single_action_space = self.command.space
         self.observation_space = batch_space(self.single_observation_space, n)
         self.action_space = batch_space(self.single_action_space, n)

@@ -95,7 +95,10 @@ class RobotConfig:
     """Direction of the approach in the frame of the tool, a unit vector."""
     closing: Vector = (1.0, 0.0, 0.0)
     """Direction in which the first finger opens, perpendicular to the approach."""
-    fingers: tuple[str, str] = ("gripper_right_finger_joint", "gripper_left_finger_joint")
+    fingers: tuple[str, str] = (
+        "gripper_right_finger_joint",
+        "gripper_left_finger_joint",
+    )
     """Prismatic joints of the fingers: zero is closed."""
     finger_stroke: float = 0.045
     """How far a finger opens from the middle [m]."""

@@ -10,10 +10,10 @@ import numpy as np
 from gplfd_env.conventions.constants import UNDRAWN, Control
 from gplfd_env.doors.config import DoorConfig, held_radius
 from gplfd_env.robot.config import RobotConfig
+from gplfd_env.robot.description import PAD_BEHIND, described_robot
 from gplfd_env.robot.mobile_base import add_mobile_base
 from gplfd_env.robot.placement import gripper_rotation_w, quaternion, task_rotation_w
 from gplfd_env.robot.tiago import TIAGO_LIKE
-from gplfd_env.robot.urdf import PAD_BEHIND, described_robot
 
 SERVO_STIFFNESS: Final = (2000.0, 100.0)
 """Cartesian servo: translation [N/m], rotation [N m/rad]."""
@@ -53,6 +53,7 @@ SIDES: Final = ("right", "left")
 
 GRIPS: Final = ("grip_right", "grip_left")
 """The fingers' servos."""
+
 
 def load_robot(
     control: Control, door: DoorConfig, robot: RobotConfig = TIAGO_LIKE

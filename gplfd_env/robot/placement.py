@@ -7,7 +7,6 @@ its left at z = radius, where an arm on a base that stands still reaches less.
 """
 
 import math
-from typing import Final
 
 import mujoco
 import numpy as np
@@ -21,7 +20,9 @@ from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.se3 import into_axes
 
 
-def hand_position_w(door: DoorConfig, placement: Placement, robot: RobotConfig) -> Array:
+def hand_position_w(
+    door: DoorConfig, placement: Placement, robot: RobotConfig
+) -> Array:
     """Return where the hand takes hold in the world frame, (3,) [m]."""
     position, _ = task_in_door_frame(door, placement, robot)
     middle = handle_position_w(door, placement, robot)
@@ -92,7 +93,10 @@ def door_geometry(variation: Variation, robot: RobotConfig) -> DoorGeometry:
 def standoff_pose(door: DoorConfig, standoff: Standoff, robot: RobotConfig) -> Array:
     """Return the pose of a hand before the handle, task frame, (6,) [m, rad]."""
     to_task = task_rotation_w(door, robot=robot).T
-    back, up = to_task @ gripper_rotation_w(door, robot)[:, 2], np.array([0.0, 1.0, 0.0])
+    back, up = (
+        to_task @ gripper_rotation_w(door, robot)[:, 2],
+        np.array([0.0, 1.0, 0.0]),
+    )
     level = math.cos(standoff.aside) * back
     level += math.sin(standoff.aside) * np.cross(back, up)
     direction = math.cos(standoff.above) * level + math.sin(standoff.above) * up

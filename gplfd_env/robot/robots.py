@@ -1,8 +1,10 @@
 """The robots of this project by name, and what names a robot."""
 
+import json
 import os
 from collections.abc import Mapping
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, Final
 
 from gplfd_env.robot.config import RobotConfig
@@ -11,7 +13,8 @@ from gplfd_env.robot.urdf import robot_of_urdf
 from gplfd_env.validation.named import nearest_name
 
 RobotSpec = str | os.PathLike[str] | RobotConfig
-"""Name of a robot, path of the URDF of an arm, or a `RobotConfig`."""
+"""Name of a robot, path of the URDF of an arm, path of a .json with the arguments of
+`gplfd_env.robot.urdf.robot_of_urdf`, or a `RobotConfig`."""
 
 _ARMS: Final[Mapping[str, Mapping[str, Any]]] = {
     "panda-like": {
@@ -28,19 +31,39 @@ ROBOTS: Final = ("tiago-like", *_ARMS)
 """Names of the robots of this project."""
 
 
-@lru_cache(maxsize=16)
 def robot_named(spec: RobotSpec) -> RobotConfig:
-    """Return a robot; raise a ValueError or an OSError that says what is allowed."""
+    """Return a robot.
+
+    Raises:
+        ValueError: A name that there is not, or a file that describes no robot.
+        OSError: There is no such file.
+    """
     if isinstance(spec, RobotConfig):
         return spec
-    text = os.fspath(spec)
-    if text == TIAGO_LIKE.name:
+    return _named(os.fspath(spec))
+
+
+@lru_cache(maxsize=16)
+def _named(name: str) -> RobotConfig:
+    if name == TIAGO_LIKE.name:
         return TIAGO_LIKE
-    if text in _ARMS:
-        return robot_of_urdf(name=text, **_ARMS[text])
-    if text.endswith(".urdf"):
-        return robot_of_urdf(text)
+    if name in _ARMS:
+        return robot_of_urdf(name=name, **_ARMS[name])
+    if name.endswith(".urdf"):
+        return robot_of_urdf(name)
+    if name.endswith(".json"):
+        file = Path(name)
+        try:
+            given = json.loads(file.read_text(encoding="utf-8"))
+            path = file.parent / given.pop("path")
+            return robot_of_urdf(path, **given)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise ValueError(
+                f"{name} holds no robot: {error}; it must be an object with the "
+                "arguments of gplfd_env.robot.urdf.robot_of_urdf, such as path, tool, "
+                "fingers, grasp_point and home"
+            ) from error
     raise ValueError(
-        f"unknown robot {text!r}{nearest_name(text, ROBOTS)}; give one of "
-        f"{', '.join(ROBOTS)}, the path of a .urdf, or a RobotConfig"
+        f"unknown robot {name!r}{nearest_name(name, ROBOTS)}; give one of "
+        f"{', '.join(ROBOTS)}, a .urdf, a .json, or a RobotConfig"
     )

@@ -16,7 +16,6 @@ from gplfd_env.robot.config import (
     Stance,
 )
 
-
 _AT_BAR: Final = (1.119, 0.225, -1.569, 1.569, -1.352, -0.219, -1.564)
 
 _DRIVING: Final = Stance(
@@ -56,64 +55,64 @@ _DRIVING_LEFT_BAR: Final = replace(_DRIVING_LEFT, roll=0.0, closed_posture=_AT_B
 lock; without one it goes through the frame."""
 
 _BAR: Final[Mapping[tuple[Base, Swing], Stance]] = {
-        ("fixed", "pull"): Stance(
-            handle_xy_w=(0.7345, 0.7004),
-            door_yaw=math.radians(26.05),
-            grasp_yaw=math.radians(25.4),
-            below_handle=0.50,
-            closed_posture=(2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900),
-            radius=0.65,
-            height=0.90,
-        ),
-        ("fixed", "push"): Stance(
-            handle_xy_w=(0.593, -0.027),
-            door_yaw=math.radians(67.2),
-            below_handle=0.72,
-            closed_posture=(0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -2.019),
-            radius=0.65,
-            height=1.07,
-        ),
-        ("mobile", "pull"): _DRIVING,
-        ("mobile", "push"): _DRIVING,
-    }
+    ("fixed", "pull"): Stance(
+        handle_xy_w=(0.7345, 0.7004),
+        door_yaw=math.radians(26.05),
+        grasp_yaw=math.radians(25.4),
+        below_handle=0.50,
+        closed_posture=(2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900),
+        radius=0.65,
+        height=0.90,
+    ),
+    ("fixed", "push"): Stance(
+        handle_xy_w=(0.593, -0.027),
+        door_yaw=math.radians(67.2),
+        below_handle=0.72,
+        closed_posture=(0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -2.019),
+        radius=0.65,
+        height=1.07,
+    ),
+    ("mobile", "pull"): _DRIVING,
+    ("mobile", "push"): _DRIVING,
+}
 """By base and swing. With a fixed base the arm has to reach the whole motion: the robot
 stands far from a door that it pulls and near to one that it pushes."""
 
 _TURNED: Final[Mapping[tuple[Base, Swing], Stance]] = {
-        ("fixed", "pull"): Stance(
-            handle_xy_w=(0.7345, 0.7004),
-            door_yaw=math.radians(51.45),
-            below_handle=0.50,
-            closed_posture=(2.183, -0.730, -2.699, 0.803, 0.995, 0.034, -0.671),
-            roll=-math.pi / 2,
-            radius=0.91,
-            height=1.07,
-        ),
-        ("fixed", "push"): Stance(
-            handle_xy_w=(0.593, -0.027),
-            door_yaw=math.radians(67.2),
-            below_handle=0.72,
-            closed_posture=(0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -0.448),
-            roll=math.pi / 2,
-            radius=0.91,
-            height=1.07,
-        ),
-        ("mobile", "pull"): _DRIVING_TURNED,
-        ("mobile", "push"): _DRIVING_TURNED,
-    }
+    ("fixed", "pull"): Stance(
+        handle_xy_w=(0.7345, 0.7004),
+        door_yaw=math.radians(51.45),
+        below_handle=0.50,
+        closed_posture=(2.183, -0.730, -2.699, 0.803, 0.995, 0.034, -0.671),
+        roll=-math.pi / 2,
+        radius=0.91,
+        height=1.07,
+    ),
+    ("fixed", "push"): Stance(
+        handle_xy_w=(0.593, -0.027),
+        door_yaw=math.radians(67.2),
+        below_handle=0.72,
+        closed_posture=(0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -0.448),
+        roll=math.pi / 2,
+        radius=0.91,
+        height=1.07,
+    ),
+    ("mobile", "pull"): _DRIVING_TURNED,
+    ("mobile", "push"): _DRIVING_TURNED,
+}
 """The same for a lever or knob. With a fixed base the arm reaches the whole motion of
 doors that are pulled with the hinge on the right, or pushed with the hinge on the left;
 on the other side it reaches less (docs/environment.md)."""
 
 
 _PUSHING_LEFT: Final[Mapping[Handle, Stance]] = {
-        "bar": _DRIVING_LEFT_BAR,
-        "lever": replace(_DRIVING_LEFT, radius=1.05),
-        "knob": _DRIVING_LEFT,
-        "paddle": _DRIVING_LEFT,
-        "touch-bar": _DRIVING_LEFT,
-        "handleset": _DRIVING_LEFT,
-    }
+    "bar": _DRIVING_LEFT_BAR,
+    "lever": replace(_DRIVING_LEFT, radius=1.05),
+    "knob": _DRIVING_LEFT,
+    "paddle": _DRIVING_LEFT,
+    "touch-bar": _DRIVING_LEFT,
+    "handleset": _DRIVING_LEFT,
+}
 """Before doors that are pushed with the hinge on the left, with a base that drives.
 Farther from the hinge the base meets the leaf; the hand on a lever is nearer to it."""
 
@@ -163,9 +162,7 @@ TIAGO_LIKE: Final = RobotConfig(
             (0, 0, -0.03, 0.125, 0.0195, -0.031),
             0.06,
         ),
-        Capsule(
-            "upper_arm_body", "arm_3_link", (0, 0, 0, -0.01, -0.013, -0.21), 0.055
-        ),
+        Capsule("upper_arm_body", "arm_3_link", (0, 0, 0, -0.01, -0.013, -0.21), 0.055),
         Capsule("elbow_body", "arm_4_link", (0, 0, 0.005, -0.162, 0.02, 0.027), 0.05),
         Capsule("forearm_body", "arm_5_link", (0, 0, 0, 0, 0, 0.15), 0.045),
         Capsule("palm_body", "gripper_link", (0, 0, 0.04, 0, 0, -0.06), 0.045),

@@ -159,9 +159,7 @@ def load_scene(
     check_reach(door, robot, "grasped" if standoff is None else "approach")
     placement = Placement() if placement is None else placement
     geometry, structure = dataclasses.replace(door, **_NOMINAL), structure_of(door)
-    settled = _settled(
-        geometry, structure, placement, standoff, grasp, control, robot
-    )
+    settled = _settled(geometry, structure, placement, standoff, grasp, control, robot)
     for name, values in settled.items():
         getattr(model, name)[...] = values
     set_door_physics(model, data, door)

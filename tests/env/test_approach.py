@@ -12,8 +12,8 @@ from gplfd_env.doors.config import BAR_RADIUS
 from gplfd_env.doors.variation import Standoff
 from gplfd_env.robot.gripper import AT_HANDLE, SPEED
 from gplfd_env.robot.placement import standoff_pose
-from gplfd_env.scene.build import build_scene
 from gplfd_env.robot.tiago import TIAGO_LIKE
+from gplfd_env.scene.build import build_scene
 from gplfd_env.task.opening import STALL_TIME
 
 pytestmark = pytest.mark.slow

@@ -14,8 +14,8 @@ from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.variation import Placement, Variation
 from gplfd_env.robot.placement import door_geometry
-from gplfd_env.scene.build import build_scene
 from gplfd_env.robot.tiago import TIAGO_LIKE
+from gplfd_env.scene.build import build_scene
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
 ANGLES = np.linspace(0.0, 1.2, 7)
@@ -119,7 +119,9 @@ def test_a_handle_is_where_the_simulator_has_it(swing, side, handle, base):
     """Poses of a hand that is fixed to the handle, for hinge and handle turned."""
     door = DoorConfig(radius=0.5, handle=handle, swing=swing, hinge_side=side)
     placement = Placement(base_yaw=0.03, base_x=0.01, grasp_depth=0.004)
-    geometry = door_geometry(Variation(door=door, placement=placement), TIAGO_LIKE.on(base))
+    geometry = door_geometry(
+        Variation(door=door, placement=placement), TIAGO_LIKE.on(base)
+    )
     model = build_scene(door, placement=placement, robot=TIAGO_LIKE.on(base))
     data = mujoco.MjData(model)
     frame, site = data.site("task_frame"), data.site("handle")

@@ -18,8 +18,8 @@ from gplfd_env.doors.disturbance import CAUSES, DISTURBANCES
 from gplfd_env.doors.randomization import RANDOMIZATIONS, DoorRandomization
 from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
-from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.robot.model import SERVO_DAMPING, SERVO_STIFFNESS
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.task.info import INFO
 from gplfd_env.validation.fields import allowed_range
 

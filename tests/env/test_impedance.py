@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import gplfd_env
-from gplfd_env.simulation.command import servo_gains
 from gplfd_env.robot.tiago import TIAGO_LIKE
+from gplfd_env.simulation.command import servo_gains
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
 pytestmark = pytest.mark.slow

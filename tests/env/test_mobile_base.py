@@ -15,8 +15,8 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.robot.collision import OBSTACLES
 from gplfd_env.robot.mobile_base import BASE_JOINTS, WHEEL_FORCE, WHEEL_LEVER, WHEELS
 from gplfd_env.robot.stance import check_reach
-from gplfd_env.robot.whole_body import SPEED
 from gplfd_env.robot.tiago import TIAGO_LIKE
+from gplfd_env.robot.whole_body import SPEED
 from gplfd_env.scene.build import build_scene
 
 pytestmark = pytest.mark.slow
@@ -283,7 +283,10 @@ def test_a_base_that_stands_refuses_what_it_cannot_reach(
 
 
 def test_the_record_ends_where_the_driving_robot_s_reach_does():
-    most = {"radius": TIAGO_LIKE.on("mobile").stance(DoorConfig()).radius, "handle_height": 1.22}
+    most = {
+        "radius": TIAGO_LIKE.on("mobile").stance(DoorConfig()).radius,
+        "handle_height": 1.22,
+    }
     check_reach(DoorConfig(**most), TIAGO_LIKE.on("mobile"))
     for field, value in most.items():
         with pytest.raises(ValueError, match=f"{field} = "):

@@ -14,9 +14,9 @@ from numpy.testing import assert_allclose
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.variation import Placement
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.task.observation import Reader
 
 READER = Reader.of("contact", "pose")

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gplfd_env.conventions.assets import asset_path
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.robot.stance import base_for
-from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
 from gplfd_env.robot.tiago import TIAGO_LIKE
+from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
 from gplfd_env.scene.visuals import CLOSER_ARM, CLOSER_PARTS, GROUP
 
 NAMED = (
@@ -47,7 +47,9 @@ def test_scene_keeps_the_urdf_bodies(base):
         for field in ("mass", "inertia", "ipos", "pos", "quat"):
             in_scene = getattr(scene.body(name), field)
             assert_allclose(in_scene, getattr(alone.body(name), field))
-    for joint, effort in zip(TIAGO_LIKE.arm, (43, 43, 26, 26, 3, 6.6, 6.6), strict=True):
+    for joint, effort in zip(
+        TIAGO_LIKE.arm, (43, 43, 26, 26, 3, 6.6, 6.6), strict=True
+    ):
         limits = scene.jnt_actfrcrange[scene.joint(joint).id]
         assert_allclose(limits, (-effort, effort))
 
@@ -67,7 +69,8 @@ def test_every_door_in_reach_can_be_held(base, share, up, handle_standoff):
     """Hand on the closed handle, arm within limits, robot at rest."""
     door = DoorConfig(
         radius=0.30 + share * (TIAGO_LIKE.on(base).stance(DoorConfig()).radius - 0.30),
-        handle_height=0.50 + up * (TIAGO_LIKE.on(base).stance(DoorConfig()).height - 0.50),
+        handle_height=0.50
+        + up * (TIAGO_LIKE.on(base).stance(DoorConfig()).height - 0.50),
         handle_standoff=handle_standoff,
     )
     model = build_scene(door, robot=TIAGO_LIKE.on(base))

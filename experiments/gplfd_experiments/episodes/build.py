@@ -136,6 +136,7 @@ def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> g
         ENVIRONMENT_IDS[control],
         **_circumstances(task),
         base=task.base,
+        robot=task.robot,
         start=task.start,
         **arguments,
     )
@@ -158,6 +159,7 @@ def open_together(
         ENVIRONMENT_IDS[together.control],
         num_envs=len(tasks),
         base=first.base,
+        robot=first.robot,
         start=first.start,
         **varied,
         autoreset_mode="Disabled",

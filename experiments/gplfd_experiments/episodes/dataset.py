@@ -37,6 +37,7 @@ def record_dataset(
     demonstrated_forces: bool,
     randomization: str,
     start: Start,
+    robot: str,
     max_steps: int | None,
     overwrite: bool,
     options: Mapping[str, Any],
@@ -59,8 +60,9 @@ def record_dataset(
             demonstrated_forces=demonstrated_forces,
             randomization=randomization,
             start=start,
+            robot=robot,
         )
-        for door, config in named_doors(doors, start=start).items()
+        for door, config in named_doors(doors, start=start, robot=robot).items()
         for number in range(episodes)
     ]
     first = tasks[0]

@@ -69,9 +69,9 @@ class EpisodeLog:
     """Hand velocity [m/s, rad/s]."""
     wrench: Pose
     """Force and torque of the door on the hand [N, N m]."""
-    joint_pos: Float[np.ndarray, "T 7"]
+    joint_pos: Float[np.ndarray, "T J"]
     """Arm joint positions [rad]."""
-    joint_vel: Float[np.ndarray, "T 7"]
+    joint_vel: Float[np.ndarray, "T J"]
     """Arm joint velocities [rad/s]."""
     qpos: Float[np.ndarray, "T nq"]
     """Generalised positions of the whole model."""
@@ -158,6 +158,7 @@ class EpisodeLog:
         sizes = {
             "T": np.size(self.times),
             "nq": np.shape(self.qpos)[-1],
+            "J": np.shape(self.joint_pos)[-1],
             "S": np.size(self.forecast_times),
             "M": np.size(self.forecast_phase),
         }

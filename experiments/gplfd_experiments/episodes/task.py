@@ -16,6 +16,7 @@ from typing import Any, Final, Literal
 from gplfd_env.conventions.constants import Base, Start
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.doors.randomization import door_randomization
+from gplfd_env.robot.robots import robot_named
 from gplfd_env.robot.stance import base_for, check_reach
 from gplfd_experiments.data.teacher import (
     DEMONSTRATED_RADII,
@@ -122,6 +123,8 @@ class EpisodeTask(TaughtTask):
     as the closer's, or that are not as in `demonstrated_kind`, such as the swing of
     doors that are demonstrated without a label; () for none."""
     base: Base = omit_default("fixed")
+    robot: str = omit_default("tiago-like")
+    """Name of a robot, or path of the URDF of an arm."""
     environment_version: int = omit_default(0)
     """Version of the environment's physics; 0 for a fixed base, whose physics are the
     same in all versions."""
@@ -179,7 +182,8 @@ def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
     The base drives where a fixed one does not reach, and three doors of the same kind
     (handle, latch, swing, hinge side) are demonstrated, unless other fields are given.
     """
-    fields = {"base": base_for(config)} | fields
+    robot = robot_named(fields.get("robot", "tiago-like"))
+    fields = {"base": base_for(config, robot)} | fields
     if fields["base"] == "mobile":
         fields.setdefault("environment_version", 1)
     if config.kind != DoorConfig().kind:
@@ -202,7 +206,7 @@ def _shape(door: DoorConfig) -> dict[str, Any]:
 
 
 def named_doors(
-    doors: Sequence[str], *, start: Start = "grasped"
+    doors: Sequence[str], *, start: Start = "grasped", robot: str = "tiago-like"
 ) -> dict[str, DoorConfig]:
     """Return the configurations of doors by name.
 
@@ -213,6 +217,7 @@ def named_doors(
             "--doors needs at least one door: a name, a radius [m] or a .json file"
         )
     configs: dict[str, DoorConfig] = {}
+    body = robot_named(robot)
     for given in doors:
         if given.endswith(".json"):
             name, config = _door_of_file(Path(given))
@@ -225,7 +230,7 @@ def named_doors(
                 name, config = f"{radius:g}", door_config(radius)
         if name in configs:
             raise ValueError(f"door {name} is given twice in --doors")
-        check_reach(config, base_for(config), start)
+        check_reach(config, body.on(base_for(config, body)), start)
         configs[name] = config
     return configs
 

@@ -49,7 +49,7 @@ def checked(settings: StudySettings) -> StudySettings:
     settings = dataclasses.replace(settings, policies=_policies(settings.policies))
     for policy in settings.policies:
         chosen(policy)
-    named_doors(settings.doors, start=settings.start)
+    named_doors(settings.doors, start=settings.start, robot=settings.robot)
     for names in itertools.product(settings.randomizations, settings.disturbances):
         check_circumstances(*names, settings.start)
     for name, values in dataclasses.asdict(settings).items():
@@ -79,7 +79,9 @@ def tasks(settings: StudySettings) -> tuple[Task, ...]:
     Learning tests use demonstrations of furniture doors. A study without such a door
     has none.
     """
-    doors = named_doors(settings.doors, start=settings.start).values()
+    doors = named_doors(
+        settings.doors, start=settings.start, robot=settings.robot
+    ).values()
     furniture = any(door.kind == DoorConfig().kind for door in doors)
     study: list[Task] = []
     for seed in range(settings.seeds):
@@ -122,6 +124,7 @@ def conditions(settings: StudySettings) -> Iterator[Condition]:
             randomization=randomization,
             disturbance=disturbance,
             start=settings.start,
+            robot=settings.robot,
             demonstrated_forces=settings.demonstrated_forces,
         )
 
@@ -130,7 +133,7 @@ def episodes(
     settings: StudySettings, condition: Condition, seeds: Sequence[int]
 ) -> Iterator[EpisodeTask]:
     """Yield policies × doors × seeds under one condition; the seed varies slowest."""
-    doors = named_doors(settings.doors, start=settings.start)
+    doors = named_doors(settings.doors, start=settings.start, robot=settings.robot)
     teacher = noisy_teacher(condition.teacher_noise)
     for seed, policy, door in itertools.product(seeds, settings.policies, doors):
         yield episode_task(
@@ -143,6 +146,7 @@ def episodes(
             randomization=condition.randomization,
             disturbance=condition.disturbance,
             start=condition.start,
+            robot=condition.robot,
             demonstrated_forces=condition.demonstrated_forces,
         )
 

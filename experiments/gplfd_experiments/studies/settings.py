@@ -53,6 +53,10 @@ class StudySettings:
     """What episodes begin with: the handle in the hand, or the open hand before it,
     which then reaches as the demonstrations do."""
 
+    robot: str = "tiago-like"
+    """Robot that opens the door: tiago-like, panda-like, ur5e-like, or the .urdf of an
+    arm, which stands on a stand or, where the door needs it, on a mobile base."""
+
     skill: bool = True
     """Also test how well each policy predicts demonstrations of furniture doors that it
     did not learn from; no robot is simulated."""
@@ -71,6 +75,7 @@ class Condition:
     disturbance: str = "none"
     start: str = "grasped"
     demonstrated_forces: bool = False
+    robot: str = "tiago-like"
     trial: str = ""
     level: str = ""
 
@@ -91,6 +96,8 @@ class Condition:
             text += f", disturbance {self.disturbance}"
         if self.start != "grasped":
             text += f", start {self.start}"
+        if self.robot != "tiago-like":
+            text += f", robot {self.robot}"
         return text
 
 

@@ -77,6 +77,7 @@ def open_doors(
     randomization: str,
     disturbance: str,
     start: Start,
+    robot: str,
     looks: Literal["primitives", "tiago"],
     options: Mapping[str, Any],
     video: Path | None = None,
@@ -107,8 +108,9 @@ def open_doors(
             randomization=randomization,
             disturbance=disturbance,
             start=start,
+            robot=robot,
         )
-        for door, config in named_doors(doors, start=start).items()
+        for door, config in named_doors(doors, start=start, robot=robot).items()
     ]
     videos = {} if video is None else video_paths(video, [one.door for one in tasks])
     if videos:
@@ -117,8 +119,10 @@ def open_doors(
     earlier = _files_of_earlier_run(folder)
     shapes = None
     if looks == "tiago":
-        robot = build_scene(DoorConfig())
-        shapes = tiago_looks([robot.body(index).name for index in range(robot.nbody)])
+        if robot != "tiago-like":
+            raise ValueError(f"--looks tiago is not for --robot {robot}")
+        scene = build_scene(DoorConfig())
+        shapes = tiago_looks([scene.body(index).name for index in range(scene.nbody)])
     if skill is not None and start == "approach":
         raise ValueError(
             "--skill is of opening alone: leave it out to learn reaching, too, or "

@@ -60,6 +60,7 @@ _OPTIONAL: Final = {
     "demonstrated_kind": dict[str, str] | None,
     "demonstrated_hardware": tuple[dict[str, float | str], ...],
     "base": str,
+    "robot": str,
     "environment_version": int,
     "start": Start,
     "habits": dict[str, float] | None,
@@ -267,6 +268,7 @@ def _condition(task: TaughtTask) -> Condition:
         randomization=named(task.randomization),
         disturbance=named(task.disturbance),
         start=task.start,
+        robot=task.robot,
         trial=task.trial,
         level=task.level,
     )

@@ -284,6 +284,10 @@ class Record:
     """What episodes begin with: the handle in the hand, or the open hand 10 to 20 cm
     before it, which then reaches as the demonstrations do."""
 
+    robot: str = "tiago-like"
+    """Robot that opens the door: tiago-like, panda-like, ur5e-like, or the .urdf of an
+    arm, which stands on a stand or, where the door needs it, on a mobile base."""
+
     max_steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Cut episodes after this many steps; the environment's own limit by default."""
 

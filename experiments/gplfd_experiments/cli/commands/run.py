@@ -52,6 +52,10 @@ class Run:
     """State at the start: the hand holds the handle, or the open hand is 10 to 20 cm
     in front of it and first reaches for it."""
 
+    robot: str = "tiago-like"
+    """Robot that opens the door: tiago-like, panda-like, ur5e-like, or the .urdf of an
+    arm, which stands on a stand or, where the door needs it, on a mobile base."""
+
     demonstrations_per_door: int = 2
     """Number of demonstrations by the synthetic human on each of the three
     demonstrated doors."""

@@ -135,6 +135,10 @@ class Trials:
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/trials")
     """Folder to write to; an unfinished study in it is resumed."""
 
+    robot: str = "tiago-like"
+    """Robot that opens the doors: tiago-like, panda-like, ur5e-like, or the .urdf of an
+    arm."""
+
     where: Annotated[EngineOptions, tyro.conf.arg(name="")] = ON_THIS_MACHINE
     """Where to run."""
 
@@ -175,6 +179,7 @@ class Trials:
             named_trials(self.trials, self.part),
             policies=self.policies,
             part=self.part,
+            robot=self.robot,
         )
         engine = self.where.made()
         errors = run_or_resume(tasks, recorded(self), self.out, engine)
@@ -195,8 +200,10 @@ class Trials:
             from gplfd_experiments.files.plain_data import json_text
             from gplfd_experiments.workflows.separation import run_until_separated
 
-        if self.part != "whole" or self.record:
-            raise ValueError("--until-separated takes neither --part nor --record")
+        if (self.part, self.record, self.robot) != ("whole", False, "tiago-like"):
+            raise ValueError(
+                "--until-separated takes neither --part nor --record nor --robot"
+            )
         state, errors = run_until_separated(
             self.trials,
             self.policies,

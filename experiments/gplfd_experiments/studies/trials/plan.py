@@ -33,18 +33,20 @@ def trial_tasks(
     part: Part = "whole",
     only: Sequence[str] = (),
     seeds: int | None = None,
+    robot: str = "tiago-like",
 ) -> tuple[EpisodeTask, ...]:
     """Return the episodes of trials; the seed varies slowest.
 
     ``only`` gives policies in place of all others, without levels in which one of them
-    cannot take part; ``seeds`` is a number in place of the part's.
+    cannot take part; ``seeds`` is a number in place of the part's. Another `robot`
+    opens the same doors.
     """
     plan = PARTS[part]
     tuned = TUNED if part == "whole" else ()
     doors = {
         (name, title): {
             door: dataclasses.replace(config, **level.door)
-            for door, config in named_doors(level.doors).items()
+            for door, config in named_doors(level.doors, robot=robot).items()
         }
         for name, trial in trials.items()
         for title, level in trial.levels.items()
@@ -78,6 +80,7 @@ def trial_tasks(
                     disturbance=level.disturbance,
                     **_shown(level),
                     start=level.start,
+                    robot=robot,
                     habits=level.habits,
                     demonstrated_forces=level.demonstrated_forces,
                     prior_radius=level.prior_radius,

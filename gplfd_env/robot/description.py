@@ -1,0 +1,189 @@
+"""The text of a robot: its URDF with stand, gripper and finger pads, for MuJoCo.
+
+Collision geometry of the URDF is left out: only finger pads touch a handle, and
+capsules stand for the links of a mobile robot.
+"""
+
+import warnings
+import xml.etree.ElementTree as ET
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gplfd_env.conventions.assets import asset_path
+from gplfd_env.conventions.constants import INTANGIBLE, Array
+from gplfd_env.robot.config import RobotConfig, grasp_axes
+
+ASSETS: Final = ("tiago_like.urdf", "panda_like.urdf", "ur5e_like.urdf")
+"""The robots of this project."""
+
+PAD_BEHIND: Final = 0.02
+"""How far the middle of a finger pad is behind the grasped point [m]."""
+
+_PAD: Final = (0.01, 0.04, 0.08)
+"""Thickness, width and length of a finger pad [m]."""
+
+_GREY: Final = (0.75, 0.76, 0.78, 1.0)
+
+
+def described_robot(robot: RobotConfig) -> mujoco.MjSpec:
+    """Return a robot as MuJoCo reads it, one body per link; it has no servos yet."""
+    path = urdf_path(robot.urdf)
+    if not robot.stand:
+        return mujoco.MjSpec.from_file(str(path))
+    spec = mujoco.MjSpec.from_string(_completed(robot))
+    for body, mesh, geom in _meshes(str(path)):
+        spec.add_mesh(**mesh)
+        spec.body(body).add_geom(
+            type=mujoco.mjtGeom.mjGEOM_MESH, mass=0.0, **geom, **INTANGIBLE
+        )
+    first, second = robot.fingers
+    spec.add_equality(
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1=first,
+        name2=second,
+        data=[0.0, 1.0, *[0.0] * 10],
+    )
+    return spec
+
+
+def urdf_path(urdf: str) -> Path:
+    """Return the path of a description, which may be an asset's name."""
+    path = Path(urdf)
+    if path.is_file():
+        return path.resolve()
+    if path.name == urdf and urdf in ASSETS:
+        return asset_path(urdf)
+    raise FileNotFoundError(f"{urdf}: there is no such URDF")
+
+
+@lru_cache(maxsize=8)
+def read_urdf(path: str) -> Any:
+    """Return a URDF as yourdfpy's object, without its meshes."""
+    import yourdfpy
+
+    try:
+        urdf = yourdfpy.URDF.load(
+            path, load_meshes=False, load_collision_meshes=False, mesh_dir=""
+        )
+        if not urdf.joint_map:
+            raise ValueError("it has no joints")
+    except Exception as error:
+        raise ValueError(f"{path} is no URDF of an arm: {error}") from error
+    return urdf
+
+
+def _completed(robot: RobotConfig) -> str:
+    """Return the URDF of a robot on its stand, with gripper and finger pads."""
+    path = urdf_path(robot.urdf)
+    tree = ET.parse(path).getroot()
+    moving = {*robot.arm, *robot.fingers}
+    for joint in tree.findall("joint"):
+        for mimic in joint.findall("mimic"):
+            joint.remove(mimic)
+        if joint.get("name") not in moving:
+            joint.set("type", "fixed")
+    for link in tree.findall("link"):
+        for kind in ("collision", "visual"):
+            for shape in link.findall(kind):
+                if kind == "collision" or shape.find("geometry/mesh") is not None:
+                    link.remove(shape)
+    for other in tree.findall("mujoco"):
+        tree.remove(other)
+    for element in tree.iter():
+        # MuJoCo's own name of what stands still.
+        for attribute in ("name", "link"):
+            if element.get(attribute) == "world":
+                element.set(attribute, "urdf_world")
+    options = {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}
+    ET.SubElement(ET.SubElement(tree, "mujoco"), "compiler", options)
+    children = {one.get("link") for one in tree.findall("joint/child")}
+    (root,) = (
+        str(one.get("name"))
+        for one in tree.findall("link")
+        if one.get("name") not in children
+    )
+    tree.extend(ET.parse(asset_path("stand.urdf")).getroot())
+    _join(tree, "stand_lift_link", root, np.eye(3))
+    if robot.flange:
+        tree.extend(ET.parse(asset_path("gripper.urdf")).getroot())
+        _join(tree, robot.flange, "gripper_link", grasp_axes(*robot.flange_axes))
+    links = {str(one.get("name")): one for one in tree.findall("link")}
+    ends = {str(one.get("name")): one.find("child") for one in tree.findall("joint")}
+    for side, outwards, finger in zip(
+        ("right", "left"), (1.0, -1.0), robot.fingers, strict=True
+    ):
+        end = ends[finger]
+        if end is None:
+            raise ValueError(f"{path.name}: the joint {finger} has no child")
+        body = str(end.get("link"))
+        place, axes = np.array([outwards * _PAD[0] / 2, 0.0, PAD_BEHIND]), np.eye(3)
+        if not robot.flange:
+            closed = read_urdf(str(path)).get_transform(robot.tool, body)
+            axes = closed[:3, :3] @ robot.grasp_axes
+            place = closed[:3, :3] @ robot.grasp_point + closed[:3, 3] + axes @ place
+        pad = ET.SubElement(links[body], "collision", {"name": f"{side}_finger_pad"})
+        ET.SubElement(pad, "origin", _origin(place, axes))
+        size = " ".join(map(str, _PAD))
+        ET.SubElement(ET.SubElement(pad, "geometry"), "box", {"size": size})
+    return ET.tostring(tree, encoding="unicode")
+
+
+def _join(tree: ET.Element, parent: str, child: str, axes: Array) -> None:
+    """Mount a link on another with a turn, by a fixed joint."""
+    joint = ET.SubElement(tree, "joint", {"name": f"{child}_mount", "type": "fixed"})
+    ET.SubElement(joint, "parent", {"link": parent})
+    ET.SubElement(joint, "child", {"link": child})
+    ET.SubElement(joint, "origin", _origin(np.zeros(3), axes))
+
+
+def _origin(place: Array, axes: Array) -> dict[str, str]:
+    turn = Rotation.from_matrix(axes).as_euler("xyz")
+    return {
+        "xyz": " ".join(map(repr, place.tolist())),
+        "rpy": " ".join(map(repr, turn.tolist())),
+    }
+
+
+@lru_cache(maxsize=8)
+def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]:
+    """Return the meshes of a URDF: its link, fields of MuJoCo's mesh and of its geom.
+
+    A file that cannot be read is left out with a warning.
+    """
+    import trimesh
+
+    found = []
+    urdf = read_urdf(path)
+    for link in urdf.robot.links:
+        for number, visual in enumerate(link.visuals):
+            mesh = visual.geometry.mesh
+            if mesh is None:
+                continue
+            try:
+                file = urdf._filename_handler(mesh.filename)
+                shape: Any = trimesh.load(file, force="mesh")
+            except (OSError, ValueError, ImportError) as error:
+                warnings.warn(
+                    f"the robot is drawn without {mesh.filename}: {error}", stacklevel=2
+                )
+                continue
+            name = f"{link.name}_{number}"
+            pose = np.eye(4) if visual.origin is None else visual.origin
+            scale = 1.0 if mesh.scale is None else mesh.scale
+            colour = getattr(getattr(visual.material, "color", None), "rgba", _GREY)
+            vertices, faces = (shape.vertices * scale).ravel(), shape.faces.ravel()
+            geom = {
+                "meshname": name,
+                "pos": pose[:3, 3],
+                "quat": Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True),
+                "rgba": colour,
+            }
+            fields = {"name": name, "uservert": vertices, "userface": faces}
+            found.append((link.name, fields, geom))
+    return tuple(found)
