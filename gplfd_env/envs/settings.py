@@ -81,7 +81,8 @@ class Common:
     def __post_init__(self) -> None:
         check_choice("grasp", self.grasp, get_args(Grasp))
         check_choice("reward", self.reward, REWARDS)
-        check_choice("base", self.base, (None, *get_args(Base)))
+        if self.base is not None:
+            check_choice("base", self.base, get_args(Base))
         check_choice("start", self.start, get_args(Start))
         check_choice("render_mode", self.render_mode, (None, *self.render_modes))
         if self.render_mode == "human":

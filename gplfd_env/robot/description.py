@@ -68,9 +68,7 @@ def read_urdf(path: str) -> Any:
     import yourdfpy
 
     try:
-        urdf = yourdfpy.URDF.load(
-            path, load_meshes=False, load_collision_meshes=False, mesh_dir=""
-        )
+        urdf = yourdfpy.URDF.load(path, load_meshes=False, load_collision_meshes=False)
         if not urdf.joint_map:
             raise ValueError("it has no joints")
     except Exception as error:

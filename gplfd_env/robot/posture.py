@@ -121,7 +121,7 @@ def _found_home(grasp: Grasp, limits: Array) -> Array:
     rng = np.random.default_rng(0)
     low, high = np.maximum(limits.T[0], -math.pi), np.minimum(limits.T[1], math.pi)
     best, posture = 0.0, None
-    for share in rng.uniform(0.1, 0.9, size=(4000, len(limits))):
+    for share in rng.uniform(0.1, 0.9, size=(2000, len(limits))):
         tried = low + share * (high - low)
         place, frame = grasp(tried)
         out = np.hypot(*place[:2])

@@ -40,6 +40,10 @@ def robot_named(spec: RobotSpec) -> RobotConfig:
     """
     if isinstance(spec, RobotConfig):
         return spec
+    if not isinstance(spec, str | os.PathLike):
+        raise TypeError(
+            f"robot must be a name, a path or a RobotConfig, got {type(spec).__name__}"
+        )
     return _named(os.fspath(spec))
 
 
@@ -56,7 +60,8 @@ def _named(name: str) -> RobotConfig:
         try:
             given = json.loads(file.read_text(encoding="utf-8"))
             path = file.parent / given.pop("path")
-            return robot_of_urdf(path, **given)
+            lists = {key: tuple(v) for key, v in given.items() if isinstance(v, list)}
+            return robot_of_urdf(path, **given | lists)
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise ValueError(
                 f"{name} holds no robot: {error}; it must be an object with the "

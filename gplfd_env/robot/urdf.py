@@ -101,7 +101,13 @@ def robot_of_urdf(
         raise ValueError(
             f"approach {approach} and closing {closing} must be perpendicular"
         )
-    values = np.broadcast_to(armature, len(joints))
+    values = np.array(armature, dtype=np.float64)
+    if values.shape not in ((), (len(joints),)) or not (values >= 0.0).all():
+        raise ValueError(
+            f"armature must be one inertia or {len(joints)}, at least 0 [kg m²]; got "
+            f"{armature!r}"
+        )
+    values = np.broadcast_to(values, len(joints))
     parts: dict[str, Any] = {
         "name": name or urdf.robot.name,
         "urdf": str(path),

@@ -90,7 +90,13 @@ def test_sdist_can_be_tested(tmp_path):
     tests = {str(test.relative_to(ROOT)) for test in (ROOT / "tests").rglob("*.py")}
     top = {"pyproject.toml", "README.md", "LICENSE", "CITATION.cff", "CONTRIBUTING.md"}
     below = {"docs/environment.md", "paper/paper.bib", "benchmarks/harness.py"}
-    assets = {"assets/tiago_like.urdf", "assets/README.md"}
+    assets = {
+        f"assets/{name}"
+        for name in (
+            *("tiago_like.urdf", "panda_like.urdf", "ur5e_like.urdf"),
+            *("stand.urdf", "gripper.urdf", "README.md"),
+        )
+    }
     assert tests | top | below | assets <= names
 
 

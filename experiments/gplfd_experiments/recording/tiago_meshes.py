@@ -84,16 +84,11 @@ def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
 
     A mesh goes to the nearest link above it that has the name of one of our bodies;
     head and wheels are in their zero position. Raises ModuleNotFoundError or ValueError
-    where the description or what reads it is missing or another one.
+    where the description is missing or another one.
     """
+    import yourdfpy
+
     path = description()
-    try:
-        import yourdfpy
-    except ImportError as error:
-        raise ModuleNotFoundError(
-            "PAL's meshes of TIAGo are read by yourdfpy, which is not installed: "
-            "pip install 'gplfd[tiago]'"
-        ) from error
     robot: Any = yourdfpy.URDF.load(str(path))
     if _BASE not in robot.link_map:
         raise ValueError(f"{path} is not TIAGo's description: it has no link {_BASE}")

@@ -262,8 +262,8 @@ def _forward_kinematics(urdf: Path | None, link: str | None) -> Callable[[Any], 
         raise ValueError(
             "joint states need the robot and its hand: --urdf FILE --link NAME"
         )
-    with optional_libraries("joint states need yourdfpy", "ros"):
-        import yourdfpy
+    import yourdfpy
+
     regular_file(urdf, "a URDF file (--urdf)")
     robot = yourdfpy.URDF.load(
         str(urdf),

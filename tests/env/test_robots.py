@@ -1,0 +1,278 @@
+"""Robots besides the default one: from their URDF to an open door."""
+
+import dataclasses
+import json
+import math
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
+from gplfd_env.conventions.assets import asset_path
+from gplfd_env.doors.config import DOORS, DoorConfig
+from gplfd_env.envs import version_0
+from gplfd_env.robot.config import Before
+from gplfd_env.robot.placement import gripper_rotation_w
+from gplfd_env.robot.robots import robot_named
+from gplfd_env.robot.tiago import TIAGO_LIKE
+from gplfd_env.robot.urdf import robot_of_urdf
+
+ARMS = ("panda-like", "ur5e-like")
+UR5E = asset_path("ur5e_like.urdf")
+PANDA = asset_path("panda_like.urdf")
+HAND = {
+    "tool": "panda_hand",
+    "grasp_point": (0.0, 0.0, 0.1034),
+    "fingers": ("panda_finger_joint1", "panda_finger_joint2"),
+}
+
+
+def opened(robot, door, base, id=ENVIRONMENT_ID, seconds=7.5):
+    """Follow the true path to 63 degrees; return the environment and the infos."""
+    env = gym.make(id, robot=robot, door=door, base=base)
+    observation, _ = env.reset(seed=0)
+    geometry, infos = env.unwrapped.door_geometry, []
+    lever = env.unwrapped.door.handle != "bar"
+    for step in range(round(100 * seconds)):
+        time = 0.01 * step
+        turn = 0.0
+        if lever:
+            turn = 0.9 * min(time, 1.0) - 0.9 * min(max(time - 2.5, 0.0), 1.0)
+        angle = 1.1 * min(max(time - lever * 1.2, 0.0) / 5.5, 1.0)
+        pose = geometry.hand_poses(np.array([angle]), turn)[0]
+        action = (
+            pose if id == ENVIRONMENT_ID else np.r_[pose, [2000.0] * 3, [100.0] * 3]
+        )
+        observation, _, ended, _, info = env.step(action)
+        infos.append(info)
+        if ended:
+            break
+    env.close()
+    return env.unwrapped, observation, infos
+
+
+@pytest.mark.parametrize("robot", ARMS)
+@pytest.mark.parametrize(
+    ("door", "base"),
+    [("medium", "fixed"), ("medium", "mobile"), ("room-834", "mobile")],
+)
+def test_an_arm_opens_a_door_within_its_limits(robot, door, base):
+    env, _, infos = opened(robot, door, base)
+    assert infos[-1]["success"]
+    assert max(info["slip"] for info in infos) < 3e-3
+    efforts = env.model.jnt_actfrcrange[
+        [env.model.joint(name).id for name in robot_named(robot).arm], 1
+    ]
+    assert np.all(efforts > 0.0), "joint efforts are limited as in the URDF"
+
+
+@pytest.mark.parametrize("robot", ARMS)
+def test_the_hand_holds_the_handle_at_rest_and_weighs_nothing(robot):
+    env = gym.make(ENVIRONMENT_ID, robot=robot, door="medium")
+    observation, _ = env.reset(seed=0)
+    assert observation["joint_pos"].shape == (len(robot_named(robot).arm),)
+    assert env.observation_space.contains(observation)
+    for _ in range(50):
+        observation, *_, info = env.step(np.zeros(6))
+    assert np.abs(observation["ee_pose"]).max() < 1e-4
+    assert np.abs(observation["wrench"]).max() < 0.05
+    assert info["grasped"]
+    # The grasp frame is where the stance says: its closing axis across the bar.
+    data, config = env.unwrapped.data, robot_named(robot)
+    axes = data.body(config.tool).xmat.reshape(3, 3) @ config.grasp_axes
+    assert_allclose(axes, gripper_rotation_w(DOORS["medium"], config), atol=1e-4)
+
+
+@pytest.mark.parametrize("robot", ARMS)
+def test_the_wrist_sensor_measures_what_acts_on_the_hand(robot):
+    env = gym.make(ENVIRONMENT_ID, robot=robot, door="medium").unwrapped
+    env.reset(seed=0)
+    axes = env.data.site("task_frame").xmat.reshape(3, 3)
+    force = np.array([4.0, -3.0, 2.0])
+    # The middle of the mass of the hand, so that only the force acts at once.
+    env.data.body(robot_named(robot).sensor).xfrc_applied[:3] = axes @ force
+    for _ in range(100):
+        observation, *_ = env.step(np.zeros(6))
+    handle = env.step(np.zeros(6))[-1]
+    on_handle = [handle[f"force_{name}"] for name in ("tangential", "vertical")]
+    # What is not carried by the handle is carried by the wrist.
+    assert_allclose(
+        observation["wrench"][:2], force[:2] - np.array(on_handle), atol=0.15
+    )
+
+
+def test_impedance_control_and_many_doors_take_other_robots():
+    _, _, infos = opened("ur5e-like", "medium", "fixed", IMPEDANCE_ENVIRONMENT_ID)
+    assert infos[-1]["success"]
+    one = gym.make(ENVIRONMENT_ID, robot="ur5e-like", door="small")
+    many = gym.make_vec(
+        ENVIRONMENT_ID, num_envs=2, robot="ur5e-like", door=["medium", "small"]
+    )
+    one.reset(seed=4)
+    many.reset(seed=[3, 4])
+    action = np.array([0.05, 0.0, 0.01, 0.0, 0.1, 0.0])
+    for _ in range(20):
+        single, *_ = one.step(action)
+        batch, *_ = many.step(np.tile(action, (2, 1)))
+    for name, values in single.items():
+        assert_array_equal(batch[name][1], values)
+
+
+def test_the_default_robot_is_the_tiago_like_one():
+    env = gym.make(ENVIRONMENT_ID, door="medium")
+    same = gym.make(ENVIRONMENT_ID, door="medium", robot=TIAGO_LIKE, base="fixed")
+    for name in ("body_pos", "body_mass", "site_quat", "geom_size", "key_qpos"):
+        fields = [getattr(one.unwrapped.model, name) for one in (env, same)]
+        assert_array_equal(*fields)
+
+
+def test_a_robot_says_on_which_base_it_stands():
+    mobile = robot_of_urdf(UR5E, base="mobile")
+    env = gym.make(ENVIRONMENT_ID, robot=mobile, door="medium")
+    assert env.unwrapped.model.joint("base_yaw_joint").id >= 0
+    standing = gym.make(ENVIRONMENT_ID, robot=mobile, base="fixed", door="medium")
+    with pytest.raises(KeyError):
+        standing.unwrapped.model.joint("base_yaw_joint")
+    with pytest.raises(ValueError, match="needs gplfd/DoorOpening-v1"):
+        version_0.door_opening(robot=mobile)
+
+
+def test_home_decides_how_the_robot_stands():
+    home = (0.3, -0.5, 0.0, -2.2, 0.0, 3.2, 0.785)
+    robot = robot_of_urdf(PANDA, **HAND, home=home)
+    model = mujoco.MjModel.from_xml_path(str(PANDA))
+    data = mujoco.MjData(model)
+    data.qpos[:7] = home
+    mujoco.mj_kinematics(model, data)
+    axes = data.body("panda_hand").xmat.reshape(3, 3)
+    point = data.body("panda_hand").xpos + axes @ HAND["grasp_point"]
+    stance = robot.stance(DoorConfig())
+    assert_allclose([*stance.handle_xy_w, stance.below_handle], point, atol=1e-9)
+    heading = axes[:, 2]
+    assert stance.door_yaw == pytest.approx(math.atan2(heading[1], heading[0]))
+    # A lever is held with the last joint turned by a quarter, which turns the fingers.
+    turned = robot.stance(DoorConfig(handle="lever", latch="spring"))
+    assert abs(turned.closed_posture[-1] - home[-1]) == pytest.approx(math.pi / 2)
+    assert abs(turned.roll - stance.roll) % math.pi == pytest.approx(math.pi / 2)
+
+
+def test_the_home_that_is_found_is_level_and_the_same_every_time():
+    found = [robot_of_urdf(UR5E).stance(DoorConfig()) for _ in range(2)]
+    assert found[0] == found[1]
+    robot = robot_of_urdf(UR5E, home=found[0].closed_posture)
+    assert robot.stance(DoorConfig()) == found[0]
+
+
+@pytest.mark.parametrize("roll", [0.0, math.pi / 2, -math.pi / 2, math.pi])
+def test_a_roll_turns_the_fingers_about_the_approach(roll):
+    stance = TIAGO_LIKE.stance(DoorConfig())
+    rolled = dataclasses.replace(stance, roll=roll)
+    robot = dataclasses.replace(
+        TIAGO_LIKE, stances=((Before.of(DoorConfig(), "fixed"), rolled),)
+    )
+    axes, rolled_axes = (
+        gripper_rotation_w(DoorConfig(), one) for one in (TIAGO_LIKE, robot)
+    )
+    turn = Rotation.from_rotvec(roll * -axes[:, 2]).as_matrix()
+    assert_allclose(rolled_axes, turn @ axes, atol=1e-12)
+
+
+def described(tmp_path, text):
+    path = tmp_path / "arm.urdf"
+    path.write_text(text)
+    return path
+
+
+def test_meshes_are_drawn_and_a_missing_one_is_told(tmp_path):
+    text = UR5E.read_text()
+    geometry = text[text.index("<geometry>") : text.index("</geometry>") + 11]
+    mesh = '<geometry><mesh filename="part.stl" scale="2 2 2"/></geometry>'
+    path = described(tmp_path, text.replace(geometry, mesh, 1))
+    trimesh.creation.box([0.1, 0.2, 0.3]).export(tmp_path / "part.stl")
+    env = gym.make(ENVIRONMENT_ID, robot=str(path), door="medium")
+    model = env.unwrapped.model
+    assert model.nmesh == 1
+    assert_allclose(np.ptp(model.mesh_vert, axis=0).sum(), 1.2, rtol=1e-6)
+    broken = described(tmp_path, text.replace(geometry, mesh.replace("part", "no"), 1))
+    (tmp_path / "other").mkdir()
+    other = (tmp_path / "other" / "arm.urdf").resolve()
+    other.write_text(broken.read_text())
+    with pytest.warns(UserWarning, match=r"drawn without no\.stl"):
+        gym.make(ENVIRONMENT_ID, robot=str(other), door="medium")
+
+
+def test_a_file_describes_a_robot(tmp_path):
+    text = PANDA.read_text().replace('"panda_link0"', '"world"')
+    described(tmp_path, text)
+    file = tmp_path / "robot.json"
+    file.write_text(json.dumps({"path": "arm.urdf", "base": "mobile", **HAND}))
+    robot = robot_named(str(file))
+    assert (robot.base, robot.tool) == ("mobile", "panda_hand")
+    assert gym.make(ENVIRONMENT_ID, robot=file, door="medium").reset(seed=0)
+    file.write_text(json.dumps({"path": "arm.urdf", "hand": "panda_hand"}))
+    other = file.rename(tmp_path / "other.json")
+    with pytest.raises(ValueError, match=r"other\.json holds no robot.*hand"):
+        robot_named(str(other))
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("panda", "unknown robot 'panda' .did you mean 'panda-like'"),
+        (3, "robot must be a name, a path or a RobotConfig, got int"),
+    ],
+)
+def test_an_unknown_robot_is_told(spec, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        gym.make(ENVIRONMENT_ID, robot=spec)
+
+
+@pytest.mark.parametrize(
+    ("path", "arguments", "message"),
+    [
+        (PANDA, {"fingers": ("panda_joint1", "x")}, "prismatic joints, got 'panda_jo"),
+        (PANDA, {"fingers": HAND["fingers"]}, "give grasp_point, where"),
+        (PANDA, HAND | {"closing": (0, 1, 1)}, "must be perpendicular"),
+        (PANDA, HAND | {"approach": (0, 0, 0)}, "approach must be a direction"),
+        (UR5E, {"tool": "hand"}, "has no link 'hand'; it has base_link"),
+        (UR5E, {"tool": "forearm_link"}, "3 turning joints lead to 'forearm_link'"),
+        (UR5E, {"home": [0.0] * 7}, "home must be 6 joint positions"),
+        (UR5E, {"home": [math.nan] * 6}, "home must be 6 joint positions"),
+        (UR5E, {"home": [0, 0, 4.0, 0, 0, 0]}, "beyond the limits of elbow_joint"),
+        (UR5E, {"home": [0.0, -1.0, 0.5, -1.0, 1.57, 0]}, "approach level; it points"),
+        (UR5E, {"armature": [0.1, 0.2]}, "armature"),
+    ],
+)
+def test_what_does_not_fit_a_urdf_is_told(path, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        robot_of_urdf(path, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is no URDF of an arm"),
+        ("<robot name='a'><link name='b'/></robot>", "it has no joints"),
+    ],
+)
+def test_a_file_that_is_no_arm_is_told(tmp_path, text, message):
+    with pytest.raises(ValueError, match=message):
+        robot_of_urdf(described(tmp_path, text))
+
+
+def test_a_link_without_mass_is_told(tmp_path):
+    text = UR5E.read_text()
+    start = text.index("<inertial>", text.index('<link name="wrist_2_link">'))
+    end = text.index("</inertial>", start) + len("</inertial>")
+    with pytest.raises(ValueError, match="every link that moves needs a mass"):
+        robot_of_urdf(described(tmp_path, text[:start] + text[end:]))
+
+
+def test_a_missing_file_is_told(tmp_path):
+    with pytest.raises(FileNotFoundError, match="there is no such URDF"):
+        robot_named(str(tmp_path / "no.urdf"))
