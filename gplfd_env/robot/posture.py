@@ -126,9 +126,9 @@ def _found_home(grasp: Grasp, limits: Array) -> Array:
         place, frame = grasp(tried)
         out = np.hypot(*place[:2])
         ahead = -frame[:2, 2] @ place[:2] > 0.8 * out
-        upright = abs(_roll(frame)) in (0.0, math.pi)
         level = abs(frame[2, 2]) < 0.15 and abs(place[2]) < _LEVEL
-        if not (level and ahead and upright and out > _NEAR):
+        # The fingers close across an upright bar.
+        if not (level and ahead and out > _NEAR and abs(frame[2, 0]) < math.sqrt(0.5)):
             continue
         columns = []
         for joint in range(len(limits)):

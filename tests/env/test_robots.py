@@ -56,10 +56,13 @@ def opened(robot, door, base, id=ENVIRONMENT_ID, seconds=7.5):
     return env.unwrapped, observation, infos
 
 
-@pytest.mark.parametrize("robot", ARMS)
 @pytest.mark.parametrize(
-    ("door", "base"),
-    [("medium", "fixed"), ("medium", "mobile"), ("room-834", "mobile")],
+    ("robot", "door", "base"),
+    [
+        ("panda-like", "medium", "fixed"),
+        ("panda-like", "room-834", "mobile"),
+        ("ur5e-like", "medium", "mobile"),
+    ],
 )
 def test_an_arm_opens_a_door_within_its_limits(robot, door, base):
     env, _, infos = opened(robot, door, base)
