@@ -73,12 +73,13 @@ def export_skill(
             "warning: the axes of the tool are taken to be those of the task frame at "
             "the closed door; give --tool qw,qx,qy,qz if they are not"
         )
+    turn = np.zeros(3) if tool is None else _rotvec("--tool", tool)
+    if frame is not None:
+        pose = np.concatenate([frame[:3], _rotvec("--frame", frame[3:])])
     method, learned = method_and_skill(policy, skill)
     path = commanded_path(open_loop(method, 1.0 / rate).follow(learned))
     law = path.profile
     if frame is not None:
-        pose = np.concatenate([frame[:3], _rotvec("--frame", frame[3:])])
-        turn = _rotvec("--tool", (1.0, 0.0, 0.0, 0.0) if tool is None else tool)
         path = path.seen_from(pose, turn)
     aligned = learned.aligned
     about = {
@@ -88,7 +89,10 @@ def export_skill(
         "tool_in_task_frame": None if tool is None else list(tool),
         "stiffness_law_along_task_axes": _plain(law),
         "stability_bound_for": _plain(path.dynamics),
-        "gripper": {"command": "closed", "why": "the handle is grasped before the start"},
+        "gripper": {
+            "command": "closed",
+            "why": "the handle is grasped before the start",
+        },
         "provenance": provenance(
             {"skill": skill.name, "skill_sha256": content_hash(skill), "policy": policy}
         ),

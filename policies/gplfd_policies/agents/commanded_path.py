@@ -20,6 +20,8 @@ from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
 
 _ARRIVED: Final = 1e-4
 """Distance of the set-point from the end of the path at which a path ends [m]."""
+_ROUNDING: Final = 1e-9
+"""Elements of a matrix of stiffness below this are zero [N/m, N m/rad]."""
 _AXES: Final = ("x", "y", "z", "rotation x", "rotation y", "rotation z")
 
 
@@ -82,11 +84,12 @@ class CommandedPath:
     def seen_from(self, task: Pose, tool: Float[np.ndarray, "3"]) -> "CommandedPath":
         """Return the same in another frame, in which the task frame has a pose.
 
-        A diagonal does not stay one: K = R diag(k) Rᵀ. Here k becomes the diagonal of
-        which k_min + E_ii - Σ_j |E_ij|, E = R diag(k - k_min) Rᵀ, is by Gershgorin's
-        theorem in no direction stiffer than K, and which a governor lets rise no faster
-        than stable. Where the axes of both frames are parallel it is k itself. σ is
-        exact, and the lead is that of the new stiffness.
+        A diagonal does not stay one: K = R diag(k) Rᵀ. Here k becomes a diagonal that
+        is in no direction stiffer than K, k_min + E_ii (1 - Σ_j |E_ij| / √(E_ii E_jj))
+        with E = R diag(k - k_min) Rᵀ by Gershgorin's theorem, or k_min on axes among
+        which one of these is less, and a governor lets it rise no faster than stable.
+        Between parallel axes it is k itself. σ is exact, and the lead is that of the
+        new stiffness.
 
         Args:
             task: pose of the task frame in the new frame [m, rad].
@@ -106,8 +109,15 @@ class CommandedPath:
             return np.asarray((turn * blocks) @ turn.T)
 
         excess = turned(self.stiffness - k_min)
+        excess[np.abs(excess) < _ROUNDING] = 0.0
         own = np.diagonal(excess, axis1=-2, axis2=-1)
-        sound = np.maximum(2.0 * own - np.abs(excess).sum(axis=-1), 0.0)
+        scale = np.sqrt(own[..., :, None] * own[..., None, :])
+        ratios = np.divide(np.abs(excess), scale, out=0.0 * scale, where=scale > 0.0)
+        share = 2.0 - ratios.sum(axis=-1)
+        linked = excess != 0.0
+        linked = linked @ linked  # of three axes also those that the third one links
+        weak = linked & (share <= 0.0)[..., None, :]
+        sound = np.where(weak.any(axis=-1), 0.0, own * share)
         profile = replace(self.profile, k_min=k_min)
         governor = StiffnessGovernor(profile, self.dynamics)
         governed = [

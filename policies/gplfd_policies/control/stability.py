@@ -11,6 +11,7 @@ arXiv:2002.09979, are on the safe side but larger than needed (``printed=True``)
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes, Frames, Outputs, SixAxes, Vectors
@@ -72,7 +73,7 @@ def uncertainty_fall_bound(
 
 def step_condition(
     stiffness: Outputs, period: float, k_min: SixAxes, dynamics: VirtualDynamics
-) -> Outputs:
+) -> Float[np.ndarray, "M-1 6"]:
     """Return (k' - k) + γ(d' - d) - 2γhk between samples h apart: negative if stable.
 
     The condition of Kronander & Billard in finite differences, one row less than

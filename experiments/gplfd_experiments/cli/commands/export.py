@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import tyro
 
@@ -37,7 +37,7 @@ class Export:
 
     frame: Annotated[str | None, tyro.conf.arg(metavar="POSE")] = None
     """Pose of the task frame in the frame of the robot's base, x,y,z,qw,qx,qy,qz [m];
-    with an = if x is negative, --frame=-0.5,... Without it, all is in the task frame."""
+    with = if x is negative: --frame=-0.5,... Without it all is in the task frame."""
 
     tool: Annotated[str | None, tyro.conf.arg(metavar="QUATERNION")] = None
     """With --frame: orientation qw,qx,qy,qz of the robot's tool frame at the closed
@@ -58,8 +58,10 @@ class Export:
         if forms and len(outs) > 1:
             raise ValueError("--form goes with one --out; or give each its suffix")
         if forms:
-            suffixes = (f".{form}" for form in dict.fromkeys(forms))
-            outs = tuple(outs[0].with_suffix(suffix) for suffix in suffixes)
+            (out,) = outs
+            known = out.suffix[1:] in get_args(FormName)
+            stem = out.with_suffix("") if known else out
+            outs = tuple(stem.with_name(f"{stem.name}.{form}") for form in forms)
         posed, turned = "x,y,z,qw,qx,qy,qz", "qw,qx,qy,qz"
         commands = export_skill(
             self.skill,
@@ -74,8 +76,8 @@ class Export:
         print(f"{', '.join(map(str, outs))}: {len(path.times)} samples")
         print(f"frame: {commands.axes}")
         print(
-            f"{path.times[-1]:.2f} s, demonstrated until {demonstrated:.2f} s; stiffness "
-            f"{lowest[:3].min():.0f} to {highest[:3].max():.0f} N/m and "
+            f"{path.times[-1]:.2f} s, demonstrated until {demonstrated:.2f} s; "
+            f"stiffness {lowest[:3].min():.0f} to {highest[:3].max():.0f} N/m and "
             f"{lowest[3:].min():.0f} to {highest[3:].max():.0f} N m/rad, stable for "
             f"{path.dynamics.mass[0]:g} kg and {path.dynamics.mass[3]:g} kg m²"
         )

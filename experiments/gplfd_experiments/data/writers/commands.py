@@ -73,7 +73,9 @@ def write_csv(file: Path, commands: Commands) -> None:
         temporary.open("w", encoding="utf-8", newline="") as stream,
     ):
         stream.write(f"# {KIND}, version {VERSION}\n# frame: {commands.axes}\n")
-        stream.write("# x to qw: set-point of the hand; path_x to path_z without lead\n")
+        stream.write(
+            "# x to qw: set-point of the hand; path_x to path_z without lead\n"
+        )
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(heads)
         writer.writerows(np.hstack(arrays).tolist())
