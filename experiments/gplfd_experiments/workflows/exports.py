@@ -110,7 +110,7 @@ def export_skill(
 
 def _rotvec(option: str, quaternion: Sequence[float]) -> np.ndarray:
     try:
-        return rotvecs_from_quaternions([quaternion])[0]
+        return np.asarray(rotvecs_from_quaternions([quaternion])[0])
     except ValueError as error:
         raise ValueError(f"{option}: {error}") from error
 

@@ -63,13 +63,14 @@ class Export:
             stem = out.with_suffix("") if known else out
             outs = tuple(stem.with_name(f"{stem.name}.{form}") for form in forms)
         posed, turned = "x,y,z,qw,qx,qy,qz", "qw,qx,qy,qz"
+        frame, tool = self.frame, self.tool
         commands = export_skill(
             self.skill,
             outs,
             policy=self.policy,
             rate=self.rate,
-            frame=self.frame and numbers("--frame", self.frame, posed),
-            tool=self.tool and numbers("--tool", self.tool, turned),
+            frame=None if frame is None else numbers("--frame", frame, posed),
+            tool=None if tool is None else numbers("--tool", tool, turned),
         )
         path, demonstrated = commands.path, commands.about["demonstrated_until_s"]
         lowest, highest = path.stiffness.min(axis=0), path.stiffness.max(axis=0)
