@@ -5,7 +5,8 @@ import runpy
 import sys
 import warnings
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
+from unittest.mock import MagicMock, Mock
 
 import pytest
 
@@ -69,89 +70,18 @@ def test_a_table_of_one_s_own_is_played_and_left_as_it_is(tmp_path, printed):
     assert list(tmp_path.iterdir()) == [table]
 
 
-class Ros:
-    """Stand-ins for rclpy and messages."""
-
-    def __init__(self, monkeypatch, follow):
-        self.follow, self.said, self.sent = follow, [], []
-        log = SimpleNamespace(
-            **dict.fromkeys(("info", "warn", "error"), self.said.append)
-        )
-        ros = self
-
-        class Node:
-            def __init__(self, name):
-                self.get_logger = lambda: log
-                now = SimpleNamespace(to_msg=lambda: "now")
-                self.get_clock = lambda: SimpleNamespace(now=lambda: now)
-                self.destroy_node = lambda: None
-
-            def create_publisher(self, kind, topic, depth):
-                def publish(message):
-                    assert type(message) is kind
-                    ros.sent.append((topic, message))
-
-                return SimpleNamespace(publish=publish)
-
-            def create_subscription(self, kind, topic, callback, depth):
-                assert (topic, kind) == ("current_pose", Pose)
-                ros.observe = callback
-
-            def create_timer(self, period, callback):
-                assert period == 0.1
-                ros.tick = callback
-
-        class Pose:
-            def __init__(self):
-                point = SimpleNamespace(x=0.0, y=0.0, z=0.0)
-                turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
-                self.header = SimpleNamespace()
-                self.pose = SimpleNamespace(position=point, orientation=turn)
-
-        class Float64MultiArray:
-            def __init__(self, data):
-                self.data = data
-
-        kinds = {
-            "rclpy": {
-                "init": lambda: None,
-                "try_shutdown": lambda: None,
-                "spin": self.spin,
-            },
-            "rclpy.node": {"Node": Node},
-            "geometry_msgs": {},
-            "geometry_msgs.msg": {"PoseStamped": Pose},
-            "std_msgs": {},
-            "std_msgs.msg": {"Float64MultiArray": Float64MultiArray},
-        }
-        self.hand = Pose()
-        for name, content in kinds.items():
-            module = ModuleType(name)
-            vars(module).update(content)
-            monkeypatch.setitem(sys.modules, name, module)
-
-    def spin(self, node):
-        self.tick()  # Nothing is known of the hand: nothing may be sent.
-        assert not self.sent
-        for tick in range(50):
-            if self.follow(tick, self):
-                self.observe(self.hand)
-            self.tick()
+def pose_stamped(x=0.0):
+    point, turn = (
+        SimpleNamespace(x=x, y=0.0, z=0.0),
+        SimpleNamespace(x=0, y=0, z=0, w=1),
+    )
+    pose = SimpleNamespace(position=point, orientation=turn)
+    return SimpleNamespace(pose=pose, header=SimpleNamespace())
 
 
-def moved(tick, ros):
-    """The hand starts elsewhere, is put to the start, and then follows."""
-    place = 0.5 if tick < 3 else ros.sent[-1][1].pose.position.x if ros.sent else 0.0
-    ros.hand.pose.position.x = place
-    return True
-
-
-def stuck(tick, ros):
-    return True
-
-
-def silent(tick, ros):
-    return tick == 0
+def moved(tick, sent):
+    """Put the hand to the start after three ticks, and then where it is told to be."""
+    return 0.5 if tick < 3 else sent[-1][1].pose.position.x if sent else 0.0
 
 
 @pytest.mark.parametrize(
@@ -159,50 +89,59 @@ def silent(tick, ros):
     [
         (moved, (), 0, 6, "played to the end"),
         (moved, ("--whole",), 0, 10, "played to the end"),
-        (stuck, (), 1, 4, "stopped: the hand was 0.12"),
-        (silent, (), 1, 1, "0.100 s ago"),
+        (lambda tick, sent: 0.0, (), 1, 4, "stopped: the hand was 0.12"),
+        (lambda tick, sent: None if tick else 0.0, (), 1, 1, "0.100 s ago"),
     ],
+    ids=("path", "whole", "stuck", "silent"),
 )
-def test_the_node_plays_what_was_exported_and_stops_where_the_hand_does_not_follow(
+def test_the_node_plays_a_file_and_stops_where_the_hand_does_not_follow(
     tmp_path, monkeypatch, follow, options, status, played, said
 ):
-    ros = Ros(monkeypatch, follow)
-    times = [0.1 * number for number in range(10)]
-    places = [[0.3 * time, 0.0, 0.0] for time in times]
-    table = {
-        "frame": {"name": "base"},
-        "rate_hz": 10.0,
-        "demonstrated_until_s": 0.55,
-        "samples": {
-            "time": times,
-            "position": places,
-            "path_position": places,
-            "quaternion_xyzw": [[0.0, 0.0, 0.0, 1.0]] * 10,
-            "stiffness": [[100.0 + n] * 3 + [10.0] * 3 for n in range(10)],
-        },
+    sent = []
+    names = "publisher", "subscription", "timer"
+    node = {f"create_{name}": Mock() for name in names} | {
+        "__init__": lambda *given: None
     }
+    log, node["destroy_node"] = Mock(), Mock()
+    node["get_logger"], node["get_clock"] = Mock(return_value=log), MagicMock()
+    node["create_publisher"].side_effect = lambda kind, topic, depth: SimpleNamespace(
+        publish=lambda message: sent.append((topic, message))
+    )
+
+    def spin(player):
+        *_, observe, _ = node["create_subscription"].call_args.args
+        _, tick = node["create_timer"].call_args.args
+        tick()  # Nothing is known of the hand: nothing may be sent.
+        assert not sent
+        for number in range(50):
+            if (place := follow(number, sent)) is not None:
+                observe(pose_stamped(place))
+            tick()
+
+    for name, content in {
+        "rclpy": Mock(spin=spin),
+        "rclpy.node": Mock(Node=type("Node", (), node)),
+        "geometry_msgs.msg": Mock(PoseStamped=pose_stamped),
+        "std_msgs.msg": Mock(Float64MultiArray=SimpleNamespace),
+    }.items():
+        monkeypatch.setitem(sys.modules, name, content)
+    places = [[0.03 * number, 0.0, 0.0] for number in range(10)]
+    samples = {
+        "time": [0.1 * number for number in range(10)],
+        "position": places,
+        "path_position": places,
+        "quaternion_xyzw": [[0.0, 0.0, 0.0, 1.0]] * 10,
+        "stiffness": [[100.0 + number] * 6 for number in range(10)],
+    }
+    table = {"rate_hz": 10.0, "demonstrated_until_s": 0.55, "samples": samples}
     file = tmp_path / "opening.json"
-    file.write_text(json.dumps(table))
+    file.write_text(json.dumps(table | {"frame": {"name": "base"}}))
     monkeypatch.setattr(sys, "argv", ["ros2_node.py", str(file), *options])
     with pytest.raises(SystemExit) as ended:
         runpy.run_path(str(ALL["ros2_node"]), run_name="__main__")
-    assert ended.value.code == status
-    assert said in ros.said[-1]
-    assert [topic for topic, _ in ros.sent] == [
-        "target_stiffness",
-        "target_pose",
-    ] * played
-    stiffnesses = [message.data[0] for _, message in ros.sent[::2]]
-    assert stiffnesses == [100.0 + n for n in range(played)]
-    assert ros.sent[-1][1].pose.position.x == places[played - 1][0]
-    assert ros.sent[-1][1].header.frame_id == "base"
-
-
-def test_the_node_refuses_the_task_frame(tmp_path, monkeypatch, capsys):
-    Ros(monkeypatch, moved)
-    file = tmp_path / "opening.json"
-    file.write_text('{"frame": {"name": "task"}}')
-    monkeypatch.setattr(sys, "argv", ["ros2_node.py", str(file)])
-    with pytest.raises(SystemExit):
-        runpy.run_path(str(ALL["ros2_node"]), run_name="__main__")
-    assert "export it with --frame" in capsys.readouterr().err
+    assert (ended.value.code, said in str(log.mock_calls[-1])) == (status, True)
+    topics, messages = zip(*sent, strict=True)
+    assert topics == ("target_stiffness", "target_pose") * played
+    assert [one.data[0] for one in messages[::2]] == [100.0 + n for n in range(played)]
+    assert messages[-1].pose.position.x == places[played - 1][0]
+    assert messages[-1].header.frame_id == "base"

@@ -11,10 +11,9 @@ arXiv:2002.09979, are on the safe side but larger than needed (``printed=True``)
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
-from gplfd_policies.arrays.shapes import Axes, Frames, Outputs, SixAxes, Vectors
+from gplfd_policies.arrays.shapes import Axes, Frames, SixAxes, Vectors
 from gplfd_policies.control.frame import product
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
 
@@ -69,19 +68,6 @@ def uncertainty_fall_bound(
     steepest = profile.alpha * (profile.k_max - profile.k_min) / 4.0
     unlimited = np.full(6, np.inf)
     return np.asarray(np.divide(constant, steepest, out=unlimited, where=steepest > 0))
-
-
-def step_condition(
-    stiffness: Outputs, period: float, k_min: SixAxes, dynamics: VirtualDynamics
-) -> Float[np.ndarray, "M-1 6"]:
-    """Return (k' - k) + γ(d' - d) - 2γhk between samples h apart: negative if stable.
-
-    The condition of Kronander & Billard in finite differences, one row less than
-    samples [N/m, N m/rad]. A constant damping of d(k_min) or more satisfies it, too.
-    """
-    gamma, damping = decay_rate(k_min, dynamics), dynamics.damping(stiffness)
-    rise = np.diff(stiffness, axis=0) + gamma * np.diff(damping, axis=0)
-    return np.asarray(rise - 2.0 * gamma * period * stiffness[:-1])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -7,12 +7,7 @@ from typing import Annotated, Any, Final, Literal, Union
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import (
-    Quiet,
-    next_command,
-    numbers,
-    recorded,
-)
+from gplfd_experiments.cli.commands.options import Quiet, next_command, recorded
 from gplfd_experiments.console.interruption import postponed_interruption
 
 DEPARTED: Final = 1
@@ -194,6 +189,17 @@ class Import:
         out = self.out.with_name(f"{self.out.name}-skill.npz")
         print(f"learn from them:  {next_command('learn', self.out, '--out', out)}")
         return 0
+
+
+def numbers(option: str, text: str, names: str) -> Any:
+    """Return the numbers of a vector or a pose, as many as there are names."""
+    try:
+        found = tuple(map(float, text.split(",")))
+    except ValueError:
+        found = ()
+    if len(found) != len(names.split(",")):
+        raise ValueError(f"{option} {text!r} must be numbers {names}")
+    return found
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

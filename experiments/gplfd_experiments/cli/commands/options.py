@@ -75,14 +75,3 @@ def next_command(*words: object) -> str:
     if not is_command or (found and Path(found).resolve() == Path(program).resolve()):
         program = "gplfd"
     return shlex.join([program, *map(str, words)])
-
-
-def numbers(option: str, text: str, names: str) -> Any:
-    """Return the numbers of a vector or a pose, as many as there are names."""
-    try:
-        found = tuple(map(float, text.split(",")))
-    except ValueError:
-        found = ()
-    if len(found) != len(names.split(",")):
-        raise ValueError(f"{option} {text!r} must be numbers {names}")
-    return found

@@ -1,20 +1,16 @@
 """What a skill commands, in files for robots: CSV, TUM trajectory, JSON and ROS 2 bag.
 
-Numbers are written so that they are read back bit for bit. docs/skill-to-robot.md says
-what each file contains.
+Numbers are read back bit for bit. ``about`` is what JSON has besides the samples; its
+entry "frame" has the frame's name, which is the frame_id of messages, and its axes.
 """
 
-import csv
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 
 from gplfd_experiments.data.writers.rows import states_of
-from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.folders import complete_folder
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import stamp, write_json
@@ -22,14 +18,8 @@ from gplfd_policies.agents.commanded_path import CommandedPath
 from gplfd_policies.arrays.storage import complete_or_absent
 
 KIND: Final = "a gplfd commanded path"
-VERSION: Final = 1
-
-POSE_TOPIC: Final = "/target_pose"
-STIFFNESS_TOPIC: Final = "/target_stiffness"
-"""Topics that crisp_controllers reads: geometry_msgs/PoseStamped, and since its pull
-request 46 std_msgs/Float64MultiArray with six numbers."""
-
-_AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
+_TOPICS: Final = ("/target_pose", "/target_stiffness")
+"""Those of crisp_controllers; the second is read since its pull request 46."""
 _UNITS: Final = {
     "std": ("m", "rad"),
     "stiffness": ("N/m", "N m/rad"),
@@ -38,139 +28,81 @@ _UNITS: Final = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Commands:
-    """A commanded path with what a reader of its files must know."""
-
-    path: CommandedPath
-    """The samples."""
-    frame: str
-    """Name of the frame: frame_id of messages."""
-    axes: str
-    """What that frame is, in one line."""
-    about: Mapping[str, Any]
-    """Whatever else JSON keeps: origin, dynamics, gripper, provenance."""
-
-    @property
-    def states(self) -> FloatArray:
-        """Positions [m] and quaternions, scalar last, of the set-points, (T, 7)."""
-        return states_of(self.path.poses)
-
-
-def write_csv(file: Path, commands: Commands) -> None:
+def write_csv(file: Path, path: CommandedPath, about: Mapping[str, Any]) -> None:
     """Write a table with comments and a header that names units."""
-    path = commands.path
     heads = ["time [s]", "x [m]", "y [m]", "z [m]", "qx", "qy", "qz", "qw"]
-    heads += [f"path_{axis} [m]" for axis in _AXES[:3]]
-    for name, (linear, angular) in _UNITS.items():
-        units = [linear] * 3 + [angular] * 3
-        pairs = zip(_AXES, units, strict=True)
-        heads += [f"{name}_{axis} [{unit}]" for axis, unit in pairs]
-    arrays = [path.times[:, None], commands.states, path.path[:, :3]]
-    arrays += [getattr(path, name) for name in _UNITS]
-    with (
-        complete_or_absent(file) as temporary,
-        temporary.open("w", encoding="utf-8", newline="") as stream,
-    ):
-        stream.write(f"# {KIND}, version {VERSION}\n# frame: {commands.axes}\n")
-        stream.write(
-            "# x to qw: set-point of the hand; path_x to path_z without lead\n"
-        )
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(heads)
-        writer.writerows(np.hstack(arrays).tolist())
+    heads += [f"path_{axis} [m]" for axis in "xyz"]
+    for name, units in _UNITS.items():
+        for prefix, unit in zip(("", "r"), units, strict=True):
+            heads += [f"{name}_{prefix}{axis} [{unit}]" for axis in "xyz"]
+    frame, more = about["frame"], [getattr(path, name) for name in _UNITS]
+    comments = [f"# {KIND}", f"# frame {frame['name']}: {frame['axes']}"]
+    columns = [path.times[:, None], states_of(path.poses), path.path[:, :3], *more]
+    _write(file, [*comments, ",".join(heads)], np.hstack(columns), ",")
 
 
-def write_tum(file: Path, commands: Commands) -> None:
+def write_tum(file: Path, path: CommandedPath, about: Mapping[str, Any]) -> None:
     """Write set-points as a trajectory of TUM: timestamp x y z qx qy qz qw."""
-    rows = np.hstack([commands.path.times[:, None], commands.states]).tolist()
+    columns = np.hstack([path.times[:, None], states_of(path.poses)])
+    _write(file, ["# timestamp x y z qx qy qz qw"], columns, " ")
+
+
+def _write(file: Path, head: list[str], rows: np.ndarray, separator: str) -> None:
+    lines = [*head, *(separator.join(map(repr, row)) for row in rows.tolist()), ""]
     with complete_or_absent(file) as temporary:
-        lines = [f"# timestamp x y z qx qy qz qw; {commands.axes}"]
-        lines += [" ".join(map(repr, row)) for row in rows]
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        temporary.write_text("\n".join(lines), encoding="utf-8", newline="\n")
 
 
-def write_commands_json(file: Path, commands: Commands) -> None:
-    """Write everything, with frames, units and provenance."""
-    path, states = commands.path, commands.states
+def write_everything(file: Path, path: CommandedPath, about: Mapping[str, Any]) -> None:
+    """Write JSON with frame, units and origin."""
+    states = states_of(path.poses)
     samples = {
-        "time": path.times,
-        "position": states[:, :3],
-        "quaternion_xyzw": states[:, 3:],
-        "path_position": path.path[:, :3],
-        **{name: getattr(path, name) for name in _UNITS},
+        "time": path.times.tolist(),
+        "position": states[:, :3].tolist(),
+        "quaternion_xyzw": states[:, 3:].tolist(),
+        "path_position": path.path[:, :3].tolist(),
+        **{name: getattr(path, name).tolist() for name in _UNITS},
     }
-    lengths = {"time": "s", "position": "m", "path_position": "m"}
-    entries = {
-        **stamp(KIND, VERSION),
-        "frame": {"name": commands.frame, "axes": commands.axes},
-        "units": {**lengths, **_UNITS},
-        **commands.about,
-        "samples": {name: array.tolist() for name, array in samples.items()},
-    }
+    units = {"time": "s", "position": "m", "path_position": "m"} | _UNITS
+    entries = {**stamp(KIND, 1), **about, "units": units, "samples": samples}
     write_json(file, entries, indent=None)
 
 
-def write_bag(folder: Path, commands: Commands) -> None:
-    """Write a ROS 2 bag with `POSE_TOPIC` and `STIFFNESS_TOPIC`, in SQLite.
-
-    Raises:
-        ModuleNotFoundError: rosbags is not installed.
-    """
+def write_bag(folder: Path, path: CommandedPath, about: Mapping[str, Any]) -> None:
+    """Write a ROS 2 bag in SQLite; raise ModuleNotFoundError without rosbags."""
     with optional_libraries("bags of ROS need rosbags", "ros"):
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = "geometry_msgs/msg/PoseStamped", "std_msgs/msg/Float64MultiArray"
 
     def message(kind: str, *parts: Any) -> Any:
-        return store.types[kind.replace("/", "/msg/")](*parts)
+        return store.types[kind](*parts)
 
-    layout = message("std_msgs/MultiArrayLayout", [], 0)
+    layout = message("std_msgs/msg/MultiArrayLayout", [], 0)
+    rows = zip(path.times, states_of(path.poses).tolist(), path.stiffness, strict=True)
     with (
         complete_folder(folder) as made,
         Writer(made, version=9, storage_plugin=StoragePlugin.SQLITE3) as bag,
     ):
-        topics = {
-            name: bag.add_connection(name, kind, typestore=store)
-            for name, kind in (
-                (POSE_TOPIC, "geometry_msgs/msg/PoseStamped"),
-                (STIFFNESS_TOPIC, "std_msgs/msg/Float64MultiArray"),
-            )
-        }
-        rows = zip(
-            commands.path.times.tolist(),
-            commands.states.tolist(),
-            commands.path.stiffness,
-            strict=True,
-        )
-        for seconds, state, stiffness in rows:
-            stamped = round(1e9 * seconds)
-            time = message("builtin_interfaces/Time", *divmod(stamped, 10**9))
-            pose = message(
-                "geometry_msgs/PoseStamped",
-                message("std_msgs/Header", time, commands.frame),
-                message(
-                    "geometry_msgs/Pose",
-                    message("geometry_msgs/Point", *state[:3]),
-                    message("geometry_msgs/Quaternion", *state[3:]),
-                ),
-            )
-            # A controller that has the stiffness first never meets it with a new pose.
-            numbers = message("std_msgs/Float64MultiArray", layout, stiffness)
-            for name, content in ((STIFFNESS_TOPIC, numbers), (POSE_TOPIC, pose)):
-                data = store.serialize_cdr(content, topics[name].msgtype)
-                bag.write(topics[name], stamped, data)
+        topics = [
+            bag.add_connection(name, kind, typestore=store)
+            for name, kind in zip(_TOPICS, kinds, strict=True)
+        ]
+        for seconds, state, k in rows:
+            at = round(1e9 * float(seconds))
+            time = message("builtin_interfaces/msg/Time", *divmod(at, 10**9))
+            header = message("std_msgs/msg/Header", time, about["frame"]["name"])
+            point = message("geometry_msgs/msg/Point", *state[:3])
+            turn = message("geometry_msgs/msg/Quaternion", *state[3:])
+            pose = message("geometry_msgs/msg/Pose", point, turn)
+            contents = message(kinds[0], header, pose), message(kinds[1], layout, k)
+            for topic, content in zip(topics, contents, strict=True):
+                bag.write(topic, at, store.serialize_cdr(content, topic.msgtype))
 
 
-COMMAND_WRITERS: Final[Mapping[str, Callable[[Path, Commands], None]]] = (
-    MappingProxyType(
-        {
-            "csv": write_csv,
-            "tum": write_tum,
-            "json": write_commands_json,
-            "bag": write_bag,
-        }
-    )
+COMMAND_WRITERS: Final = dict(
+    csv=write_csv, tum=write_tum, bag=write_bag, json=write_everything
 )
 """Writers by form, which is also the suffix of what is written."""
