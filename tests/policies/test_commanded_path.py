@@ -70,11 +70,9 @@ def test_at_any_rate_it_is_the_path_of_the_skill_at_rest_at_both_ends(skill, rat
 
 
 def test_every_step_satisfies_the_condition_and_so_does_a_constant_damping(commanded):
-    k, d = commanded.stiffness, commanded.damping
-    falls = 2.0 * GAMMA * H * k[:-1]
-    assert (commanded.margin > 0.0).all()
-    assert (np.diff(k, axis=0) + GAMMA * np.diff(d, axis=0) < falls).all()
-    assert (np.diff(k, axis=0) < falls).all()
+    k, d = commanded.stiffness, GAMMA * commanded.damping
+    assert (np.diff(k + d, axis=0) < 2.0 * GAMMA * H * k[:-1]).all()
+    assert (np.diff(k, axis=0) < 2.0 * GAMMA * H * k[:-1]).all()
 
 
 @pytest.mark.parametrize(("share", "stable"), [(0.999, True), (1.001, False)])
@@ -83,7 +81,7 @@ def test_the_margin_is_that_of_the_condition_and_a_lack_is_refused(share, stable
     k, short = np.repeat([200.0, 20.0], 3), 1e-6
     slope = 1.0 + GAMMA * ARM_DYNAMICS.damping(k) / (2.0 * k)
     risen = k + share * short * 2.0 * GAMMA * k / slope
-    refused = pytest.raises(ValueError, match=r"axis 0 rises from 200 to 200.*faster")
+    refused = pytest.raises(ValueError, match=r"axis 0 rises to 200.*faster")
     with contextlib.nullcontext() if stable else refused:
         path_of(np.stack([k, risen]), period=short)
 
@@ -91,13 +89,12 @@ def test_the_margin_is_that_of_the_condition_and_a_lack_is_refused(share, stable
 @pytest.mark.parametrize(
     "turn",
     [
-        Rotation.identity(),
         BASE,
         BASE * Rotation.from_euler("y", 20.0, degrees=True),
         BASE * Rotation.from_euler("xyz", [10.0, 20.0, 30.0], degrees=True),
         Rotation.from_euler("x", 0.5) * Rotation.from_euler("y", 0.4),
     ],
-    ids=("same", "parallel", "yaw", "any", "one zero"),
+    ids=("parallel", "yaw", "any", "one zero"),
 )
 def test_in_another_frame_it_is_nowhere_stiffer_and_the_same_motion(turn):
     stiffness = np.tile([500.0, 300.0, 150.0, 50.0, 20.0, 12.0], (20, 1))
@@ -116,9 +113,8 @@ def test_in_another_frame_it_is_nowhere_stiffer_and_the_same_motion(turn):
     # The lead d v/k of the same velocity.
     lead = (seen.poses - seen.path)[:, :3] * (seen.stiffness / seen.damping)[:, :3]
     np.testing.assert_allclose(lead, np.tile(matrix @ np.full(3, 0.2), (20, 1)))
-    np.testing.assert_allclose(
-        seen.path[:, :3], PLACE + turn.apply(given.path[:, :3].copy()), atol=1e-12
-    )
+    places = PLACE + given.path[:, :3] @ matrix.T
+    np.testing.assert_allclose(seen.path[:, :3], places, atol=1e-12)
     expected = turn * Rotation.from_rotvec(given.poses[:, 3:].copy()) * tool
     found = Rotation.from_rotvec(seen.poses[:, 3:].copy())
     assert (found.inv() * expected).magnitude().max() < 1e-7
@@ -126,13 +122,11 @@ def test_in_another_frame_it_is_nowhere_stiffer_and_the_same_motion(turn):
     np.testing.assert_allclose(seen.std[0, :3] ** 2, np.diagonal(covariance))
 
 
-def test_what_cannot_be_exported_is_refused():
+def test_what_six_numbers_cannot_express_is_refused():
     with pytest.raises(ValueError, match="stiffness along the path"):
         open_loop(policy_named("stiffness-from-force").method, H)
     mass = np.array([4.0, 5.0, 4.0, 0.15, 0.15, 0.15])
-    given = path_of(np.full((2, 6), 50.0) + 70.0 * (np.arange(6) < 3))
+    given = path_of(np.tile(DEFAULT_PROFILE.k_max, (2, 1)))
     uneven = replace(given, dynamics=replace(ARM_DYNAMICS, mass=mass))
     with pytest.raises(ValueError, match="mass differ between axes"):
         uneven.seen_from(np.zeros(6), np.zeros(3))
-    with pytest.raises(ValueError, match="must be finite"):
-        given.seen_from(np.array([np.nan, 0.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(3))

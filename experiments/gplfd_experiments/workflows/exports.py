@@ -33,10 +33,8 @@ def export_skill(
 ) -> tuple[CommandedPath, dict[str, Any]]:
     """Write what a skill commands, in the forms that the suffixes of files name.
 
-    Returns it with what JSON has besides; the options are those of `gplfd export`.
-
-    Raises ValueError where one is wrong or the skill is not of the policy, OSError for
-    files, and ModuleNotFoundError where rosbags is needed and not installed.
+    The options are those of `gplfd export`. Returns it with what JSON has besides.
+    Raises ValueError for options, OSError for files, ModuleNotFoundError for rosbags.
     """
     for file in files:
         if file.suffix[1:] not in COMMAND_WRITERS:
@@ -61,7 +59,7 @@ def export_skill(
     if frame is not None:
         pose = np.array([*frame[:3], *rotvecs[0]])
         path, name = path.seen_from(pose, rotvecs[1]), "base"
-    origin = {"skill": skill.name, "skill_sha256": content_hash(skill)}
+    origin = {"policy": policy, "skill_sha256": content_hash(skill)}
     about = {
         "frame": {"name": name, "axes": _AXES[name]},
         "task_frame_in_base": frame,
@@ -75,7 +73,7 @@ def export_skill(
             for one in dataclasses.fields(record)
             if one.init
         },
-        "provenance": provenance(origin | {"policy": policy}),
+        "provenance": provenance(origin),
     }
     for file in files:
         COMMAND_WRITERS[file.suffix[1:]](file, path, about)

@@ -47,11 +47,10 @@ class CommandedPath:
         freeze(self, "times", "poses", "path", "std", "stiffness")
         if not np.isfinite(self.poses).all():
             raise ValueError("set-points must be finite")
-        for sample, axis in np.argwhere(~(self.margin > 0.0))[:1].tolist():
-            before, after = self.stiffness[sample - 1 : sample + 1, axis]
+        for sample, axis in np.argwhere(~(self.margin > 0.0)).tolist():
             raise ValueError(
-                f"at {self.times[sample]:.4g} s the stiffness of axis {axis} rises "
-                f"from {before:.4g} to {after:.4g}, which is faster than stable"
+                f"at {self.times[sample]:.4g} s the stiffness of axis {axis} rises to "
+                f"{self.stiffness[sample, axis]:.4g}, which is faster than stable"
             )
 
     @property

@@ -11,10 +11,8 @@ def open_loop(method: Method, period: float) -> Method:
     """Return the method without adaptation and load compensation, by the clock.
 
     The arm itself renders the stiffness, along the axes of the task frame. Whatever the
-    agent observes, it commands the same, every period [s].
-
-    Raises:
-        ValueError: The method has stiffness along the path, which is none along axes.
+    agent observes, it commands the same, every period [s]. A method with stiffness
+    along the path raises ValueError.
     """
     if method.phase_stiffness is not None:
         raise ValueError(
