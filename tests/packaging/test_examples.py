@@ -1,9 +1,12 @@
 """Every example runs and says something."""
 
+import json
 import runpy
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock, Mock
 
 import pytest
 
@@ -12,9 +15,9 @@ pytestmark = pytest.mark.slow
 ALL = {
     path.stem: path for path in (Path(__file__).parents[2] / "examples").glob("*.py")
 }
-ELSEWHERE = {"cloned_policy", "diffusion_policy", "learned_policy"}
+ELSEWHERE = {"cloned_policy", "diffusion_policy", "learned_policy", "ros2_node"}
 """Run by .ci/run, with the commands of docs/learners.md; tested in tests/learners, with
-what it needs."""
+what it needs. The node of ROS 2 is tested below, with stand-ins."""
 
 EXPECTED = {
     "random_agent": ("failure:", set()),
@@ -65,3 +68,80 @@ def test_a_table_of_one_s_own_is_played_and_left_as_it_is(tmp_path, printed):
     assert said == "5 rows of opening.csv played: door at 0 deg, opened: False\n"
     assert table.read_text() == text
     assert list(tmp_path.iterdir()) == [table]
+
+
+def pose_stamped(x=0.0):
+    point, turn = (
+        SimpleNamespace(x=x, y=0.0, z=0.0),
+        SimpleNamespace(x=0, y=0, z=0, w=1),
+    )
+    pose = SimpleNamespace(position=point, orientation=turn)
+    return SimpleNamespace(pose=pose, header=SimpleNamespace())
+
+
+def moved(tick, sent):
+    """Put the hand to the start after three ticks, and then where it is told to be."""
+    return 0.5 if tick < 3 else sent[-1][1].pose.position.x if sent else 0.0
+
+
+@pytest.mark.parametrize(
+    ("follow", "options", "status", "played", "said"),
+    [
+        (moved, (), 0, 6, "played to the end"),
+        (moved, ("--whole",), 0, 10, "played to the end"),
+        (lambda tick, sent: 0.0, (), 1, 4, "stopped: the hand was 0.12"),
+        (lambda tick, sent: None if tick else 0.0, (), 1, 1, "0.100 s ago"),
+    ],
+    ids=("path", "whole", "stuck", "silent"),
+)
+def test_the_node_plays_a_file_and_stops_where_the_hand_does_not_follow(
+    tmp_path, monkeypatch, follow, options, status, played, said
+):
+    sent = []
+    names = "publisher", "subscription", "timer"
+    node = {f"create_{name}": Mock() for name in names} | {
+        "__init__": lambda *given: None
+    }
+    log, node["destroy_node"] = Mock(), Mock()
+    node["get_logger"], node["get_clock"] = Mock(return_value=log), MagicMock()
+    node["create_publisher"].side_effect = lambda kind, topic, depth: SimpleNamespace(
+        publish=lambda message: sent.append((topic, message))
+    )
+
+    def spin(player):
+        *_, observe, _ = node["create_subscription"].call_args.args
+        _, tick = node["create_timer"].call_args.args
+        tick()  # Nothing is known of the hand: nothing may be sent.
+        assert not sent
+        for number in range(50):
+            if (place := follow(number, sent)) is not None:
+                observe(pose_stamped(place))
+            tick()
+
+    for name, content in {
+        "rclpy": Mock(spin=spin),
+        "rclpy.node": Mock(Node=type("Node", (), node)),
+        "geometry_msgs.msg": Mock(PoseStamped=pose_stamped),
+        "std_msgs.msg": Mock(Float64MultiArray=SimpleNamespace),
+    }.items():
+        monkeypatch.setitem(sys.modules, name, content)
+    places = [[0.03 * number, 0.0, 0.0] for number in range(10)]
+    samples = {
+        "time": [0.1 * number for number in range(10)],
+        "position": places,
+        "path_position": places,
+        "quaternion_xyzw": [[0.0, 0.0, 0.0, 1.0]] * 10,
+        "stiffness": [[100.0 + number] * 6 for number in range(10)],
+    }
+    table = {"rate_hz": 10.0, "demonstrated_until_s": 0.55, "samples": samples}
+    file = tmp_path / "opening.json"
+    file.write_text(json.dumps(table | {"frame": {"name": "base"}}))
+    monkeypatch.setattr(sys, "argv", ["ros2_node.py", str(file), *options])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(ALL["ros2_node"]), run_name="__main__")
+    assert (ended.value.code, said in str(log.mock_calls[-1])) == (status, True)
+    topics, messages = zip(*sent, strict=True)
+    assert topics == ("target_stiffness", "target_pose") * played
+    assert [one.data[0] for one in messages[::2]] == [100.0 + n for n in range(played)]
+    assert messages[-1].pose.position.x == places[played - 1][0]
+    assert messages[-1].header.frame_id == "base"

@@ -24,6 +24,7 @@ import docstring_parser
 import tyro
 
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
+from gplfd_experiments.cli.commands.export import Export
 from gplfd_experiments.cli.commands.machine import Catalogue, Doctor, Speed
 from gplfd_experiments.cli.commands.run import Learn, Run, View
 from gplfd_experiments.cli.commands.studies import (
@@ -56,6 +57,7 @@ class Command(Protocol):
 COMMANDS: Final[dict[str, type[Command]]] = {
     "run": Run,
     "learn": Learn,
+    "export": Export,
     "skill": SkillTests,
     "benchmark": Benchmark,
     "trials": Trials,

@@ -151,17 +151,17 @@ class Import:
         sensor = WrenchSensor(
             acts_on=self.force_on,
             axes=self.force_axes,
-            pose=_numbers("--force-sensor", self.force_sensor, posed),
+            pose=numbers("--force-sensor", self.force_sensor, posed),
             rest=self.force_rest,
             tool_weight=self.tool_weight,
-            tool_centre=_numbers("--tool-centre", self.tool_centre, vector),
-            gravity=_numbers("--gravity", self.gravity, vector),
+            tool_centre=numbers("--tool-centre", self.tool_centre, vector),
+            gravity=numbers("--gravity", self.gravity, vector),
         )
         preparation = Preparation(
             units=self.units,
             sensor=sensor,
-            frame=_numbers("--frame", frame, posed) if "," in frame else frame,
-            offset=None if offset is None else _numbers("--offset", offset, posed),
+            frame=numbers("--frame", frame, posed) if "," in frame else frame,
+            offset=None if offset is None else numbers("--offset", offset, posed),
             segments=segments,
             trim_rests=not self.keep_rests,
             cutoff=self.cutoff or None,
@@ -191,15 +191,15 @@ class Import:
         return 0
 
 
-def _numbers(option: str, text: str, names: str) -> Any:
+def numbers(option: str, text: str, names: str) -> Any:
     """Return the numbers of a vector or a pose, as many as there are names."""
     try:
-        numbers = tuple(map(float, text.split(",")))
+        found = tuple(map(float, text.split(",")))
     except ValueError:
-        numbers = ()
-    if len(numbers) != len(names.split(",")):
+        found = ()
+    if len(found) != len(names.split(",")):
         raise ValueError(f"{option} {text!r} must be numbers {names}")
-    return numbers
+    return found
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

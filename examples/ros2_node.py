@@ -1,0 +1,105 @@
+"""A ROS 2 node that plays an exported skill with crisp_controllers.
+
+    gplfd export skill.npz --out opening.json --frame=X,Y,Z,QW,QX,QY,QZ --tool ...
+    python examples/ros2_node.py opening.json
+
+NOT TRIED ON HARDWARE: it was only tested with stand-ins for rclpy. Read
+docs/skill-to-robot.md and its checklist first.
+
+The node publishes what the Cartesian controller of crisp_controllers reads: set-points
+on target_pose (geometry_msgs/PoseStamped), stiffnesses on target_stiffness
+(std_msgs/Float64MultiArray, six numbers). It begins when current_pose says that the
+hand is at the first set-point, and plays one sample per tick up to where demonstrations
+end. It stops for good where the hand leaves the path or its pose no longer comes. The
+controller then holds the last set-point with the last stiffness.
+"""
+
+import argparse
+import json
+import math
+
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
+
+START = 0.01, 0.05
+"""Distance and angle between hand and first set-point at which it begins [m, rad]."""
+LARGEST_ERROR, LONGEST_SILENCE = 0.10, 0.05
+"""Distance between hand and path [m], and age of its pose [s], at which it stops."""
+
+
+class Player(Node):
+    """Publishes one sample per tick."""
+
+    def __init__(self, table, whole):
+        super().__init__("gplfd_player")
+        self.frame, samples = table["frame"]["name"], table["samples"]
+        until = math.inf if whole else table["demonstrated_until_s"]
+        columns = "position", "quaternion_xyzw", "path_position", "stiffness"
+        rows = zip(samples["time"], *(samples[one] for one in columns), strict=True)
+        self.rows = [row for time, *row in rows if time <= until]
+        self.next, self.hand, self.silent = 0, None, 0.0
+        self.period = 1.0 / table["rate_hz"]
+        self.pose = self.create_publisher(PoseStamped, "target_pose", 1)
+        self.stiffness = self.create_publisher(Float64MultiArray, "target_stiffness", 1)
+        self.create_subscription(PoseStamped, "current_pose", self.observe, 1)
+        self.create_timer(self.period, self.tick)
+
+    def observe(self, message):
+        p, q = message.pose.position, message.pose.orientation
+        self.hand, self.silent = ((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)), 0.0
+
+    def tick(self):
+        if self.hand is None:
+            return
+        position, quaternion, path, stiffness = self.rows[self.next]
+        place, orientation = self.hand
+        if self.next == 0:
+            both = zip(orientation, quaternion, strict=True)
+            cosine = abs(sum(a * b for a, b in both))
+            angle = 2.0 * math.acos(min(cosine, 1.0))
+            if math.dist(place, path) > START[0] or angle > START[1]:
+                self.get_logger().warn(
+                    f"waiting: the hand is {math.dist(place, path):.3f} m and "
+                    f"{angle:.3f} rad from the start"
+                )
+                return
+        elif math.dist(place, path) > LARGEST_ERROR or self.silent > LONGEST_SILENCE:
+            self.get_logger().error(
+                f"stopped: the hand was {math.dist(place, path):.3f} m from the path "
+                f"{self.silent:.3f} s ago"
+            )
+            raise SystemExit(1)
+        self.silent += self.period
+        # One sample per tick: a late timer makes the motion slower, not less stable.
+        self.stiffness.publish(Float64MultiArray(data=stiffness))
+        message = PoseStamped()
+        message.header.frame_id = self.frame
+        message.header.stamp = self.get_clock().now().to_msg()
+        p, q = message.pose.position, message.pose.orientation
+        p.x, p.y, p.z = position
+        q.x, q.y, q.z, q.w = quaternion
+        self.pose.publish(message)
+        self.next += 1
+        if self.next == len(self.rows):
+            self.get_logger().info("played to the end; the controller holds the hand")
+            raise SystemExit(0)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="play an exported skill")
+    parser.add_argument("file", help="JSON file of gplfd export --frame")
+    parser.add_argument("--whole", action="store_true", help="beyond demonstrations")
+    given = parser.parse_args()
+    with open(given.file, encoding="utf-8") as file:
+        table = json.load(file)
+    if table["frame"]["name"] != "base":
+        parser.error(f"{given.file} is in the task frame; export it with --frame")
+    rclpy.init()
+    node = Player(table, given.whole)
+    try:
+        rclpy.spin(node)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,69 @@
+"""The command export: a skill in files that robots read."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from gplfd_experiments.cli.commands.demos import numbers
+from gplfd_experiments.console.interruption import postponed_interruption
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Export:
+    """Write poses, σ, stiffness and damping of a skill for a robot.
+
+    The stiffness is stable, and the motion runs by the clock: what the robot measures
+    changes nothing. CSV, TUM trajectory, JSON, and a ROS 2 bag with the topics that
+    crisp_controllers reads (pip install 'gplfd[ros]'). Nothing of it was tried on
+    hardware: read docs/skill-to-robot.md first.
+    """
+
+    skill: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SKILL")]
+    """Skill to export, a file written by `gplfd learn`."""
+
+    out: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE")]
+    """Files to write: their suffixes .csv, .tum, .json and .bag (a folder) are their
+    forms. What is there already is replaced."""
+
+    form: tuple[Literal["csv", "tum", "bag", "json"], ...] = ()
+    """Forms to write; --out is then without a suffix."""
+
+    rate: Annotated[float, tyro.conf.arg(metavar="HZ")] = 100.0
+    """Samples per second, 20 to 1000. The simulation has 100."""
+
+    frame: Annotated[str | None, tyro.conf.arg(metavar="POSE")] = None
+    """Pose of the task frame in that of the robot's base, x,y,z,qw,qx,qy,qz [m]; with =
+    if x is negative: --frame=-0.5,... Without it all is in the task frame."""
+
+    tool: Annotated[str | None, tyro.conf.arg(metavar="QUATERNION")] = None
+    """With --frame: orientation qw,qx,qy,qz of the robot's tool frame at the closed
+    door, in the task frame."""
+
+    policy: str = "gp"
+    """Policy by whose stiffness law the skill is followed, the one that learned it."""
+
+    def execute(self) -> int:
+        """Write the files and say what is in them."""
+        with postponed_interruption():
+            from gplfd_experiments.workflows.exports import export_skill
+
+        outs = [Path(f"{out}.{form}") for out in self.out for form in self.form]
+        outs = outs or list(self.out)
+        frame: Any = self.frame
+        tool: Any = self.tool
+        if frame is not None:
+            frame = numbers("--frame", frame, "x,y,z,qw,qx,qy,qz")
+        if tool is not None:
+            tool = numbers("--tool", tool, "qw,qx,qy,qz")
+        path, about = export_skill(
+            self.skill, outs, self.policy, self.rate, frame, tool
+        )
+        print(
+            f"{', '.join(map(str, outs))}: {len(path.times)} samples in the frame of "
+            f"the {about['frame']['name']}, {path.times[-1]:.2f} s, demonstrated until "
+            f"{about['demonstrated_until_s']:.2f} s, stiffness up to "
+            f"{path.stiffness[:, :3].max():.0f} N/m"
+        )
+        return 0

@@ -1,0 +1,80 @@
+"""What a learned skill commands, for robots: computed, checked and written."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
+from gplfd_experiments.console.progress import LOG
+from gplfd_experiments.data.writers.commands import COMMAND_WRITERS
+from gplfd_experiments.files.folders import check_replaceable
+from gplfd_experiments.files.provenance import content_hash, provenance
+from gplfd_experiments.workflows.skills import method_and_skill
+from gplfd_policies.agents.commanded_path import CommandedPath, commanded_path
+from gplfd_policies.registry.open_loop import open_loop
+
+_AXES: Final = {
+    "task": "origin at the closed handle, x pulls, y up, z = x cross y; orientations "
+    "are relative to that of the hand at the closed door",
+    "base": "of the robot; orientations are those of its tool frame",
+}
+
+
+def export_skill(
+    skill: Path,
+    files: Sequence[Path],
+    policy: str = "gp",
+    rate: float = 100.0,
+    frame: Sequence[float] | None = None,
+    tool: Sequence[float] | None = None,
+) -> tuple[CommandedPath, dict[str, Any]]:
+    """Write what a skill commands, in the forms that the suffixes of files name.
+
+    The options are those of `gplfd export`. Returns it with what JSON has besides.
+    Raises ValueError for options, OSError for files, ModuleNotFoundError for rosbags.
+    """
+    for file in files:
+        if file.suffix[1:] not in COMMAND_WRITERS:
+            ends = ", .".join(COMMAND_WRITERS)
+            raise ValueError(f"{file} must end in .{ends}; or give --form")
+        if file.suffix == ".bag":
+            check_replaceable(file, "metadata.yaml", "bag", overwrite=True)
+    if not 20.0 <= rate <= 1000.0:
+        raise ValueError(f"--rate {rate:g} must be from 20 to 1000")
+    if frame is None and tool is not None:
+        raise ValueError("--tool goes with --frame, the pose of the task frame")
+    if frame is not None and tool is None:
+        LOG.warning("warning: without --tool its axes are those of the task frame")
+    try:
+        turns = (1, 0, 0, 0) if frame is None else frame[3:], tool or (1, 0, 0, 0)
+        rotvecs = rotvecs_from_quaternions(turns)
+    except ValueError as error:
+        raise ValueError(f"--frame and --tool: {error}") from error
+    method, learned = method_and_skill(policy, skill)
+    path = commanded_path(open_loop(method, 1.0 / rate).follow(learned))
+    name, aligned = "task", learned.aligned
+    if frame is not None:
+        pose = np.array([*frame[:3], *rotvecs[0]])
+        path, name = path.seen_from(pose, rotvecs[1]), "base"
+    origin = {"policy": policy, "skill_sha256": content_hash(skill)}
+    about = {
+        "frame": {"name": name, "axes": _AXES[name]},
+        "task_frame_in_base": frame,
+        "tool_in_task_frame": tool,
+        "rate_hz": rate,
+        "demonstrated_until_s": aligned.end * aligned.duration,
+        "gripper": "closed; the handle is grasped before the first sample",
+        "stiffness_law_and_dynamics": {
+            one.name: np.asarray(getattr(record, one.name)).tolist()
+            for record in (path.profile, path.dynamics)
+            for one in dataclasses.fields(record)
+            if one.init
+        },
+        "provenance": provenance(origin),
+    }
+    for file in files:
+        COMMAND_WRITERS[file.suffix[1:]](file, path, about)
+    return path, about

@@ -1,0 +1,129 @@
+"""What an agent commands without measurements: set-points and stiffness over time."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
+from gplfd_env.spatial.se3 import compose_rotvecs
+from gplfd_policies.agents.agent import CompliantAgent
+from gplfd_policies.arrays.records import freeze, short_repr
+from gplfd_policies.arrays.shapes import Outputs, Pose
+from gplfd_policies.control.stability import rate_bound
+from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class CommandedPath:
+    """Commands at M equal steps of time, of which the first is 0; immutable.
+
+    Stiffness and damping are along the axes of the poses, at first those of the task.
+
+    Raises:
+        ValueError: The stiffness rises faster than stable, or a pose is not finite.
+    """
+
+    times: Float[np.ndarray, " M"]
+    """When a sample is to be commanded [s]."""
+    poses: Outputs
+    """Set-points of the hand [m, rad]. They lead the path by d v/k, with which a robot
+    that damps its own motion with d does not lag behind the path."""
+    path: Outputs
+    """The movement's mean: the poses without their lead [m, rad]."""
+    std: Outputs
+    """Its standard deviation [m, rad]."""
+    stiffness: Outputs
+    """Governed stiffness [N/m, N m/rad]."""
+    profile: StiffnessProfile
+    """The law from σ to stiffness, along the axes of the task frame."""
+    dynamics: VirtualDynamics
+    """Mass and damping for which the stiffness is stable."""
+
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        freeze(self, "times", "poses", "path", "std", "stiffness")
+        if not np.isfinite(self.poses).all():
+            raise ValueError("set-points must be finite")
+        for sample, axis in np.argwhere(~(self.margin > 0.0)).tolist():
+            raise ValueError(
+                f"at {self.times[sample]:.4g} s the stiffness of axis {axis} rises to "
+                f"{self.stiffness[sample, axis]:.4g}, which is faster than stable"
+            )
+
+    @property
+    def damping(self) -> Outputs:
+        """Damping that goes with the stiffness [N s/m, N m s/rad]."""
+        return self.dynamics.damping(self.stiffness)
+
+    @property
+    def margin(self) -> Outputs:
+        """Stability bound minus rate of the stiffness [N/(m s), N m/(rad s)].
+
+        Where it is positive, (k' - k) + γ(d' - d) < 2γhk: see `StiffnessGovernor`.
+        """
+        before = np.vstack([self.stiffness[:1], self.stiffness[:-1]])
+        rate = (self.stiffness - before) / self.times[1]
+        return np.asarray(rate_bound(before, self.profile.k_min, self.dynamics) - rate)
+
+    def seen_from(self, task: Pose, tool: Float[np.ndarray, "3"]) -> "CommandedPath":
+        """Return the same in another frame, in which the task frame has a pose.
+
+        A diagonal does not stay one: K = R diag(k) Rᵀ. Here k along a new axis becomes
+        the least k of the old axes that it has a part of, above 1e-4. That is in no
+        direction stiffer than K, rises no faster, and between parallel axes is k
+        itself. σ is exact, and the lead is that of the new stiffness.
+
+        Args:
+            task: pose of the task frame in the new frame [m, rad].
+            tool: orientation of the robot's tool at the closed door, task frame [rad].
+        """
+        both = np.array([self.profile.k_min, self.dynamics.mass])
+        if np.ptp(both.reshape(4, 3), axis=1).any():
+            raise ValueError(f"k_min or mass differ between axes: {both.tolist()}")
+        turn = Rotation.from_rotvec(task[3:]).as_matrix()
+        old = self.stiffness.reshape(-1, 2, 1, 3)
+        least = np.where(np.abs(turn) > 1e-4, old, np.inf).min(axis=-1)
+        stiffness = least.reshape(-1, 6)
+        turns = compose_rotvecs(task[3:], compose_rotvecs(self.path[:, 3:], tool))
+        positions = task[:3] + self.path[:, :3] @ turn.T
+        path = np.hstack([positions, unwrap_rotvecs(turns)])
+        velocity = (self.poses - self.path) * self.stiffness / self.damping
+        lead = self.dynamics.damping(stiffness) / stiffness
+        lead[:, :3] *= velocity[:, :3] @ turn.T
+        lead[:, 3:] = 0.0
+        variance = (self.std**2).reshape(-1, 2, 3) @ (turn**2).T
+        return replace(
+            self,
+            poses=path + lead,
+            path=path,
+            std=np.sqrt(variance).reshape(-1, 6),
+            stiffness=stiffness,
+        )
+
+
+def commanded_path(agent: CompliantAgent) -> CommandedPath:
+    """Let an agent command its whole motion to a hand that follows without force.
+
+    It is one of `gplfd_policies.registry.open_loop`, which commands the same whatever
+    the hand does. The samples are its control period apart.
+    """
+    agent.reset({})
+    hand, free = agent.movement.at(0.0)[0], np.zeros(6)
+    steps, arrived = [], False
+    while not arrived:
+        step = agent.act({"ee_pose": hand, "wrench": free})
+        steps.append(step)
+        hand, lead = step.desired, np.abs(step.action - step.desired)
+        arrived = bool(step.phase >= 1.0 and lead.max() < 1e-4)  # [m]
+    return CommandedPath(
+        times=np.arange(len(steps)) * agent.config.control_period,
+        poses=np.array([step.action for step in steps]),
+        path=np.array([step.desired for step in steps]),
+        std=np.array([step.std for step in steps]),
+        stiffness=np.array([step.stiffness for step in steps]),
+        profile=agent.config.profile,
+        dynamics=agent.config.dynamics,
+    )

@@ -1,0 +1,159 @@
+"""`gplfd export`: files that are read back bit for bit, and open doors as the agent."""
+
+import csv
+import json
+import sys
+from types import SimpleNamespace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
+from gplfd_experiments.cli import main as cli
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.data.writers.rows import states_of
+from gplfd_experiments.episodes.rollout import rollout
+from gplfd_experiments.files.provenance import content_hash
+from gplfd_experiments.workflows.exports import export_skill
+from gplfd_policies import load_skill, policy_named
+from gplfd_policies.registry.method import TrainingInput
+from gplfd_policies.registry.open_loop import open_loop
+
+GP = policy_named("gp").method
+FRAME = "0.8,-0.1,1,0,0,0.7071067811865476,0.7071067811865476"
+
+
+@pytest.fixture(scope="module")
+def skill_file(tmp_path_factory):
+    rng = np.random.default_rng(0)
+    given = Teacher().demonstrate_doors([0.4, 0.5, 0.6], per_door=2, rng=rng)
+    file = tmp_path_factory.mktemp("skill") / "skill.npz"
+    GP.learn(TrainingInput(demonstrations=given)).save(file)
+    return file
+
+
+@pytest.fixture(scope="module")
+def exported(skill_file):
+    """Return what was exported, its states, and its files without their suffixes."""
+    door = skill_file.with_name("door")
+    forms = ("csv", "tum", "json", "bag")
+    path, _ = export_skill(skill_file, [door.with_suffix(f".{one}") for one in forms])
+    return path, states_of(path.poses), door
+
+
+def test_tables_are_read_back_bit_for_bit(exported):
+    path, states, door = exported
+    first, second, *lines = door.with_suffix(".csv").read_text().splitlines()
+    assert first == "# a gplfd commanded path"
+    assert second.startswith("# frame task: origin at the closed handle, x pulls")
+    heads, *rows = csv.reader(lines)
+    found = heads[7], heads[10], heads[14], heads[20], heads[-1]
+    assert ",".join(found) == (
+        "qw,path_z [m],std_rx [rad],stiffness_rx [N m/rad],margin_rz [N m/(rad s)]"
+    )
+    columns = np.c_[path.times, states, path.path[:, :3], path.std, path.stiffness]
+    np.testing.assert_array_equal(
+        np.array(rows, dtype=float), np.c_[columns, path.damping, path.margin]
+    )
+    trajectory = np.loadtxt(door.with_suffix(".tum"))
+    np.testing.assert_array_equal(trajectory, np.c_[path.times, states])
+
+
+def test_json_has_everything_with_units_and_origin(exported, skill_file):
+    path, states, door = exported
+    entries = json.loads(door.with_suffix(".json").read_text())
+    samples, law = entries["samples"], entries["stiffness_law_and_dynamics"]
+    assert set(samples) - set(entries["units"]) == {"quaternion_xyzw"}
+    assert (law["mass"][3], law["k_min"][0]) == (0.15, 100.0)
+    assert entries["provenance"]["config"]["skill_sha256"] == content_hash(skill_file)
+    np.testing.assert_array_equal(samples["position"], states[:, :3])
+    np.testing.assert_array_equal(samples["quaternion_xyzw"], states[:, 3:])
+    for name in ("std", "stiffness", "damping", "margin"):
+        np.testing.assert_array_equal(samples[name], getattr(path, name))
+    # Nothing is seen of a door: beyond demonstrations the uncertainty grows.
+    skill = load_skill(skill_file)
+    aligned, end = skill.aligned, skill.predict(np.ones(1)).std[0]
+    assert entries["demonstrated_until_s"] == aligned.end * aligned.duration
+    drift = (1.0 - aligned.end) * aligned.drift
+    np.testing.assert_allclose(samples["std"][-1], np.hypot(end, drift))
+
+
+def test_a_bag_is_read_back_bit_for_bit(exported):
+    path, states, door = exported
+    store, found = get_typestore(Stores.ROS2_HUMBLE), {}
+    with Reader(door.with_suffix(".bag")) as bag:
+        for connection, at, data in bag.messages():
+            message = store.deserialize_cdr(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append((at, message))
+    assert set(found) == {"/target_pose", "/target_stiffness"}
+    numbers = [message.data for _, message in found["/target_stiffness"]]
+    np.testing.assert_array_equal(numbers, path.stiffness)
+    rows = []
+    for at, message in found["/target_pose"]:
+        p, q, head = message.pose.position, message.pose.orientation, message.header
+        rows.append([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
+        assert head.stamp.sec * 10**9 + head.stamp.nanosec == at
+        assert at == round(1e9 * path.times[len(rows) - 1])
+        assert head.frame_id == "task"
+    np.testing.assert_array_equal(rows, states)
+
+
+def test_replayed_open_loop_it_opens_a_door_as_the_agent_that_wrote_it(
+    exported, skill_file
+):
+    """The acceptance is 1 N and 1°."""
+    samples = json.loads(exported[-1].with_suffix(".json").read_text())["samples"]
+    turns = rotvecs_from_quaternions(samples["quaternion_xyzw"], order="xyzw")
+    rows = iter(np.hstack([samples["position"], turns, samples["stiffness"]]))
+    player = SimpleNamespace(control="impedance", act=lambda observation: next(rows))
+    logs = []
+    for agent in (open_loop(GP, 0.01).follow(load_skill(skill_file)), player):
+        env = gym.make(ENVIRONMENT_IDS["impedance"], door="large")
+        logs.append(rollout(env, agent, policy="gp", door="large", seed=0))
+        env.close()
+    written, played = logs
+    assert (written.success, played.success) == (True, True)
+    np.testing.assert_allclose(played.wrench[:, :3], written.wrench[:, :3], atol=0.1)
+    np.testing.assert_allclose(played.door_angle, written.door_angle, atol=1e-4)
+
+
+def test_the_command_names_its_files_and_their_frame(skill_file, tmp_path, capsys):
+    given = ["export", str(skill_file), "--rate", "20", "--out", str(tmp_path / "a.b")]
+    assert cli.main([*given, "--form", "json", "bag", "--frame", FRAME]) == 0
+    said = capsys.readouterr()
+    assert "samples in the frame of the base" in said.out
+    assert "without --tool" in said.err
+    assert {one.name for one in tmp_path.iterdir()} == {"a.b.json", "a.b.bag"}
+    entries = json.loads((tmp_path / "a.b.json").read_text())
+    assert (entries["frame"]["name"], entries["rate_hz"]) == ("base", 20.0)
+    assert cli.main([*given, "--form", "bag"]) == 0  # a bag is replaced
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("a.txt", "a.txt must end in .csv, .tum, .bag, .json; or give --form"),
+        ("a.csv --rate nan", "--rate nan must be from 20 to 1000"),
+        ("a.csv --frame 1,2,3", "'1,2,3' must be numbers x,y,z,qw,qx,qy,qz"),
+        (
+            "a.csv --frame 0,0,0,1,1,1,1",
+            "--frame and --tool: quaternions[0] has norm 2",
+        ),
+        ("a.csv --rate 20 --frame nan,0,0,1,0,0,0", "set-points must be finite"),
+        ("a.csv --tool 1,0,0,0", "--tool goes with --frame"),
+        ("a.csv --policy gp-paper", "learned by one that does not"),
+        ("folder.bag", "folder.bag exists and is no bag"),
+        ("a.bag --rate 20", "pip install 'gplfd[ros]'"),
+    ],
+)
+def test_what_is_wrong_is_said(skill_file, tmp_path, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
+    (tmp_path / "folder.bag").mkdir()
+    assert cli.main(["export", str(skill_file), "--out", *words.split()]) == 2
+    assert said in capsys.readouterr().err
+    assert [one.name for one in tmp_path.iterdir()] == ["folder.bag"]
