@@ -44,9 +44,20 @@ class Export:
     policy: str = "gp"
     """Policy by whose stiffness law the skill is followed, the one that learned it."""
 
+    robot: str | None = None
+    """Also play it in the simulation with this robot, print what force, speed,
+    stiffness and joint margins to expect, and draw it in the robot's workspace,
+    FILE-workspace.png: tiago-like, panda-like, ur5e-like, a .urdf, or a .json with the
+    arguments of gplfd_env.robot.urdf.robot_of_urdf."""
+
+    door: str = "medium"
+    """With --robot: the door, a name (see `gplfd list`), a radius in metres, or a .json
+    file."""
+
     def execute(self) -> int:
         """Write the files and say what is in them."""
         with postponed_interruption():
+            from gplfd_experiments.workflows.dry_run import draw_dry_run, dry_run
             from gplfd_experiments.workflows.exports import export_skill
 
         outs = [Path(f"{out}.{form}") for out in self.out for form in self.form]
@@ -57,6 +68,9 @@ class Export:
             frame = numbers("--frame", frame, "x,y,z,qw,qx,qy,qz")
         if tool is not None:
             tool = numbers("--tool", tool, "qw,qx,qy,qz")
+        run = None
+        if self.robot is not None:
+            run = dry_run(self.skill, self.policy, self.robot, self.door)
         path, about = export_skill(
             self.skill, outs, self.policy, self.rate, frame, tool
         )
@@ -66,4 +80,9 @@ class Export:
             f"{about['demonstrated_until_s']:.2f} s, stiffness up to "
             f"{path.stiffness[:, :3].max():.0f} N/m"
         )
+        if run is not None:
+            picture = outs[0].with_name(f"{outs[0].stem}-workspace.png")
+            draw_dry_run(run, picture)
+            print(f"\na dry run, drawn in {picture}:")
+            print("\n".join(f"{name}: {value}" for name, value in run.rows()))
         return 0

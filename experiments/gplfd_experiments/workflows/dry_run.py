@@ -1,0 +1,202 @@
+"""What a robot has to expect of an exported path: played at a simulated door."""
+
+import contextlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from gplfd_env import IMPEDANCE_ENVIRONMENT_ID
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.robot.config import RobotConfig
+from gplfd_env.robot.robots import robot_named
+from gplfd_env.robot.stance import base_for
+from gplfd_experiments.episodes.task import named_doors
+from gplfd_experiments.workflows.skills import method_and_skill
+from gplfd_policies.agents.commanded_path import commanded_path
+from gplfd_policies.arrays.storage import complete_or_absent
+from gplfd_policies.registry.open_loop import open_loop
+
+_POSTURES: Final = 6
+"""Postures of the arm in the picture."""
+
+_WORKSPACE: Final = 4000
+"""Random postures that show the workspace in the picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DryRun:
+    """Greatest values in one simulated execution, and where the arm was."""
+
+    robot: str
+    base: str
+    door: str
+    opened_deg: float
+    """Greatest opening angle [°]."""
+    ended: str
+    """How the episode ended: "opened", a reason, or "time" where the path ended."""
+    force: float
+    """Of the hand on the handle [N]."""
+    torque: float
+    """On the wrist, about the hand [N m]."""
+    speed: float
+    """Of the hand [m/s]."""
+    turning: float
+    """Of the hand [rad/s]."""
+    stiffness: float
+    """Commanded translational stiffness [N/m]."""
+    joint_margin: tuple[str, float]
+    """Joint that comes nearest to a limit, and its distance from it [rad]."""
+    effort_share: tuple[str, float]
+    """Joint with the greatest share of its effort limit, and the share."""
+    hand: Float[np.ndarray, "T 3"]
+    """Path of the hand in the frame of the base at the start [m]."""
+    arms: Float[np.ndarray, "P L 3"]
+    """Joints of the arm and the hand at some moments, same frame [m]."""
+    workspace: Float[np.ndarray, "W 3"]
+    """Where the hand is at random postures within the joint limits, same frame [m]."""
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Return what to print: names and values with units."""
+        near, margin = self.joint_margin
+        strong, share = self.effort_share
+        return [
+            ("robot", f"{self.robot}, {self.base} base"),
+            ("door", f"{self.door}: {self.ended}, {self.opened_deg:.1f} deg"),
+            ("greatest force on the handle", f"{self.force:.1f} N"),
+            ("greatest torque at the hand", f"{self.torque:.2f} N m"),
+            ("greatest speed", f"{self.speed:.2f} m/s, {self.turning:.2f} rad/s"),
+            ("greatest stiffness", f"{self.stiffness:.0f} N/m"),
+            ("least joint-limit margin", f"{margin:.2f} rad, {near}"),
+            ("greatest effort", f"{100 * share:.0f} % of the limit of {strong}"),
+        ]
+
+
+def dry_run(skill: Path, policy: str, robot: str, door: str) -> DryRun:
+    """Play what a skill commands with a robot at a door; nothing is adapted.
+
+    Args:
+        skill: a file written by `gplfd learn`.
+        policy: by whose stiffness law it is followed.
+        robot: name, .urdf or .json, see `gplfd_env.robot.robots.robot_named`.
+        door: one of `gplfd_experiments.episodes.task.named_doors`.
+
+    Raises:
+        ValueError: The robot cannot hold the handle of the door, or a name is unknown.
+    """
+    [(name, config)] = named_doors([door], robot=robot).items()
+    body = robot_named(robot)
+    body = body.on(base_for(config, body))
+    method, learned = method_and_skill(policy, skill)
+    path = commanded_path(open_loop(method, CONTROL_PERIOD).follow(learned))
+    commands = np.hstack([path.poses, path.stiffness])
+    made: Any = gym.make(
+        IMPEDANCE_ENVIRONMENT_ID, robot=body, door=config, max_episode_steps=-1
+    )
+    with contextlib.closing(made) as env:
+        observation, info = env.reset(seed=0)
+        model, data = env.unwrapped.model, env.unwrapped.data
+        joints = [model.joint(one) for one in body.arm]
+        low, high = np.array([joint.range for joint in joints]).T
+        moving = [int(joint.dofadr[0]) for joint in joints]
+        limits = model.jnt_actfrcrange[[joint.id for joint in joints], 1]
+        links = [int(joint.bodyid[0]) for joint in joints]
+        site, workspace = model.site("hand").id, _workspace(model, data, body)
+        seen: dict[str, list[Any]] = {one: [] for one in _SEEN}
+        for command in commands:
+            observation, _, over, _, info = env.step(command)
+            forces = [info[f"force_{one}"] for one in ("tangential", "radial")]
+            position = observation["joint_pos"]
+            arm = np.vstack([data.xpos[links], data.site_xpos[site]])
+            values = (
+                np.linalg.norm([*forces, info["force_vertical"]]),
+                np.linalg.norm(observation["wrench"][3:]),
+                np.linalg.norm(observation["ee_twist"][:3]),
+                np.linalg.norm(observation["ee_twist"][3:]),
+                np.minimum(position - low, high - position),
+                np.abs(data.qfrc_actuator[moving]) / limits,
+                arm,
+                info["door_angle"],
+            )
+            for one, value in zip(_SEEN, values, strict=True):
+                seen[one].append(value)
+            if over:
+                break
+    margin, effort = np.array(seen["margin"]), np.array(seen["effort"])
+    near, strong = int(margin.min(axis=0).argmin()), int(effort.max(axis=0).argmax())
+    arms = np.array(seen["arm"])
+    moments = np.linspace(0, len(arms) - 1, _POSTURES).astype(int)
+    return DryRun(
+        robot=body.name,
+        base=body.base,
+        door=name,
+        opened_deg=float(np.degrees(max(seen["angle"]))),
+        ended="opened" if info["success"] else info["failure"] or "time",
+        force=float(max(seen["force"])),
+        torque=float(max(seen["torque"])),
+        speed=float(max(seen["speed"])),
+        turning=float(max(seen["turning"])),
+        stiffness=float(path.stiffness[:, :3].max()),
+        joint_margin=(body.arm[near], float(margin[:, near].min())),
+        effort_share=(body.arm[strong], float(effort[:, strong].max())),
+        hand=arms[:, -1],
+        arms=arms[moments],
+        workspace=workspace,
+    )
+
+
+_SEEN: Final = (
+    *("force", "torque", "speed", "turning"),
+    *("margin", "effort", "arm", "angle"),
+)
+
+
+def _workspace(
+    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotConfig
+) -> Float[np.ndarray, "W 3"]:
+    """Return where the hand is at seeded random postures, lift as it stands [m]."""
+    other = mujoco.MjData(model)
+    other.qpos[:] = data.qpos
+    joints = [model.joint(name) for name in robot.arm]
+    places = [int(joint.qposadr[0]) for joint in joints]
+    low, high = np.array([joint.range for joint in joints]).T
+    points = []
+    for share in np.random.default_rng(0).random((_WORKSPACE, len(joints))):
+        other.qpos[places] = low + share * (high - low)
+        mujoco.mj_kinematics(model, other)
+        points.append(other.site_xpos[model.site("hand").id].copy())
+    return np.array(points)
+
+
+def draw_dry_run(run: DryRun, file: Path) -> None:
+    """Draw path and postures in the workspace, from above and from the side, as PNG."""
+    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, 2)
+    for panel, (across, up), title in zip(
+        panels, ((0, 1), (0, 2)), ("from above", "from the side"), strict=True
+    ):
+        panel.plot(
+            *run.workspace[:, [across, up]].T, ".", color="0.85", markersize=2, zorder=0
+        )
+        for number, arm in enumerate(run.arms):
+            shade = str(0.75 - 0.5 * number / (len(run.arms) - 1))
+            panel.plot(*arm[:, [across, up]].T, "o-", color=shade, markersize=3, lw=1.5)
+        panel.plot(*run.hand[:, [across, up]].T, color="tab:red", lw=2)
+        panel.set_aspect("equal")
+        panel.set_title(title)
+        panel.set_xlabel("ahead of the base at the start [m]")
+        panel.set_ylabel(("x", "to the left [m]", "up [m]")[up])
+    figure.suptitle(
+        f"{run.robot}, {run.base} base, door {run.door}: hand (red), arm at "
+        f"{len(run.arms)} moments (later is darker), reachable points (grey)",
+        fontsize=9,
+    )
+    with complete_or_absent(file) as temporary, temporary.open("wb") as stream:
+        figure.savefig(stream, format="png", dpi=120)
