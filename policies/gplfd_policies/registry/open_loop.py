@@ -28,5 +28,5 @@ def open_loop(method: Method, period: float) -> Method:
         control_period=period,
         via_spacing=2.0,  # longer than the task: no via-points
     )
-    none = dict.fromkeys(("adaptation", "door_adaptation", "force_adaptation", "modes"))
-    return replace(method, phases=clock_phase, config=config, **none)
+    without = replace(method, adaptation=None, door_adaptation=None, modes=None)
+    return replace(without, force_adaptation=None, phases=clock_phase, config=config)
