@@ -12,12 +12,14 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.robot.robots import robot_named
 from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.data.writers.rows import states_of
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.files.provenance import content_hash
+from gplfd_experiments.workflows.dry_run import dry_run
 from gplfd_experiments.workflows.exports import export_skill
 from gplfd_policies import load_skill, policy_named
 from gplfd_policies.registry.method import TrainingInput
@@ -157,3 +159,35 @@ def test_what_is_wrong_is_said(skill_file, tmp_path, monkeypatch, capsys, words,
     assert cli.main(["export", str(skill_file), "--out", *words.split()]) == 2
     assert said in capsys.readouterr().err
     assert [one.name for one in tmp_path.iterdir()] == ["folder.bag"]
+
+
+def test_a_dry_run_says_what_to_expect_of_a_robot(skill_file, tmp_path, capsys):
+    out = tmp_path / "door.json"
+    options = ["--out", str(out), "--robot", "ur5e-like", "--door", "small"]
+    assert cli.main(["export", str(skill_file), *options]) == 0
+    printed = dict(
+        line.split(": ", 1)
+        for line in capsys.readouterr().out.splitlines()
+        if ": " in line
+    )
+    assert printed["robot"] == "ur5e-like, fixed base"
+    assert printed["door"].startswith("small: opened, 6")
+    assert out.with_name("door-workspace.png").read_bytes()[:4] == b"\x89PNG"
+    run = dry_run(skill_file, "gp", "ur5e-like", "small")
+    # What the true arc of 0.35 m takes, and what limits the arm.
+    assert np.ptp(run.hand[:, 2]) < 2e-3
+    radii = np.linalg.norm(run.arms[:, -1] - run.arms[0, -1], axis=1)
+    assert radii[-1] == pytest.approx(
+        0.7 * np.sin(np.radians(run.opened_deg) / 2), abs=0.02
+    )
+    assert 0.0 < run.effort_share[1] < 1.0
+    assert run.joint_margin[0] in robot_named("ur5e-like").arm
+    assert run.stiffness == pytest.approx(500.0, rel=0.05)
+
+
+def test_a_dry_run_with_an_unknown_robot_writes_nothing(skill_file, tmp_path, caplog):
+    out = tmp_path / "door.json"
+    given = ["export", str(skill_file), "--out", str(out), "--robot", "ur5"]
+    assert cli.main(given) == cli.BAD_INPUT
+    assert "unknown robot 'ur5'" in caplog.text
+    assert list(tmp_path.iterdir()) == []

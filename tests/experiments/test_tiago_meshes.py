@@ -5,7 +5,6 @@ same structure and two boxes for meshes.
 """
 
 import importlib.metadata
-import sys
 from pathlib import Path
 
 import mujoco
