@@ -1,4 +1,4 @@
-"""The URDFs of two further arms: published tables and DH chains, read by two readers."""
+"""The URDFs of two more arms: published tables and DH chains, read by two readers."""
 
 import xml.etree.ElementTree as ElementTree
 from typing import NamedTuple
