@@ -87,7 +87,7 @@ class SimilarityModel:
     lag: Phases
     """Standard deviation along it of demonstrations of equal size [m]."""
     log_sizes: Sizes
-    """Logarithms of the sizes that are compared."""
+    """Logarithms of the sizes that are compared; 0 where the path shows no size."""
     least_scale: float
     """Share of the stated variances that is the mean path's own error."""
     outward: Float[np.ndarray, "4 F"]
@@ -116,7 +116,7 @@ class SimilarityModel:
         scatter = float((similar.log_sizes**2).sum())
         variance = config.size_weight * config.size_std**2 + scatter
         variance *= (1.0 + 1.0 / count) / (config.size_weight + count - 1)
-        shown = size_visibility(poses, config)
+        shown = size_visibility(poses[:, aligned.times <= aligned.end], config)
         # Where a path comes back nearer to its start, the way out counts.
         furthest, first = np.unique(
             np.maximum.accumulate(np.abs(path)), return_index=True
