@@ -7,12 +7,16 @@ from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations
+from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.demonstrations.normalised import normalised
 from gplfd_policies.demonstrations.path_similarity import (
     SimilarityConfig,
     SimilarityModel,
     advance,
+    size_visibility,
 )
+from gplfd_policies.movements.movement import EmpiricalDistribution
+from gplfd_policies.phase.path_phase import PathPhase
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -163,3 +167,89 @@ def test_states_advance_as_their_process():
         assert_allclose(once, both, atol=1e-12)
     stationary = np.repeat(np.diag([0.3, 1.0, rate**2])[:, :, None], 2, axis=2)
     assert_allclose(advance(mean, stationary, step, rate)[1], stationary, atol=1e-12)
+
+
+def along_a_line(turn=0.0):
+    """A leaf that slides by 1 m as slowly at both ends as a person moves it."""
+    share = TIMES**3 * (10.0 - 15.0 * TIMES + 6.0 * TIMES**2)
+    return np.outer(share, [0.0, 0.0, -1.0, 0.0, turn, 0.0])
+
+
+def out_and_along(offset):
+    """A leaf that comes out of the wall first and then slides along it by 1 m."""
+    out = np.outer(1.0 - (1.0 - TIMES) ** 4, [offset, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return out + along_a_line()
+
+
+def repeated(path, seed, sizes=(0.5, 0.5, 0.7, 0.7, 0.9, 0.9)):
+    """Demonstrations of a path in several sizes, with errors as a person's."""
+    rng = np.random.default_rng(seed)
+    waves = np.sin(np.outer(np.pi * TIMES, np.arange(1.0, 7.0)))
+    errors = np.repeat([1.5e-3, 0.02], 3)
+    poses = [
+        path * np.repeat([size, 1.0], 3) + errors * (waves @ rng.normal(size=(6, 6)))
+        for size in sizes
+    ]
+    return AlignedDemonstrations(times=TIMES, poses=np.array(poses))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("sizes", [(0.5, 0.9), (0.5, 0.5, 0.7, 0.7, 0.9, 0.9)])
+def test_a_straight_path_has_no_size_and_its_phase_is_its_distance(seed, sizes):
+    """Whatever chance leaves in the mean of the demonstrations."""
+    aligned = repeated(along_a_line(), seed, sizes)
+    model = SimilarityModel.of(aligned)
+    assert not model.log_sizes.any()
+    rule = PathPhase(EmpiricalDistribution(aligned), aligned)
+    distances = np.linspace(0.03, 0.6, 150)
+    phases, phase = [], np.float64(0.0)
+    for distance in distances:
+        pose = np.array([0.0, 0.0, -distance, 0.0, 0.0, 0.0])
+        seen = rule.update(pose, phase, phase)
+        phase = seen.phase
+        phases.append(phase)
+    assert seen.sizes[0].log_size == (0.0, 0.0)
+    # The mean path's distance is an average over sizes.
+    expected = np.interp(distances, np.abs(model.path), TIMES)
+    assert np.abs(phases - expected)[10:].max() < 0.03
+
+
+@pytest.mark.parametrize("count", [1, 2, 6])
+@pytest.mark.parametrize(
+    "path",
+    [
+        arc(1.0),
+        along_a_line(turn=1.2),
+        out_and_along(0.1),
+    ],
+    ids=["circle", "straight, turning", "out, then along"],
+)
+def test_size_shows_where_a_path_bends_or_turns_by_its_length(path, count):
+    poses = normalised(repeated(path, 0, count * (0.5,))).aligned.poses
+    assert size_visibility(poses) == 1.0
+
+
+def test_a_straight_continuation_hides_no_size():
+    aligned = continued(repeated(out_and_along(0.06), 0, 6 * (0.5,)), 0.5)
+    # The prior of `test_demonstrations_dilute_the_prior_of_the_size`.
+    expected = np.sqrt(12.0 * 0.35**2 * (1.0 + 1.0 / 6.0) / (12.0 + 5.0))
+    found = SimilarityModel.of(aligned).log_sizes[-1] / 2.5
+    assert found == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("deviations", [0.0, 0.5, 1.0, 1.25, 1.75, 2.0, 9.0])
+def test_size_shows_by_the_bend_in_deviations_less_one(deviations):
+    """In any direction of path and bend; by the deviation of one repetition."""
+    bend = TIMES - TIMES**2 * (TIMES**3).sum() / (TIMES**4).sum()
+    bend /= np.sqrt((bend**2).mean())
+    # Orthogonal along the path, so that the straight line is the first axis.
+    axes = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    spread, n = 4e-3, SimilarityConfig().position_std
+    path = np.outer(TIMES**2, axes[0])
+    path = path + np.outer(deviations * np.hypot(spread, n) * bend, axes[1])
+    # Two repetitions, √2 σ apart.
+    apart = np.sqrt(0.5) * spread * axes[2]
+    poses = np.zeros((2, TIMES.size, 6))
+    poses[..., :3] = path + np.array([-1.0, 1.0])[:, None, None] * apart
+    expected = min(max(deviations - 1.0, 0.0), 1.0)
+    assert size_visibility(poses) == pytest.approx(expected, abs=1e-9)

@@ -55,6 +55,8 @@ class SimilarityConfig(Settings):
     the door. 0 trusts the heading."""
     position_std: float = quantity(3e-3, above=0.0, unit="m")
     """Error of a position across the path that the next does not share [m]."""
+    rotation_std: float = quantity(0.15, above=0.0, unit="rad")
+    """Error of an observed rotation [rad]."""
     scale_weight: float = quantity(40.0, above=0.0)
     """ν: number of positions that the stated errors are worth; more positions decide
     themselves how large these are. Tuned."""
@@ -85,7 +87,7 @@ class SimilarityModel:
     lag: Phases
     """Standard deviation along it of demonstrations of equal size [m]."""
     log_sizes: Sizes
-    """Logarithms of the sizes that are compared."""
+    """Logarithms of the sizes that are compared; 0 where the path shows no size."""
     least_scale: float
     """Share of the stated variances that is the mean path's own error."""
     outward: Float[np.ndarray, "4 F"]
@@ -114,6 +116,7 @@ class SimilarityModel:
         scatter = float((similar.log_sizes**2).sum())
         variance = config.size_weight * config.size_std**2 + scatter
         variance *= (1.0 + 1.0 / count) / (config.size_weight + count - 1)
+        shown = size_visibility(poses[:, aligned.times <= aligned.end], config)
         # Where a path comes back nearer to its start, the way out counts.
         furthest, first = np.unique(
             np.maximum.accumulate(np.abs(path)), return_index=True
@@ -128,7 +131,7 @@ class SimilarityModel:
             path=path,
             wobble=wobble,
             lag=lag,
-            log_sizes=math.sqrt(variance) * _STEPS,
+            log_sizes=math.sqrt(variance) * shown * _STEPS,
             least_scale=1.0 / (count + 1),
             outward=np.hstack(
                 [
@@ -412,6 +415,42 @@ class LikelySizes:
         angle = turn + turning * (a * f + b * slope)
         means = path[:, None] * np.exp(self.log_sizes + 1j * angle)
         return means, np.maximum(variance, 0.0)
+
+
+def size_visibility(
+    poses: Float[np.ndarray, "D M 6"],
+    config: SimilarityConfig = SimilarityConfig(),
+) -> float:
+    """Return how far a path distinguishes its size from its phase, 0 to 1.
+
+    A change of the size of a path c p(s), θ(s) displaces its poses by (p, 0), a change
+    of its phase by (p', θ'). Where the path is straight from its start and does not
+    turn, the two are parallel everywhere: the enlarged path is the same path, and its
+    size is a matter of convention. Size shows in the mean's distance from a straight
+    line and in its rotation. Each is divided by the deviation that one more repetition
+    has, σ² + n², with σ the demonstrations' own and n the error of observation. A root
+    mean square of one such deviation, along the path, is no more than chance leaves in
+    the mean path, and shows nothing; from two on the size shows entirely.
+
+    Args:
+        poses: Demonstrations of one size and heading [m, rad].
+        config: Errors of observation.
+    """
+    positions, rotations = poses[..., :3], poses[..., 3:]
+    path = positions.mean(axis=0)
+    line = np.linalg.eigh(path.T @ path)[1][:, -1]
+    across = positions - (positions @ line)[..., None] * line
+    ratios = []
+    for deviations, error in (
+        (across, config.position_std),
+        (rotations, config.rotation_std),
+    ):
+        variance = error**2
+        if len(poses) > 1:
+            variance += deviations.var(axis=0, ddof=1).sum(axis=1).mean()
+        square = (deviations.mean(axis=0) ** 2).sum(axis=1).mean()
+        ratios.append(math.sqrt(square / variance))
+    return min(max(max(ratios) - 1.0, 0.0), 1.0)
 
 
 def _smooth_std(deviations: Float[np.ndarray, "D M"], least: float) -> Phases:
