@@ -34,24 +34,24 @@ class Lesson:
 
     def __init__(self, name: str, door: DoorConfig, *, drawn: bool) -> None:
         self.name, self.door = name, door
-        camera = "overview" if door.motion == "flap" else "top"
+        self._camera = "overview" if door.motion == "flap" else "top"
         self._made = make_environment(
             episode_task(name, door, policy="gp", seed=0),
             "impedance",
             render_mode="rgb_array" if drawn else None,
-            camera_name=camera,
+            camera_name=self._camera,
             width=SIZE[0],
             height=SIZE[1],
         )
         # An episode that is solved goes on until the person ends it.
         self._env: Any = self._made.unwrapped
-        self._observation, self._info = self._env.reset(seed=0)
-        self.view = View.of(self._env.data, camera, SIZE[0] / SIZE[1], door.motion)
         self.restart()
 
     def restart(self) -> None:
         """Close the door and forget what was shown."""
         self._observation, self._info = self._env.reset(seed=0)
+        shown = SIZE[0] / SIZE[1], self.door.motion
+        self.view = View.of(self._env.data, self._camera, *shown)
         self.lead, self.over = Lead(self.view), ""
         self._inputs: list[Any] = []
         self._rows: list[tuple[Any, Any, Any]] = []

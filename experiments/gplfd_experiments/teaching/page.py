@@ -34,7 +34,7 @@ _MOST: Final = 10
 _LARGEST: Final = 10_000  # Bytes of a request.
 
 LOOPBACK: Final = ("127.0.0.1", "localhost")
-"""Addresses that nobody on another machine can reach."""
+"""Names of this machine that no other machine can reach."""
 
 
 class Session:
@@ -134,23 +134,50 @@ def teach(
     port: int,
     options: Mapping[str, Any],
 ) -> int:
-    """Serve the page until the person finishes; return how many demonstrations there are.
+    """Serve the page until the person finishes; return how many demonstrations exist.
 
     Takes the options of ``gplfd demos teach``. ValueError: they are wrong. OSError: the
     address is taken, the set cannot be written, or pictures cannot be drawn.
     """
     kept = TaughtSet(folder, options)
     session = Session(named_doors(doors), kept)
-    requests: _Requests = queue.SimpleQueue()
+    # Pictures are drawn in the thread that has made the session; requests wait for it.
+    requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
     page = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
     content = page.replace("{{device}}", device).encode()
 
-    class Handler(_Handler):
-        """Of this page."""
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version, disable_nagle_algorithm = "HTTP/1.1", True
 
-        def __init__(self, *connection: Any) -> None:
-            self.requests, self.page, self.address = requests, content, host
-            super().__init__(*connection)
+        def do_GET(self) -> None:
+            if self.path != "/":
+                return self.send_error(404)
+            self.send(200, "text/html; charset=utf-8", content)
+
+        def do_POST(self) -> None:
+            # Another site's page cannot send JSON, nor name this address as its host.
+            kind, name = self.headers["Content-Type"], self.headers["Host"] or ""
+            trusted = host not in LOOPBACK or name.rsplit(":", 1)[0] in LOOPBACK
+            length = self.headers["Content-Length"] or ""
+            if kind != "application/json" or not trusted:
+                return self.send_error(403)
+            if not length.isdecimal() or int(length) > _LARGEST:
+                return self.send_error(413)
+            reply: queue.Queue[Any] = queue.Queue()
+            requests.put((self.rfile.read(int(length)), reply))
+            self.send(*reply.get())
+            reply.task_done()
+
+        def send(self, status: int, kind: str, content: bytes, state: str = "") -> None:
+            self.send_response(status)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(content)))
+            self.send_header("X-State", state)
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, *_: Any) -> None:
+            """Say nothing: there are thirty requests a second."""
 
     try:
         server = ThreadingHTTPServer((host, port), Handler)
@@ -160,68 +187,13 @@ def teach(
         threading.Thread(target=server.serve_forever, daemon=True).start()
         LOG.info("teach at  http://%s:%d", host, server.server_port)
         while session.phase != "finished":
-            request, reply = requests.get()
+            body, reply = requests.get()
             try:
-                reply.put(session.exchange(request, time.monotonic()))
+                request = parsed_json(body.decode())
+                state, picture = session.exchange(request, time.monotonic())
+                reply.put((200, "image/jpeg", picture, json.dumps(state)))
             except ValueError as error:
-                reply.put(error)
-        reply.join()
+                reply.put((400, "text/plain; charset=utf-8", str(error).encode()))
+        reply.join()  # The page knows it.
         server.shutdown()
     return len(kept.taught)
-
-
-class _Handler(BaseHTTPRequestHandler):
-    protocol_version, disable_nagle_algorithm = "HTTP/1.1", True
-    requests: "_Requests"
-    page: bytes
-    address: str
-
-    def do_GET(self) -> None:
-        """Send the page."""
-        if self.path == "/" and self._from_here():
-            self._send(200, "text/html; charset=utf-8", self.page)
-        else:
-            self.send_error(404)
-
-    def do_POST(self) -> None:
-        """Let the session take an exchange, and send its answer."""
-        # Pages of other addresses cannot send JSON, nor name this one as their host.
-        of_page = self.headers.get("Content-Type") == "application/json"
-        length = self.headers.get("Content-Length", "")
-        if not (of_page and self._from_here() and self.path == "/exchange"):
-            return self.send_error(403)
-        if not length.isdecimal() or int(length) > _LARGEST:
-            return self.send_error(413)
-        try:
-            request = parsed_json(self.rfile.read(int(length)).decode())
-        except ValueError as error:
-            return self._send(400, "text/plain", str(error).encode())
-        reply: queue.Queue[Any] = queue.Queue()
-        self.requests.put((request, reply))
-        answer = reply.get()
-        if isinstance(answer, ValueError):
-            self._send(400, "text/plain", str(answer).encode())
-        else:
-            state, picture = answer
-            self._send(200, "image/jpeg", picture, ("X-State", json.dumps(state)))
-        reply.task_done()
-
-    def _from_here(self) -> bool:
-        host = self.headers.get("Host", "").rsplit(":", 1)[0]
-        return self.address not in LOOPBACK or host in LOOPBACK
-
-    def _send(
-        self, status: int, kind: str, content: bytes, *more: tuple[str, str]
-    ) -> None:
-        self.send_response(status)
-        lengths = ("Content-Type", kind), ("Content-Length", str(len(content)))
-        for header in (*lengths, ("Cache-Control", "no-store"), *more):
-            self.send_header(*header)
-        self.end_headers()
-        self.wfile.write(content)
-
-    def log_message(self, *_: Any) -> None:
-        """Say nothing: there are thirty requests a second."""
-
-
-_Requests = queue.SimpleQueue[tuple[dict[str, Any], queue.Queue[Any]]]
