@@ -7,9 +7,11 @@ import json
 import os
 import re
 import shlex
-import signal
+import socket
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,8 @@ import pytest
 from PIL import Image
 
 from gplfd_env.doors.config import door_config
-from gplfd_experiments.teaching.page import Session
+from gplfd_experiments.cli.main import main
+from gplfd_experiments.teaching.page import Session, teach
 from gplfd_experiments.teaching.taught import TaughtSet
 from gplfd_policies.demonstrations.npz import load_demonstrations
 
@@ -26,7 +29,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.needs("opengl")]
 
 PULL = [0, 0, 0, 1, 0, 0, 0, 0, 0]
 IDLE = [0] * 9
-TEACH = (sys.executable, "-m", "gplfd", "demos", "teach", "--out")
 
 
 class Page:
@@ -144,24 +146,24 @@ def test_a_demonstration_is_led_shown_and_kept_repeated_or_discarded(
     person = Person(tmp_path)
     assert person(times=5)["time"] == 0.0
     assert person("stop")["phase"] == "ready"
-    led = person(sample=PULL, times=40)
+    led = person(sample=PULL, times=25)
     assert (led["phase"], led["door"]) == ("leading", "small")
-    assert led["time"] == pytest.approx(1.18)
-    assert led["angle"] > 10.0
+    assert led["time"] == pytest.approx(0.73)
+    assert led["angle"] > 3.0
     assert Image.open(io.BytesIO(person.picture)).size == (480, 360)
     assert person("stop")["phase"] == "shown"
-    frames = {(person(), person.picture)[1] for _ in range(20)}
-    assert len(frames) > 10  # It moves.
+    frames = {(person(), person.picture)[1] for _ in range(12)}
+    assert len(frames) > 6  # It moves.
     repeated = person("repeat")
     assert (repeated["phase"], repeated["door"], repeated["angle"] < 0.1) == (
         *("ready", "small"),
         True,
     )
-    assert person(sample=PULL, times=40) == led | {"time": pytest.approx(1.18)}
+    assert person(sample=PULL, times=25) == led | {"time": pytest.approx(0.73)}
     kept = person("keep")
     assert (kept["phase"], kept["kept"], kept["time"]) == ("ready", 1, 0.0)
     assert len(load_demonstrations(tmp_path).demonstrations) == 1
-    person(sample=PULL, times=40)
+    person(sample=PULL, times=25)
     discarded = person("discard")
     assert (discarded["door"], discarded["kept"]) == ("medium", 1)
     assert person("next")["door"] == "small"
@@ -191,7 +193,7 @@ def test_what_cannot_be_written_can_be_kept_later(
         raise OSError(28, "No space left on device")
 
     person = Person(tmp_path)
-    person(sample=PULL, times=40)
+    person(sample=PULL, times=25)
     with monkeypatch.context() as patch:
         patch.setattr("gplfd_experiments.teaching.taught.write_archive", full)
         state = person("keep")
@@ -200,66 +202,71 @@ def test_what_cannot_be_written_can_be_kept_later(
     assert person("keep")["kept"] == 1
 
 
+def send(port: int, body: Any, **headers: str) -> tuple[int, str]:
+    """Send a request as the page does; return status and text of the answer."""
+    connection = http.client.HTTPConnection("127.0.0.1", port)
+    with contextlib.closing(connection):
+        kind = {"Content-Type": "application/json"}
+        connection.request("POST", "/exchange", json.dumps(body), kind | headers)
+        answer = connection.getresponse()
+        return answer.status, answer.read().decode(errors="replace")
+
+
 @contextlib.contextmanager
-def teaching(folder: Path, *options: str) -> Iterator[tuple[Any, int]]:
-    """Run ``gplfd demos teach``; yield the process and its port."""
-    process = subprocess.Popen(
-        [*TEACH, str(folder), "--doors", "small", *options],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+def serving(folder: Path, device: str = "mouse") -> Iterator[int]:
+    """Run the server of a page at the door small; yield its port."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    options = {"device": device, "host": "127.0.0.1", "port": port, "options": {}}
+    thread = threading.Thread(target=teach, args=(["small"], folder), kwargs=options)
+    thread.start()
     try:
-        line = process.stderr.readline()
-        port = re.search(r"http://127.0.0.1:(\d+)$", line.strip())
-        assert port, line + process.stderr.read()
-        yield process, int(port[1])
+        until = time.monotonic() + 30.0
+        while time.monotonic() < until:
+            with contextlib.suppress(OSError):
+                assert send(port, {"input": IDLE})[0] == 200
+                break
+            time.sleep(0.05)
+        yield port
     finally:
-        process.kill()
-        process.communicate()
+        with contextlib.suppress(OSError):
+            send(port, {"input": IDLE, "press": "finish"})
+        thread.join(10.0)
 
 
-def test_what_was_kept_outlives_a_killed_process_and_strangers_are_refused(
-    tmp_path: Path,
+def test_only_the_page_of_this_machine_is_answered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with (
-        teaching(tmp_path / "set") as (process, port),
-        contextlib.closing(http.client.HTTPConnection("127.0.0.1", port)) as server,
-    ):
-
-        def send(body: Any, **headers: str) -> tuple[int, str]:
-            kind = {"Content-Type": "application/json"}
-            server.request("POST", "/exchange", json.dumps(body), kind | headers)
-            answer = server.getresponse()
-            return answer.status, answer.read().decode(errors="replace")
-
-        def press(press: str = "", sample: Any = IDLE) -> None:
-            assert send({"input": sample, "press": press})[0] == 200
-
-        status, text = send({"input": [1]})
+    with serving(tmp_path / "set") as port:
+        status, text = send(port, {"input": [1]})
         assert (status, "9 finite numbers" in text) == (400, True)
-        status, text = send({"input": IDLE, "press": "jump"})
+        status, text = send(port, {"input": IDLE, "press": "jump"})
         assert (status, "press 'jump' must be one of" in text) == (400, True)
-        assert send([])[0] == 400
-        assert send({"input": IDLE}, Host="evil.example")[0] == 403
-        server.close()
-        assert send({"input": IDLE}, **{"Content-Type": "text/plain"})[0] == 403
-        server.close()
-        for _ in range(30):
-            press(sample=PULL)
-        press("keep")
-        press(sample=PULL)
-        taken = subprocess.run(
-            [*TEACH, str(tmp_path / "other"), "--port", str(port)],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert (taken.returncode, "another --port" in taken.stderr) == (2, True)
-        process.send_signal(signal.SIGKILL)
+        assert send(port, [])[0] == 400
+        assert send(port, {"input": IDLE}, Host="evil.example")[0] == 403
+        assert send(port, {"input": IDLE}, **{"Content-Type": "text/plain"})[0] == 403
+        other = ["--out", str(tmp_path / "other"), "--port", str(port)]
+        assert main(["demos", "teach", *other]) == 2
+        assert "give another --port" in capsys.readouterr().err
+
+
+def test_what_was_kept_outlives_a_killed_process(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "gplfd", "demos", "teach", "--doors", "small"]
+    process = subprocess.Popen(
+        [*command, "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    with contextlib.closing(process.stderr):
+        address = re.search(r"http://127.0.0.1:(\d+)\n", process.stderr.readline())
+        assert address
+        for number in range(32):
+            request = {"input": PULL, "press": "keep" if number == 30 else ""}
+            assert send(int(address[1]), request)[0] == 200
+        process.kill()
         process.wait(10)
-    assert len(load_demonstrations(tmp_path / "set").demonstrations) == 1
-    assert len(TaughtSet(tmp_path / "set", {}).taught) == 1
+    assert len(load_demonstrations(tmp_path).demonstrations) == 1
+    assert len(TaughtSet(tmp_path, {}).taught) == 1
 
 
 @pytest.mark.needs("chromium")
@@ -267,7 +274,7 @@ def test_a_mouse_in_a_browser_opens_a_door_and_its_window_may_be_closed(
     tmp_path: Path,
 ) -> None:
     folder = tmp_path / "set"
-    with teaching(folder) as (process, port), browser(tmp_path) as page:
+    with serving(folder) as port, browser(tmp_path) as page:
         page.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
         page.wait("document.title === 'ready 0'")
         x, y, width = page.value(
@@ -286,8 +293,9 @@ def test_a_mouse_in_a_browser_opens_a_door_and_its_window_may_be_closed(
         page.call("Input.dispatchKeyEvent", type="keyDown", code="Enter", key="Enter")
         page.wait("document.title === 'ready 1'")
         assert page.errors == []
-        page.value("location = 'about:blank'")
-        assert process.poll() is None
+        page.call("Page.navigate", url="about:blank")
+        page.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
+        page.wait("document.title === 'ready 1'")  # It is there again.
     assert len(load_demonstrations(folder).demonstrations) == 1
 
 
@@ -302,10 +310,7 @@ HID = """
 
 @pytest.mark.needs("chromium")
 def test_a_spacemouse_may_be_missing_found_and_unplugged(tmp_path: Path) -> None:
-    with (
-        teaching(tmp_path / "set", "--device", "spacemouse") as (_, port),
-        browser(tmp_path) as page,
-    ):
+    with serving(tmp_path / "set", "spacemouse") as port, browser(tmp_path) as page:
         page.call("Page.enable")
         page.call("Page.addScriptToEvaluateOnNewDocument", source=HID)
         page.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
