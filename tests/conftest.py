@@ -64,7 +64,7 @@ PARTS = {
         "(other systems: docs/environment.md)",
     ),
     "chromium": Part(
-        lambda: shutil.which("chromium") is not None,
+        lambda: bool(shutil.which("chromium") or shutil.which("google-chrome")),
         "a browser for the page of demos teach: apt-get install chromium",
     ),
     "git": Part(lambda: _runs("git", "--version"), "git: apt-get install git"),

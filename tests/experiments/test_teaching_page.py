@@ -7,6 +7,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import socket
 import subprocess
 import sys
@@ -94,7 +95,7 @@ class Page:
 def browser(folder: Path) -> Iterator[Page]:
     """Run a headless Chromium with a profile in a folder; yield an empty page."""
     command = [
-        "chromium",
+        shutil.which("chromium") or "google-chrome",
         "--headless=new",
         "--no-sandbox",
         "--disable-dev-shm-usage",
