@@ -63,6 +63,10 @@ PARTS = {
         "a virtual display for the window: apt-get install xvfb libgl1-mesa-dri "
         "(other systems: docs/environment.md)",
     ),
+    "chromium": Part(
+        lambda: bool(shutil.which("chromium") or shutil.which("google-chrome")),
+        "a browser for the page of demos teach: apt-get install chromium",
+    ),
     "git": Part(lambda: _runs("git", "--version"), "git: apt-get install git"),
     "clone": Part(
         lambda: _runs("git", "ls-files", "--error-unmatch", "pyproject.toml"),

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gplfd_env.envs.camera import Camera
-from gplfd_experiments.cli.commands.run import _draw_without_screen
+from gplfd_experiments.cli.commands.run import draw_without_screen
 from gplfd_experiments.recording import video
 
 pytestmark = pytest.mark.slow
@@ -100,5 +100,5 @@ def test_without_a_screen_egl_draws(monkeypatch, given, library, expected):
     monkeypatch.setattr("ctypes.util.find_library", lambda name: library)
     environment: dict[str, str] = {**given}
     monkeypatch.setattr("os.environ", environment)
-    _draw_without_screen()
+    draw_without_screen()
     assert environment.get("MUJOCO_GL") == expected

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final, Literal, Union
 import tyro
 
 from gplfd_experiments.cli.commands.options import Quiet, next_command, recorded
+from gplfd_experiments.cli.commands.teach import Teach
 from gplfd_experiments.console.interruption import postponed_interruption
 
 DEPARTED: Final = 1
@@ -372,6 +373,7 @@ class Inspect:
 SUBCOMMANDS: Final[Mapping[str, type[Any]]] = {
     "import": Import,
     "export": Export,
+    "teach": Teach,
     "record": Record,
     "replay": Replay,
     "inspect": Inspect,
@@ -386,7 +388,7 @@ _ANY: Any = Union[  # noqa: UP007
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Demos:
-    """Demonstrations from recordings, for other programs, and of policies."""
+    """Demonstrations from recordings, of a person at a simulated door, of policies."""
 
     task: tyro.conf.OmitSubcommandPrefixes[_ANY]
 

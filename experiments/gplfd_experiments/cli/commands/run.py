@@ -87,7 +87,7 @@ class Run:
     def execute(self) -> int:
         """Open the doors and print a table; `FAILED` if the policy raised an error."""
         if self.video is not None:
-            _draw_without_screen()
+            draw_without_screen()
         with postponed_interruption():
             from gplfd_experiments.analysis.results.table import run_table
             from gplfd_experiments.console.progress import LOG
@@ -125,7 +125,7 @@ class Run:
         return status
 
 
-def _draw_without_screen() -> None:
+def draw_without_screen() -> None:
     """Let MuJoCo draw by EGL where there is no screen; call before MuJoCo's import.
 
     What the user has set stays. Where EGL is missing, drawing says what to install.

@@ -1,0 +1,1 @@
+"""Demonstrations of a person who leads the simulated hand."""

@@ -1,0 +1,155 @@
+"""From what a person does with a device to a command for the compliant hand.
+
+A virtual spring draws the hand to a target, which the person moves. The spring is
+soft, and softer across the motion than along it: an inaccurate lead costs little force
+on the handle. The wrist turns with the handle, so that two degrees of freedom suffice.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Info
+from gplfd_env.spatial.se3 import compose_rotvecs
+from gplfd_env.task.observation import Observation
+
+INPUTS: Final = ("held", "u", "v", "x", "y", "z", "about_x", "about_y", "about_z")
+"""What a device says in a control period: whether the pointer is held, its place in
+the picture from the left and from the top in widths and heights, and six deflections
+from -1 to 1 along and about the axes of the task frame: keys, wheel, SpaceMouse."""
+
+_STIFFNESS: Final = (300.0, 100.0)
+"""Of the virtual spring [N/m, N m/rad]."""
+_REACH: Final = 0.15
+"""The spring stretches no further [m]: 45 N."""
+_ACROSS: Final = 0.1
+"""Share of its stiffness across the motion of a hand that moves."""
+_MOVING: Final = 0.05
+"""Speed of such a hand [m/s]."""
+_SPEED: Final = 0.3
+"""Of the target at full deflection [m/s]."""
+_TURN: Final = 0.1
+"""How far full deflection stretches the spring of the wrist [rad]: 10 N m."""
+
+
+def checked_input(values: object) -> Float[np.ndarray, " 9"]:
+    """Return a sample of a device, in the order of `INPUTS`.
+
+    Deflections beyond ±1 are clamped to it.
+
+    Raises:
+        ValueError: It is not nine finite numbers.
+    """
+    try:
+        sample = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        sample = np.empty(0)
+    if sample.shape != (len(INPUTS),) or not np.isfinite(sample).all():
+        raise ValueError(
+            f"an input must be {len(INPUTS)} finite numbers {', '.join(INPUTS)}; got "
+            f"{values!r:.80}"
+        )
+    sample[3:] = np.clip(sample[3:], -1.0, 1.0)
+    return sample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class View:
+    """A camera that stands still, its position and axes in the task frame.
+
+    The columns of `axes` point to the right, upwards and backwards in the picture. A
+    place in the picture means the point of a plane with the normal `normal`: the one in
+    which the door moves the hand.
+    """
+
+    position: Float[np.ndarray, " 3"]
+    axes: Float[np.ndarray, "3 3"]
+    extent: tuple[float, float]
+    """Half the width and height of the picture at a distance of 1."""
+    normal: Float[np.ndarray, " 3"]
+
+    @classmethod
+    def of(cls, data: mujoco.MjData, camera: str, aspect: float, motion: str) -> "View":
+        """Return that of a camera of a scene; `motion` is that of the door's leaf."""
+        task, seen = data.site("task_frame"), data.camera(camera)
+        to_task = task.xmat.reshape(3, 3).T
+        fovy = float(data.model.camera(camera).fovy[0])
+        height = math.tan(math.radians(fovy) / 2.0)
+        return cls(
+            position=to_task @ (seen.xpos - task.xpos),
+            axes=to_task @ seen.xmat.reshape(3, 3),
+            extent=(aspect * height, height),
+            # The hinge of a flap is level, those of all others are upright.
+            normal=np.array([0.0, 0.0, 1.0] if motion == "flap" else [0.0, 1.0, 0.0]),
+        )
+
+    def point(
+        self, u: float, v: float, level: Float[np.ndarray, " 3"]
+    ) -> Float[np.ndarray, " 3"] | None:
+        """Return the point at a place in the picture, in the plane through `level`.
+
+        None where the plane is not seen: beyond its horizon.
+        """
+        width, height = self.extent
+        ray = self.axes @ [(2.0 * u - 1.0) * width, (1.0 - 2.0 * v) * height, -1.0]
+        along = float(self.normal @ ray)
+        distance = float(self.normal @ (level - self.position))
+        if not distance / along > 0.0 if along else True:
+            return None
+        return np.asarray(self.position + distance / along * ray)
+
+    def place(self, point: Float[np.ndarray, " 3"]) -> tuple[float, float]:
+        """Return where in the picture a point is, (u, v)."""
+        right, up, back = self.axes.T @ (point - self.position)
+        width, height = self.extent
+        return 0.5 - 0.5 * right / (back * width), 0.5 + 0.5 * up / (back * height)
+
+
+class Lead:
+    """The target of one demonstration, moved by the samples of a device."""
+
+    def __init__(self, view: View) -> None:
+        self._view = view
+        self.target: Float[np.ndarray, " 3"] = np.zeros(3)
+        """Where the spring draws the hand [m]."""
+        self._grip: Float[np.ndarray, " 3"] | None = None
+        self._level, self._active = np.zeros(3), False
+
+    def command(
+        self, sample: Float[np.ndarray, " 9"], observation: Observation, info: Info
+    ) -> Float[np.ndarray, " 12"]:
+        """Return the action of the impedance environment for a control period.
+
+        Whoever takes the pointer takes the hand where it is: only its motion counts.
+        Whoever lets go leaves the hand where it is.
+        """
+        hand, velocity = observation["ee_pose"][:3], observation["ee_twist"][:3]
+        shift = _SPEED * CONTROL_PERIOD * sample[3:6]
+        held, deflected = bool(sample[0]), bool(sample[3:6].any())
+        if held:
+            if self._grip is None:
+                self._level = hand
+            point = self._view.point(sample[1], sample[2], self._level)
+            if point is not None:
+                start = hand - point if self._grip is None else self._grip
+                self._grip = start + shift
+                self.target = point + self._grip
+        else:
+            self._grip = None
+            let_go = self._active and not deflected
+            self.target = (hand if let_go else self.target) + shift
+        self._active = held or deflected
+        error = self.target - hand
+        error *= _REACH / max(_REACH, float(np.linalg.norm(error)))
+        if not held:
+            self.target = hand + error
+        speed = float(np.linalg.norm(velocity))
+        along = velocity * (velocity @ error) / speed**2 if speed else error
+        moving = (1.0 - _ACROSS) * min(1.0, speed / _MOVING)
+        stretch = moving * along + (1.0 - moving) * error
+        wrist = compose_rotvecs(_TURN * sample[6:], info["handle_pose"][3:])
+        return np.concatenate([hand + stretch, wrist, np.repeat(_STIFFNESS, 3)])

@@ -1,0 +1,199 @@
+"""The local web page on which a person leads the hand, and its server.
+
+The page sends the device's input and gets the next picture, again and again. While it
+is silent, because its window is closed, time stands still.
+"""
+
+import io
+import json
+import queue
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+from PIL import Image
+
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.config import DoorConfig
+from gplfd_experiments.console.progress import LOG
+from gplfd_experiments.episodes.task import named_doors
+from gplfd_experiments.files.plain_data import parsed_json
+from gplfd_experiments.teaching.lead import checked_input
+from gplfd_experiments.teaching.lesson import Lesson
+from gplfd_experiments.teaching.taught import TaughtSet
+
+PRESSES: Final = ("", "stop", "keep", "repeat", "discard", "next", "finish")
+"""Buttons of the page; "" for none."""
+
+_MOST: Final = 10
+"""Control periods in one exchange; a slower computer makes time slower."""
+_LARGEST: Final = 10_000  # Bytes of a request.
+
+LOOPBACK: Final = ("127.0.0.1", "localhost")
+"""Names of this machine that no other machine can reach."""
+
+
+class Session:
+    """What a person does at some doors, one after the other.
+
+    A demonstration is ready, led, shown, and then kept, repeated or discarded. It
+    begins with the first input that is not zero.
+    """
+
+    def __init__(self, doors: Mapping[str, DoorConfig], kept: TaughtSet) -> None:
+        self._doors, self._kept = [*doors.items()], kept
+        self._moving: list[int] = []
+        self._lesson = Lesson(*self._doors[0], drawn=True)
+        try:
+            self._lesson.picture()
+        except RuntimeError as error:
+            raise OSError(str(error)) from error
+        self._begin()
+
+    def _begin(self, note: str = "") -> None:
+        self._lesson.restart()
+        self.phase, self._since = "ready", 0.0
+        self._message = f"{note} Lead the hand to open the door.".strip()
+
+    def _press(self, press: str, now: float) -> None:
+        if press in ("stop", "keep") and self.phase == "leading":
+            self._stop(now)
+        if press == "keep" and self.phase == "shown":
+            try:
+                self._kept.keep(self._lesson.taught())
+            except OSError as error:
+                self._message = f"Not kept: {error}. Make room, and keep it again."
+                return
+            self._begin("Kept.")
+        elif press == "repeat":
+            self._begin("Repeat it.")
+        elif press in ("discard", "next"):
+            self._lesson.close()
+            self._doors.append(self._doors.pop(0))
+            self._lesson = Lesson(*self._doors[0], drawn=True)
+            self._begin()
+        elif press == "finish":
+            self.phase = "finished"
+            self._message = f"{len(self._kept.taught)} in {self._kept.folder}."
+
+    def _stop(self, now: float) -> None:
+        try:
+            self._moving = self._lesson.moving()
+        except ValueError:
+            self._begin("Nothing was shown: the hand did not move.")
+            return
+        self.phase, self._since = "shown", now
+        over = self._lesson.over and f"It ended: {self._lesson.over}. "
+        self._message = f"{over}This is what you showed. Keep it?"
+
+    def exchange(self, request: Mapping[str, Any], now: float) -> tuple[Any, bytes]:
+        """Take an input at a time [s]; return the state, in JSON, and the picture.
+
+        Raises:
+            ValueError: The request is no input (`checked_input`) and press of a button.
+        """
+        sample, press = checked_input(request.get("input")), request.get("press", "")
+        if press not in PRESSES:
+            raise ValueError(f"press {press!r:.40} must be one of {PRESSES}")
+        self._press(press, now)
+        lesson = self._lesson
+        if self.phase == "ready" and sample.any():
+            self.phase, self._since = "leading", now - CONTROL_PERIOD
+            self._message = "Stop when the door is open far enough."
+        due = round((now - self._since) / CONTROL_PERIOD)
+        if self.phase == "leading":
+            self._since += CONTROL_PERIOD * due
+            for _ in range(min(due, _MOST)):
+                lesson.step(sample)
+                if lesson.over:
+                    self._stop(now)
+                    break
+        elif self.phase == "shown":
+            lesson.show(self._moving[due % len(self._moving)])
+        state = lesson.state | {
+            "phase": self.phase,
+            "message": self._message,
+            "kept": len(self._kept.taught),
+        }
+        file = io.BytesIO()
+        if self.phase != "finished":
+            Image.fromarray(lesson.picture()).save(file, "JPEG", quality=80)
+        return state, file.getvalue()
+
+
+def teach(
+    doors: Sequence[str],
+    folder: Path,
+    *,
+    device: str,
+    host: str,
+    port: int,
+    options: Mapping[str, Any],
+) -> int:
+    """Serve the page until the person finishes; return how many demonstrations exist.
+
+    Takes the options of ``gplfd demos teach``. ValueError: they are wrong. OSError: the
+    address is taken, the set cannot be written, or pictures cannot be drawn.
+    """
+    kept = TaughtSet(folder, options)
+    session = Session(named_doors(doors), kept)
+    # Pictures are drawn in the thread that has made the session; requests wait for it.
+    requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    page = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
+    content = page.replace("{{device}}", device).encode()
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version, disable_nagle_algorithm = "HTTP/1.1", True
+
+        def do_GET(self) -> None:
+            if self.path != "/":
+                return self.send_error(404)
+            self.send(200, "text/html; charset=utf-8", content)
+
+        def do_POST(self) -> None:
+            # Another site's page cannot send JSON, nor name this address as its host.
+            kind, name = self.headers["Content-Type"], self.headers["Host"] or ""
+            trusted = host not in LOOPBACK or name.rsplit(":", 1)[0] in LOOPBACK
+            length = self.headers["Content-Length"] or ""
+            if kind != "application/json" or not trusted:
+                return self.send_error(403)
+            if not length.isdecimal() or int(length) > _LARGEST:
+                return self.send_error(413)
+            reply: queue.Queue[Any] = queue.Queue()
+            requests.put((self.rfile.read(int(length)), reply))
+            self.send(*reply.get())
+            reply.task_done()
+
+        def send(self, status: int, kind: str, content: bytes, state: str = "") -> None:
+            self.send_response(status)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(content)))
+            self.send_header("X-State", state)
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, *_: Any) -> None:
+            """Say nothing: there are thirty requests a second."""
+
+    try:
+        server = ThreadingHTTPServer((host, port), Handler)
+    except OSError as error:
+        raise OSError(error.errno, f"{error.strerror}; give another --port") from error
+    with server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        LOG.info("teach at  http://%s:%d", host, server.server_port)
+        while session.phase != "finished":
+            body, reply = requests.get()
+            try:
+                request = parsed_json(body.decode())
+                state, picture = session.exchange(request, time.monotonic())
+                reply.put((200, "image/jpeg", picture, json.dumps(state)))
+            except ValueError as error:
+                reply.put((400, "text/plain; charset=utf-8", str(error).encode()))
+        reply.join()  # The page knows it.
+        server.shutdown()
+    return len(kept.taught)

@@ -1,0 +1,117 @@
+"""Taught demonstrations on disk: one file each, written when a person keeps it.
+
+A set is a folder with `demonstrations.npz`, as every set has it, and the folder
+`taught` with everything that was recorded. What is missing in the former is added when
+the set is opened the next time, so that no kept demonstration is lost.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from gplfd_env.doors.config import DoorConfig, door_config
+from gplfd_experiments.console.arguments import check_folder
+from gplfd_experiments.files.provenance import provenance
+from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import FILE, save_demonstrations
+from gplfd_policies.demonstrations.rests import without_rests
+
+FOLDER: Final = "taught"
+"""Folder of a set with a file per demonstration."""
+
+_KIND: Final = "a gplfd taught demonstration"
+_VERSION: Final = 1
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Taught:
+    """What a person showed at a door, and by which inputs."""
+
+    name: str
+    """Name of the door."""
+    door: DoorConfig
+    inputs: Float[np.ndarray, "N 9"]
+    """A sample of the device per control period, `teaching.lead.INPUTS`."""
+    recorded: Demonstration
+    """Motion and wrenches of the hand, N + 1 samples from the closed handle on."""
+
+    @property
+    def demonstration(self) -> Demonstration:
+        """What is learned from: without pauses, relative to its first pose."""
+        return without_rests(self.recorded)[0].relative_to_first()
+
+
+class TaughtSet:
+    """The demonstrations in a folder, to which more are added.
+
+    Raises:
+        ValueError: The folder holds something else, or a file is damaged.
+        OSError: It cannot be written.
+    """
+
+    def __init__(self, folder: Path, options: Mapping[str, Any]) -> None:
+        check_folder(folder)
+        if folder.exists() and any(folder.iterdir()) and not (folder / FOLDER).exists():
+            raise ValueError(
+                f"{folder} exists and is no set of gplfd demos teach; give another "
+                "folder"
+            )
+        self.folder, self._options = folder, options
+        self.taught = read_taught(folder)
+        if self.taught:
+            self._write_index()
+
+    def keep(self, taught: Taught) -> None:
+        """Write a demonstration; when this returns, it is on the disk."""
+        numbers = [int(file.stem) for file in _files(self.folder)]
+        arrays = {
+            "door": np.array(json.dumps({taught.name: taught.door.as_dict()})),
+            "origin": np.array(json.dumps(provenance(self._options))),
+            "inputs": taught.inputs,
+            "times": taught.recorded.times,
+            "poses": taught.recorded.poses,
+            "wrenches": taught.recorded.wrenches,
+        }
+        file = self.folder / FOLDER / f"{max(numbers, default=0) + 1:04d}.npz"
+        write_archive(file, kind=_KIND, version=_VERSION, arrays=arrays)
+        self.taught.append(taught)
+        self._write_index()
+
+    def _write_index(self) -> None:
+        save_demonstrations(
+            self.folder / FILE,
+            [one.demonstration for one in self.taught],
+            [one.door.radius for one in self.taught],
+        )
+
+
+def read_taught(folder: Path) -> list[Taught]:
+    """Return what was taught in a set, in the order in which it was kept.
+
+    Raises a ValueError that names the file if one is damaged.
+    """
+    return [
+        read_archive(file, kind=_KIND, version=_VERSION, build=_taught)
+        for file in _files(folder)
+    ]
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted((folder / FOLDER).glob("[0-9]*.npz"))
+
+
+def _taught(members: Members) -> Taught:
+    [(name, door)] = settings(members("door")).items()
+    settings(members("origin"))
+    inputs = members("inputs")
+    times, poses, wrenches = map(members, ("times", "poses", "wrenches"))
+    if inputs.shape != (len(times) - 1, 9):
+        raise ValueError(f"inputs have shape {inputs.shape} for {len(times)} poses")
+    recorded = Demonstration(times=times, poses=poses, wrenches=wrenches)
+    return Taught(name=name, door=door_config(door), inputs=inputs, recorded=recorded)

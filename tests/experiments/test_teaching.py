@@ -1,0 +1,214 @@
+"""A hand led by a person: what a device means, what is recorded, and replayed."""
+
+import math
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gplfd_env.doors.config import DoorConfig, door_config
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_experiments.cli.main import main
+from gplfd_experiments.episodes.build import learned_agents, open_together
+from gplfd_experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.episodes.task import episode_task, named_doors
+from gplfd_experiments.teaching.lead import Lead, View, checked_input
+from gplfd_experiments.teaching.lesson import Lesson, replay
+from gplfd_experiments.teaching.taught import Taught, TaughtSet, read_taught
+from gplfd_policies.demonstrations.npz import FILE, load_demonstrations
+from gplfd_policies.registry.catalogue import policy_named
+
+IDLE = np.zeros(9)
+TOP = View(
+    position=np.array([0.8, 3.0, -0.1]),
+    axes=np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]),
+    extent=(0.6, 0.45),
+    normal=np.array([0.0, 1.0, 0.0]),
+)
+
+
+def taught(door: DoorConfig, seed: int, name: str = "door") -> Taught:
+    """Drag the handle of a door by a mouse, as inexactly as a person does.
+
+    The pointer rests for 0.8 s, follows an arc whose radius is guessed to 8 %, trembles
+    by a centimetre meanwhile, and rests for 0.7 s. It is sampled sixty times a second.
+    """
+    rng = np.random.default_rng(seed)
+    lesson, tremor = Lesson(name, door, drawn=False), np.zeros(3)
+    radius, duration = door.radius * rng.uniform(0.92, 1.08), rng.uniform(3.0, 4.0)
+    for step in range(round(100 * duration) + 150):
+        share = np.clip((0.01 * step - 0.8) / duration, 0.0, 1.0)
+        angle = math.radians(75.0) * share**2 * (3.0 - 2.0 * share)
+        if step % 5 in (0, 2, 4) and 0.0 < share < 1.0:
+            tremor = 0.9 * tremor + rng.normal(0.0, 0.004, 3)
+        if step % 5 in (0, 2, 4):
+            point = handle_pose_on_arc(radius, angle)[:3] + tremor
+            pointer = lesson.view.place(point)
+        lesson.step(np.array([1.0, *pointer, *IDLE[3:]]))
+    assert not lesson.over
+    return lesson.taught()
+
+
+@pytest.fixture(scope="module")
+def small() -> Taught:
+    return taught(door_config("small"), 0, "small")
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-0.5, 0.5))
+def test_a_place_in_the_picture_means_the_point_of_the_plane_that_is_seen_there(
+    x: float, z: float, height: float
+) -> None:
+    point = np.array([x, height, z])
+    found = TOP.point(*TOP.place(point), level=np.array([9.0, height, 9.0]))
+    np.testing.assert_allclose(found, point, atol=1e-12)
+
+
+def test_places_beyond_the_horizon_mean_no_point() -> None:
+    ahead = View(
+        position=TOP.position, axes=np.eye(3), extent=TOP.extent, normal=TOP.normal
+    )
+    assert ahead.point(0.5, 0.5, np.zeros(3)) is None
+    assert ahead.point(0.5, 0.1, np.zeros(3)) is None
+    assert ahead.point(0.5, 0.9, np.zeros(3)) is not None
+
+
+def test_the_picture_of_a_door_shows_the_handle_where_the_view_says() -> None:
+    lesson = Lesson("medium", door_config("medium"), drawn=False)
+    view, data = lesson.view, lesson._env.data
+    hand = data.site("hand").xpos - data.camera("top").xpos
+    right, up, back = data.camera("top").xmat.reshape(3, 3).T @ hand
+    fovy = math.radians(float(lesson._env.model.camera("top").fovy[0]))
+    u, v = view.place(np.zeros(3))
+    half = math.tan(fovy / 2.0)
+    assert u == pytest.approx(0.5 * (1.0 - right / back / half * 3 / 4), abs=1e-4)
+    assert v == pytest.approx(0.5 * (1.0 + up / back / half), abs=1e-4)
+
+
+def lead(*samples: np.ndarray, velocity: tuple[float, ...] = (0.0,) * 3) -> list[float]:
+    """Return the pull on a hand that stays at the closed handle, after samples [N]."""
+    made, hand = Lead(TOP), np.zeros(6)
+    observation = {"ee_pose": hand, "ee_twist": np.array([*velocity, 0.0, 0.0, 0.0])}
+    for sample in samples:
+        action = made.command(sample, observation, {"handle_pose": np.zeros(6)})
+    return ((action[:3] - hand[:3]) * action[6:9]).tolist()
+
+
+def pointer(x: float, z: float) -> np.ndarray:
+    return np.array([1.0, *TOP.place(np.array([x, 0.0, z])), *IDLE[3:]])
+
+
+def test_only_the_motion_of_the_pointer_draws_the_hand_until_it_is_let_go() -> None:
+    assert lead(pointer(0.5, 0.3)) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    moved = lead(pointer(0.5, 0.3), pointer(0.54, 0.2))
+    assert moved == pytest.approx([300 * 0.04, 0.0, -300 * 0.1])
+    assert lead(pointer(0.5, 0.3), pointer(0.54, 0.2), IDLE) == [0.0, 0.0, 0.0]
+    key = np.array([0.0, 0.0, 0.0, 1.0, *IDLE[4:]])
+    assert lead(IDLE, key)[0] > 0.0
+    assert lead(key, IDLE) == [0.0, 0.0, 0.0]
+
+
+def test_the_pull_is_limited_and_soft_across_the_motion() -> None:
+    far = pointer(0.0, 0.0), pointer(3.0, 4.0)
+    assert np.linalg.norm(lead(*far)) == pytest.approx(45.0)
+    along = lead(pointer(0.0, 0.0), pointer(0.1, 0.02), velocity=(0.2, 0.0, 0.0))
+    assert along == pytest.approx([30.0, 0.0, 0.1 * 6.0])
+
+
+@pytest.mark.parametrize("bad", [[1, 2], [math.nan] * 9, None, ["a"] * 9])
+def test_an_input_that_is_none_is_refused(bad: object) -> None:
+    with pytest.raises(ValueError, match="9 finite numbers held, u, v"):
+        checked_input(bad)
+
+
+def test_deflections_beyond_one_are_one() -> None:
+    sample = checked_input([1, 0.5, 2, 7, 0, 0, -8, 0, 0])
+    assert sample.tolist() == [1, 0.5, 2, 1, 0, 0, -1, 0, 0]
+
+
+def test_a_demonstration_holds_pose_and_wrench_of_the_hand_on_the_handle(
+    small: Taught,
+) -> None:
+    poses, wrenches = small.recorded.poses, small.recorded.wrenches
+    assert wrenches is not None
+    angle = np.linalg.norm(poses[:, 3:], axis=1)
+    assert math.radians(65.0) < angle[-1] < math.radians(80.0)
+    # The hand is on the handle's arc, whatever the pointer did.
+    radius = np.hypot(poses[:, 0], poses[:, 2] + 0.35)
+    np.testing.assert_allclose(radius, 0.35, atol=0.004)
+    # It pulls the door open: its power on the handle is positive.
+    power = (wrenches[:-1, :3] * np.diff(poses[:, :3], axis=0)).sum()
+    assert power > 0.1
+    kept = small.demonstration.times
+    assert 0.8 < small.recorded.times[-1] - (kept[-1] - kept[0]) < 2.5
+
+
+@pytest.mark.bits
+def test_the_inputs_alone_give_the_same_demonstration_bit_for_bit(
+    small: Taught, tmp_path: Path
+) -> None:
+    TaughtSet(tmp_path / "set", {}).keep(small)
+    (read,) = read_taught(tmp_path / "set")
+    again = replay(read)
+    assert (again.name, again.door) == ("small", door_config("small"))
+    for name in ("times", "poses", "wrenches"):
+        ours, theirs = getattr(again.recorded, name), getattr(small.recorded, name)
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_gp_opens_doors_that_were_taught_and_others_gently(
+    small: Taught, tmp_path: Path
+) -> None:
+    kept, doors = TaughtSet(tmp_path / "set", {}), ("small", "large")
+    kept.keep(small)
+    for seed, door in enumerate(2 * doors):
+        if seed:
+            kept.keep(taught(door_config(door), seed, door))
+    given = load_demonstrations(tmp_path / "set")
+    assert given.radii == 2 * (0.35, 0.65)
+    asked = named_doors(["small", "0.5"])
+    tasks = [episode_task(*one, policy="gp", seed=0) for one in asked.items()]
+    make = learned_agents(tasks[0], policy_named("gp"), given)
+    for log in open_together(tasks, [make() for _ in tasks]):
+        numbers = episode_metrics(log)
+        assert numbers.success, log.door
+        assert numbers.force_radial_peak < 5.0, log.door
+
+
+def test_a_set_goes_on_where_it_was_left_and_mends_what_is_missing(
+    small: Taught, tmp_path: Path
+) -> None:
+    folder = tmp_path / "set"
+    TaughtSet(folder, {}).keep(small)
+    TaughtSet(folder, {}).keep(small)
+    (folder / FILE).unlink()  # As if the process had been killed before writing it.
+    shutil.copy(folder / "taught" / "0002.npz", folder / "taught" / ".x.tmp")
+    assert len(TaughtSet(folder, {}).taught) == 2
+    assert len(load_demonstrations(folder).demonstrations) == 2
+
+
+def test_a_folder_of_something_else_is_left_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.txt").touch()
+    assert main(["demos", "teach", "--out", str(tmp_path)]) == 2
+    assert "is no set of gplfd demos teach" in capsys.readouterr().err
+    assert main(["demos", "teach", "--out", str(tmp_path / "a"), "--port", "-1"]) == 2
+    assert "--port -1 must be 0 to 65535" in capsys.readouterr().err
+
+
+def test_a_damaged_file_is_named(small: Taught, tmp_path: Path) -> None:
+    TaughtSet(tmp_path, {}).keep(small)
+    (tmp_path / "taught" / "0001.npz").write_bytes(b"PK")
+    with pytest.raises(ValueError, match=r"0001\.npz cannot be read"):
+        TaughtSet(tmp_path, {})
+
+
+def test_a_hand_that_loses_the_handle_ends_the_demonstration() -> None:
+    lesson = Lesson("small", door_config("small"), drawn=False)
+    up = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    while not lesson.over and lesson.state["time"] < 4.0:
+        lesson.step(up)
+    assert lesson.over == "the hand has lost the handle"

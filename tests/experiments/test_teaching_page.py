@@ -1,0 +1,339 @@
+"""The page on which a person teaches: its session, its server, and a real browser."""
+
+import contextlib
+import http.client
+import io
+import json
+import os
+import re
+import shlex
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+
+from gplfd_env.doors.config import door_config
+from gplfd_experiments.cli.main import main
+from gplfd_experiments.teaching.page import Session, teach
+from gplfd_experiments.teaching.taught import TaughtSet
+from gplfd_policies.demonstrations.npz import load_demonstrations
+
+pytestmark = [pytest.mark.slow, pytest.mark.needs("opengl")]
+
+PULL = [0, 0, 0, 1, 0, 0, 0, 0, 0]
+IDLE = [0] * 9
+
+
+class Page:
+    """A page, driven through the pipe of the DevTools protocol.
+
+    Errors of its scripts are in `errors`.
+    """
+
+    def __init__(self, answers: Any, calls: Any) -> None:
+        self._out, self._in = answers, calls
+        self._rest, self._number, self._session = b"", 0, {}
+        self.errors: list[str] = []
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        session = self.call("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = {"sessionId": session["sessionId"]}
+        self.call("Runtime.enable")
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters}
+        self._in.write(json.dumps(message | self._session).encode() + b"\0")
+        self._in.flush()
+        while True:
+            while b"\0" not in self._rest:
+                part = self._out.read1(65536)
+                assert part, "the browser has ended"
+                self._rest += part
+            text, self._rest = self._rest.split(b"\0", 1)
+            answer = json.loads(text)
+            if answer.get("method") == "Runtime.exceptionThrown":
+                self.errors.append(str(answer["params"]["exceptionDetails"]))
+            if answer.get("id") == self._number:
+                assert "error" not in answer, answer
+                return answer["result"]
+
+    def value(self, script: str) -> Any:
+        """Return the value of an expression, a promise's when it is fulfilled."""
+        found = self.call(
+            "Runtime.evaluate",
+            expression=script,
+            awaitPromise=True,
+            returnByValue=True,
+            userGesture=True,
+        )
+        assert "exceptionDetails" not in found, found
+        return found["result"].get("value")
+
+    def wait(self, condition: str, seconds: float = 20.0) -> None:
+        """Wait until an expression is true."""
+        loop = f"""new Promise((done, fail) => {{
+            const until = performance.now() + {1000 * seconds};
+            const test = () => ({condition}) ? done(1) :
+                performance.now() > until ? fail(document.body.innerText)
+                : setTimeout(test, 20);
+            test(); }})"""
+        self.value(loop)
+
+    def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
+
+
+@contextlib.contextmanager
+def browser(folder: Path) -> Iterator[Page]:
+    """Run a headless Chromium with a profile in a folder; yield an empty page."""
+    command = [
+        shutil.which("chromium") or "google-chrome",
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-dev-shm-usage",
+        "--disable-gpu",
+        "--remote-debugging-pipe",
+        f"--user-data-dir={folder}",
+        "--window-size=1000,1000",
+        "about:blank",
+    ]
+    down, up = os.pipe(), os.pipe()
+    with (folder / "log").open("wb") as log:
+        # The protocol is spoken on the files 3 and 4.
+        process = subprocess.Popen(
+            ["bash", "-c", f"exec {shlex.join(command)} 3<&{down[0]} 4>&{up[1]}"],
+            pass_fds=(down[0], up[1]),
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+        )
+    os.close(down[0])
+    os.close(up[1])
+    try:
+        with os.fdopen(up[0], "rb") as answers, os.fdopen(down[1], "wb") as calls:
+            yield Page(answers, calls)
+    finally:
+        process.terminate()
+        process.wait(10)
+
+
+class Person:
+    """Somebody whose page exchanges every 30 ms."""
+
+    def __init__(self, folder: Path) -> None:
+        doors = {name: door_config(name) for name in ("small", "medium")}
+        self.session, self.now = Session(doors, TaughtSet(folder, {})), 0.0
+
+    def __call__(self, press: str = "", sample: Any = IDLE, times: int = 1) -> Any:
+        for _ in range(times):
+            self.now += 0.03
+            request = {"input": sample, "press": press}
+            state, self.picture = self.session.exchange(request, self.now)
+        json.dumps(state)
+        return state
+
+
+def test_a_demonstration_is_led_shown_and_kept_repeated_or_discarded(
+    tmp_path: Path,
+) -> None:
+    person = Person(tmp_path)
+    assert person(times=5)["time"] == 0.0
+    assert person("stop")["phase"] == "ready"
+    led = person(sample=PULL, times=25)
+    assert (led["phase"], led["door"]) == ("leading", "small")
+    assert led["time"] == pytest.approx(0.73)
+    assert led["angle"] > 3.0
+    assert Image.open(io.BytesIO(person.picture)).size == (480, 360)
+    assert person("stop")["phase"] == "shown"
+    frames = {(person(), person.picture)[1] for _ in range(12)}
+    assert len(frames) > 6  # It moves.
+    repeated = person("repeat")
+    assert (repeated["phase"], repeated["door"], repeated["angle"] < 0.1) == (
+        *("ready", "small"),
+        True,
+    )
+    assert person(sample=PULL, times=25) == led | {"time": pytest.approx(0.73)}
+    kept = person("keep")
+    assert (kept["phase"], kept["kept"], kept["time"]) == ("ready", 1, 0.0)
+    assert len(load_demonstrations(tmp_path).demonstrations) == 1
+    person(sample=PULL, times=25)
+    discarded = person("discard")
+    assert (discarded["door"], discarded["kept"]) == ("medium", 1)
+    assert person("next")["door"] == "small"
+    assert person("finish")["phase"] == "finished"
+
+
+def test_time_stands_still_while_the_page_is_silent(tmp_path: Path) -> None:
+    person = Person(tmp_path)
+    before = person(sample=PULL, times=2)["time"]
+    person.now += 10.0
+    assert person(sample=PULL)["time"] == pytest.approx(before + 0.1)
+    assert person(sample=PULL)["time"] == pytest.approx(before + 0.13)
+
+
+def test_a_hand_that_does_not_move_is_nothing_to_keep(tmp_path: Path) -> None:
+    person = Person(tmp_path)
+    person(sample=[1, 0.5, 0.5, 0, 0, 0, 0, 0, 0])
+    person.session._lesson._rows[1:] = person.session._lesson._rows[:1]
+    assert "did not move" in person("keep")["message"]
+    assert not (tmp_path / "taught").exists()
+
+
+def test_what_cannot_be_written_can_be_kept_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    person = Person(tmp_path)
+    person(sample=PULL, times=25)
+    with monkeypatch.context() as patch:
+        patch.setattr("gplfd_experiments.teaching.taught.write_archive", full)
+        state = person("keep")
+    assert "No space left" in state["message"]
+    assert (state["phase"], state["kept"]) == ("shown", 0)
+    assert person("keep")["kept"] == 1
+
+
+def send(port: int, body: Any, **headers: str) -> tuple[int, str]:
+    """Send a request as the page does; return status and text of the answer."""
+    connection = http.client.HTTPConnection("127.0.0.1", port)
+    with contextlib.closing(connection):
+        kind = {"Content-Type": "application/json"}
+        connection.request("POST", "/exchange", json.dumps(body), kind | headers)
+        answer = connection.getresponse()
+        return answer.status, answer.read().decode(errors="replace")
+
+
+@contextlib.contextmanager
+def serving(folder: Path, device: str = "mouse") -> Iterator[int]:
+    """Run the server of a page at the door small; yield its port."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    options = {"device": device, "host": "127.0.0.1", "port": port, "options": {}}
+    thread = threading.Thread(target=teach, args=(["small"], folder), kwargs=options)
+    thread.start()
+    try:
+        until = time.monotonic() + 30.0
+        while time.monotonic() < until:
+            with contextlib.suppress(OSError):
+                assert send(port, {"input": IDLE})[0] == 200
+                break
+            time.sleep(0.05)
+        yield port
+    finally:
+        with contextlib.suppress(OSError):
+            send(port, {"input": IDLE, "press": "finish"})
+        thread.join(10.0)
+
+
+def test_only_the_page_of_this_machine_is_answered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with serving(tmp_path / "set") as port:
+        status, text = send(port, {"input": [1]})
+        assert (status, "9 finite numbers" in text) == (400, True)
+        status, text = send(port, {"input": IDLE, "press": "jump"})
+        assert (status, "press 'jump' must be one of" in text) == (400, True)
+        assert send(port, [])[0] == 400
+        assert send(port, {"input": IDLE}, Host="evil.example")[0] == 403
+        assert send(port, {"input": IDLE}, **{"Content-Type": "text/plain"})[0] == 403
+        other = ["--out", str(tmp_path / "other"), "--port", str(port)]
+        assert main(["demos", "teach", *other]) == 2
+        assert "give another --port" in capsys.readouterr().err
+
+
+def test_what_was_kept_outlives_a_killed_process(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "gplfd", "demos", "teach", "--doors", "small"]
+    process = subprocess.Popen(
+        [*command, "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    with contextlib.closing(process.stderr):
+        address = re.search(r"http://127.0.0.1:(\d+)\n", process.stderr.readline())
+        assert address
+        for number in range(32):
+            request = {"input": PULL, "press": "keep" if number == 30 else ""}
+            assert send(int(address[1]), request)[0] == 200
+        process.kill()
+        process.wait(10)
+    assert len(load_demonstrations(tmp_path).demonstrations) == 1
+    assert len(TaughtSet(tmp_path, {}).taught) == 1
+
+
+@pytest.mark.needs("chromium")
+def test_a_mouse_in_a_browser_opens_a_door_and_its_window_may_be_closed(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "set"
+    with serving(folder) as port, browser(tmp_path) as page:
+        page.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
+        page.wait("document.title === 'ready 0'")
+        x, y, width = page.value(
+            "(b => [b.x, b.y, b.width])(canvas.getBoundingClientRect())"
+        )
+        # The handle of the closed door is drawn there.
+        x, y = x + 0.45 * width, y + 0.306 * 0.75 * width
+        page.mouse("mousePressed", x, y, button="left", clickCount=1)
+        for part in range(40):
+            page.mouse("mouseMoved", x, y + 0.004 * width * part, buttons=1)
+            page.wait("events.length === 0")
+        page.mouse("mouseReleased", x, y, button="left")
+        assert float(page.value("$('numbers').innerText.match(/([\\d.]+)°/)[1]")) > 5.0
+        page.value("document.querySelector('[value=stop]').click()")
+        page.wait("document.title === 'shown 0'")
+        page.call("Input.dispatchKeyEvent", type="keyDown", code="Enter", key="Enter")
+        page.wait("document.title === 'ready 1'")
+        assert page.errors == []
+        page.call("Page.navigate", url="about:blank")
+        page.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
+        page.wait("document.title === 'ready 1'")  # It is there again.
+    assert len(load_demonstrations(folder).demonstrations) == 1
+
+
+HID = """
+  const found = new EventTarget();
+  found.productName = "Cap"; found.open = async () => {};
+  let devices = [];
+  const hid = {requestDevice: async () => devices};
+  Object.defineProperty(navigator, "hid", {value: hid});
+"""
+
+
+@pytest.mark.needs("chromium")
+def test_a_spacemouse_may_be_missing_found_and_unplugged(tmp_path: Path) -> None:
+    with serving(tmp_path / "set", "spacemouse") as port, browser(tmp_path) as page:
+        page.call("Page.enable")
+        page.call("Page.addScriptToEvaluateOnNewDocument", source=HID)
+        page.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
+        page.wait("document.title === 'ready 0'")
+        page.value("$('connect').click()")
+        page.wait("$('help').innerText.startsWith('No SpaceMouse was found')")
+        page.value("devices = [found]; $('connect').click()")
+        page.wait("$('help').innerText.startsWith('Cap is connected')")
+        report = """found.oninputreport({reportId: %d, timeStamp: performance.now(),
+            data: new DataView(new Int16Array(%s).buffer)})"""
+        # Right, towards the person, down: -z, +x and -y of the task frame.
+        page.value(report % (1, [35, 175, 70]))
+        assert page.value("cap") == [0.5, -0.2, -0.1, 0, 0, 0]
+        page.value(report % (2, [0, 0, 350]))
+        assert page.value("cap") == [0.5, -0.2, -0.1, 0, -1, 0]
+        page.wait("document.title === 'leading 0'")
+        page.value("navigator.hid.ondisconnect()")
+        assert page.value("cap") == [0, 0, 0, 0, 0, 0]
+        page.wait("$('help').innerText.startsWith('The SpaceMouse is unplugged')")
+        page.value("document.querySelector('[value=keep]').click()")
+        page.wait("document.title === 'ready 1'")
+        page.value("document.querySelector('[value=finish]').click()")
+        page.wait("document.title === 'finished'")
+        assert page.errors == []
+    assert len(load_demonstrations(tmp_path / "set").demonstrations) == 1
