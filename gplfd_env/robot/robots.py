@@ -54,9 +54,8 @@ def _before(
     """
     bar_right, bar_left, turned = driving
     found = []
-    for swing, held, side in itertools.product(
-        get_args(Swing), HELD, ("right", "left")
-    ):
+    sides: tuple[HingeSide, ...] = ("right", "left")
+    for swing, held, side in itertools.product(get_args(Swing), HELD, sides):
         bar = held == "bar"
         stance = (bar_right if side == "right" else bar_left) if bar else turned
         found.append((Before("mobile", swing, held, side), stance))
