@@ -26,6 +26,7 @@ import tyro
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.machine import Catalogue, Doctor, Speed
 from gplfd_experiments.cli.commands.run import Learn, Run, View
+from gplfd_experiments.cli.commands.serve import Serve
 from gplfd_experiments.cli.commands.studies import (
     Benchmark,
     Figures,
@@ -56,6 +57,7 @@ class Command(Protocol):
 COMMANDS: Final[dict[str, type[Command]]] = {
     "run": Run,
     "learn": Learn,
+    "serve": Serve,
     "skill": SkillTests,
     "benchmark": Benchmark,
     "trials": Trials,
