@@ -13,7 +13,7 @@ import numpy as np
 
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_policies.control.steps import STEP_SHAPES, AgentStep, Observation
+from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.serving.link import Link
 from gplfd_policies.serving.protocol import VERSION, array, decode, encode, numbers
 
@@ -100,9 +100,9 @@ class RemoteAgent:
         names = ("stiffness", "frame", "phase")
         told = {one: command[one] for one in names if command.get(one) is not None}
         step = {**command.get("step", {}), **told, "action": command["pose"]}
-        return AgentStep(
-            **{name: array(step[name]) for name in STEP_SHAPES & step.keys()}
-        )
+        via_point = bool(step.pop("via_point", False))
+        known = {name: array(value) for name, value in step.items()}
+        return AgentStep(**known, via_point=via_point)
 
     def stop(self) -> None:
         """Let the server soften and stop."""

@@ -1,12 +1,12 @@
-"""A line at a time over a pair of file descriptors, which never blocks."""
+"""A line at a time over a pair of file descriptors, without blocking."""
 
-import contextlib
 import os
 import select
 
 from gplfd_policies.serving.protocol import MAX_LINE
 
 _MOST_UNSENT = 2**20
+_PIECE = 4096  # what a pipe that can be written to takes at once
 
 
 class Link:
@@ -18,24 +18,19 @@ class Link:
     """
 
     def __init__(self, reader: int, writer: int) -> None:
-        self.reader, self._writer = reader, writer
-        self._before = os.get_blocking(reader), os.get_blocking(writer)
-        os.set_blocking(reader, False)
-        os.set_blocking(writer, False)
+        self._reader, self._writer = reader, writer
         self._partial, self._unsent = b"", b""
         self.closed = False
 
-    def lines(self, timeout: float | None = 0.0) -> list[bytes]:
-        """Return the complete lines that came within a time [s]; None waits.
+    def lines(self, timeout: float = 0.0) -> list[bytes]:
+        """Return the complete lines that come within a time [s].
 
         A line that is too long, and the end of the stream, set `closed`.
         """
         try:
-            if not select.select([self.reader], [], [], timeout)[0]:
+            if not select.select([self._reader], [], [], timeout)[0]:
                 return []
-            data = os.read(self.reader, MAX_LINE)
-        except BlockingIOError:
-            return []
+            data = os.read(self._reader, MAX_LINE)
         except OSError:
             data = b""
         *whole, self._partial = (self._partial + data).split(b"\n")
@@ -49,17 +44,9 @@ class Link:
         """
         self._unsent += data
         try:
-            while self._unsent and not self.closed:
-                self._unsent = self._unsent[os.write(self._writer, self._unsent) :]
-        except BlockingIOError:
-            self.closed = len(self._unsent) > _MOST_UNSENT
+            while self._unsent and select.select([], [self._writer], [], 0.0)[1]:
+                sent = os.write(self._writer, self._unsent[:_PIECE])
+                self._unsent = self._unsent[sent:]
         except OSError:
             self.closed = True
-
-    def restore(self) -> None:
-        """Let the descriptors block again, if they did."""
-        for descriptor, blocking in zip(
-            (self.reader, self._writer), self._before, strict=True
-        ):
-            with contextlib.suppress(OSError):
-                os.set_blocking(descriptor, blocking)
+        self.closed |= len(self._unsent) > _MOST_UNSENT

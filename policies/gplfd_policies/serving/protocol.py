@@ -89,10 +89,10 @@ def observed(message: Mapping[str, Any]) -> Observed:
             if values[name].shape != (size,):
                 got = values[name].size
                 raise ProtocolError("field", f"{name} has {size} numbers, got {got}")
-            for half, allowed in zip(np.split(values[name], 2), ranges, strict=True):
-                if any(one not in allowed for one in half.tolist()):
-                    text = f"{name} {half.tolist()} is outside {allowed}"
-                    raise ProtocolError("range", text)
+            given = values[name].tolist()
+            for half, allowed in zip((given[:3], given[3:]), ranges, strict=True):
+                if any(one not in allowed for one in half):
+                    raise ProtocolError("range", f"{name} {half} is outside {allowed}")
         if values["time"].size != 1 or abs(time := float(values["time"][0])) > 1e10:
             raise ProtocolError("range", "time must be one number within ±1e10 s")
     except ProtocolError as error:

@@ -116,6 +116,7 @@ class Server:
             return self._accept(None)
         wait = min(max(session.due - self._clock(), 0.0), longest)
         lines = link.lines(wait)
+        link.send()
         for line in lines:
             self._heard = began = self._clock()
             came, replies = handle(session, line, began)
@@ -168,8 +169,6 @@ class Server:
         state, now = self._session.state, self._clock()
         self._journal.write(now, f"{why}; the session was {state}", [], 0.0)
         self._session.connect(now)
-        if self._link is not None:
-            self._link.restore()
         if self._client is not None:
             self._client.close()
         self._link = self._client = None
@@ -200,7 +199,6 @@ def serve(settings: ServeSettings, given: LabelledDemonstrations | None = None) 
         if settings.socket is None and settings.port is None:
             address = "standard input and output"
             link = Link(0, stack.enter_context(_own_output()))
-            stack.callback(link.restore)
         else:
             listener, address = _listening(settings)
             stack.enter_context(listener)
