@@ -462,7 +462,7 @@ BAD = {
     "reflex --host 0.0.0.0 --port 0": "add --beyond-loopback",
     "reflex --port 70000": "from 0 to 65535",
     "reflex --port 1 --socket s": "not both",
-    "reflex --force nan": "force = nan is outside",
+    "reflex --force nan": "--force nan must be finite and greater than 0.0",
     "reflex --stop-after 0.03": "must not be less than --hold-after",
     "reflex --workspace 0 0 0 1 1 0": "each least below its greatest",
     "reflex --least-stiffness 9 900": "not above --greatest-stiffness",

@@ -6,21 +6,18 @@ Two command lines are made of this record: that of `gplfd serve` and that of
 
 import dataclasses
 import ipaddress
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
-
-from gplfd_env.conventions.constants import Start
-from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 
 Pair = tuple[float, float]
 Box = tuple[float, float, float, float, float, float]
 
 
 def _option(default: Any, text: str, **allowed: Any) -> Any:
-    """Declare an option with its help; a number with the range of `quantity`."""
-    metadata = dict(quantity(default, **allowed).metadata) if allowed else {}
-    return dataclasses.field(default=default, metadata={**metadata, "help": text})
+    """Declare an option with its help, and of a number what is `low` or `above`."""
+    return dataclasses.field(default=default, metadata={**allowed, "help": text})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -39,7 +36,7 @@ class ServeSettings:
     demonstrations: Path | None = _option(
         None, "Of a policy that learns: .npz file of the demonstrations."
     )
-    start: Start = _option(
+    start: Literal["grasped", "approach"] = _option(
         "grasped",
         "What an episode begins with: the handle in the hand, or the open hand before "
         "it (demonstrations must then have the signal 'grasped').",
@@ -90,8 +87,19 @@ class ServeSettings:
     )
 
     def __post_init__(self) -> None:
-        check_quantities(self)
-        check_choice("start", self.start, ("grasped", "approach"))
+        # Not by `gplfd_env.validation`: NumPy would make every --help slow.
+        for field in dataclasses.fields(self):
+            value, allowed = getattr(self, field.name), field.metadata
+            low, above = allowed.get("low"), allowed.get("above")
+            small = (low is not None and not value >= low) or (
+                above is not None and not value > above
+            )
+            if small or value in (math.inf, -math.inf):
+                least = f"{low} or more" if above is None else f"greater than {above}"
+                flag = field.name.replace("_", "-")
+                raise ValueError(f"--{flag} {value} must be finite and {least}")
+        if self.start not in ("grasped", "approach"):
+            raise ValueError(f"--start {self.start} must be grasped or approach")
         for low, high in zip(self.workspace[:3], self.workspace[3:], strict=True):
             if not low < high:
                 raise ValueError(
@@ -99,7 +107,7 @@ class ServeSettings:
                     "greatest x y z [m], each least below its greatest"
                 )
         ends = zip(self.least_stiffness, self.greatest_stiffness, strict=True)
-        if not all(0.0 < low <= high < float("inf") for low, high in ends):
+        if not all(0.0 < low <= high < math.inf for low, high in ends):
             raise ValueError(
                 f"--least-stiffness {self.least_stiffness} must be positive and not "
                 f"above --greatest-stiffness {self.greatest_stiffness}, which is finite"

@@ -1,12 +1,20 @@
 """The command that serves an agent to a robot."""
 
+import dataclasses
 from dataclasses import dataclass
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import tyro
 
 from gplfd_experiments.console.interruption import postponed_interruption
 from gplfd_policies.serving.settings import ServeSettings
+
+
+def _same(name: str) -> Any:
+    """Declare a field as `ServeSettings` does; the annotation adds what tyro shows."""
+    (field,) = (one for one in dataclasses.fields(ServeSettings) if one.name == name)
+    return dataclasses.field(default=field.default, metadata=field.metadata)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -19,11 +27,14 @@ class Serve(ServeSettings):
     """
 
     source: Annotated[
-        str,
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="SKILL.npz|POLICY"),
-    ]
-    """A skill file of `gplfd learn`, or the name of a policy."""
+        str, tyro.conf.Positional, tyro.conf.arg(metavar="SKILL.npz|POLICY")
+    ] = _same("source")
+    demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = _same(
+        "demonstrations"
+    )
+    socket: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = _same("socket")
+    port: Annotated[int | None, tyro.conf.arg(metavar="PORT")] = _same("port")
+    journal: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = _same("journal")
 
     def execute(self) -> int:
         """Serve until the client or Ctrl-C ends it."""
