@@ -9,7 +9,6 @@ import pytest
 
 from gplfd_env import GRIPPER_ENVIRONMENT_ID
 from gplfd_env.doors.config import DOORS, DoorConfig
-from gplfd_experiments.data.reaching import GRASPED, openings, reaches
 from gplfd_experiments.data.teacher import Teacher, TeacherConfig
 from gplfd_experiments.episodes.build import demonstrations_of
 from gplfd_experiments.episodes.log import EpisodeLog
@@ -17,7 +16,13 @@ from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import episode_task
 from gplfd_experiments.recording.lanes import stages
 from gplfd_policies import POLICIES, TrainingInput, as_agent
-from gplfd_policies.agents.reaching import ReachingAgent, learn_reach
+from gplfd_policies.agents.reaching import (
+    GRASPED,
+    ReachingAgent,
+    learn_reach,
+    openings,
+    reaches,
+)
 from gplfd_policies.demonstrations.npz import (
     LabelledDemonstrations,
     hash_of,

@@ -26,6 +26,7 @@ EXPECTED = {
     "rl_smoke": ("16/16 opened", set()),
     "plot_episode": ("opened: True", {"episode.png"}),
     "bag_with_forces": ("6 bags in bags", {"bags"}),
+    "robot_client": ("equal to one process: True", set()),
     "play_trajectory": ("opened: True", {"movement.csv"}),
 }
 """A part of what each of them prints, and what it leaves in the working folder."""

@@ -27,6 +27,7 @@ from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.export import Export
 from gplfd_experiments.cli.commands.machine import Catalogue, Doctor, Speed
 from gplfd_experiments.cli.commands.run import Learn, Run, View
+from gplfd_experiments.cli.commands.serve import Serve
 from gplfd_experiments.cli.commands.studies import (
     Benchmark,
     Figures,
@@ -58,6 +59,7 @@ COMMANDS: Final[dict[str, type[Command]]] = {
     "run": Run,
     "learn": Learn,
     "export": Export,
+    "serve": Serve,
     "skill": SkillTests,
     "benchmark": Benchmark,
     "trials": Trials,

@@ -20,14 +20,20 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.randomization import door_randomization
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_experiments.data.reaching import GRASPED, openings, reaches
 from gplfd_experiments.data.teacher import ForceConfig, Habits, Teacher, TeacherConfig
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.rollout import rollouts
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.agents.lockstep import batch_agents
-from gplfd_policies.agents.reaching import ReachingAgent, joined, learn_reach
+from gplfd_policies.agents.reaching import (
+    GRASPED,
+    ReachingAgent,
+    joined,
+    learn_reach,
+    openings,
+    reaches,
+)
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations, hash_of
 from gplfd_policies.movements.prior_mean import PosePath

@@ -18,10 +18,10 @@ from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.robots import robot_named
 from gplfd_env.robot.stance import base_for
 from gplfd_experiments.episodes.task import named_doors
-from gplfd_experiments.workflows.skills import method_and_skill
 from gplfd_policies.agents.commanded_path import commanded_path
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.registry.open_loop import open_loop
+from gplfd_policies.registry.skill_files import method_and_skill
 
 _POSTURES: Final = 6
 """Postures of the arm in the picture."""

@@ -12,9 +12,9 @@ from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.data.writers.commands import COMMAND_WRITERS
 from gplfd_experiments.files.folders import check_replaceable
 from gplfd_experiments.files.provenance import content_hash, provenance
-from gplfd_experiments.workflows.skills import method_and_skill
 from gplfd_policies.agents.commanded_path import CommandedPath, commanded_path
 from gplfd_policies.registry.open_loop import open_loop
+from gplfd_policies.registry.skill_files import method_and_skill
 
 _AXES: Final = {
     "task": "origin at the closed handle, x pulls, y up, z = x cross y; orientations "

@@ -38,7 +38,6 @@ from gplfd_experiments.recording import record_episode
 from gplfd_experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
 from gplfd_experiments.recording.video import check_video, video_paths, write_video
 from gplfd_experiments.studies.sources import source_of
-from gplfd_experiments.workflows.skills import method_and_skill
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import (
@@ -50,6 +49,7 @@ from gplfd_policies.demonstrations.npz import (
 )
 from gplfd_policies.registry.catalogue import policy_named
 from gplfd_policies.registry.policy import Policy
+from gplfd_policies.registry.skill_files import method_and_skill
 
 CONFIGURATION: Final = "run.json"
 METRICS: Final = "metrics.json"

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,42 +18,13 @@ from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.runner import run_or_resume
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.npz import load_demonstrations
-from gplfd_policies.movements.skill import Skill, fit_skill, load_skill
-from gplfd_policies.registry.catalogue import POLICIES, policy_named
-from gplfd_policies.registry.method import Method, TrainingInput
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.registry.catalogue import policy_named
+from gplfd_policies.registry.method import TrainingInput
+from gplfd_policies.registry.skill_files import skill_method
 
 RECORDING: Final = "skill.rrd"
 """What was learned, in a folder of `judge`."""
-
-
-def skill_method(policy: str) -> Method:
-    """Return the method of a policy that learns and follows skills."""
-
-    def fits(method: Method | None) -> bool:
-        fit = None if method is None else method.fit
-        return (fit.func if isinstance(fit, partial) else fit) is fit_skill
-
-    method = policy_named(policy).method
-    if method is not None and fits(method):
-        return method
-    able = ", ".join(sorted(name for name in POLICIES if fits(POLICIES[name].method)))
-    raise ValueError(
-        f"policy {policy!r} learns no skill that a file could hold; choose one of "
-        f"{able}"
-    )
-
-
-def method_and_skill(policy: str, file: Path) -> tuple[Method, Skill]:
-    """Return the method of a policy, and the skill in a file, which it can follow."""
-    method, skill = skill_method(policy), load_skill(file)
-    if (method.beyond > 0.0) != (skill.aligned.end < 1.0):
-        goes = "goes on where demonstrations end"
-        raise ValueError(
-            f"policy {policy!r} {goes if method.beyond > 0.0 else 'ends there'}, and "
-            f"the skill in {file} was learned by one that does not; learn it again "
-            f"with  gplfd learn --policy {policy}"
-        )
-    return method, skill
 
 
 def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> Skill:

@@ -23,12 +23,16 @@ from gplfd_policies.control.rendering import ArmRendering
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 Pose = Float[np.ndarray, " 6"]
 Poses = Float[np.ndarray, "*N 6"]
+
+GRASPED: Final = "grasped"
+"""Signal of demonstrations, (N, 1): 1 while the hand holds the handle, else 0."""
 
 _GRID: Final = np.linspace(0.0, 1.0, 100)
 _STIFFEST: Final = np.repeat([most for _, most in ArmRendering.stiffness_range], 3)
@@ -67,6 +71,39 @@ def joined(reach: Demonstration, opening: Demonstration) -> Demonstration:
         poses=np.concatenate([reach.poses, opening.poses[1:]]),
         wrenches=wrenches,
     )
+
+
+def openings(given: LabelledDemonstrations) -> Sequence[Demonstration]:
+    """Return the demonstrations from where their hands hold the handle."""
+    return [opening for _, opening in _parts(given)] or given.demonstrations
+
+
+def reaches(given: LabelledDemonstrations) -> Sequence[Demonstration]:
+    """Return how the hands of demonstrations come to the handle.
+
+    Raises:
+        ValueError: The demonstrations do not say when a hand takes hold.
+    """
+    parts = _parts(given)
+    if not parts:
+        raise ValueError(
+            f"these demonstrations do not say when the hand takes hold (signal "
+            f"{GRASPED!r}), so that nobody can learn from them to reach for the "
+            "handle; leave out --start approach, or --demonstrations"
+        )
+    return [reach for reach, _ in parts]
+
+
+def _parts(
+    given: LabelledDemonstrations,
+) -> list[tuple[Demonstration, Demonstration]]:
+    """Return reach and opening of each; nothing if the signal is missing."""
+    if not given.signals or any(GRASPED not in one for one in given.signals):
+        return []
+    return [
+        parted(one, signals[GRASPED][:, 0] > 0.5)
+        for one, signals in zip(given.demonstrations, given.signals, strict=True)
+    ]
 
 
 @one_thread

@@ -141,7 +141,10 @@ def draw_without_screen() -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class View:
-    """Open a recording (.rrd) in the Rerun viewer, or watch an episode live."""
+    """Open a recording (.rrd) in the Rerun viewer, or watch an episode live.
+
+    A journal of `gplfd serve` is converted first, to a recording beside it.
+    """
 
     file: Annotated[
         tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="[FILE.rrd]")
@@ -193,9 +196,10 @@ class View:
                         f"--{option.name} goes with --live, not with a file"
                     )
             with postponed_interruption():
+                from gplfd_experiments.recording.served import recording_of
                 from gplfd_experiments.recording.viewer import open_recording
 
-            return open_recording(self.file)
+            return open_recording(recording_of(self.file))
         with postponed_interruption():
             from gplfd_experiments.console.arguments import check_circumstances
             from gplfd_experiments.recording.live import watch

@@ -1,0 +1,70 @@
+"""The journal of a served agent as a recording: curves over time, and what was said."""
+
+from collections import defaultdict
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from gplfd_experiments.recording import colours
+from gplfd_experiments.recording.layout import as_chunks, only, series_view
+from gplfd_experiments.recording.panels import Line, line_style
+from gplfd_experiments.recording.stream import moving, recording_file
+from gplfd_policies.serving.journal import BEGINNING, read_journal
+
+_COLOURS: Final = {"x": colours.AXIS_X, "y": colours.TRUTH, "z": colours.AXIS_Z}
+_PANELS: Final = {
+    "pose": "Commanded position [m]",
+    "ee_pose": "Measured position [m]",
+    "wrench": "Measured force [N]",
+    "stiffness": "Stiffness [N/m]",
+}
+_LOG: Final = "/events"
+
+
+def recording_of(file: Path) -> Path:
+    """Return a file itself, or the recording made beside it if it is a journal.
+
+    Raises:
+        ValueError: The journal is damaged or holds no message.
+    """
+    if not file.is_file():
+        return file
+    with file.open("rb") as stream:
+        if stream.read(len(BEGINNING)) != BEGINNING:
+            return file
+    curves: dict[str, list[tuple[float, Any]]] = defaultdict(list)
+    events: list[tuple[float, str]] = []
+    for line in read_journal(file):
+        out = line.get("out", [])
+        refused = any(one["type"] == "error" for one in out)
+        for message in (line.get("in"), *out):
+            told = message if isinstance(message, dict) else {"type": message}
+            # A refused observation may hold anything; a stiffness may be unknown.
+            for name in () if refused else _PANELS.keys() & told.keys():
+                if told[name] is not None:
+                    curves[name].append((line["at"], told[name][:3]))
+            words = map(told.get, ("type", "state", "reason", "limited", "message"))
+            said = " ".join(str(word) for word in words if word)
+            if said not in ("", "observe", *(text for _, text in events[-1:])):
+                events.append((line["at"], said))
+    if not events:
+        raise ValueError(f"{file} holds no message yet")
+    views = [series_view(f"/{name}", _PANELS[name], "LeftTop") for name in _PANELS]
+    log = rrb.TextLogView(origin=_LOG, name="States, reasons and errors")
+    arrangement = rrb.Horizontal(rrb.Vertical(*views), log, column_shares=[3, 2])
+    recording = file.with_name(f"{file.name}.rrd")
+    with recording_file(recording, as_chunks(only(arrangement))) as stream:
+        start = events[0][0]
+        for name, samples in curves.items():
+            times, values = map(np.array, zip(*samples, strict=True))
+            columns = rr.Scalars.columns(scalars=values.astype(np.float64))
+            lines = [Line(axis, colour) for axis, colour in _COLOURS.items()]
+            style = line_style(f"/{name}", *lines)
+            stream.send_chunks([style, moving(f"/{name}", times - start, columns)])
+        at, texts = zip(*events, strict=True)
+        texts_over_time = rr.TextLog.columns(text=list(texts))
+        stream.send_chunks([moving(_LOG, np.array(at) - start, texts_over_time)])
+    return recording

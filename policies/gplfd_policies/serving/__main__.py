@@ -1,0 +1,63 @@
+"""``python -m gplfd_policies.serving``: serve where the command line is not installed.
+
+Its options are the fields of `ServeSettings`, as those of `gplfd serve`.
+"""
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import NoneType
+from typing import Any, get_args, get_origin
+
+from gplfd_policies.serving.settings import ServeSettings
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C."""
+
+
+def parsed(arguments: Sequence[str] | None = None) -> ServeSettings:
+    """Return the settings that arguments give; exits with status 2 if they cannot."""
+    parser = argparse.ArgumentParser("python -m gplfd_policies.serving")
+    for field in dataclasses.fields(ServeSettings):
+        kinds = [one for one in get_args(field.type) or [field.type] if one != NoneType]
+        told = {"help": field.metadata["help"]}
+        if field.name == "source":
+            parser.add_argument(field.name, **told)
+            continue
+        options: dict[str, Any] = {"default": field.default, **told}
+        if kinds == [bool]:
+            options["action"] = "store_true"
+        else:
+            options["help"] += f" Default: {field.default}."
+            options["type"] = kinds[0] if kinds[0] in (int, float, Path) else str
+            if get_origin(field.type) is tuple:
+                options["nargs"] = len(kinds)
+        parser.add_argument(f"--{field.name.replace('_', '-')}", **options)
+    given: dict[str, Any] = vars(parser.parse_args(arguments))
+    for name, value in given.items():
+        given[name] = tuple(value) if isinstance(value, list) else value
+    try:
+        return ServeSettings(**given)
+    except (ValueError, TypeError) as error:
+        parser.error(str(error))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serve and return the exit status: 0, 2 for what cannot be served, or 130."""
+    settings = parsed(arguments)
+    from gplfd_policies.serving.server import serve
+
+    try:
+        serve(settings)
+    except (ValueError, OSError) as error:
+        print(f"gplfd: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,172 @@
+"""The other end: a served agent as an agent of this process.
+
+For users' robots and for the simulator: NumPy, the standard library and this package.
+"""
+
+import socket
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from gplfd_env.conventions.constants import Control
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_policies.control.steps import AgentStep, Observation
+from gplfd_policies.serving.link import Link
+from gplfd_policies.serving.protocol import VERSION, array, decode, encode, numbers
+
+
+class ServerLostError(ConnectionError):
+    """The server has gone, or does not answer in time: hold the robot yourself."""
+
+
+class RefusedError(ValueError):
+    """The server answered with an error; `code` is one of docs/serving.md."""
+
+    def __init__(self, reply: Mapping[str, Any]) -> None:
+        super().__init__(f"{reply['code']}: {reply['message']}")
+        self.code = str(reply["code"])
+
+
+class RemoteAgent:
+    """An agent that a server computes: `reset`, then `act` once per control period.
+
+    Args:
+        address: ``unix:PATH``, ``tcp:HOST:PORT``, or a command that serves on its
+            standard input and output, as a list of words.
+        timeout: Longest wait for a reply [s].
+        explain: Ask for all fields of `AgentStep`, not only for the command.
+
+    Raises:
+        ServerLostError: Nobody answers.
+        RefusedError: The server speaks another version, or has another client.
+    """
+
+    def __init__(
+        self,
+        address: str | Sequence[str],
+        *,
+        timeout: float = 5.0,
+        explain: bool = False,
+    ) -> None:
+        self._timeout, self._seq = timeout, 0
+        self._socket: socket.socket | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._waiting: list[bytes] = []
+        self.last: dict[str, Any] = {}
+        """The last command: state, reason, stiffness, damping, gripper_width, ..."""
+        try:
+            if not isinstance(address, str):
+                self._process = subprocess.Popen(
+                    address, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+                )
+                pipes: Any = self._process
+                ends = pipes.stdout.fileno(), pipes.stdin.fileno()
+            else:
+                self._socket = _connected(address)
+                ends = (self._socket.fileno(),) * 2
+        except OSError as error:
+            raise ServerLostError(f"nobody serves on {address}: {error}") from error
+        self._link = Link(*ends)
+        try:
+            self._send({"type": "hello", "protocol": VERSION, "explain": explain})
+            self.greeting = self._reply("hello", None)
+        except (ConnectionError, ValueError):
+            self.close()
+            raise
+        self.control: Control = self.greeting["control"]
+
+    def inform(self, door: DoorGeometry) -> None:
+        """Ignore the door: only an oracle uses it, and none is served."""
+
+    def reset(self, observation: Observation) -> None:
+        """Begin an episode, or go on after a stop."""
+        self._seq += 1
+        self._send(self._message("reset", observation))
+        self._reply("ready", self._seq)
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the command for the next control period; see `last` for its state.
+
+        Raises:
+            RefusedError: The server did not take this observation.
+            ServerLostError: It has gone or does not answer.
+        """
+        self._seq += 1
+        self._send(self._message("observe", observation))
+        command = self.last = self._reply("command", self._seq)
+        names = ("stiffness", "frame", "phase")
+        told = {one: command[one] for one in names if command.get(one) is not None}
+        step = {**command.get("step", {}), **told, "action": command["pose"]}
+        via_point = bool(step.pop("via_point", False))
+        known = {name: array(value) for name, value in step.items()}
+        return AgentStep(**known, via_point=via_point)
+
+    def stop(self) -> None:
+        """Let the server soften and stop."""
+        self._send({"type": "stop"})
+
+    @property
+    def gripper_width(self) -> float | None:
+        """Width that goes with the last command [m], of an agent that has fingers."""
+        return self.last.get("gripper_width")
+
+    def close(self) -> None:
+        """Leave; a server that was started as a command ends."""
+        self._link.send(encode({"type": "bye"}))
+        if self._socket is not None:
+            self._socket.close()
+        if self._process is not None:
+            self._process.communicate(timeout=self._timeout)
+
+    def _message(self, kind: str, observation: Observation) -> dict[str, Any]:
+        """Return a message with every measurement as a number or a list of numbers."""
+        values = {
+            name: float(value[0]) if name == "time" else numbers(np.ravel(value))
+            for name, value in observation.items()
+        }
+        return {"type": kind, "seq": self._seq, **values}
+
+    def _send(self, message: Mapping[str, Any]) -> None:
+        self._link.send(encode(message))
+
+    def _reply(self, kind: str, seq: int | None) -> dict[str, Any]:
+        """Return the reply to what was sent, past what the server says by itself."""
+        until = time.monotonic() + self._timeout
+        while True:
+            if not self._waiting:
+                left = max(until - time.monotonic(), 0.0)
+                self._link.send()
+                self._waiting = self._link.lines(left)
+            if not self._waiting:
+                if self._link.closed or left == 0.0:
+                    what = "closed the connection" if self._link.closed else "is silent"
+                    raise ServerLostError(f"the server {what}; hold the robot")
+                continue
+            reply = decode(self._waiting.pop(0))
+            if reply["type"] == "error":
+                raise RefusedError(reply)
+            own = reply.get("seq") == seq and "unsolicited" not in reply
+            if reply["type"] == kind and own:
+                return reply
+
+
+def _connected(address: str) -> socket.socket:
+    """Return a socket that is connected to ``unix:PATH`` or ``tcp:HOST:PORT``."""
+    kind, _, place = address.partition(":")
+    if kind == "unix":
+        own = socket.socket(socket.AF_UNIX)
+        try:
+            own.connect(place)
+        except OSError:
+            own.close()
+            raise
+        return own
+    host, _, port = place.rpartition(":")
+    if kind != "tcp" or not port.isdecimal():
+        raise ValueError(f"address {address!r} must be unix:PATH or tcp:HOST:PORT")
+    own = socket.create_connection((host.strip("[]"), int(port)))
+    own.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return own

@@ -1,0 +1,79 @@
+"""The operator's limits, enforced on every command and watched in every observation."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.spatial.se3 import compose_rotvecs, rotation_distance
+from gplfd_policies.serving.settings import ServeSettings
+
+
+class Limited(NamedTuple):
+    """A command within the limits."""
+
+    pose: np.ndarray
+    """(6,) [m, rad]; the same object where no limit acted."""
+    stiffness: np.ndarray
+    """(6,) [N/m, N m/rad]; NaN where the agent has no notion of it."""
+    acted: tuple[str, ...]
+    """Which limits changed it: workspace, linear_speed, angular_speed, stiffness."""
+
+
+def limited(
+    settings: ServeSettings, pose: np.ndarray, stiffness: np.ndarray, last: np.ndarray
+) -> Limited:
+    """Return a command within the limits, from the last commanded pose on.
+
+    The position is moved to the nearest point of the workspace. A step that is faster
+    than the speed limits is shortened on the straight line, and on the shortest
+    rotation, from the last pose (6,) [m, rad].
+    """
+    acted = []
+    low, high = np.reshape(settings.workspace, (2, 3))
+    position, rotation = pose[:3], pose[3:]
+    inside = np.minimum(np.maximum(position, low), high)
+    if not np.array_equal(inside, position):
+        acted.append("workspace")
+        position = inside
+    shift = position - last[:3]
+    distance, most = math.hypot(*shift), settings.linear_speed * CONTROL_PERIOD
+    if distance > most:
+        acted.append("linear_speed")
+        position = last[:3] + shift * (most / distance)
+    angle, most = rotation_distance(rotation, last[3:]), settings.angular_speed
+    most *= CONTROL_PERIOD
+    if angle > most:
+        acted.append("angular_speed")
+        turn = compose_rotvecs(rotation, -last[3:])
+        rotation = compose_rotvecs(turn * (most / angle), last[3:])
+    if acted:
+        pose = np.concatenate([position, rotation])
+    bounds = np.repeat((settings.least_stiffness, settings.greatest_stiffness), 3, 1)
+    within = np.minimum(np.maximum(stiffness, bounds[0]), bounds[1])
+    if not np.array_equal(within, stiffness, equal_nan=True):
+        acted.append("stiffness")
+        stiffness = within
+    return Limited(pose, stiffness, tuple(acted))
+
+
+def exceeded(settings: ServeSettings, pose: np.ndarray, wrench: np.ndarray) -> str:
+    """Return which limit a measured pose and wrench exceed, or ""."""
+    low, high = np.reshape(settings.workspace, (2, 3))
+    if (pose[:3] < low).any() or (pose[:3] > high).any():
+        return "hand outside the workspace"
+    for name, limit, part in (
+        ("force", settings.force, wrench[:3]),
+        ("moment", settings.moment, wrench[3:]),
+    ):
+        if math.hypot(*part) > limit:
+            return f"measured {name} beyond its limit"
+    return ""
+
+
+def astray(settings: ServeSettings, pose: np.ndarray, command: np.ndarray) -> bool:
+    """Return whether the hand is farther from its command than the limits allow."""
+    distance = math.hypot(*(pose[:3] - command[:3]))
+    angle = rotation_distance(pose[3:], command[3:])
+    return bool(distance > settings.follow_distance or angle > settings.follow_angle)

@@ -1,0 +1,254 @@
+"""The loop of a served agent: transports, one client at a time, journal, memory."""
+
+import contextlib
+import gc
+import os
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from gplfd_policies.agents.agent import Agent
+from gplfd_policies.agents.reaching import (
+    ReachingAgent,
+    learn_reach,
+    openings,
+    reaches,
+)
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.demonstrations.npz import (
+    LabelledDemonstrations,
+    load_demonstrations,
+)
+from gplfd_policies.registry.catalogue import make_agent, policy_named
+from gplfd_policies.registry.skill_files import method_and_skill
+from gplfd_policies.serving.journal import Journal
+from gplfd_policies.serving.link import Link
+from gplfd_policies.serving.protocol import ProtocolError, decode, encode
+from gplfd_policies.serving.session import Message, Session
+from gplfd_policies.serving.settings import ServeSettings
+
+SILENCE: Final = 30.0
+"""A client that says nothing for so long is taken for gone [s]."""
+
+_COLLECT_EVERY: Final = 100
+"""Messages between two collections of garbage, each in the time after a reply."""
+
+
+def served_agent(
+    settings: ServeSettings, given: LabelledDemonstrations | None = None
+) -> Agent:
+    """Make the agent of a skill file or a policy, from its file of demonstrations.
+
+    `given` takes the place of that file. Raises a ValueError for what cannot be served.
+    """
+    file = Path(settings.source)
+    if file.suffix == ".npz":
+        if settings.demonstrations is not None or settings.start != "grasped":
+            raise ValueError(
+                f"{file} is a skill: it is learned already, and of opening alone; "
+                "leave out --demonstrations and --start"
+            )
+        method, skill = method_and_skill(settings.policy, file)
+        return method.follow(skill)
+    policy = policy_named(settings.source)
+    if settings.demonstrations is not None:
+        given = load_demonstrations(settings.demonstrations)
+    if given is None and (policy.kind != "reference" or settings.start == "approach"):
+        what = "learns" if policy.kind != "reference" else "cannot reach by itself"
+        raise ValueError(
+            f"policy {settings.source!r} {what}: give --demonstrations FILE.npz, or a "
+            "skill file in its place"
+        )
+    shown = () if given is None else openings(given)
+    agent = make_agent(settings.source, shown, seed=settings.seed)
+    if settings.start == "grasped" or given is None:
+        return agent
+    return ReachingAgent(learn_reach(reaches(given)), agent)
+
+
+class Server:
+    """Serves one client at a time; all time comes from a clock.
+
+    Args:
+        session: What answers.
+        journal: What is written down.
+        listener: Listening socket; None if there is only the one link.
+        link: Link to the only client.
+        clock: Monotonic time [s].
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        journal: Journal,
+        listener: socket.socket | None = None,
+        link: Link | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._session, self._journal, self._clock = session, journal, clock
+        self._listener, self._link = listener, link
+        self._client: socket.socket | None = None
+        self._messages = 0
+        self._heard = clock()
+        session.connect(self._heard)
+
+    def run(self) -> None:
+        """Serve until the only client has gone, or for ever where others may come."""
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        try:
+            with one_thread:
+                while self.step():
+                    pass
+        finally:
+            gc.enable()
+            if self._link is not None:
+                self._link.send(encode({"type": "bye", "reason": "the server ends"}))
+                self._leave("the server ends")
+
+    def step(self, longest: float = SILENCE) -> bool:
+        """Wait for something to do and do it; return whether there may be more."""
+        link, session = self._link, self._session
+        if link is None:
+            return self._accept(None)
+        wait = min(max(session.due - self._clock(), 0.0), longest)
+        lines = link.lines(wait)
+        link.send()
+        for line in lines:
+            self._heard = began = self._clock()
+            came, replies = handle(session, line, began)
+            self._say(began, came, replies)
+            if session.closed:
+                break
+        now = self._clock()
+        self._say(now, None, session.tick(now))
+        if now - self._heard > SILENCE:
+            link.closed = True
+        if session.closed or link.closed:
+            return self._leave("bye" if session.closed else "the client has gone")
+        if self._listener is not None:
+            self._accept(0.0)
+        return True
+
+    def _say(self, began: float, came: object, replies: list[Message]) -> None:
+        """Send replies; then, while the client has its answer, all that takes time."""
+        if self._link is None or (came is None and not replies):
+            return
+        self._link.send(b"".join(map(encode, replies)))
+        self._journal.write(began, came, replies, self._clock() - began)
+        self._messages += 1
+        if self._messages % _COLLECT_EVERY == 0:
+            gc.collect()
+
+    def _accept(self, timeout: float | None) -> bool:
+        """Take a client, or refuse it while there is another."""
+        if self._listener is None:
+            return False
+        self._listener.settimeout(timeout)
+        try:
+            client, _ = self._listener.accept()
+        except (BlockingIOError, TimeoutError):
+            return True
+        if self._link is not None:
+            reply = ProtocolError("busy", "another client is connected").reply
+            with contextlib.suppress(OSError), client:
+                client.sendall(encode(reply))
+            return True
+        if client.family != getattr(socket, "AF_UNIX", None):
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._client, self._link = client, Link(client.fileno(), client.fileno())
+        self._heard = self._clock()
+        self._session.connect(self._heard)
+        self._journal.write(self._heard, "a client has come", [], 0.0)
+        return True
+
+    def _leave(self, why: str) -> bool:
+        state, now = self._session.state, self._clock()
+        self._journal.write(now, f"{why}; the session was {state}", [], 0.0)
+        self._session.connect(now)
+        if self._client is not None:
+            self._client.close()
+        self._link = self._client = None
+        return self._listener is not None
+
+
+def handle(session: Session, line: bytes, now: float) -> tuple[Any, list[Message]]:
+    """Return what a line says, as text if it is no message, and the replies to it."""
+    try:
+        message = decode(line)
+    except ProtocolError as error:
+        return line.decode(errors="replace"), [*session.tick(now), error.reply]
+    return message, session.receive(message, now)
+
+
+def serve(settings: ServeSettings, given: LabelledDemonstrations | None = None) -> None:
+    """Serve an agent as the settings say, until the client or an interruption ends it.
+
+    With standard input and output, what a policy prints goes to standard error.
+
+    Raises:
+        ValueError: What is asked for cannot be served.
+        OSError: The address or the journal cannot be used.
+    """
+    agent = served_agent(settings, given)
+    with contextlib.ExitStack() as stack:
+        listener, link = None, None
+        if settings.socket is None and settings.port is None:
+            address = "standard input and output"
+            link = Link(0, stack.enter_context(_own_output()))
+        else:
+            listener, address = _listening(settings)
+            stack.enter_context(listener)
+            if settings.socket is not None:
+                stack.callback(settings.socket.unlink, missing_ok=True)
+        session = Session(agent, settings, address)
+        journal = Journal(settings.journal, {"settings": settings.described()})
+        stack.callback(journal.close)
+        where = "beyond this machine" if settings.beyond_loopback else "on this machine"
+        said = f"serving {settings.source} ({agent.control} control) {where}: {address}"
+        print(f"gplfd: {said}", file=sys.stderr, flush=True)
+        Server(session, journal, listener, link).run()
+
+
+@contextlib.contextmanager
+def _own_output() -> Iterator[int]:
+    """Keep standard output for the protocol; what else is printed goes to stderr."""
+    sys.stdout.flush()
+    own = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield own
+    finally:
+        sys.stdout.flush()
+        os.dup2(own, 1)
+        os.close(own)
+
+
+def _listening(settings: ServeSettings) -> tuple[socket.socket, str]:
+    """Return a listening socket and its address as a client gives it."""
+    if settings.socket is None:
+        place = settings.host, settings.port
+        version = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+        listener = socket.create_server(place, family=version)
+        return listener, f"tcp:{settings.host}:{listener.getsockname()[1]}"
+    path = str(settings.socket)
+    if settings.socket.is_socket():
+        with socket.socket(socket.AF_UNIX) as other:
+            if other.connect_ex(path) == 0:
+                raise ValueError(f"another server listens on {path}")
+        settings.socket.unlink()  # of a server that was killed
+    listener = socket.socket(socket.AF_UNIX)
+    before = os.umask(0o177)
+    try:
+        listener.bind(path)
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        raise OSError(f"cannot listen on {path}: {error.strerror}") from error
+    finally:
+        os.umask(before)
+    return listener, f"unix:{path}"

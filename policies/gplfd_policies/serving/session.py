@@ -1,0 +1,301 @@
+"""State of a served agent: which message is an observation, and what is commanded.
+
+No input or output happens here, and time comes as an argument, so that every fault can
+be tested without waiting. docs/serving.md defines the states.
+"""
+
+import math
+from typing import Any, Final
+
+import numpy as np
+
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_policies.agents.agent import Agent
+from gplfd_policies.control.steps import STEP_SHAPES, AgentStep
+from gplfd_policies.control.stiffness import VirtualDynamics
+from gplfd_policies.demonstrations.npz import FRAME
+from gplfd_policies.serving.limits import astray, exceeded, limited
+from gplfd_policies.serving.protocol import (
+    UNITS,
+    VERSION,
+    Observed,
+    ProtocolError,
+    numbers,
+    observed,
+)
+from gplfd_policies.serving.settings import (
+    LIMITS,
+    ServeSettings,
+    State,
+)
+
+Message = dict[str, Any]
+
+HEARTBEAT: Final = 0.25
+"""Longest silence of the server while somebody is connected [s]."""
+
+_DRIFT: Final = 1e-3
+"""Greatest difference in speed of the two clocks [s/s]."""
+
+_BURST: Final = 1.5
+"""Periods by which an observation may come before its time: the robot's jitter."""
+
+
+class Session:
+    """One connection after another of one agent.
+
+    Args:
+        agent: Acts once per control period of the robot's clock.
+        settings: Watchdog and limits.
+        address: Where clients come from, for the greeting.
+    """
+
+    def __init__(self, agent: Agent, settings: ServeSettings, address: str) -> None:
+        self._agent, self._settings = agent, settings
+        self._dynamics: VirtualDynamics | None = getattr(
+            getattr(agent, "config", None), "dynamics", None
+        )
+        self._softest = np.repeat(settings.least_stiffness, 3)
+        given = settings.described()
+        self.greeting: Message = {
+            "type": "hello",
+            "protocol": VERSION,
+            "control": agent.control,
+            "period": CONTROL_PERIOD,
+            "source": settings.source,
+            "frame": FRAME,
+            "units": UNITS,
+            "limits": {name: given[name] for name in LIMITS},
+            "watchdog": {
+                name: given[name]
+                for name in ("hold_after", "stop_after", "soften_time")
+            },
+            "heartbeat": HEARTBEAT,
+            "address": address,
+            "beyond_loopback": settings.beyond_loopback,
+        }
+        self.connect(0.0)
+
+    def connect(self, now: float) -> None:
+        """Begin with a client that has said nothing yet; also ends the last session."""
+        self.state: State = "idle"
+        self.reason = ""
+        self.greeted = self.closed = self._explain = False
+        self._spoke = now  # when something was sent last
+
+    @property
+    def due(self) -> float:
+        """When `tick` has something to say, unless a message comes before [s]."""
+        if self._commands_by_itself:
+            return self._spoke + CONTROL_PERIOD
+        beat = self._spoke + HEARTBEAT if self.greeted else math.inf
+        if self.state == "active":
+            beat = min(beat, self._heard + self._settings.hold_after)
+        return beat
+
+    @property
+    def _commands_by_itself(self) -> bool:
+        return self.state == "holding" or (self.state == "stopped" and not self._soft)
+
+    def receive(self, message: Message, now: float) -> list[Message]:
+        """Return the replies to a decoded message that came now [s]."""
+        replies = self.tick(now)  # it may have come too late
+        try:
+            replies.append(self._reply(message, now))
+        except ProtocolError as error:
+            replies.append(error.reply)
+        self._spoke = now
+        return replies
+
+    def tick(self, now: float) -> list[Message]:
+        """Return what the server says by itself now [s]: holding, softening, alive."""
+        settings = self._settings
+        if self.state in ("active", "holding"):
+            silent = now - self._heard
+            if silent >= settings.stop_after:
+                self._stop("no valid observation", now)
+            elif silent >= settings.hold_after:
+                self.state, self.reason = "holding", "no valid observation"
+        if now < self.due:
+            return []
+        self._spoke = now
+        if self._commands_by_itself:
+            return [self._command(now, unsolicited=True)]
+        return [self._heartbeat()]
+
+    def _reply(self, message: Message, now: float) -> Message:
+        kind = message["type"]
+        if kind == "hello":
+            if message.get("protocol") != VERSION:
+                self.closed = True
+                raise ProtocolError(
+                    "version",
+                    f"this server speaks protocol {VERSION}, the client "
+                    f"{message.get('protocol')!r:.40}; update the older of the two",
+                )
+            self.greeted, self._explain = True, message.get("explain") is True
+            return self.greeting
+        if kind == "bye":
+            self.connect(now)
+            self.closed = True
+            return {"type": "bye", "reason": "as the client said"}
+        if not self.greeted:
+            text = f"{kind!r:.40} before hello: send hello with protocol {VERSION}"
+            raise ProtocolError("state", text)
+        if kind == "heartbeat":
+            return self._heartbeat()
+        if kind == "reset":
+            return self._reset(observed(message), now)
+        if kind not in ("observe", "stop"):
+            known = "hello, reset, observe, heartbeat, stop, bye"
+            raise ProtocolError("type", f"unknown type {kind!r:.40}; known: {known}")
+        if self.state == "idle":
+            raise ProtocolError("state", f"{kind} before reset: send reset first")
+        if kind == "stop":
+            self._stop("the client said stop", now)
+            return self._command(now)
+        return self._observe(observed(message), now)
+
+    def _heartbeat(self) -> Message:
+        return {"type": "heartbeat", "state": self.state, "reason": self.reason}
+
+    def _reset(self, seen: Observed, now: float) -> Message:
+        pose, wrench = seen.values["ee_pose"], seen.values["wrench"]
+        if problem := exceeded(self._settings, pose, wrench):
+            raise ProtocolError("limit", f"no reset: {problem}", seen.seq)
+        try:
+            self._agent.reset(seen.values)
+        except Exception as error:  # whatever a user's agent raises
+            self.state, self.reason = "idle", _failure(error)
+            raise ProtocolError("agent", self.reason, seen.seq) from error
+        self.state, self.reason = "active", ""
+        self._soft, self._heard = False, now
+        self._seq, self._offset, self._offset_at = seen.seq, now - seen.time, now
+        # The first observation may be that of the reset.
+        self._time = math.nextafter(seen.time, -math.inf)
+        self._next = seen.time - _BURST * CONTROL_PERIOD
+        self._fault_since = self._astray_since = math.inf
+        self._pose = pose
+        stiffness = self._softest if self._agent.control == "impedance" else np.nan
+        self._stiffness = np.full(6, stiffness)
+        self._decided: Message = {}
+        return {"type": "ready", "seq": seen.seq, "state": self.state}
+
+    def _observe(self, seen: Observed, now: float) -> Message:
+        missed = self._check_order(seen, now)
+        self._heard = now
+        fault = self._fault(seen) if self.state != "stopped" else ""
+        if self.state == "stopped":
+            reply = self._command(now)
+        elif fault:
+            self._fault_since = min(self._fault_since, seen.time)
+            if seen.time - self._fault_since >= self._settings.stop_after:
+                self._stop(fault, now)
+            else:
+                self.state, self.reason = "holding", fault
+            reply = self._command(now)
+        else:
+            self._fault_since = math.inf
+            self.state, self.reason = "active", ""
+            try:
+                step = self._agent.act(seen.values)
+                finite = np.isfinite(step.command(self._agent.control)).all()
+                problem = "" if finite else "the agent's command is not finite"
+            except Exception as error:  # whatever a user's agent raises
+                problem = _failure(error)
+            if problem:
+                self._stop(problem, now)
+                reply = self._command(now)
+            else:
+                reply = self._command(now, step)
+        return {**reply, "missed": missed} if missed else reply
+
+    def _check_order(self, seen: Observed, now: float) -> int:
+        """Raise unless an observation is the next; return how many were lost before.
+
+        An observation is late if it took `hold_after` longer than the fastest one,
+        whose delay is forgotten as fast as the clocks may drift.
+        """
+        if seen.seq <= self._seq or seen.time <= self._time:
+            code = "duplicate" if seen.seq == self._seq else "order"
+            text = (
+                f"seq {seen.seq} at {seen.time} s does not follow seq {self._seq} at "
+                f"{self._time} s"
+            )
+            raise ProtocolError(code, text, seen.seq)
+        drift = _DRIFT * (now - self._offset_at)
+        self._offset = min(self._offset + drift, now - seen.time)
+        self._offset_at = now
+        delay = now - seen.time - self._offset
+        if delay > self._settings.hold_after:
+            text = f"seq {seen.seq} is {delay:.3f} s older than others were"
+            raise ProtocolError("late", text, seen.seq)
+        if seen.time < self._next:
+            text = f"seq {seen.seq} comes before its time: one per {CONTROL_PERIOD} s"
+            raise ProtocolError("early", text, seen.seq)
+        earliest = seen.time - _BURST * CONTROL_PERIOD
+        self._next = max(self._next, earliest) + CONTROL_PERIOD
+        missed = seen.seq - self._seq - 1
+        self._seq, self._time = seen.seq, seen.time
+        return missed
+
+    def _fault(self, seen: Observed) -> str:
+        """Return why the robot must not move on, or ""."""
+        pose, away = seen.values["ee_pose"], 0.0
+        if astray(self._settings, pose, self._pose):
+            self._astray_since = min(self._astray_since, seen.time)
+            away = seen.time - self._astray_since
+        else:
+            self._astray_since = math.inf
+        if problem := exceeded(self._settings, pose, seen.values["wrench"]):
+            return problem
+        lost = self._astray_since < math.inf and away >= self._settings.follow_time
+        return "the robot does not follow" if lost else ""
+
+    def _stop(self, reason: str, now: float) -> None:
+        if self.state != "stopped":
+            self.state, self.reason = "stopped", reason
+            self._stopped_at, self._stiffness_then = now, self._stiffness
+
+    def _command(
+        self, now: float, step: AgentStep | None = None, *, unsolicited: bool = False
+    ) -> Message:
+        """Return the command of a step, or the last pose; all pass the limits here."""
+        pose, stiffness = self._pose, self._stiffness
+        if step is not None:
+            pose, stiffness = step.action, step.stiffness
+            self._decided = {"frame": numbers(step.frame), "phase": numbers(step.phase)}
+            width = getattr(self._agent, "gripper_width", None)
+            if width is not None:
+                self._decided["gripper_width"] = float(width)
+        elif self.state == "stopped":
+            share = min((now - self._stopped_at) / self._settings.soften_time, 1.0)
+            fall = np.minimum(self._softest - self._stiffness_then, 0.0)
+            stiffness = self._stiffness_then + share * fall
+            self._soft = share == 1.0
+        self._pose, self._stiffness, acted = limited(
+            self._settings, pose, stiffness, self._pose
+        )
+        known = np.isfinite(self._stiffness).all()
+        command = {
+            "type": "command",
+            "seq": self._seq,
+            "state": self.state,
+            "reason": self.reason,
+            "pose": numbers(self._pose),
+            "stiffness": numbers(self._stiffness) if known else None,
+            **self._decided,
+        }
+        if known and self._dynamics is not None:
+            command["damping"] = numbers(self._dynamics.damping(self._stiffness))
+        if acted:
+            command["limited"] = list(acted)
+        if unsolicited:
+            command["unsolicited"] = True
+        if step is not None and self._explain:
+            command["step"] = {n: numbers(getattr(step, n)) for n in STEP_SHAPES}
+        return command
+
+
+def _failure(error: Exception) -> str:
+    return f"the agent failed with {type(error).__name__}: {error}"

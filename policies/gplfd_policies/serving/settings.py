@@ -1,0 +1,148 @@
+"""Settings of a served agent: what acts, where it listens, and the operator's limits.
+
+Two command lines are made of this record: that of `gplfd serve` and that of
+``python -m gplfd_policies.serving``. Each option has its help and range in its field.
+"""
+
+import dataclasses
+import ipaddress
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+Pair = tuple[float, float]
+Box = tuple[float, float, float, float, float, float]
+
+
+def _option(default: Any, text: str, **allowed: Any) -> Any:
+    """Declare an option with its help, and of a number what is `low` or `above`."""
+    return dataclasses.field(default=default, metadata={**allowed, "help": text})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ServeSettings:
+    """What is served, where, and within which limits; checked when it is made.
+
+    Raises:
+        ValueError: A number is out of range, two addresses, an address beyond this
+            machine without `beyond_loopback`, or limits that contradict each other.
+    """
+
+    source: str = dataclasses.field(
+        metadata={"help": "Skill file (.npz of `gplfd learn`), or name of a policy."}
+    )
+    policy: str = _option("gp", "Of a skill file: the policy whose agent follows it.")
+    demonstrations: Path | None = _option(
+        None, "Of a policy that learns: .npz file of the demonstrations."
+    )
+    start: Literal["grasped", "approach"] = _option(
+        "grasped",
+        "What an episode begins with: the handle in the hand, or the open hand before "
+        "it (demonstrations must then have the signal 'grasped').",
+    )
+    seed: int = _option(0, "Seeds whatever is random in the learning.", low=0)
+    socket: Path | None = _option(
+        None, "Listen on this Unix socket, mode 0600, instead of standard input."
+    )
+    port: int | None = _option(
+        None, "Listen on this TCP port instead; 0 for any free one."
+    )
+    host: str = _option("127.0.0.1", "Address of the TCP port.")
+    beyond_loopback: bool = _option(
+        False,
+        "Allow a --host that other machines reach. There is no encryption and no "
+        "password: whoever reaches the port commands the robot.",
+    )
+    journal: Path | None = _option(None, "Append all messages to this file.")
+    hold_after: float = _option(
+        0.05, "Hold after this time without a valid observation [s].", low=0.02
+    )
+    stop_after: float = _option(
+        0.5, "Soften and stop after this time of holding [s].", low=0.02
+    )
+    soften_time: float = _option(0.5, "Duration of softening [s].", above=0.0)
+    workspace: Box = _option(
+        (-2.0, -2.0, -2.0, 2.0, 2.0, 2.0),
+        "Least x y z and greatest x y z of the hand in the task frame [m].",
+    )
+    linear_speed: float = _option(2.0, "Greatest speed [m/s].", above=0.0)
+    angular_speed: float = _option(10.0, "Greatest speed [rad/s].", above=0.0)
+    force: float = _option(200.0, "Greatest measured force [N].", above=0.0)
+    moment: float = _option(50.0, "Greatest measured moment [N m].", above=0.0)
+    least_stiffness: Pair = _option(
+        (100.0, 10.0), "Least stiffness, to which a stop softens [N/m, N m/rad]."
+    )
+    greatest_stiffness: Pair = _option(
+        (2000.0, 500.0), "Greatest stiffness [N/m, N m/rad]."
+    )
+    follow_distance: float = _option(
+        0.5, "Greatest distance of the hand from its command [m].", above=0.0
+    )
+    follow_angle: float = _option(
+        1.5, "Greatest rotation between hand and command [rad].", above=0.0
+    )
+    follow_time: float = _option(
+        0.2, "How long the hand may be farther away [s].", low=0.0
+    )
+
+    def __post_init__(self) -> None:
+        # Not by `gplfd_env.validation`: NumPy would make every --help slow.
+        for field in dataclasses.fields(self):
+            value, allowed = getattr(self, field.name), field.metadata
+            low, above = allowed.get("low"), allowed.get("above")
+            small = (low is not None and not value >= low) or (
+                above is not None and not value > above
+            )
+            if small or value in (math.inf, -math.inf):
+                least = f"{low} or more" if above is None else f"greater than {above}"
+                flag = field.name.replace("_", "-")
+                raise ValueError(f"--{flag} {value} must be finite and {least}")
+        if self.start not in ("grasped", "approach"):
+            raise ValueError(f"--start {self.start} must be grasped or approach")
+        for low, high in zip(self.workspace[:3], self.workspace[3:], strict=True):
+            if not low < high:
+                raise ValueError(
+                    f"--workspace {self.workspace} must be least x y z and then "
+                    "greatest x y z [m], each least below its greatest"
+                )
+        ends = zip(self.least_stiffness, self.greatest_stiffness, strict=True)
+        if not all(0.0 < low <= high < math.inf for low, high in ends):
+            raise ValueError(
+                f"--least-stiffness {self.least_stiffness} must be positive and not "
+                f"above --greatest-stiffness {self.greatest_stiffness}, which is finite"
+            )
+        if self.stop_after < self.hold_after:
+            raise ValueError(
+                f"--stop-after {self.stop_after} must not be less than --hold-after "
+                f"{self.hold_after} [s]"
+            )
+        if self.socket is not None and self.port is not None:
+            raise ValueError("give --socket or --port, not both")
+        if self.port is not None and not 0 <= self.port < 65536:
+            raise ValueError(f"--port {self.port} must be from 0 to 65535")
+        if not (self.beyond_loopback or ipaddress.ip_address(self.host).is_loopback):
+            raise ValueError(
+                f"--host {self.host} can be reached from other machines, without "
+                "password or encryption; if that is what you want, add "
+                "--beyond-loopback"
+            )
+
+    def described(self) -> dict[str, Any]:
+        """Return all settings as JSON-able values."""
+        given = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
+        return {n: str(v) if isinstance(v, Path) else v for n, v in given.items()}
+
+
+LIMITS: Final = (
+    *("workspace", "linear_speed", "angular_speed", "force", "moment"),
+    *("least_stiffness", "greatest_stiffness"),
+    *("follow_distance", "follow_angle", "follow_time"),
+)
+"""Fields that limit what a robot does."""
+
+WATCHDOG: Final = ("hold_after", "stop_after", "soften_time")
+"""Fields that say what follows on silence."""
+
+State = Literal["idle", "active", "holding", "stopped"]
+"""Of a session; docs/serving.md says what leads from one to another."""

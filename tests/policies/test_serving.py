@@ -1,0 +1,483 @@
+"""A served agent: messages, states after every fault, limits, transports, journal.
+
+Sessions have a clock of their own here, which only `Robot` moves on.
+"""
+
+import json
+import math
+import os
+import random
+import socket
+import stat
+import sys
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gplfd_env.spatial.se3 import rotation_distance
+from gplfd_policies.agents.agent import as_agent
+from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.serving.__main__ import main
+from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
+from gplfd_policies.serving.journal import Journal, read_journal
+from gplfd_policies.serving.limits import limited
+from gplfd_policies.serving.link import Link
+from gplfd_policies.serving.protocol import array, decode, encode, numbers
+from gplfd_policies.serving.server import Server, _listening, handle
+from gplfd_policies.serving.session import Session
+from gplfd_policies.serving.settings import ServeSettings
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
+PERIOD = 0.01
+SETTINGS = ServeSettings(source="puller")
+
+
+class Puller:
+    """Pulls on by a millimetre at every decision."""
+
+    def __init__(self):
+        self.decisions = 0
+
+    def reset(self, observation):
+        self.decisions = 0
+
+    def act(self, observation):
+        self.decisions += 1
+        action = np.array([-1e-3 * self.decisions, 0, 0, 0, 0, 0])
+        return AgentStep(action=action, stiffness=np.repeat([400.0, 40.0], 3))
+
+
+class Robot:
+    """A client that follows perfectly, and the wire between it and a session."""
+
+    def __init__(self, agent=None, **settings):
+        self.agent = Puller() if agent is None else agent
+        chosen = replace(SETTINGS, **settings)
+        self.session = Session(as_agent(self.agent), chosen, "here")
+        self.now = self.time = 0.0
+        self.seq, self.pose, self.force = 0, [0.0] * 6, 0.0
+        self.say({"type": "hello", "protocol": 1})
+        (ready,) = self.say(self.message("reset"))
+        assert ready == {"type": "ready", "seq": 0, "state": "active"}
+
+    def message(self, kind="observe", **changes):
+        wrench = [self.force, 0, 0, 0, 0, 0]
+        own = {"seq": self.seq, "time": self.time, "ee_pose": self.pose}
+        return {"type": kind, **own, "wrench": wrench, **changes}
+
+    def say(self, message):
+        line = message if isinstance(message, bytes) else encode(message)
+        return handle(self.session, line, self.now)[1]
+
+    def pass_on(self, duration):
+        self.now += duration
+        self.time += duration
+        self.seq += 1
+
+    def step(self, follow=True, **changes):
+        """Let a period pass and return the reply to the next observation."""
+        self.pass_on(PERIOD)
+        *_, reply = self.say(self.message(**changes))
+        if follow and reply["type"] == "command":
+            self.pose = reply["pose"]
+        return reply
+
+    def wait(self, duration):
+        """Let time pass in silence and return what the server says by itself."""
+        said, until = [], self.now + duration
+        while (due := max(self.session.due, self.now)) <= until:
+            assert due > self.now or not said, "it says everything at once"
+            self.now = due
+            said += self.session.tick(due)
+        self.now = until
+        return said
+
+
+def test_numbers_survive_bit_for_bit():
+    rng = np.random.default_rng(0)
+    bits = rng.integers(0, 2**63, 2000, dtype=np.uint64) << np.uint64(1)
+    values = np.append(bits.view(np.float64), [5e-324, -0.0, math.nan, math.inf])
+    back = array(decode(encode({"type": "x", "v": numbers(values)}))["v"])
+    known = ~np.isnan(values)
+    assert np.array_equal(back[known].view(np.int64), values[known].view(np.int64))
+    assert np.isnan(back[~known]).all()
+
+
+@given(
+    st.lists(st.floats(-5, 5), min_size=12, max_size=12),
+    st.lists(st.floats(1, 1e4), min_size=6, max_size=6),
+)
+def test_no_command_leaves_the_limits(poses, stiffness):
+    pose, last = np.array(poses[:6]), np.clip(poses[6:], -2, 2)
+    found = limited(SETTINGS, pose, np.array(stiffness), last)
+    slack = 1 + 1e-9
+    assert np.abs(found.pose[:3]).max() <= 2.0 * slack
+    shift = np.linalg.norm(found.pose[:3] - last[:3])
+    assert shift <= SETTINGS.linear_speed * PERIOD * slack
+    turn = rotation_distance(found.pose[3:], last[3:])
+    assert turn <= SETTINGS.angular_speed * PERIOD * slack
+    low, high = SETTINGS.least_stiffness, SETTINGS.greatest_stiffness
+    assert (np.repeat(low, 3) <= found.stiffness).all()
+    assert (found.stiffness <= np.repeat(high, 3)).all()
+    again = limited(SETTINGS, found.pose, found.stiffness, found.pose)
+    assert again.acted == ()
+    assert again.pose is found.pose
+
+
+def test_a_limit_that_acts_is_told_and_shortens_the_way():
+    robot = Robot(linear_speed=0.05, greatest_stiffness=(300.0, 40.0))
+    reply = robot.step()
+    assert reply["limited"] == ["linear_speed", "stiffness"]
+    assert reply["pose"] == [-0.05 * PERIOD, 0, 0, 0, 0, 0]
+    assert reply["stiffness"] == [300.0] * 3 + [40.0] * 3
+    assert "limited" not in Robot().step()
+
+
+def test_silence_holds_then_softens_and_only_a_reset_moves_again():
+    robot = Robot()
+    pose = robot.step()["pose"]
+    assert robot.wait(0.049) == []
+    said = robot.wait(0.002)
+    assert [one["state"] for one in said] == ["holding"]
+    assert (said[0]["pose"], said[0]["stiffness"][0]) == (pose, 400.0)
+    assert said[0]["unsolicited"]
+    held = robot.wait(0.448)
+    assert len(held) == 44, "one per period"
+    soft = robot.wait(0.9)
+    assert {tuple(one["pose"]) for one in soft if "pose" in one} == {tuple(pose)}
+    falling = [one["stiffness"] for one in soft if "pose" in one]
+    assert np.all(np.diff(falling, axis=0) <= 0)
+    assert falling[-1] == [100.0] * 3 + [10.0] * 3
+    assert (soft[-1]["type"], soft[-1]["state"]) == ("heartbeat", "stopped")
+    robot.time = robot.now
+    decisions = robot.agent.decisions
+    assert (robot.step()["state"], robot.agent.decisions) == ("stopped", decisions)
+    robot.say(robot.message("reset"))
+    assert robot.step()["state"] == "active"
+
+
+def test_an_observation_in_time_ends_holding():
+    robot = Robot()
+    robot.step()
+    robot.wait(0.1)
+    robot.time = robot.now
+    reply = robot.step()
+    assert (reply["state"], reply["pose"][0]) == ("active", -2e-3)
+
+
+def test_jitter_changes_no_command():
+    rng, robot, calm = random.Random(0), Robot(), Robot()
+    for _ in range(200):
+        calm.step()
+        robot.seq, robot.time = robot.seq + 1, robot.time + PERIOD
+        robot.now = max(robot.now, robot.time + rng.uniform(0.0, 0.04))
+        *_, reply = robot.say(robot.message())
+        robot.pose = reply["pose"]
+        assert reply["state"] == "active"
+    assert robot.pose == calm.pose
+
+
+def test_a_dropped_message_is_counted_and_the_agent_does_not_hurry():
+    robot = Robot()
+    robot.step()
+    robot.now, robot.time, robot.seq = 0.04, 0.04, 4
+    reply = robot.step()
+    assert (reply["missed"], reply["state"], reply["pose"][0]) == (3, "active", -2e-3)
+
+
+def test_late_messages_count_as_none():
+    robot = Robot()
+    robot.step()
+    robot.now += 0.2
+    for _ in range(60):
+        reply = robot.step()
+        assert (reply["type"], reply["code"]) == ("error", "late")
+    assert (robot.session.state, robot.agent.decisions) == ("stopped", 1)
+
+
+def test_observations_faster_than_the_period_do_not_speed_the_agent_up():
+    robot = Robot()
+    for _ in range(100):
+        robot.pass_on(0.001)
+        robot.say(robot.message())
+    assert robot.agent.decisions <= 12
+
+
+WRONG = {
+    "duplicate": ("duplicate", {"seq": 1, "time": 9.0}),
+    "order": ("order", {"seq": 0, "time": 9.0}),
+    "clock that goes back": ("order", {"seq": 9, "time": 0.0}),
+    "seq": ("field", {"seq": -1}),
+    "boolean": ("field", {"seq": True}),
+    "short": ("field", {"ee_pose": [0.0] * 5}),
+    "text": ("field", {"wrench": ["0"] * 6}),
+    "nested": ("field", {"other": [[0.0]]}),
+    "empty": ("field", {"other": []}),
+    "absent": ("field", {"wrench": None}),
+    "far": ("range", {"ee_pose": [11.0] + [0.0] * 5}),
+    "huge": ("range", {"wrench": [10**400] + [0.0] * 5}),
+    "type": ("type", {"type": "move"}),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_observation_is_named_and_moves_nothing(name):
+    code, changes = WRONG[name]
+    robot = Robot()
+    pose = robot.step()["pose"]
+    (error,) = robot.say(robot.message(**{"seq": 2, "time": 0.02, **changes}))
+    assert (error["type"], error["code"]) == ("error", code)
+    assert robot.agent.decisions == 1
+    assert robot.wait(0.06)[0]["pose"] == pose
+    assert robot.session.state == "holding"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        *(b"\xff", b"", b"[]", b"{}", b'{"type":"observe","time":NaN}', b"[" * 9999),
+        *(b'{"type":"stop","type":"bye"}', b'{"type":1e999}', b"1" * 9999),
+    ],
+)
+def test_a_malformed_line_is_named_and_moves_nothing(line):
+    robot = Robot()
+    (error,) = robot.say(line)
+    assert (error["type"], error["code"]) == ("error", "malformed")
+    assert (robot.agent.decisions, robot.session.state) == (0, "active")
+
+
+def test_a_wrong_version_is_refused():
+    session = Session(as_agent(Puller()), SETTINGS, "here")
+    (early,) = session.receive({"type": "reset"}, 0.0)
+    assert early["code"] == "state"
+    (error,) = session.receive({"type": "hello", "protocol": 2}, 0.0)
+    assert (error["code"], session.closed) == ("version", True)
+    assert "protocol 1" in error["message"]
+
+
+FAULTS = {
+    "measured force beyond its limit": {"force": 250.0},
+    "hand outside the workspace": {"pose": [3.0, 0, 0, 0, 0, 0]},
+    "the robot does not follow": {"pose": [0.6, 0, 0, 0, 0, 0]},
+}
+
+
+@pytest.mark.parametrize("reason", FAULTS)
+def test_a_fault_of_the_robot_holds_then_stops_with_the_reason(reason):
+    """One that ends before `stop_after` lets it go on."""
+    robot = Robot()
+    before = robot.step()["pose"]
+    vars(robot).update(FAULTS[reason])
+    patience = 20 if "follow" in reason else 0
+    for _ in range(patience):
+        assert robot.step(follow=False)["state"] == "active"
+    held = robot.step(follow=False)
+    decisions = robot.agent.decisions
+    assert (held["state"], held["reason"]) == ("holding", reason)
+    assert held["pose"][0] == -1e-3 * decisions <= before[0]
+    robot.pose, robot.force = held["pose"], 0.0
+    assert robot.step()["state"] == "active"
+    vars(robot).update(FAULTS[reason])
+    for _ in range(patience):
+        robot.step(follow=False)
+    states = [robot.step(follow=False) for _ in range(52)]
+    assert {one["state"] for one in states[:49]} == {"holding"}
+    assert (states[-1]["state"], states[-1]["reason"]) == ("stopped", reason)
+    soft = robot.wait(0.6)
+    assert {tuple(one["pose"]) for one in states + soft if "pose" in one} == {
+        tuple(states[0]["pose"])
+    }
+    assert [one for one in soft if "pose" in one][-1]["stiffness"][0] == 100.0
+
+
+@pytest.mark.parametrize("act", [lambda _: 1 / 0, lambda _: [math.nan] * 6])
+def test_an_agent_that_fails_stops(act):
+    agent = Puller()
+    robot = Robot(agent)
+    pose = robot.step()["pose"]
+    agent.act = act
+    reply = robot.step()
+    assert (reply["state"], reply["pose"]) == ("stopped", pose)
+    assert "the agent failed with" in reply["reason"]
+
+
+def test_a_thousand_fuzzed_messages_neither_crash_nor_move():
+    rng, robot = random.Random(0), Robot()
+    robot.step()
+    values = [None, True, -1, 0, 2**60, 1e308, "x", [], {}, [None] * 6, [1e9] * 6]
+    for _ in range(1000):
+        message = robot.message(seq=robot.seq + 1, time=robot.time + PERIOD)
+        name = rng.choice(list(message))
+        if rng.random() < 0.5:
+            message[name] = rng.choice(values)
+        else:
+            del message[name]
+        line = bytearray(encode(message))
+        if rng.random() < 0.5:
+            for _ in range(rng.randint(1, 5)):
+                line[rng.randrange(len(line))] = rng.randrange(256)
+        robot.now += rng.uniform(0.0, 0.02)
+        before, count = robot.session._pose.tolist(), robot.agent.decisions
+        replies = robot.say(bytes(line))
+        if robot.agent.decisions == count:
+            held = [one["pose"] for one in replies if one["type"] == "command"]
+            assert all(pose == before for pose in held)
+        else:
+            robot.seq, robot.time = robot.session._seq, robot.session._time
+        if rng.random() < 0.2:
+            robot.say({"type": "hello", "protocol": 1})
+            robot.say(robot.message("reset", seq=0, time=robot.now))
+            robot.seq, robot.time = 0, robot.now
+            robot.pose = robot.session._pose.tolist()
+
+
+@pytest.fixture
+def served(tmp_path):
+    """Return a server on a Unix socket whose clock stands still, and its journal."""
+    settings = replace(SETTINGS, socket=tmp_path / "s", journal=tmp_path / "j.jsonl")
+    listener, address = _listening(settings)
+    session = Session(as_agent(Puller()), settings, address)
+    journal = Journal(settings.journal, {})
+    with listener:
+        server = Server(session, journal, listener, clock=lambda: 0.0)
+        yield server, session, settings
+        server._leave("the test ends")
+    journal.close()
+
+
+def connected(settings):
+    client = socket.socket(socket.AF_UNIX)
+    client.connect(str(settings.socket))
+    return client
+
+
+def test_a_killed_client_ends_its_session_and_makes_room(served):
+    server, session, settings = served
+    assert stat.S_IMODE(settings.socket.stat().st_mode) == 0o600
+    robot = Robot()
+    first = connected(settings)
+    assert server.step()
+    second = connected(settings)
+    hello = encode({"type": "hello", "protocol": 1})
+    first.sendall(hello + encode(robot.message("reset")) + b'{"type":"ob')
+    assert server.step()
+    with second:
+        assert json.loads(second.recv(999))["code"] == "busy"
+    assert session.state == "active"
+    first.close()
+    while session.state != "idle":
+        assert server.step()
+    with connected(settings) as third:
+        server.step()
+        third.sendall(hello + encode(robot.message(seq=1)))
+        server.step()
+        assert b'"code":"state"' in third.recv(9999)
+    last = [line.get("in") for line in read_journal(settings.journal)]
+    assert "the client has gone; the session was active" in last
+
+
+def test_another_server_s_socket_is_left_and_a_dead_one_s_replaced(served):
+    _, _, settings = served
+    with pytest.raises(ValueError, match="another server listens on"):
+        _listening(settings)
+    dead = replace(settings, socket=settings.socket.with_name("dead"))
+    _listening(dead)[0].close()
+    _listening(dead)[0].close()
+
+
+def test_a_killed_server_is_an_error_of_the_client(tmp_path):
+    hello = {"type": "hello", "control": "pose"}
+    gone = "print(input() and {!r}, flush=True)"
+    command = [sys.executable, "-S", "-c", gone.format(json.dumps(hello))]
+    agent = RemoteAgent(command)
+    with pytest.raises(ServerLostError, match="closed the connection; hold"):
+        agent.reset({"time": np.zeros(1), "ee_pose": np.zeros(6)})
+    agent.close()
+    with pytest.raises(ServerLostError, match="nobody serves on unix:"):
+        RemoteAgent(f"unix:{tmp_path / 'nothing'}")
+    error = {"type": "error", "code": "busy", "message": "another"}
+    refused = [sys.executable, "-S", "-c", gone.format(json.dumps(error))]
+    with pytest.raises(RefusedError, match="busy: another"):
+        RemoteAgent(refused)
+
+
+def test_a_link_keeps_parts_of_lines_and_refuses_endless_ones():
+    near, far = socket.socketpair()
+    with near, far:
+        link = Link(near.fileno(), near.fileno())
+        far.sendall(b"a\nb")
+        assert link.lines() == [b"a"]
+        far.sendall(b"c\n")
+        assert link.lines() == [b"bc"]
+        for _ in range(40):
+            link.send(bytes(2**16))
+        assert link.closed, "a peer that does not read"
+        link.closed = False
+        for _ in range(3):
+            far.sendall(b"x" * 40000)
+            link.lines()
+        assert link.closed, "a line without end"
+
+
+def test_a_journal_loses_no_more_than_its_last_line(tmp_path):
+    file = tmp_path / "journal"
+    for _ in range(2):
+        journal = Journal(file, {"settings": {}})
+        journal.write(0.1, {"type": "observe"}, [{"type": "command"}], 1e-3)
+        journal.close()
+        with open(file, "ab") as cut:
+            cut.write(b'{"at":0.2,"in"')
+    lines = read_journal(file)
+    assert [one.get("at") for one in lines] == [None, 0.1, None, 0.1]
+    content = file.read_bytes()
+    file.write_bytes(content.replace(b'"took"', b"took", 1))
+    with pytest.raises(ValueError, match="line 2 is damaged"):
+        read_journal(file)
+    (tmp_path / "other").write_text("{}\n")
+    with pytest.raises(ValueError, match="is not a journal"):
+        read_journal(tmp_path / "other")
+
+
+def test_the_loop_keeps_no_memory():
+    robot = Robot()
+    tracemalloc.start()
+    for count in (300, 400):  # the first fill Python's own free lists
+        before = tracemalloc.get_traced_memory()[0]
+        for _ in range(count):
+            robot.step()
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < 4000, "ten bytes a step"
+
+
+BAD = {
+    "x.npz": "x.npz",
+    "gp": "give --demonstrations FILE.npz",
+    "gpp": "did you mean 'gp'",
+    "reflex --host 0.0.0.0 --port 0": "add --beyond-loopback",
+    "reflex --port 70000": "from 0 to 65535",
+    "reflex --port 1 --socket s": "not both",
+    "reflex --force nan": "--force nan must be finite and greater than 0.0",
+    "reflex --stop-after 0.03": "must not be less than --hold-after",
+    "reflex --workspace 0 0 0 1 1 0": "each least below its greatest",
+    "reflex --least-stiffness 9 900": "not above --greatest-stiffness",
+    "reflex --start approach": "cannot reach by itself",
+    "reflex --socket no/folder": "No such file",
+}
+
+
+@pytest.mark.parametrize("arguments", BAD)
+def test_bad_arguments_end_with_status_2(arguments, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    try:
+        status = main(arguments.split())
+    except SystemExit as error:
+        status = error.code
+    assert status == 2
+    assert BAD[arguments] in capfd.readouterr().err
+    assert os.listdir(tmp_path) == []
