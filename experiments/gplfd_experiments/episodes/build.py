@@ -6,10 +6,12 @@ in a user's policy.
 """
 
 import contextlib
+import dataclasses
 import functools
 import json
+import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, Final
 
 import gymnasium as gym
 import numpy as np
@@ -23,7 +25,8 @@ from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.reaching import GRASPED, openings, reaches
 from gplfd_experiments.data.teacher import ForceConfig, Habits, Teacher, TeacherConfig
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.rollout import rollouts
+from gplfd_experiments.episodes.practice import Practice, practised
+from gplfd_experiments.episodes.rollout import rollout, rollouts
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.agents.lockstep import batch_agents
@@ -35,6 +38,10 @@ from gplfd_policies.registry.method import TrainingInput
 from gplfd_policies.registry.module_files import place_in
 from gplfd_policies.registry.policy import Policy
 from gplfd_policies.registry.user_policies import source_files
+
+WATCHED_STEPS: Final = 3000
+"""Control steps of an episode in which somebody may lead the hand: twice as many as
+usual."""
 
 
 def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
@@ -117,14 +124,50 @@ def learned_agents(
             poses=handle_pose_on_arc(task.prior_radius, angles),
         )
     reach = learn_reach(reaches(shown)) if task.start == "approach" else None
-    make = learned(
-        policy,
-        TrainingInput(
-            demonstrations=openings(shown), seed=task.seed, prior_mean=prior_mean
-        ),
+    training = TrainingInput(
+        demonstrations=openings(shown), seed=task.seed, prior_mean=prior_mean
     )
+    if task.practice is None:
+        make = learned(policy, training)
+    else:
+        make = _practised(task, policy, training)
     perception = door_randomization(task.randomization).perception
     return make if reach is None else lambda: ReachingAgent(reach, make(), perception)
+
+
+def _practised(
+    task: EpisodeTask, policy: Policy, training: TrainingInput
+) -> Callable[[], Agent]:
+    """Learn, be corrected at other doors, and return what makes agents."""
+    method, practice = policy.method, Practice(**(task.practice or {}))
+    if method is None:
+        raise ValueError(f"policy {task.policy!r} learns no movement to be corrected")
+
+    def open_led(number: int, door: DoorConfig, agent: Agent) -> EpisodeLog:
+        changed = {"door": f"practice {number}", "door_config": door.as_dict()}
+        one = dataclasses.replace(
+            task, **changed, randomization=practice.randomization, disturbance="none"
+        )
+        return open_watched(one, agent)
+
+    with one_thread:
+        movement = practised(method, training, practice, open_led)
+    return lambda: method.follow(movement)
+
+
+def open_watched(task: EpisodeTask, agent: Agent) -> EpisodeLog:
+    """Open a door once, with time for somebody to correct the agent."""
+    with contextlib.closing(
+        make_environment(task, agent.control, max_episode_steps=WATCHED_STEPS)
+    ) as env:
+        return rollout(
+            env,
+            agent,
+            policy=task.policy,
+            door=task.door,
+            seed=task.reset_seed,
+            forecast_period=math.inf,
+        )
 
 
 def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> gym.Env:

@@ -2,9 +2,10 @@
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
+from gplfd_env.doors.config import DoorConfig
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
@@ -62,10 +63,14 @@ def trial_tasks(
         every = dict.fromkeys(only or competing)
         for policy, title in itertools.product(every, trial.levels):
             level = trial.levels[title]
-            methods = [chosen(one).method for one in only or (policy,)]
+            asked = [chosen(one) for one in only or (policy,)]
+            methods = [one.method for one in asked]
             take_prior_mean = all(one and one.accepts_prior_mean for one in methods)
             if level.prior_radius is not None and not take_prior_mean:
                 continue
+            if level.corrections and not all(one.correctable for one in asked):
+                continue
+            opened = doors[name, title]
             tasks += [
                 episode_task(
                     door,
@@ -81,10 +86,11 @@ def trial_tasks(
                     habits=level.habits,
                     demonstrated_forces=level.demonstrated_forces,
                     prior_radius=level.prior_radius,
+                    practice=_practice(level, opened.values()),
                     trial=name,
                     level=title,
                 )
-                for door, config in doors[name, title].items()
+                for door, config in opened.items()
             ]
     return tuple(tasks)
 
@@ -98,3 +104,15 @@ def _shown(level: Level) -> dict[str, Any]:
     if level.demonstrated_kind is not None:
         fields["demonstrated_kind"] = level.demonstrated_kind
     return fields
+
+
+def _practice(level: Level, doors: Iterable[DoorConfig]) -> dict[str, Any] | None:
+    """Return how a policy practises before a level: at doors like the level's."""
+    if level.corrections == 0:
+        return None
+    return {
+        "corrections": level.corrections,
+        "doors": [door.as_dict() for door in doors],
+        "randomization": level.randomization,
+        "demonstrated": level.corrected_by == "demonstrations",
+    }

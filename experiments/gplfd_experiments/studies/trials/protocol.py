@@ -1,4 +1,4 @@
-"""Protocol v5: the trials, their policies, and how contrasts are decided.
+"""Protocol v6: the trials, their policies, and how contrasts are decided.
 
 Frozen under its version: a change of a door, a draw, a demonstration, a measure or a
 policy that takes part makes another version. The criteria were settled before the
@@ -19,14 +19,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, MESSY, ROOM_RADII
-from gplfd_experiments.studies.trials.records import Contrast, Level, Side, Trial
+from gplfd_experiments.studies.trials.records import (
+    Contrast,
+    Level,
+    Side,
+    Taught,
+    Trial,
+)
 from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.tuning_spaces import tuned_settings
 
-VERSION: Final = 5
+VERSION: Final = 6
 """Of the protocol."""
 
 SEEDS: Final = 20
@@ -127,6 +133,32 @@ _ROOMS: Final = {
     "closer_stiffness": (0.0, 4.0),
 }
 """Of doors of buildings: leaves and closers that were not demonstrated."""
+_FLAPS: Final[Mapping[str, Mapping[str, Any]]] = {
+    "oven": {
+        "hinge_side": "bottom",
+        "panel_mass": 6.5,
+        "hinge_friction": 1.0,
+        "closer_stiffness": 12.0,
+    },
+    "overhead": {
+        "hinge_side": "top",
+        "backset": 0.04,
+        "leaf_thickness": 0.019,
+        "handle_height": 1.15,
+        "panel_mass": 4.5,
+        "strut_stiffness": 8.0,
+    },
+}
+"""Flaps as those of `motions`, of which `gp` opened 8 of 20 in protocol v5."""
+_CORRECTIONS: Final[Mapping[str, tuple[int, Taught]]] = {
+    "0": (0, "corrections"),
+    "1": (1, "corrections"),
+    "3": (3, "corrections"),
+    "5": (5, "corrections"),
+    "1 shown": (1, "demonstrations"),
+    "5 shown": (5, "demonstrations"),
+}
+"""Number of corrections of a level, and what is learned in their time."""
 _felt = partial(Level, demonstrated_forces=True)
 _RADIAL: Final = "force_radial_peak"
 _GENTLE: Final = (_RADIAL, "success")
@@ -177,6 +209,24 @@ def _prior_mean(measure: str, having: str, lacking: str) -> Contrast:
         measure=measure,
         having=Side(policy="gp", level=having),
         lacking=Side(policy="gp", level=lacking),
+    )
+
+
+def _corrected() -> tuple[Contrast, ...]:
+    """Compare levels of `gp` with corrections, without, and with demonstrations."""
+    return tuple(
+        Contrast(
+            idea=idea,
+            measure="success",
+            having=Side(policy="gp", level=f"{kind}, {having}"),
+            lacking=Side(policy="gp", level=f"{kind}, {lacking}"),
+        )
+        for kind in _FLAPS
+        for idea, having, lacking in (
+            ("one correction", "1", "0"),
+            ("five corrections", "5", "0"),
+            ("correction, not demonstration", "1", "1 shown"),
+        )
     )
 
 
@@ -567,6 +617,27 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 ),
             },
             among=_AMONG,
+            seeds=_SEEDS,
+        ),
+        "corrections": Trial(
+            question="A policy practises at flaps, and is corrected up to five times. "
+            "Which other flaps does it open then?",
+            claims=("corrections",),
+            measures=("success", "force_handle_peak"),
+            levels={
+                f"{kind}, {title}": Level(
+                    doors=("0.33", "0.36", "0.39", "0.42"),
+                    door={"motion": "flap", **fields},
+                    demonstrated_radii=None,
+                    randomization={"closer_preload": (3.0, 6.0)},
+                    corrections=number,
+                    corrected_by=by,
+                )
+                for kind, fields in _FLAPS.items()
+                for title, (number, by) in _CORRECTIONS.items()
+            },
+            contrasts=_corrected(),
+            among=("gp", "dmp", "promp", "hinge-fit", "mechanism-fit", "oracle"),
             seeds=_SEEDS,
         ),
         "forces-weight": Trial(
