@@ -23,6 +23,7 @@ from typing import Annotated, Any, Final, Protocol, TextIO, Union
 import docstring_parser
 import tyro
 
+from gplfd_experiments.cli.commands.correct import Correct
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.machine import Catalogue, Doctor, Speed
 from gplfd_experiments.cli.commands.run import Learn, Run, View
@@ -56,6 +57,7 @@ class Command(Protocol):
 COMMANDS: Final[dict[str, type[Command]]] = {
     "run": Run,
     "learn": Learn,
+    "correct": Correct,
     "skill": SkillTests,
     "benchmark": Benchmark,
     "trials": Trials,

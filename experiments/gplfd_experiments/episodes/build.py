@@ -11,7 +11,7 @@ import functools
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Final
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -38,10 +38,6 @@ from gplfd_policies.registry.method import TrainingInput
 from gplfd_policies.registry.module_files import place_in
 from gplfd_policies.registry.policy import Policy
 from gplfd_policies.registry.user_policies import source_files
-
-WATCHED_STEPS: Final = 3000
-"""Control steps of an episode in which somebody may lead the hand: twice as many as
-usual."""
 
 
 def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
@@ -143,31 +139,22 @@ def _practised(
     if method is None:
         raise ValueError(f"policy {task.policy!r} learns no movement to be corrected")
 
-    def open_led(number: int, door: DoorConfig, agent: Agent) -> EpisodeLog:
-        changed = {"door": f"practice {number}", "door_config": door.as_dict()}
-        one = dataclasses.replace(
-            task, **changed, randomization=practice.randomization, disturbance="none"
-        )
-        return open_watched(one, agent)
+    def open_door(name: str, door: DoorConfig, agent: Agent) -> EpisodeLog:
+        draws = {"randomization": practice.randomization, "disturbance": "none"}
+        given = {"door": name, "door_config": door.as_dict(), **draws}
+        return open_watched(dataclasses.replace(task, **given), agent)
 
-    with one_thread:
-        movement = practised(method, training, practice, open_led)
+    movement = practised(method, training, practice, open_door)
     return lambda: method.follow(movement)
 
 
 def open_watched(task: EpisodeTask, agent: Agent) -> EpisodeLog:
-    """Open a door once, with time for somebody to correct the agent."""
+    """Open a door once, in twice the usual time, for somebody to lead the hand."""
     with contextlib.closing(
-        make_environment(task, agent.control, max_episode_steps=WATCHED_STEPS)
+        make_environment(task, agent.control, max_episode_steps=3000)
     ) as env:
-        return rollout(
-            env,
-            agent,
-            policy=task.policy,
-            door=task.door,
-            seed=task.reset_seed,
-            forecast_period=math.inf,
-        )
+        names = {"policy": task.policy, "door": task.door, "seed": task.reset_seed}
+        return rollout(env, agent, **names, forecast_period=math.inf)
 
 
 def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> gym.Env:

@@ -1,4 +1,4 @@
-"""Somebody leads the robot's hand while its policy acts: corrections are recorded.
+"""Somebody leads the robot's hand while its policy acts, and the motion is recorded.
 
 `LedAgent` puts a leader beside an agent: the synthetic corrector here, or anything else
 with the methods of `Leader`, such as a person with a mouse.
@@ -13,22 +13,19 @@ import numpy as np
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
-from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_experiments.data.teacher.handle_motion import Press, let_back
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.control.steps import AgentStep, Observation
-from gplfd_policies.demonstrations.correction import Correction
-from gplfd_policies.demonstrations.correction import Leader as Who
+from gplfd_policies.demonstrations.correction import Correction, Who
+from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 _PATH: Final = np.radians(np.linspace(-2.0, 90.0, 185))
 """Door angles of the true path with which a command is compared [rad]."""
-_TURNS: Final = np.linspace(0.0, 1.0, 5)
-"""Turns of a handle there, as shares of its travel."""
 _LONGEST: Final = 120.0
-"""An episode for which the tremor of the leading hand is drawn [s]."""
+"""Time for which the tremor of the leading hand is drawn [s]."""
 _SERVO: Final = 2000.0
 """Stiffness of the arm that is commanded a pose [N/m]."""
 
@@ -37,7 +34,6 @@ class Leader(Protocol):
     """Somebody who may take the robot's hand."""
 
     by: Who
-    """Who it is."""
 
     def begin(self, door: DoorGeometry) -> None:
         """Watch an episode at a door, from its beginning."""
@@ -45,14 +41,12 @@ class Leader(Protocol):
     def lead(self, observation: Observation, step: AgentStep) -> FloatArray | None:
         """Return the commanded hand pose (6,) [m, rad], or None to let the agent act.
 
-        Args:
-            observation: What the agent observed.
-            step: What it decided.
+        The observation is the agent's, and the step what it decided.
         """
 
 
 class LedAgent:
-    """An agent beside which somebody watches, who may lead its hand.
+    """An agent whose hand somebody may lead.
 
     The agent acts on while it is led, and so observes what it is shown; only its
     command is replaced.
@@ -83,15 +77,9 @@ class LedAgent:
         """Return the agent's step, with the command of the one who leads, if any."""
         step = self._agent.act(observation)
         command = self._leader.lead(observation, step)
-        self._rows.append(
-            (
-                float(observation["time"][0]),
-                np.array(observation["ee_pose"]),
-                -np.asarray(observation["wrench"]),
-                command is not None,
-                float(step.observed_phase),
-            )
-        )
+        time, pose = float(observation["time"][0]), np.array(observation["ee_pose"])
+        row = (time, pose, -np.asarray(observation["wrench"]), command is not None)
+        self._rows.append((*row, float(step.observed_phase)))
         return step if command is None else replace(step, action=command)
 
     def forecast(self) -> GaussianTrajectory | None:
@@ -106,69 +94,55 @@ class LedAgent:
         if not led.any():
             return None
         poses[:, 3:] = unwrap_rotvecs(poses[:, 3:])
-        phase = float(np.nan_to_num(phases[led.argmax()]))
+        phase = float(np.clip(np.nan_to_num(phases[led.argmax()]), 0.0, 1.0))
+        motion = Demonstration(times=times, poses=poses, wrenches=wrenches)
         return Correction(
-            times=times,
-            poses=poses,
-            wrenches=wrenches,
+            motion=motion,
             led=led,
             door=door,
             seed=seed,
             by=self._leader.by,
-            phase=min(max(phase, 0.0), 1.0),
+            phase=phase,
         )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CorrectorConfig:
-    """When the synthetic corrector takes the hand, and how it leads it.
+    """When the synthetic corrector takes the hand, and how it leads it."""
 
-    Raises:
-        ValueError: A field is not finite or outside its range.
-    """
-
-    deviation: float = quantity(0.02, above=0.0, unit="m")
-    """Distance of the command from the handle's path from which the hand is taken: 40 N
-    of the servo, at which a friction grasp slips."""
-    stall_time: float = quantity(3.0, above=0.0, unit="s")
-    """Time without progress after which it is taken."""
-    progress: float = quantity(math.radians(2.0), above=0.0, unit="rad")
-    """Opening that counts as progress."""
-    goal: float = quantity(math.radians(64.0), above=0.0, unit="rad")
-    """Opening to which the hand is led at most, and at which it is held."""
-    lead_time: float = quantity(1.5, above=0.0, unit="s")
-    """For how long the hand is led at least. It is handed over when the policy's own
-    command is within `deviation` of the leading one; until then it is led on."""
-    speed: float = quantity(0.25, above=0.0, unit="rad/s")
-    """Speed at which the point that pulls the hand moves along the path."""
-    blend_time: float = quantity(0.4, above=0.0, unit="s")
-    """Time of taking the hand and of handing it over."""
-    bar_force: float = quantity(34.0, above=0.0, unit="N")
-    """Greatest force along the path; a friction grasp slips at 37 N."""
-    handle_force: float = quantity(58.0, above=0.0, unit="N")
-    """The same with the fingers behind a turned handle."""
-    press_time: float = quantity(0.8, above=0.0, unit="s")
-    """Time in which a handle is turned."""
+    deviation: float = 0.02
+    """Distance of the command from the handle's path from which the hand is taken, and
+    from the leading command below which it is handed over [m]: 40 N of the servo, at
+    which a friction grasp slips."""
+    stall_time: float = 3.0
+    """Time without `progress` after which the hand is taken [s]."""
+    progress: float = math.radians(2.0)
+    """Opening that counts as progress [rad]."""
+    goal: float = math.radians(64.0)
+    """Opening to which the hand is led at most, and at which it is held [rad]."""
+    lead_time: float = 1.5
+    """For how long the hand is led at least [s]."""
+    speed: float = 0.25
+    """Speed of the point that pulls the hand along the path [rad/s]."""
+    blend_time: float = 0.4
+    """Time of taking the hand and of handing it over [s]."""
+    forces: tuple[float, float] = (34.0, 58.0)
+    """Greatest force along the path at a bar, where fingers slip at 37 N, and behind a
+    turned handle [N]."""
+    press_time: float = 0.8
+    """Time in which a handle is turned [s]."""
     tremor: tuple[float, float] = (0.001, math.radians(0.5))
     """Standard deviation per axis of the leading hand [m, rad]."""
-    tremor_time: float = quantity(0.15, above=0.0, unit="s")
-    """Its correlation time."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
+    tremor_time: float = 0.15
+    """Its correlation time [s]."""
 
 
 class SyntheticCorrector:
     """Leads the hand along the handle's true path when the policy leaves it or stalls.
 
-    It watches as a person does who knows the door. The hand is pulled by the arm's own
-    servo, a spring of 2000 N/m, towards a point that moves along the path ahead of the
-    hand, by no more than a force limit allows. Taking over and handing over are
-    minimum-jerk blends of two commands. The leading hand trembles, by the seed.
-
-    Args:
-        rng: Source of randomness.
-        config: When and how.
+    The hand is pulled by the arm's own servo, a spring, towards a point that moves on
+    the path ahead of it, by no more than a force. Taking over and handing over are
+    minimum-jerk blends of two commands. The leading hand trembles, by `rng`.
     """
 
     by: Who = "synthetic"
@@ -181,7 +155,7 @@ class SyntheticCorrector:
     def begin(self, door: DoorGeometry) -> None:
         """Watch an episode at a door."""
         config, self._door = self.config, door
-        turns = door.travel * (_TURNS if door.travel > 0.0 else _TURNS[:1])
+        turns = door.travel * np.linspace(0.0, 1.0, 5 if door.travel > 0.0 else 1)
         grid = np.meshgrid(_PATH, turns)
         self._path = door.hand_poses(*grid)[..., :3].reshape(-1, 3)
         times = np.arange(0.0, _LONGEST, CONTROL_PERIOD)
@@ -190,7 +164,7 @@ class SyntheticCorrector:
         self._mark = (0.0, 0.0)  # time [s] and angle [rad] of the last progress
         self._taken: float | None = None  # when the hand was taken [s]
         self._handed: float | None = None  # when handing it over began [s]
-        self._from = np.zeros(6)
+        self._from, self._point = np.zeros(6), 0.0
 
     def lead(self, observation: Observation, step: AgentStep) -> FloatArray | None:
         """Return the command while the hand is led."""
@@ -201,19 +175,17 @@ class SyntheticCorrector:
         if self._taken is None:
             apart = np.min(np.sum((self._path - step.action[:3]) ** 2, axis=1))
             stalled = now - self._mark[0] > config.stall_time
-            lost = apart > config.deviation**2
-            if not (stalled or lost):
+            if not stalled and apart <= config.deviation**2:
                 return None
             self._taken, self._handed = now, None
-            self._point = max(angle, 0.0)
-            self._from = np.array(step.action)
-        command = self._pull(now, angle)
-        done = minimum_jerk(np.array((now - self._taken) / config.blend_time))
-        command = (1.0 - done) * self._from + done * command
+            self._from, self._point = np.array(step.action), max(angle, 0.0)
+        since = now - self._taken
+        taken = minimum_jerk(np.array(since / config.blend_time))
+        pull = self._pull(now, since, angle)
+        command: FloatArray = (1.0 - taken) * self._from + taken * pull
         if self._handed is None:
             apart = np.linalg.norm(step.action[:3] - command[:3])
-            enough = now - self._taken >= config.lead_time
-            if enough and apart < config.deviation:
+            if since >= config.lead_time and apart < config.deviation:
                 self._handed = now
             return command
         left = (now - self._handed) / config.blend_time
@@ -222,24 +194,23 @@ class SyntheticCorrector:
         share = minimum_jerk(np.array(left))
         return np.asarray((1.0 - share) * command + share * step.action)
 
-    def _pull(self, now: float, angle: float) -> FloatArray:
+    def _pull(self, now: float, since: float, angle: float) -> FloatArray:
         """Return the pose that pulls the hand on, (6,)."""
         config, door = self.config, self._door
-        since = now - (self._taken or 0.0)
-        press = Press(config.press_time, door.travel)
-        share = minimum_jerk(np.array(since / config.press_time))
-        force = config.handle_force if door.travel > 0.0 else config.bar_force
+        turns = door.travel > 0.0
         ends = door.hand_poses([angle, angle + 1e-3])[:, :3]
         metres_per_radian = float(np.linalg.norm(ends[1] - ends[0])) / 1e-3
-        furthest = max(angle, 0.0) + force / (_SERVO * metres_per_radian)
-        # The handle is turned before the door is moved.
-        closed = door.travel > 0.0 and angle < config.progress
-        ready = not closed or since > 0.85 * config.press_time
-        rate = config.speed * float(minimum_jerk(np.array(since))) if ready else 0.0
-        self._point = min(self._point + rate * CONTROL_PERIOD, furthest, config.goal)
+        ahead = config.forces[turns] / (_SERVO * metres_per_radian)
+        rate = config.speed * float(minimum_jerk(np.array(since)))
+        if turns and angle < config.progress and since <= 0.85 * config.press_time:
+            rate = 0.0  # The handle is turned before the door is moved.
+        self._point += rate * CONTROL_PERIOD
+        self._point = min(self._point, max(angle, 0.0) + ahead, config.goal)
         turn = 0.0
-        if door.travel > 0.0:
+        if turns:
+            share = minimum_jerk(np.array(since / config.press_time))
+            press = Press(config.press_time, door.travel)
             turn = float(let_back(press, share, np.array(self._point)))
-        pose = door.easy_hand_poses(self._point, turn)
         row = min(round(now / CONTROL_PERIOD), len(self._tremor) - 1)
+        pose = door.easy_hand_poses(self._point, turn)
         return np.asarray(pose + self._tremor[row])

@@ -1,4 +1,4 @@
-"""Practice: a policy opens doors while somebody watches and corrects it."""
+"""Practice: a policy opens doors while the synthetic corrector watches it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,9 +19,6 @@ from gplfd_policies.registry.method import Method, TrainingInput
 LOST: Final = "grasp_lost"
 """Failure of an episode of which no correction is taken: the hand left the door."""
 
-OpenLed = Callable[[int, DoorConfig, Agent], EpisodeLog]
-"""Lets an agent open a door of practice, by its number, and returns the log."""
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Practice:
@@ -37,61 +34,48 @@ class Practice:
     randomization: str | Mapping[str, Any] = "none"
     """What is drawn for every opening."""
     demonstrated: bool = False
-    """Whether the policy learns from new demonstrations at the corrected doors in place
-    of the corrections: as many as were begun in the seconds that corrections took, and
-    with forces, as corrections have them."""
+    """Whether the policy learns from new demonstrations at the corrected doors instead:
+    as many as were begun in the seconds of the corrections, and with forces, too."""
 
 
 def corrected(
     agent: Agent, seed: int, name: str, open_door: Callable[[Agent], EpisodeLog]
 ) -> tuple[EpisodeLog, Correction | None]:
-    """Open a door under the eyes of the synthetic corrector.
-
-    Returns:
-        The log, and the correction; None if there was none, or if the hand lost the
-        handle.
-    """
+    """Open a door under the corrector's eyes; return the log and the correction."""
     led = LedAgent(agent, SyntheticCorrector(np.random.default_rng(seed)))
     log = open_door(led)
-    if log.failure == LOST:
-        return log, None
-    return log, led.correction(door=name, seed=seed)
+    taken = None if log.failure == LOST else led.correction(door=name, seed=seed)
+    return log, taken
 
 
 def practised(
-    method: Method, training: TrainingInput, practice: Practice, open_led: OpenLed
+    method: Method,
+    training: TrainingInput,
+    practice: Practice,
+    open_door: Callable[[str, DoorConfig, Agent], EpisodeLog],
 ) -> Movement:
     """Learn, practise, and return the movement after the corrections."""
-    movement, taken, number = method.learn(training), 0, 0
-    seconds, doors = 0.0, []
-    while taken < practice.corrections:
-        before = taken
+    movement, number, taken, seconds = method.learn(training), 0, True, 0.0
+    doors: list[DoorConfig] = []
+    while taken and len(doors) < practice.corrections:
+        taken = False
         for given in practice.doors:
-            door, number = DoorConfig(**given), number + 1
-            seed = 1000 * training.seed + number
-            log, correction = corrected(
-                method.follow(movement),
-                seed,
-                f"practice {number}",
-                partial(open_led, number, door),
-            )
-            if correction is None:
-                continue
-            movement = method.update(movement, correction)
-            taken, seconds = taken + 1, seconds + correction.seconds
-            doors.append(DoorConfig(**log.door_config))
-            if taken == practice.corrections:
+            number += 1
+            name, seed = f"practice {number}", 1000 * training.seed + number
+            opened = partial(open_door, name, DoorConfig(**given))
+            log, found = corrected(method.follow(movement), seed, name, opened)
+            if found is not None:
+                movement, taken = method.update(movement, found), True
+                seconds += found.seconds
+                doors.append(DoorConfig(**log.door_config))
+            if len(doors) == practice.corrections:
                 break
-        if taken == before:
-            break
     if not practice.demonstrated:
         return movement
-    teacher, left = Teacher(forces=ForceConfig()), seconds
-    shown = list(training.demonstrations)
+    teacher, shown = Teacher(forces=ForceConfig()), list(training.demonstrations)
     rngs = np.random.default_rng(training.seed).spawn(len(doors))
     for door, rng in zip(doors, rngs, strict=True):
-        if left <= 0.0:
-            break
-        shown.append(teacher.demonstrate(door, rng))
-        left -= float(np.ptp(shown[-1].times))
+        if seconds > 0.0:
+            shown.append(teacher.demonstrate(door, rng))
+            seconds -= float(np.ptp(shown[-1].times))
     return method.learn(replace(training, demonstrations=shown))

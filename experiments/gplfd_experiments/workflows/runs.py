@@ -38,7 +38,7 @@ from gplfd_experiments.recording import record_episode
 from gplfd_experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
 from gplfd_experiments.recording.video import check_video, video_paths, write_video
 from gplfd_experiments.studies.sources import source_of
-from gplfd_experiments.workflows.skills import skill_method
+from gplfd_experiments.workflows.skills import skill_for
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import (
@@ -48,7 +48,6 @@ from gplfd_policies.demonstrations.npz import (
     load_demonstrations,
     save_demonstrations,
 )
-from gplfd_policies.movements.skill import load_skill
 from gplfd_policies.registry.catalogue import policy_named
 from gplfd_policies.registry.policy import Policy
 
@@ -262,14 +261,7 @@ def _load(
     policy: str, file: Path
 ) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
     """Return what a skill was learned from, and what makes agents that follow it."""
-    method, skill = skill_method(policy), load_skill(file)
-    if (method.beyond > 0.0) != (skill.aligned.end < 1.0):
-        goes = "goes on where demonstrations end"
-        raise ValueError(
-            f"policy {policy!r} {goes if method.beyond > 0.0 else 'ends there'}, and "
-            f"the skill in {file} was learned by one that does not; learn it again "
-            f"with  gplfd learn --policy {policy}"
-        )
+    method, skill = skill_for(policy, file)
     aligned = skill.aligned.demonstrated
     times = aligned.duration * aligned.times
     # The forces, if any, are with the skill.

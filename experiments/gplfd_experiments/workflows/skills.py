@@ -19,7 +19,7 @@ from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.runner import run_or_resume
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.npz import load_demonstrations
-from gplfd_policies.movements.skill import Skill, fit_skill
+from gplfd_policies.movements.skill import Skill, fit_skill, load_skill
 from gplfd_policies.registry.catalogue import POLICIES, policy_named
 from gplfd_policies.registry.method import Method, TrainingInput
 
@@ -42,6 +42,19 @@ def skill_method(policy: str) -> Method:
         f"policy {policy!r} learns no skill that a file could hold; choose one of "
         f"{able}"
     )
+
+
+def skill_for(policy: str, file: Path) -> tuple[Method, Skill]:
+    """Read a skill, and return it with the method of a policy that can follow it."""
+    method, skill = skill_method(policy), load_skill(file)
+    if (method.beyond > 0.0) != (skill.aligned.end < 1.0):
+        goes = "goes on where demonstrations end"
+        raise ValueError(
+            f"policy {policy!r} {goes if method.beyond > 0.0 else 'ends there'}, and "
+            f"the skill in {file} was learned by one that does not; learn it again "
+            f"with  gplfd learn --policy {policy}"
+        )
+    return method, skill
 
 
 def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> Skill:

@@ -20,6 +20,7 @@ from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
 from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.correction import Correction
+from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.gp.deviations import DeviationProcess, fit_deviations, wobbling
 from gplfd_policies.gp.heteroscedastic import (
     HeteroscedasticGP,
@@ -62,7 +63,9 @@ _VERSION: Final = 3
 _FORCES: Final = "forces_"
 """Begins the names of what was learned of forces."""
 _CORRECTIONS: Final = "corrections"
-"""Names what a skill was corrected by, in a file that has it."""
+"""Begins the names of what a skill was corrected by."""
+_ORIGIN: Final = ("door", "seed", "by", "phase")
+_MOTION: Final = ("times", "poses", "wrenches")
 _NO_CLOCKS: Final = np.zeros((0, 0))
 """In place of the clocks where they are unknown."""
 _DEVIATION: Final = tuple(field.name for field in fields(DeviationProcess))
@@ -280,33 +283,25 @@ def _skill_of(members: Members) -> Skill:
 
 
 def _kept(corrections: Sequence[Correction]) -> dict[str, np.ndarray]:
-    """Return the arrays of corrections, joined, and where they are from."""
-    headers = [
-        {**one.provenance, "samples": len(one.times), "felt": one.wrenches is not None}
-        for one in corrections
-    ]
-    felt = [one.wrenches for one in corrections if one.wrenches is not None]
-    return {
-        _CORRECTIONS: np.array(json.dumps({"corrections": headers})),
-        "corrections_times": np.concatenate([one.times for one in corrections]),
-        "corrections_poses": np.concatenate([one.poses for one in corrections]),
-        "corrections_led": np.concatenate([one.led for one in corrections]),
-        "corrections_wrenches": np.concatenate([np.zeros((0, 6)), *felt]),
-    }
+    """Return the arrays of corrections, and their origins as JSON."""
+    origins, arrays = [], {}
+    for number, one in enumerate(corrections):
+        origins.append({name: getattr(one, name) for name in _ORIGIN})
+        kept = {name: getattr(one.motion, name) for name in _MOTION} | {"led": one.led}
+        for name, array in kept.items():
+            if array is not None:
+                arrays[f"{_CORRECTIONS}_{number}_{name}"] = array
+    arrays[_CORRECTIONS] = np.array(json.dumps({"origins": origins}))
+    return arrays
 
 
 def _corrections_of(members: Members) -> tuple[Correction, ...]:
-    headers = settings(members(_CORRECTIONS))["corrections"]
-    names = ("times", "poses", "led", "wrenches")
-    left = {name: members(f"corrections_{name}") for name in names}
     found = []
-    for header in headers:
-        size, arrays = header.pop("samples"), {}
-        for name in names if header.pop("felt") else names[:-1]:
-            arrays[name], left[name] = left[name][:size], left[name][size:]
-        found.append(Correction(**header, **arrays))
-    if any(len(array) for array in left.values()):
-        raise ValueError("its corrections are shorter than their arrays")
+    for number, origin in enumerate(settings(members(_CORRECTIONS))["origins"]):
+        prefix = f"{_CORRECTIONS}_{number}_"
+        given = [name for name in _MOTION if prefix + name in members]
+        motion = Demonstration(**{name: members(prefix + name) for name in given})
+        found.append(Correction(motion=motion, led=members(f"{prefix}led"), **origin))
     return tuple(found)
 
 

@@ -2,10 +2,9 @@
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from gplfd_env.doors.config import DoorConfig
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
@@ -70,7 +69,14 @@ def trial_tasks(
                 continue
             if level.corrections and not all(one.correctable for one in asked):
                 continue
-            opened = doors[name, title]
+            opened, practice = doors[name, title], None
+            if level.corrections:
+                practice = {
+                    "corrections": level.corrections,
+                    "doors": [one.as_dict() for one in opened.values()],
+                    "randomization": level.randomization,
+                    "demonstrated": level.demonstrated,
+                }
             tasks += [
                 episode_task(
                     door,
@@ -86,7 +92,7 @@ def trial_tasks(
                     habits=level.habits,
                     demonstrated_forces=level.demonstrated_forces,
                     prior_radius=level.prior_radius,
-                    practice=_practice(level, opened.values()),
+                    practice=practice,
                     trial=name,
                     level=title,
                 )
@@ -104,15 +110,3 @@ def _shown(level: Level) -> dict[str, Any]:
     if level.demonstrated_kind is not None:
         fields["demonstrated_kind"] = level.demonstrated_kind
     return fields
-
-
-def _practice(level: Level, doors: Iterable[DoorConfig]) -> dict[str, Any] | None:
-    """Return how a policy practises before a level: at doors like the level's."""
-    if level.corrections == 0:
-        return None
-    return {
-        "corrections": level.corrections,
-        "doors": [door.as_dict() for door in doors],
-        "randomization": level.randomization,
-        "demonstrated": level.corrected_by == "demonstrations",
-    }

@@ -21,14 +21,9 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
+from gplfd_env.doors.config import DOORS
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, MESSY, ROOM_RADII
-from gplfd_experiments.studies.trials.records import (
-    Contrast,
-    Level,
-    Side,
-    Taught,
-    Trial,
-)
+from gplfd_experiments.studies.trials.records import Contrast, Level, Side, Trial
 from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.tuning_spaces import tuned_settings
 
@@ -133,32 +128,13 @@ _ROOMS: Final = {
     "closer_stiffness": (0.0, 4.0),
 }
 """Of doors of buildings: leaves and closers that were not demonstrated."""
-_FLAPS: Final[Mapping[str, Mapping[str, Any]]] = {
-    "oven": {
-        "hinge_side": "bottom",
-        "panel_mass": 6.5,
-        "hinge_friction": 1.0,
-        "closer_stiffness": 12.0,
-    },
-    "overhead": {
-        "hinge_side": "top",
-        "backset": 0.04,
-        "leaf_thickness": 0.019,
-        "handle_height": 1.15,
-        "panel_mass": 4.5,
-        "strut_stiffness": 8.0,
-    },
-}
+_FLAPS: Final = {"oven": "oven", "overhead": "overhead-flap"}
 """Flaps as those of `motions`, of which `gp` opened 8 of 20 in protocol v5."""
-_CORRECTIONS: Final[Mapping[str, tuple[int, Taught]]] = {
-    "0": (0, "corrections"),
-    "1": (1, "corrections"),
-    "3": (3, "corrections"),
-    "5": (5, "corrections"),
-    "1 shown": (1, "demonstrations"),
-    "5 shown": (5, "demonstrations"),
+_CORRECTIONS: Final[Mapping[str, tuple[int, bool]]] = {
+    **{str(number): (number, False) for number in (0, 1, 3, 5)},
+    **{f"{number} shown": (number, True) for number in (1, 5)},
 }
-"""Number of corrections of a level, and what is learned in their time."""
+"""Number of corrections of a level, and whether their time is used to demonstrate."""
 _felt = partial(Level, demonstrated_forces=True)
 _RADIAL: Final = "force_radial_peak"
 _GENTLE: Final = (_RADIAL, "success")
@@ -212,8 +188,8 @@ def _prior_mean(measure: str, having: str, lacking: str) -> Contrast:
     )
 
 
-def _corrected() -> tuple[Contrast, ...]:
-    """Compare levels of `gp` with corrections, without, and with demonstrations."""
+def _corrected(idea: str, having: str, lacking: str) -> tuple[Contrast, ...]:
+    """Compare two levels of `gp`, of which one has corrections, for both flaps."""
     return tuple(
         Contrast(
             idea=idea,
@@ -222,12 +198,13 @@ def _corrected() -> tuple[Contrast, ...]:
             lacking=Side(policy="gp", level=f"{kind}, {lacking}"),
         )
         for kind in _FLAPS
-        for idea, having, lacking in (
-            ("one correction", "1", "0"),
-            ("five corrections", "5", "0"),
-            ("correction, not demonstration", "1", "1 shown"),
-        )
     )
+
+
+def _shape_of(preset: str) -> dict[str, Any]:
+    """Return the fields of a preset but for the size and the closer's preload."""
+    fields = DOORS[preset].as_dict()
+    return {k: v for k, v in fields.items() if k not in ("radius", "closer_preload")}
 
 
 def _noise(factor: float) -> dict[str, tuple[float, float]]:
@@ -627,16 +604,20 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             levels={
                 f"{kind}, {title}": Level(
                     doors=("0.33", "0.36", "0.39", "0.42"),
-                    door={"motion": "flap", **fields},
+                    door=_shape_of(preset),
                     demonstrated_radii=None,
                     randomization={"closer_preload": (3.0, 6.0)},
                     corrections=number,
-                    corrected_by=by,
+                    demonstrated=shown,
                 )
-                for kind, fields in _FLAPS.items()
-                for title, (number, by) in _CORRECTIONS.items()
+                for kind, preset in _FLAPS.items()
+                for title, (number, shown) in _CORRECTIONS.items()
             },
-            contrasts=_corrected(),
+            contrasts=(
+                *_corrected("one correction", "1", "0"),
+                *_corrected("five corrections", "5", "0"),
+                *_corrected("correction, not demonstration", "1", "1 shown"),
+            ),
             among=("gp", "dmp", "promp", "hinge-fit", "mechanism-fit", "oracle"),
             seeds=_SEEDS,
         ),

@@ -8,9 +8,6 @@ from gplfd_env.conventions.constants import Start
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
 from gplfd_experiments.studies.result_format import POLICY_ERROR
 
-Taught = Literal["corrections", "demonstrations"]
-"""What a policy learns from in the time of corrections."""
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Level:
@@ -41,8 +38,8 @@ class Level:
     corrections: int = 0
     """How often the policy is corrected before, while it opens such doors; from 1 on
     only policies that can be corrected take part."""
-    corrected_by: Taught = "corrections"
-    """What it learns from: `gplfd_experiments.episodes.practice.Practice`."""
+    demonstrated: bool = False
+    """As in `gplfd_experiments.episodes.practice.Practice`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
