@@ -141,7 +141,7 @@ def _practised(
 
     def open_door(name: str, door: DoorConfig, agent: Agent) -> EpisodeLog:
         draws = {"randomization": practice.randomization, "disturbance": "none"}
-        given = {"door": name, "door_config": door.as_dict(), **draws}
+        given: dict[str, Any] = {"door": name, "door_config": door.as_dict(), **draws}
         return open_watched(dataclasses.replace(task, **given), agent)
 
     movement = practised(method, training, practice, open_door)
@@ -153,8 +153,14 @@ def open_watched(task: EpisodeTask, agent: Agent) -> EpisodeLog:
     with contextlib.closing(
         make_environment(task, agent.control, max_episode_steps=3000)
     ) as env:
-        names = {"policy": task.policy, "door": task.door, "seed": task.reset_seed}
-        return rollout(env, agent, **names, forecast_period=math.inf)
+        return rollout(
+            env,
+            agent,
+            policy=task.policy,
+            door=task.door,
+            seed=task.reset_seed,
+            forecast_period=math.inf,
+        )
 
 
 def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> gym.Env:
