@@ -235,7 +235,8 @@ def measure(folder: Path, cases: list[Case], count: int) -> "Measurement":
             at_most(f"{name}: actions that differ", found.differing, 0.0),
         ]
     return Measurement(
-        title=f"decisions on one of {len(cores)} loaded cores ({before} before)",
+        title=f"decisions on one of {len(cores)} loaded cores (before: {before}; "
+        f"after: {load()})",
         rows=rows,
         targets=tuple(targets),
     )
@@ -243,8 +244,8 @@ def measure(folder: Path, cases: list[Case], count: int) -> "Measurement":
 
 def main(
     minutes: float = 10.0,
-    agents: tuple[Agent, ...] = ("skill", "forces"),
-    priorities: tuple[Priority, ...] = ("ordinary",),
+    agents: tuple[Agent, ...] = ("skill",),
+    priorities: tuple[Priority, ...] = ("ordinary", "fifo"),
     collectors: tuple[Collector, ...] = ("frozen",),
 ) -> None:
     """Measure how long the decisions of ``gp`` take a process without MuJoCo.

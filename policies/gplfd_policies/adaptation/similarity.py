@@ -137,8 +137,8 @@ class SimilarityAdaptation:
         weights = self.sizes.weights
         paths, angles = self.sizes.forecast(self._grid)
         path = paths @ weights
-        self._mean[:, 0], self._mean[:, 2] = path.real, -path.imag
-        self._mean[:, _LEVEL] += self._apart
+        self._mean[:, 0] = path.real + self._apart[:, 0]
+        self._mean[:, 2] = -path.imag + self._apart[:, 1]
         apart, across = paths - path[:, None], 1j * paths * np.sqrt(angles)
         dx, dz = apart.real, -apart.imag
         ax, az = across.real, -across.imag

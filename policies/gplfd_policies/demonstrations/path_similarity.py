@@ -311,16 +311,11 @@ class PathSimilarity:
                 u * (u - 1.0) * (u - 2.0) / 6.0,
             ]
         )
-        curves = np.vstack(
-            [
-                log_weights,
-                self.phase,
-                self.angle,
-                scale * self.angle_variance,
-                self.mean,
-                (scale * self.covariance).reshape(9, -1),
-            ]
-        )
+        curves = np.empty((16, grid.size))
+        curves[0], curves[1], curves[2] = log_weights, self.phase, self.angle
+        np.multiply(scale, self.angle_variance, out=curves[3])
+        curves[4:7] = self.mean
+        np.multiply(scale, self.covariance, out=curves[7:].reshape(3, 3, -1))
         four = left + np.arange(4)[:, None]
         found = np.add.reduce(curves[:, four] * cubic, axis=1)
         weights = np.exp(found[0] - found[0].max())
