@@ -17,7 +17,7 @@ try:
     import gymnasium
 except ModuleNotFoundError:
     # A small installation: policies use the conventions here, and make no environment.
-    gymnasium = None
+    gymnasium = None  # type: ignore[assignment]
 
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.config import DOORS, DoorConfig
