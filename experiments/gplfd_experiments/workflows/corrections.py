@@ -7,6 +7,7 @@ from pathlib import Path
 from gplfd_experiments.console.arguments import check_folder, check_least
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.episodes.build import open_watched
+from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.practice import corrected
 from gplfd_experiments.episodes.task import episode_task, named_doors
 from gplfd_policies.movements.movement import Movement
@@ -33,12 +34,16 @@ def correct_skill(
         LOG.info("%s: watching", name)
         opened = partial(open_watched, task)
         log, found = corrected(method.follow(skill), seed, name, opened)
-        row = {"door": name, "watched": log.failure or "opened alone", "then": "-"}
+        row = {
+            "door": name,
+            "watched": why_closed(log.failure, log.reason) or "opened alone",
+            "then": "-",
+        }
         if found is not None:
             skill = method.update(skill, found)
             row["watched"] = f"led for {found.seconds:.1f} s, phase {found.phase:.2f}"
             alone = open_watched(task, method.follow(skill))
-            row["then"] = alone.failure or "opened alone"
+            row["then"] = why_closed(alone.failure, alone.reason) or "opened alone"
         rows.append(row)
     if skill is not given and isinstance(skill, Skill):
         skill.save(out)
