@@ -5,9 +5,9 @@ from typing import Final, Literal
 
 import numpy as np
 import scipy
-from jaxtyping import Bool
 
 from gplfd_policies.arrays.records import short_repr
+from gplfd_policies.arrays.shapes import Bool
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 Who = Literal["synthetic", "person"]

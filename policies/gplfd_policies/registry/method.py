@@ -8,13 +8,13 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
 from gplfd_policies.control.stiffness import (
