@@ -262,7 +262,7 @@ REFUSED = [
     ("view", "give a recording to open, for example"),
     ("view nothing.rrd", "there is no file nothing.rrd; `gplfd run` writes"),
     ("view folder", "folder is a folder; recordings in it: a.rrd"),
-    ("view taken", "taken is not a Rerun recording"),
+    ("view taken", "taken is neither a Rerun recording"),
     ("view folder/a.rrd", "rerun --serve-web --bind 127.0.0.1 folder/a.rrd"),
     ("view a.rrd --seed 1", "--seed goes with --live, not with a file"),
     ("view a.rrd --serve", "--serve goes with --live, not with a file"),

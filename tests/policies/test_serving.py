@@ -28,7 +28,13 @@ from gplfd_policies.serving.journal import Journal, read_journal
 from gplfd_policies.serving.limits import limited
 from gplfd_policies.serving.link import Link
 from gplfd_policies.serving.protocol import array, decode, encode, numbers
-from gplfd_policies.serving.server import Server, _listening, handle, serve
+from gplfd_policies.serving.server import (
+    Server,
+    _listening,
+    handle,
+    serve,
+    served_agent,
+)
 from gplfd_policies.serving.session import Session
 from gplfd_policies.serving.settings import ServeSettings
 
@@ -569,3 +575,16 @@ def test_bad_arguments_end_with_status_2(arguments, tmp_path, monkeypatch, capfd
     assert status == 2
     assert BAD[arguments] in capfd.readouterr().err
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("oracle", "'oracle' must be told the true door"),
+        ("gp", "'gp' learns: give --demonstrations"),
+        ("no.npz", "no.npz"),
+    ],
+)
+def test_what_cannot_be_served_is_refused(source, message):
+    with pytest.raises((ValueError, OSError), match=message):
+        served_agent(ServeSettings(source=source))

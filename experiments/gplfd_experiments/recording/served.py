@@ -8,6 +8,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.layout import as_chunks, only, series_view
 from gplfd_experiments.recording.panels import Line, line_style
@@ -56,6 +57,7 @@ def recording_of(file: Path) -> Path:
     log = rrb.TextLogView(origin=_LOG, name="States, reasons and errors")
     arrangement = rrb.Horizontal(rrb.Vertical(*views), log, column_shares=[3, 2])
     recording = file.with_name(f"{file.name}.rrd")
+    LOG.info("writing %s", recording)
     with recording_file(recording, as_chunks(only(arrangement))) as stream:
         start = events[0][0]
         for name, samples in curves.items():

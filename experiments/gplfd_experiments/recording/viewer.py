@@ -43,7 +43,9 @@ def open_recording(file: Path) -> int:
     with regular_file(file, "a Rerun recording (.rrd)").open("rb") as stream:
         magic = stream.read(4)
     if magic[:2] != b"RR":
-        raise ValueError(f"{file} is not a Rerun recording (.rrd)")
+        raise ValueError(
+            f"{file} is neither a Rerun recording (.rrd) nor a journal of gplfd serve"
+        )
     if not has_display(sys.platform, os.environ):
         raise ValueError(
             "there is no display to open the viewer on. Copy the recording to a "

@@ -156,8 +156,11 @@ def _method(summary: str, fit: Callable[..., Movement], **fields: Any) -> Policy
     return Policy(summary=summary, make=Method(fit=fit, **fields))
 
 
-def _model_based(agent: Callable[[], object], summary: str) -> Policy:
-    return Policy(summary=summary, make=partial(_untaught, agent), kind="reference")
+def _model_based(
+    agent: Callable[[], object], summary: str, *, told: bool = False
+) -> Policy:
+    make = partial(_untaught, agent)
+    return Policy(summary=summary, make=make, kind="reference", told=told)
 
 
 def _untaught(agent: Callable[[], object], training: TrainingInput) -> object:
@@ -327,7 +330,9 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             HingeFitAgent, "estimates the hinge from the hand's path; compliant"
         ),
         "hinge-fit-told": _model_based(
-            ToldHandleAgent, "knows the handle and turns it, then acts as hinge-fit"
+            ToldHandleAgent,
+            "knows the handle and turns it, then acts as hinge-fit",
+            told=True,
         ),
         "mechanism-fit": _model_based(
             MechanismFitAgent, "finds the kind of mechanism from the hand's path"
@@ -340,7 +345,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             CompliantPullAgent, "pulls straight back with a constant force; compliant"
         ),
         "oracle": _model_based(
-            OracleAgent, "knows the door and follows its exact arc; stiff"
+            OracleAgent, "knows the door and follows its exact arc; stiff", told=True
         ),
     }
 )

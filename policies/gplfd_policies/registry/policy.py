@@ -53,6 +53,8 @@ class Policy:
     kind: Literal["method", "ablation", "reference"] = "method"
     """A method; a method with one part removed or replaced; or a model-based policy,
     which learns nothing and which every method is measured against."""
+    told: bool = False
+    """Whether its agents must be told the true door, `Agent.inform`."""
     origin: PolicyOrigin | None = None
     """Where it was found; `policy_named` in ``registry.catalogue`` fills it in."""
 

@@ -54,6 +54,11 @@ def served_agent(
         method, skill = method_and_skill(settings.policy, file)
         return method.follow(skill)
     policy = policy_named(settings.source)
+    if policy.told:
+        raise ValueError(
+            f"policy {settings.source!r} must be told the true door, which no message "
+            "has: it cannot be served"
+        )
     if settings.demonstrations is not None:
         given = load_demonstrations(settings.demonstrations)
     if given is None and (policy.kind != "reference" or settings.start == "approach"):
