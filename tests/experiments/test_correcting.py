@@ -63,6 +63,7 @@ def test_nobody_leads_a_hand_that_moves_on_the_path():
     )
     assert correction is None
     assert np.ptp(commands, axis=0).max() == 0.0
+    assert watched(DOOR.hand_poses(0.5), 0.0)[1] is None, "before the first step"
 
 
 @pytest.mark.parametrize(("beside", "begins"), [(0.0, 3.0), (0.03, 0.0)])

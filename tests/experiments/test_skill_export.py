@@ -3,6 +3,7 @@
 import csv
 import json
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import gymnasium as gym
@@ -12,6 +13,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from gplfd_env import ENVIRONMENT_IDS
+from gplfd_env.conventions.assets import asset_path
 from gplfd_env.robot.robots import robot_named
 from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
 from gplfd_experiments.cli import main as cli
@@ -173,7 +175,11 @@ def test_a_dry_run_says_what_to_expect_of_a_robot(skill_file, tmp_path, capsys):
     assert printed["robot"] == "ur5e-like, fixed base"
     assert printed["door"].startswith("small: opened, 7")
     assert out.with_name("door-workspace.png").read_bytes()[:4] == b"\x89PNG"
-    run = dry_run(skill_file, "gp", "ur5e-like", "small")
+    # A joint without an effort limit has no share of it.
+    text = asset_path("ur5e_like.urdf").read_text().replace('effort="150"', "", 1)
+    (tmp_path / "arm.urdf").write_text(text)
+    arm = replace(robot_named("ur5e-like"), urdf=str(tmp_path / "arm.urdf"))
+    run = dry_run(skill_file, "gp", arm, "small")
     # What the true arc of 0.35 m takes, and what limits the arm.
     assert np.ptp(run.hand[:, 2]) < 2e-3
     radii = np.linalg.norm(run.arms[:, -1] - run.arms[0, -1], axis=1)

@@ -9,6 +9,7 @@ import re
 import shlex
 import shutil
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -187,8 +188,9 @@ def test_a_hand_that_does_not_move_is_nothing_to_keep(tmp_path: Path) -> None:
     assert not (tmp_path / "taught").exists()
 
 
+@pytest.mark.parametrize("writer", ["write_archive", "save_demonstrations"])
 def test_what_cannot_be_written_can_be_kept_later(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writer: str
 ) -> None:
     def full(*_: Any, **__: Any) -> None:
         raise OSError(28, "No space left on device")
@@ -196,11 +198,12 @@ def test_what_cannot_be_written_can_be_kept_later(
     person = Person(tmp_path)
     person(sample=PULL, times=25)
     with monkeypatch.context() as patch:
-        patch.setattr("gplfd_experiments.teaching.taught.write_archive", full)
+        patch.setattr(f"gplfd_experiments.teaching.taught.{writer}", full)
         state = person("keep")
     assert "No space left" in state["message"]
     assert (state["phase"], state["kept"]) == ("shown", 0)
     assert person("keep")["kept"] == 1
+    assert len(TaughtSet(tmp_path, {}).taught) == 1
 
 
 def send(port: int, body: Any, **headers: str) -> tuple[int, str]:
@@ -221,6 +224,7 @@ def serving(folder: Path, device: str = "mouse") -> Iterator[int]:
         port = free.getsockname()[1]
     options = {"device": device, "host": "127.0.0.1", "port": port, "options": {}}
     thread = threading.Thread(target=teach, args=(["small"], folder), kwargs=options)
+    thread.daemon = True
     thread.start()
     try:
         until = time.monotonic() + 30.0
@@ -250,6 +254,23 @@ def test_only_the_page_of_this_machine_is_answered(
         other = ["--out", str(tmp_path / "other"), "--port", str(port)]
         assert main(["demos", "teach", *other]) == 2
         assert "give another --port" in capsys.readouterr().err
+
+
+def test_the_server_ends_though_the_page_is_closed_as_it_finishes(
+    tmp_path: Path,
+) -> None:
+    with serving(tmp_path / "set") as port:
+        (thread,) = (one for one in threading.enumerate() if "teach" in one.name)
+        page = http.client.HTTPConnection("127.0.0.1", port)
+        body = json.dumps({"input": IDLE, "press": "finish"})
+        page.request("POST", "/exchange", body, {"Content-Type": "application/json"})
+        # No answer reaches a socket that is closed like this.
+        page.sock.setsockopt(
+            socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0)
+        )
+        page.close()
+        thread.join(10.0)
+        assert not thread.is_alive()
 
 
 def test_what_was_kept_outlives_a_killed_process(tmp_path: Path) -> None:

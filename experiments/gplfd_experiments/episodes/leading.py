@@ -88,11 +88,11 @@ class LedAgent:
 
     def correction(self, *, door: str, seed: int) -> Correction | None:
         """Return the correction of the episode so far; None if nobody led."""
+        if not any(led for *_, led, _ in self._rows):
+            return None
         times, poses, wrenches, led, phases = map(
             np.array, zip(*self._rows, strict=True)
         )
-        if not led.any():
-            return None
         poses[:, 3:] = unwrap_rotvecs(poses[:, 3:])
         phase = float(np.clip(np.nan_to_num(phases[led.argmax()]), 0.0, 1.0))
         motion = Demonstration(times=times, poses=poses, wrenches=wrenches)

@@ -16,7 +16,7 @@ from typing import Any, Final, Literal
 from gplfd_env.conventions.constants import Base, Start
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.doors.randomization import door_randomization
-from gplfd_env.robot.robots import robot_named
+from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.robot.stance import base_for, check_reach
 from gplfd_experiments.data.teacher import (
     DEMONSTRATED_RADII,
@@ -209,7 +209,7 @@ def _shape(door: DoorConfig) -> dict[str, Any]:
 
 
 def named_doors(
-    doors: Sequence[str], *, start: Start = "grasped", robot: str = "tiago-like"
+    doors: Sequence[str], *, start: Start = "grasped", robot: RobotSpec = "tiago-like"
 ) -> dict[str, DoorConfig]:
     """Return the configurations of doors by name.
 

@@ -165,8 +165,12 @@ def teach(
                 return self.send_error(413)
             reply: queue.Queue[Any] = queue.Queue()
             requests.put((self.rfile.read(int(length)), reply))
-            self.send(*reply.get())
-            reply.task_done()
+            try:
+                self.send(*reply.get())
+            except ConnectionError:
+                self.close_connection = True  # The page was closed.
+            finally:
+                reply.task_done()
 
         def send(self, status: int, kind: str, content: bytes, state: str = "") -> None:
             self.send_response(status)

@@ -81,7 +81,12 @@ class TaughtSet:
         file = self.folder / FOLDER / f"{max(numbers, default=0) + 1:04d}.npz"
         write_archive(file, kind=_KIND, version=_VERSION, arrays=arrays)
         self.taught.append(taught)
-        self._write_index()
+        try:
+            self._write_index()
+        except OSError:  # It can be kept again, but not be there twice.
+            self.taught.pop()
+            file.unlink()
+            raise
 
     def _write_index(self) -> None:
         save_demonstrations(

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from gplfd_env import IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.robot.config import RobotConfig
-from gplfd_env.robot.robots import robot_named
+from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.robot.stance import base_for
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_policies.agents.commanded_path import commanded_path
@@ -78,13 +78,13 @@ class DryRun:
         ]
 
 
-def dry_run(skill: Path, policy: str, robot: str, door: str) -> DryRun:
+def dry_run(skill: Path, policy: str, robot: RobotSpec, door: str) -> DryRun:
     """Play what a skill commands with a robot at a door; nothing is adapted.
 
     Args:
         skill: a file written by `gplfd learn`.
         policy: by whose stiffness law it is followed.
-        robot: name, .urdf or .json, see `gplfd_env.robot.robots.robot_named`.
+        robot: what `gplfd_env.robot.robots.robot_named` takes.
         door: one of `gplfd_experiments.episodes.task.named_doors`.
 
     Raises:
