@@ -118,7 +118,7 @@ def _found_home(grasp: Grasp, limits: Array) -> Array:
         tried = low + share * (high - low)
         place, frame = grasp(tried)
         out = np.hypot(*place[:2])
-        ahead = -frame[:2, 2] @ place[:2] > 0.8 * out and place[0] > 0.7 * out
+        ahead = -frame[:2, 2] @ place[:2] > 0.8 * out
         level = abs(frame[2, 2]) < 0.15 and abs(place[2]) < _LEVEL
         # The fingers close across an upright bar.
         if not (level and ahead and out > _NEAR and abs(frame[2, 0]) < math.sqrt(0.5)):

@@ -192,8 +192,8 @@ def draw_dry_run(run: DryRun, file: Path) -> None:
         panel.plot(*run.hand[:, [across, up]].T, color="tab:red", lw=2)
         panel.set_aspect("equal")
         panel.set_title(title)
-        panel.set_xlabel("ahead of the base at the start [m]")
-        panel.set_ylabel(("x", "to the left [m]", "up [m]")[up])
+        panel.set_xlabel("x of the base at the start [m]")
+        panel.set_ylabel(("x", "y [m]", "up [m]")[up])
     figure.suptitle(
         f"{run.robot}, {run.base} base, door {run.door}: hand (red), arm at "
         f"{len(run.arms)} moments (later is darker), reachable points (grey)",
