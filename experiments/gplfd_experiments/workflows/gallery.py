@@ -8,7 +8,7 @@ import contextlib
 import itertools
 import math
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
@@ -52,10 +52,11 @@ FORMAT: Final = VideoFormat(
     encoding=("-crf", "31", "-preset", "veryslow", "-movflags", "+faststart"),
 )
 """Format of the films: about 10 kB each."""
-_NUMBERS: Final = (
+NUMBERS: Final = (
     *("success", "duration", "final_angle_deg", "time_to_60_deg"),
     *("force_radial_peak", "force_handle_peak"),
 )
+"""Metrics beside a film."""
 _ASSIGNED: Final = "const GALLERY = "
 _STAMP: Final = stamp("a gplfd gallery", 1)
 
@@ -70,58 +71,55 @@ def write_gallery(
 ) -> int:
     """Film the episodes that the gallery in a folder lacks; return how many it shows.
 
-    The page is complete after every episode. Raises ValueError before anything is
-    written for an unknown door or policy, or a folder with a page of another kind.
+    The page can be used after every episode. Raises ValueError before anything is
+    written for an unknown door or policy, or a folder with another page.
     """
     check_least("--seed", seed, 0)
     chosen = {name: policy_named(name) for name in policies}
-    given = [*(doors or DOORS)]
-    # Of equal training stand together: a policy learns once for doors of a kind.
-    tasks = {
-        task.key: (task, text)
-        for text, (door, config) in zip(given, named_doors(given).items(), strict=True)
-        for name, policy in chosen.items()
-        for task in [
-            episode_task(
-                door, config, policy=name, policy_source=source_of(policy), seed=seed
-            )
-        ]
-    }
+    tasks: dict[str, tuple[EpisodeTask, str]] = {}
+    given = doors or tuple(DOORS)
+    for text, (door, config) in zip(given, named_doors(given).items(), strict=True):
+        for name, policy in chosen.items():
+            fields = {"policy": name, "policy_source": source_of(policy), "seed": seed}
+            task = episode_task(door, config, **fields)
+            tasks[task.key] = task, text
     check_video()
     check_folder(folder)
-    data = _read(folder) or {**_STAMP, "made": [], "episodes": []}
-    made: list[dict[str, Any]] = [*data["made"], provenance(options)]
-    known = {one["task"]: one for one in data["episodes"]}
-    known = {key: one for key, one in known.items() if (folder / one["film"]).is_file()}
+    made, known = _read(folder)
     lacking = [task for key, (task, _) in tasks.items() if key not in known]
-    order = [key for key in known if key not in tasks] + [*tasks]
+    # A policy learns once for doors of a kind.
+    lacking.sort(key=lambda task: (task.shown, task.training))
+    if lacking:
+        made.append(provenance(options))
     with counter("episode", len(tasks), len(tasks) - len(lacking)) as bar:
-        lacking.sort(key=lambda task: (task.shown, task.training))
-        for _, group in itertools.groupby(lacking, lambda task: task.training):
-            first, *others = group
-            policy = chosen[first.policy]
-            with reported_errors(first.policy, policy):
-                make = learned_agents(first, policy)
+        for _, alike in itertools.groupby(lacking, lambda task: task.training):
+            first, *others = alike
+            with reported_errors(first.policy, chosen[first.policy]):
+                make = learned_agents(first, chosen[first.policy])
                 for task in (first, *others):
-                    shown = _filmed(task, make, folder)
-                    run = ["gplfd", "run", "--doors", tasks[task.key][1], "--policy"]
-                    run += [task.policy, "--seed", str(seed), "--out", "results/shown"]
-                    made_by = {"run": shlex.join(run), "made": len(made) - 1}
-                    known[task.key] = {"task": task.key} | shown | made_by
-                    episodes = [known[key] for key in order if key in known]
-                    _write(folder, {**_STAMP, "made": made, "episodes": episodes})
+                    command = ["run", "--doors", tasks[task.key][1], "--policy"]
+                    command += [
+                        task.policy,
+                        "--seed",
+                        str(seed),
+                        "--out",
+                        "results/shown",
+                    ]
+                    known[task.key] = {
+                        "task": task.key,
+                        **_filmed(task, make(), folder),
+                        "run": shlex.join(["gplfd", *command]),
+                        "made": len(made) - 1,
+                    }
+                    _write(folder, made, known, [*tasks])
                     bar.update()
-    page = files(__package__).joinpath("gallery.html").read_text(encoding="utf-8")
-    with complete_or_absent(folder / PAGE) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    _write(folder, made, known, [*tasks])
     return len(known)
 
 
-def _filmed(
-    task: EpisodeTask, make: Callable[[], Agent], folder: Path
-) -> dict[str, Any]:
+def _filmed(task: EpisodeTask, agent: Agent, folder: Path) -> dict[str, Any]:
     """Run an episode, write its film, and return what the page shows beside it."""
-    agent = make()
+    name = "-".join(map(file_name, (task.door, task.policy, str(task.seed))))
     with contextlib.closing(make_environment(task, agent.control)) as env:
         log = rollout(
             env,
@@ -131,14 +129,13 @@ def _filmed(
             seed=task.reset_seed,
             forecast_period=math.inf,
         )
-        name = "-".join(map(file_name, (task.door, task.policy, str(task.seed))))
         model = env.unwrapped.model  # type: ignore[attr-defined]
         pictures = write_video(folder / f"{name}.mp4", log, model, FORMAT)
     measured, rows = episode_metrics(log).as_json(), FORMAT.rows(log)
     # The largest force since the picture before, so that no peak is lost.
     since = np.minimum(np.append(0, rows[:-1] + 1), rows)
     return {
-        **{name: measured[name] for name in ("door", "policy", *_NUMBERS)},
+        **{name: measured[name] for name in ("door", "policy", *NUMBERS)},
         "seed": task.seed,
         "why": why_closed(log.failure, log.reason),
         "film": f"{name}.mp4",
@@ -148,22 +145,36 @@ def _filmed(
     }
 
 
-def _read(folder: Path) -> dict[str, Any]:
-    """Return the data of the gallery in a folder, {} if there is none."""
+def _read(folder: Path) -> tuple[list[dict[str, Any]], dict[str, dict[str, Any]]]:
+    """Return where a gallery's episodes are from, and those with a film by task."""
     file = folder / DATA
     if not file.exists():
         if (folder / PAGE).exists():
             raise ValueError(f"{folder} has another {PAGE}; give another --out")
-        return {}
+        return [], {}
     with naming(file):
         text = file.read_text(encoding="utf-8").strip()
         data = parsed_json(text.removeprefix(_ASSIGNED).removesuffix(";"))
-        check_stamp(data, _STAMP["format"], _STAMP["format_version"])
-        entry(data, "episodes", tuple[dict[str, Any], ...])
-    return data
+        check_stamp(data, *_STAMP.values())
+        made = entry(data, "made", tuple[dict[str, Any], ...])
+        episodes = entry(data, "episodes", tuple[dict[str, Any], ...])
+        films = {entry(one, "task", str): entry(one, "film", str) for one in episodes}
+    there = [one for one in episodes if (folder / films[one["task"]]).is_file()]
+    return [*made], {one["task"]: one for one in there}
 
 
-def _write(folder: Path, data: Mapping[str, Any]) -> None:
-    with complete_or_absent(folder / DATA) as temporary:
-        text = json_text(data, indent=None).replace("}, {", "},\n{")
-        temporary.write_text(f"{_ASSIGNED}{text};\n", encoding="utf-8")
+def _write(
+    folder: Path,
+    made: Sequence[Mapping[str, Any]],
+    known: Mapping[str, Any],
+    asked: Sequence[str],
+) -> None:
+    """Write page and data: what was asked for last in its order, after the others."""
+    order = [key for key in known if key not in asked]
+    order += [key for key in asked if key in known]
+    data = {**_STAMP, "made": made, "episodes": [known[key] for key in order]}
+    text = json_text(data, indent=None).replace("}, {", "},\n{")
+    page = files(__package__).joinpath("gallery.html").read_text(encoding="utf-8")
+    for name, content in {DATA: f"{_ASSIGNED}{text};\n", PAGE: page}.items():
+        with complete_or_absent(folder / name) as temporary:
+            temporary.write_text(content, encoding="utf-8")
