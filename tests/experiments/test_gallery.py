@@ -124,6 +124,10 @@ def test_two_films_play_together_from_the_file_system(made, browser, tmp_path):
         left, right = page.value(times)
         assert abs(left - right) < 0.1
         assert 0.5 < right < 1.4
+        page.call("Input.dispatchKeyEvent", type="keyDown", key=" ")
+        page.wait("sides.every(({film}) => film.paused && !film.seeking)")
+        assert page.value(times) == pytest.approx([page.value("now")] * 2, abs=0.04)
+        page.value("play(true)")
         # The shorter one stays at its end.
         page.wait("!playing")
         assert page.value(times) == pytest.approx([1.55, 3.01], abs=0.1)
