@@ -252,6 +252,9 @@ SHOTS: Final = {
     "handle-pose": Shot("room-834", "2 cm", "believed 2 cm beside"),
     "two-modes": Shot("0.6", "bars", "pull and push were shown", "force_tangential"),
     "few-doors": Shot("bifold-closet", "folding, 1", "shown once", "force_tangential"),
+    "corrections": Shot(
+        "0.36", "oven, 1", "a stiff flap, corrected once before", "force_tangential"
+    ),
     "another-handle": Shot(
         "room-709", "knob", "a knob; levers were shown", "force_tangential"
     ),

@@ -1,7 +1,7 @@
 """The simulator as the robot: another process decides, this one only moves the arm.
 
     python examples/robot_client.py                       # starts a server of its own
-    gplfd serve gp --port 5005 --hold-after 5 --stop-after 5
+    gplfd serve gp --port 5005 --hold-after 60 --stop-after 60
     python examples/robot_client.py tcp:127.0.0.1:5005    # or uses one that is there
 
 The agent learns from the synthetic human. The same door is then opened by an agent in
@@ -18,7 +18,7 @@ import numpy as np
 from gplfd_env import ENVIRONMENT_ID
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import make_agent
-from gplfd_policies.serving.client import RemoteAgent
+from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
 
 SERVER = [sys.executable, "-m", "gplfd", "serve", "gp"]
 PATIENT = ["--hold-after", "60", "--stop-after", "60"]
@@ -39,10 +39,17 @@ def opened(agent):
     return np.array(poses), info["success"]
 
 
-remote = RemoteAgent(sys.argv[1] if sys.argv[1:] else SERVER + PATIENT, timeout=60.0)
-poses, success = opened(remote)
-print(f"served agent: {len(poses)} steps, opened: {success}, {remote.last['state']}")
+try:
+    address = sys.argv[1] if sys.argv[1:] else SERVER + PATIENT
+    remote = RemoteAgent(address, timeout=60.0)
+    poses, success = opened(remote)
+except (ServerLostError, RefusedError, ValueError) as error:
+    sys.exit(f"robot_client: {error}")
+state, reason = remote.last["state"], remote.last["reason"]
+print(f"served agent: {len(poses)} steps, opened: {success}, {state} {reason}".rstrip())
+served = remote.greeting["source"]
 remote.close()
 
-here, _ = opened(make_agent("gp", Teacher().standard_demonstrations(seed=0)))
-print(f"equal to one process: {np.array_equal(poses, here)}")
+if served == "gp":  # A skill, or another policy, moves in another way.
+    here, _ = opened(make_agent("gp", Teacher().standard_demonstrations(seed=0)))
+    print(f"equal to one process: {np.array_equal(poses, here)}")

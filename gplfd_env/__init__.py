@@ -1,6 +1,7 @@
 """Door opening with a TIAGo-like arm in MuJoCo, as a Gymnasium environment.
 
-Importing this package registers the ids; MuJoCo is loaded only by ``gym.make``::
+Importing this package registers the ids, where Gymnasium is installed; MuJoCo is loaded
+only by ``gym.make``::
 
     import gymnasium as gym, gplfd_env
     env = gym.make("gplfd/DoorOpening-v1", door="medium")
@@ -12,7 +13,11 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-import gymnasium
+try:
+    import gymnasium
+except ModuleNotFoundError:
+    # A small installation: policies use the conventions here, and make no environment.
+    gymnasium = None  # type: ignore[assignment]
 
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.config import DOORS, DoorConfig
@@ -49,6 +54,8 @@ TIME_LIMIT = 1500
 
 
 def _register(id: str, one: str, many: str) -> None:
+    if gymnasium is None:
+        return
     gymnasium.register(
         id=id,
         entry_point=f"gplfd_env.envs.{one}",

@@ -15,8 +15,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import jaxtyping
 import pytest
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 if "DISPLAY" not in os.environ and ctypes.util.find_library("EGL"):
     # Read by MuJoCo when it is imported: without a display, pictures come from EGL.
@@ -86,6 +88,34 @@ def _same_environment() -> Iterator[None]:
     for name in os.environ.keys() - before.keys():
         del os.environ[name]
     os.environ.update(before)
+
+
+@pytest.fixture(scope="module")
+def unchecked_types() -> Iterator[None]:
+    """Switch run-time type checks off, which take nine tenths of a control step.
+
+    For modules that run many steps; `test_registry` takes some of every policy.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+        yield
+
+
+@pytest.fixture(scope="module")
+def one_blas_thread() -> Iterator[None]:
+    """Let BLAS compute on one thread: several wait for each other while others test.
+
+    For modules that call what `gplfd_policies` itself calls on one thread.
+    """
+    with threadpool_limits(1, user_api="blas"):
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _types_are_checked_once(request: pytest.FixtureRequest) -> None:
+    """Check types in tests of the policies, and in the whole episodes of one module."""
+    if request.path.parent.name != "policies" and request.path.stem != "test_rollout":
+        request.getfixturevalue("unchecked_types")
 
 
 @pytest.fixture

@@ -13,6 +13,9 @@ import sys
 INTERRUPTED = 130
 """Exit status after Ctrl-C: 128 and the number of the signal."""
 
+BAD_INPUT = 2
+"""Exit status where a requirement of the commands is not installed."""
+
 PIPE_CLOSED = 141
 """Exit status when the reader of the output has gone, as in ``gplfd list | head``."""
 
@@ -62,7 +65,8 @@ def main() -> int:
     """Run the command.
 
     Returns:
-        The status of `gplfd_experiments.cli.main.main`, `INTERRUPTED` or `PIPE_CLOSED`.
+        The status of `gplfd_experiments.cli.main.main`, `BAD_INPUT`, `INTERRUPTED` or
+        `PIPE_CLOSED`.
     """
     # After the search was put in order: a user's folder may have a ``signal.py``.
     import faulthandler
@@ -126,8 +130,20 @@ def _run() -> int:
     os.environ |= {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
     from gplfd_experiments.console.interruption import postponed_interruption
 
-    with postponed_interruption():
-        from gplfd_experiments.cli import main as cli
+    try:
+        with postponed_interruption():
+            from gplfd_experiments.cli import main as cli
+    except ModuleNotFoundError as error:
+        if (error.name or "gplfd").startswith("gplfd"):
+            raise
+        print(
+            f"gplfd: {error.name} is not installed. With NumPy and SciPy alone, the "
+            "small installation, agents run in Python and there are no commands; "
+            "`pip install gplfd`, or `pip install .` in a checkout, installs all that "
+            "they need",
+            file=sys.stderr,
+        )
+        return BAD_INPUT
     try:
         try:
             return cli.main()

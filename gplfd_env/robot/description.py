@@ -4,6 +4,7 @@ Collision geometry of the URDF is left out: only finger pads touch a handle, and
 capsules stand for the links of a mobile robot.
 """
 
+import math
 import warnings
 import xml.etree.ElementTree as ET
 from functools import lru_cache
@@ -36,6 +37,10 @@ def described_robot(robot: RobotConfig) -> mujoco.MjSpec:
     if not robot.stand:
         return mujoco.MjSpec.from_file(str(path))
     spec = mujoco.MjSpec.from_string(_completed(robot))
+    for joint in map(spec.joint, robot.arm):
+        if joint.range[0] == joint.range[1]:
+            # It turns without end; no door asks for more than a turn to each side.
+            joint.limited, joint.range = True, (-2.0 * math.pi, 2.0 * math.pi)
     for body, mesh, geom in _meshes(str(path)):
         spec.add_mesh(**mesh)
         spec.body(body).add_geom(
@@ -101,11 +106,10 @@ def _completed(robot: RobotConfig) -> str:
     options = {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}
     ET.SubElement(ET.SubElement(tree, "mujoco"), "compiler", options)
     children = {one.get("link") for one in tree.findall("joint/child")}
-    (root,) = (
-        str(one.get("name"))
-        for one in tree.findall("link")
-        if one.get("name") not in children
-    )
+    names = [str(one.get("name")) for one in tree.findall("link")]
+    root, *others = (name for name in names if name not in children)
+    if others:
+        raise ValueError(f"no joint leads to {', '.join(others)}")
     tree.extend(ET.parse(asset_path("stand.urdf")).getroot())
     _join(tree, "stand_lift_link", root, np.eye(3))
     if robot.flange:
@@ -152,7 +156,7 @@ def _origin(place: Array, axes: Array) -> dict[str, str]:
 def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]:
     """Return the meshes of a URDF: its link, fields of MuJoCo's mesh and of its geom.
 
-    A file that cannot be read is left out with a warning.
+    A file that cannot be read, or has no body, is left out with a warning.
     """
     import trimesh
 
@@ -166,7 +170,9 @@ def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]
             try:
                 file = urdf._filename_handler(mesh.filename)
                 shape: Any = trimesh.load(file, force="mesh")
-            except (OSError, ValueError, ImportError) as error:
+                if len(shape.vertices) < 4:  # which MuJoCo refuses
+                    raise ValueError("it holds no mesh")
+            except Exception as error:  # trimesh's loaders raise all kinds
                 warnings.warn(
                     f"the robot is drawn without {mesh.filename}: {error}", stacklevel=2
                 )
@@ -182,6 +188,12 @@ def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]
                 "quat": Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True),
                 "rgba": colour,
             }
-            fields = {"name": name, "uservert": vertices, "userface": faces}
+            fields = {
+                "name": name,
+                "uservert": vertices,
+                "userface": faces,
+                # Of no use to a geom without mass, but a flat mesh has no volume.
+                "inertia": mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+            }
             found.append((link.name, fields, geom))
     return tuple(found)

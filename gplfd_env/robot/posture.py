@@ -43,7 +43,7 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
         ) from error
     data, tool = mujoco.MjData(model), model.body(robot.tool).id
     arm = [int(model.joint(name).qposadr[0]) for name in robot.arm]
-    limits = np.array([_range(model, name) for name in robot.arm])
+    limits = np.array([model.joint(name).range for name in robot.arm])
 
     def grasp(posture: Array) -> tuple[Array, Array]:
         data.qpos[arm] = posture
@@ -103,13 +103,6 @@ def _roll(frame: Array) -> float:
     right = np.cross(approach, up)
     turn = math.atan2(-frame[:, 0] @ up, frame[:, 0] @ right)
     return round(turn / (math.pi / 2)) * (math.pi / 2)
-
-
-def _range(model: mujoco.MjModel, name: str) -> tuple[float, float]:
-    """Return the limits of a joint; without any half a turn to each side [rad]."""
-    joint = model.joint(name)
-    low, high = joint.range.tolist() if joint.limited[0] else (-math.pi, math.pi)
-    return low, high
 
 
 def _found_home(grasp: Grasp, limits: Array) -> Array:

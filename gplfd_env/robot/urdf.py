@@ -83,6 +83,12 @@ def robot_of_urdf(
                     f"{path.name}: fingers are two prismatic joints, got {finger!r}; "
                     f"there are {_joints(urdf, 'prismatic')}"
                 )
+            limit = urdf.joint_map[finger].limit
+            if limit is None or not (limit.upper or 0.0) > 0.0:
+                raise ValueError(
+                    f"{path.name}: the finger {finger} must open from zero to a "
+                    "positive upper limit [m]"
+                )
         joint = urdf.joint_map[fingers[0]]
         tool = tool or joint.parent
         axes = urdf.get_transform(joint.child, tool)[:3, :3]

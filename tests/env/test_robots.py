@@ -1,5 +1,6 @@
 """Robots besides the default one: from their URDF to an open door."""
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -17,6 +18,7 @@ from gplfd_env.conventions.assets import asset_path
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.envs import version_0
 from gplfd_env.robot.config import Before
+from gplfd_env.robot.description import described_robot
 from gplfd_env.robot.placement import gripper_rotation_w
 from gplfd_env.robot.robots import robot_named
 from gplfd_env.robot.tiago import TIAGO_LIKE
@@ -266,6 +268,59 @@ def test_what_does_not_fit_a_urdf_is_told(path, arguments, message):
 def test_a_file_that_is_no_arm_is_told(tmp_path, text, message):
     with pytest.raises(ValueError, match=message):
         robot_of_urdf(described(tmp_path, text))
+
+
+def test_a_joint_without_limits_turns_a_whole_turn_to_each_side(tmp_path):
+    text = UR5E.read_text()
+    for name in ("shoulder_pan_joint", "wrist_3_joint"):
+        start = text.index(f'<joint name="{name}" type="revolute">')
+        limit = text.index("<limit", start)
+        end = text.index("/>", limit) + 2
+        text = text[:limit] + text[end:]
+        text = text.replace(f'{name}" type="revolute', f'{name}" type="continuous')
+    home = robot_of_urdf(UR5E).stance(DoorConfig()).closed_posture
+    robot = robot_of_urdf(described(tmp_path, text), home=home, base="mobile")
+    env = gym.make(ENVIRONMENT_ID, robot=robot, door="medium")
+    observation, _ = env.reset(seed=0)
+    assert observation["joint_pos"] in env.observation_space["joint_pos"]
+    for name in ("shoulder_pan_joint", "wrist_3_joint"):
+        assert_allclose(env.unwrapped.model.joint(name).range, [-math.tau, math.tau])
+    env.close()
+
+
+def test_fingers_that_do_not_open_are_told(tmp_path):
+    text = PANDA.read_text()
+    first = text.index("<limit", text.index('<joint name="panda_finger_joint1"'))
+    end = text.index("/>", first) + 2
+    shut = '<limit lower="-0.04" upper="0" effort="20" velocity="0.2"/>'
+    for limit in ("", shut):
+        other = described(tmp_path, text[:first] + limit + text[end:])
+        with pytest.raises(ValueError, match="panda_finger_joint1 must open from zero"):
+            robot_of_urdf(other, **HAND)
+
+
+def test_a_link_that_no_joint_leads_to_is_told(tmp_path):
+    text = UR5E.read_text().replace("</robot>", '<link name="lonely"/></robot>')
+    with pytest.raises(ValueError, match="no joint leads to lonely"):
+        robot_of_urdf(described(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("file", "drawn"), [("flat.stl", True), ("pointer.stl", False), ("bad.dae", False)]
+)
+def test_a_mesh_without_a_body_does_not_matter(tmp_path, file, drawn):
+    """A flat one, and what Git LFS leaves where it has not fetched a file."""
+    (tmp_path / file).write_text("version https://git-lfs.github.com/spec/v1")
+    if drawn:
+        corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+        flat = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]])
+        flat.export(tmp_path / file)
+    visual = f'<visual><geometry><mesh filename="{file}"/></geometry></visual>'
+    text = UR5E.read_text().replace("</link>", f"{visual}</link>", 1)
+    home = robot_named("ur5e-like").stances[0][1].closed_posture
+    with contextlib.nullcontext() if drawn else pytest.warns(match="is drawn without"):
+        robot = robot_of_urdf(described(tmp_path, text), home=home)
+    assert described_robot(robot).compile().nmesh == drawn
 
 
 def test_a_link_without_mass_is_told(tmp_path):

@@ -66,7 +66,7 @@ def test_arrays_are_own_and_read_only(make_log):
 
 @pytest.mark.parametrize(
     ("name", "shape"),
-    [("std", (600, 6)), ("joint_pos", (601, 6)), ("forecast_mean", (3, 20, 6))],
+    [("std", (600, 6)), ("joint_vel", (601, 6)), ("forecast_mean", (3, 20, 6))],
 )
 def test_wrong_shape_names_the_array(make_log, name, shape):
     with pytest.raises(ValueError, match=rf"EpisodeLog\.{name} has shape"):

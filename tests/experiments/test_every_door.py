@@ -128,8 +128,8 @@ def test_an_environment_of_a_task_has_everything_that_it_names():
     env = make_environment(task, "pose", max_episode_steps=7)
     assert env.spec is not None
     assert env.spec.max_episode_steps == 7
-    named = {"door": dict(task.door_config), "base": "mobile", **circumstances}
-    assert env.spec.kwargs == named
+    named = {"door": dict(task.door_config), "robot": "tiago-like", "base": "mobile"}
+    assert env.spec.kwargs == named | circumstances
 
 
 @pytest.mark.usefixtures("small_plots")

@@ -121,7 +121,6 @@ def test_only_a_known_handle_is_turned(policy, opens):
     assert (np.degrees(log.door_angle.max()) < 1.0) != opens
 
 
-@pytest.mark.bits
 def test_another_processor_opens_a_lever_door_alike(tmp_path):
     """Rounding decides when a fingertip touches the lever: docs/reproducibility.md."""
     others = {

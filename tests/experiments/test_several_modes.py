@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -82,8 +81,7 @@ def test_a_task_may_demonstrate_several_kinds():
         (DoorConfig(radius=ROOM_RADII[1], **LEVER), "push", 50.0),
     ],
 )
-def test_the_other_kind_is_tried_after_a_bounded_force(door, first, limit, monkeypatch):
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+def test_the_other_kind_is_tried_after_a_bounded_force(door, first, limit):
     task = two_kinds(door, first, door.swing)
     make = learned_agents(task, POLICIES["gp"])
     (log,) = open_together([task], [make()])

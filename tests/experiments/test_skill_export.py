@@ -171,7 +171,7 @@ def test_a_dry_run_says_what_to_expect_of_a_robot(skill_file, tmp_path, capsys):
         if ": " in line
     )
     assert printed["robot"] == "ur5e-like, fixed base"
-    assert printed["door"].startswith("small: opened, 6")
+    assert printed["door"].startswith("small: opened, 7")
     assert out.with_name("door-workspace.png").read_bytes()[:4] == b"\x89PNG"
     run = dry_run(skill_file, "gp", "ur5e-like", "small")
     # What the true arc of 0.35 m takes, and what limits the arm.

@@ -93,6 +93,8 @@ CHANGES = {
     "held_out": "radius",
     "demonstrated_kind": {"handle": "lever", "latch": "bolt"},
     "base": "mobile",
+    "robot": "panda-like",
+    "practice": {"corrections": 1},
     "environment_version": 1,
     "start": "approach",
     "policy_source": {"kind": "module", "file": "mine.py", "sha256": "ab12"},

@@ -80,6 +80,8 @@ def test_every_policy_of_the_protocol_meets_the_same_draws():
         assert not any(one[0] == name for one in met["reflex"])
     # Who takes a prior mean also meets the levels that give one.
     given = {(trial, level) for trial, level, *_ in met["gp"] - met["dmp"]}
+    # And those with corrections, who can be corrected.
+    given -= {("corrections", level) for level in TRIALS["corrections"].levels}
     assert given == {("further", "prior mean"), ("few", "two and a prior mean")}
     assert {trial for trial, *_ in met["gp-constant-100"]} == {
         name for name, trial in TRIALS.items() if "gp-constant-100" in trial.own
@@ -129,8 +131,9 @@ def test_tasks_come_back_from_their_files_and_share_what_they_learn():
     # Standard, beyond, 45°, with prior, one per door, small alone, with prior, messy,
     # with rests; with forces: standard, with closers, levers, levers with closers. Then
     # seven other motions, levers, pushed ones and knobs, two doors reached with two
-    # errors of the handle, three pairs of kinds, and four sets of few.
-    assert learned["gp"] == 2 * (13 + 7 + 3 + 4 + 3 + 4)
+    # errors of the handle, three pairs of kinds, four sets of few, and flaps with five
+    # kinds of practice each; without, they are those of the other motions.
+    assert learned["gp"] == 2 * (13 + 7 + 3 + 4 + 3 + 4 + 2 * 5)
     assert learned["gp-constant-100"] == 2
 
 
@@ -443,7 +446,7 @@ def test_a_whole_trial_follows_the_protocol(write_study, whole, capsys):
     folder = write_study(results)
     assert protocol_problems(read_results(folder)) == []
     assert main(["report", str(folder), "--check"]) == 0
-    assert capsys.readouterr().out == "the results follow protocol v5\n"
+    assert capsys.readouterr().out == "the results follow protocol v6\n"
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Demonstrations that several tests of the policies share."""
 
 import inspect
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -80,18 +80,7 @@ def as_for_users(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
-@pytest.fixture(scope="module")
-def unchecked_types() -> Iterator[None]:
-    """Switch run-time type checks off, which take nine tenths of a control step.
-
-    For modules that run many steps; `test_registry` takes some of every policy.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-        yield
-
-
-def in_few_iterations(fit: Callable[..., Movement]) -> Callable[..., Movement]:
+def fitted_in_few_iterations(fit: Callable[..., Movement]) -> Callable[..., Movement]:
     """Shorten chains of samples and the paper's noise model, which takes seconds."""
     match getattr(fit, "keywords", {}):
         case {"config": WishartGPConfig() as chain}:
@@ -102,6 +91,11 @@ def in_few_iterations(fit: Callable[..., Movement]) -> Callable[..., Movement]:
         case {"noise": "kersting"}:
             return partial(fit, noise=KerstingNoise(n_iterations=1))
     return fit
+
+
+@pytest.fixture(scope="session")
+def in_few_iterations() -> Callable[[Callable[..., Movement]], Callable[..., Movement]]:
+    return fitted_in_few_iterations
 
 
 @pytest.fixture(scope="session")
@@ -121,7 +115,7 @@ def learned() -> Callable[[Method, Sequence[Demonstration]], Movement]:
             lessons.append(lesson)
             if "n_samples" in inspect.signature(method.align).parameters:
                 method = replace(method, align=partial(method.align, n_samples=80))
-            method = replace(method, fit=in_few_iterations(method.fit))
+            method = replace(method, fit=fitted_in_few_iterations(method.fit))
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
                 movements[key] = method.learn(TrainingInput(demonstrations=lesson))

@@ -15,7 +15,10 @@ from gplfd_policies.gp.legendre import SIZES, LegendreBasis
 from gplfd_policies.gp.replicates import Replicates
 from gplfd_policies.gp.spectral import SpectralEvidence, SpectralPosterior
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.usefixtures("unchecked_types", "one_blas_thread"),
+]
 
 KERNEL = RBF(length_scale=0.2, signal_std=1.0)
 

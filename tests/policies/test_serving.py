@@ -10,6 +10,7 @@ import random
 import socket
 import stat
 import sys
+import time
 import tracemalloc
 from dataclasses import replace
 
@@ -27,7 +28,7 @@ from gplfd_policies.serving.journal import Journal, read_journal
 from gplfd_policies.serving.limits import limited
 from gplfd_policies.serving.link import Link
 from gplfd_policies.serving.protocol import array, decode, encode, numbers
-from gplfd_policies.serving.server import Server, _listening, handle
+from gplfd_policies.serving.server import Server, _listening, handle, serve
 from gplfd_policies.serving.session import Session
 from gplfd_policies.serving.settings import ServeSettings
 
@@ -242,6 +243,7 @@ def test_a_wrong_observation_is_named_and_moves_nothing(name):
     [
         *(b"\xff", b"", b"[]", b"{}", b'{"type":"observe","time":NaN}', b"[" * 9999),
         *(b'{"type":"stop","type":"bye"}', b'{"type":1e999}', b"1" * 9999),
+        '{"type":"stop"}'.encode("utf-16"),
     ],
 )
 def test_a_malformed_line_is_named_and_moves_nothing(line):
@@ -295,15 +297,50 @@ def test_a_fault_of_the_robot_holds_then_stops_with_the_reason(reason):
     assert [one for one in soft if "pose" in one][-1]["stiffness"][0] == 100.0
 
 
-@pytest.mark.parametrize("act", [lambda _: 1 / 0, lambda _: [math.nan] * 6])
-def test_an_agent_that_fails_stops(act):
+@pytest.mark.parametrize(
+    ("act", "reason"),
+    [
+        (lambda _: 1 / 0, "the agent failed with ZeroDivisionError"),
+        (lambda _: [math.nan] * 6, "the agent failed with ValueError"),
+        (lambda _: [0, 0, 0, 1e200, 0, 0], "beyond ±7.0 rad"),
+    ],
+)
+def test_an_agent_that_fails_stops(act, reason):
     agent = Puller()
     robot = Robot(agent)
     pose = robot.step()["pose"]
     agent.act = act
     reply = robot.step()
     assert (reply["state"], reply["pose"]) == ("stopped", pose)
-    assert "the agent failed with" in reply["reason"]
+    assert reason in reply["reason"]
+
+
+def test_an_agent_that_begins_far_from_the_hand_does_not_move_it():
+    agent = Puller()
+    agent.act = lambda _: [0, 0, 0.6, 0, 0, 0]
+    reply = Robot(agent).step()
+    assert (reply["state"], reply["pose"]) == ("stopped", [0.0] * 6)
+    assert reply["reason"] == "the agent begins far from the hand"
+    agent.act = lambda _: [0, 0, 0.4, 0, 0, 0]
+    assert Robot(agent).step()["pose"] == [0, 0, 0.02, 0, 0, 0]
+
+
+def test_a_clock_in_the_wrong_unit_stops_the_robot():
+    """In milliseconds a thousand observations a second would be one per period."""
+    robot = Robot()
+    robot.now, robot.time, robot.seq = 1e-3, 1.0, 1
+    (reply,) = robot.say(robot.message())
+    assert (reply["state"], robot.agent.decisions) == ("stopped", 0)
+
+
+def test_holding_begins_at_the_time_that_was_told():
+    for start in np.random.default_rng(0).uniform(0.0, 1e6, 50):
+        session = Session(as_agent(Puller()), SETTINGS, "here")
+        session.receive({"type": "hello", "protocol": 1}, start)
+        still = {"seq": 0, "time": 0, "ee_pose": [0.0] * 6, "wrench": [0.0] * 6}
+        session.receive({"type": "reset", **still}, start)
+        (said,) = session.tick(session.due)
+        assert said["state"] == "holding"
 
 
 def test_a_thousand_fuzzed_messages_neither_crash_nor_move():
@@ -381,6 +418,52 @@ def test_a_killed_client_ends_its_session_and_makes_room(served):
     assert "the client has gone; the session was active" in last
 
 
+def test_whatever_a_client_says_can_be_written_down(served):
+    server, session, settings = served
+    with connected(settings) as client:
+        server.step()
+        client.sendall(b'{"type":"hello","protocol":1,"x":1e999}\n')
+        assert server.step()
+    assert session.greeted
+    assert read_journal(settings.journal)[2]["in"]["x"] == math.inf
+
+
+def test_a_second_client_need_not_wait_for_a_first_that_is_silent(served):
+    server, _, settings = served
+    with connected(settings):
+        server.step()
+        with connected(settings) as second:
+            second.settimeout(0.0)
+            began = time.monotonic()
+            server.step()
+            assert json.loads(second.recv(999))["code"] == "busy"
+    assert time.monotonic() - began < 5.0
+
+
+def test_a_full_disk_ends_the_journal_and_not_the_motion(tmp_path, monkeypatch, capfd):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    journal = Journal(tmp_path / "journal", {})
+    monkeypatch.setattr("gplfd_policies.serving.journal.os.write", full)
+    journal.write(0.1, "one", [], 0.0)
+    monkeypatch.undo()
+    journal.write(0.2, "two", [], 0.0)
+    assert "the journal ends here: [Errno 28]" in capfd.readouterr().err
+    assert len(read_journal(tmp_path / "journal")) == 1
+
+
+def test_what_a_policy_prints_while_it_learns_is_no_message(monkeypatch, capfd):
+    def learned(*_):
+        os.write(1, b"learning")
+        raise ValueError("enough")
+
+    monkeypatch.setattr("gplfd_policies.serving.server.served_agent", learned)
+    with pytest.raises(ValueError, match="enough"):
+        serve(SETTINGS)
+    assert capfd.readouterr() == ("", "learning")
+
+
 def test_another_server_s_socket_is_left_and_a_dead_one_s_replaced(served):
     _, _, settings = served
     with pytest.raises(ValueError, match="another server listens on"):
@@ -404,6 +487,9 @@ def test_a_killed_server_is_an_error_of_the_client(tmp_path):
     refused = [sys.executable, "-S", "-c", gone.format(json.dumps(error))]
     with pytest.raises(RefusedError, match="busy: another"):
         RemoteAgent(refused)
+    deaf = [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
+    with pytest.raises(ServerLostError, match="is silent"):
+        RemoteAgent(deaf, timeout=0.1)
 
 
 def test_a_link_keeps_parts_of_lines_and_refuses_endless_ones():
@@ -428,7 +514,7 @@ def test_a_journal_loses_no_more_than_its_last_line(tmp_path):
     file = tmp_path / "journal"
     for _ in range(2):
         journal = Journal(file, {"settings": {}})
-        journal.write(0.1, {"type": "observe"}, [{"type": "command"}], 1e-3)
+        journal.write(0.1, b'{"type":"observe"}', [{"type": "command"}], 1e-3)
         journal.close()
         with open(file, "ab") as cut:
             cut.write(b'{"at":0.2,"in"')
@@ -465,9 +551,11 @@ BAD = {
     "reflex --force nan": "--force nan must be finite and greater than 0.0",
     "reflex --stop-after 0.03": "must not be less than --hold-after",
     "reflex --workspace 0 0 0 1 1 0": "each least below its greatest",
+    "reflex --workspace 0 0 0 1 1 inf": "all finite",
     "reflex --least-stiffness 9 900": "not above --greatest-stiffness",
     "reflex --start approach": "cannot reach by itself",
     "reflex --socket no/folder": "No such file",
+    f"reflex --socket {'a' * 200}": "too long",
 }
 
 

@@ -23,6 +23,7 @@ from typing import Annotated, Any, Final, Protocol, TextIO, Union
 import docstring_parser
 import tyro
 
+from gplfd_experiments.cli.commands.correct import Correct
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.export import Export
 from gplfd_experiments.cli.commands.gallery import Gallery
@@ -61,6 +62,7 @@ COMMANDS: Final[dict[str, type[Command]]] = {
     "learn": Learn,
     "export": Export,
     "serve": Serve,
+    "correct": Correct,
     "skill": SkillTests,
     "benchmark": Benchmark,
     "trials": Trials,

@@ -6,8 +6,10 @@ in a user's policy.
 """
 
 import contextlib
+import dataclasses
 import functools
 import json
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -22,7 +24,8 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.teacher import ForceConfig, Habits, Teacher, TeacherConfig
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.rollout import rollouts
+from gplfd_experiments.episodes.practice import Practice, practised
+from gplfd_experiments.episodes.rollout import rollout, rollouts
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.agents.lockstep import batch_agents
@@ -123,14 +126,47 @@ def learned_agents(
             poses=handle_pose_on_arc(task.prior_radius, angles),
         )
     reach = learn_reach(reaches(shown)) if task.start == "approach" else None
-    make = learned(
-        policy,
-        TrainingInput(
-            demonstrations=openings(shown), seed=task.seed, prior_mean=prior_mean
-        ),
+    training = TrainingInput(
+        demonstrations=openings(shown), seed=task.seed, prior_mean=prior_mean
     )
+    if task.practice is None:
+        make = learned(policy, training)
+    else:
+        make = _practised(task, policy, training)
     perception = door_randomization(task.randomization).perception
     return make if reach is None else lambda: ReachingAgent(reach, make(), perception)
+
+
+def _practised(
+    task: EpisodeTask, policy: Policy, training: TrainingInput
+) -> Callable[[], Agent]:
+    """Learn, be corrected at other doors, and return what makes agents."""
+    method, practice = policy.method, Practice(**(task.practice or {}))
+    if method is None:
+        raise ValueError(f"policy {task.policy!r} learns no movement to be corrected")
+
+    def open_door(name: str, door: DoorConfig, agent: Agent) -> EpisodeLog:
+        draws = {"randomization": practice.randomization, "disturbance": "none"}
+        given: dict[str, Any] = {"door": name, "door_config": door.as_dict(), **draws}
+        return open_watched(dataclasses.replace(task, **given), agent)
+
+    movement = practised(method, training, practice, open_door)
+    return lambda: method.follow(movement)
+
+
+def open_watched(task: EpisodeTask, agent: Agent) -> EpisodeLog:
+    """Open a door once, in twice the usual time, for somebody to lead the hand."""
+    with contextlib.closing(
+        make_environment(task, agent.control, max_episode_steps=3000)
+    ) as env:
+        return rollout(
+            env,
+            agent,
+            policy=task.policy,
+            door=task.door,
+            seed=task.reset_seed,
+            forecast_period=math.inf,
+        )
 
 
 def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> gym.Env:

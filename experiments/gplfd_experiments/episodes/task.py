@@ -134,6 +134,9 @@ class EpisodeTask(TaughtTask):
     """Fields of `gplfd_experiments.data.teacher.Habits`; None for a tidy teacher."""
     prior_radius: float | None = omit_default(None)
     """Radius of the arc that is given as a prior mean [m]; None for none."""
+    practice: Mapping[str, Any] | None = omit_default(None)
+    """`gplfd_experiments.episodes.practice.Practice` between learning and this episode,
+    as plain data; None for none."""
     trial: str = omit_default("")
     """Name of the trial that it belongs to; "" for none."""
     level: str = omit_default("")

@@ -106,6 +106,7 @@ def dry_run(skill: Path, policy: str, robot: str, door: str) -> DryRun:
         low, high = np.array([joint.range for joint in joints]).T
         moving = [int(joint.dofadr[0]) for joint in joints]
         limits = model.jnt_actfrcrange[[joint.id for joint in joints], 1]
+        limits = np.where(limits > 0.0, limits, np.inf)  # A URDF may lack them.
         links = [int(joint.bodyid[0]) for joint in joints]
         site, workspace = model.site("hand").id, _workspace(model, data, body)
         seen: dict[str, list[Any]] = {one: [] for one in _SEEN}

@@ -24,10 +24,9 @@ from functools import partial
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose, Times
+from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 

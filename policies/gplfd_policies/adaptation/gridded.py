@@ -1,18 +1,25 @@
 """A movement on a grid of phases: fast look-up at any phase, adapted in place."""
 
+import copy
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.adaptation.forms import begin_adaptation
 from gplfd_policies.adaptation.similarity import SimilarityAdaptation
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
-from gplfd_policies.arrays.shapes import Axes, Covariances, Outputs, Pose, Vectors
-from gplfd_policies.movements.movement import Adaptation, AdaptationForm, Movement
+from gplfd_policies.arrays.shapes import (
+    Axes,
+    Covariances,
+    Float,
+    Outputs,
+    Pose,
+    Vectors,
+)
+from gplfd_policies.movements.movement import AdaptationForm, Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 LOOK_AHEAD: Final = 0.05
@@ -40,24 +47,23 @@ class GriddedMovement:
     ) -> None:
         if n_grid < 2:
             raise ValueError(f"n_grid must be at least 2, got {n_grid}")
-        self.learned, self._form, self.n_grid = movement, form, n_grid
-        self.distribution = self._fresh()
+        self.learned, self.n_grid = movement, n_grid
+        grid = np.linspace(0.0, 1.0, n_grid)
+        self._unadapted = begin_adaptation(movement, form, grid)
+        self.distribution = copy.deepcopy(self._unadapted)
         self._adapted, self._seen = False, 0.0
 
     def reset(self) -> None:
         """Forget every via-point."""
         if self._adapted:
-            self.distribution = self._fresh()
+            # A copy takes a tenth of the time in which a new one is computed.
+            self.distribution = copy.deepcopy(self._unadapted)
             self._adapted, self._seen = False, 0.0
 
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on a via-point."""
         self._adapted, self._seen = True, max(self._seen, float(via_point.phase))
         self.distribution.observe(via_point)
-
-    def _fresh(self) -> Adaptation:
-        grid = np.linspace(0.0, 1.0, self.n_grid)
-        return begin_adaptation(self.learned, self._form, grid)
 
     def at(self, phase: float) -> tuple[Pose, Pose]:
         """Return mean and standard deviation at a phase in [0, 1], each (6,)."""

@@ -24,7 +24,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 from numpy.polynomial.hermite_e import hermegauss
 
 from gplfd_policies.adaptation.conditioning import Repetition, leading_curves
@@ -34,7 +33,7 @@ from gplfd_policies.adaptation.process import (
     demonstrated_repetition,
 )
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.shapes import Curves, Times
+from gplfd_policies.arrays.shapes import Curves, Float, Times
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.movements.skill import Skill
 

@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.adaptation.conditioning import (
     ConditionedProcess,
@@ -20,7 +19,7 @@ from gplfd_policies.adaptation.conditioning import (
 )
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.resolution import thinned
-from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose, Times
+from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.gp.deviations import conjugate_share
 from gplfd_policies.gp.exact import factorise
 from gplfd_policies.movements.skill import Skill

@@ -17,11 +17,14 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
-from gplfd_policies.demonstrations.path_similarity import SimilarityModel, advance
+from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
+from gplfd_policies.demonstrations.path_similarity import (
+    SimilarityModel,
+    advance,
+    gradient,
+)
 from gplfd_policies.demonstrations.turned_handle import seen_at, turned_handle
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
@@ -134,23 +137,23 @@ class SimilarityAdaptation:
         weights = self.sizes.weights
         paths, angles = self.sizes.forecast(self._grid)
         path = paths @ weights
-        self._mean[:, 0], self._mean[:, 2] = path.real, -path.imag
-        self._mean[:, _LEVEL] += self._apart
+        self._mean[:, 0] = path.real + self._apart[:, 0]
+        self._mean[:, 2] = -path.imag + self._apart[:, 1]
         apart, across = paths - path[:, None], 1j * paths * np.sqrt(angles)
         dx, dz = apart.real, -apart.imag
         ax, az = across.real, -across.imag
-        tangent = np.gradient(path)
+        tangent = gradient(path)
         along = self._lag * tangent / np.maximum(np.abs(tangent), _NOISE**2)
         tx, tz = along.real, -along.imag
         # Deviations are independent of each other, and each is one for all phases.
-        share = np.sqrt(weights)
-        self._level = tuple(
-            np.column_stack([share * between, share * aside, behind])
-            for between, aside, behind in ((dx, ax, tx), (dz, az, tz))
-        )
+        share, count = np.sqrt(weights), weights.size
+        self._level = x, z = np.empty((2, self._grid.size, 2 * count + 1))
+        for roots, between, aside, behind in ((x, dx, ax, tx), (z, dz, az, tz)):
+            np.multiply(share, between, out=roots[:, :count])
+            np.multiply(share, aside, out=roots[:, count:-1])
+            roots[:, -1] = behind
         for output, roots in zip(_LEVEL, self._level, strict=True):
             variance[:, output] = (roots * roots).sum(axis=1) + _NOISE**2
-        x, z = self._level
         self.level_covariance: Float[np.ndarray, " M"] = (x * z).sum(axis=1)
         """Covariance of x and z on the grid [m²]."""
 

@@ -3,14 +3,13 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.records import freeze, short_repr
-from gplfd_policies.arrays.shapes import Outputs, Pose
+from gplfd_policies.arrays.shapes import Float, Outputs, Pose
 from gplfd_policies.control.stability import rate_bound
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
 

@@ -8,9 +8,9 @@ import math
 from typing import Final, Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH
+from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.control.steps import Observation
 
 Vector = Float[np.ndarray, " 3"]

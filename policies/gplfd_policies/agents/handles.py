@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.validation.fields import quantity
 from gplfd_policies.adaptation.gridded import (
@@ -24,7 +23,7 @@ from gplfd_policies.adaptation.gridded import (
 )
 from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
-from gplfd_policies.arrays.shapes import Pose, Vectors
+from gplfd_policies.arrays.shapes import Float, Pose, Vectors
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.expected_force import ForceForecast
 from gplfd_policies.control.load import ContactState, LoadResponse, LoadRule

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
 from gplfd_env.doors.geometry import DoorGeometry
@@ -19,7 +18,7 @@ from gplfd_policies.adaptation.gridded import LOOK_AHEAD
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import Settings
-from gplfd_policies.arrays.shapes import Pose
+from gplfd_policies.arrays.shapes import Float, Pose
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 

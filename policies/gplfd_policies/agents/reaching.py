@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH, Control
 from gplfd_env.doors.geometry import DoorGeometry
@@ -19,6 +18,7 @@ from gplfd_policies.adaptation import adapt
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.agents.grasp_search import CLOSING, GraspSearch
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.shapes import Bool, Float
 from gplfd_policies.control.rendering import ArmRendering
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.demonstrations.alignment import align

@@ -6,6 +6,9 @@ that learn, read, predict, adapt and act. The numbers are then the same whatever
 caller has set (``test_linear_algebra_runs_on_one_thread``). It is faster as well: the
 policies' matrices have about a hundred rows, and sharing them out among threads costs
 ten times the work itself.
+
+The limit needs threadpoolctl. Where that is not installed, as on a robot, BLAS runs on
+as many threads as the process was started with: set ``OPENBLAS_NUM_THREADS=1``.
 """
 
 import contextlib
@@ -64,10 +67,17 @@ class _OneThread(contextlib.ContextDecorator):
 
 @functools.cache
 def _libraries() -> list[Any]:
-    """Return the BLAS libraries of NumPy and SciPy; finding them takes milliseconds."""
+    """Return the BLAS libraries of NumPy and SciPy; finding them takes milliseconds.
+
+    None without threadpoolctl.
+    """
     # SciPy has a BLAS of its own, which must be loaded before libraries are listed.
     import scipy.linalg  # noqa: F401
-    from threadpoolctl import ThreadpoolController
+
+    try:
+        from threadpoolctl import ThreadpoolController
+    except ModuleNotFoundError:
+        return []
 
     found: list[Any] = ThreadpoolController().select(user_api="blas").lib_controllers
     return found

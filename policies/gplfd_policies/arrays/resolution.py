@@ -1,7 +1,8 @@
 """Resolution of poses, and fewer samples of a curve."""
 
 import numpy as np
-from jaxtyping import Int
+
+from gplfd_policies.arrays.shapes import Int
 
 FINEST = 1e-6
 """Finest resolution of poses, scales and standard deviations: 1 µm and 1 µrad."""

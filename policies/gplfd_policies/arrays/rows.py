@@ -3,7 +3,8 @@
 from typing import Final
 
 import numpy as np
-from jaxtyping import Int
+
+from gplfd_policies.arrays.shapes import Int
 
 Numbers = np.ndarray | np.float64 | np.int64
 """One number per row; of a batch without a leading axis a scalar of NumPy."""

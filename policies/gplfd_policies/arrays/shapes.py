@@ -3,10 +3,33 @@
 M is the number of phases and D that of demonstrations; the six outputs are those of a
 pose, (x, y, z, θu_x, θu_y, θu_z) [m, rad]. Within one call, equal letters are equal
 numbers.
+
+Shapes are annotations of jaxtyping, which the tests check at run time. Where it is not
+installed, as on a robot, an annotation is the array type alone: ``Float[np.ndarray,
+"M 6"]`` is ``np.ndarray``.
 """
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
-from jaxtyping import Float
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool as Bool
+    from jaxtyping import Complex as Complex
+    from jaxtyping import Float as Float
+    from jaxtyping import Int as Int
+else:
+    try:
+        from jaxtyping import Bool, Complex, Float, Int
+    except ModuleNotFoundError:
+
+        class Float:
+            """Stands for an array of any shape and type of number."""
+
+            def __class_getitem__(cls, array_and_shape: tuple[Any, str]) -> Any:
+                return array_and_shape[0]
+
+        Bool = Complex = Int = Float
 
 Times = Float[np.ndarray, " M"]
 """Phases of the task, or other times."""

@@ -3,18 +3,19 @@
 The force of demonstrated hands is a movement like that of their poses
 (`gplfd_policies.movements.movement.LearnedMovement.forces`), and the force that a robot
 measures on its way through a door is a via-point of it: the mean since the last one,
-because friction and sensors vary faster than the phase.
+because friction and sensors vary faster than the phase. What a via-point says is first
+used in the control step after it, which is where it is computed: the step of the
+via-point adapts the path already, and two such computations take longer than others.
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
-from gplfd_policies.arrays.shapes import Axes, Vectors
+from gplfd_policies.arrays.shapes import Axes, Bool, Float, Vectors
 from gplfd_policies.control.frame import product
 from gplfd_policies.movements.trajectory import ViaPoint
 
@@ -60,12 +61,16 @@ class ForceForecast:
         # Measured since the last via-point: sum and number.
         self._sum = np.zeros((*movements.numbers.shape, 6))
         self._count = np.zeros(movements.numbers.shape)
+        # Rows that learn from it before they expect a force again, and at what phase.
+        self._due = np.zeros(movements.numbers.shape, dtype=bool)
+        self._phases = np.zeros(movements.numbers.shape)
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget these rows' doors."""
         self._movements.reset(rows)
         self._sum[rows] = 0.0
         self._count[rows] = 0.0
+        self._due[rows] = False
 
     def expect(
         self,
@@ -77,6 +82,8 @@ class ForceForecast:
 
         The axes of the hands are columns in the task frame.
         """
+        if self._due[rows].any():
+            self._condition(rows)
         ends = np.minimum(np.array([phases, phases + LOOK_AHEAD]), 1.0)
         means, stds = self._movements.at(ends, rows)
         largest = self._largest[rows]
@@ -105,19 +112,26 @@ class ForceForecast:
         phases: Amount,
         rows: Rows = ALL_ROWS,
     ) -> None:
-        """Condition the rows that are due on what was measured since they last were."""
-        total, count = self._sum[rows], self._count[rows]
-        fresh = np.asarray(due)
+        """Let the rows that are due learn from what they measured since they last did.
+
+        The force that is expected next is conditioned on its mean, at these phases.
+        """
+        self._due[rows] = due
+        self._phases[rows] = phases
+
+    def _condition(self, rows: Rows) -> None:
+        due, total, count = self._due[rows], self._sum[rows], self._count[rows]
         for number, phase, mean in zip(
             self._movements.numbers[rows][due].tolist(),
-            np.asarray(phases)[due].tolist(),
-            (total / count[..., None])[due],
+            np.asarray(self._phases[rows])[due].tolist(),
+            total[due] / np.asarray(count)[due][:, None],
             strict=True,
         ):
             via_point = ViaPoint(phase=phase, pose=mean, std=self._noise)
             self._movements.observe(number, via_point)
-        self._sum[rows] = np.where(fresh[..., None], 0.0, total)
+        self._sum[rows] = np.where(np.asarray(due)[..., None], 0.0, total)
         self._count[rows] = np.where(due, 0.0, count)
+        self._due[rows] = False
 
 
 def _largest_force(wrenches: Float[np.ndarray, "K M 6"]) -> float:

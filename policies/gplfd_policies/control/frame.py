@@ -6,10 +6,9 @@ an order that depends on the other rows.
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.arrays.rows import Numbers
-from gplfd_policies.arrays.shapes import Axes, Frames, Vectors
+from gplfd_policies.arrays.shapes import Axes, Float, Frames, Vectors
 
 
 def path_frame(tangent: Vectors) -> Frames:

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
-from gplfd_policies.arrays.shapes import Axes, Vectors
+from gplfd_policies.arrays.shapes import Axes, Float, Vectors
 from gplfd_policies.control.expected_force import ExpectedForce
 from gplfd_policies.control.stiffness import StiffnessProfile
 

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
 from gplfd_policies.arrays.records import freeze, short_repr
 from gplfd_policies.arrays.rows import Numbers
-from gplfd_policies.arrays.shapes import Axes, Outputs, Vectors
+from gplfd_policies.arrays.shapes import Axes, Float, Outputs, Vectors
 from gplfd_policies.control.frame import path_frame
 from gplfd_policies.control.stiffness import StiffnessProfile
 from gplfd_policies.demonstrations.impedance import PRIOR, estimate_impedance

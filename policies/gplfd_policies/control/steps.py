@@ -10,10 +10,10 @@ from types import MappingProxyType
 from typing import Any, Final, SupportsIndex
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from gplfd_env.conventions.constants import Control
 from gplfd_policies.arrays.rows import Numbers, Rows
+from gplfd_policies.arrays.shapes import Bool, Float
 
 Observation = Mapping[str, Float[np.ndarray, "..."]]
 """Measurements of the robot by name; of a batch, with a leading axis."""

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import read_only
-from gplfd_policies.arrays.shapes import Axes, Frames, SixAxes
+from gplfd_policies.arrays.shapes import Axes, Float, Frames, SixAxes
 from gplfd_policies.control.contact import HELD_HAND
 from gplfd_policies.control.frame import product
 

@@ -3,10 +3,9 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.arrays.records import freeze, short_repr
-from gplfd_policies.arrays.shapes import Pose, Times
+from gplfd_policies.arrays.shapes import Float, Pose, Times
 from gplfd_policies.demonstrations.rests import Rest
 
 

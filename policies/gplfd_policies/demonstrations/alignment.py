@@ -12,11 +12,10 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import into_axes, pose_distance
-from gplfd_policies.arrays.shapes import Outputs, Times
+from gplfd_policies.arrays.shapes import Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.completion import measure_completion, warn_of_noise
 from gplfd_policies.demonstrations.demonstration import Demonstration

@@ -11,9 +11,9 @@ from typing import Final
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_env.spatial.se3 import pose_steps
+from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 _NOISY_LENGTH_RATIO: Final = 1.1

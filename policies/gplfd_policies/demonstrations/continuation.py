@@ -12,11 +12,10 @@ from typing import Any, Final
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import pose_steps
-from gplfd_policies.arrays.shapes import Outputs, Pose, Times
+from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 _TAIL: Final = 0.25

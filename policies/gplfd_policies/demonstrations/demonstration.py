@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions, unwrap_rotvecs
 from gplfd_env.spatial.se3 import into_axes, relative_poses
 from gplfd_policies.arrays.records import freeze, short_repr
+from gplfd_policies.arrays.shapes import Float
 
 _REST = 1e-9
 """A motion that stays within this distance of its first pose [m, rad] is at rest."""

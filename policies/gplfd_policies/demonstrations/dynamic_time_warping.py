@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+
+from gplfd_policies.arrays.shapes import Float, Int
 
 LARGEST_TABLE = 10**8
 """Cells at most: two sequences of 10,000, a few seconds and 100 MB."""

@@ -17,11 +17,10 @@ from typing import Final
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_policies.arrays.records import freeze, short_repr
-from gplfd_policies.arrays.shapes import Times
+from gplfd_policies.arrays.shapes import Float, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 LEAST_DEMONSTRATIONS: Final = 3

@@ -7,9 +7,9 @@ or down. The mean of two kinds is none of them, so that each has to be learned a
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 from scipy.cluster.hierarchy import fcluster, linkage
 
+from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 WITHIN: Final = 0.4

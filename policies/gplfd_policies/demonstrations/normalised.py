@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
+from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 _STILL = 1e-3

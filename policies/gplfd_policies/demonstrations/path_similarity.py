@@ -14,10 +14,10 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from jaxtyping import Complex, Float
 
 from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.records import Settings
+from gplfd_policies.arrays.shapes import Complex, Float
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.normalised import normalised
 
@@ -288,7 +288,8 @@ class PathSimilarity:
         """The sizes that the path leaves likely, finer than those that are compared."""
         config, grid = self.model.config, self.model.log_sizes
         # p(c, path): Student-t, as the scale is learned.
-        surprise = (config.scale_weight + self.count) * np.log(self.scale)
+        scale = self.scale
+        surprise = (config.scale_weight + self.count) * np.log(scale)
         log_weights = -0.5 * (_STEPS**2 + self.log_variance + surprise)
         weights = np.exp(log_weights - log_weights.max())
         weights /= weights.sum()
@@ -303,7 +304,7 @@ class PathSimilarity:
         )
         # All is smooth in log c: between the sizes, the cubic through four of them.
         position = (sizes - grid[0]) / max(spacing, _NEAREST)
-        left = np.clip(position.astype(np.int64) - 1, 0, grid.size - 4)
+        left = np.maximum(np.minimum(position.astype(np.int64) - 1, grid.size - 4), 0)
         u = position - left
         cubic = np.array(
             [
@@ -313,17 +314,13 @@ class PathSimilarity:
                 u * (u - 1.0) * (u - 2.0) / 6.0,
             ]
         )
-        curves = np.vstack(
-            [
-                log_weights,
-                self.phase,
-                self.angle,
-                self.scale * self.angle_variance,
-                self.mean,
-                (self.scale * self.covariance).reshape(9, -1),
-            ]
-        )
-        found = np.add.reduce(curves[:, left + np.arange(4)[:, None]] * cubic, axis=1)
+        curves = np.empty((16, grid.size))
+        curves[0], curves[1], curves[2] = log_weights, self.phase, self.angle
+        np.multiply(scale, self.angle_variance, out=curves[3])
+        curves[4:7] = self.mean
+        np.multiply(scale, self.covariance, out=curves[7:].reshape(3, 3, -1))
+        four = left + np.arange(4)[:, None]
+        found = np.add.reduce(curves[:, four] * cubic, axis=1)
         weights = np.exp(found[0] - found[0].max())
         return LikelySizes(
             model=self.model,
@@ -332,13 +329,11 @@ class PathSimilarity:
             phase=found[1],
             angle=found[2],
             angle_variance=np.maximum(found[3], 0.0)
-            + (_OVERLAP * np.gradient(found[2])) ** 2,
+            + (_OVERLAP * gradient(found[2])) ** 2,
             size_std=_OVERLAP * float(sizes[1] - sizes[0]),
             mean=found[4:7],
             covariance=found[7:].reshape(3, 3, -1),
-            scale=np.add.reduce(
-                self.scale[left + np.arange(4)[:, None]] * cubic, axis=0
-            ),
+            scale=np.add.reduce(scale[four] * cubic, axis=0),
         )
 
 
@@ -405,10 +400,12 @@ class LikelySizes:
         turning = turning[:, None]
         # f at phases s from (f, df/ds) at the last one: a f + b df/ds, and a remainder.
         step = phases[:, None] - self.phase
-        decay = np.exp(-model.rate * np.abs(step))
-        a, b = decay * (1.0 + model.rate * np.abs(step)), decay * step
-        variance = self.scale * (1.0 - a * a - (model.rate * b) ** 2)
-        variance += a * a * covariance[1, 1] + b * b * covariance[2, 2]
+        apart = model.rate * np.abs(step)
+        decay = np.exp(-apart)
+        a, b = decay * (1.0 + apart), decay * step
+        square = a * a
+        variance = self.scale * (1.0 - square - (model.rate * b) ** 2)
+        variance += square * covariance[1, 1] + b * b * covariance[2, 2]
         variance += 2.0 * a * b * covariance[1, 2]
         both = a * covariance[0, 1] + b * covariance[0, 2]
         variance = covariance[0, 0] + turning * (2.0 * both + turning * variance)
@@ -451,6 +448,14 @@ def size_visibility(
         square = (deviations.mean(axis=0) ** 2).sum(axis=1).mean()
         ratios.append(math.sqrt(square / variance))
     return min(max(max(ratios) - 1.0, 0.0), 1.0)
+
+
+def gradient(values: np.ndarray) -> np.ndarray:
+    """Return `numpy.gradient` of values (N,), in a tenth of its time."""
+    slopes = np.empty_like(values)
+    slopes[1:-1] = (values[2:] - values[:-2]) / 2.0
+    slopes[0], slopes[-1] = values[1] - values[0], values[-1] - values[-2]
+    return slopes
 
 
 def _smooth_std(deviations: Float[np.ndarray, "D M"], least: float) -> Phases:

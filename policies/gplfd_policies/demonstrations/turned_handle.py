@@ -15,8 +15,8 @@ from typing import Final
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
+from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 Vector = tuple[float, float, float]

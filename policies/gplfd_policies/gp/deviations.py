@@ -33,12 +33,12 @@ from fractions import Fraction
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_policies.arrays.resolution import thinned
 from gplfd_policies.arrays.shapes import (
     Curve,
     Curves,
+    Float,
     Gram,
     OutputCurves,
     Outputs,

@@ -9,9 +9,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
-from gplfd_policies.arrays.shapes import Curve, Gram, Times
+from gplfd_policies.arrays.shapes import Curve, Float, Gram, Times
 from gplfd_policies.gp.kernels import RBF
 
 LOG_2PI = float(np.log(2.0 * np.pi))

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.arrays.records import short_repr
 from gplfd_policies.arrays.resolution import FINEST
-from gplfd_policies.arrays.shapes import Curves, Times
+from gplfd_policies.arrays.shapes import Curves, Float, Times
 from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.hyperparameters import fit_kernel
 from gplfd_policies.gp.kernels import RBF

@@ -8,7 +8,8 @@ with distance, and is no covariance
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+
+from gplfd_policies.arrays.shapes import Float
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
 from numpy.polynomial.legendre import leggauss, legvander
 
 from gplfd_policies.arrays.records import read_only
-from gplfd_policies.arrays.shapes import Times
+from gplfd_policies.arrays.shapes import Float, Times
 from gplfd_policies.gp.kernels import RBF
 
 SIZES = {48: 0.1, 96: 0.05, 192: 0.02}

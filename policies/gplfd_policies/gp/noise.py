@@ -11,11 +11,10 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.records import Settings, short_repr
-from gplfd_policies.arrays.shapes import Curve, Curves, Times
+from gplfd_policies.arrays.shapes import Curve, Curves, Float, Times
 from gplfd_policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis

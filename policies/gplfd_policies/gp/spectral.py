@@ -21,9 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
-from gplfd_policies.arrays.shapes import Curve, Times
+from gplfd_policies.arrays.shapes import Curve, Float, Times
 from gplfd_policies.gp.exact import LOG_2PI
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis

@@ -14,10 +14,9 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_policies.arrays.records import freeze, short_repr
-from gplfd_policies.arrays.shapes import Outputs, Times
+from gplfd_policies.arrays.shapes import Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import AdaptationForm, LearnedMovement, Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint

@@ -5,7 +5,9 @@ arXiv:2002.09979, Section III-B: the policy of Eq. (12), six outputs independent
 priori, each with the kernel of Eq. (13) and its own noise r(t), Eq. (15).
 """
 
+import json
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from pathlib import Path
@@ -15,8 +17,10 @@ import numpy as np
 
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
-from gplfd_policies.arrays.storage import Members, read_archive, write_archive
+from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.correction import Correction
+from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.gp.deviations import DeviationProcess, fit_deviations, wobbling
 from gplfd_policies.gp.heteroscedastic import (
     HeteroscedasticGP,
@@ -58,6 +62,10 @@ _VERSION: Final = 3
 """Version of its layout."""
 _FORCES: Final = "forces_"
 """Begins the names of what was learned of forces."""
+_CORRECTIONS: Final = "corrections"
+"""Begins the names of what a skill was corrected by."""
+_ORIGIN: Final = ("door", "seed", "by", "phase")
+_MOTION: Final = ("times", "poses", "wrenches")
 _NO_CLOCKS: Final = np.zeros((0, 0))
 """In place of the clocks where they are unknown."""
 _DEVIATION: Final = tuple(field.name for field in fields(DeviationProcess))
@@ -69,6 +77,8 @@ class Skill(LearnedMovement):
 
     processes: MultiOutputGP
     """The six processes (x, y, z, θu_x, θu_y, θu_z)."""
+    corrections: tuple[Correction, ...] = ()
+    """What it was corrected by, in order: its last demonstrations, completed."""
 
     @property
     def count(self) -> int:
@@ -210,6 +220,8 @@ class Skill(LearnedMovement):
             felt = self.forces._arrays()
             arrays |= {f"{_FORCES}{name}": array for name, array in felt.items()}
             arrays["wrenches"] = np.asarray(self.aligned.wrenches)
+        if self.corrections:
+            arrays |= _kept(self.corrections)
         write_archive(path, kind=_KIND, version=_VERSION, arrays=arrays)
 
     def _arrays(self) -> dict[str, np.ndarray]:
@@ -261,13 +273,39 @@ def load_skill(path: str | Path) -> Skill:
 
 def _skill_of(members: Members) -> Skill:
     """Build a skill from the members of its archive; raise for any that is wrong."""
-    if "wrenches" not in members:
-        return _part_of(members, "")
-    wrenches = members("wrenches")
-    return _part_of(members, "", wrenches=wrenches, forces=_part_of(members, _FORCES))
+    others: dict[str, Any] = {}
+    if _CORRECTIONS in members:
+        others["corrections"] = _corrections_of(members)
+    if "wrenches" in members:
+        others["wrenches"] = members("wrenches")
+        others["forces"] = _part_of(members, _FORCES)
+    return _part_of(members, "", **others)
 
 
-def _part_of(members: Members, prefix: str, **forces: Any) -> Skill:
+def _kept(corrections: Sequence[Correction]) -> dict[str, np.ndarray]:
+    """Return the arrays of corrections, and their origins as JSON."""
+    origins, arrays = [], {}
+    for number, one in enumerate(corrections):
+        origins.append({name: getattr(one, name) for name in _ORIGIN})
+        kept = {name: getattr(one.motion, name) for name in _MOTION} | {"led": one.led}
+        for name, array in kept.items():
+            if array is not None:
+                arrays[f"{_CORRECTIONS}_{number}_{name}"] = array
+    arrays[_CORRECTIONS] = np.array(json.dumps({"origins": origins}))
+    return arrays
+
+
+def _corrections_of(members: Members) -> tuple[Correction, ...]:
+    found = []
+    for number, origin in enumerate(settings(members(_CORRECTIONS))["origins"]):
+        prefix = f"{_CORRECTIONS}_{number}_"
+        given = [name for name in _MOTION if prefix + name in members]
+        motion = Demonstration(**{name: members(prefix + name) for name in given})
+        found.append(Correction(motion=motion, led=members(f"{prefix}led"), **origin))
+    return tuple(found)
+
+
+def _part_of(members: Members, prefix: str, **others: Any) -> Skill:
     """Build the skill of the motion, or that of the forces, by the prefix of names."""
 
     def finite(name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
@@ -286,7 +324,7 @@ def _part_of(members: Members, prefix: str, **forces: Any) -> Skill:
         end=float(finite("end", ())),
         drift=finite("drift", (6,)),
         clocks=None if clocks.shape == _NO_CLOCKS.shape else clocks,
-        wrenches=forces.pop("wrenches", None),
+        wrenches=others.pop("wrenches", None),
     )
 
     basis = NoiseProfile.basis_over(aligned.times)
@@ -318,7 +356,7 @@ def _part_of(members: Members, prefix: str, **forces: Any) -> Skill:
         )
         outputs.append(output)
     processes = MultiOutputGP(outputs=tuple(outputs))
-    skill = Skill(aligned=aligned, processes=processes, **forces)
+    skill = Skill(aligned=aligned, processes=processes, **others)
 
     deviating = 6 if len(aligned.poses) > 1 else 0
     columns = [finite(name, (deviating,)) for name in _DEVIATION]

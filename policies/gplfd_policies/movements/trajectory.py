@@ -10,12 +10,19 @@ from typing import Final
 
 import numpy as np
 import scipy
-from jaxtyping import Bool, Float, Int
 
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import freeze, read_only, short_repr
 from gplfd_policies.arrays.resolution import FINEST
-from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose, Times
+from gplfd_policies.arrays.shapes import (
+    Bool,
+    Covariances,
+    Float,
+    Int,
+    Outputs,
+    Pose,
+    Times,
+)
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.demonstrations.path_similarity import LikelySizes
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
+from gplfd_policies.arrays.shapes import Float, Int
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.normalised import normalised
 from gplfd_policies.demonstrations.path_similarity import (

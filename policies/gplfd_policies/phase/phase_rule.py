@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
+from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.demonstrations.path_similarity import LikelySizes
 
 Poses = Float[np.ndarray, "*N 6"]

@@ -55,6 +55,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
 )
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import fit_skill
+from gplfd_policies.registry.corrections import add_correction
 from gplfd_policies.registry.method import (
     FixedProfile,
     Method,
@@ -81,6 +82,7 @@ GP: Final = Method(
     door_adaptation=SimilarityAdaptation,
     force_adaptation=ForceAdaptation,
     modes=ModeConfig(),
+    correct=add_correction,
 )
 """The method of this project, of which the ablations differ in one field each."""
 

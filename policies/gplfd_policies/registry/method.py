@@ -8,13 +8,13 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
 from gplfd_policies.control.stiffness import (
@@ -25,6 +25,7 @@ from gplfd_policies.control.stiffness import (
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.continuation import continued
+from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.modes import partition
 from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
@@ -175,6 +176,11 @@ class Method:
     modes: ModeConfig | None = None
     """When a mode is given up where the demonstrations have several, which are found
     and learned one by one; None learns all demonstrations as one."""
+    correct: Callable[["Method", Movement, Correction], Movement] | None = None
+    """Learns from a correction: takes this method, a movement and the correction, and
+    returns another movement, such as
+    `gplfd_policies.registry.corrections.add_correction`; None for a method that cannot
+    be corrected."""
 
     def __post_init__(self) -> None:
         if self.config.profile is not DEFAULT_PROFILE:
@@ -234,6 +240,19 @@ class Method:
             LearnedMode(numbers=numbers, movement=self.learn(shown))
             for numbers, shown in zip(modes, each, strict=True)
         )
+
+    def update(self, movement: Movement, correction: Correction) -> Movement:
+        """Return a movement that has learned from a correction; the given one stays.
+
+        Raises:
+            ValueError: The method cannot be corrected.
+        """
+        if self.correct is None:
+            raise ValueError(
+                "this policy cannot be corrected: its Method has no `correct`, which "
+                "learns from a correction"
+            )
+        return self.correct(self, movement, correction)
 
     @one_thread
     def follow(self, movement: Movement) -> CompliantAgent:

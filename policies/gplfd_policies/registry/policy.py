@@ -60,3 +60,8 @@ class Policy:
     def method(self) -> Method | None:
         """The method, or None for an agent that follows no learned movement."""
         return self.make if isinstance(self.make, Method) else None
+
+    @property
+    def correctable(self) -> bool:
+        """Whether it learns from corrections."""
+        return self.method is not None and self.method.correct is not None

@@ -82,7 +82,7 @@ class RemoteAgent:
         """Ignore the door: only an oracle uses it, and none is served."""
 
     def reset(self, observation: Observation) -> None:
-        """Begin an episode, or go on after a stop."""
+        """Begin an episode, also after a stop: the hand is at the start."""
         self._seq += 1
         self._send(self._message("reset", observation))
         self._reply("ready", self._seq)
@@ -119,7 +119,11 @@ class RemoteAgent:
         if self._socket is not None:
             self._socket.close()
         if self._process is not None:
-            self._process.communicate(timeout=self._timeout)
+            try:
+                self._process.communicate(timeout=self._timeout)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.communicate()
 
     def _message(self, kind: str, observation: Observation) -> dict[str, Any]:
         """Return a message with every measurement as a number or a list of numbers."""

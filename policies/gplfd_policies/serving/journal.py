@@ -6,6 +6,7 @@ writing. Several runs may follow each other in one file.
 
 import json
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -30,17 +31,32 @@ class Journal:
             os.write(self._file, encode({"journal": 1, **about}))
 
     def write(
-        self, at: float, came: object, replies: Sequence[Mapping[str, Any]], took: float
+        self,
+        at: float,
+        came: bytes | str | None,
+        replies: Sequence[Mapping[str, Any]],
+        took: float,
     ) -> None:
-        """Add a message, None for none, with its replies, time and duration [s]."""
-        if self._file is not None:
-            line = {"at": at, "took": took, "in": came, "out": list(replies)}
-            os.write(self._file, encode(line))
+        """Add a message with its replies, time and duration [s].
+
+        `came` is a line of JSON, which is copied, other text, or None for no message.
+        A disk that is full ends the journal, but not the robot's motion.
+        """
+        if self._file is None:
+            return
+        text = came if isinstance(came, bytes) else json.dumps(came).encode()
+        rest = encode({"at": at, "took": took, "out": list(replies)})
+        try:
+            os.write(self._file, b'{"in":%b,%b' % (text, rest[1:]))
+        except OSError as error:
+            print(f"gplfd: the journal ends here: {error}", file=sys.stderr, flush=True)
+            self.close()
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; what follows is not written."""
         if self._file is not None:
             os.close(self._file)
+            self._file = None
 
 
 def read_journal(path: Path) -> list[dict[str, Any]]:
@@ -56,7 +72,7 @@ def read_journal(path: Path) -> list[dict[str, Any]]:
     for number, line in enumerate(lines[:-1], start=1):
         try:
             found.append(json.loads(line))
-        except ValueError:
+        except (ValueError, RecursionError):
             if number < len(lines) - 1 and not lines[number].startswith(BEGINNING):
                 raise ValueError(f"{path}: line {number} is damaged") from None
     return found

@@ -28,7 +28,13 @@ UNITS: Final = {
     "gripper_width": "m",
 }
 
-_POSE: Final = (Range(low=-10, high=10, unit="m"), Range(low=-7, high=7, unit="rad"))
+MOST_TURNED: Final = 7.0
+"""Greatest component of a rotation vector, measured or commanded [rad]."""
+
+_POSE: Final = (
+    Range(low=-10, high=10, unit="m"),
+    Range(low=-MOST_TURNED, high=MOST_TURNED, unit="rad"),
+)
 _WRENCH: Final = (Range(low=-1e4, high=1e4, unit="N"),) * 2
 _SIZED: Final = {"ee_pose": (6, _POSE), "wrench": (6, _WRENCH)}
 _MOST: Final = 64
@@ -62,7 +68,8 @@ def encode(message: Mapping[str, Any]) -> bytes:
 def decode(line: bytes) -> dict[str, Any]:
     """Return the object of a line; raises `ProtocolError` unless it has a type."""
     try:
-        message = json.loads(line, object_pairs_hook=_once, parse_constant=_refuse)
+        text = line.decode()  # json.loads would guess UTF-16 or UTF-32
+        message = json.loads(text, object_pairs_hook=_once, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
         raise ProtocolError("malformed", f"not a line of JSON: {error}") from None
     if not isinstance(message, dict) or not isinstance(message.get("type"), str):

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.agents.reaching import (
@@ -27,7 +27,7 @@ from gplfd_policies.registry.skill_files import method_and_skill
 from gplfd_policies.serving.journal import Journal
 from gplfd_policies.serving.link import Link
 from gplfd_policies.serving.protocol import ProtocolError, decode, encode
-from gplfd_policies.serving.session import Message, Session
+from gplfd_policies.serving.session import HEARTBEAT, Message, Session
 from gplfd_policies.serving.settings import ServeSettings
 
 SILENCE: Final = 30.0
@@ -110,12 +110,12 @@ class Server:
                 self._link.send(encode({"type": "bye", "reason": "the server ends"}))
                 self._leave("the server ends")
 
-    def step(self, longest: float = SILENCE) -> bool:
+    def step(self) -> bool:
         """Wait for something to do and do it; return whether there may be more."""
         link, session = self._link, self._session
         if link is None:
             return self._accept(None)
-        wait = min(max(session.due - self._clock(), 0.0), longest)
+        wait = min(max(session.due - self._clock(), 0.0), HEARTBEAT)
         lines = link.lines(wait)
         link.send()
         for line in lines:
@@ -134,7 +134,9 @@ class Server:
             self._accept(0.0)
         return True
 
-    def _say(self, began: float, came: object, replies: list[Message]) -> None:
+    def _say(
+        self, began: float, came: bytes | str | None, replies: list[Message]
+    ) -> None:
         """Send replies; then, while the client has its answer, all that takes time."""
         if self._link is None or (came is None and not replies):
             return
@@ -176,13 +178,15 @@ class Server:
         return self._listener is not None
 
 
-def handle(session: Session, line: bytes, now: float) -> tuple[Any, list[Message]]:
-    """Return what a line says, as text if it is no message, and the replies to it."""
+def handle(
+    session: Session, line: bytes, now: float
+) -> tuple[bytes | str, list[Message]]:
+    """Return a line, as text if it is no message, and the replies to it."""
     try:
         message = decode(line)
     except ProtocolError as error:
         return line.decode(errors="replace"), [*session.tick(now), error.reply]
-    return message, session.receive(message, now)
+    return line, session.receive(message, now)
 
 
 def serve(settings: ServeSettings, given: LabelledDemonstrations | None = None) -> None:
@@ -194,13 +198,13 @@ def serve(settings: ServeSettings, given: LabelledDemonstrations | None = None) 
         ValueError: What is asked for cannot be served.
         OSError: The address or the journal cannot be used.
     """
-    agent = served_agent(settings, given)
     with contextlib.ExitStack() as stack:
         listener, link = None, None
         if settings.socket is None and settings.port is None:
             address = "standard input and output"
             link = Link(0, stack.enter_context(_own_output()))
-        else:
+        agent = served_agent(settings, given)
+        if link is None:
             listener, address = _listening(settings)
             stack.enter_context(listener)
             if settings.socket is not None:
@@ -248,7 +252,7 @@ def _listening(settings: ServeSettings) -> tuple[socket.socket, str]:
         listener.listen()
     except OSError as error:
         listener.close()
-        raise OSError(f"cannot listen on {path}: {error.strerror}") from error
+        raise OSError(f"cannot listen on {path}: {error.strerror or error}") from error
     finally:
         os.umask(before)
     return listener, f"unix:{path}"

@@ -16,6 +16,7 @@ from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.demonstrations.npz import FRAME
 from gplfd_policies.serving.limits import astray, exceeded, limited
 from gplfd_policies.serving.protocol import (
+    MOST_TURNED,
     UNITS,
     VERSION,
     Observed,
@@ -23,11 +24,7 @@ from gplfd_policies.serving.protocol import (
     numbers,
     observed,
 )
-from gplfd_policies.serving.settings import (
-    LIMITS,
-    ServeSettings,
-    State,
-)
+from gplfd_policies.serving.settings import LIMITS, WATCHDOG, ServeSettings, State
 
 Message = dict[str, Any]
 
@@ -66,10 +63,7 @@ class Session:
             "frame": FRAME,
             "units": UNITS,
             "limits": {name: given[name] for name in LIMITS},
-            "watchdog": {
-                name: given[name]
-                for name in ("hold_after", "stop_after", "soften_time")
-            },
+            "watchdog": {name: given[name] for name in WATCHDOG},
             "heartbeat": HEARTBEAT,
             "address": address,
             "beyond_loopback": settings.beyond_loopback,
@@ -111,10 +105,10 @@ class Session:
         """Return what the server says by itself now [s]: holding, softening, alive."""
         settings = self._settings
         if self.state in ("active", "holding"):
-            silent = now - self._heard
-            if silent >= settings.stop_after:
+            # The sums of `due`, not differences, which round differently.
+            if now >= self._heard + settings.stop_after:
                 self._stop("no valid observation", now)
-            elif silent >= settings.hold_after:
+            elif now >= self._heard + settings.hold_after:
                 self.state, self.reason = "holding", "no valid observation"
         if now < self.due:
             return []
@@ -182,8 +176,11 @@ class Session:
         return {"type": "ready", "seq": seen.seq, "state": self.state}
 
     def _observe(self, seen: Observed, now: float) -> Message:
+        silent = seen.time - self._time
         missed = self._check_order(seen, now)
         self._heard = now
+        if silent >= self._settings.stop_after:
+            self._stop("no valid observation in the robot's time", now)
         fault = self._fault(seen) if self.state != "stopped" else ""
         if self.state == "stopped":
             reply = self._command(now)
@@ -199,8 +196,7 @@ class Session:
             self.state, self.reason = "active", ""
             try:
                 step = self._agent.act(seen.values)
-                finite = np.isfinite(step.command(self._agent.control)).all()
-                problem = "" if finite else "the agent's command is not finite"
+                problem = self._problem(step, seen.values["ee_pose"])
             except Exception as error:  # whatever a user's agent raises
                 problem = _failure(error)
             if problem:
@@ -251,6 +247,15 @@ class Session:
             return problem
         lost = self._astray_since < math.inf and away >= self._settings.follow_time
         return "the robot does not follow" if lost else ""
+
+    def _problem(self, step: AgentStep, hand: np.ndarray) -> str:
+        """Return why a decision must not be commanded, or ""."""
+        finite = np.isfinite(step.command(self._agent.control)).all()
+        if not finite or np.abs(step.action[3:]).max() > MOST_TURNED:
+            return f"the agent's command is not finite, or beyond ±{MOST_TURNED} rad"
+        if not self._decided and astray(self._settings, hand, step.action):
+            return "the agent begins far from the hand"
+        return ""
 
     def _stop(self, reason: str, now: float) -> None:
         if self.state != "stopped":

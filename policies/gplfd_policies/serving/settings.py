@@ -101,10 +101,10 @@ class ServeSettings:
         if self.start not in ("grasped", "approach"):
             raise ValueError(f"--start {self.start} must be grasped or approach")
         for low, high in zip(self.workspace[:3], self.workspace[3:], strict=True):
-            if not low < high:
+            if not -math.inf < low < high < math.inf:
                 raise ValueError(
                     f"--workspace {self.workspace} must be least x y z and then "
-                    "greatest x y z [m], each least below its greatest"
+                    "greatest x y z [m], all finite, each least below its greatest"
                 )
         ends = zip(self.least_stiffness, self.greatest_stiffness, strict=True)
         if not all(0.0 < low <= high < math.inf for low, high in ends):

@@ -27,6 +27,7 @@ from gplfd_experiments.analysis.results.trials import (
     Answer,
     ByLevel,
     answered,
+    changes,
     graded,
     middle,
     of_trials,
@@ -205,13 +206,21 @@ def _trial_section(
             f"{code(reference)}.",
             f"Share of episodes over {MEASURES[measure][0]}, a panel per policy",
         )
-    section.items(
-        f"{answer.contrast.idea}: {code(answer.contrast.having)} against "
-        f"{code(answer.contrast.lacking)}, "
-        f"{MEASURES[answer.contrast.measure][0]} {_difference(answer)}: "
-        f"{_result(answer)}."
-        for answer in answers
-    )
+    texts = []
+    for answer in answers:
+        contrast, counts = answer.contrast, changes(answer.contrast, policies)
+        doors = [f" {number} {name}" for name, number in counts.items()]
+        texts.append(
+            f"{contrast.idea}: {code(contrast.having)} against "
+            f"{code(contrast.lacking)}, {MEASURES[contrast.measure][0]} "
+            f"{_difference(answer)}: {_result(answer)}."
+            + (f" Doors:{','.join(doors)}." if doors else "")
+        )
+    section.items(texts)
+    asked = {title for title, one in trial.levels.items() if one.corrections}
+    unable = [policy for policy, levels in policies.items() if not asked & set(levels)]
+    if asked and unable:
+        section.say(f"Cannot be corrected: {', '.join(map(code, unable))}.")
     return section
 
 

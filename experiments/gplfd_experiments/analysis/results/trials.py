@@ -118,6 +118,24 @@ def contrast_pairs(contrast: Contrast, episodes: ByLevel) -> Pairs:
     return paired(numbers(contrast.having), numbers(contrast.lacking))
 
 
+def changes(contrast: Contrast, episodes: ByLevel) -> dict[str, int]:
+    """Count the doors that a level of a policy gains and forgets against another.
+
+    Gained are doors that are opened with the idea and not without it; forgotten are
+    the reverse, of those that are opened before, without it. Empty if the sides are
+    not two levels, compared by the doors that are opened.
+    """
+    if contrast.measure != "success" or not contrast.lacking.level:
+        return {}
+    pairs = contrast_pairs(contrast, episodes)
+    both = list(zip(pairs.first, pairs.second, strict=True))
+    return {
+        "gained": sum(having > lacking for having, lacking in both),
+        "forgotten": sum(having < lacking for having, lacking in both),
+        "opened before": sum(lacking > 0.0 for _, lacking in both),
+    }
+
+
 def summary(episodes: Sequence[EpisodeResult], measure: str) -> Rate | Shift | None:
     """Return a rate, or the typical value of a seed with its 95 % interval."""
     if measure in SHARES:
@@ -243,6 +261,7 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
                     **_interval(answer.shift),
                     "verdict": answer.verdict,
                 }
+                | changes(answer.contrast, policies)
             )
     return {
         "protocol": VERSION,

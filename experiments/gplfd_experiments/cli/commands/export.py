@@ -44,7 +44,7 @@ class Export:
     policy: str = "gp"
     """Policy by whose stiffness law the skill is followed, the one that learned it."""
 
-    robot: str | None = None
+    robot: Annotated[str | None, tyro.conf.arg(metavar="ROBOT")] = None
     """Also play it in the simulation with this robot, print what force, speed,
     stiffness and joint margins to expect, and draw it in the robot's workspace,
     FILE-workspace.png: tiago-like, panda-like, ur5e-like, a .urdf, or a .json with the

@@ -121,8 +121,8 @@ class Trials:
     trials: tuple[str, ...] = ()
     """Trials to run (radius, further, few, messy, rests, turned, person, push, stop,
     locked, heavy, breakaway, delay, noise, motions, buildings, handle-pose, two-modes,
-    few-doors, another-handle, forces-weight, forces-closer, forces-person,
-    forces-blocked, forces-seal); by default all that the part has."""
+    few-doors, another-handle, corrections, forces-weight, forces-closer,
+    forces-person, forces-blocked, forces-seal); by default all that the part has."""
 
     policies: tuple[str, ...] = ()
     """Additional policies: names from `gplfd list`, or module:function for your

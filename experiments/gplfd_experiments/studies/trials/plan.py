@@ -64,10 +64,21 @@ def trial_tasks(
         every = dict.fromkeys(only or competing)
         for policy, title in itertools.product(every, trial.levels):
             level = trial.levels[title]
-            methods = [chosen(one).method for one in only or (policy,)]
+            asked = [chosen(one) for one in only or (policy,)]
+            methods = [one.method for one in asked]
             take_prior_mean = all(one and one.accepts_prior_mean for one in methods)
             if level.prior_radius is not None and not take_prior_mean:
                 continue
+            if level.corrections and not all(one.correctable for one in asked):
+                continue
+            opened, practice = doors[name, title], None
+            if level.corrections:
+                practice = {
+                    "corrections": level.corrections,
+                    "doors": [one.as_dict() for one in opened.values()],
+                    "randomization": level.randomization,
+                    "demonstrated": level.demonstrated,
+                }
             tasks += [
                 episode_task(
                     door,
@@ -84,10 +95,11 @@ def trial_tasks(
                     habits=level.habits,
                     demonstrated_forces=level.demonstrated_forces,
                     prior_radius=level.prior_radius,
+                    practice=practice,
                     trial=name,
                     level=title,
                 )
-                for door, config in doors[name, title].items()
+                for door, config in opened.items()
             ]
     return tuple(tasks)
 

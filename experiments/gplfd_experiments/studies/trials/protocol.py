@@ -1,4 +1,4 @@
-"""Protocol v5: the trials, their policies, and how contrasts are decided.
+"""Protocol v6: the trials, their policies, and how contrasts are decided.
 
 Frozen under its version: a change of a door, a draw, a demonstration, a measure or a
 policy that takes part makes another version. The criteria were settled before the
@@ -19,14 +19,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
+from gplfd_env.doors.config import DOORS
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, MESSY, ROOM_RADII
 from gplfd_experiments.studies.trials.records import Contrast, Level, Side, Trial
 from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.tuning_spaces import tuned_settings
 
-VERSION: Final = 5
+VERSION: Final = 6
 """Of the protocol."""
 
 SEEDS: Final = 20
@@ -127,6 +128,13 @@ _ROOMS: Final = {
     "closer_stiffness": (0.0, 4.0),
 }
 """Of doors of buildings: leaves and closers that were not demonstrated."""
+_FLAPS: Final = {"oven": "oven", "overhead": "overhead-flap"}
+"""Flaps as those of `motions`, of which `gp` opened 8 of 20 in protocol v5."""
+_CORRECTIONS: Final[Mapping[str, tuple[int, bool]]] = {
+    **{str(number): (number, False) for number in (0, 1, 3, 5)},
+    **{f"{number} shown": (number, True) for number in (1, 5)},
+}
+"""Number of corrections of a level, and whether their time is used to demonstrate."""
 _felt = partial(Level, demonstrated_forces=True)
 _RADIAL: Final = "force_radial_peak"
 _GENTLE: Final = (_RADIAL, "success")
@@ -178,6 +186,25 @@ def _prior_mean(measure: str, having: str, lacking: str) -> Contrast:
         having=Side(policy="gp", level=having),
         lacking=Side(policy="gp", level=lacking),
     )
+
+
+def _corrected(idea: str, having: str, lacking: str) -> tuple[Contrast, ...]:
+    """Compare two levels of `gp`, of which one has corrections, for both flaps."""
+    return tuple(
+        Contrast(
+            idea=idea,
+            measure="success",
+            having=Side(policy="gp", level=f"{kind}, {having}"),
+            lacking=Side(policy="gp", level=f"{kind}, {lacking}"),
+        )
+        for kind in _FLAPS
+    )
+
+
+def _shape_of(preset: str) -> dict[str, Any]:
+    """Return the fields of a preset but for the size and the closer's preload."""
+    fields = DOORS[preset].as_dict()
+    return {k: v for k, v in fields.items() if k not in ("radius", "closer_preload")}
 
 
 def _noise(factor: float) -> dict[str, tuple[float, float]]:
@@ -567,6 +594,31 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 ),
             },
             among=_AMONG,
+            seeds=_SEEDS,
+        ),
+        "corrections": Trial(
+            question="A policy practises at flaps, and is corrected up to five times. "
+            "Which other flaps does it open then?",
+            claims=("corrections",),
+            measures=("success", "force_handle_peak"),
+            levels={
+                f"{kind}, {title}": Level(
+                    doors=("0.33", "0.36", "0.39", "0.42"),
+                    door=_shape_of(preset),
+                    demonstrated_radii=None,
+                    randomization={"closer_preload": (3.0, 6.0)},
+                    corrections=number,
+                    demonstrated=shown,
+                )
+                for kind, preset in _FLAPS.items()
+                for title, (number, shown) in _CORRECTIONS.items()
+            },
+            contrasts=(
+                *_corrected("one correction", "1", "0"),
+                *_corrected("five corrections", "5", "0"),
+                *_corrected("correction, not demonstration", "1", "1 shown"),
+            ),
+            among=("gp", "dmp", "promp", "hinge-fit", "mechanism-fit", "oracle"),
             seeds=_SEEDS,
         ),
         "forces-weight": Trial(

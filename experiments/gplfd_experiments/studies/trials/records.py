@@ -35,6 +35,11 @@ class Level:
     demonstrated_forces: bool = False
     prior_radius: float | None = None
     """Only methods that accept a prior mean take part."""
+    corrections: int = 0
+    """How often the policy is corrected before, while it opens such doors; from 1 on
+    only policies that can be corrected take part."""
+    demonstrated: bool = False
+    """As in `gplfd_experiments.episodes.practice.Practice`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

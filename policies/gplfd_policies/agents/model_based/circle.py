@@ -27,9 +27,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_policies.arrays.shapes import Float
 
 Points = Float[np.ndarray, "N 3"]
 Parameters = Float[np.ndarray, " 4"]

@@ -12,11 +12,10 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.spatial.se3 import compose_rotvecs
-from gplfd_policies.arrays.shapes import SixAxes
+from gplfd_policies.arrays.shapes import Float, SixAxes
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.control.stiffness import VirtualDynamics

@@ -28,10 +28,10 @@ import math
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle, CirclePrior
 from gplfd_policies.arrays.rows import Numbers
+from gplfd_policies.arrays.shapes import Float
 
 Array = Float[np.ndarray, "..."]
 Path = Float[np.ndarray, "N 6"]

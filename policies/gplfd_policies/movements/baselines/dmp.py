@@ -23,14 +23,13 @@ from typing import Any
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import Settings
-from gplfd_policies.arrays.shapes import Outputs, Pose, Times
+from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import EmpiricalDistribution, LearnedMovement
 from gplfd_policies.movements.trajectory import (

@@ -20,13 +20,12 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from jaxtyping import Float, Int
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.resolution import thinned
-from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
+from gplfd_policies.arrays.shapes import Covariances, Float, Int, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.baselines.gmr import (
     GaussianMixtureRegression,

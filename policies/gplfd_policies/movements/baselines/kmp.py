@@ -28,12 +28,11 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import Settings
-from gplfd_policies.arrays.shapes import Covariances, Outputs, Pose, Times
+from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.movements.baselines.gmr import (

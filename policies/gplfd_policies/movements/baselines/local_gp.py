@@ -30,12 +30,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import Settings
-from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
+from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
 from gplfd_policies.gp.hyperparameters import fit_kernel_and_noise

@@ -29,14 +29,20 @@ from typing import Final
 
 import numpy as np
 import scipy
-from jaxtyping import Float, Int
 
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.resolution import FINEST
-from gplfd_policies.arrays.shapes import Covariances, OutputCurves, Outputs, Times
+from gplfd_policies.arrays.shapes import (
+    Covariances,
+    Float,
+    Int,
+    OutputCurves,
+    Outputs,
+    Times,
+)
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import LearnedMovement, MomentMovement, Moments
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint

@@ -20,12 +20,11 @@ from typing import Any
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import Settings
-from gplfd_policies.arrays.shapes import Covariances, OutputCurves, Pose, Times
+from gplfd_policies.arrays.shapes import Covariances, Float, OutputCurves, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import LearnedMovement
 from gplfd_policies.movements.trajectory import (

@@ -30,11 +30,10 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import freeze
-from gplfd_policies.arrays.shapes import Outputs, Pose, Times
+from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.baselines.gmr import (
     GaussianMixtureRegression,

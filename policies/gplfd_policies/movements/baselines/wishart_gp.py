@@ -28,13 +28,12 @@ The method has no via-points.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.resolution import FINEST, thinned
-from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
+from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.heteroscedastic import MultiOutputGP
 from gplfd_policies.gp.noise import HomoscedasticNoise

@@ -32,9 +32,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 
-from gplfd_policies.arrays.shapes import Times
+from gplfd_policies.arrays.shapes import Float, Times
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.gp.spectral import square_root

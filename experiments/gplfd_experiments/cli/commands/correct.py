@@ -1,0 +1,58 @@
+"""The command that corrects a skill."""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from gplfd_experiments.cli.commands.options import Quiet, next_command
+from gplfd_experiments.console.interruption import postponed_interruption
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Correct:
+    """Correct a skill: a synthetic corrector leads its hand where it fails.
+
+    The corrector watches the skill open doors, one after the other. Where the command
+    leaves the handle's path or the door stalls, it leads the hand. The motion is kept
+    in the skill and learned from.
+    """
+
+    skill: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SKILL.npz")]
+    """Skill to correct, a file written by `gplfd learn`; it stays as it is."""
+
+    doors: tuple[str, ...] = ("small", "medium", "large")
+    """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
+    parameters, of the kind that the skill was learned for."""
+
+    policy: str = "gp"
+    """Policy that follows the skill and is corrected: gp or one of its variants."""
+
+    seed: int = 0
+    """Seed of the corrector and the episodes, 0 or more."""
+
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File of the corrected skill, SKILL-corrected.npz by default; one that is there
+    already is replaced."""
+
+    quiet: Quiet = False
+
+    def execute(self) -> int:
+        """Correct the skill, and print what changed."""
+        with postponed_interruption():
+            from gplfd_experiments.files.table import Table, text_table
+            from gplfd_experiments.workflows.corrections import correct_skill
+
+        out = self.out or self.skill.with_name(f"{self.skill.stem}-corrected.npz")
+        skill, rows = correct_skill(
+            self.skill, out, doors=self.doors, policy=self.policy, seed=self.seed
+        )
+        print(text_table(dataclasses.replace(Table.of(rows), left=True)))
+        if all(row["then"] == "-" for row in rows):
+            print("\nnothing was corrected, and nothing written")
+            return 0
+        print(f"\n{out}: {skill}")
+        print(f"open doors with it:  {next_command('run', '--skill', out)}")
+        return 0

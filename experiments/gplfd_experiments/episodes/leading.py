@@ -1,0 +1,216 @@
+"""Somebody leads the robot's hand while its policy acts, and the motion is recorded.
+
+`LedAgent` puts a leader beside an agent: the synthetic corrector here, or anything else
+with the methods of `Leader`, such as a person with a mouse.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final, Protocol
+
+import numpy as np
+
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
+from gplfd_experiments.data.teacher.handle_motion import Press, let_back
+from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies.agents.agent import Agent
+from gplfd_policies.control.steps import AgentStep, Observation
+from gplfd_policies.demonstrations.correction import Correction, Who
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.trajectory import GaussianTrajectory
+
+_PATH: Final = np.radians(np.linspace(-2.0, 90.0, 185))
+"""Door angles of the true path with which a command is compared [rad]."""
+_LONGEST: Final = 120.0
+"""Time for which the tremor of the leading hand is drawn [s]."""
+_SERVO: Final = 2000.0
+"""Stiffness of the arm that is commanded a pose [N/m]."""
+
+
+class Leader(Protocol):
+    """Somebody who may take the robot's hand."""
+
+    by: Who
+
+    def begin(self, door: DoorGeometry) -> None:
+        """Watch an episode at a door, from its beginning."""
+
+    def lead(self, observation: Observation, step: AgentStep) -> FloatArray | None:
+        """Return the commanded hand pose (6,) [m, rad], or None to let the agent act.
+
+        The observation is the agent's, and the step what it decided.
+        """
+
+
+class LedAgent:
+    """An agent whose hand somebody may lead.
+
+    The agent acts on while it is led, and so observes what it is shown; only its
+    command is replaced.
+    """
+
+    control: Control = "pose"
+
+    def __init__(self, agent: Agent, leader: Leader) -> None:
+        if agent.control != "pose":
+            raise ValueError(
+                "a hand is led by its pose, but this policy commands the arm's "
+                "stiffness, too; correct one that commands poses, such as gp"
+            )
+        self._agent, self._leader = agent, leader
+        self._rows: list[tuple[float, FloatArray, FloatArray, bool, float]] = []
+
+    def inform(self, door: DoorGeometry) -> None:
+        """Tell both which door the next episode has."""
+        self._agent.inform(door)
+        self._leader.begin(door)
+
+    def reset(self, observation: Observation) -> None:
+        """Begin an episode and a recording."""
+        self._agent.reset(observation)
+        self._rows = []
+
+    def act(self, observation: Observation) -> AgentStep:
+        """Return the agent's step, with the command of the one who leads, if any."""
+        step = self._agent.act(observation)
+        command = self._leader.lead(observation, step)
+        time, pose = float(observation["time"][0]), np.array(observation["ee_pose"])
+        row = (time, pose, -np.asarray(observation["wrench"]), command is not None)
+        self._rows.append((*row, float(step.observed_phase)))
+        return step if command is None else replace(step, action=command)
+
+    def forecast(self) -> GaussianTrajectory | None:
+        """Return the agent's forecast."""
+        return self._agent.forecast()
+
+    def correction(self, *, door: str, seed: int) -> Correction | None:
+        """Return the correction of the episode so far; None if nobody led."""
+        times, poses, wrenches, led, phases = map(
+            np.array, zip(*self._rows, strict=True)
+        )
+        if not led.any():
+            return None
+        poses[:, 3:] = unwrap_rotvecs(poses[:, 3:])
+        phase = float(np.clip(np.nan_to_num(phases[led.argmax()]), 0.0, 1.0))
+        motion = Demonstration(times=times, poses=poses, wrenches=wrenches)
+        return Correction(
+            motion=motion,
+            led=led,
+            door=door,
+            seed=seed,
+            by=self._leader.by,
+            phase=phase,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CorrectorConfig:
+    """When the synthetic corrector takes the hand, and how it leads it."""
+
+    deviation: float = 0.02
+    """Distance of the command from the handle's path from which the hand is taken, and
+    from the leading command below which it is handed over [m]: 40 N of the servo, at
+    which a friction grasp slips."""
+    stall_time: float = 3.0
+    """Time without `progress` after which the hand is taken [s]."""
+    progress: float = math.radians(2.0)
+    """Opening that counts as progress [rad]."""
+    goal: float = math.radians(64.0)
+    """Opening to which the hand is led at most, and at which it is held [rad]."""
+    lead_time: float = 1.5
+    """For how long the hand is led at least [s]."""
+    speed: float = 0.25
+    """Speed of the point that pulls the hand along the path [rad/s]."""
+    blend_time: float = 0.4
+    """Time of taking the hand and of handing it over [s]."""
+    forces: tuple[float, float] = (34.0, 58.0)
+    """Greatest force along the path at a bar, where fingers slip at 37 N, and behind a
+    turned handle [N]."""
+    press_time: float = 0.8
+    """Time in which a handle is turned [s]."""
+    tremor: tuple[float, float] = (0.001, math.radians(0.5))
+    """Standard deviation per axis of the leading hand [m, rad]."""
+    tremor_time: float = 0.15
+    """Its correlation time [s]."""
+
+
+class SyntheticCorrector:
+    """Leads the hand along the handle's true path when the policy leaves it or stalls.
+
+    The hand is pulled by the arm's own servo, a spring, towards a point that moves on
+    the path ahead of it, by no more than a force. Taking over and handing over are
+    minimum-jerk blends of two commands. The leading hand trembles, by `rng`.
+    """
+
+    by: Who = "synthetic"
+
+    def __init__(
+        self, rng: np.random.Generator, config: CorrectorConfig = CorrectorConfig()
+    ) -> None:
+        self.config, self._rng = config, rng
+
+    def begin(self, door: DoorGeometry) -> None:
+        """Watch an episode at a door."""
+        config, self._door = self.config, door
+        turns = door.travel * np.linspace(0.0, 1.0, 5 if door.travel > 0.0 else 1)
+        grid = np.meshgrid(_PATH, turns)
+        self._path = door.hand_poses(*grid)[..., :3].reshape(-1, 3)
+        times = np.arange(0.0, _LONGEST, CONTROL_PERIOD)
+        tremor = smooth_functions(times, config.tremor_time, 6, self._rng)
+        self._tremor = tremor * np.repeat(config.tremor, 3)
+        self._mark = (0.0, 0.0)  # time [s] and angle [rad] of the last progress
+        self._taken: float | None = None  # when the hand was taken [s]
+        self._handed: float | None = None  # when handing it over began [s]
+        self._from, self._point = np.zeros(6), 0.0
+
+    def lead(self, observation: Observation, step: AgentStep) -> FloatArray | None:
+        """Return the command while the hand is led."""
+        config, now = self.config, float(observation["time"][0])
+        angle = float(self._door.angle(observation["ee_pose"][:3]))
+        if angle > self._mark[1] + config.progress:
+            self._mark = (now, angle)
+        if self._taken is None:
+            apart = np.min(np.sum((self._path - step.action[:3]) ** 2, axis=1))
+            stalled = now - self._mark[0] > config.stall_time
+            if not stalled and apart <= config.deviation**2:
+                return None
+            self._taken, self._handed = now, None
+            self._from, self._point = np.array(step.action), max(angle, 0.0)
+        since = now - self._taken
+        taken = minimum_jerk(np.array(since / config.blend_time))
+        pull = self._pull(now, since, angle)
+        command: FloatArray = (1.0 - taken) * self._from + taken * pull
+        if self._handed is None:
+            apart = np.linalg.norm(step.action[:3] - command[:3])
+            if since >= config.lead_time and apart < config.deviation:
+                self._handed = now
+            return command
+        left = (now - self._handed) / config.blend_time
+        if left >= 1.0:
+            self._taken, self._mark = None, (now, angle)
+        share = minimum_jerk(np.array(left))
+        return np.asarray((1.0 - share) * command + share * step.action)
+
+    def _pull(self, now: float, since: float, angle: float) -> FloatArray:
+        """Return the pose that pulls the hand on, (6,)."""
+        config, door = self.config, self._door
+        turns = door.travel > 0.0
+        ends = door.hand_poses([angle, angle + 1e-3])[:, :3]
+        metres_per_radian = float(np.linalg.norm(ends[1] - ends[0])) / 1e-3
+        ahead = config.forces[turns] / (_SERVO * metres_per_radian)
+        rate = config.speed * float(minimum_jerk(np.array(since)))
+        if turns and angle < config.progress and since <= 0.85 * config.press_time:
+            rate = 0.0  # The handle is turned before the door is moved.
+        self._point += rate * CONTROL_PERIOD
+        self._point = min(self._point, max(angle, 0.0) + ahead, config.goal)
+        turn = 0.0
+        if turns:
+            share = minimum_jerk(np.array(since / config.press_time))
+            press = Press(config.press_time, door.travel)
+            turn = float(let_back(press, share, np.array(self._point)))
+        row = min(round(now / CONTROL_PERIOD), len(self._tremor) - 1)
+        pose = door.easy_hand_poses(self._point, turn)
+        return np.asarray(pose + self._tremor[row])

@@ -1,0 +1,50 @@
+"""Corrections of a kept skill: the synthetic corrector watches it open doors."""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from gplfd_experiments.console.arguments import check_folder, check_least
+from gplfd_experiments.console.progress import LOG
+from gplfd_experiments.episodes.build import open_watched
+from gplfd_experiments.episodes.failures import why_closed
+from gplfd_experiments.episodes.practice import corrected
+from gplfd_experiments.episodes.task import episode_task, named_doors
+from gplfd_policies.movements.movement import Movement
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.registry.skill_files import method_and_skill
+
+Row = dict[str, str]
+
+
+def correct_skill(
+    file: Path, out: Path, *, doors: Sequence[str], policy: str, seed: int
+) -> tuple[Movement, list[Row]]:
+    """Open doors with a skill and correct it; return it, and a row of text per door.
+
+    The corrected skill is written to another file, and nothing if nothing changed.
+    """
+    check_least("--seed", seed, 0)
+    check_folder(out.parent)
+    method, given = method_and_skill(policy, file)
+    skill: Movement = given
+    rows = []
+    for name, config in named_doors(doors).items():
+        task = episode_task(name, config, policy=policy, seed=seed)
+        LOG.info("%s: watching", name)
+        opened = partial(open_watched, task)
+        log, found = corrected(method.follow(skill), seed, name, opened)
+        row = {
+            "door": name,
+            "watched": why_closed(log.failure, log.reason) or "opened alone",
+            "then": "-",
+        }
+        if found is not None:
+            skill = method.update(skill, found)
+            row["watched"] = f"led for {found.seconds:.1f} s, phase {found.phase:.2f}"
+            alone = open_watched(task, method.follow(skill))
+            row["then"] = why_closed(alone.failure, alone.reason) or "opened alone"
+        rows.append(row)
+    if skill is not given and isinstance(skill, Skill):
+        skill.save(out)
+    return skill, rows

@@ -1,0 +1,80 @@
+"""A correction: a motion in which somebody led the robot's hand, and its origin."""
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+import scipy
+
+from gplfd_policies.arrays.records import short_repr
+from gplfd_policies.arrays.shapes import Bool
+from gplfd_policies.demonstrations.demonstration import Demonstration
+
+Who = Literal["synthetic", "person"]
+"""Who leads the hand."""
+
+_WINDOW: Final = 0.5
+"""Window of the cubic polynomials that a led hand follows but for its own noise [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Correction:
+    """The hand's motion in an episode in which somebody led it for some of the time.
+
+    Raises:
+        ValueError: If nobody led the hand, or a field is not as described.
+    """
+
+    motion: Demonstration
+    """Measured motion from the closed, grasped door on: what came before the
+    intervention fixes the phases of what follows."""
+    led: Bool[np.ndarray, " N"]
+    """At which of its samples somebody led the hand, from intervention to handover."""
+    door: str = ""
+    """Name of the door."""
+    seed: int = 0
+    """Seed of the episode."""
+    by: Who = "person"
+    """Who led the hand."""
+    phase: float = 0.0
+    """Where along the task, 0 to 1, the policy believed the hand when it was first
+    taken; 0 of a policy that has no phase."""
+
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        led, wanted = np.array(self.led), self.motion.times.shape
+        if led.shape != wanted or led.dtype != np.bool_ or not led.any():
+            raise ValueError(
+                f"led must have shape {wanted} and be true where somebody led the "
+                f"hand; got shape {led.shape}, {np.count_nonzero(led)} of them true"
+            )
+        if self.by not in ("synthetic", "person") or not 0.0 <= self.phase <= 1.0:
+            raise ValueError(
+                'by must be "synthetic" or "person" and phase within [0, 1], got '
+                f"{self.by!r} and {self.phase}"
+            )
+        led.setflags(write=False)
+        object.__setattr__(self, "led", led)
+
+    @property
+    def seconds(self) -> float:
+        """For how long somebody led the hand [s]."""
+        return float(np.diff(self.motion.times)[self.led[:-1]].sum())
+
+    @property
+    def std(self) -> tuple[float, float]:
+        """Noise of the led hand: standard deviations of position and rotation [m, rad].
+
+        Root mean square distance per axis of the led poses from the cubic polynomial
+        through their neighbours within a quarter of a second.
+        """
+        times, poses = self.motion.times, self.motion.poses
+        window = max(2 * round(0.5 * _WINDOW / np.median(np.diff(times))) + 1, 5)
+        if window > times.size:
+            return 0.0, 0.0
+        smooth = scipy.signal.savgol_filter(poses, window, 3, axis=0)
+        # A polynomial of four numbers takes its share of the noise away.
+        square = np.mean((poses - smooth)[self.led] ** 2, axis=0) / (1.0 - 4.0 / window)
+        position, rotation = np.sqrt(square.reshape(2, 3).mean(axis=1)).tolist()
+        return position, rotation

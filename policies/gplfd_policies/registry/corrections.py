@@ -1,0 +1,85 @@
+"""How a policy of skills learns from a correction.
+
+A correction shows one door. A via-point that was kept for good would bend the movement
+at all doors towards that one. The via-points therefore complete the correction to a
+whole motion at its door, and that is added to the demonstrations.
+"""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
+from gplfd_env.spatial.se3 import into_axes
+from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.correction import Correction
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.movement import Movement
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.registry.method import Method, TrainingInput
+
+
+@one_thread
+def add_correction(method: Method, movement: Movement, correction: Correction) -> Skill:
+    """Learn again from a skill's demonstrations and a correction, made whole."""
+    if not isinstance(movement, Skill):
+        raise ValueError(
+            f"corrections are added to a Skill, got a {type(movement).__name__}"
+        )
+    shown = (*demonstrated(movement.aligned), completed(method, movement, correction))
+    with warnings.catch_warnings():
+        # Of the demonstrations the first learning has warned.
+        warnings.simplefilter("ignore", UserWarning)
+        learned = method.learn(TrainingInput(demonstrations=shown))
+    if not isinstance(learned, Skill):
+        raise TypeError(f"the method learned a {type(learned).__name__}, not a Skill")
+    return replace(learned, corrections=(*movement.corrections, correction))
+
+
+def completed(method: Method, skill: Skill, correction: Correction) -> Demonstration:
+    """Return the motion of a correction, and what the skill expects to follow it.
+
+    The skill observes the motion as in an episode: it is conditioned on via-points at
+    the phases at which it finds the hand, with the noise of the led hand. Where the
+    motion ends before the demonstrations do, the conditioned mean follows, displaced so
+    that it begins at the last pose, under the last wrench.
+    """
+    config = replace(method.config, via_std=correction.std)
+    agent = replace(method, config=config).follow(skill)
+    motion, phase = correction.motion, 0.0
+    felt = motion.wrenches
+    wrenches = np.zeros_like(motion.poses) if felt is None else -felt
+    agent.reset({"ee_pose": motion.poses[0]})
+    for pose, wrench in zip(motion.poses, wrenches, strict=True):
+        phase = float(agent.act({"ee_pose": pose, "wrench": wrench}).observed_phase)
+    expected = agent.forecast()
+    after = (expected.times > phase) & (expected.times <= skill.aligned.end)
+    last = [np.interp(phase, expected.times, curve) for curve in expected.mean.T]
+    later = skill.duration * (expected.times[after] - phase)
+    poses = [motion.poses, expected.mean[after] + (motion.poses[-1] - last)]
+    whole = np.vstack(poses)
+    whole[:, 3:] = unwrap_rotvecs(whole[:, 3:])
+    if felt is not None:
+        felt = np.vstack([felt, np.repeat(felt[-1:], len(later), axis=0)])
+    times = np.concatenate([motion.times, motion.times[-1] + later])
+    return Demonstration(times=times, poses=whole, wrenches=felt)
+
+
+def demonstrated(aligned: AlignedDemonstrations) -> tuple[Demonstration, ...]:
+    """Return aligned demonstrations as demonstrations on their common clock."""
+    phases = np.linspace(0.0, aligned.end, len(aligned.times))
+
+    def shown(curves: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.interp(phases, aligned.times, c) for c in curves.T])
+
+    found = []
+    for number, poses in enumerate(map(shown, aligned.poses)):
+        wrenches = None
+        if aligned.wrenches is not None and np.isfinite(aligned.wrenches[number]).all():
+            own = shown(aligned.wrenches[number]).reshape(-1, 2, 3)
+            wrenches = into_axes(-poses[:, None, 3:], own).reshape(-1, 6)
+        times = aligned.duration * phases
+        found.append(Demonstration(times=times, poses=poses, wrenches=wrenches))
+    return tuple(found)

@@ -1,0 +1,177 @@
+"""The synthetic corrector, practice, `gplfd correct`, and the trial of corrections."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gplfd_env import DoorGeometry
+from gplfd_env.doors.config import DOORS
+from gplfd_experiments.analysis.results.reading import read_results
+from gplfd_experiments.analysis.results.trials import trial_answers
+from gplfd_experiments.cli import main as cli
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.episodes.leading import LedAgent, SyntheticCorrector
+from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
+from gplfd_policies import load_skill
+from gplfd_policies.agents.agent import as_agent
+from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.demonstrations.npz import save_demonstrations
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore:sensor noise"),
+]
+
+DOOR = DoorGeometry.nominal(0.5)
+
+
+def creep(time: float) -> float:
+    """A door that hardly moves."""
+    return 1e-5 * time
+
+
+class Held:
+    """An agent that commands one pose on or beside the path."""
+
+    def __init__(self, pose: np.ndarray) -> None:
+        self.pose = pose
+
+    def act(self, observation: dict[str, np.ndarray]) -> AgentStep:
+        return AgentStep(action=self.pose, observed_phase=0.25)
+
+
+def watched(pose: np.ndarray, seconds: float, angle=lambda time: 0.0, seed=0):
+    """Commands of a led agent while the door is where it is said to be."""
+    agent = LedAgent(
+        as_agent(Held(pose)), SyntheticCorrector(np.random.default_rng(seed))
+    )
+    agent.inform(DOOR)
+    agent.reset({"ee_pose": np.zeros(6)})
+    commands = []
+    for time in np.arange(0.0, seconds, 0.01):
+        hand = DOOR.hand_poses(angle(time))
+        seen = {"time": np.array([time]), "ee_pose": hand, "wrench": np.ones(6)}
+        commands.append(agent.act(seen).action)
+    return np.array(commands), agent.correction(door="medium", seed=3)
+
+
+def test_nobody_leads_a_hand_that_moves_on_the_path():
+    commands, correction = watched(
+        DOOR.hand_poses(0.5), 5.0, angle=lambda time: 0.02 * time
+    )
+    assert correction is None
+    assert np.ptp(commands, axis=0).max() == 0.0
+
+
+@pytest.mark.parametrize(("beside", "begins"), [(0.0, 3.0), (0.03, 0.0)])
+def test_a_hand_that_stalls_or_leaves_the_path_is_led_smoothly(beside, begins):
+    """Towards a point of the path whose distance the force along it limits."""
+    pose = DOOR.hand_poses(0.01)
+    pose[1] += beside
+    commands, correction = watched(pose, begins + 1.4, creep)
+    led = correction.led
+    first = int(led.argmax())
+    assert 0.01 * first == pytest.approx(begins, abs=0.02)
+    assert led[first:].all()
+    assert correction.phase == 0.25
+    assert correction.by == "synthetic"
+    assert np.all(correction.motion.wrenches == -1.0)
+    # No jump where the hand is taken, and then 34 N of a servo of 2000 N/m.
+    assert np.abs(commands[first + 1] - commands[first])[:3].max() < 1e-3
+    pull = commands[-1, :3]
+    assert pull[0] == pytest.approx(0.017, abs=0.004)
+    assert np.abs(pull[1:]).max() < 0.005
+    again, _ = watched(pose, begins + 1.4, creep)
+    np.testing.assert_array_equal(again, commands)
+    other, _ = watched(pose, begins + 1.4, creep, seed=1)
+    assert np.abs(other - commands).max() > 1e-4
+
+
+def test_the_hand_is_handed_over_when_the_policy_agrees_again():
+    commands, correction = watched(
+        DOOR.hand_poses(0.02), 7.0, angle=lambda time: 0.0 if time < 3.2 else 0.001
+    )
+    led = correction.led
+    assert led.sum() == pytest.approx(100 * (1.5 + 0.4), abs=3)
+    np.testing.assert_allclose(commands[led][-1], commands[0], atol=1e-9)
+
+
+def test_a_policy_that_commands_stiffness_is_not_led():
+    agent = Held(np.zeros(6))
+    agent.control = "impedance"
+    with pytest.raises(ValueError, match="commands the arm's stiffness, too"):
+        LedAgent(agent, SyntheticCorrector(np.random.default_rng(0)))
+
+
+def test_one_correction_lets_a_skill_open_the_door_at_which_it_stalled(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    door = DOORS["oven"].as_dict() | {"radius": 0.36, "closer_preload": 4.5}
+    Path("flap.json").write_text(json.dumps(door))
+    shown = Teacher().standard_demonstrations(seed=0, like=DOORS["oven"])
+    save_demonstrations("demos.npz", shown)
+    assert cli.main(["learn", "demos.npz", "--out", "skill.npz", "--quiet"]) == 0
+    capsys.readouterr()
+    correct = ["correct", "skill.npz", "--quiet", "--doors"]
+    assert cli.main([*correct, "flap.json"]) == 0
+    said = capsys.readouterr().out
+    assert "flap  led for" in said
+    assert said.split("\n")[1].endswith("opened alone")
+    assert "gplfd run --skill skill-corrected.npz" in said
+    better = load_skill("skill-corrected.npz")
+    (kept,) = better.corrections
+    assert (kept.door, kept.seed, kept.by, better.count) == ("flap", 0, "synthetic", 7)
+    Path("skill-corrected.npz").rename("better.npz")
+    assert cli.main(["correct", "better.npz", "--quiet", "--doors", "flap.json"]) == 0
+    assert "nothing was corrected, and nothing written" in capsys.readouterr().out
+    assert not Path("better-corrected.npz").exists()
+    assert cli.main([*correct, "medium", "--policy", "promp"]) == 2
+    assert cli.main([*correct, "medium", "--policy", "gp-paper"]) == 2
+    assert cli.main(["correct", "absent.npz"]) == 2
+
+
+def test_levels_with_corrections_are_for_those_who_can_be_corrected():
+    trials = named_trials(("corrections",))
+    tasks = trial_tasks(trials, seeds=1)
+    levels = {
+        one.policy: {t.level for t in tasks if t.policy == one.policy} for one in tasks
+    }
+    assert levels["promp"] == levels["oracle"] == {"oven, 0", "overhead, 0"}
+    assert levels["gp"] == set(trials["corrections"].levels)
+    for task in tasks:
+        number = int(task.level.split(", ")[1].split()[0])
+        practice = task.practice
+        assert (practice is None) == (number == 0)
+        if practice is not None:
+            assert practice["corrections"] == number
+            assert practice["demonstrated"] == task.level.endswith("shown")
+            assert task.door_config in practice["doors"]
+            assert "practice" in json.loads(task.training)
+        assert ("practice" in task.definition) == (number > 0)
+
+
+def test_doors_that_corrections_gain_and_forget_are_counted(
+    write_study, episode_result, page_of
+):
+    opened = {
+        "oven, 0": (True, True, False, False),
+        "oven, 1": (True, False, True, True),
+    }
+    results = []
+    for level, found in opened.items():
+        for seed in range(3):
+            for radius, good in zip((0.33, 0.36, 0.39, 0.42), found, strict=True):
+                place = {"trial": "corrections", "level": level, "radius": radius}
+                result = episode_result("gp", seed, **place)
+                result["metrics"]["success"] = good
+                results.append(result)
+    results.append(episode_result("promp", 0, trial="corrections", level="oven, 0"))
+    answers = trial_answers(read_results(write_study(results)))["contrasts"]
+    one = next(each for each in answers if each["with"] == "gp, oven, 1")
+    assert (one["gained"], one["forgotten"], one["opened before"]) == (6, 3, 6)
+    page = page_of(results)
+    assert "Doors: 6 gained, 3 forgotten, 6 opened before." in page
+    assert "Cannot be corrected: `promp`." in page

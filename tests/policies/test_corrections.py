@@ -1,0 +1,156 @@
+"""A correction of a motion: what it is, how a skill learns from it, and keeps it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_policies import POLICIES, Demonstration, TrainingInput, align, load_skill
+from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.demonstrations.continuation import continued
+from gplfd_policies.demonstrations.correction import Correction
+from gplfd_policies.registry.corrections import completed, demonstrated
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
+
+GP = POLICIES["gp"].method
+NOISE = np.repeat([1e-3, 4e-3], 3)
+
+
+def led(radius: float, until: float, *, noise: float = 1.0, **origin) -> Correction:
+    """A hand that is led from 20° on, along an arc that ends early [rad]."""
+    times = np.arange(0.0, 5.0, 0.01)
+    angles = until * times / times[-1]
+    poses = handle_pose_on_arc(radius, angles)
+    rng = np.random.default_rng(0)
+    poses[1:] += noise * NOISE * rng.standard_normal((len(times) - 1, 6))
+    wrenches = np.tile([10.0, 0.0, 0.0, 0.0, 1.0, 0.0], (len(times), 1))
+    motion = Demonstration(times=times, poses=poses, wrenches=wrenches)
+    return Correction(motion=motion, led=angles > np.radians(20.0), **origin)
+
+
+@pytest.fixture(scope="module")
+def skill(demonstrations):
+    return GP.learn(TrainingInput(demonstrations=demonstrations[:4]))
+
+
+def test_a_correction_knows_how_long_and_how_steadily_the_hand_was_led():
+    one = led(0.6, np.radians(40.0))
+    assert one.seconds == pytest.approx(2.5, abs=0.02)
+    assert_allclose(one.std, (1e-3, 4e-3), rtol=0.05)
+    assert_allclose(led(0.6, 0.7, noise=0.0).std, 0.0, atol=1e-7)
+    with pytest.raises(ValueError, match="read-only"):
+        one.led[0] = True
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"led": np.zeros(500, bool)}, "be true where somebody led the hand.* 0 of"),
+        ({"led": np.ones(3, bool)}, r"shape \(500,\).* got shape \(3,\)"),
+        ({"led": np.ones(500)}, "must have shape"),
+        ({"by": "robot"}, "'robot' and 0.0"),
+        ({"phase": 1.1}, r"phase within \[0, 1\]"),
+        ({"phase": np.nan}, r"phase within \[0, 1\]"),
+    ],
+)
+def test_what_is_no_correction_is_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        replace(led(0.6, 0.7), **changes)
+
+
+def test_via_points_complete_a_correction_to_the_motion_at_its_door(skill):
+    """The rest of a 0.62 m arc, from a skill that was shown 0.35 and 0.50 m."""
+    given = led(0.62, np.radians(40.0), noise=0.1)
+    whole = completed(GP, skill, given)
+    count = len(given.motion.times)
+    assert_array_equal(whole.poses[:count], given.motion.poses)
+    assert np.all(np.diff(whole.times) > 0.0)
+    reached = -whole.poses[-1, 4]
+    angle = np.arctan2(*(whole.poses[-1, [0, 2]] + [0.0, 0.62]))
+    assert np.degrees(angle) > 60.0
+    distance = np.hypot(whole.poses[:, 0], whole.poses[:, 2] + 0.62)
+    assert np.abs(distance - 0.62).max() < 0.01
+    assert abs(abs(reached) - angle) < 0.1
+    assert_array_equal(whole.wrenches[-1], given.motion.wrenches[-1])
+    # Without via-points it would be the arc of the demonstrations' mean size.
+    alone = skill.predict(np.array([skill.aligned.end])).mean[0]
+    assert np.linalg.norm(whole.poses[-1, :3] - alone[:3]) > 0.1
+
+
+def test_the_noise_of_the_led_hand_is_that_of_its_via_points(skill, monkeypatch):
+    """And not the policy's own constant."""
+    seen = []
+    monkeypatch.setattr(
+        GriddedMovement, "observe", lambda self, via_point: seen.append(via_point)
+    )
+    given = led(0.5, np.radians(40.0), noise=0.1)
+    completed(GP, skill, given)
+    assert len(seen) > 20
+    assert {tuple(one.std) for one in seen} == {tuple(np.repeat(given.std, 3))}
+    assert np.all(np.diff([one.phase for one in seen]) > 0.0)
+
+
+def test_a_corrected_skill_is_another_one_that_knows_more_doors(skill):
+    given = led(0.62, np.radians(64.0), noise=0.0, by="synthetic", phase=0.3)
+    before = skill.predict(np.linspace(0.0, 1.0, 20))
+    better = GP.update(skill, given)
+    assert better is not skill
+    assert (skill.corrections, skill.count, better.count) == ((), 4, 5)
+    assert better.corrections == (given,)
+    after = skill.predict(np.linspace(0.0, 1.0, 20))
+    assert_array_equal(before.mean, after.mean)
+    # Only the correction had wrenches.
+    assert len(better.forces.aligned.poses) == 1
+    shown = better.aligned.demonstrated.poses[-1]
+    assert np.abs(np.hypot(shown[:, 0], shown[:, 2] + 0.62) - 0.62).max() < 0.01
+    again = GP.update(better, replace(given, seed=1))
+    assert (again.count, [one.seed for one in again.corrections]) == (6, [0, 1])
+
+
+def test_demonstrations_of_a_skill_are_those_that_it_was_learned_from(demonstrations):
+    """Also at their end, and with forces turned back into the task's axes."""
+    felt = [
+        replace(one, wrenches=np.tile([3.0, 2.0, 1.0, 0.3, 0.2, 0.1], (200, 1)))
+        for one in demonstrations
+    ]
+    aligned = continued(align(felt), 0.5)
+    for back, one in zip(demonstrated(aligned), felt, strict=True):
+        assert_allclose(back.poses[[0, -1]], one.poses[[0, -1]], atol=2e-3)
+        assert_allclose(back.wrenches[0], one.wrenches[0], atol=1e-9)
+        assert_allclose(back.wrenches[-1], one.wrenches[-1], atol=0.02)
+
+
+def test_a_file_keeps_the_corrections_of_a_skill(skill, tmp_path):
+    bare = led(0.55, np.radians(64.0), door="0.55", seed=7)
+    bare = replace(bare, motion=replace(bare.motion, wrenches=None))
+    better = replace(skill, corrections=(led(0.62, 0.9, by="synthetic"), bare))
+    better.save(tmp_path / "skill.npz")
+    loaded = load_skill(tmp_path / "skill.npz")
+    assert len(loaded.corrections) == 2
+    for kept, one in zip(loaded.corrections, better.corrections, strict=True):
+        assert (kept.door, kept.seed, kept.by, kept.phase) == (
+            *(one.door, one.seed, one.by, one.phase),
+        )
+        for name in ("times", "poses", "wrenches"):
+            assert_array_equal(getattr(kept.motion, name), getattr(one.motion, name))
+        assert_array_equal(kept.led, one.led)
+    # A skill without is kept as before: older programs read it.
+    skill.save(tmp_path / "plain.npz")
+    with np.load(tmp_path / "plain.npz") as plain:
+        assert not [name for name in plain.files if "correction" in name]
+    assert load_skill(tmp_path / "plain.npz").corrections == ()
+
+
+def test_who_cannot_be_corrected_says_so(skill):
+    assert POLICIES["gp"].correctable
+    assert not POLICIES["promp"].correctable
+    assert not POLICIES["hinge-fit"].correctable
+    given = led(0.62, 0.9)
+    promp = POLICIES["promp"].method
+    with pytest.raises(ValueError, match="this policy cannot be corrected"):
+        promp.update(skill, given)
+    with pytest.raises(ValueError, match="added to a Skill, got a object"):
+        GP.update(object(), given)
