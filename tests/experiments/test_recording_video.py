@@ -14,7 +14,8 @@ import pytest
 
 from gplfd_env.envs.camera import Camera
 from gplfd_experiments.cli.commands.run import draw_without_screen
-from gplfd_experiments.recording import video
+from gplfd_experiments.recording.video import VideoFormat
+from gplfd_experiments.workflows import runs
 
 pytestmark = pytest.mark.slow
 
@@ -26,8 +27,8 @@ RATE = 5
 
 @pytest.fixture(autouse=True)
 def few_small_pictures(monkeypatch):
-    monkeypatch.setattr(video, "SIZE", (64, 48))
-    monkeypatch.setattr(video, "PICTURES_PER_SECOND", RATE)
+    small = VideoFormat(size=(64, 48), rate=RATE)
+    monkeypatch.setattr(runs, "STANDARD", small)
 
 
 def pictures(file: Path) -> np.ndarray:

@@ -4,10 +4,7 @@ import contextlib
 import http.client
 import io
 import json
-import os
 import re
-import shlex
-import shutil
 import socket
 import struct
 import subprocess
@@ -31,99 +28,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.needs("opengl")]
 
 PULL = [0, 0, 0, 1, 0, 0, 0, 0, 0]
 IDLE = [0] * 9
-
-
-class Page:
-    """A page, driven through the pipe of the DevTools protocol.
-
-    Errors of its scripts are in `errors`.
-    """
-
-    def __init__(self, answers: Any, calls: Any) -> None:
-        self._out, self._in = answers, calls
-        self._rest, self._number, self._session = b"", 0, {}
-        self.errors: list[str] = []
-        target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        session = self.call("Target.attachToTarget", targetId=target, flatten=True)
-        self._session = {"sessionId": session["sessionId"]}
-        self.call("Runtime.enable")
-
-    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        self._number += 1
-        message = {"id": self._number, "method": method, "params": parameters}
-        self._in.write(json.dumps(message | self._session).encode() + b"\0")
-        self._in.flush()
-        while True:
-            while b"\0" not in self._rest:
-                part = self._out.read1(65536)
-                assert part, "the browser has ended"
-                self._rest += part
-            text, self._rest = self._rest.split(b"\0", 1)
-            answer = json.loads(text)
-            if answer.get("method") == "Runtime.exceptionThrown":
-                self.errors.append(str(answer["params"]["exceptionDetails"]))
-            if answer.get("id") == self._number:
-                assert "error" not in answer, answer
-                return answer["result"]
-
-    def value(self, script: str) -> Any:
-        """Return the value of an expression, a promise's when it is fulfilled."""
-        found = self.call(
-            "Runtime.evaluate",
-            expression=script,
-            awaitPromise=True,
-            returnByValue=True,
-            userGesture=True,
-        )
-        assert "exceptionDetails" not in found, found
-        return found["result"].get("value")
-
-    def wait(self, condition: str, seconds: float = 20.0) -> None:
-        """Wait until an expression is true."""
-        loop = f"""new Promise((done, fail) => {{
-            const until = performance.now() + {1000 * seconds};
-            const test = () => ({condition}) ? done(1) :
-                performance.now() > until ? fail(document.body.innerText)
-                : setTimeout(test, 20);
-            test(); }})"""
-        self.value(loop)
-
-    def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
-        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
-
-
-@contextlib.contextmanager
-def browser(folder: Path) -> Iterator[Page]:
-    """Run a headless Chromium with a profile in a folder; yield an empty page."""
-    command = [
-        shutil.which("chromium") or "google-chrome",
-        "--headless=new",
-        "--no-sandbox",
-        "--disable-dev-shm-usage",
-        "--disable-gpu",
-        "--remote-debugging-pipe",
-        f"--user-data-dir={folder}",
-        "--window-size=1000,1000",
-        "about:blank",
-    ]
-    down, up = os.pipe(), os.pipe()
-    with (folder / "log").open("wb") as log:
-        # The protocol is spoken on the files 3 and 4.
-        process = subprocess.Popen(
-            ["bash", "-c", f"exec {shlex.join(command)} 3<&{down[0]} 4>&{up[1]}"],
-            pass_fds=(down[0], up[1]),
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=log,
-        )
-    os.close(down[0])
-    os.close(up[1])
-    try:
-        with os.fdopen(up[0], "rb") as answers, os.fdopen(down[1], "wb") as calls:
-            yield Page(answers, calls)
-    finally:
-        process.terminate()
-        process.wait(10)
 
 
 class Person:
@@ -293,7 +197,7 @@ def test_what_was_kept_outlives_a_killed_process(tmp_path: Path) -> None:
 
 @pytest.mark.needs("chromium")
 def test_a_mouse_in_a_browser_opens_a_door_and_its_window_may_be_closed(
-    tmp_path: Path,
+    tmp_path: Path, browser: Any
 ) -> None:
     folder = tmp_path / "set"
     with serving(folder) as port, browser(tmp_path) as page:
@@ -331,7 +235,9 @@ HID = """
 
 
 @pytest.mark.needs("chromium")
-def test_a_spacemouse_may_be_missing_found_and_unplugged(tmp_path: Path) -> None:
+def test_a_spacemouse_may_be_missing_found_and_unplugged(
+    tmp_path: Path, browser: Any
+) -> None:
     with serving(tmp_path / "set", "spacemouse") as port, browser(tmp_path) as page:
         page.call("Page.enable")
         page.call("Page.addScriptToEvaluateOnNewDocument", source=HID)

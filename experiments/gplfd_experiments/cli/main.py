@@ -26,6 +26,7 @@ import tyro
 from gplfd_experiments.cli.commands.correct import Correct
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.export import Export
+from gplfd_experiments.cli.commands.gallery import Gallery
 from gplfd_experiments.cli.commands.machine import Catalogue, Doctor, Speed
 from gplfd_experiments.cli.commands.run import Learn, Run, View
 from gplfd_experiments.cli.commands.serve import Serve
@@ -71,6 +72,7 @@ COMMANDS: Final[dict[str, type[Command]]] = {
     "demos": Demos,
     "doors": Doors,
     "view": View,
+    "gallery": Gallery,
     "speed": Speed,
     "list": Catalogue,
     "doctor": Doctor,

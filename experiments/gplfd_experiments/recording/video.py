@@ -4,6 +4,7 @@ import contextlib
 import importlib.util
 import warnings
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,21 +12,40 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gplfd_experiments.console.progress import LOG, progress_bar
+from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_policies.arrays.storage import complete_or_absent
 
 SUFFIX: Final = ".mp4"
-PICTURES_PER_SECOND: Final = 25
-SIZE: Final = (640, 480)
-"""Width and height [px]."""
 
 _CAMERA: Final = "overview"
-_LAST_PICTURE: Final = 1.0
-"""How long the end of the episode is shown [s]."""
 _OVERSAMPLING: Final = 2
 """Drawn pixels per pixel of the video, in each direction: this smooths edges, and
 without a graphics card it takes a quarter of the time of the renderer's own."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class VideoFormat:
+    """Size, rate and compression of a video."""
+
+    size: tuple[int, int] = (640, 480)
+    """Width and height [px], multiples of 16."""
+    rate: int = 25
+    """Pictures per second."""
+    last: float = 1.0
+    """How long the end of the episode is shown in addition [s]."""
+    encoding: tuple[str, ...] = ()
+    """Options of ffmpeg in addition to those of imageio-ffmpeg, which are H.264 in
+    yuv420p."""
+
+    def rows(self, log: EpisodeLog) -> NDArray[np.intp]:
+        """Return the row of the log of each picture, at k/rate and at the end."""
+        times = np.arange(0.0, log.times[-1], 1.0 / self.rate)
+        times = np.append(times, log.times[-1])
+        return np.minimum(np.searchsorted(log.times, times), log.times.size - 1)
+
+
+STANDARD: Final = VideoFormat()
 
 
 def video_paths(file: Path, doors: list[str]) -> dict[str, Path]:
@@ -73,22 +93,26 @@ def check_video() -> None:
         raise OSError(f"--video: {error}") from error
 
 
-def write_video(path: Path, log: EpisodeLog, model: Any) -> None:
-    """Write an episode in real time, complete or not at all (`OSError`)."""
+def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> int:
+    """Write an episode in real time, complete or not at all (`OSError`).
+
+    Returns:
+        Number of pictures.
+    """
     import imageio_ffmpeg
 
-    step = 1.0 / PICTURES_PER_SECOND
-    times = np.append(np.arange(0.0, log.times[-1], step), log.times[-1])
-    rows = np.minimum(np.searchsorted(log.times, times), log.times.size - 1)
-    pause = round(_LAST_PICTURE * PICTURES_PER_SECOND)
+    rows, pause = form.rows(log), round(form.last * form.rate)
     with complete_or_absent(path) as temporary:
         # The temporary name does not tell the format.
         encoder = imageio_ffmpeg.write_frames(
-            temporary, SIZE, fps=PICTURES_PER_SECOND, output_params=["-f", "mp4"]
+            temporary,
+            form.size,
+            fps=form.rate,
+            output_params=["-f", "mp4", *form.encoding],
         )
         with contextlib.closing(encoder):
             encoder.send(None)
-            pictures = _pictures(log, model, rows)
+            pictures = _pictures(log, model, rows, form.size)
             for picture in progress_bar(
                 pictures, total=rows.size, desc=path.name, unit=" pictures"
             ):
@@ -96,17 +120,17 @@ def write_video(path: Path, log: EpisodeLog, model: Any) -> None:
             for _ in range(pause):
                 encoder.send(picture)
         # ffmpeg reports a full disk on its standard error alone.
-        there, _ = imageio_ffmpeg.count_frames_and_secs(temporary)
+        there: int = imageio_ffmpeg.count_frames_and_secs(temporary)[0]
         if there != rows.size + pause:
             raise OSError(
                 f"{path}: ffmpeg wrote {there} of {rows.size + pause} pictures; is "
                 "there space on the disk?"
             )
-    LOG.info("wrote %s (%d pictures, %.1f s)", path, there, there * step)
+    return there
 
 
 def _pictures(
-    log: EpisodeLog, model: Any, rows: NDArray[np.intp]
+    log: EpisodeLog, model: Any, rows: NDArray[np.intp], size: tuple[int, int]
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield a picture (H, W, 3) of the scene in some rows of the log."""
     import mujoco
@@ -114,7 +138,7 @@ def _pictures(
     from gplfd_env.envs.camera import Camera
 
     data = mujoco.MjData(model)
-    width, height = (_OVERSAMPLING * side for side in SIZE)
+    width, height = (_OVERSAMPLING * side for side in size)
     camera = Camera(model, width, height, _CAMERA, effects=False)
     with contextlib.closing(camera):
         for row in rows:

@@ -36,7 +36,12 @@ from gplfd_experiments.files.plain_data import entry, read_json, write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
 from gplfd_experiments.recording import record_episode
 from gplfd_experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
-from gplfd_experiments.recording.video import check_video, video_paths, write_video
+from gplfd_experiments.recording.video import (
+    STANDARD,
+    check_video,
+    video_paths,
+    write_video,
+)
 from gplfd_experiments.studies.sources import source_of
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -313,7 +318,9 @@ def _open(
     log.save(folder / f"{name}.npz")
     record_episode(folder / f"{name}.rrd", log, model, shown.demonstrations, looks)
     if video is not None:
-        write_video(video, log, model)
+        number = write_video(video, log, model, STANDARD)
+        seconds = number / STANDARD.rate
+        LOG.info("wrote %s (%d pictures, %.1f s)", video, number, seconds)
     metrics = episode_metrics(log)
     ended = "opened"
     if not metrics.success:
