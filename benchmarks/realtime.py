@@ -1,11 +1,11 @@
 """Decisions in real time: python benchmarks/realtime.py.
 
 The policy ``gp`` decides every 10 ms, as the controller of a robot asks for, in a
-process that cannot import MuJoCo. The process has one core, on which another process
-multiplies matrices all the time; so does one on a second core. The observations are
-those of a simulated opening, again and again, and with each opening the agent begins
-anew. Times are wall times of whole decisions, those that begin an opening and those
-that other processes interrupt included.
+process that can import neither MuJoCo nor threadpoolctl. The process has one core, on
+which another process multiplies matrices all the time; so does one on a second core.
+The observations are those of a simulated opening, again and again, and with each
+opening the agent begins anew. Times are those of whole decisions, of those that begin
+an opening and of those that other processes interrupt, too.
 """
 
 import contextlib
@@ -20,52 +20,21 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from gplfd_experiments.speed.report import Measurement
-
-# This module is imported by the process that decides: nothing of it loads MuJoCo before
-# `main` runs.
+# The process that decides imports this module: only `record` and `main` load MuJoCo.
 
 PERIOD: Final = 10_000_000
 """Time between two decisions [ns]."""
 
 Agent = Literal["skill", "forces"]
+"""What is learned: a skill, or one of which demonstrated forces are a part."""
 Priority = Literal["ordinary", "nice", "fifo"]
-Collector = Literal["frozen", "ordinary"]
+"""Linux's ordinary scheduling, a niceness of -10, or its real-time scheduler."""
 
-
-class Case(NamedTuple):
-    """How a process decides."""
-
-    agent: Agent
-    """``"forces"`` has a skill of which demonstrated forces are a part."""
-    priority: Priority
-    """``"nice"`` is a niceness of -10, ``"fifo"`` Linux's real-time scheduler."""
-    collector: Collector
-    """``"frozen"`` leaves what exists before the first decision out of collections."""
-
-
-class Decisions(NamedTuple):
-    """What a process measured."""
-
-    wall: np.ndarray
-    """Wall time of every decision [ns]."""
-    cpu: np.ndarray
-    """CPU time of every decision [ns]."""
-    late: np.ndarray
-    """From when every decision was due until it began [ns]."""
-    differing: int
-    """Number of actions that are not, bit for bit, those that opened the door."""
-    collections: list[int]
-    """Wall times of garbage collections within decisions [ns]."""
-    faults: int
-    """Pages that the process asked for within the decisions after the first opening."""
-    growth: int
-    """Growth of the process's memory after the first opening [bytes]."""
+_SPAWN: Final = multiprocessing.get_context("spawn")
 
 
 def record(folder: Path, agents: tuple[Agent, ...]) -> None:
@@ -74,20 +43,20 @@ def record(folder: Path, agents: tuple[Agent, ...]) -> None:
 
     from gplfd_env.doors.config import DOORS
     from gplfd_experiments.data.teacher import ForceConfig, Teacher
-    from gplfd_policies.registry.catalogue import policy_named
+    from gplfd_policies.movements.skill import Skill
+    from gplfd_policies.registry.catalogue import POLICIES
     from gplfd_policies.registry.method import TrainingInput
 
-    method = policy_named("gp").method
-    assert method is not None
     for name in agents:
         forces = name == "forces"
         teacher = Teacher(forces=ForceConfig() if forces else None)
         shown = teacher.standard_demonstrations(seed=0)
-        skill: Any = method.learn(TrainingInput(demonstrations=shown))
+        method = POLICIES["gp"].method
+        skill = method and method.learn(TrainingInput(demonstrations=shown))
+        assert isinstance(skill, Skill)
         skill.save(folder / f"{name}.npz")
-        tasks = tasks_of([DOORS["medium"]], "gp", seed=0, demonstrated_forces=forces)
-        (log,) = opened(tasks)
-        assert log.success
+        doors = [DOORS["medium"]]
+        (log,) = opened(tasks_of(doors, "gp", seed=0, demonstrated_forces=forces))
         arrays = {key: getattr(log, key) for key in ("ee_pose", "wrench", "action")}
         np.savez(folder / f"{name}-opening.npz", **arrays)
 
@@ -103,65 +72,56 @@ def compute(core: int) -> None:
 @contextlib.contextmanager
 def loaded(cores: list[int]) -> Iterator[None]:
     """Let a process compute on each of some cores."""
-    spawn = multiprocessing.get_context("spawn")
-    processes = [spawn.Process(target=compute, args=(core,)) for core in cores]
+    processes = [_SPAWN.Process(target=compute, args=(core,)) for core in cores]
+    for process in processes:
+        process.start()
     try:
-        for process in processes:
-            process.start()
         yield
     finally:
         for process in processes:
             process.kill()
-            process.join()
 
 
-def schedule(priority: Priority) -> None:
-    """Give this process a priority; raises a PermissionError where it may not."""
+def decide(
+    folder: Path, name: Agent, priority: Priority, core: int, count: int
+) -> dict[str, float]:
+    """Decide again and again on a core, and return what that took.
+
+    Raises a PermissionError where the process may not have the priority.
+    """
+    assert "mujoco" not in sys.modules
+    for missing in ("mujoco", "threadpoolctl"):  # Their import raises from here on.
+        sys.modules[missing] = None  # type: ignore[assignment]
+    from gplfd_policies import POLICIES, load_skill
+
+    os.sched_setaffinity(0, {core})
     if priority == "nice":
         os.setpriority(os.PRIO_PROCESS, 0, -10)
     elif priority == "fifo":
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
-
-
-def decide(folder: Path, case: Case, core: int, count: int) -> Decisions:
-    """Decide again and again on a core, from a skill, without MuJoCo."""
-    assert "mujoco" not in sys.modules
-    for name in ("mujoco", "threadpoolctl"):  # A robot has neither: imports raise.
-        sys.modules[name] = None  # type: ignore[assignment]
-    from gplfd_policies import POLICIES, load_skill
-
-    os.sched_setaffinity(0, {core})
-    schedule(case.priority)
-    with np.load(folder / f"{case.agent}-opening.npz") as opening:
-        poses, wrenches, actions = (
-            opening[name] for name in ("ee_pose", "wrench", "action")
-        )
+    with np.load(folder / f"{name}-opening.npz") as opening:
+        poses, wrenches, actions = (opening[key] for key in opening)
     method = POLICIES["gp"].method
     assert method is not None
-    agent = method.follow(load_skill(folder / f"{case.agent}.npz"))
-    wall, cpu, late = np.full((3, count), -1, dtype=np.int64)
-    began, differing, faults, first_rss = 0, 0, 0, 0
-    collections: list[int] = []
+    agent = method.follow(load_skill(folder / f"{name}.npz"))
+
+    wall, cpu, late = times = np.full((3, count), -1, dtype=np.int64)
+    begun, deciding, differing = 0, False, 0
+    collections = []
 
     def collected(phase: str, _: object) -> None:
-        """Note how long a collection takes, unless it is between decisions."""
-        nonlocal began
-        now = time.perf_counter_ns()
+        nonlocal begun
         if phase == "start":
-            began = now
+            begun = time.perf_counter_ns()
         elif deciding:
-            collections.append(now - began)
+            collections.append(time.perf_counter_ns() - begun)
 
-    deciding = False
     gc.callbacks.append(collected)
-    if case.collector == "frozen":
-        gc.collect()
-        gc.freeze()
-    due = time.perf_counter_ns() + PERIOD
+    gc.collect()
+    gc.freeze()
+    before, due = np.array(_memory()), time.perf_counter_ns()
     for number in range(count):
-        at = number % len(poses)
-        if number == len(poses) or (number == 0 and count <= len(poses)):
-            first_rss, faults = _rss(), -resource.getrusage(0).ru_minflt
+        at, due = number % len(poses), max(due + PERIOD, time.perf_counter_ns())
         time.sleep(max(due - time.perf_counter_ns(), 0) * 1e-9)
         observation = {"ee_pose": poses[at], "wrench": wrenches[at]}
         deciding = True
@@ -170,107 +130,85 @@ def decide(folder: Path, case: Case, core: int, count: int) -> Decisions:
             agent.reset(observation)
         step = agent.act(observation)
         cpu[number] = time.thread_time_ns() - cpu_started
-        ended = time.perf_counter_ns()
+        wall[number], late[number] = time.perf_counter_ns() - started, started - due
         deciding = False
-        wall[number], late[number] = ended - started, started - due
         differing += not np.array_equal(step.action, actions[at])
-        due = max(due + PERIOD, ended)
-    faults += resource.getrusage(0).ru_minflt
-    growth = _rss() - first_rss
-    return Decisions(wall, cpu, late, differing, collections, faults, growth)
+    faults, growth = (np.array(_memory()) - before).tolist()
+
+    late += wall
+    names = "wall time", "CPU time", "from due to decided"
+    return {
+        "decisions": count,
+        **{
+            f"{what}, p{share:g} [ms]": 1e-6 * float(np.percentile(each, share))
+            for what, each in zip(names, times, strict=True)
+            for share in (50.0, 99.0, 99.9, 100.0)
+        },
+        "wall time over 2 ms": int((wall > 2e6).sum()),
+        "wall time over 10 ms": int((wall > 1e7).sum()),
+        "actions that differ from the simulation's": differing,
+        "garbage collections in decisions": len(collections),
+        "longest of them [ms]": 1e-6 * max(collections, default=0),
+        "page faults per decision": faults / count,
+        "growth of memory [MB]": 1e-6 * growth,
+    }
 
 
-def _rss() -> int:
+def _memory() -> tuple[int, int]:
+    """Return the page faults of this process so far, and its memory [bytes]."""
     pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
-    return int(pages) * resource.getpagesize()
-
-
-def described(found: Decisions) -> dict[str, float]:
-    """Return the numbers of a case."""
-    response = found.late + found.wall
-    numbers: dict[str, float] = {"decisions": len(found.wall)}
-    for name, times in (
-        ("wall time", found.wall),
-        ("CPU time", found.cpu),
-        ("from due to decided", response),
-    ):
-        for share in (50.0, 99.0, 99.9):
-            at = np.percentile(times, share)
-            numbers[f"{name}, p{share:g} [ms]"] = 1e-6 * float(at)
-        numbers[f"{name}, max [ms]"] = 1e-6 * float(times.max())
-    numbers["wall time over 2 ms"] = int((found.wall > 2e6).sum())
-    numbers["wall time over 10 ms"] = int((found.wall > 1e7).sum())
-    numbers["actions that differ"] = found.differing
-    numbers["collections in decisions"] = len(found.collections)
-    numbers["longest of them [ms]"] = 1e-6 * max(found.collections, default=0)
-    numbers["page faults per decision"] = found.faults / len(found.wall)
-    numbers["growth of memory [MB]"] = 1e-6 * found.growth
-    return numbers
-
-
-def measure(folder: Path, cases: list[Case], count: int) -> "Measurement":
-    """Let one process after the other decide on the first of two loaded cores."""
-    from gplfd_experiments.speed.machine import load
-    from gplfd_experiments.speed.report import Measurement, at_most
-
-    cores = sorted(os.sched_getaffinity(0))[:2]
-    before, rows, targets = load(), {}, []
-    for case in cases:
-        name = ", ".join(case)
-        spawn = multiprocessing.get_context("spawn")
-        with loaded(cores), ProcessPoolExecutor(1, mp_context=spawn) as pool:
-            try:
-                found = pool.submit(decide, folder, case, cores[0], count).result()
-            except PermissionError as error:
-                print(f"{name}: not permitted here ({error})")
-                continue
-        numbers = described(found)
-        for row, number in numbers.items():
-            rows.setdefault(row, {})[name] = number
-        share = 100.0 * numbers["wall time over 2 ms"] / numbers["decisions"]
-        over = numbers["wall time over 10 ms"]
-        targets += [
-            at_most(f"{name}: decisions over 2 ms [%]", share, 0.1),
-            at_most(f"{name}: decisions over 10 ms", over, 0.0),
-            at_most(f"{name}: actions that differ", found.differing, 0.0),
-        ]
-    return Measurement(
-        title=f"decisions on one of {len(cores)} loaded cores (before: {before}; "
-        f"after: {load()})",
-        rows=rows,
-        targets=tuple(targets),
-    )
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_minflt, int(pages) * resource.getpagesize()
 
 
 def main(
     minutes: float = 10.0,
     agents: tuple[Agent, ...] = ("skill",),
-    priorities: tuple[Priority, ...] = ("ordinary", "fifo"),
-    collectors: tuple[Collector, ...] = ("frozen",),
+    priorities: tuple[Priority, ...] = ("ordinary",),
 ) -> None:
     """Measure how long the decisions of ``gp`` take a process without MuJoCo.
 
     Args:
-        minutes: How long each combination of the following decides.
-        agents: What it has learned from: motions alone, or forces, too.
-        priorities: Linux's ordinary scheduling, a niceness of -10, or real time (FIFO).
-        collectors: Python's garbage collector with ``gc.freeze()``, or as it is.
+        minutes: How long each agent decides at each priority.
+        agents: What it has learned: motions alone, or forces, too.
+        priorities: Ordinary scheduling; of root, a niceness of -10 or real time, too.
     """
     from harness import report
 
+    from gplfd_experiments.speed.machine import load
+    from gplfd_experiments.speed.report import Measurement, at_most
+
     # Inherited by the processes, which have no threadpoolctl to set it.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    cases = [
-        Case(agent, priority, collector)
-        for agent in agents
-        for priority in priorities
-        for collector in collectors
-    ]
     count = max(round(minutes * 60e9 / PERIOD), 1)
+    cores = sorted(os.sched_getaffinity(0))[:2]
+
+    def measure(folder: Path, name: Agent, priority: Priority) -> Measurement:
+        before = load()
+        with loaded(cores), ProcessPoolExecutor(1, mp_context=_SPAWN) as pool:
+            job = pool.submit(decide, folder, name, priority, cores[0], count)
+            found = job.result()
+        case = f"{name}, {priority}"
+        share = 100.0 * found["wall time over 2 ms"] / count
+        differing = found["actions that differ from the simulation's"]
+        return Measurement(
+            title=f"{case}: before, {before}; after, {load()}",
+            rows={row: {case: number} for row, number in found.items()},
+            targets=(
+                at_most(f"{case}: decisions over 2 ms [%]", share, 0.1),
+                at_most(f"{case}: over 10 ms", found["wall time over 10 ms"], 0.0),
+                at_most(f"{case}: actions that differ", differing, 0.0),
+            ),
+        )
+
     with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        record(folder, agents)
-        report({"decisions": partial(measure, folder, cases, count)})
+        record(Path(temporary), agents)
+        measures: dict[str, Any] = {
+            f"{name}, {priority}": partial(measure, Path(temporary), name, priority)
+            for name in agents
+            for priority in priorities
+        }
+        report(measures)
 
 
 if __name__ == "__main__":
