@@ -69,9 +69,7 @@ def test_a_heavier_door_is_expected_to_stay_heavy(agent):
     )
 
 
-def test_a_force_is_learned_before_the_next_is_expected_unless_the_door_is_another(
-    agent,
-):
+def test_a_force_is_learned_before_the_next_is_expected_at_that_door(agent):
     forecast, phase = agent._controller._forces, np.float64(0.4)
     expected = []
     for forget in (True, False):
