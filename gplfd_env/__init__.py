@@ -13,12 +13,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-try:
-    import gymnasium
-except ModuleNotFoundError:
-    # A small installation: policies use the conventions here, and make no environment.
-    gymnasium = None  # type: ignore[assignment]
-
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.disturbance import DISTURBANCES, Disturbance
@@ -54,7 +48,12 @@ TIME_LIMIT = 1500
 
 
 def _register(id: str, one: str, many: str) -> None:
-    if gymnasium is None:
+    try:
+        import gymnasium
+    except ModuleNotFoundError as error:
+        if error.name != "gymnasium":
+            raise
+        # A small installation: policies use what is in this package, and make nothing.
         return
     gymnasium.register(
         id=id,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, TrainingInput
@@ -67,6 +67,21 @@ def test_a_heavier_door_is_expected_to_stay_heavy(agent):
     assert_allclose(
         felt(agent, 2.0, count=2)[0].expected_force, steps[0].expected_force
     )
+
+
+def test_a_force_is_learned_before_the_next_is_expected_at_that_door(agent):
+    forecast, phase = agent._controller._forces, np.float64(0.4)
+    expected = []
+    for forget in (True, False):
+        forecast.reset()
+        forecast.measure(np.full(6, -9.0), np.eye(3))
+        forecast.learn(np.bool_(True), phase)
+        if forget:
+            forecast.reset()
+        expected += [forecast.expect(phase, np.eye(3))[0].mean for _ in range(2)]
+    assert_array_equal(expected[0], expected[1])
+    assert np.linalg.norm(expected[2] - expected[0]) > 1.0
+    assert_array_equal(expected[3], expected[2])
 
 
 def test_what_is_expected_ahead_is_that_of_the_phase_ahead(agent):

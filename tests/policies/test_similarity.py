@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations
@@ -13,6 +13,7 @@ from gplfd_policies.demonstrations.path_similarity import (
     SimilarityConfig,
     SimilarityModel,
     advance,
+    gradient,
     size_visibility,
 )
 from gplfd_policies.movements.movement import EmpiricalDistribution
@@ -50,6 +51,12 @@ def seen(similarity, radius, yaw=0.0, until=1.0, noise=0.0):
     for x, z in path + noise * rng.normal(size=path.shape):
         similarity = similarity.updated(np.hypot(x, z), np.arctan2(-z, x))
     return similarity.likely
+
+
+def test_gradient_is_numpy_s_bit_for_bit():
+    parts = np.random.default_rng(0).normal(size=(2, 50))
+    for values in (parts[0], parts[0] + 1j * parts[1], parts[0, :2]):
+        assert_array_equal(gradient(values), np.gradient(values))
 
 
 def test_demonstrations_are_brought_to_one_size_and_heading():
