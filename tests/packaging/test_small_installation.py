@@ -1,5 +1,6 @@
 """With NumPy and SciPy alone, agents act as they do with everything installed."""
 
+import os
 import re
 import subprocess
 import sys
@@ -70,11 +71,14 @@ for name, agent in agents.items():
 def alone(tmp_path):
     """Return a function: runs a program without any other package."""
 
+    # The same BLAS kernels as here, which .ci/run chooses.
+    same = {k: v for k, v in os.environ.items() if k == "OPENBLAS_CORETYPE"}
+
     def run(program, *arguments):
         return subprocess.run(
             [sys.executable, "-c", ALONE + program, *arguments],
             cwd=tmp_path,
-            env={"OPENBLAS_NUM_THREADS": "1"},
+            env={"OPENBLAS_NUM_THREADS": "1"} | same,
             capture_output=True,
             text=True,
             check=False,
