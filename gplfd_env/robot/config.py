@@ -125,7 +125,7 @@ class RobotConfig:
     """Axes of `tool` in the frame of `sensor`, a rotation matrix."""
     forearm: str
     """Body on which a disturbance pushes."""
-    head: tuple[str, Vector] = ("stand_head", (0.0, 0.0, 0.0))
+    head: tuple[str, Vector] = ("stand_base", (-0.19, 0.0, 1.47))
     """Body that carries the camera "head", and where."""
     hand_camera: tuple[Vector, Vector, Vector]
     """Camera at the hand, frame of `tool`: position [m], its right and up axes."""
@@ -136,6 +136,10 @@ class RobotConfig:
 
     def __post_init__(self) -> None:
         check_choice("base", self.base, ("fixed", "mobile"))
+
+    def __hash__(self) -> int:
+        # Every reset looks up scenes by robot; all stances would take 20 µs.
+        return hash((self.name, self.urdf, self.base, self.tool))
 
     @property
     def grasp_axes(self) -> Array:

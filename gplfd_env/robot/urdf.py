@@ -121,7 +121,6 @@ def robot_of_urdf(
         "arm": joints,
         "armature": tuple(map(float, values)),
         "forearm": arm[len(arm) // 2][1],
-        "head": ("stand_base", (-0.19, 0.0, 1.47)),
         "capsules": _capsules(urdf, [link for _, link in arm]),
         "stances": tuple(stances),
     }
