@@ -72,10 +72,12 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
     # from its limits.
     middle = limits[-1].mean()
     turned[-1] += math.copysign(math.pi / 2, middle - turned[-1])
-    found = []
+    found, approach = [], frame[:, 2]
     for held in HELD:
         own = posture if held == "bar" else turned
         place, frame = grasp(own)
+        if frame[:, 2] @ approach < math.cos(_TILT):
+            continue  # The last joint does not roll the hand: it holds bars alone.
         stance = Stance(
             handle_xy_w=(float(place[0]), float(place[1])),
             door_yaw=math.atan2(-frame[1, 2], -frame[0, 2]),

@@ -323,6 +323,14 @@ def test_a_mesh_without_a_body_does_not_matter(tmp_path, file, drawn):
     assert described_robot(robot).compile().nmesh == drawn
 
 
+def test_a_hand_that_its_last_joint_does_not_roll_holds_bars_alone():
+    # The gripper beside the flange, across the axis of the last joint.
+    robot = robot_of_urdf(UR5E, approach=(1.0, 0.0, 0.0), closing=(0.0, 1.0, 0.0))
+    assert robot.stance(DoorConfig()).radius > 0.0
+    with pytest.raises(ValueError, match="has no posture for a door with handle='lev"):
+        robot.stance(DoorConfig(handle="lever", latch="spring"))
+
+
 def test_a_link_without_mass_is_told(tmp_path):
     text = UR5E.read_text()
     start = text.index("<inertial>", text.index('<link name="wrist_2_link">'))
