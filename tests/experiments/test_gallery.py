@@ -49,6 +49,12 @@ def data(folder: Path):
     )
 
 
+def test_the_documentation_has_the_page_of_today():
+    shown = Path(__file__).parents[2] / "docs/episodes/index.html"
+    template = Path(gallery.__file__).with_name("gallery.html")
+    assert shown.read_text() == template.read_text()
+
+
 def test_the_page_has_the_numbers_and_films_of_the_episodes(made):
     folder, logs = made
     found = data(folder)
