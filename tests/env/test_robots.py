@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.assets import asset_path
-from gplfd_env.doors.config import DOORS, DoorConfig
+from gplfd_env.doors.config import BAR_RADIUS, DOORS, DoorConfig
 from gplfd_env.envs import version_0
 from gplfd_env.robot.config import Before
 from gplfd_env.robot.description import described_robot
@@ -23,6 +23,7 @@ from gplfd_env.robot.placement import gripper_rotation_w
 from gplfd_env.robot.robots import robot_named
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.robot.urdf import robot_of_urdf
+from gplfd_env.scene.build import build_scene
 
 ARMS = ("panda-like", "ur5e-like")
 UR5E = asset_path("ur5e_like.urdf")
@@ -89,6 +90,9 @@ def test_the_hand_holds_the_handle_at_rest_and_weighs_nothing(robot):
     assert info["grasped"]
     # The grasp frame is where the stance says: its closing axis across the bar.
     data, config = env.unwrapped.data, robot_named(robot)
+    # The pads' inner faces meet where the fingers are at zero.
+    for finger in config.fingers:
+        assert data.joint(finger).qpos[0] == pytest.approx(BAR_RADIUS, abs=5e-4)
     axes = data.body(config.tool).xmat.reshape(3, 3) @ config.grasp_axes
     assert_allclose(axes, gripper_rotation_w(DOORS["medium"], config), atol=1e-4)
 
@@ -164,6 +168,10 @@ def test_home_decides_how_the_robot_stands():
     turned = robot.stance(DoorConfig(handle="lever", latch="spring"))
     assert abs(turned.closed_posture[-1] - home[-1]) == pytest.approx(math.pi / 2)
     assert abs(turned.roll - stance.roll) % math.pi == pytest.approx(math.pi / 2)
+    model = build_scene(DOORS["room-834"], robot=robot.on("mobile"))
+    held = [model.key_qpos[0, model.joint(name).qposadr[0]] for name in robot.arm]
+    # The arm needs no other turn of the hand than this.
+    assert_allclose(held, turned.closed_posture, atol=0.5)
 
 
 def test_the_home_that_is_found_is_level_and_the_same_every_time():
