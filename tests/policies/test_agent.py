@@ -1,6 +1,7 @@
 """The compliant agent: movement, adaptation, stiffness and admittance together."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies.adaptation import ProcessAdaptation, SimilarityAdaptation
-from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.rows import ALL_ROWS
 from gplfd_policies.control.compliance import ComplianceConfig
@@ -139,6 +140,25 @@ def test_set_point_settles_on_a_path_that_a_via_point_has_changed(skill):
         squares = change[at_via] ** 2
         kinks.append(np.sqrt([squares[:, :3].mean(), squares[:, 3:].mean()]))
     assert (kinks[1] < 0.2 * kinks[0]).all()
+
+
+def test_via_point_shifts_the_clock_by_no_more_than_the_path_it_looks_at(
+    skill, monkeypatch
+):
+    """Where the path is slow, a jump of 3 cm back would be nearly the whole task."""
+    agent = agent_of(skill)
+    agent.reset(observed(AT_REST))
+    learned = agent.movement.distribution
+    back = SimpleNamespace(mean=learned.mean - 0.03 * np.eye(6)[0], std=learned.std)
+    monkeypatch.setattr(
+        agent.movement,
+        "observe",
+        lambda _: monkeypatch.setattr(agent.movement, "distribution", back),
+    )
+    poses = [handle_pose_on_arc(0.5, angle) for angle in np.linspace(0.0, 0.3, 20)]
+    steps = [agent.act(observed(pose)) for pose in poses]
+    change = np.diff(stacked(steps, "phase")) - PERIOD / skill.duration
+    assert change.max() == pytest.approx(LOOK_AHEAD)
 
 
 def test_clock_infers_no_size(skill):

@@ -251,6 +251,7 @@ class ComplianceController:
             chord = (end - begin)[..., :3] / LOOK_AHEAD
             shift = np.add.reduce((before - after)[..., :3] * chord, axis=-1)
             shift /= np.add.reduce(chord * chord, axis=-1) + 1e-9
+            shift = np.minimum(np.maximum(shift, -LOOK_AHEAD), LOOK_AHEAD)
             shifted = np.minimum(np.maximum(command_phase + shift, 0.0), 1.0)
             command_phase = np.where(due, shifted, command_phase)
             jump = before - self._set_point(command_phase, observed_phase, rows)
