@@ -328,6 +328,8 @@ def test_leaves_of_other_doors_are_refused(spec, problem, read):
         ("leaf/width", 1.2, "DoorConfig.radius = 1.13 is outside"),
         ("leaf/width", "wide", "width = 'wide' must be a number"),
         ("physics/closer", del_, "it lacks closer"),
+        ("hinge/pivot_offset_m", [1], "pivot_offset_m = [1] must be a number"),
+        ("kinematics/rest_angle_deg", {}, "rest_angle_deg = {} must be a number"),
         ("id", 3, "id = 3 must be a text"),
     ],
 )

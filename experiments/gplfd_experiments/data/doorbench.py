@@ -142,10 +142,10 @@ def _hinged(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
         lost.append("its other leaf")
     if motion.get("both_ways"):
         lost.append("it also opens the other way")
-    if rest := motion.get("rest_angle_deg"):
+    if rest := entry({"rest_angle_deg": 0.0} | motion, "rest_angle_deg", float):
         lost.append(f"it rests open at {rest:g}°; here it is closed")
-    beyond = _at(spec, "hinge", dict[str, Any]).get("pivot_offset_m", 0.0)
-    if beyond:
+    hinge = _at(spec, "hinge", dict[str, Any])
+    if beyond := entry({"pivot_offset_m": 0.0} | hinge, "pivot_offset_m", float):
         lost.append(f"the {beyond:g} m of its leaf beyond the pivot")
         fields["leaf_width"] = _at(spec, "leaf/width") - beyond
     fields["swing"] = "push" if _at(spec, "robot/is_push", bool) else "pull"
