@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 
+from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_env.doors.config import DoorConfig, door_config
+from gplfd_env.doors.motion import links_of
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.doorbench import read_doorbench
 
@@ -17,12 +19,14 @@ SPEC: dict[str, Any] = {
     "schema_version": "1.0",
     "id": "lever door",
     "family": "swing_single",
+    "extras": [],
     "robot": {"is_push": True},
-    "leaf": {"width": 0.80, "thickness": 0.042},
+    "leaf": {"width": 0.80, "thickness": 0.042, "count": 1},
     "hinge": {"side": "left", "axis_tilt_deg": 0},
     "kinematics": {"max_open_deg": 110},
     "operator": {"model": "lever_straight", "height": 1.01},
     "lock": {"engaged": False},
+    "closer": {"model": "none"},
     "physics": {
         "mass": {"total_kg": 21.5},
         "hinge": {
@@ -40,8 +44,10 @@ SPEC: dict[str, Any] = {
             "backcheck_damping": 30.0,
             "latch_boost": 1.0,
         },
+        "roller": {"coulomb_force_N": 7.0, "viscous_damping_N_s_per_m": 3.5},
         "latch": {
             "throw_m": 0.0127,
+            "holding_force_N": 0,
             "bolt_spring_preload_N": 3.5,
             "bolt_spring_rate_N_per_m": 310,
             "backset_m": 0.07,
@@ -122,6 +128,11 @@ def test_a_lever_door_is_read_whole(read):
     ("path", "value", "line", "field", "expected"),
     [
         ("lock/engaged", True, "lock is engaged", "latch", "spring"),
+        ("leaf/count", 2, "its other leaf", "leaf_width", 0.8),
+        ("kinematics/both_ways", True, "opens the other way", "swing", "push"),
+        ("kinematics/rest_angle_deg", 15, "rests open at 15°", "swing", "push"),
+        ("hinge/pivot_offset_m", 0.1, "0.1 m of its leaf beyond", "radius", 0.63),
+        ("physics/latch/holding_force_N", 35, "the 35 N with which", "latch", "spring"),
         ("hinge/axis_tilt_deg", 3.0, "tilted by 3°", "hinge_side", "left"),
         ("physics/closer/latch_boost", 1.25, "boost of 1.25", "closer_boost", 0.0),
         ("physics/closer/hold_open_rad", 1.6, "open at 1.6 rad", "swing", "push"),
@@ -132,7 +143,7 @@ def test_a_lever_door_is_read_whole(read):
 )
 def test_what_is_lost_is_said(path, value, line, field, expected, read):
     found = read(changed(path, value))
-    assert getattr(found.door, field) == expected
+    assert getattr(found.door, field) == pytest.approx(expected)
     assert line in " ".join(found.lost)
     assert bool(found.lost) == bool(line)
 
@@ -219,18 +230,97 @@ def test_the_other_side_of_a_touch_bar(read):
         read(spec)
 
 
-@pytest.mark.parametrize("model", ["none", "push_plate", "pull_ring"])
+@pytest.mark.parametrize(
+    "model", ["none", "push_plate", "pull_ring", "pull_finger_cup", "barn_privacy_hook"]
+)
 def test_what_stands_for_a_bar_is_said(model, read):
     found = read(operated(model, throw_m=0.0, operator_travel=0.0))
     assert found.door.handle == "bar"
     assert f"its handle '{model}'" in found.lost[0]
 
 
+def rolling(family: str, width: float, count: int = 1, **kinematics: Any) -> Any:
+    """Return the spec of a leaf on rollers with a pull, or of several."""
+    spec = operated("pull_d", width=width, operator_travel=0, throw_m=0, backset_m=0)
+    spec["family"], spec["leaf"]["count"] = family, count
+    spec["kinematics"] |= kinematics
+    return spec
+
+
+@pytest.mark.parametrize("way", [0.76, 1.2])
+def test_a_sliding_leaf_takes_the_force_of_its_rollers_on_any_way(way, read):
+    spec = rolling("sliding_single", 0.8, travel_m=way)
+    spec["extras"] = ["soft_close_damper"]
+    spec["hinge"]["side"] = "right"
+    found = read(spec)
+    door = found.door
+    assert (door.motion, door.handle, door.swing) == ("sliding", "bar", "pull")
+    assert (door.hinge_side, door.leaf_width) == ("right", 0.8)
+    assert door.clear_way == min(way, 1.05)
+    assert door.radius == pytest.approx(0.74)
+    (link,) = links_of(door)
+    along = link.gains[0]  # Metres per rad of the door's angle.
+    assert door.hinge_friction / along == pytest.approx(7.0)
+    assert door.hinge_damping / along**2 == pytest.approx(3.5)
+    assert "soft-close damper" in found.lost[0]
+    assert ("clear_width = 1.2" in " ".join(found.lost)) == (way > 1.05)
+
+
+@pytest.mark.parametrize(
+    ("family", "width", "count", "kinematics", "stacks"),
+    [
+        ("bifold", 0.4, 2, {}, 1),
+        ("bifold", 0.4, 4, {}, 2),
+        ("accordion", 0.1, 8, {"accordion": True}, 1),
+    ],
+)
+def test_folding_leaves_do_the_work_of_their_rollers_and_hinges(
+    family, width, count, kinematics, stacks, read
+):
+    found = read(rolling(family, width, count, **kinematics))
+    door = found.door
+    assert (door.motion, door.swing) == ("folding", "pull")
+    assert (door.leaf_width, door.backset) == (pytest.approx(0.8), 0.06)
+    assert door.panel_mass == 21.5 / stacks
+    # The guided edge goes 85 % of its way, and so far the first leaf turns for it.
+    turned = math.acos(0.15)
+    work = 7.0 * 0.85 * 0.8 + 0.9 * turned
+    assert door.hinge_friction * SUCCESS_ANGLE == pytest.approx(work)
+    assert door.stiction * SUCCESS_ANGLE == pytest.approx(0.5 * turned)
+    damping = 3.5 * (0.85 * 0.8) ** 2 + 0.15 * turned**2
+    assert door.hinge_damping * SUCCESS_ANGLE**2 == pytest.approx(damping)
+    told = {1: "8 leaves" if count > 2 else "", 2: "fold to the other jamb"}[stacks]
+    assert told in " ".join(found.lost)
+    assert "friction grows" in found.lost[-1]
+    assert len(found.lost) == 1 + bool(told)
+
+
+def test_doors_of_a_cold_store_have_a_paddle(read):
+    assert read(operated("cold_storage_handle", **ROTATED)).door.handle == "paddle"
+
+
+@pytest.mark.parametrize(
+    ("spec", "problem"),
+    [
+        (rolling("bifold", 0.76, 2), "DoorConfig.radius = 1.46 is outside"),
+        (rolling("bifold", 0.15, 4), "DoorConfig.radius = 0.24 is outside"),
+        (rolling("gate_sliding", 3.6, travel_m=3.6), "DoorConfig.radius = 3.35"),
+        (rolling("dutch", 0.8, joining_bolt_engaged=False), "halves are not joined"),
+        (rolling("rollup", 2.4), "family is 'rollup' (it is lifted), none of swing_"),
+        (rolling("drawbridge", 2.4), "family is 'drawbridge' (an unknown one)"),
+    ],
+)
+def test_leaves_of_other_doors_are_refused(spec, problem, read):
+    with pytest.raises(ValueError, match="no door that can be imported") as error:
+        read(spec)
+    assert problem in str(error.value)
+
+
 @pytest.mark.parametrize(
     ("path", "value", "problem"),
     [
         ("schema_version", "2.0", "schema_version is '2.0', not '1.0'"),
-        ("family", "sliding_single", "family is 'sliding_single'"),
+        ("operator/model", "hook_lock_slider", "a pull that turns or slides"),
         ("operator/model", "exit_device", "handle is 'exit_device'"),
         ("operator/model", "push_button_screen", "a button, which a gripper with two"),
         ("operator/model", "pull_t_handle", "a pull that turns or slides"),
@@ -238,6 +328,8 @@ def test_what_stands_for_a_bar_is_said(model, read):
         ("leaf/width", 1.2, "DoorConfig.radius = 1.13 is outside"),
         ("leaf/width", "wide", "width = 'wide' must be a number"),
         ("physics/closer", del_, "it lacks closer"),
+        ("hinge/pivot_offset_m", [1], "pivot_offset_m = [1] must be a number"),
+        ("kinematics/rest_angle_deg", {}, "rest_angle_deg = {} must be a number"),
         ("id", 3, "id = 3 must be a text"),
     ],
 )

@@ -1,7 +1,7 @@
 """Doors of DoorBench (github.com/adamraudonis/DoorBench, MIT) as `DoorConfig`.
 
-Read are single swing doors of schema 1.0 whose handle a gripper can work from the
-robot's side: levers, knobs, fixed pulls, paddles, exit devices, thumb latches.
+Read are hinged, sliding and folding doors of schema 1.0 whose handle a gripper can work
+from the robot's side: levers, knobs, fixed pulls, paddles, exit devices, thumb latches.
 """
 
 import math
@@ -9,7 +9,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_env.doors.config import DoorConfig, Handle
+from gplfd_env.doors.hardware import CLEAR_WAY, sliding_gain
 from gplfd_env.validation.fields import allowed_range
 from gplfd_experiments.files.plain_data import entry, read_json
 
@@ -52,9 +54,16 @@ _KINDS: Final[Mapping[str, Handle]] = {
     "panic": "touch-bar",
     "pull": "bar",
     "push": "bar",
+    "barn": "bar",
+    "bifold": "bar",
+    "hook": "bar",
+    "shoji": "bar",
     "none": "bar",
+    "cold": "paddle",
 }
 """Handles by the first word of an operator's model."""
+_NO_BARS: Final = ("pull_ring", "pull_flush_recessed", "pull_finger_cup")
+"""Pulls that a gripper holds otherwise than a bar."""
 _LATCH: Final = {
     "bolt_throw": "physics/latch/throw_m",
     "bolt_preload": "physics/latch/bolt_spring_preload_N",
@@ -76,8 +85,8 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
     """Read a ``spec.json``.
 
     Raises:
-        ValueError: It is not of the schema, not a single swing door, or its handle or
-            radius is none that a `DoorConfig` has.
+        ValueError: It is not of the schema, or its family, handle or radius is none
+            that a `DoorConfig` has.
         OSError: The file cannot be read.
     """
     spec = read_json(path)
@@ -106,11 +115,18 @@ def _fields(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
         raise ValueError(f"its schema_version is {version!r}, not {SCHEMA!r}")
     family = _at(spec, "family", str)
     if family not in _FAMILIES:
-        raise ValueError(f"its family is {family!r}, none of {', '.join(_FAMILIES)}")
+        reason = _OTHERS.get(family.partition("_")[0], "an unknown one")
+        known = ", ".join(_FAMILIES)
+        raise ValueError(f"its family is {family!r} ({reason}), none of {known}")
     fields: dict[str, Any] = {name: _at(spec, place) for name, place in _LEAF.items()}
+    fields["hinge_side"] = side = _at(spec, "hinge/side", str)
+    if side not in ("left", "right"):
+        raise ValueError(f"its hinge is at the {side!r}, neither left nor right")
     fields |= _FAMILIES[family](spec, lost)
     fields |= _operated(spec, fields, lost)
     fields["radius"] = fields["leaf_width"] - fields["backset"]
+    if held := _at(spec, "physics/latch/holding_force_N"):
+        lost.append(f"the {held:g} N with which its latch holds it")
     if _at(spec, "lock/engaged", bool):
         lost.append("its lock is engaged; the door is left unlocked")
     return fields
@@ -119,9 +135,19 @@ def _fields(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
 def _hinged(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
     """Return the fields of hinge and closer."""
     fields: dict[str, Any] = {name: _at(spec, place) for name, place in _HINGED.items()}
-    fields["hinge_side"] = side = _at(spec, "hinge/side", str)
-    if side not in ("left", "right"):
-        raise ValueError(f"its hinge is at the {side!r}, neither left nor right")
+    motion = _at(spec, "kinematics", dict[str, Any])
+    if motion.get("joining_bolt_engaged") is False:
+        raise ValueError("its halves are not joined: two leaves, one above the other")
+    if _at(spec, "leaf/count") > 1:
+        lost.append("its other leaf")
+    if motion.get("both_ways"):
+        lost.append("it also opens the other way")
+    if rest := entry({"rest_angle_deg": 0.0} | motion, "rest_angle_deg", float):
+        lost.append(f"it rests open at {rest:g}°; here it is closed")
+    hinge = _at(spec, "hinge", dict[str, Any])
+    if beyond := entry({"pivot_offset_m": 0.0} | hinge, "pivot_offset_m", float):
+        lost.append(f"the {beyond:g} m of its leaf beyond the pivot")
+        fields["leaf_width"] = _at(spec, "leaf/width") - beyond
     fields["swing"] = "push" if _at(spec, "robot/is_push", bool) else "pull"
     fields["stop_angle"] = math.radians(_at(spec, "kinematics/max_open_deg"))
     if tilt := _at(spec, "hinge/axis_tilt_deg"):
@@ -139,12 +165,74 @@ def _hinged(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
     return fields
 
 
+def _rolling(spec: Mapping[str, Any], way: float, lost: list[str]) -> dict[str, Any]:
+    """Return the fields of rollers that go a way [m] when the door opens fully."""
+    if "soft_close_damper" in _at(spec, "extras", tuple[str, ...]):
+        lost.append("its soft-close damper, for which no force is given")
+    if (closer := _at(spec, "closer/model", str)) != "none":
+        lost.append(f"its closer {closer!r}")
+    gain = sliding_gain(way)
+    friction = _at(spec, "physics/roller/coulomb_force_N")
+    damping = _at(spec, "physics/roller/viscous_damping_N_s_per_m")
+    fields = {"hinge_friction": gain * friction, "hinge_damping": gain**2 * damping}
+    return fields | {"swing": "pull"}
+
+
+def _sliding(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
+    """Return the fields of a sliding leaf."""
+    way = _at(spec, "kinematics/travel_m")
+    if _at(spec, "leaf/count") > 1:
+        lost.append("its other leaves, behind which it slides")
+    # The force is that of the rollers also where the way is cut to its range.
+    within = min(way, allowed_range(DoorConfig, "clear_width").high)
+    return {"motion": "sliding", "clear_width": way, **_rolling(spec, within, lost)}
+
+
+def _folding(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
+    """Return the fields of the leaves that fold to one jamb.
+
+    The guided edge, which has the handle, moves as that of two leaves of half the width
+    however many there are.
+    """
+    panels, motion = _at(spec, "leaf/count"), _at(spec, "kinematics", dict[str, Any])
+    stacks = 1 if panels == 2 or motion.get("accordion") else 2
+    if stacks == 2:
+        lost.append("its other leaves, which fold to the other jamb")
+    if panels > 2 * stacks:
+        lost.append(f"its {panels:g} leaves; here two of the same width together")
+    lost.append("its rollers' friction grows from 0; here it has its mean throughout")
+    width = panels / stacks * _at(spec, "leaf/width")
+    fields = _rolling(spec, width, lost)
+    turn = math.acos(1.0 - CLEAR_WAY) / SUCCESS_ANGLE  # Of the first leaf, per rad.
+    fields["hinge_friction"] += turn * _at(spec, _HINGED["hinge_friction"])
+    fields["hinge_damping"] += turn**2 * _at(spec, _HINGED["hinge_damping"])
+    stiction = turn * _at(spec, _HINGED["stiction"])
+    mass = _at(spec, _LEAF["panel_mass"]) / stacks
+    fields |= {"leaf_width": width, "panel_mass": mass, "stiction": stiction}
+    return fields | {"motion": "folding"}
+
+
 _FAMILIES: Final[
     Mapping[str, Callable[[Mapping[str, Any], list[str]], dict[str, Any]]]
-] = {"swing_single": _hinged}
-"""How the leaf of each family moves: what reads the fields of `DoorConfig` for it.
+] = {
+    **dict.fromkeys(("swing_single", "swing_double", "pivot", "dutch"), _hinged),
+    **dict.fromkeys(("saloon", "stall", "cold_storage", "gate_swing"), _hinged),
+    **dict.fromkeys(("sliding_single", "sliding_bypass", "gate_sliding"), _sliding),
+    **dict.fromkeys(("bifold", "accordion"), _folding),
+}
+"""How the leaf of each family moves: what reads the fields of `DoorConfig` for it."""
 
-`sliding_single` and `bifold` differ from `swing_single` in these fields alone."""
+_OTHERS: Final = {
+    **dict.fromkeys(("automatic", "elevator"), "a motor opens it"),
+    **dict.fromkeys(("vault", "blast", "ship"), "several bolts or dogs hold it"),
+    **dict.fromkeys(("garage", "rollup"), "it is lifted"),
+    **dict.fromkeys(("revolving", "turnstile"), "a rotor"),
+    "baby": "its latch is lifted",
+    "hatch": "it lies in floor or ceiling",
+    "pet": "a flap without a handle",
+    "strip": "strips that hang",
+}
+"""Why a `DoorConfig` represents no door of a family, by the first word of its name."""
 
 
 def _operated(
@@ -170,7 +258,9 @@ def _operated(
         known = ", ".join(_KINDS)
         raise ValueError(f"its handle is {model!r}, none that begins with {known}")
     # Where no backset is given, the handle is where the robot can hold it.
-    nearest = width - _REACHED
+    nearest = min(width - _REACHED, allowed_range(DoorConfig, "backset").high)
+    if fields.get("motion") == "folding":  # Its path depends on where it is.
+        nearest = 0.0
     found: dict[str, Any] = {
         "handle": handle,
         "backset": backset or round(max(_BACKSET, nearest), 6),
@@ -179,7 +269,7 @@ def _operated(
         travel = 0.0 if far else _at(spec, "physics/latch/operator_travel")
         if travel > 0.0 and model != "pull_ring":
             raise ValueError(f"its handle is {model!r}, a pull that turns or slides")
-        if not model.startswith("pull") or model == "pull_ring":
+        if not model.startswith("pull") or model in _NO_BARS:
             lost.append(f"its handle {model!r}; here a fixed bar is held")
         if latched:
             lost.append("its latch, which its fixed handle does not draw")

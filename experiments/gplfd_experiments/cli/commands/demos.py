@@ -401,9 +401,9 @@ class Demos:
 class Doors:
     """Read a door of DoorBench and write it as door parameters.
 
-    FILE is a spec.json of schema 1.0 of a single swing door. The file written can be
-    given to every --doors, and to an environment as its door. Properties that cannot
-    be represented are listed.
+    FILE is a spec.json of schema 1.0 of a hinged, sliding or folding door. The file
+    written can be given to every --doors, and to an environment as its door.
+    Properties that cannot be represented are listed.
     """
 
     action: Annotated[Literal["import"], tyro.conf.Positional]
