@@ -296,8 +296,7 @@ class Tune:
         with postponed_interruption():
             from gplfd_experiments.files.plain_data import json_text, read_json
             from gplfd_experiments.studies.engines import engine_named
-            from gplfd_experiments.studies.tuning.objective import checked_policies
-            from gplfd_experiments.studies.tuning.search import FILE, tune
+            from gplfd_experiments.studies.tuning import FILE, checked_policies, tune
 
         policies = checked_policies(self.policies)
         engine = engine_named("loky", workers=self.workers)
