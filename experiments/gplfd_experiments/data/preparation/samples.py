@@ -1,6 +1,6 @@
 """Samples of a motion, and how they are mended: units, stamps, quaternions, jumps."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
@@ -58,11 +58,15 @@ class Samples:
 
     def __getitem__(self, kept: Any) -> "Samples":
         """Return some of the samples, as NumPy indexes."""
-        return Samples(
-            times=self.times[kept],
-            poses=self.poses[kept],
-            wrenches=None if self.wrenches is None else self.wrenches[kept],
-            signals={name: array[kept] for name, array in self.signals.items()},
+        return replace(self.mapped(lambda one: one[kept]), times=self.times[kept])
+
+    def mapped(self, change: Callable[[FloatArray], FloatArray]) -> "Samples":
+        """Return samples with every array changed but the times."""
+        return replace(
+            self,
+            poses=change(self.poses),
+            wrenches=None if self.wrenches is None else change(self.wrenches),
+            signals={name: change(array) for name, array in self.signals.items()},
         )
 
     @property

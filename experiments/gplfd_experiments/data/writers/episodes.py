@@ -14,7 +14,7 @@ from gplfd_env.envs.camera import Camera
 from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.data.minari import Dataset
 from gplfd_experiments.data.minari.episode import STATE
-from gplfd_experiments.data.writers.rows import Rows, states_of
+from gplfd_experiments.data.writers import Rows, states_of
 from gplfd_experiments.files.arrays import FloatArray
 
 _CONTROL_RATE: Final = round(1.0 / CONTROL_PERIOD)
