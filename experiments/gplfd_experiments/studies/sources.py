@@ -89,29 +89,23 @@ def policy_of(task: Task, files: Files) -> Policy:
     except ValueError:
         if task.policy not in files:
             raise
-        policy = _imported(task.policy, files[task.policy])
+        # Named by its content: a worker may live longer than a version of it.
+        given = files[task.policy]
+        digest = hashlib.sha256(given.content).hexdigest()
+        path = Path(_folder().name) / f"{given.stem}_{digest[:12]}.py"
+        with complete_or_absent(path) as temporary:
+            temporary.write_bytes(given.content)
+        try:
+            policy = policy_named(f"{path}:{task.policy.rpartition(':')[2]}")
+        except ValueError as error:
+            raise ValueError(
+                f"{error}. On other machines a policy is a single file; install there "
+                "what it imports"
+            ) from error
         here, planned = source_of(policy) or {}, task.policy_source or {}
         if here.get("sha256") != planned.get("sha256"):
             raise  # It imports other files, and got different ones here.
         return policy
-
-
-def _imported(name: str, given: PolicyFile) -> Policy:
-    """Write a policy's file and import it.
-
-    The module is named by its content: a worker may live longer than a version of it.
-    """
-    digest = hashlib.sha256(given.content).hexdigest()
-    file = Path(_folder().name) / f"{given.stem}_{digest[:12]}.py"
-    with complete_or_absent(file) as temporary:
-        temporary.write_bytes(given.content)
-    try:
-        return policy_named(f"{file}:{name.rpartition(':')[2]}")
-    except ValueError as error:
-        raise ValueError(
-            f"{error}. On other machines a policy is a single file; install there what "
-            "it imports"
-        ) from error
 
 
 @functools.cache

@@ -50,8 +50,12 @@ from gplfd_experiments.files.plain_data import entry, read_json, write_json
 from gplfd_experiments.files.provenance import code_state, provenance
 from gplfd_experiments.files.table import Table, text_table
 from gplfd_experiments.studies.engines import Engine, Lost
-from gplfd_experiments.studies.learning_tests.folds import aligned_to, by_door, folds
-from gplfd_experiments.studies.learning_tests.methods import learn
+from gplfd_experiments.studies.learning_tests.folds import (
+    aligned_to,
+    by_door,
+    folds,
+    learn,
+)
 from gplfd_experiments.studies.learning_tests.scores import prediction_scores
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.registry.catalogue import tuned

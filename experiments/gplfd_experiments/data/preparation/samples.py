@@ -123,13 +123,21 @@ def usable(
         notes.warn(f"taken in {units}, the file says {raw.unit}")
     elif units is None and raw.unit is None:
         notes.add("no unit given: taken as metres")
+    signals: dict[str, FloatArray] = {}
+    for name, signal in raw.signals.items():
+        filled = np.array(signal)
+        for column in filled.T:
+            known = np.isfinite(column) & np.isfinite(times)
+            if known.any() and not known.all():
+                column[:] = np.interp(times, times[known], column[known])
+        signals[name] = np.nan_to_num(filled)
     samples = Samples(
         times=times,
         poses=np.hstack(
             [raw.positions * METRES[units or raw.unit or "m"], quaternions]
         ),
         wrenches=raw.wrenches,
-        signals={name: _filled(times, array) for name, array in raw.signals.items()},
+        signals=signals,
     )[there]
     # In order of time, without repeated stamps.
     backwards = int(np.count_nonzero(np.diff(samples.times) < 0.0))
@@ -159,16 +167,6 @@ def usable(
     signs = np.concatenate([[1.0], np.cumprod(changes)])
     poses = np.hstack([samples.poses[:, :3], quaternions * signs[:, None]])
     return replace(samples, times=times, poses=poses)
-
-
-def _filled(times: FloatArray, signal: FloatArray) -> FloatArray:
-    """Interpolate a signal's missing samples."""
-    filled = np.array(signal)
-    for column in filled.T:
-        known = np.isfinite(column) & np.isfinite(times)
-        if known.any() and not known.all():
-            column[:] = np.interp(times, times[known], column[known])
-    return np.nan_to_num(filled)
 
 
 def without_spikes(samples: Samples, notes: Notes) -> Samples:

@@ -83,13 +83,14 @@ from gplfd_experiments.studies.learning_tests.folds import (
     OnPhases,
     aligned_to,
     by_door,
+    cpu_seconds,
     folds,
+    learn,
 )
-from gplfd_experiments.studies.learning_tests.forces import force_scores
-from gplfd_experiments.studies.learning_tests.methods import cpu_seconds, learn
 from gplfd_experiments.studies.learning_tests.tumbling import tumbling
 from gplfd_experiments.studies.learning_tests.via_points import (
     adaptation,
+    force_scores,
     forecasts,
     online_forecasts,
 )
