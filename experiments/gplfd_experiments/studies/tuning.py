@@ -221,10 +221,7 @@ def _measured(policy: Policy, candidate: Candidate) -> Evaluation:
 
 
 def tune(
-    policies: Sequence[str],
-    folder: Path,
-    engine: Engine,
-    protocol: Protocol = STANDARD,
+    policies: Sequence[str], folder: Path, engine: Engine, protocol: Protocol = STANDARD
 ) -> str:
     """Evaluate what is missing or had an error; write the best, and return a table."""
     check_folder(folder)

@@ -32,10 +32,7 @@ from gplfd_policies.demonstrations.npz import KIND, load_demonstrations
 _Any = TypeVar("_Any")
 _Arrays = Mapping[str, FloatArray]
 
-_ORDERS: Final = {
-    "wxyz": ("qw", "qx", "qy", "qz"),
-    "xyzw": ("qx", "qy", "qz", "qw"),
-}
+_ORDERS: Final = {"wxyz": ("qw", "qx", "qy", "qz"), "xyzw": ("qx", "qy", "qz", "qw")}
 _TIMES: Final = ("times", "time", "t", "timestamps")
 _POSITIONS: Final = ("positions", "position", "pos", "p", "xyz")
 _QUATERNIONS: Final = ("quaternions", "quaternion", "quat", "q")

@@ -16,13 +16,7 @@ from typing import Any, Final, TypeAlias
 import loky
 
 from gplfd_experiments.console.interruption import postponed_interruption
-from gplfd_experiments.studies.engines import (
-    ATTEMPTS,
-    ONE_THREAD,
-    ItemT,
-    Lost,
-    ResultT,
-)
+from gplfd_experiments.studies.engines import ATTEMPTS, ONE_THREAD, ItemT, Lost, ResultT
 
 Caught: TypeAlias = list[tuple[str, type[Warning]]]
 """Texts and categories of warnings."""
@@ -89,9 +83,7 @@ def _warned(outcome: tuple[ResultT, Caught]) -> ResultT:
 
 
 def _together(
-    work: Callable[[ItemT], tuple[ResultT, Caught]],
-    waiting: deque[ItemT],
-    workers: int,
+    work: Callable[[ItemT], tuple[ResultT, Caught]], waiting: deque[ItemT], workers: int
 ) -> Generator[tuple[ItemT, ResultT], None, list[ItemT]]:
     """Take items until none waits or a worker dies; return those it left behind."""
     running: dict[Any, ItemT] = {}

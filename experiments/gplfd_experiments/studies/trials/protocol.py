@@ -162,6 +162,7 @@ _OPENED: Final = ("success", "force_handle_peak")
 _felt = partial(Level, demonstrated_forces=True)
 _like_opened = partial(Level, demonstrated_radii=None)
 """A level in which doors of the kind of the opened one are demonstrated."""
+_forces = partial(Trial, claims=("demonstrated forces",))
 _added = partial(Trial, measures=_OPENED, among=_AMONG, seeds=_SEEDS)
 """A trial that protocol v5 or v6 added."""
 
@@ -458,9 +459,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             levels={
                 "pulled": _like_opened(doors=("room-834",), randomization=_ROOMS),
                 "pushed": _like_opened(
-                    doors=("room-834",),
-                    door={"swing": "push"},
-                    randomization=_ROOMS,
+                    doors=("room-834",), door={"swing": "push"}, randomization=_ROOMS
                 ),
                 "knobs": _like_opened(
                     doors=("room-709",),
@@ -548,7 +547,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                         "swing": "pull",
                         "hinge_side": "right",
                     },
-                ),
+                )
             },
         ),
         "corrections": _added(
@@ -582,30 +581,25 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             ),
             among=("gp", "dmp", "promp", "hinge-fit", "mechanism-fit", "oracle"),
         ),
-        "forces-weight": Trial(
+        "forces-weight": _forces(
             question="Forces were demonstrated. Which policy opens doors that are "
             "lighter, or heavier, than all demonstrated ones?",
-            claims=("demonstrated forces",),
             measures=_OPENED,
             levels={
                 "lighter": _felt(
                     doors=_ALL, demonstrated_hardware=3 * ({"closer_preload": 8.0},)
                 ),
                 "14 N": _felt(doors=("heavy",)),
-                "24 N": _felt(
-                    doors=("heavy",),
-                    door={"closer_preload": 10.0},
-                ),
+                "24 N": _felt(doors=("heavy",), door={"closer_preload": 10.0}),
             },
             contrasts=(
                 *_contrasts("success", "demonstrated forces"),
                 *_contrasts("force_handle_peak", "demonstrated forces"),
             ),
         ),
-        "forces-closer": Trial(
+        "forces-closer": _forces(
             question="Forces were demonstrated. Which policy opens levers whose "
             "closers differ from those of the demonstrations?",
-            claims=("demonstrated forces",),
             measures=_OPENED,
             levels={
                 "closers": _felt(
@@ -622,10 +616,9 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             ),
             also=("stiffness-from-force",),
         ),
-        "forces-person": Trial(
+        "forces-person": _forces(
             question="Forces were demonstrated. How large is the force on a person who "
             "holds the hand, or is in the way?",
-            claims=("demonstrated forces",),
             measures=("person_force_peak", "success"),
             levels={
                 "holds the hand": _felt(doors=_MEDIUM, disturbance="person"),
@@ -639,10 +632,9 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             contrasts=_contrasts("person_force_peak", "demonstrated forces"),
             also=("stiffness-from-force",),
         ),
-        "forces-blocked": Trial(
+        "forces-blocked": _forces(
             question="Forces were demonstrated. The door is blocked for 2.5 s, or "
             "locked. With how much force does the hand pull?",
-            claims=("demonstrated forces",),
             measures=("stop_force_sustained", "grasp_kept"),
             levels={
                 "stop": _felt(doors=_MEDIUM, disturbance="stop"),
@@ -651,10 +643,9 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             contrasts=_contrasts("stop_force_sustained", "demonstrated forces"),
             also=("stiffness-from-force",),
         ),
-        "forces-seal": Trial(
+        "forces-seal": _forces(
             question="Forces were demonstrated. The hinge sticks at the start and a "
             "seal holds the leaf. Is the door opened?",
-            claims=("demonstrated forces",),
             measures=_OPENED,
             levels={"breakaway": _felt(doors=_MEDIUM, disturbance="breakaway")},
             contrasts=_contrasts("force_handle_peak", "demonstrated forces"),
