@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from gplfd_experiments.data.preparation.samples import Notes, Samples
 from gplfd_experiments.data.raw import Segments, likely_time_unit
-from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.arrays import FloatArray, interpolated
 
 _SMOOTHING: Final = 0.05  # Standard deviation of the smoother of the poses [s].
 _REACH: Final = 0.1  # Speed is that of chords over twice this time [s].
@@ -143,7 +143,7 @@ def _smoothed(samples: Samples) -> tuple[FloatArray, FloatArray]:
     """Return equal steps of time, and the smoothed poses at them."""
     times, step = samples.times, samples.step
     clock = np.arange(times[0], times[-1], step)
-    columns = _interpolated(times, clock, samples.poses)
+    columns = interpolated(clock, times, samples.poses)
     smooth = gaussian_filter1d(columns, _SMOOTHING / step, axis=0, mode="nearest")
     return clock, np.asarray(smooth)
 
@@ -206,14 +206,8 @@ def at_rate(samples: Samples, rate: float | None, most: int) -> Samples:
 
 def _resampled(samples: Samples, times: FloatArray) -> Samples:
     """Return the motion at other times, linearly interpolated."""
-    at_times = partial(_interpolated, samples.times, times)
+    at_times = partial(interpolated, times, samples.times)
     return _with_unit_quaternions(replace(samples.mapped(at_times), times=times))
-
-
-def _interpolated(
-    times: FloatArray, wanted: FloatArray, columns: FloatArray
-) -> FloatArray:
-    return np.column_stack([np.interp(wanted, times, column) for column in columns.T])
 
 
 def _with_unit_quaternions(samples: Samples) -> Samples:
@@ -244,7 +238,7 @@ def bridged(samples: Samples, largest: float, notes: Notes) -> Samples:
         )
         return replace(samples, wrenches=None)
     notes.add(f"forces of {np.count_nonzero(~known)} samples interpolated")
-    filled = _interpolated(times[known], times, wrenches[known])
+    filled = interpolated(times, times[known], wrenches[known])
     return replace(samples, wrenches=filled)
 
 

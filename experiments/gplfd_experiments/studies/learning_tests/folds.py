@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.arrays import FloatArray, interpolated
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.completion import measure_completion
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -123,13 +123,13 @@ class OnPhases:
         wanted = np.linspace(0.0, samples[-1], count)
         return OnPhases(
             phases=np.interp(wanted, samples, self.phases),
-            poses=_columns(wanted, samples, self.poses),
+            poses=interpolated(wanted, samples, self.poses),
             moving=self.moving,
         )
 
     def at(self, phases: FloatArray) -> FloatArray:
         """Return its poses at phases of the movement, (M, 6)."""
-        return _columns(phases, self.phases, self.poses)
+        return interpolated(phases, self.phases, self.poses)
 
 
 def aligned_to(
@@ -151,10 +151,6 @@ def _progress(times: FloatArray, poses: FloatArray) -> FloatArray:
     index = measure_completion(recorded, _ROTATION_WEIGHT, denoise=True).index
     clock = (times - times[0]) / (times[-1] - times[0])
     return np.asarray((1.0 - _CLOCK_SHARE) * index + _CLOCK_SHARE * clock)
-
-
-def _columns(wanted: FloatArray, known: FloatArray, poses: FloatArray) -> FloatArray:
-    return np.column_stack([np.interp(wanted, known, output) for output in poses.T])
 
 
 def learn(
