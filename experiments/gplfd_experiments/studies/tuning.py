@@ -59,7 +59,6 @@ from gplfd_experiments.studies.learning_tests.folds import (
 from gplfd_experiments.studies.learning_tests.scores import prediction_scores
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.registry.catalogue import tuned
-from gplfd_policies.registry.policy import Policy
 from gplfd_policies.registry.tuning_spaces import SPACES, Values
 
 FILE: Final = "tuned.json"
@@ -144,12 +143,43 @@ Evaluation = dict[str, Any]
 def evaluate(candidate: Candidate) -> Evaluation:
     """Evaluate a candidate; an error is its result."""
     started = time.process_time()
+    outcome: Evaluation
     with one_thread, warnings.catch_warnings():
         # Warnings of few demonstrations or of no convergence: their effect is measured.
         warnings.simplefilter("ignore", UserWarning)
         try:
             policy = tuned(candidate.policy, candidate.settings)
-            outcome = _measured(policy, candidate)
+            assert policy.method is not None
+            protocol = candidate.protocol
+            per_door = protocol.demonstrations_per_door
+            densities: list[float | None] = []
+            episodes: list[dict[str, Any]] = []
+            for seed in protocol.seeds:
+                tasks = [
+                    episode_task(
+                        f"{radius:g}",
+                        DoorConfig(radius=radius),
+                        policy=candidate.policy,
+                        seed=seed,
+                        demonstrations_per_door=per_door,
+                    )
+                    for radius in protocol.radii
+                ]
+                doors = by_door(demonstrations_of(tasks[0]).demonstrations, per_door)
+                for fold in folds(doors, "demonstration", seed):
+                    movement, _ = learn(policy.method, fold.given, seed)
+                    for one in fold.left_out:
+                        left_out = aligned_to(one, movement.aligned)
+                        densities.append(prediction_scores(movement, left_out)["nlpd"])
+                make = learned_agents(tasks[0], policy)
+                for log in open_together(tasks, [make() for _ in tasks]):
+                    metrics = episode_metrics(log)
+                    kept = ("radius", "success", "force_radial_peak")
+                    numbers = {name: getattr(metrics, name) for name in kept}
+                    episodes.append({"seed": seed, **numbers})
+            known = [density for density in densities if density is not None]
+            nlpd = float(np.mean(known)) if len(known) == len(densities) else None
+            outcome = {"nlpd": nlpd, "episodes": episodes}
         # With some settings a method cannot learn, and may raise anything.
         except Exception as error:
             reason = f"{type(error).__name__}: {error}"
@@ -184,40 +214,6 @@ def task_numbers(evaluation: Evaluation) -> tuple[float, float]:
     closed = sum(not episode["success"] for episode in episodes)
     forces = [episode["force_radial_peak"] for episode in episodes]
     return closed, statistics.median(forces)
-
-
-def _measured(policy: Policy, candidate: Candidate) -> Evaluation:
-    assert policy.method is not None
-    protocol = candidate.protocol
-    per_door = protocol.demonstrations_per_door
-    densities: list[float | None] = []
-    episodes: list[dict[str, Any]] = []
-    for seed in protocol.seeds:
-        tasks = [
-            episode_task(
-                f"{radius:g}",
-                DoorConfig(radius=radius),
-                policy=candidate.policy,
-                seed=seed,
-                demonstrations_per_door=per_door,
-            )
-            for radius in protocol.radii
-        ]
-        doors = by_door(demonstrations_of(tasks[0]).demonstrations, per_door)
-        for fold in folds(doors, "demonstration", seed):
-            movement, _ = learn(policy.method, fold.given, seed)
-            for one in fold.left_out:
-                left_out = aligned_to(one, movement.aligned)
-                densities.append(prediction_scores(movement, left_out)["nlpd"])
-        make = learned_agents(tasks[0], policy)
-        for log in open_together(tasks, [make() for _ in tasks]):
-            metrics = episode_metrics(log)
-            kept = ("radius", "success", "force_radial_peak")
-            numbers = {name: getattr(metrics, name) for name in kept}
-            episodes.append({"seed": seed, **numbers})
-    known = [density for density in densities if density is not None]
-    nlpd = float(np.mean(known)) if len(known) == len(densities) else None
-    return {"nlpd": nlpd, "episodes": episodes}
 
 
 def tune(
