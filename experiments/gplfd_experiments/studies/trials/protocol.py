@@ -164,7 +164,7 @@ _like_opened = partial(Level, demonstrated_radii=None)
 """A level in which doors of the kind of the opened one are demonstrated."""
 _forces = partial(Trial, claims=("demonstrated forces",))
 _added = partial(Trial, measures=_OPENED, among=_AMONG, seeds=_SEEDS)
-"""A trial that protocol v5 or v6 added."""
+"""A trial in which the policies `_AMONG` take part."""
 
 
 def _contrasts(measure: str, *ideas: str, level: str = "") -> tuple[Contrast, ...]:
