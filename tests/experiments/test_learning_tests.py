@@ -28,9 +28,8 @@ from gplfd_experiments.studies.learning_tests.folds import (
     aligned_to,
     by_door,
     folds,
+    learn,
 )
-from gplfd_experiments.studies.learning_tests.forces import force_scores
-from gplfd_experiments.studies.learning_tests.methods import learn
 from gplfd_experiments.studies.learning_tests.scores import method_metrics
 from gplfd_experiments.studies.learning_tests.tumbling import (
     TUMBLE_STD,
@@ -38,7 +37,11 @@ from gplfd_experiments.studies.learning_tests.tumbling import (
     tumbled_rotations,
     tumbling,
 )
-from gplfd_experiments.studies.learning_tests.via_points import GRID, adaptation
+from gplfd_experiments.studies.learning_tests.via_points import (
+    GRID,
+    adaptation,
+    force_scores,
+)
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration

@@ -18,7 +18,7 @@ from gplfd_env.robot.robots import robot_named
 from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.data.writers.rows import states_of
+from gplfd_experiments.data.writers import states_of
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.files.provenance import content_hash
 from gplfd_experiments.workflows.dry_run import dry_run

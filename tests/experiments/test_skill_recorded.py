@@ -15,8 +15,7 @@ from gplfd_experiments.analysis.results.records import RecordedResult
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.studies.jobs import run_job
-from gplfd_experiments.studies.learning_tests.folds import aligned_to
-from gplfd_experiments.studies.learning_tests.methods import learn
+from gplfd_experiments.studies.learning_tests.folds import aligned_to, learn
 from gplfd_experiments.studies.learning_tests.scores import recorded_metrics, without
 from gplfd_experiments.studies.learning_tests.via_points import (
     GRID,

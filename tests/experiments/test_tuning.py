@@ -7,12 +7,11 @@ import pytest
 from gplfd_env.doors.config import DOORS
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.data.teacher import standard_teacher
-from gplfd_experiments.studies import engines
+from gplfd_experiments.studies import engines, tuning
 from gplfd_experiments.studies.engines import Lost, Serial
 from gplfd_experiments.studies.learning_tests.scores import method_metrics
 from gplfd_experiments.studies.settings import PRESETS
-from gplfd_experiments.studies.tuning import objective, search
-from gplfd_experiments.studies.tuning.objective import (
+from gplfd_experiments.studies.tuning import (
     STANDARD,
     Candidate,
     Protocol,
@@ -43,7 +42,7 @@ def pretended(candidate):
     """An evaluation that costs nothing and differs from candidate to candidate."""
     outcome = evaluation(-float(candidate.number), force=1.0 + candidate.number % 3)
     about = {"candidate": candidate.definition, "cpu_s": 0.5}
-    return {**about, **objective.code_state(), **outcome}
+    return {**about, **tuning.code_state(), **outcome}
 
 
 @pytest.mark.parametrize("policy", SPACES)
@@ -131,7 +130,7 @@ def evaluated(monkeypatch):
     """Replace evaluations by some that cost nothing; remember the candidates."""
     counted = []
     monkeypatch.setattr(
-        search, "evaluate", lambda one: counted.append(one) or pretended(one)
+        tuning, "evaluate", lambda one: counted.append(one) or pretended(one)
     )
     return counted
 
@@ -139,19 +138,19 @@ def evaluated(monkeypatch):
 def test_interrupted_and_resumed_gives_the_same_file(tmp_path, evaluated, monkeypatch):
     policies = ("gmr", "kmp")
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    table = search.tune(policies, whole, Serial(), SMALL)
+    table = tuning.tune(policies, whole, Serial(), SMALL)
     assert len(evaluated) == 10
     with pytest.raises(KeyboardInterrupt):
-        search.tune(policies, parts, Engine(after=3), SMALL)
+        tuning.tune(policies, parts, Engine(after=3), SMALL)
     assert not (parts / "tuned.json").exists()
     for _ in range(2):
-        assert search.tune(policies, parts, Serial(), SMALL) == table
+        assert tuning.tune(policies, parts, Serial(), SMALL) == table
         assert len(evaluated) == 20
     assert (whole / "tuned.json").read_bytes() == (parts / "tuned.json").read_bytes()
     # A file that is deleted meanwhile is missed.
-    monkeypatch.setattr(search, "write_json", lambda *_: None)
+    monkeypatch.setattr(tuning, "write_json", lambda *_: None)
     with pytest.raises(ValueError, match=r"gone or changed; run the command again"):
-        search.tune(("gmr",), tmp_path / "gone", Serial(), SMALL)
+        tuning.tune(("gmr",), tmp_path / "gone", Serial(), SMALL)
 
 
 @pytest.mark.parametrize(
@@ -165,17 +164,17 @@ def test_interrupted_and_resumed_gives_the_same_file(tmp_path, evaluated, monkey
     ids=["cut", "other code", "error", "empty"],
 )
 def test_what_is_no_result_is_run_again(tmp_path, evaluated, damage):
-    search.tune(("gmr",), tmp_path, Serial(), SMALL)
+    tuning.tune(("gmr",), tmp_path, Serial(), SMALL)
     file = sorted((tmp_path / "evaluations").iterdir())[0]
     whole = json.loads(file.read_text())
     file.write_text(damage(whole))
-    search.tune(("gmr",), tmp_path, Serial(), SMALL)
+    tuning.tune(("gmr",), tmp_path, Serial(), SMALL)
     assert json.loads(file.read_text()) == whole
 
 
 def test_workers_that_die_are_errors(tmp_path, caplog):
     with caplog.at_level("WARNING", logger="gplfd"):
-        table = search.tune(("gmr",), tmp_path, Engine(), SMALL)
+        table = tuning.tune(("gmr",), tmp_path, Engine(), SMALL)
     assert "gmr, candidate 4: it died" in caplog.text
     written = json.loads((tmp_path / "tuned.json").read_text())
     assert written["policies"]["gmr"]["errors"] == SMALL.evaluations
@@ -185,7 +184,7 @@ def test_workers_that_die_are_errors(tmp_path, caplog):
 def test_the_file_is_what_the_registry_reads_and_json_prints(
     tmp_path, evaluated, monkeypatch, capsys
 ):
-    search.tune(("gmr", "dmp"), tmp_path, Serial(), SMALL)
+    tuning.tune(("gmr", "dmp"), tmp_path, Serial(), SMALL)
     found = tuned_settings(tmp_path / "tuned.json")
     expected = {name: candidates(name, SMALL)[3].settings for name in ("gmr", "dmp")}
     assert found == expected

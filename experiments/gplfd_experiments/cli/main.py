@@ -26,9 +26,8 @@ import tyro
 from gplfd_experiments.cli.commands.correct import Correct
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.export import Export
-from gplfd_experiments.cli.commands.gallery import Gallery
 from gplfd_experiments.cli.commands.machine import Catalogue, Doctor, Speed
-from gplfd_experiments.cli.commands.run import Learn, Run, View
+from gplfd_experiments.cli.commands.run import Gallery, Learn, Run, View
 from gplfd_experiments.cli.commands.serve import Serve
 from gplfd_experiments.cli.commands.studies import (
     Benchmark,

@@ -22,21 +22,14 @@ class MessageHandler(logging.Handler):
             self.handleError(record)
 
 
-def progress_bar(
-    items: Iterable[Any] | None = None,
-    *,
-    anywhere: bool = False,
-    made: type["tqdm[Any]"] = tqdm,
-    **options: Any,
-) -> "tqdm[Any]":
+def progress_bar(items: Iterable[Any] | None = None, **options: Any) -> "tqdm[Any]":
     """Return tqdm's bar over some items, or one that is moved by hand.
 
-    It is shown where progress is wanted, ``anywhere`` also where stderr is no terminal.
+    It is shown where progress is wanted and stderr is a terminal.
     """
-    wanted = LOG.isEnabledFor(logging.INFO)
     # To tqdm None means: where stderr is a terminal.
-    disable = not wanted if anywhere or not wanted else None
-    return made(items, **{"leave": False, "disable": disable} | options)
+    disable = None if LOG.isEnabledFor(logging.INFO) else True
+    return tqdm(items, leave=False, disable=disable, **options)
 
 
 _ESTIMATED: Final = 0.1
@@ -64,8 +57,7 @@ def counter(unit: str, total: int, done: int) -> "tqdm[Any]":
     """
     LOG.info("%d %ss, %d of them done already", total, unit, done)
     pause = 0.5 if sys.stderr.isatty() else 30.0
-    return progress_bar(
-        made=_Counter,
+    return _Counter(
         total=total,
         initial=done,
         unit=unit,
@@ -73,6 +65,5 @@ def counter(unit: str, total: int, done: int) -> "tqdm[Any]":
         maxinterval=pause,
         # Policies differ by the time they take: the mean says most.
         smoothing=0.0,
-        leave=True,
-        anywhere=True,
+        disable=not LOG.isEnabledFor(logging.INFO),
     )

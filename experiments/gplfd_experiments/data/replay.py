@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gplfd_experiments.console.progress import progress_bar
+from gplfd_experiments.data.minari.dataset import REPRODUCING, Dataset
 from gplfd_experiments.data.minari.episode import RecordedEpisode, Recorder
-from gplfd_experiments.data.minari.reading import Dataset
-from gplfd_experiments.data.minari.writing import REPRODUCING
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.provenance import arithmetic, versions
 

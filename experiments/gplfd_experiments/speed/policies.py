@@ -13,7 +13,7 @@ from typing import Final, get_args
 import numpy as np
 
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.arrays import FloatArray, interpolated
 from gplfd_experiments.speed.known_process import Deviations, KnownProcess, score
 from gplfd_experiments.speed.peers import (
     NOT_INSTALLED,
@@ -196,8 +196,8 @@ def measure_alignment(repeats: int) -> Measurement:
 def resampled(recorded: Demonstration, size: int) -> Demonstration:
     """Return a demonstration at equal steps of its own time."""
     times = np.linspace(recorded.times[0], recorded.times[-1], size)
-    columns = [np.interp(times, recorded.times, column) for column in recorded.poses.T]
-    return Demonstration(times=times, poses=np.column_stack(columns))
+    poses = interpolated(times, recorded.times, recorded.poses)
+    return Demonstration(times=times, poses=poses)
 
 
 def _alignments(recorded: Sequence[Demonstration], size: int) -> dict[str, Timed]:

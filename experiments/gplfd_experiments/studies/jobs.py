@@ -51,10 +51,28 @@ def run_job(
     with one_thread:
         try:
             policy = policy_of(job[0], files)
-            if not isinstance(job[0], EpisodeTask):
-                metrics = _learning_metrics(job[0], policy, recordings)
-                return [{**_origin(job[0]), "metrics": _plain(metrics)}]
-            make = learned_agents(job[0], policy)
+            task, method = job[0], policy.method
+            if isinstance(task, EpisodeTask):
+                make = learned_agents(task, policy)
+            elif method is None:
+                raise ValueError(
+                    f"policy {task.policy!r} learns no movement, so that there is "
+                    "nothing to measure"
+                )
+            else:
+                metrics = (
+                    method_metrics(
+                        method,
+                        seed=task.seed,
+                        demonstrations_per_door=task.demonstrations_per_door,
+                        teacher=task.teacher,
+                        demonstrated_forces=task.demonstrated_forces,
+                        held_out=task.held_out,
+                    )
+                    if isinstance(task, SkillTask)
+                    else recorded_metrics(method, recordings, task.seed)
+                )
+                return [{**_origin(task), "metrics": _plain(metrics)}]
         # A policy may raise anything. That it cannot learn is a result of the study,
         # and must not end the tasks of other policies.
         except (Exception, SystemExit) as error:
@@ -119,26 +137,6 @@ def _episode_results(
     return [
         result for task in tasks for result in _episode_results([task], policy, make)
     ]
-
-
-def _learning_metrics(
-    task: Task, policy: Policy, recordings: Sequence[Demonstration]
-) -> Mapping[str, Any]:
-    if policy.method is None:
-        raise ValueError(
-            f"policy {task.policy!r} learns no movement, so that there is nothing to "
-            "measure"
-        )
-    if not isinstance(task, SkillTask):
-        return recorded_metrics(policy.method, recordings, task.seed)
-    return method_metrics(
-        policy.method,
-        seed=task.seed,
-        demonstrations_per_door=task.demonstrations_per_door,
-        teacher=task.teacher,
-        demonstrated_forces=task.demonstrated_forces,
-        held_out=task.held_out,
-    )
 
 
 def _plain(value: Any) -> Any:

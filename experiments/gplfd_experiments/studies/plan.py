@@ -10,12 +10,7 @@ from typing import Final
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.console.arguments import check_circumstances
 from gplfd_experiments.data.teacher import standard_teacher
-from gplfd_experiments.episodes.task import (
-    EpisodeTask,
-    Task,
-    episode_task,
-    named_doors,
-)
+from gplfd_experiments.episodes.task import EpisodeTask, Task, episode_task, named_doors
 from gplfd_experiments.studies.learning_tests.folds import HELD_OUT
 from gplfd_experiments.studies.settings import (
     TABLE_1_NAME,

@@ -37,7 +37,7 @@ _ADDED: Final[Mapping[int, frozenset[str]]] = {
             *("reason", "capability", "stage"),
             *("latency_wall_median_ms", "latency_wall_p95_ms"),
         }
-    ),
+    )
 }
 """Metrics of an episode that a version added."""
 

@@ -8,7 +8,6 @@ import functools
 import hashlib
 import tempfile
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -18,18 +17,8 @@ from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.registry.catalogue import policy_named
 from gplfd_policies.registry.policy import Policy
 
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class PolicyFile:
-    """A user's file that a policy comes from."""
-
-    stem: str
-    content: bytes
-    """Its content when the study was planned."""
-
-
-Files = Mapping[str, PolicyFile]
-"""Files by the name of their policy."""
+Files = Mapping[str, bytes]
+"""Contents of users' files, when the study was planned, by the name of their policy."""
 
 NO_FILES: Final[Files] = MappingProxyType({})
 """Where every policy is on this machine."""
@@ -70,9 +59,8 @@ def files_of(study: Iterable[Task]) -> Files:
         if source is None or source["kind"] != "module" or "sha256" not in source:
             continue
         origin = chosen(name).origin
-        content = Path(origin.file).read_bytes() if origin is not None else b""
+        files[name] = Path(origin.file).read_bytes() if origin is not None else b""
         policy_named(name)  # raises if the file has changed since it was imported
-        files[name] = PolicyFile(stem=Path(source["file"]).stem, content=content)
     return files
 
 
@@ -89,29 +77,23 @@ def policy_of(task: Task, files: Files) -> Policy:
     except ValueError:
         if task.policy not in files:
             raise
-        policy = _imported(task.policy, files[task.policy])
-        here, planned = source_of(policy) or {}, task.policy_source or {}
-        if here.get("sha256") != planned.get("sha256"):
+        # Named by its content: a worker may live longer than a version of it.
+        planned, content = task.policy_source or {}, files[task.policy]
+        digest = hashlib.sha256(content).hexdigest()
+        stem = Path(planned["file"]).stem
+        path = Path(_folder().name) / f"{stem}_{digest[:12]}.py"
+        with complete_or_absent(path) as temporary:
+            temporary.write_bytes(content)
+        try:
+            policy = policy_named(f"{path}:{task.policy.rpartition(':')[2]}")
+        except ValueError as error:
+            raise ValueError(
+                f"{error}. On other machines a policy is a single file; install there "
+                "what it imports"
+            ) from error
+        if (source_of(policy) or {}).get("sha256") != planned.get("sha256"):
             raise  # It imports other files, and got different ones here.
         return policy
-
-
-def _imported(name: str, given: PolicyFile) -> Policy:
-    """Write a policy's file and import it.
-
-    The module is named by its content: a worker may live longer than a version of it.
-    """
-    digest = hashlib.sha256(given.content).hexdigest()
-    file = Path(_folder().name) / f"{given.stem}_{digest[:12]}.py"
-    with complete_or_absent(file) as temporary:
-        temporary.write_bytes(given.content)
-    try:
-        return policy_named(f"{file}:{name.rpartition(':')[2]}")
-    except ValueError as error:
-        raise ValueError(
-            f"{error}. On other machines a policy is a single file; install there what "
-            "it imports"
-        ) from error
 
 
 @functools.cache

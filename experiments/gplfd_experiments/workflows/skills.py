@@ -12,7 +12,7 @@ from gplfd_experiments.console.arguments import check_folder, check_least
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.recording.learned import record_learned
 from gplfd_experiments.studies.engines import Engine
-from gplfd_experiments.studies.learning_tests.methods import learn
+from gplfd_experiments.studies.learning_tests.folds import learn
 from gplfd_experiments.studies.learning_tests.scores import FEWEST
 from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.runner import run_or_resume

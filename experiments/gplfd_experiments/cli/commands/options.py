@@ -47,6 +47,9 @@ class EngineOptions:
         return engine_named(self.engine, workers=self.workers, address=self.address)
 
 
+Where = Annotated[EngineOptions, tyro.conf.arg(name="")]
+"""For commands that run a study."""
+
 ON_THIS_MACHINE: Final = EngineOptions()
 """In processes, one per core."""
 

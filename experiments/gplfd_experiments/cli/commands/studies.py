@@ -14,9 +14,9 @@ import tyro
 from gplfd_experiments.cli.commands.options import (
     FAILED,
     ON_THIS_MACHINE,
-    EngineOptions,
     Json,
     Quiet,
+    Where,
     next_command,
     recorded,
 )
@@ -34,10 +34,9 @@ class Benchmark:
     tasks and repeats failed ones. More seeds, doors or policies extend the study.
     """
 
-    config: Annotated[
-        str,
-        tyro.conf.arg(metavar="{table-1,small}|FILE.toml"),
-    ] = "table-1"
+    config: Annotated[str, tyro.conf.arg(metavar="{table-1,small}|FILE.toml")] = (
+        "table-1"
+    )
     """The study to run: table-1 (the whole comparison), small (a minute), or a
     saved study.toml. Options on the command line take precedence."""
 
@@ -49,8 +48,7 @@ class Benchmark:
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/benchmark")
     """Folder to write to; an unfinished study in it is resumed."""
 
-    where: Annotated[EngineOptions, tyro.conf.arg(name="")] = ON_THIS_MACHINE
-    """Where to run."""
+    where: Where = ON_THIS_MACHINE
 
     record: bool = False
     """Also write recordings of the best, the median and the worst episode of every
@@ -139,8 +137,7 @@ class Trials:
     """Robot that opens the doors: tiago-like, panda-like, ur5e-like, or the .urdf of an
     arm."""
 
-    where: Annotated[EngineOptions, tyro.conf.arg(name="")] = ON_THIS_MACHINE
-    """Where to run."""
+    where: Where = ON_THIS_MACHINE
 
     record: bool = False
     """Also write a recording per trial of the compared policies side by side."""
@@ -243,8 +240,7 @@ class SkillTests:
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/skill")
     """Folder to write to; unfinished tests in it are resumed."""
 
-    where: Annotated[EngineOptions, tyro.conf.arg(name="")] = ON_THIS_MACHINE
-    """Where to run."""
+    where: Where = ON_THIS_MACHINE
 
     quiet: Quiet = False
 
@@ -296,8 +292,7 @@ class Tune:
         with postponed_interruption():
             from gplfd_experiments.files.plain_data import json_text, read_json
             from gplfd_experiments.studies.engines import engine_named
-            from gplfd_experiments.studies.tuning.objective import checked_policies
-            from gplfd_experiments.studies.tuning.search import FILE, tune
+            from gplfd_experiments.studies.tuning import FILE, checked_policies, tune
 
         policies = checked_policies(self.policies)
         engine = engine_named("loky", workers=self.workers)

@@ -8,11 +8,11 @@ and the versions and kind of processor that computed it.
 from gplfd_experiments.files.libraries import optional_libraries
 
 with optional_libraries("data sets need Minari and h5py", "minari"):
-    import h5py as _h5py  # noqa: F401 - only to say how to install it
-    import minari as _minari  # noqa: F401
-
-from gplfd_experiments.data.minari.episode import RecordedEpisode, Recorder
-from gplfd_experiments.data.minari.reading import Dataset, open_dataset
-from gplfd_experiments.data.minari.writing import write_dataset
+    from gplfd_experiments.data.minari.dataset import (
+        Dataset,
+        open_dataset,
+        write_dataset,
+    )
+    from gplfd_experiments.data.minari.episode import RecordedEpisode, Recorder
 
 __all__ = ["Dataset", "RecordedEpisode", "Recorder", "open_dataset", "write_dataset"]

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_experiments.data.preparation import frames, timing, wrenches
+from gplfd_experiments.data.preparation import frames, timing
 from gplfd_experiments.data.preparation.samples import (
     Note,
     Notes,
@@ -18,8 +18,7 @@ from gplfd_experiments.data.preparation.samples import (
     usable,
     without_spikes,
 )
-from gplfd_experiments.data.preparation.settings import Preparation
-from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.raw import Preparation, RawRecording
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.alignment import align
@@ -81,7 +80,7 @@ def prepare(
         notes = Notes()
         samples = usable(raw, settings.units, recorded_rate, notes)
         samples = without_spikes(samples, notes)
-        samples = wrenches.of_the_hand(samples, raw, settings.sensor, notes)
+        samples = frames.wrenches_of_the_hand(samples, raw, settings.sensor, notes)
         name = raw.name
         try:
             parts = timing.repetitions(samples, settings.segments, notes)
@@ -117,7 +116,7 @@ def _motion(
 ) -> Motion:
     """Prepare one repetition, of at most so many samples."""
     timing.check_gaps(recorded, settings.largest_gap, notes)
-    samples = wrenches.bridged(recorded, settings.largest_gap, notes)
+    samples = timing.bridged(recorded, settings.largest_gap, notes)
     samples = frames.offset_by(samples, settings.offset)
     span = float(np.ptp(samples.poses[:, :3], axis=0).max())
     if span > _LARGE:

@@ -1,4 +1,7 @@
-"""Frames of motions: the hand's offset, what poses are relative to, and door hinges."""
+"""Frames of motions and forces: the hand's offset, sensors, door hinges.
+
+A wrench is a force and a moment about a point, (f_x, f_y, f_z, m_x, m_y, m_z) [N, N m].
+"""
 
 import math
 from dataclasses import replace
@@ -9,9 +12,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.preparation.samples import Notes, Samples
-from gplfd_experiments.data.preparation.settings import FrameName
-from gplfd_experiments.data.preparation.wrenches import about, in_axes
-from gplfd_experiments.data.raw import Transform
+from gplfd_experiments.data.raw import FrameName, RawRecording, Transform, WrenchSensor
 from gplfd_experiments.files.arrays import FloatArray
 
 _STAYS_OPEN: Final = 0.75  # Least final angle of a door, as a share of its widest.
@@ -27,6 +28,7 @@ _FAR_BETTER: Final = 0.3
 _SHARE_TURNED: Final = (0.65, 1.2)
 """Least and largest turn of a hand on a handle as a share of the opening angle. Nine
 people's openings of a box have 0.70 to 0.98."""
+_LARGEST: Final = 1e9  # Larger forces and moments count as missing [N, N m].
 _IN_TIME: Final = 0.12
 """Largest part of the hand's rotation (rms) that is not proportional to the opening
 angle. The nine people have 0.02 to 0.10."""
@@ -211,3 +213,71 @@ def _of_parts(
     if samples.wrenches is None or axes is None:
         return replace(samples, poses=poses)
     return replace(samples, poses=poses, wrenches=in_axes(samples.wrenches, axes))
+
+
+def in_axes(wrenches: FloatArray, axes: Rotation) -> FloatArray:
+    """Return wrenches, (N, 6), in other axes, which are given in the present ones."""
+    parts = wrenches[:, :3], wrenches[:, 3:]
+    return np.hstack([axes.inv().apply(part) for part in parts])
+
+
+def about(wrenches: FloatArray, shift: FloatArray) -> FloatArray:
+    """Return wrenches, (N, 6), about a point that is shifted [m], m - shift × f."""
+    forces, moments = wrenches[:, :3], wrenches[:, 3:]
+    return np.hstack([forces, moments - np.cross(shift, forces)])
+
+
+def wrenches_of_the_hand(
+    samples: Samples, raw: RawRecording, usual: WrenchSensor, notes: Notes
+) -> Samples:
+    """Return samples with the wrenches of the hand on what it holds.
+
+    They are in the axes of the recorded poses, and about the position of the recorded
+    hand. With the wrench of the environment on the hand (f_s, m_s) as it was measured,
+    its bias b, the sensor's rotation R and position p relative to the hand, the axes A
+    of the measurement (R, or those of the poses), and the tool's weight W and centre c,
+
+        f = -(A (f_s - b_f) - W),    m = -(A (m_s - b_m) - R c × W) + p × f.
+
+    Wrenches that cannot be converted are left out, and a note says why. The usual
+    sensor is that of recordings whose file does not say how it was recorded.
+    """
+    if samples.wrenches is None:
+        return samples
+    wrenches = np.where(np.abs(samples.wrenches) < _LARGEST, samples.wrenches, np.nan)
+    sensor = raw.sensor or usual
+    without = replace(samples, wrenches=None)
+    shift, weight = np.array(sensor.pose[:3]), sensor.tool_weight
+    turning = sensor.axes == "hand" or shift.any() or any(sensor.tool_centre)
+    if raw.quaternions is None and turning:
+        notes.warn(
+            "forces left out: they are in the axes of the hand, and it has no "
+            "orientations; say --force-axes recorded if they are in those of positions"
+        )
+        return without
+    hand = Rotation.from_quat(samples.poses[:, 3:], scalar_first=True)
+    rotation = hand * Rotation.from_quat(sensor.pose[3:], scalar_first=True)
+    axes = rotation if sensor.axes == "hand" else Rotation.identity()
+    measured = wrenches if sensor.acts_on == "hand" else -wrenches
+    if weight > 0.0:
+        pull = weight * np.array(sensor.gravity) / np.linalg.norm(sensor.gravity)
+        moments = np.cross(rotation.apply(sensor.tool_centre), pull)
+        tool = np.hstack([np.broadcast_to(pull, moments.shape), moments])
+        measured = measured - in_axes(tool, axes)
+        notes.add(f"weight of {weight:g} N taken from the forces")
+    if sensor.rest > 0.0:
+        known = np.isfinite(measured).all(axis=1) & (samples.times <= sensor.rest)
+        if not known.any():
+            notes.warn(f"forces left out: none in the first {sensor.rest:g} s")
+            return without
+        bias = measured[known].mean(axis=0)
+        measured = measured - bias
+        notes.add(
+            f"bias of {np.linalg.norm(bias[:3]):.3g} N and "
+            f"{np.linalg.norm(bias[3:]):.3g} N m taken from the forces"
+        )
+    if raw.sensor is None:
+        whose = "sensor" if sensor.axes == "hand" else "poses"
+        notes.add(f"forces are on the {sensor.acts_on}, in the axes of the {whose}")
+    recorded = in_axes(measured, axes.inv())
+    return replace(samples, wrenches=-about(recorded, -hand.apply(shift)))

@@ -1,6 +1,6 @@
 """Samples of a motion, and how they are mended: units, stamps, quaternions, jumps."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
@@ -58,11 +58,15 @@ class Samples:
 
     def __getitem__(self, kept: Any) -> "Samples":
         """Return some of the samples, as NumPy indexes."""
-        return Samples(
-            times=self.times[kept],
-            poses=self.poses[kept],
-            wrenches=None if self.wrenches is None else self.wrenches[kept],
-            signals={name: array[kept] for name, array in self.signals.items()},
+        return replace(self.mapped(lambda one: one[kept]), times=self.times[kept])
+
+    def mapped(self, change: Callable[[FloatArray], FloatArray]) -> "Samples":
+        """Return samples with every array changed but the times."""
+        return replace(
+            self,
+            poses=change(self.poses),
+            wrenches=None if self.wrenches is None else change(self.wrenches),
+            signals={name: change(array) for name, array in self.signals.items()},
         )
 
     @property
@@ -119,13 +123,21 @@ def usable(
         notes.warn(f"taken in {units}, the file says {raw.unit}")
     elif units is None and raw.unit is None:
         notes.add("no unit given: taken as metres")
+    signals: dict[str, FloatArray] = {}
+    for name, signal in raw.signals.items():
+        filled = np.array(signal)
+        for column in filled.T:
+            known = np.isfinite(column) & np.isfinite(times)
+            if known.any() and not known.all():
+                column[:] = np.interp(times, times[known], column[known])
+        signals[name] = np.nan_to_num(filled)
     samples = Samples(
         times=times,
         poses=np.hstack(
             [raw.positions * METRES[units or raw.unit or "m"], quaternions]
         ),
         wrenches=raw.wrenches,
-        signals={name: _filled(times, array) for name, array in raw.signals.items()},
+        signals=signals,
     )[there]
     # In order of time, without repeated stamps.
     backwards = int(np.count_nonzero(np.diff(samples.times) < 0.0))
@@ -155,16 +167,6 @@ def usable(
     signs = np.concatenate([[1.0], np.cumprod(changes)])
     poses = np.hstack([samples.poses[:, :3], quaternions * signs[:, None]])
     return replace(samples, times=times, poses=poses)
-
-
-def _filled(times: FloatArray, signal: FloatArray) -> FloatArray:
-    """Interpolate a signal's missing samples."""
-    filled = np.array(signal)
-    for column in filled.T:
-        known = np.isfinite(column) & np.isfinite(times)
-        if known.any() and not known.all():
-            column[:] = np.interp(times, times[known], column[known])
-    return np.nan_to_num(filled)
 
 
 def without_spikes(samples: Samples, notes: Notes) -> Samples:

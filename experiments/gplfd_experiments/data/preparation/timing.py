@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -10,9 +11,8 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
 
 from gplfd_experiments.data.preparation.samples import Notes, Samples
-from gplfd_experiments.data.preparation.settings import Segments
-from gplfd_experiments.data.raw import likely_time_unit
-from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.data.raw import Segments, likely_time_unit
+from gplfd_experiments.files.arrays import FloatArray, interpolated
 
 _SMOOTHING: Final = 0.05  # Standard deviation of the smoother of the poses [s].
 _REACH: Final = 0.1  # Speed is that of chords over twice this time [s].
@@ -143,7 +143,7 @@ def _smoothed(samples: Samples) -> tuple[FloatArray, FloatArray]:
     """Return equal steps of time, and the smoothed poses at them."""
     times, step = samples.times, samples.step
     clock = np.arange(times[0], times[-1], step)
-    columns = _interpolated(times, samples.poses, clock)
+    columns = interpolated(clock, times, samples.poses)
     smooth = gaussian_filter1d(columns, _SMOOTHING / step, axis=0, mode="nearest")
     return clock, np.asarray(smooth)
 
@@ -178,16 +178,8 @@ def filtered(samples: Samples, cutoff: float | None, notes: Notes) -> Samples:
         return samples
     even = _resampled(samples, np.linspace(samples.times[0], samples.times[-1], number))
     sections = butter(_ORDER, cutoff, fs=(number - 1) / span, output="sos")
-
-    def low_passed(columns: FloatArray) -> FloatArray:
-        return np.asarray(sosfiltfilt(sections, columns, axis=0))
-
-    return replace(
-        even,
-        poses=_unit(low_passed(even.poses)),
-        wrenches=None if even.wrenches is None else low_passed(even.wrenches),
-        signals={name: low_passed(array) for name, array in even.signals.items()},
-    )
+    low_passed = partial(sosfiltfilt, sections, axis=0)
+    return _with_unit_quaternions(even.mapped(low_passed))
 
 
 def at_rate(samples: Samples, rate: float | None, most: int) -> Samples:
@@ -214,27 +206,40 @@ def at_rate(samples: Samples, rate: float | None, most: int) -> Samples:
 
 def _resampled(samples: Samples, times: FloatArray) -> Samples:
     """Return the motion at other times, linearly interpolated."""
-
-    def at_times(array: FloatArray) -> FloatArray:
-        return _interpolated(samples.times, array, times)
-
-    return Samples(
-        times=times,
-        poses=_unit(at_times(samples.poses)),
-        wrenches=None if samples.wrenches is None else at_times(samples.wrenches),
-        signals={name: at_times(array) for name, array in samples.signals.items()},
-    )
+    at_times = partial(interpolated, times, samples.times)
+    return _with_unit_quaternions(replace(samples.mapped(at_times), times=times))
 
 
-def _interpolated(
-    times: FloatArray, columns: FloatArray, wanted: FloatArray
-) -> FloatArray:
-    return np.column_stack([np.interp(wanted, times, column) for column in columns.T])
+def _with_unit_quaternions(samples: Samples) -> Samples:
+    positions, quaternions = samples.poses[:, :3], samples.poses[:, 3:]
+    norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return replace(samples, poses=np.hstack([positions, quaternions / norms]))
 
 
-def _unit(poses: FloatArray) -> FloatArray:
-    norms = np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-    return np.hstack([poses[:, :3], poses[:, 3:] / norms])
+def bridged(samples: Samples, largest: float, notes: Notes) -> Samples:
+    """Return samples with missing wrenches interpolated between known ones.
+
+    Where none is known for longer than the largest gap [s], all are left out.
+    """
+    wrenches, times = samples.wrenches, samples.times
+    if wrenches is None:
+        return samples
+    known = np.isfinite(wrenches).all(axis=1)
+    if known.all():
+        return samples
+    ends = np.concatenate([times[:1], times[known], times[-1:]])
+    longest = int(np.argmax(np.diff(ends)))
+    gap = float(ends[longest + 1] - ends[longest])
+    if not known.any() or gap > max(largest, 1.5 * samples.step):
+        notes.warn(
+            f"forces left out: there are none for {gap:.2f} s from "
+            f"{ends[longest]:.2f} s on; cut there (--segment), or bridge it with "
+            f"--largest-gap {gap + 0.01:.2f}"
+        )
+        return replace(samples, wrenches=None)
+    notes.add(f"forces of {np.count_nonzero(~known)} samples interpolated")
+    filled = interpolated(times, times[known], wrenches[known])
+    return replace(samples, wrenches=filled)
 
 
 def outliers(ways: Sequence[FloatArray]) -> list[int]:

@@ -46,17 +46,12 @@ READERS: Final[Mapping[str, Reader]] = MappingProxyType(
         "bvh": Reader("a Biovision hierarchy", "bvh", (".bvh",)),
         "c3d": Reader("a C3D file", "c3d", (".c3d",)),
         "ros": Reader(
-            "a bag of ROS",
-            "bags",
-            suffixes=(".mcap", ".db3", ".bag"),
-            marks=("metadata.yaml",),
+            "a bag of ROS", "bags", (".mcap", ".db3", ".bag"), ("metadata.yaml",)
         ),
         "robomimic": Reader(
             "demonstrations of robomimic", "robomimic", (".hdf5", ".h5")
         ),
-        "lerobot": Reader(
-            "a data set of LeRobot", "lerobot", marks=("meta/info.json",)
-        ),
+        "lerobot": Reader("a data set of LeRobot", "lerobot", (), ("meta/info.json",)),
         "minari": Reader(
             "a data set of gplfd demos record",
             "minari_episodes",

@@ -32,10 +32,7 @@ from gplfd_policies.demonstrations.npz import KIND, load_demonstrations
 _Any = TypeVar("_Any")
 _Arrays = Mapping[str, FloatArray]
 
-_ORDERS: Final = {
-    "wxyz": ("qw", "qx", "qy", "qz"),
-    "xyzw": ("qx", "qy", "qz", "qw"),
-}
+_ORDERS: Final = {"wxyz": ("qw", "qx", "qy", "qz"), "xyzw": ("qx", "qy", "qz", "qw")}
 _TIMES: Final = ("times", "time", "t", "timestamps")
 _POSITIONS: Final = ("positions", "position", "pos", "p", "xyz")
 _QUATERNIONS: Final = ("quaternions", "quaternion", "quat", "q")
@@ -238,7 +235,14 @@ def _from_columns(
     found = []
     for keys in zip(*groups, strict=True):
         label = file if len(groups[0]) == 1 else f"{file}: {keys[0]}"
-        times = _times_beside(keys[0], numbers)
+        where, _, index = _parted(keys[0])
+        times = None
+        for key, array in numbers.items():
+            there, field, own = _parted(key)
+            is_vector = array.size == max(array.shape, default=0)
+            beside = there == where and own in ("", index)
+            if times is None and beside and is_vector and field.lower() in _TIMES:
+                times = array.reshape(-1)
         whole = _side_by_side([numbers[key] for key in keys])
         tables = {label: whole}
         if whole.ndim == 3:
@@ -272,15 +276,3 @@ def _side_by_side(arrays: list[FloatArray]) -> FloatArray:
         shapes = ", ".join(str(array.shape) for array in arrays)
         raise ValueError(f"arrays of shapes {shapes} have not the same samples")
     return np.concatenate(tables, axis=-1)
-
-
-def _times_beside(key: str, numbers: _Arrays) -> FloatArray | None:
-    """Return the times in the structure of an array, or None."""
-    where, _, index = _parted(key)
-    for name, array in numbers.items():
-        there, field, own = _parted(name)
-        is_vector = array.size == max(array.shape, default=0)
-        beside = there == where and own in ("", index)
-        if beside and is_vector and field.lower() in _TIMES:
-            return array.reshape(-1)
-    return None

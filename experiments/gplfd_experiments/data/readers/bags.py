@@ -21,7 +21,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.raw import RawRecording, Selection, chosen
-from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.arrays import FloatArray, interpolated
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.arrays.storage import DecodingBudget, decompressed, regular_file
 
@@ -232,9 +232,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         clock, rows = wrench.arrays()
         order = np.argsort(clock, kind="stable")
         clock = clock[order] + (wrench.stamps[0] - hand.stamps[0]) * 1e-9
-        wrenches = np.column_stack(
-            [np.interp(times, clock, column) for column in rows[order].T]
-        )
+        wrenches = interpolated(times, clock, rows[order])
         padded = np.concatenate([[-np.inf], clock, [np.inf]])
         after = np.searchsorted(clock, times) + 1
         nearest = np.minimum(times - padded[after - 1], padded[after] - times)

@@ -5,9 +5,10 @@ The file says no unit of length. Positions in the frames replace a joint's OFFSE
 
 import math
 from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,28 +32,19 @@ class _Joint:
     channels: dict[str, int] = field(default_factory=dict)
 
 
-class _Lines:
-    """The words of every line that has any; counts lines."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-        self.number = 0
-
-    def __iter__(self) -> "_Lines":
-        return self
-
-    def __next__(self) -> list[str]:
-        while text := self._stream.readline(_LONGEST_LINE):
-            self.number += 1
-            if words := text.split():
-                return words
-        raise StopIteration
-
-
 def read(path: Path, selection: Selection) -> list[RawRecording]:
     """Read the motion of a joint; errors say in which line."""
     with path.open(encoding="utf-8", newline=None) as stream:
-        lines = _Lines(stream)
+        number = 0
+
+        def words_of_lines() -> Iterator[list[str]]:
+            nonlocal number
+            while text := stream.readline(_LONGEST_LINE):
+                number += 1
+                if words := text.split():
+                    yield words
+
+        lines = words_of_lines()
         try:
             joints, width = _hierarchy(lines)
             known = [name for name in _DEFAULT_JOINTS if name in joints]
@@ -60,11 +52,9 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             name, joint = chosen(wanted, joints, "joint", file=path.name)
             period, frames = _frames(lines, width)
         except StopIteration:
-            raise ValueError(
-                f"line {lines.number}: the file ends here, too early"
-            ) from None
+            raise ValueError(f"line {number}: the file ends here, too early") from None
         except (ValueError, IndexError) as error:
-            raise ValueError(f"line {lines.number}: {error}") from error
+            raise ValueError(f"line {number}: {error}") from error
     positions, rotations = _kinematics(joint, frames)
     return [
         RawRecording(
@@ -77,7 +67,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     ]
 
 
-def _hierarchy(lines: _Lines) -> tuple[dict[str, _Joint], int]:
+def _hierarchy(lines: Iterator[list[str]]) -> tuple[dict[str, _Joint], int]:
     """Return joints by name, and how many numbers a frame has."""
     if next(lines) != ["HIERARCHY"]:
         raise ValueError("a BVH file begins with HIERARCHY")
@@ -111,7 +101,7 @@ def _hierarchy(lines: _Lines) -> tuple[dict[str, _Joint], int]:
     return joints, width
 
 
-def _frames(lines: _Lines, width: int) -> tuple[float, FloatArray]:
+def _frames(lines: Iterator[list[str]], width: int) -> tuple[float, FloatArray]:
     """Return the time between frames [s], and the frames, (N, width)."""
     words = next(lines)
     if len(words) != 2 or words[0] != "Frames:":

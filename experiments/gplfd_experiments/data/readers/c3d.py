@@ -142,28 +142,27 @@ def _parameters(
         if group < 0:
             groups[-group] = name
         elif group > 0:
-            found.append((group, name, _parameter(content[at + 2 : end], name, decode)))
+            rest = content[at + 2 : end]
+            kind = int(np.frombuffer(rest[:1], "i1")[0])
+            shape = tuple(rest[2 : 2 + rest[1]])
+            if kind not in _KINDS or len(shape) != rest[1]:
+                raise ValueError(f"the parameter {name!r:.40} is of no known type")
+            size = math.prod(shape) * np.dtype(_KINDS[kind]).itemsize
+            data = rest[2 + len(shape) : 2 + len(shape) + size]
+            if len(data) != size:
+                raise ValueError(f"the parameter {name!r:.40} is cut")
+            value: Any
+            if kind == -1:
+                width = shape[0] if shape else 1
+                texts = [data[i : i + width] for i in range(0, size, max(width, 1))]
+                value = [one.decode("utf-8", "replace").strip(" \0") for one in texts]
+            else:
+                value = decode(data, _KINDS[kind])
+            found.append((group, name, value))
         if not following:
             break
         at += following
     return {f"{groups.get(group, '?')}:{name}": value for group, name, value in found}
-
-
-def _parameter(content: bytes, name: str, decode: _Decode) -> Any:
-    """Return a parameter's array; that of letters as a list of texts."""
-    kind = int(np.frombuffer(content[:1], "i1")[0])
-    shape = tuple(content[2 : 2 + content[1]])
-    if kind not in _KINDS or len(shape) != content[1]:
-        raise ValueError(f"the parameter {name!r:.40} is of no known type")
-    size = math.prod(shape) * np.dtype(_KINDS[kind]).itemsize
-    data = content[2 + len(shape) : 2 + len(shape) + size]
-    if len(data) != size:
-        raise ValueError(f"the parameter {name!r:.40} is cut")
-    if kind == -1:
-        width = shape[0] if shape else 1
-        texts = [data[i : i + width] for i in range(0, size, max(width, 1))]
-        return [text.decode("utf-8", "replace").strip(" \0") for text in texts]
-    return decode(data, _KINDS[kind])
 
 
 def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, FloatArray]:

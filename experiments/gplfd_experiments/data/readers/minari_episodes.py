@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from gplfd_experiments.data.minari import open_dataset
-from gplfd_experiments.data.minari.writing import DATA, MAIN_FILE
+from gplfd_experiments.data.minari.dataset import DATA, MAIN_FILE
 from gplfd_experiments.data.raw import OBSERVED, RawRecording, Selection
 from gplfd_experiments.data.readers.tables import quaternions_of
 from gplfd_policies.arrays.storage import DecodingBudget

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gplfd_experiments.data.writers.rows import states_of
+from gplfd_experiments.data.writers import states_of
 from gplfd_experiments.files.folders import complete_folder
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import stamp, write_json

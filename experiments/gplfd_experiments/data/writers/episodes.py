@@ -14,8 +14,7 @@ from gplfd_env.envs.camera import Camera
 from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.data.minari import Dataset
 from gplfd_experiments.data.minari.episode import STATE
-from gplfd_experiments.data.writers.rows import Rows, states_of
-from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.data.writers import Rows, states_of
 
 _CONTROL_RATE: Final = round(1.0 / CONTROL_PERIOD)
 
@@ -47,6 +46,23 @@ def episode_rows(
             both = states_of(poses.reshape(-1, 6)).reshape(len(steps), 2, 7)
             if cameras:
                 env.reset(seed=episode.seed, options=dict(episode.options) or None)
+            inner: Any = env.unwrapped
+            pictures: dict[str, list[bytes]] = {}
+            for name in cameras:
+                # Drawn from the physics states, as PNG files.
+                files = pictures[name] = []
+                camera = Camera(inner.model, *size, name, effects=False)
+                with contextlib.closing(camera):
+                    for state in episode.states[steps]:
+                        mujoco.mj_setState(inner.model, inner.data, state, STATE)
+                        mujoco.mj_forward(inner.model, inner.data)
+                        try:
+                            picture = camera.picture("rgb_array", inner.data)
+                        except RuntimeError as error:
+                            raise OSError(f"--pictures: {error}") from error
+                        file = io.BytesIO()
+                        Image.fromarray(np.asarray(picture)).save(file, format="png")
+                        files.append(file.getvalue())
             rows.append(
                 Rows(
                     rate=float(rate),
@@ -54,32 +70,8 @@ def episode_rows(
                     actions=both[:, 1],
                     wrenches=episode.observations["wrench"][steps],
                     signals={},
-                    pictures={
-                        name: _pictures(
-                            env.unwrapped, episode.states[steps], name, size
-                        )
-                        for name in cameras
-                    },
+                    pictures=pictures,
                     task="open the door",
                 )
             )
     return rows
-
-
-def _pictures(
-    env: Any, states: FloatArray, name: str, size: tuple[int, int]
-) -> tuple[bytes, ...]:
-    """Return what a camera sees of physics states, as PNG files."""
-    files = []
-    with contextlib.closing(Camera(env.model, *size, name, effects=False)) as camera:
-        for state in states:
-            mujoco.mj_setState(env.model, env.data, state, STATE)
-            mujoco.mj_forward(env.model, env.data)
-            try:
-                picture = camera.picture("rgb_array", env.data)
-            except RuntimeError as error:
-                raise OSError(f"--pictures: {error}") from error
-            file = io.BytesIO()
-            Image.fromarray(np.asarray(picture)).save(file, format="png")
-            files.append(file.getvalue())
-    return tuple(files)

@@ -17,7 +17,7 @@ from PIL import Image
 
 from gplfd_experiments.data.readers.lerobot import AS_OBSERVED, INFO, STATE, WRENCH
 from gplfd_experiments.data.readers.tables import FORCE
-from gplfd_experiments.data.writers.rows import Rows
+from gplfd_experiments.data.writers import Rows
 from gplfd_experiments.files.folders import complete_folder
 from gplfd_experiments.files.plain_data import write_json
 

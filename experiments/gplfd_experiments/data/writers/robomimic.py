@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from gplfd_experiments.data.readers.robomimic import AS_OBSERVED, DEFAULT_HAND
-from gplfd_experiments.data.writers.rows import Rows
+from gplfd_experiments.data.writers import Rows
 from gplfd_policies.arrays.storage import complete_or_absent
 
 _GYM: Final = 2  # robomimic's number for environments of Gym.

@@ -85,12 +85,7 @@ class Serial:
 def engine_named(
     name: EngineName, *, workers: int | None = None, address: str | None = None
 ) -> Engine:
-    """Return an engine.
-
-    Args:
-        name: ``"loky"``, ``"serial"`` or ``"dask"``.
-        workers: Number of processes of loky; None for one per core.
-        address: Address of the Dask scheduler.
+    """Return an engine; loky with so many processes, Dask with a scheduler's address.
 
     Raises:
         ValueError: An option that the engine does not have, one that it lacks, or Dask

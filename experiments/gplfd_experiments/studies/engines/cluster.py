@@ -3,14 +3,11 @@
 import asyncio
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import distributed
 
-from gplfd_experiments.studies.engines import Lost
-
-ItemT = TypeVar("ItemT")
-ResultT = TypeVar("ResultT")
+from gplfd_experiments.studies.engines import ItemT, Lost, ResultT
 
 _dask: Any = distributed
 """Untyped here, because its annotations are incomplete."""

@@ -11,15 +11,13 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias
 
 import loky
 
 from gplfd_experiments.console.interruption import postponed_interruption
-from gplfd_experiments.studies.engines import ATTEMPTS, ONE_THREAD, Lost
+from gplfd_experiments.studies.engines import ATTEMPTS, ONE_THREAD, ItemT, Lost, ResultT
 
-ItemT = TypeVar("ItemT")
-ResultT = TypeVar("ResultT")
 Caught: TypeAlias = list[tuple[str, type[Warning]]]
 """Texts and categories of warnings."""
 
@@ -85,9 +83,7 @@ def _warned(outcome: tuple[ResultT, Caught]) -> ResultT:
 
 
 def _together(
-    work: Callable[[ItemT], tuple[ResultT, Caught]],
-    waiting: deque[ItemT],
-    workers: int,
+    work: Callable[[ItemT], tuple[ResultT, Caught]], waiting: deque[ItemT], workers: int
 ) -> Generator[tuple[ItemT, ResultT], None, list[ItemT]]:
     """Take items until none waits or a worker dies; return those it left behind."""
     running: dict[Any, ItemT] = {}
@@ -102,16 +98,15 @@ def _together(
                     waiting.popleft()
                 done, _ = loky.wait(running, return_when=loky.FIRST_COMPLETED)
                 # What finished before the pool broke is kept.
-                for future in sorted(done, key=_broken):
+                for future in sorted(
+                    done,
+                    key=lambda one: isinstance(one.exception(), loky.BrokenProcessPool),
+                ):
                     yield running[future], _warned(future.result())
                     del running[future]
         except loky.BrokenProcessPool:
             return list(running.values())
     return []
-
-
-def _broken(future: Any) -> bool:
-    return isinstance(future.exception(), loky.BrokenProcessPool)
 
 
 def _alone(

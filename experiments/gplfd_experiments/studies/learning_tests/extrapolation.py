@@ -5,8 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_experiments.studies.learning_tests.folds import Fold
-from gplfd_experiments.studies.learning_tests.methods import learn
+from gplfd_experiments.studies.learning_tests.folds import Fold, learn
 from gplfd_policies.demonstrations.completion import task_completion_index
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.movement import Movement

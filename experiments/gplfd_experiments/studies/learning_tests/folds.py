@@ -1,4 +1,4 @@
-"""Folds: which demonstrations are left out, and the phases to which they belong.
+"""Folds: demonstrations that are left out, their phases, and learning from the others.
 
 Learning sees neither poses nor timing of what is left out. The phase of a left-out pose
 is not predicted but follows from the completion index of its own demonstration, Eq.
@@ -6,17 +6,31 @@ is not predicted but follows from the completion index of its own demonstration,
 learned demonstrations had completed the same share of their own paths.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Final, Literal, get_args
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final, Literal, TypeVar, get_args
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.arrays import FloatArray, interpolated
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.completion import measure_completion
 from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.movement import Movement
+from gplfd_policies.movements.prior_mean import PriorMean
+from gplfd_policies.registry.method import Method, TrainingInput
+
+_LOADED = (
+    *(scipy.fft, scipy.interpolate, scipy.linalg, scipy.ndimage, scipy.optimize),
+    *(scipy.signal, scipy.special),
+)
+"""Parts of SciPy that methods load on first use: no part of their learning."""
+
+ResultT = TypeVar("ResultT")
 
 HeldOut = Literal["demonstration", "radius"]
 """What a learning test leaves out, see `folds`."""
@@ -109,13 +123,13 @@ class OnPhases:
         wanted = np.linspace(0.0, samples[-1], count)
         return OnPhases(
             phases=np.interp(wanted, samples, self.phases),
-            poses=_columns(wanted, samples, self.poses),
+            poses=interpolated(wanted, samples, self.poses),
             moving=self.moving,
         )
 
     def at(self, phases: FloatArray) -> FloatArray:
         """Return its poses at phases of the movement, (M, 6)."""
-        return _columns(phases, self.phases, self.poses)
+        return interpolated(phases, self.phases, self.poses)
 
 
 def aligned_to(
@@ -139,5 +153,36 @@ def _progress(times: FloatArray, poses: FloatArray) -> FloatArray:
     return np.asarray((1.0 - _CLOCK_SHARE) * index + _CLOCK_SHARE * clock)
 
 
-def _columns(wanted: FloatArray, known: FloatArray, poses: FloatArray) -> FloatArray:
-    return np.column_stack([np.interp(wanted, known, output) for output in poses.T])
+def learn(
+    method: Method,
+    demonstrations: Sequence[Demonstration],
+    seed: int,
+    prior_mean: PriorMean | None = None,
+) -> tuple[Movement, float]:
+    """Learn, and return the movement and the CPU time of this thread [s].
+
+    It includes alignment and a first prediction, to which some methods defer work.
+    Warnings of few or noisy demonstrations are suppressed, because their effect is
+    what is measured.
+    """
+    training = TrainingInput(
+        demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
+    )
+    # Left-out demonstrations end where the others end.
+    within = replace(method, beyond=0.0)
+
+    def able_to_predict() -> Movement:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            movement = within.learn(training)
+            movement.predict(np.array([0.0, 1.0]))
+        return movement
+
+    return cpu_seconds(able_to_predict)
+
+
+def cpu_seconds(action: Callable[[], ResultT]) -> tuple[ResultT, float]:
+    """Return what an action returns and the CPU time it took of this thread [s]."""
+    started = time.thread_time()
+    result = action()
+    return result, time.thread_time() - started

@@ -72,7 +72,7 @@ from gplfd_experiments.data.teacher import (
     TeacherConfig,
 )
 from gplfd_experiments.episodes.metrics import log_dimensionless_jerk
-from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.files.arrays import interpolated
 from gplfd_experiments.studies.learning_tests.accuracy import (
     accuracy,
     averaged,
@@ -83,13 +83,14 @@ from gplfd_experiments.studies.learning_tests.folds import (
     OnPhases,
     aligned_to,
     by_door,
+    cpu_seconds,
     folds,
+    learn,
 )
-from gplfd_experiments.studies.learning_tests.forces import force_scores
-from gplfd_experiments.studies.learning_tests.methods import cpu_seconds, learn
 from gplfd_experiments.studies.learning_tests.tumbling import tumbling
 from gplfd_experiments.studies.learning_tests.via_points import (
     adaptation,
+    force_scores,
     forecasts,
     online_forecasts,
 )
@@ -180,10 +181,7 @@ def _evenly_sampled(one: Demonstration) -> Demonstration:
         return one
     count = math.ceil((one.times[-1] - one.times[0]) / float(np.median(steps))) + 1
     times = np.linspace(one.times[0], one.times[-1], count)
-
-    def sampled(given: FloatArray) -> FloatArray:
-        return np.column_stack([np.interp(times, one.times, each) for each in given.T])
-
+    sampled = partial(interpolated, times, one.times)
     wrenches = None if one.wrenches is None else sampled(one.wrenches)
     return Demonstration(times=times, poses=sampled(one.poses), wrenches=wrenches)
 

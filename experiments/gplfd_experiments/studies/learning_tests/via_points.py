@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from gplfd_env.spatial.se3 import into_axes
 from gplfd_experiments.episodes.forecast_error import squared_distances
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.learning_tests.accuracy import (
@@ -15,13 +16,13 @@ from gplfd_experiments.studies.learning_tests.accuracy import (
     rms_rotation,
     root_mean_square,
 )
-from gplfd_experiments.studies.learning_tests.folds import OnPhases
-from gplfd_experiments.studies.learning_tests.methods import cpu_seconds
+from gplfd_experiments.studies.learning_tests.folds import OnPhases, cpu_seconds
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.control.compliance import ComplianceConfig
-from gplfd_policies.movements.movement import AdaptationForm, Movement
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.movements.movement import AdaptationForm, LearnedMovement, Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 from gplfd_policies.phase.phase_rule import POSE_ERROR
 from gplfd_policies.registry.method import Method
@@ -63,63 +64,55 @@ def adaptation(
     Without via-points all are None except the errors over the rest of the
     demonstration, which are those of the movement as learned.
     """
+    form, learned = method.adaptation, movement.predict(GRID)
     scores: list[dict[str, float | None]] = []
     for one in left_out:
         found: dict[str, float | None] = dict.fromkeys(_VIA_POINT_SCORES)
-        if method.adaptation is not None:
-            found |= _hits(method.adaptation, movement, one)
-            found |= _far_changes(method.adaptation, movement, one)
-        rest, truth, cpu_s = observed(method.adaptation, movement, one, _SEEN)
-        before = movement.predict(GRID).mean[GRID > _SEEN]
+        if form is not None:
+            demanded = one.at(GRID[list(_PLACES)])
+            for name, std in (("via_error", _STD), ("via_error_strict", _STRICT_STD)):
+                adapted = begin_adaptation(movement, form, GRID)
+                for place, pose in zip(_PLACES, demanded, strict=True):
+                    phase = float(GRID[place])
+                    adapted.observe(ViaPoint(phase=phase, pose=pose, std=std))
+                passed = adapted.mean[list(_PLACES)]
+                found[f"{name}_position_m"] = rms_distance(passed, demanded)
+                found[f"{name}_rotation_rad"] = rms_rotation(passed, demanded)
+            truth = one.at(GRID)
+            changes: list[FloatArray] = []
+            for place in _PLACES:
+                phase, pose = float(GRID[place]), one.at(GRID[[place]])[0]
+                adapted = begin_adaptation(movement, form, GRID)
+                adapted.observe(ViaPoint(phase=phase, pose=pose, std=_STRICT_STD))
+                far = np.abs(GRID - phase) > _FAR
+                differences = (
+                    np.abs(adapted.mean - learned.mean),
+                    np.abs(adapted.std - learned.std),
+                    adapted.mean - truth,
+                    learned.mean - truth,
+                )
+                changes.append(
+                    np.stack([(d / learned.std)[far].ravel() for d in differences])
+                )
+            mean, std_change, after, before = np.concatenate(changes, axis=1)
+            error, error_before = np.sqrt(
+                np.mean(np.stack([after, before]) ** 2, axis=1)
+            )
+            found["via_far_change"] = float(mean.mean())
+            found["via_far_std_change"] = float(std_change.mean())
+            if error_before:
+                found["via_far_error"] = float(error / error_before)
+        rest, truth, cpu_s = observed(form, movement, one, _SEEN)
+        unadapted = learned.mean[GRID > _SEEN]
         found |= {
             "rmse_rest_position_m": rms_distance(rest.mean, truth),
             "rmse_rest_rotation_rad": rms_rotation(rest.mean, truth),
-            "rmse_rest_unadapted_position_m": rms_distance(before, truth),
+            "rmse_rest_unadapted_position_m": rms_distance(unadapted, truth),
             "rest_coverage_95": known(rest.coverage(truth, normal=True)),
             "cpu_adapt_s": cpu_s,
         }
         scores.append(found)
     return averaged(scores)
-
-
-def _hits(
-    form: AdaptationForm, movement: Movement, left_out: OnPhases
-) -> dict[str, float]:
-    errors = {}
-    demanded = left_out.at(GRID[list(_PLACES)])
-    for name, std in (("via_error", _STD), ("via_error_strict", _STRICT_STD)):
-        adapted = begin_adaptation(movement, form, GRID)
-        for place, pose in zip(_PLACES, demanded, strict=True):
-            adapted.observe(ViaPoint(phase=float(GRID[place]), pose=pose, std=std))
-        passed = adapted.mean[list(_PLACES)]
-        errors[f"{name}_position_m"] = rms_distance(passed, demanded)
-        errors[f"{name}_rotation_rad"] = rms_rotation(passed, demanded)
-    return errors
-
-
-def _far_changes(
-    form: AdaptationForm, movement: Movement, left_out: OnPhases
-) -> dict[str, float | None]:
-    before, truth = movement.predict(GRID), left_out.at(GRID)
-    found: list[FloatArray] = []
-    for place in _PLACES:
-        phase = float(GRID[place])
-        adapted = begin_adaptation(movement, form, GRID)
-        pose = left_out.at(GRID[[place]])[0]
-        adapted.observe(ViaPoint(phase=phase, pose=pose, std=_STRICT_STD))
-        far = np.abs(GRID - phase) > _FAR
-        differences = (
-            *(np.abs(adapted.mean - before.mean), np.abs(adapted.std - before.std)),
-            *(adapted.mean - truth, before.mean - truth),
-        )
-        found.append(np.stack([(d / before.std)[far].ravel() for d in differences]))
-    mean, std, after, unadapted = np.concatenate(found, axis=1)
-    error, error_before = np.sqrt(np.mean(np.stack([after, unadapted]) ** 2, axis=1))
-    return {
-        "via_far_change": float(mean.mean()),
-        "via_far_std_change": float(std.mean()),
-        "via_far_error": float(error / error_before) if error_before else None,
-    }
 
 
 def forecasts(
@@ -252,3 +245,40 @@ def observed(
         cpu_s = total / count
     ahead = share < GRID
     return adapted.trajectory()[ahead], left_out.at(GRID)[ahead], cpu_s
+
+
+def force_scores(
+    method: Method, movement: Movement, left_out: OnPhases, one: Demonstration
+) -> dict[str, float | None]:
+    """Return the accuracy of the force at a demonstration, which the phases are of.
+
+    Its wrenches take the place of its poses, in the axes of the hand, as
+    `gplfd_policies.movements.movement.LearnedMovement.forces` has them. First of the
+    whole, before any force was measured; then of the rest, once a share of `FORECASTS`
+    was measured. Empty where no forces were learned or none recorded.
+    """
+    learned = movement.forces if isinstance(movement, LearnedMovement) else None
+    if learned is None or one.wrenches is None:
+        return {}
+    rotations = one.poses[:, None, 3:]
+    apart = into_axes(rotations, one.wrenches.reshape(-1, 2, 3))
+    felt = OnPhases(phases=left_out.phases, poses=apart.reshape(-1, 6))
+    asked = felt.thinned(200)
+    scores = _force_accuracy("force", learned.predict(asked.phases), asked.poses)
+    form = method.force_adaptation or method.adaptation
+    noise = np.repeat(np.array(ComplianceConfig().force_std), 3)
+    for share in FORECASTS:
+        rest, truth, _ = observed(form, learned, felt, share, noise)
+        scores |= _force_accuracy(f"forecast_{100 * share:.0f}_force", rest, truth)
+    return scores
+
+
+def _force_accuracy(
+    name: str, predicted: GaussianTrajectory, truth: np.ndarray
+) -> dict[str, float | None]:
+    error = np.linalg.norm((predicted.mean - truth)[:, :3], axis=1)
+    return {
+        f"{name}_error_n": root_mean_square(error),
+        f"{name}_nlpd": known(predicted.nlpd(truth)),
+        f"{name}_coverage_95": known(predicted.coverage(truth, normal=True)),
+    }

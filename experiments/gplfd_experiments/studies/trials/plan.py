@@ -10,7 +10,7 @@ from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_experiments.studies.sources import chosen, policy_fields
 from gplfd_experiments.studies.trials.protocol import PARTS, TRIALS, TUNED, Part
-from gplfd_experiments.studies.trials.records import Level, Trial
+from gplfd_experiments.studies.trials.records import Trial
 
 
 def named_trials(names: Sequence[str], part: Part = "whole") -> dict[str, Trial]:
@@ -79,6 +79,13 @@ def trial_tasks(
                     "randomization": level.randomization,
                     "demonstrated": level.demonstrated,
                 }
+            # What a level says of the demonstrated doors; the rest is as usual.
+            shown: dict[str, Any] = {}
+            if level.demonstrated_radii is not None:
+                shown["demonstrated_radii"] = level.demonstrated_radii
+                shown["demonstrated_hardware"] = level.demonstrated_hardware
+            if level.demonstrated_kind is not None:
+                shown["demonstrated_kind"] = level.demonstrated_kind
             tasks += [
                 episode_task(
                     door,
@@ -89,7 +96,7 @@ def trial_tasks(
                     teacher=standard_teacher() | dict(level.teacher),
                     randomization=level.randomization,
                     disturbance=level.disturbance,
-                    **_shown(level),
+                    **shown,
                     start=level.start,
                     robot=robot,
                     habits=level.habits,
@@ -102,14 +109,3 @@ def trial_tasks(
                 for door, config in opened.items()
             ]
     return tuple(tasks)
-
-
-def _shown(level: Level) -> dict[str, Any]:
-    """Return what a level says of the demonstrated doors; the rest is as usual."""
-    fields: dict[str, Any] = {}
-    if level.demonstrated_radii is not None:
-        fields["demonstrated_radii"] = level.demonstrated_radii
-        fields["demonstrated_hardware"] = level.demonstrated_hardware
-    if level.demonstrated_kind is not None:
-        fields["demonstrated_kind"] = level.demonstrated_kind
-    return fields

@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from gplfd_env.doors.config import DOORS
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, MESSY, ROOM_RADII
@@ -85,8 +85,6 @@ CONSTANT: Final = tuple(f"gp-constant-{k}" for k in (100, 200, 330, 500))
 
 _ALL: Final = ("small", "medium", "large")
 _MEDIUM: Final = ("medium",)
-_NOISE: Final = {"pose_noise": (0.0005, 0.002), "wrench_noise": (0.3, 0.02)}
-"""Of `mild` sensors."""
 _TO_45: Final = {"angle_mean": math.radians(45.0)}
 """A teacher who opens the door to 45° only."""
 _LEVERS: Final = (0.65, 0.78, 0.9)
@@ -135,85 +133,66 @@ _CORRECTIONS: Final[Mapping[str, tuple[int, bool]]] = {
     **{f"{number} shown": (number, True) for number in (1, 5)},
 }
 """Number of corrections of a level, and whether their time is used to demonstrate."""
-_felt = partial(Level, demonstrated_forces=True)
+_LACKING: Final[Mapping[str, tuple[str, ...]]] = {
+    "via-points": ("gp-fixed",),
+    "shared phase error": ("gp-independent-phase",),
+    "size and phase together": ("gp-one-size",),
+    "forecast with size": ("gp-process",),
+    "progress beyond the demonstrations": ("gp-within-demonstrations",),
+    "alignment": ("gp-dtw-euclidean",),
+    "task variability": ("gp-homoscedastic",),
+    "heteroscedastic noise": ("gp-homoscedastic",),
+    "rests left out": ("gp-untrimmed",),
+    "path phase": ("gp-clock",),
+    "heading as a nuisance": ("gp-heading-trusting",),
+    "rotations": ("gp-position-only",),
+    "variable stiffness": CONSTANT,
+    "stiffness along the path": ("gp-axis-stiffness",),
+    "learned load": ("gp-carried-load",),
+    "demonstrated forces": ("gp-without-forces",),
+    "damping for contact": ("gp-undamped",),
+    "several modes": ("gp-one-mode",),
+}
+"""Variants that lack an idea."""
+_SIZES: Final = ("size and phase together", "forecast with size")
 _RADIAL: Final = "force_radial_peak"
 _GENTLE: Final = (_RADIAL, "success")
 """Measures of a door that is opened with a small force."""
+_OPENED: Final = ("success", "force_handle_peak")
+_felt = partial(Level, demonstrated_forces=True)
+_like_opened = partial(Level, demonstrated_radii=None)
+"""A level in which doors of the kind of the opened one are demonstrated."""
+_forces = partial(Trial, claims=("demonstrated forces",))
+_added = partial(Trial, measures=_OPENED, among=_AMONG, seeds=_SEEDS)
+"""A trial in which the policies `_AMONG` take part."""
 
 
-def _without(
-    idea: str, measure: str, *lacking: str, having: str = "gp", level: str = ""
-) -> tuple[Contrast, ...]:
+def _contrasts(measure: str, *ideas: str, level: str = "") -> tuple[Contrast, ...]:
+    """Compare `gp` with all variants that lack one of the ideas."""
     return tuple(
         Contrast(
             idea=idea,
             measure=measure,
-            having=Side(policy=having, level=level),
+            # A phase error that is shared is an idea of this form of adaptation.
+            having=Side(
+                policy="gp-process" if idea == "shared phase error" else "gp",
+                level=level,
+            ),
             lacking=Side(policy=policy, level=level),
         )
-        for policy in lacking
+        for idea in ideas
+        for policy in _LACKING[idea]
     )
 
 
-def _stiffness(measure: str) -> tuple[Contrast, ...]:
-    return _without("variable stiffness", measure, *CONSTANT)
-
-
-def _directions(measure: str) -> tuple[Contrast, ...]:
-    return _without("stiffness along the path", measure, "gp-axis-stiffness")
-
-
-def _sizes(measure: str) -> tuple[Contrast, ...]:
-    return (
-        *_without("size and phase together", measure, "gp-one-size"),
-        *_without("forecast with size", measure, "gp-process"),
-    )
-
-
-def _load(measure: str) -> tuple[Contrast, ...]:
-    return _without("learned load", measure, "gp-carried-load")
-
-
-def _forces(measure: str) -> tuple[Contrast, ...]:
-    return _without("demonstrated forces", measure, "gp-without-forces")
-
-
-def _prior_mean(measure: str, having: str, lacking: str) -> Contrast:
-    """Compare two levels of `gp`, of which one has a prior mean."""
+def _levels(idea: str, measure: str, having: str, lacking: str) -> Contrast:
+    """Compare two levels of `gp`, of which one has what the idea is about."""
     return Contrast(
-        idea="prior mean",
+        idea=idea,
         measure=measure,
         having=Side(policy="gp", level=having),
         lacking=Side(policy="gp", level=lacking),
     )
-
-
-def _corrected(idea: str, having: str, lacking: str) -> tuple[Contrast, ...]:
-    """Compare two levels of `gp`, of which one has corrections, for both flaps."""
-    return tuple(
-        Contrast(
-            idea=idea,
-            measure="success",
-            having=Side(policy="gp", level=f"{kind}, {having}"),
-            lacking=Side(policy="gp", level=f"{kind}, {lacking}"),
-        )
-        for kind in _FLAPS
-    )
-
-
-def _shape_of(preset: str) -> dict[str, Any]:
-    """Return the fields of a preset but for the size and the closer's preload."""
-    fields = DOORS[preset].as_dict()
-    return {k: v for k, v in fields.items() if k not in ("radius", "closer_preload")}
-
-
-def _noise(factor: float) -> dict[str, tuple[float, float]]:
-    return {name: (factor * a, factor * b) for name, (a, b) in _NOISE.items()}
-
-
-def _pushed(low: float, high: float) -> Level:
-    push = {"start_angle": (low, high)}
-    return Level(doors=_MEDIUM, disturbance={"preset": "push", "push": push})
 
 
 TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
@@ -228,16 +207,10 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                     doors=("0.3", "0.65"), demonstrated_radii=(0.42, 0.5, 0.58)
                 ),
             },
-            contrasts=(
-                *_without("via-points", _RADIAL, "gp-fixed"),
-                *_without(
-                    "shared phase error",
-                    _RADIAL,
-                    "gp-independent-phase",
-                    having="gp-process",
-                ),
-                *_sizes(_RADIAL),
-                *_directions(_RADIAL),
+            contrasts=_contrasts(
+                _RADIAL,
+                *("via-points", "shared phase error", *_SIZES),
+                "stiffness along the path",
             ),
             tuned=True,
         ),
@@ -250,13 +223,12 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 "prior mean": Level(doors=_ALL, teacher=_TO_45, prior_radius=0.5),
             },
             contrasts=(
-                *_without(
-                    "progress beyond the demonstrations",
+                *_contrasts(
                     "final_angle_deg",
-                    "gp-within-demonstrations",
+                    "progress beyond the demonstrations",
                     level="nothing else",
                 ),
-                _prior_mean(_RADIAL, "prior mean", "nothing else"),
+                _levels("prior mean", _RADIAL, "prior mean", "nothing else"),
             ),
         ),
         "few": Trial(
@@ -271,8 +243,13 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 ),
             },
             contrasts=(
-                _prior_mean(_RADIAL, "two and a prior mean", "two of the small door"),
-                *_sizes(_RADIAL),
+                _levels(
+                    "prior mean",
+                    _RADIAL,
+                    "two and a prior mean",
+                    "two of the small door",
+                ),
+                *_contrasts(_RADIAL, *_SIZES),
             ),
         ),
         "messy": Trial(
@@ -281,10 +258,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             claims=("alignment", "task variability"),
             measures=_GENTLE,
             levels={"messy": Level(doors=_ALL, habits=dataclasses.asdict(MESSY))},
-            contrasts=(
-                *_without("alignment", _RADIAL, "gp-dtw-euclidean"),
-                *_without("task variability", _RADIAL, "gp-homoscedastic"),
-            ),
+            contrasts=_contrasts(_RADIAL, "alignment", "task variability"),
             tuned=True,
         ),
         "rests": Trial(
@@ -298,7 +272,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                     habits={"longest_rest": 2.0, "pauses": 1, "longest_pause": 2.0},
                 )
             },
-            contrasts=_without("rests left out", _RADIAL, "gp-untrimmed"),
+            contrasts=_contrasts(_RADIAL, "rests left out"),
         ),
         "turned": Trial(
             question="Which policy opens doors if the robot has a heading error of up "
@@ -316,9 +290,8 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 )
             },
             contrasts=(
-                *_without("path phase", "final_angle_deg", "gp-clock"),
-                *_without("heading as a nuisance", _RADIAL, "gp-heading-trusting"),
-                *_without("rotations", _RADIAL, "gp-position-only"),
+                *_contrasts("final_angle_deg", "path phase"),
+                *_contrasts(_RADIAL, "heading as a nuisance", "rotations"),
             ),
             also=("gp-fixed",),
             tuned=True,
@@ -332,10 +305,9 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 "holds the hand": Level(doors=_MEDIUM, disturbance="person"),
                 "in the way": Level(doors=_MEDIUM, disturbance="person-behind"),
             },
-            contrasts=(
-                *_stiffness("person_force_peak"),
-                *_directions("person_force_peak"),
-                *_load("person_force_peak"),
+            contrasts=_contrasts(
+                "person_force_peak",
+                *("variable stiffness", "stiffness along the path", "learned load"),
             ),
             also=("gp-impedance",),
         ),
@@ -344,10 +316,16 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             claims=("variable stiffness",),
             measures=("push_displacement_mm", "success", "recovery_time"),
             levels={
-                "where demonstrations agree": _pushed(0.1, 0.25),
-                "where they differ": _pushed(0.75, 0.9),
+                title: Level(
+                    doors=_MEDIUM,
+                    disturbance={"preset": "push", "push": {"start_angle": angles}},
+                )
+                for title, angles in (
+                    ("where demonstrations agree", (0.1, 0.25)),
+                    ("where they differ", (0.75, 0.9)),
+                )
             },
-            contrasts=_stiffness("push_displacement_mm"),
+            contrasts=_contrasts("push_displacement_mm", "variable stiffness"),
             also=("gp-fixed",),
         ),
         "stop": Trial(
@@ -356,9 +334,10 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             measures=("success", "stop_force_sustained", "release_speed"),
             levels={"stop": Level(doors=_MEDIUM, disturbance="stop")},
             contrasts=(
-                *_stiffness("success"),
-                *_stiffness("stop_force_sustained"),
-                *_load("stop_force_sustained"),
+                *_contrasts("success", "variable stiffness"),
+                *_contrasts(
+                    "stop_force_sustained", "variable stiffness", "learned load"
+                ),
             ),
             also=("gp-impedance",),
         ),
@@ -368,9 +347,8 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             claims=("variable stiffness",),
             measures=("stop_force_sustained", "grasp_kept"),
             levels={"locked": Level(doors=_MEDIUM, disturbance="locked")},
-            contrasts=(
-                *_stiffness("stop_force_sustained"),
-                *_load("stop_force_sustained"),
+            contrasts=_contrasts(
+                "stop_force_sustained", "variable stiffness", "learned load"
             ),
             also=("gp-impedance",),
         ),
@@ -383,7 +361,9 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 "14 N": Level(doors=("heavy",)),
                 "24 N": Level(doors=("heavy",), door={"closer_preload": 10.0}),
             },
-            contrasts=(*_stiffness("final_angle_deg"), *_load("final_angle_deg")),
+            contrasts=_contrasts(
+                "final_angle_deg", "variable stiffness", "learned load"
+            ),
             also=("gp-impedance",),
         ),
         "breakaway": Trial(
@@ -392,13 +372,13 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             claims=("variable stiffness",),
             measures=("success", "release_speed", "force_handle_peak"),
             levels={"breakaway": Level(doors=_MEDIUM, disturbance="breakaway")},
-            contrasts=_stiffness("force_handle_peak"),
+            contrasts=_contrasts("force_handle_peak", "variable stiffness"),
         ),
         "delay": Trial(
             question="Commands take effect one to three control periods late. Which "
             "policy stays stable in contact?",
             claims=("contact stability",),
-            measures=("success", "force_handle_peak"),
+            measures=_OPENED,
             levels={
                 f"{10 * delay} ms": Level(
                     doors=_MEDIUM,
@@ -406,9 +386,7 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 )
                 for delay in (1, 2, 3)
             },
-            contrasts=_without(
-                "damping for contact", "force_handle_peak", "gp-undamped"
-            ),
+            contrasts=_contrasts("force_handle_peak", "damping for contact"),
             also=("gp-impedance", "gp-fixed", "gp-constant-100"),
         ),
         "noise": Trial(
@@ -417,113 +395,97 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
             claims=("heteroscedastic noise",),
             measures=_GENTLE,
             levels={
-                f"× {factor}": Level(doors=_MEDIUM, randomization=_noise(factor))
+                f"× {factor}": Level(
+                    doors=_MEDIUM,
+                    randomization={
+                        # Those of `mild` sensors.
+                        "pose_noise": (factor * 0.0005, factor * 0.002),
+                        "wrench_noise": (factor * 0.3, factor * 0.02),
+                    },
+                )
                 for factor in (1, 2, 4)
             },
-            contrasts=_without("heteroscedastic noise", _RADIAL, "gp-homoscedastic"),
+            contrasts=_contrasts(_RADIAL, "heteroscedastic noise"),
             tuned=True,
         ),
-        "motions": Trial(
+        "motions": _added(
             question="Leaves slide, fold, tilt, or turn about a four-bar. Which policy "
             "opens them, having been shown three other sizes?",
             claims=("learned motion",),
-            measures=("success", "force_handle_peak"),
             levels={
-                "folding": Level(
-                    doors=("bifold-closet",),
-                    demonstrated_radii=None,
-                    randomization={
-                        "radius": (0.46, 0.68),
-                        "hinge_friction": (0.5, 3.0),
-                    },
-                ),
-                "sliding": Level(
-                    doors=("barn-door", "pocket-door"),
-                    demonstrated_radii=None,
-                    randomization={
-                        "radius": (0.56, 0.82),
-                        "panel_mass": (15.0, 35.0),
-                        "hinge_friction": (1.0, 4.0),
-                    },
-                ),
-                "parallel-sliding": Level(
-                    doors=("plug-door",),
-                    demonstrated_radii=None,
-                    randomization={
-                        "radius": (0.50, 0.80),
-                        "panel_mass": (25.0, 45.0),
-                        "hinge_friction": (0.5, 2.5),
-                    },
-                ),
-                "flap": Level(
-                    doors=("oven", "overhead-flap"),
-                    demonstrated_radii=None,
-                    randomization={
-                        "radius": (0.32, 0.44),
-                        "closer_preload": (3.0, 6.0),
-                    },
-                ),
-                "concealed hinge": Level(
-                    doors=("kitchen-cupboard",),
-                    demonstrated_radii=None,
-                    randomization={
-                        "radius": (0.33, 0.60),
-                        "hinge_friction": (0.1, 2.0),
-                    },
-                ),
+                title: _like_opened(doors=doors, randomization=drawn)
+                for title, doors, drawn in (
+                    (
+                        "folding",
+                        ("bifold-closet",),
+                        {"radius": (0.46, 0.68), "hinge_friction": (0.5, 3.0)},
+                    ),
+                    (
+                        "sliding",
+                        ("barn-door", "pocket-door"),
+                        {
+                            "radius": (0.56, 0.82),
+                            "panel_mass": (15.0, 35.0),
+                            "hinge_friction": (1.0, 4.0),
+                        },
+                    ),
+                    (
+                        "parallel-sliding",
+                        ("plug-door",),
+                        {
+                            "radius": (0.50, 0.80),
+                            "panel_mass": (25.0, 45.0),
+                            "hinge_friction": (0.5, 2.5),
+                        },
+                    ),
+                    (
+                        "flap",
+                        ("oven", "overhead-flap"),
+                        {"radius": (0.32, 0.44), "closer_preload": (3.0, 6.0)},
+                    ),
+                    (
+                        "concealed hinge",
+                        ("kitchen-cupboard",),
+                        {"radius": (0.33, 0.60), "hinge_friction": (0.1, 2.0)},
+                    ),
+                )
             },
-            contrasts=_without("via-points", "success", "gp-fixed"),
-            among=_AMONG,
-            seeds=_SEEDS,
+            contrasts=_contrasts("success", "via-points"),
         ),
-        "buildings": Trial(
+        "buildings": _added(
             question="Doors of buildings have a latch, and are pulled or pushed. Which "
             "policy opens those whose leaf and closer were not demonstrated?",
             claims=("via-points", "learned load"),
-            measures=("success", "force_handle_peak"),
             levels={
-                "pulled": Level(
-                    doors=("room-834",), demonstrated_radii=None, randomization=_ROOMS
+                "pulled": _like_opened(doors=("room-834",), randomization=_ROOMS),
+                "pushed": _like_opened(
+                    doors=("room-834",), door={"swing": "push"}, randomization=_ROOMS
                 ),
-                "pushed": Level(
-                    doors=("room-834",),
-                    door={"swing": "push"},
-                    demonstrated_radii=None,
-                    randomization=_ROOMS,
-                ),
-                "knobs": Level(
+                "knobs": _like_opened(
                     doors=("room-709",),
                     door={"handle": "knob"},
-                    demonstrated_radii=None,
                     randomization={**_ROOMS, "radius": (0.50, 0.80)},
                 ),
             },
-            contrasts=_load("success"),
-            among=_AMONG,
-            seeds=_SEEDS,
+            contrasts=_contrasts("success", "learned load"),
         ),
-        "handle-pose": Trial(
+        "handle-pose": _added(
             question="The robot reaches for a handle whose pose it knows with a "
             "standard deviation of 1 or 2 cm. Is the door opened?",
             claims=("grasp by contact",),
-            measures=("success", "force_handle_peak"),
             levels={
-                f"{100 * off:g} cm": Level(
+                f"{100 * off:g} cm": _like_opened(
                     doors=("small", "room-834"),
-                    demonstrated_radii=None,
                     start="approach",
                     randomization={"perception": (off, math.radians(200.0 * off))},
                 )
                 for off in (0.01, 0.02)
             },
-            among=_AMONG,
-            seeds=_SEEDS,
         ),
-        "two-modes": Trial(
+        "two-modes": _added(
             question="Doors of two kinds were demonstrated, without a label. Which "
             "policy opens a door of one of them?",
             claims=("several modes",),
-            measures=("success", "force_handle_peak"),
             levels={
                 "bars": Level(
                     doors=("0.6",),
@@ -544,15 +506,12 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                     demonstrated_hardware=_PUSH_AND_PULL,
                 ),
             },
-            contrasts=_without("several modes", "success", "gp-one-mode"),
-            among=_AMONG,
-            seeds=_SEEDS,
+            contrasts=_contrasts("success", "several modes"),
         ),
-        "few-doors": Trial(
+        "few-doors": _added(
             question="One or three demonstrations are all there is. Which policy "
             "opens a lever or a folding door of another size?",
             claims=("prior information",),
-            measures=("success", "force_handle_peak"),
             levels={
                 f"{title}, {len(radii)}": Level(
                     doors=(door,),
@@ -573,13 +532,10 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 )
                 for radii in ((sizes[1],), sizes)
             },
-            among=_AMONG,
-            seeds=_SEEDS,
         ),
-        "another-handle": Trial(
+        "another-handle": _added(
             question="Levers were demonstrated. Which policy opens a door with a knob?",
             claims=("learned motion",),
-            measures=("success", "force_handle_peak"),
             levels={
                 "knob": Level(
                     doors=("room-709",),
@@ -591,21 +547,22 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                         "swing": "pull",
                         "hinge_side": "right",
                     },
-                ),
+                )
             },
-            among=_AMONG,
-            seeds=_SEEDS,
         ),
-        "corrections": Trial(
+        "corrections": _added(
             question="A policy practises at flaps, and is corrected up to five times. "
             "Which other flaps does it open then?",
             claims=("corrections",),
-            measures=("success", "force_handle_peak"),
             levels={
-                f"{kind}, {title}": Level(
+                f"{kind}, {title}": _like_opened(
                     doors=("0.33", "0.36", "0.39", "0.42"),
-                    door=_shape_of(preset),
-                    demonstrated_radii=None,
+                    # Another size and closer of the same shape.
+                    door={
+                        name: value
+                        for name, value in DOORS[preset].as_dict().items()
+                        if name not in ("radius", "closer_preload")
+                    },
                     randomization={"closer_preload": (3.0, 6.0)},
                     corrections=number,
                     demonstrated=shown,
@@ -613,36 +570,37 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                 for kind, preset in _FLAPS.items()
                 for title, (number, shown) in _CORRECTIONS.items()
             },
-            contrasts=(
-                *_corrected("one correction", "1", "0"),
-                *_corrected("five corrections", "5", "0"),
-                *_corrected("correction, not demonstration", "1", "1 shown"),
+            contrasts=tuple(
+                _levels(idea, "success", f"{kind}, {having}", f"{kind}, {lacking}")
+                for idea, having, lacking in (
+                    ("one correction", "1", "0"),
+                    ("five corrections", "5", "0"),
+                    ("correction, not demonstration", "1", "1 shown"),
+                )
+                for kind in _FLAPS
             ),
             among=("gp", "dmp", "promp", "hinge-fit", "mechanism-fit", "oracle"),
-            seeds=_SEEDS,
         ),
-        "forces-weight": Trial(
+        "forces-weight": _forces(
             question="Forces were demonstrated. Which policy opens doors that are "
             "lighter, or heavier, than all demonstrated ones?",
-            claims=("demonstrated forces",),
-            measures=("success", "force_handle_peak"),
+            measures=_OPENED,
             levels={
                 "lighter": _felt(
                     doors=_ALL, demonstrated_hardware=3 * ({"closer_preload": 8.0},)
                 ),
                 "14 N": _felt(doors=("heavy",)),
-                "24 N": _felt(
-                    doors=("heavy",),
-                    door={"closer_preload": 10.0},
-                ),
+                "24 N": _felt(doors=("heavy",), door={"closer_preload": 10.0}),
             },
-            contrasts=(*_forces("success"), *_forces("force_handle_peak")),
+            contrasts=(
+                *_contrasts("success", "demonstrated forces"),
+                *_contrasts("force_handle_peak", "demonstrated forces"),
+            ),
         ),
-        "forces-closer": Trial(
+        "forces-closer": _forces(
             question="Forces were demonstrated. Which policy opens levers whose "
             "closers differ from those of the demonstrations?",
-            claims=("demonstrated forces",),
-            measures=("success", "force_handle_peak"),
+            measures=_OPENED,
             levels={
                 "closers": _felt(
                     doors=("room-709", "room-834", "room-959"),
@@ -652,13 +610,15 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                     demonstrated_hardware=_CLOSERS,
                 )
             },
-            contrasts=(*_forces("success"), *_forces("force_handle_peak")),
+            contrasts=(
+                *_contrasts("success", "demonstrated forces"),
+                *_contrasts("force_handle_peak", "demonstrated forces"),
+            ),
             also=("stiffness-from-force",),
         ),
-        "forces-person": Trial(
+        "forces-person": _forces(
             question="Forces were demonstrated. How large is the force on a person who "
             "holds the hand, or is in the way?",
-            claims=("demonstrated forces",),
             measures=("person_force_peak", "success"),
             levels={
                 "holds the hand": _felt(doors=_MEDIUM, disturbance="person"),
@@ -669,28 +629,26 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
                     demonstrated_radii=_LEVERS,
                 ),
             },
-            contrasts=_forces("person_force_peak"),
+            contrasts=_contrasts("person_force_peak", "demonstrated forces"),
             also=("stiffness-from-force",),
         ),
-        "forces-blocked": Trial(
+        "forces-blocked": _forces(
             question="Forces were demonstrated. The door is blocked for 2.5 s, or "
             "locked. With how much force does the hand pull?",
-            claims=("demonstrated forces",),
             measures=("stop_force_sustained", "grasp_kept"),
             levels={
                 "stop": _felt(doors=_MEDIUM, disturbance="stop"),
                 "locked": _felt(doors=_MEDIUM, disturbance="locked"),
             },
-            contrasts=_forces("stop_force_sustained"),
+            contrasts=_contrasts("stop_force_sustained", "demonstrated forces"),
             also=("stiffness-from-force",),
         ),
-        "forces-seal": Trial(
+        "forces-seal": _forces(
             question="Forces were demonstrated. The hinge sticks at the start and a "
             "seal holds the leaf. Is the door opened?",
-            claims=("demonstrated forces",),
-            measures=("success", "force_handle_peak"),
+            measures=_OPENED,
             levels={"breakaway": _felt(doors=_MEDIUM, disturbance="breakaway")},
-            contrasts=_forces("force_handle_peak"),
+            contrasts=_contrasts("force_handle_peak", "demonstrated forces"),
         ),
     }
 )

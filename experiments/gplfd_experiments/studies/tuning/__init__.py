@@ -1,1 +1,0 @@
-"""Tuning of all methods by one objective and budget, on doors that no study uses."""
