@@ -91,7 +91,7 @@ def commands(door: DoorGeometry, *samples: np.ndarray) -> tuple[np.ndarray, Any]
     agent.reset({"ee_pose": np.zeros(6)})
     found = []
     for number, sample in enumerate(samples):
-        person.take(sample, {"handle_pose": np.zeros(6)})
+        person.take(sample, 0.0)
         seen = {"ee_pose": np.eye(6)[1] * 1e-4 * number, "time": np.ones(1) * number}
         still = {"ee_twist": np.zeros(6), "wrench": np.ones(6)}
         found.append(agent.act(seen | still).action)

@@ -92,7 +92,7 @@ def lead(*samples: np.ndarray, velocity: tuple[float, ...] = (0.0,) * 3) -> list
     made, hand = Lead(TOP), np.zeros(6)
     observation = {"ee_pose": hand, "ee_twist": np.array([*velocity, 0.0, 0.0, 0.0])}
     for sample in samples:
-        action = made.command(sample, observation, {"handle_pose": np.zeros(6)})
+        action = made.command(sample, observation, np.zeros(3))
     return ((action[:3] - hand[:3]) * SPRING[0]).tolist()
 
 

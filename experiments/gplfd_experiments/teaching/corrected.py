@@ -58,7 +58,7 @@ class CorrectionLesson(Lesson):
         return self._person.spring
 
     def _action(self, sample: Float[np.ndarray, " 9"]) -> Float[np.ndarray, " 6"]:
-        self._person.take(sample, self._info)
+        self._person.take(sample, float(self._info["handle_angle"]))
         with one_thread:
             return self._agent.act(self._observation).command(self.control)
 
@@ -86,8 +86,8 @@ class CorrectionLesson(Lesson):
     def _ended(self) -> str:
         if self._info["success"]:
             return "The door is open"
-        angle, why = self.state["angle"], self.over or "you stopped"
-        return f"The door is not open, at {angle:.0f}°: {why}"
+        angle, why = round(self.state["angle"]), self.over or "you stopped"
+        return f"The door is not open, at {angle}°: {why}"
 
 
 def replay_correction(

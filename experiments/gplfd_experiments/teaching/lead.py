@@ -2,7 +2,7 @@
 
 A virtual spring draws the hand to a target, which the person moves. The spring is
 soft, and softer across the motion than along it: an inaccurate lead costs little force
-on the handle. The wrist turns with the handle, so that two degrees of freedom suffice.
+on the handle. The wrist turns with the door, so that two degrees of freedom suffice.
 """
 
 import math
@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, Info
+from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.robot.model import SERVO_STIFFNESS
 from gplfd_env.spatial.se3 import compose_rotvecs
@@ -132,9 +132,14 @@ class Lead:
         self._level, self._active = np.zeros(3), False
 
     def command(
-        self, sample: Float[np.ndarray, " 9"], observation: Observation, info: Info
+        self,
+        sample: Float[np.ndarray, " 9"],
+        observation: Observation,
+        wrist: Float[np.ndarray, " 3"],
     ) -> Float[np.ndarray, " 6"]:
         """Return the commanded pose of the hand for a control period [m, rad].
+
+        `wrist` is its rotation vector without deflections about the axes.
 
         Whoever takes the pointer takes the hand where it is: only its motion counts.
         Whoever lets go leaves the hand where it is.
@@ -163,8 +168,8 @@ class Lead:
         along = velocity * (velocity @ error) / speed**2 if speed else error
         moving = (1.0 - _ACROSS) * min(1.0, speed / _MOVING)
         stretch = moving * along + (1.0 - moving) * error
-        wrist = compose_rotvecs(_TURN * sample[6:], info["handle_pose"][3:])
-        return np.concatenate([hand + self._give * stretch, wrist])
+        turned = compose_rotvecs(_TURN * sample[6:], wrist)
+        return np.concatenate([hand + self._give * stretch, turned])
 
 
 class Person:
@@ -181,13 +186,14 @@ class Person:
 
     def begin(self, door: DoorGeometry) -> None:
         """Watch an episode at a door."""
+        self._door = door
         force = self._config.forces[door.travel > 0.0]
         self.spring = Lead(self._view, force=force, servo=SERVO_STIFFNESS[0])
         self._share = 0.0  # of the way from the policy's command to the person's
 
-    def take(self, sample: Float[np.ndarray, " 9"], info: Info) -> None:
-        """Take the sample of the next control period, and what is known of the door."""
-        self._sample, self._info = sample, info
+    def take(self, sample: Float[np.ndarray, " 9"], handle_angle: float) -> None:
+        """Take the sample of the next control period, and how the handle turns [rad]."""
+        self._sample, self._turn = sample, handle_angle
 
     def lead(
         self, observation: Observation, step: AgentStep
@@ -201,6 +207,8 @@ class Person:
         elif self._share == 0.0:
             self.spring.target = np.array(observation["ee_pose"][:3])
             return None
-        pose = self.spring.command(self._held, observation, self._info)
+        angle = self._door.angle(observation["ee_pose"][:3])
+        wrist = self._door.easy_hand_poses(angle, self._turn)[3:]
+        pose = self.spring.command(self._held, observation, wrist)
         share = minimum_jerk(np.array(self._share))
         return np.asarray((1.0 - share) * step.action + share * pose)

@@ -160,7 +160,8 @@ class DemonstrationLesson(Lesson):
         return Lead(self.view)
 
     def _action(self, sample: Float[np.ndarray, " 9"]) -> Float[np.ndarray, " 12"]:
-        pose = self.spring.command(sample, self._observation, self._info)
+        wrist = self._info["handle_pose"][3:]
+        pose = self.spring.command(sample, self._observation, wrist)
         return np.concatenate([pose, np.repeat(SPRING, 3)])
 
     def record(self) -> Taught:
