@@ -17,10 +17,9 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.robot.model import SERVO_STIFFNESS
 from gplfd_env.spatial.se3 import compose_rotvecs
-from gplfd_env.task.observation import Observation
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk
 from gplfd_experiments.episodes.leading import CorrectorConfig
-from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.demonstrations.correction import Who
 
 INPUTS: Final = ("held", "u", "v", "x", "y", "z", "about_x", "about_y", "about_z")
@@ -192,7 +191,7 @@ class Person:
         self._share = 0.0  # of the way from the policy's command to the person's
 
     def take(self, sample: Float[np.ndarray, " 9"], handle_angle: float) -> None:
-        """Take the sample of the next control period, and how the handle turns [rad]."""
+        """Take the sample of the next control period, and the handle's angle [rad]."""
         self._sample, self._turn = sample, handle_angle
 
     def lead(

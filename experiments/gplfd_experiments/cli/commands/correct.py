@@ -2,8 +2,9 @@
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -62,13 +63,12 @@ class Correct(PageOptions):
             )
 
         out = self.out or self.skill.with_name(f"{self.skill.stem}-corrected.npz")
-        options = {"doors": self.doors, "policy": self.policy, "seed": self.seed}
-        address = self.address()
-        if self.device is None:
-            skill, rows = correct_skill(self.skill, out, **options)
-        else:
-            given = {"device": self.device} | address
-            skill, rows = correct_by_hand(self.skill, out, **options, **given)
+        correct: Any = correct_skill
+        if self.device is not None:
+            correct = partial(correct_by_hand, device=self.device, **self.address())
+        skill, rows = correct(
+            self.skill, out, doors=self.doors, policy=self.policy, seed=self.seed
+        )
         if rows:
             print(text_table(dataclasses.replace(Table.of(rows), left=True)))
         if all(row["then"] == "-" for row in rows):
