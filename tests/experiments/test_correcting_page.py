@@ -218,16 +218,16 @@ def test_the_policy_begins_at_start_is_led_and_goes_on_corrected(
     assert somebody("finish")["message"] == f"1 in {store.place}."
 
 
-@pytest.mark.needs("opengl")
-def test_of_a_lost_handle_no_correction_is_kept(bars: Skill, tmp_path: Path) -> None:
-    somebody = Somebody(CorrectedSkill(GP, bars, tmp_path / "better.npz"), "small")
-    up = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
-    told = [somebody(sample=up, times=2), somebody(sample=up, times=300)][1]
-    while "lost" not in told["message"]:
-        told = somebody(sample=up)
-        assert somebody.now < 40.0
-    assert "the hand has lost the handle. No correction is kept" in told["message"]
-    assert (told["phase"], told["kept"]) == ("ready", 0)
+def test_of_a_lost_handle_no_correction_is_kept(bars: Skill) -> None:
+    store = CorrectedSkill(GP, bars, Path())
+    task = task_of(door_config("small"), "small")
+    lesson = CorrectionLesson(task, store, "keyboard", drawn=False)
+    twist = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0])
+    while not lesson.over and lesson.state["time"] < 10.0:
+        lesson.step(twist)
+    assert lesson.over == "the hand has lost the handle"
+    with pytest.raises(ValueError, match="No correction is kept of this"):
+        lesson.result()
 
 
 def send(port: int, sample: Any, press: str = "") -> int:
