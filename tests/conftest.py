@@ -67,7 +67,7 @@ PARTS = {
     ),
     "chromium": Part(
         lambda: bool(shutil.which("chromium") or shutil.which("google-chrome")),
-        "a browser for the page of demos teach: apt-get install chromium",
+        "a browser for the pages of demos teach and correct: apt-get install chromium",
     ),
     "git": Part(lambda: _runs("git", "--version"), "git: apt-get install git"),
     "clone": Part(

@@ -15,8 +15,8 @@ from gplfd_experiments.cli.main import main
 from gplfd_experiments.episodes.build import learned_agents, open_together
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import episode_task, named_doors
-from gplfd_experiments.teaching.lead import Lead, View, checked_input
-from gplfd_experiments.teaching.lesson import Lesson, replay
+from gplfd_experiments.teaching.lead import SPRING, Lead, View, checked_input
+from gplfd_experiments.teaching.lesson import DemonstrationLesson, replay
 from gplfd_experiments.teaching.taught import Taught, TaughtSet, read_taught
 from gplfd_policies.demonstrations.npz import FILE, load_demonstrations
 from gplfd_policies.registry.catalogue import policy_named
@@ -37,7 +37,7 @@ def taught(door: DoorConfig, seed: int, name: str = "door") -> Taught:
     by a centimetre meanwhile, and rests for 0.7 s. It is sampled sixty times a second.
     """
     rng = np.random.default_rng(seed)
-    lesson, tremor = Lesson(name, door, drawn=False), np.zeros(3)
+    lesson, tremor = DemonstrationLesson(name, door, drawn=False), np.zeros(3)
     radius, duration = door.radius * rng.uniform(0.92, 1.08), rng.uniform(3.0, 4.0)
     for step in range(round(100 * duration) + 150):
         share = np.clip((0.01 * step - 0.8) / duration, 0.0, 1.0)
@@ -49,7 +49,7 @@ def taught(door: DoorConfig, seed: int, name: str = "door") -> Taught:
             pointer = lesson.view.place(point)
         lesson.step(np.array([1.0, *pointer, *IDLE[3:]]))
     assert not lesson.over
-    return lesson.taught()
+    return lesson.record()
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_places_beyond_the_horizon_mean_no_point() -> None:
 
 
 def test_the_picture_of_a_door_shows_the_handle_where_the_view_says() -> None:
-    lesson = Lesson("medium", door_config("medium"), drawn=False)
+    lesson = DemonstrationLesson("medium", door_config("medium"), drawn=False)
     view, data = lesson.view, lesson._env.data
     hand = data.site("hand").xpos - data.camera("top").xpos
     right, up, back = data.camera("top").xmat.reshape(3, 3).T @ hand
@@ -92,8 +92,8 @@ def lead(*samples: np.ndarray, velocity: tuple[float, ...] = (0.0,) * 3) -> list
     made, hand = Lead(TOP), np.zeros(6)
     observation = {"ee_pose": hand, "ee_twist": np.array([*velocity, 0.0, 0.0, 0.0])}
     for sample in samples:
-        action = made.command(sample, observation, {"handle_pose": np.zeros(6)})
-    return ((action[:3] - hand[:3]) * action[6:9]).tolist()
+        action = made.command(sample, observation, np.zeros(3))
+    return ((action[:3] - hand[:3]) * SPRING[0]).tolist()
 
 
 def pointer(x: float, z: float) -> np.ndarray:
@@ -185,7 +185,7 @@ def test_a_set_goes_on_where_it_was_left_and_mends_what_is_missing(
     TaughtSet(folder, {}).keep(small)
     (folder / FILE).unlink()  # As if the process had been killed before writing it.
     shutil.copy(folder / "taught" / "0002.npz", folder / "taught" / ".x.tmp")
-    assert len(TaughtSet(folder, {}).taught) == 2
+    assert len(TaughtSet(folder, {}).kept) == 2
     assert len(load_demonstrations(folder).demonstrations) == 2
 
 
@@ -207,7 +207,7 @@ def test_a_damaged_file_is_named(small: Taught, tmp_path: Path) -> None:
 
 
 def test_a_hand_that_loses_the_handle_ends_the_demonstration() -> None:
-    lesson = Lesson("small", door_config("small"), drawn=False)
+    lesson = DemonstrationLesson("small", door_config("small"), drawn=False)
     up = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
     while not lesson.over and lesson.state["time"] < 4.0:
         lesson.step(up)

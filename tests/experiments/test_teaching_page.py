@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from PIL import Image
 
 from gplfd_env.doors.config import door_config
 from gplfd_experiments.cli.main import main
+from gplfd_experiments.teaching.lesson import DemonstrationLesson
 from gplfd_experiments.teaching.page import Session, teach
 from gplfd_experiments.teaching.taught import TaughtSet
 from gplfd_policies.demonstrations.npz import load_demonstrations
@@ -34,8 +36,11 @@ class Person:
     """Somebody whose page exchanges every 30 ms."""
 
     def __init__(self, folder: Path) -> None:
-        doors = {name: door_config(name) for name in ("small", "medium")}
-        self.session, self.now = Session(doors, TaughtSet(folder, {})), 0.0
+        lessons = [
+            partial(DemonstrationLesson, name, door_config(name), drawn=True)
+            for name in ("small", "medium")
+        ]
+        self.session, self.now = Session(lessons, TaughtSet(folder, {})), 0.0
 
     def __call__(self, press: str = "", sample: Any = IDLE, times: int = 1) -> Any:
         for _ in range(times):
@@ -107,7 +112,7 @@ def test_what_cannot_be_written_can_be_kept_later(
     assert "No space left" in state["message"]
     assert (state["phase"], state["kept"]) == ("shown", 0)
     assert person("keep")["kept"] == 1
-    assert len(TaughtSet(tmp_path, {}).taught) == 1
+    assert len(TaughtSet(tmp_path, {}).kept) == 1
 
 
 def send(port: int, body: Any, **headers: str) -> tuple[int, str]:
@@ -192,7 +197,7 @@ def test_what_was_kept_outlives_a_killed_process(tmp_path: Path) -> None:
         process.kill()
         process.wait(10)
     assert len(load_demonstrations(tmp_path).demonstrations) == 1
-    assert len(TaughtSet(tmp_path, {}).taught) == 1
+    assert len(TaughtSet(tmp_path, {}).kept) == 1
 
 
 @pytest.mark.needs("chromium")

@@ -126,6 +126,7 @@ def test_demonstrations_of_a_skill_are_those_that_it_was_learned_from(demonstrat
 def test_a_file_keeps_the_corrections_of_a_skill(skill, tmp_path):
     bare = led(0.55, np.radians(64.0), door="0.55", seed=7)
     bare = replace(bare, motion=replace(bare.motion, wrenches=None))
+    bare = replace(bare, device="mouse", inputs=np.eye(len(bare.led), 9))
     better = replace(skill, corrections=(led(0.62, 0.9, by="synthetic"), bare))
     better.save(tmp_path / "skill.npz")
     loaded = load_skill(tmp_path / "skill.npz")
@@ -137,6 +138,10 @@ def test_a_file_keeps_the_corrections_of_a_skill(skill, tmp_path):
         for name in ("times", "poses", "wrenches"):
             assert_array_equal(getattr(kept.motion, name), getattr(one.motion, name))
         assert_array_equal(kept.led, one.led)
+        assert_array_equal(kept.inputs, one.inputs)
+        assert kept.device == one.device
+    with pytest.raises(ValueError, match=r"inputs must have a row for each"):
+        replace(bare, inputs=bare.inputs[1:])
     # A skill without is kept as before: older programs read it.
     skill.save(tmp_path / "plain.npz")
     with np.load(tmp_path / "plain.npz") as plain:

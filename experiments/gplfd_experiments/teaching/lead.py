@@ -1,8 +1,8 @@
-"""From what a person does with a device to a command for the compliant hand.
+"""From what a person does with a device to a command for the hand.
 
 A virtual spring draws the hand to a target, which the person moves. The spring is
 soft, and softer across the motion than along it: an inaccurate lead costs little force
-on the handle. The wrist turns with the handle, so that two degrees of freedom suffice.
+on the handle. The wrist turns with the door, so that two degrees of freedom suffice.
 """
 
 import math
@@ -13,19 +13,24 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, Info
+from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.robot.model import SERVO_STIFFNESS
 from gplfd_env.spatial.se3 import compose_rotvecs
-from gplfd_env.task.observation import Observation
+from gplfd_experiments.data.teacher.random_motion import minimum_jerk
+from gplfd_experiments.episodes.leading import CorrectorConfig
+from gplfd_policies.control.steps import AgentStep, Observation
+from gplfd_policies.demonstrations.correction import Who
 
 INPUTS: Final = ("held", "u", "v", "x", "y", "z", "about_x", "about_y", "about_z")
 """What a device says in a control period: whether the pointer is held, its place in
 the picture from the left and from the top in widths and heights, and six deflections
 from -1 to 1 along and about the axes of the task frame: keys, wheel, SpaceMouse."""
 
-_STIFFNESS: Final = (300.0, 100.0)
-"""Of the virtual spring [N/m, N m/rad]."""
-_REACH: Final = 0.15
-"""The spring stretches no further [m]: 45 N."""
+SPRING: Final = (300.0, 100.0)
+"""Stiffness of the virtual spring [N/m, N m/rad]."""
+_FORCE: Final = 45.0
+"""The spring stretches no further than with this force [N]."""
 _ACROSS: Final = 0.1
 """Share of its stiffness across the motion of a hand that moves."""
 _MOVING: Final = 0.05
@@ -110,19 +115,30 @@ class View:
 
 
 class Lead:
-    """The target of one demonstration, moved by the samples of a device."""
+    """The target of one demonstration, moved by the samples of a device.
 
-    def __init__(self, view: View) -> None:
-        self._view = view
+    `servo` is the stiffness of the arm [N/m] that renders the spring.
+    """
+
+    def __init__(
+        self, view: View, *, force: float = _FORCE, servo: float = SPRING[0]
+    ) -> None:
+        self._view, self._reach = view, force / SPRING[0]
+        self._give = SPRING[0] / servo
         self.target: Float[np.ndarray, " 3"] = np.zeros(3)
         """Where the spring draws the hand [m]."""
         self._grip: Float[np.ndarray, " 3"] | None = None
         self._level, self._active = np.zeros(3), False
 
     def command(
-        self, sample: Float[np.ndarray, " 9"], observation: Observation, info: Info
-    ) -> Float[np.ndarray, " 12"]:
-        """Return the action of the impedance environment for a control period.
+        self,
+        sample: Float[np.ndarray, " 9"],
+        observation: Observation,
+        wrist: Float[np.ndarray, " 3"],
+    ) -> Float[np.ndarray, " 6"]:
+        """Return the commanded pose of the hand for a control period [m, rad].
+
+        `wrist` is its rotation vector without deflections about the axes.
 
         Whoever takes the pointer takes the hand where it is: only its motion counts.
         Whoever lets go leaves the hand where it is.
@@ -144,12 +160,54 @@ class Lead:
             self.target = (hand if let_go else self.target) + shift
         self._active = held or deflected
         error = self.target - hand
-        error *= _REACH / max(_REACH, float(np.linalg.norm(error)))
+        error *= self._reach / max(self._reach, float(np.linalg.norm(error)))
         if not held:
             self.target = hand + error
         speed = float(np.linalg.norm(velocity))
         along = velocity * (velocity @ error) / speed**2 if speed else error
         moving = (1.0 - _ACROSS) * min(1.0, speed / _MOVING)
         stretch = moving * along + (1.0 - moving) * error
-        wrist = compose_rotvecs(_TURN * sample[6:], info["handle_pose"][3:])
-        return np.concatenate([hand + stretch, wrist, np.repeat(_STIFFNESS, 3)])
+        turned = compose_rotvecs(_TURN * sample[6:], wrist)
+        return np.concatenate([hand + self._give * stretch, turned])
+
+
+class Person:
+    """Leads the hand of a policy while a device is held or deflected.
+
+    A `gplfd_experiments.episodes.leading.Leader`. The pull is limited, and taking the
+    hand and handing it over are blended, as by the synthetic corrector.
+    """
+
+    by: Who = "person"
+
+    def __init__(self, view: View) -> None:
+        self._view, self._config = view, CorrectorConfig()
+
+    def begin(self, door: DoorGeometry) -> None:
+        """Watch an episode at a door."""
+        self._door = door
+        force = self._config.forces[door.travel > 0.0]
+        self.spring = Lead(self._view, force=force, servo=SERVO_STIFFNESS[0])
+        self._share = 0.0  # of the way from the policy's command to the person's
+
+    def take(self, sample: Float[np.ndarray, " 9"], handle_angle: float) -> None:
+        """Take the sample of the next control period, and the handle's angle [rad]."""
+        self._sample, self._turn = sample, handle_angle
+
+    def lead(
+        self, observation: Observation, step: AgentStep
+    ) -> Float[np.ndarray, " 6"] | None:
+        """Return the command while the hand is led or handed over."""
+        active = bool(self._sample[0] or self._sample[3:].any())
+        change = CONTROL_PERIOD / self._config.blend_time
+        self._share = np.clip(self._share + (change if active else -change), 0.0, 1.0)
+        if active:
+            self._held = self._sample  # It goes on to pull while it is handed over.
+        elif self._share == 0.0:
+            self.spring.target = np.array(observation["ee_pose"][:3])
+            return None
+        angle = self._door.angle(observation["ee_pose"][:3])
+        wrist = self._door.easy_hand_poses(angle, self._turn)[3:]
+        pose = self.spring.command(self._held, observation, wrist)
+        share = minimum_jerk(np.array(self._share))
+        return np.asarray((1.0 - share) * step.action + share * pose)

@@ -1,18 +1,20 @@
-"""One demonstration while it is given, and its replay from the inputs alone."""
+"""An episode that a person leads step by step, and its record."""
 
 import math
-from typing import Any, Final
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, Final
 
 import mujoco
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_experiments.episodes.build import make_environment
-from gplfd_experiments.episodes.task import episode_task
-from gplfd_experiments.teaching.lead import Lead, View
+from gplfd_experiments.episodes.practice import LOST
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task
+from gplfd_experiments.teaching.lead import SPRING, Lead, View
 from gplfd_experiments.teaching.taught import Taught
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.rests import without_rests
@@ -20,56 +22,79 @@ from gplfd_policies.demonstrations.rests import without_rests
 SIZE: Final = (480, 360)
 """Width and height of the pictures [px]."""
 
-_LONGEST: Final = 6000
-"""Control periods after which a demonstration ends by itself: a minute."""
 
-
-class Lesson:
+class Lesson(ABC):
     """A hand on the handle of a closed door that a person leads, step by step.
 
     An input is a sample of the device (`gplfd_experiments.teaching.lead.INPUTS`). It
     moves the simulation by one control period, whenever it comes, so that equal inputs
-    give equal demonstrations. The picture is drawn from above, of a flap from the side.
+    give equal records. The picture is drawn from above, of a flap from the side.
     """
 
-    def __init__(self, name: str, door: DoorConfig, *, drawn: bool) -> None:
-        self.name, self.door = name, door
-        self._camera = "overview" if door.motion == "flap" else "top"
+    longest: ClassVar[int]
+    """Control periods after which an episode ends by itself."""
+    control: ClassVar[Control]
+    """What is commanded."""
+    invitation: ClassVar[str]
+    """What the person is told before an episode."""
+    request: ClassVar[str]
+    """What the person is told during it."""
+
+    def __init__(self, task: EpisodeTask, *, drawn: bool) -> None:
+        self.task, self.door = task, DoorConfig(**task.door_config)
+        self._camera = "overview" if self.door.motion == "flap" else "top"
         self._made = make_environment(
-            episode_task(name, door, policy="gp", seed=0),
-            "impedance",
+            task,
+            self.control,
             render_mode="rgb_array" if drawn else None,
             camera_name=self._camera,
             width=SIZE[0],
             height=SIZE[1],
         )
-        # An episode that is solved goes on until the person ends it.
+        # The person ends the episode, or this class.
         self._env: Any = self._made.unwrapped
         self.restart()
 
     def restart(self) -> None:
-        """Close the door and forget what was shown."""
-        self._observation, self._info = self._env.reset(seed=0)
+        """Close the door and forget what happened."""
+        self._observation, self._info = self._env.reset(seed=self.task.reset_seed)
         shown = SIZE[0] / SIZE[1], self.door.motion
         self.view = View.of(self._env.data, self._camera, *shown)
-        self.lead, self.over = Lead(self.view), ""
+        self.over = ""
         self._inputs: list[Any] = []
         self._rows: list[tuple[Any, Any, Any]] = []
+        self.spring = self._begin()
         self._note()
 
+    @abstractmethod
+    def _begin(self) -> Lead:
+        """Begin an episode; return the spring by which the person leads."""
+
+    @abstractmethod
+    def _action(self, sample: Float[np.ndarray, " 9"]) -> Float[np.ndarray, " n"]:
+        """Return the action of the environment."""
+
+    @abstractmethod
+    def record(self) -> Any:
+        """Return what is to be kept of the episode so far."""
+
+    @abstractmethod
+    def result(self) -> str:
+        """Say what the episode gave; raise a ValueError if that is not to be kept."""
+
     def step(self, sample: Float[np.ndarray, " 9"]) -> None:
-        """Lead the hand for one control period; `over` says why it has ended."""
-        action = self.lead.command(sample, self._observation, self._info)
+        """Go on by one control period; `over` says why the episode has ended."""
+        action = self._action(sample)
         self._observation, _, _, diverged, self._info = self._env.step(action)
         if diverged:
             self.over = "the simulation has diverged"
             return
         self._inputs.append(sample)
         self._note()
-        if self._info["failure"] == "grasp_lost":
+        if self._info["failure"] == LOST:
             self.over = "the hand has lost the handle"
-        elif len(self._inputs) >= _LONGEST:
-            self.over = "it has lasted a minute"
+        elif len(self._inputs) >= self.longest:
+            self.over = f"it has lasted {self.longest * CONTROL_PERIOD:g} s"
 
     def _note(self) -> None:
         pose, wrench = self._observation["ee_pose"], self._observation["wrench"]
@@ -80,34 +105,33 @@ class Lesson:
         """What a person wants to know while leading, in JSON."""
         pose, wrench, _ = self._rows[-1]
         return {
-            "door": self.name,
+            "door": self.task.door,
             "angle": math.degrees(self._info["door_angle"]),
             "force": float(np.linalg.norm(wrench[:3])),
             "time": len(self._inputs) * CONTROL_PERIOD,
             "hand": self.view.place(pose[:3]),
-            "target": self.view.place(self.lead.target),
+            "target": self.view.place(self.spring.target),
         }
 
-    def taught(self) -> Taught:
-        """Return what was shown; raise a ValueError if the hand has not moved."""
+    @property
+    def motion(self) -> Demonstration:
+        """Motion and wrenches of the hand; a ValueError if it has not moved."""
         poses, wrenches, _ = map(np.array, zip(*self._rows, strict=True))
         poses[:, 3:] = unwrap_rotvecs(poses[:, 3:])
         times = CONTROL_PERIOD * np.arange(len(poses))
-        return Taught(
-            name=self.name,
-            door=self.door,
-            inputs=np.reshape(self._inputs, (-1, 9)),
-            recorded=Demonstration(times=times, poses=poses, wrenches=wrenches),
-        )
+        return Demonstration(times=times, poses=poses, wrenches=wrenches)
 
     def picture(self) -> UInt8[np.ndarray, "h w 3"]:
         """Return the scene from the camera."""
         return np.asarray(self._env.render())
 
     def moving(self) -> list[int]:
-        """Return the numbers of the samples that are no pause."""
-        recorded = self.taught().recorded
-        rests, times = without_rests(recorded)[1], recorded.times
+        """Return the numbers of the samples that are no pause; ValueError if none."""
+        try:
+            recorded = self.motion
+            rests, times = without_rests(recorded)[1], recorded.times
+        except ValueError:
+            raise ValueError("Nothing was shown: the hand did not move") from None
         paused = [(times >= rest.start) & (times < rest.end) for rest in rests]
         return np.flatnonzero(~np.any([times < 0.0, *paused], axis=0)).tolist()
 
@@ -122,9 +146,42 @@ class Lesson:
         self._made.close()
 
 
+class DemonstrationLesson(Lesson):
+    """A demonstration: the person alone leads the compliant hand."""
+
+    longest, control = 6000, "impedance"
+    invitation = "Lead the hand to open the door."
+    request = "Stop when the door is open far enough."
+
+    def __init__(self, name: str, door: DoorConfig, *, drawn: bool) -> None:
+        super().__init__(episode_task(name, door, policy="gp", seed=0), drawn=drawn)
+
+    def _begin(self) -> Lead:
+        return Lead(self.view)
+
+    def _action(self, sample: Float[np.ndarray, " 9"]) -> Float[np.ndarray, " 12"]:
+        wrist = self._info["handle_pose"][3:]
+        pose = self.spring.command(sample, self._observation, wrist)
+        return np.concatenate([pose, np.repeat(SPRING, 3)])
+
+    def record(self) -> Taught:
+        """Return what was shown; raise a ValueError if the hand has not moved."""
+        return Taught(
+            name=self.task.door,
+            door=self.door,
+            inputs=np.reshape(self._inputs, (-1, 9)),
+            recorded=self.motion,
+        )
+
+    def result(self) -> str:
+        """Say why it ended by itself, if so."""
+        over = self.over and f"It ended: {self.over}. "
+        return f"{over}This is what you showed."
+
+
 def replay(taught: Taught) -> Taught:
     """Lead the hand by recorded inputs; the demonstration is the same, bit for bit."""
-    lesson = Lesson(taught.name, taught.door, drawn=False)
+    lesson = DemonstrationLesson(taught.name, taught.door, drawn=False)
     for sample in taught.inputs:
         lesson.step(sample)
-    return lesson.taught()
+    return lesson.record()

@@ -9,24 +9,24 @@ import json
 import queue
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from PIL import Image
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_experiments.files.plain_data import parsed_json
 from gplfd_experiments.teaching.lead import checked_input
-from gplfd_experiments.teaching.lesson import Lesson
+from gplfd_experiments.teaching.lesson import DemonstrationLesson, Lesson
 from gplfd_experiments.teaching.taught import TaughtSet
 
-PRESSES: Final = ("", "stop", "keep", "repeat", "discard", "next", "finish")
+PRESSES: Final = ("", "start", "stop", "keep", "repeat", "discard", "next", "finish")
 """Buttons of the page; "" for none."""
 
 _MOST: Final = 10
@@ -37,17 +37,29 @@ LOOPBACK: Final = ("127.0.0.1", "localhost")
 """Names of this machine that no other machine can reach."""
 
 
+class Store(Protocol):
+    """Where the records of lessons are kept."""
+
+    place: Path
+    """Its file or folder."""
+    kept: list[Any]
+    """The records so far."""
+
+    def keep(self, record: Any) -> None:
+        """Keep a record; when this returns, it is on the disk."""
+
+
 class Session:
     """What a person does at some doors, one after the other.
 
-    A demonstration is ready, led, shown, and then kept, repeated or discarded. It
-    begins with the first input that is not zero.
+    An episode is ready, led, shown, and then kept, repeated or discarded. It begins
+    with the first input that is not zero, or when Start is pressed.
     """
 
-    def __init__(self, doors: Mapping[str, DoorConfig], kept: TaughtSet) -> None:
-        self._doors, self._kept = [*doors.items()], kept
+    def __init__(self, doors: Sequence[Callable[[], Lesson]], store: Store) -> None:
+        self._doors, self._store = [*doors], store
         self._moving: list[int] = []
-        self._lesson = Lesson(*self._doors[0], drawn=True)
+        self._lesson = self._doors[0]()
         try:
             self._lesson.picture()
         except RuntimeError as error:
@@ -57,16 +69,16 @@ class Session:
     def _begin(self, note: str = "") -> None:
         self._lesson.restart()
         self.phase, self._since = "ready", 0.0
-        self._message = f"{note} Lead the hand to open the door.".strip()
+        self._message = f"{note} {self._lesson.invitation}".strip()
 
     def _press(self, press: str, now: float) -> None:
         if press in ("stop", "keep") and self.phase == "leading":
             self._stop(now)
         if press == "keep" and self.phase == "shown":
             try:
-                self._kept.keep(self._lesson.taught())
-            except OSError as error:
-                self._message = f"Not kept: {error}. Make room, and keep it again."
+                self._store.keep(self._lesson.record())
+            except (OSError, ValueError) as error:
+                self._message = f"Not kept: {error}. Keep it again, or repeat it."
                 return
             self._begin("Kept.")
         elif press == "repeat":
@@ -74,21 +86,20 @@ class Session:
         elif press in ("discard", "next"):
             self._lesson.close()
             self._doors.append(self._doors.pop(0))
-            self._lesson = Lesson(*self._doors[0], drawn=True)
+            self._lesson = self._doors[0]()
             self._begin()
         elif press == "finish":
             self.phase = "finished"
-            self._message = f"{len(self._kept.taught)} in {self._kept.folder}."
+            self._message = f"{len(self._store.kept)} in {self._store.place}."
 
     def _stop(self, now: float) -> None:
         try:
+            self._message = f"{self._lesson.result()} Keep it?"
             self._moving = self._lesson.moving()
-        except ValueError:
-            self._begin("Nothing was shown: the hand did not move.")
+        except ValueError as error:
+            self._begin(f"{error}.")
             return
         self.phase, self._since = "shown", now
-        over = self._lesson.over and f"It ended: {self._lesson.over}. "
-        self._message = f"{over}This is what you showed. Keep it?"
 
     def exchange(self, request: Mapping[str, Any], now: float) -> tuple[Any, bytes]:
         """Take an input at a time [s]; return the state, in JSON, and the picture.
@@ -101,9 +112,9 @@ class Session:
             raise ValueError(f"press {press!r:.40} must be one of {PRESSES}")
         self._press(press, now)
         lesson = self._lesson
-        if self.phase == "ready" and sample.any():
+        if self.phase == "ready" and (sample.any() or press == "start"):
             self.phase, self._since = "leading", now - CONTROL_PERIOD
-            self._message = "Stop when the door is open far enough."
+            self._message = lesson.request
         due = round((now - self._since) / CONTROL_PERIOD)
         if self.phase == "leading":
             self._since += CONTROL_PERIOD * due
@@ -117,7 +128,7 @@ class Session:
         state = lesson.state | {
             "phase": self.phase,
             "message": self._message,
-            "kept": len(self._kept.taught),
+            "kept": len(self._store.kept),
         }
         file = io.BytesIO()
         if self.phase != "finished":
@@ -139,12 +150,23 @@ def teach(
     Takes the options of ``gplfd demos teach``. ValueError: they are wrong. OSError: the
     address is taken, the set cannot be written, or pictures cannot be drawn.
     """
-    kept = TaughtSet(folder, options)
-    session = Session(named_doors(doors), kept)
+    given = named_doors(doors).items()
+    lessons = [partial(DemonstrationLesson, *door, drawn=True) for door in given]
+    store = TaughtSet(folder, options)
+    serve(Session(lessons, store), "teach", device=device, host=host, port=port)
+    return len(store.kept)
+
+
+def serve(session: Session, task: str, *, device: str, host: str, port: int) -> None:
+    """Serve the page until the person finishes; `task` is its title.
+
+    Raises:
+        OSError: The address is taken.
+    """
     # Pictures are drawn in the thread that has made the session; requests wait for it.
     requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
     page = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
-    content = page.replace("{{device}}", device).encode()
+    content = page.replace("{{device}}", device).replace("{{task}}", task).encode()
 
     class Handler(BaseHTTPRequestHandler):
         protocol_version, disable_nagle_algorithm = "HTTP/1.1", True
@@ -189,7 +211,7 @@ def teach(
         raise OSError(error.errno, f"{error.strerror}; give another --port") from error
     with server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        LOG.info("teach at  http://%s:%d", host, server.server_port)
+        LOG.info("%s at  http://%s:%d", task, host, server.server_port)
         while session.phase != "finished":
             body, reply = requests.get()
             try:
@@ -200,4 +222,3 @@ def teach(
                 reply.put((400, "text/plain; charset=utf-8", str(error).encode()))
         reply.join()  # The page knows it.
         server.shutdown()
-    return len(kept.taught)

@@ -62,14 +62,14 @@ class TaughtSet:
                 f"{folder} exists and is no set of gplfd demos teach; give another "
                 "folder"
             )
-        self.folder, self._options = folder, options
-        self.taught = read_taught(folder)
-        if self.taught:
+        self.place, self._options = folder, options
+        self.kept = read_taught(folder)
+        if self.kept:
             self._write_index()
 
     def keep(self, taught: Taught) -> None:
         """Write a demonstration; when this returns, it is on the disk."""
-        numbers = [int(file.stem) for file in _files(self.folder)]
+        numbers = [int(file.stem) for file in _files(self.place)]
         arrays = {
             "door": np.array(json.dumps({taught.name: taught.door.as_dict()})),
             "origin": np.array(json.dumps(provenance(self._options))),
@@ -78,21 +78,21 @@ class TaughtSet:
             "poses": taught.recorded.poses,
             "wrenches": taught.recorded.wrenches,
         }
-        file = self.folder / FOLDER / f"{max(numbers, default=0) + 1:04d}.npz"
+        file = self.place / FOLDER / f"{max(numbers, default=0) + 1:04d}.npz"
         write_archive(file, kind=_KIND, version=_VERSION, arrays=arrays)
-        self.taught.append(taught)
+        self.kept.append(taught)
         try:
             self._write_index()
         except OSError:  # It can be kept again, but not be there twice.
-            self.taught.pop()
+            self.kept.pop()
             file.unlink()
             raise
 
     def _write_index(self) -> None:
         save_demonstrations(
-            self.folder / FILE,
-            [one.demonstration for one in self.taught],
-            [one.door.radius for one in self.taught],
+            self.place / FILE,
+            [one.demonstration for one in self.kept],
+            [one.door.radius for one in self.kept],
         )
 
 

@@ -1,4 +1,4 @@
-"""Corrections of a kept skill: the synthetic corrector watches it open doors."""
+"""Corrections of a kept skill, which somebody watches as it opens doors."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -10,6 +10,9 @@ from gplfd_experiments.episodes.build import open_watched
 from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.practice import corrected
 from gplfd_experiments.episodes.task import episode_task, named_doors
+from gplfd_experiments.teaching.corrected import CorrectedSkill, CorrectionLesson
+from gplfd_experiments.teaching.page import Session, serve
+from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.registry.skill_files import method_and_skill
@@ -41,10 +44,52 @@ def correct_skill(
         }
         if found is not None:
             skill = method.update(skill, found)
-            row["watched"] = f"led for {found.seconds:.1f} s, phase {found.phase:.2f}"
+            row["watched"] = _led(found)
             alone = open_watched(task, method.follow(skill))
             row["then"] = why_closed(alone.failure, alone.reason) or "opened alone"
         rows.append(row)
     if skill is not given and isinstance(skill, Skill):
         skill.save(out)
     return skill, rows
+
+
+def correct_by_hand(
+    file: Path,
+    out: Path,
+    *,
+    doors: Sequence[str],
+    policy: str,
+    seed: int,
+    device: str,
+    host: str,
+    port: int,
+) -> tuple[Movement, list[Row]]:
+    """Serve a page on which a person corrects a skill; return as `correct_skill` does.
+
+    The corrected skill is written whenever a correction is kept.
+    """
+    check_least("--seed", seed, 0)
+    check_folder(out.parent)
+    if out.exists():
+        raise ValueError(
+            f"{out} exists, and may hold corrections; give it as the SKILL to correct "
+            "it further, or another --out"
+        )
+    method, given = method_and_skill(policy, file)
+    store = CorrectedSkill(method, given, out)
+    tasks = [
+        episode_task(*door, policy=policy, seed=seed)
+        for door in named_doors(doors).items()
+    ]
+    lessons = [
+        partial(CorrectionLesson, task, store, device, drawn=True) for task in tasks
+    ]
+    serve(Session(lessons, store), "correct", device=device, host=host, port=port)
+    rows = [
+        {"door": one.door, "watched": _led(one), "then": "kept"} for one in store.kept
+    ]
+    return store.skill, rows
+
+
+def _led(found: Correction) -> str:
+    return f"led for {found.seconds:.1f} s, phase {found.phase:.2f}"

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from gplfd_policies.arrays.records import short_repr
-from gplfd_policies.arrays.shapes import Bool
+from gplfd_policies.arrays.shapes import Bool, Float
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 Who = Literal["synthetic", "person"]
@@ -39,6 +39,10 @@ class Correction:
     phase: float = 0.0
     """Where along the task, 0 to 1, the policy believed the hand when it was first
     taken; 0 of a policy that has no phase."""
+    device: str = ""
+    """With what a person led the simulated hand; "" if unknown."""
+    inputs: Float[np.ndarray, "N n"] | None = None
+    """What that device said at each sample; the simulated episode follows from it."""
 
     __repr__ = short_repr
 
@@ -54,6 +58,15 @@ class Correction:
                 'by must be "synthetic" or "person" and phase within [0, 1], got '
                 f"{self.by!r} and {self.phase}"
             )
+        if self.inputs is not None:
+            inputs = np.array(self.inputs, dtype=np.float64)
+            if inputs.ndim != 2 or len(inputs) != len(led):
+                raise ValueError(
+                    f"inputs must have a row for each of the {len(led)} samples, got "
+                    f"shape {inputs.shape}"
+                )
+            inputs.setflags(write=False)
+            object.__setattr__(self, "inputs", inputs)
         led.setflags(write=False)
         object.__setattr__(self, "led", led)
 

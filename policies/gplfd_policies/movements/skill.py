@@ -64,7 +64,7 @@ _FORCES: Final = "forces_"
 """Begins the names of what was learned of forces."""
 _CORRECTIONS: Final = "corrections"
 """Begins the names of what a skill was corrected by."""
-_ORIGIN: Final = ("door", "seed", "by", "phase")
+_ORIGIN: Final = ("door", "seed", "by", "phase", "device")
 _MOTION: Final = ("times", "poses", "wrenches")
 _NO_CLOCKS: Final = np.zeros((0, 0))
 """In place of the clocks where they are unknown."""
@@ -286,8 +286,11 @@ def _kept(corrections: Sequence[Correction]) -> dict[str, np.ndarray]:
     """Return the arrays of corrections, and their origins as JSON."""
     origins, arrays = [], {}
     for number, one in enumerate(corrections):
-        origins.append({name: getattr(one, name) for name in _ORIGIN})
-        kept = {name: getattr(one.motion, name) for name in _MOTION} | {"led": one.led}
+        origin = {name: getattr(one, name) for name in _ORIGIN}
+        # Older programs read the corrections that no person made.
+        origins.append({name: given for name, given in origin.items() if given != ""})
+        kept = {name: getattr(one.motion, name) for name in _MOTION}
+        kept |= {"led": one.led, "inputs": one.inputs}
         for name, array in kept.items():
             if array is not None:
                 arrays[f"{_CORRECTIONS}_{number}_{name}"] = array
@@ -301,7 +304,10 @@ def _corrections_of(members: Members) -> tuple[Correction, ...]:
         prefix = f"{_CORRECTIONS}_{number}_"
         given = [name for name in _MOTION if prefix + name in members]
         motion = Demonstration(**{name: members(prefix + name) for name in given})
-        found.append(Correction(motion=motion, led=members(f"{prefix}led"), **origin))
+        for name in ("led", "inputs"):
+            if prefix + name in members:
+                origin[name] = members(prefix + name)
+        found.append(Correction(motion=motion, **origin))
     return tuple(found)
 
 

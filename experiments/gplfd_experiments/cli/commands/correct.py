@@ -2,22 +2,30 @@
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import Quiet, next_command
+from gplfd_experiments.cli.commands.options import (
+    Device,
+    PageOptions,
+    Quiet,
+    next_command,
+)
+from gplfd_experiments.cli.commands.run import draw_without_screen
 from gplfd_experiments.console.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Correct:
-    """Correct a skill: a synthetic corrector leads its hand where it fails.
+class Correct(PageOptions):
+    """Correct a skill: lead its hand where it fails, or let a program do so.
 
-    The corrector watches the skill open doors, one after the other. Where the command
-    leaves the handle's path or the door stalls, it leads the hand. The motion is kept
-    in the skill and learned from.
+    A synthetic corrector watches the skill open doors, one after the other. Where the
+    command leaves the handle's path or the door stalls, it leads the hand. With
+    --device you do, in a web page of this machine. The motion is kept in the skill and
+    learned from. See docs/corrections.md.
     """
 
     skill: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SKILL.npz")]
@@ -27,6 +35,10 @@ class Correct:
     """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
     parameters, of the kind that the skill was learned for."""
 
+    device: Device | None = None
+    """What you lead the hand with; a synthetic corrector leads it without. A SpaceMouse
+    needs Chrome or Edge."""
+
     policy: str = "gp"
     """Policy that follows the skill and is corrected: gp or one of its variants."""
 
@@ -35,21 +47,30 @@ class Correct:
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File of the corrected skill, SKILL-corrected.npz by default; one that is there
-    already is replaced."""
+    already is replaced, and refused with --device."""
 
     quiet: Quiet = False
 
     def execute(self) -> int:
         """Correct the skill, and print what changed."""
+        if self.device is not None:
+            draw_without_screen()
         with postponed_interruption():
             from gplfd_experiments.files.table import Table, text_table
-            from gplfd_experiments.workflows.corrections import correct_skill
+            from gplfd_experiments.workflows.corrections import (
+                correct_by_hand,
+                correct_skill,
+            )
 
         out = self.out or self.skill.with_name(f"{self.skill.stem}-corrected.npz")
-        skill, rows = correct_skill(
+        correct: Any = correct_skill
+        if self.device is not None:
+            correct = partial(correct_by_hand, device=self.device, **self.address())
+        skill, rows = correct(
             self.skill, out, doors=self.doors, policy=self.policy, seed=self.seed
         )
-        print(text_table(dataclasses.replace(Table.of(rows), left=True)))
+        if rows:
+            print(text_table(dataclasses.replace(Table.of(rows), left=True)))
         if all(row["then"] == "-" for row in rows):
             print("\nnothing was corrected, and nothing written")
             return 0

@@ -2,17 +2,22 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import next_command, recorded
+from gplfd_experiments.cli.commands.options import (
+    Device,
+    PageOptions,
+    next_command,
+    recorded,
+)
 from gplfd_experiments.cli.commands.run import draw_without_screen
 from gplfd_experiments.console.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Teach:
+class Teach(PageOptions):
     """Lead the simulated hand yourself, in a web page of this machine, and record it.
 
     Motion and forces are recorded, pauses are cut, and what you showed is played back
@@ -28,15 +33,8 @@ class Teach:
     """Doors to teach at, one after the other: names (see `gplfd list`), radii in
     metres, or .json files of door parameters."""
 
-    device: Literal["mouse", "keyboard", "spacemouse"] = "mouse"
+    device: Device = "mouse"
     """What leads the hand. A SpaceMouse needs Chrome or Edge."""
-
-    host: str = "127.0.0.1"
-    """Address of the page. Any other than this one lets other machines lead the
-    hand."""
-
-    port: int = 0
-    """Port of the page; 0 for any that is free."""
 
     def execute(self) -> int:
         """Serve the page until the person finishes, and say what to do next."""
@@ -44,15 +42,12 @@ class Teach:
         with postponed_interruption():
             from gplfd_experiments.teaching.page import teach
 
-        if not 0 <= self.port <= 65535:
-            raise ValueError(f"--port {self.port} must be 0 to 65535")
         number = teach(
             self.doors,
             self.out,
             device=self.device,
-            host=self.host,
-            port=self.port,
             options=recorded(self),
+            **self.address(),
         )
         print(f"{number} demonstration{'s' * (number != 1)} in {self.out}")
         if number:

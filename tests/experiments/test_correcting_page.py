@@ -1,0 +1,323 @@
+"""A person corrects a policy: who commands, what is kept, replayed, and the page."""
+
+import contextlib
+import http.client
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from gplfd_env import DoorGeometry
+from gplfd_env.doors.config import DOORS, DoorConfig, door_config
+from gplfd_experiments.cli.main import main
+from gplfd_experiments.data.teacher import Teacher
+from gplfd_experiments.episodes.build import open_watched
+from gplfd_experiments.episodes.leading import LedAgent
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task
+from gplfd_experiments.teaching.corrected import (
+    CorrectedSkill,
+    CorrectionLesson,
+    replay_correction,
+)
+from gplfd_experiments.teaching.lead import Person, View
+from gplfd_experiments.teaching.page import Session
+from gplfd_policies import Skill, load_skill
+from gplfd_policies.agents.agent import as_agent
+from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.registry.method import TrainingInput
+from gplfd_policies.registry.skill_files import skill_method
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore:sensor noise"),
+]
+
+GP = skill_method("gp")
+IDLE = np.zeros(9)
+PULL = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+STIFF = replace(DOORS["oven"], radius=0.36, closer_preload=4.5)
+TOP = View(
+    position=np.array([0.8, 3.0, -0.1]),
+    axes=np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]),
+    extent=(0.6, 0.45),
+    normal=np.array([0.0, 1.0, 0.0]),
+)
+
+
+def skill_of(door: DoorConfig) -> Skill:
+    shown = Teacher().standard_demonstrations(seed=0, like=door)
+    learned = GP.learn(TrainingInput(demonstrations=shown))
+    assert isinstance(learned, Skill)
+    return learned
+
+
+@pytest.fixture(scope="module")
+def bars() -> Skill:
+    return skill_of(door_config("small"))
+
+
+@pytest.fixture
+def file(bars: Skill, tmp_path: Path) -> Path:
+    bars.save(tmp_path / "skill.npz")
+    return tmp_path / "skill.npz"
+
+
+def task_of(door: DoorConfig, name: str) -> EpisodeTask:
+    return episode_task(name, door, policy="gp", seed=0)
+
+
+POLICY = np.array([0.02, 0.0, 0.0, 0.0, 0.1, 0.0])
+
+
+class Held:
+    def act(self, observation: dict[str, np.ndarray]) -> AgentStep:
+        return AgentStep(action=POLICY, observed_phase=0.25)
+
+
+def commands(door: DoorGeometry, *samples: np.ndarray) -> tuple[np.ndarray, Any]:
+    """Commands while the hand rises slowly at the closed handle; the correction."""
+    person = Person(TOP)
+    agent = LedAgent(as_agent(Held()), person)
+    agent.inform(door)
+    agent.reset({"ee_pose": np.zeros(6)})
+    found = []
+    for number, sample in enumerate(samples):
+        person.take(sample, 0.0)
+        seen = {"ee_pose": np.eye(6)[1] * 1e-4 * number, "time": np.ones(1) * number}
+        still = {"ee_twist": np.zeros(6), "wrench": np.ones(6)}
+        found.append(agent.act(seen | still).action)
+    return np.array(found), agent.correction(door="door", seed=0)
+
+
+def pointer(x: float) -> np.ndarray:
+    return np.array([1.0, *TOP.place(np.array([x, 0.0, 0.0])), *IDLE[3:]])
+
+
+def test_the_policy_commands_until_a_person_takes_the_hand_and_after_it_is_let_go():
+    taken = [pointer(0.0), *[pointer(0.05)] * 99]
+    found, correction = commands(
+        DoorGeometry.nominal(0.5), *[IDLE] * 10, *taken, *[IDLE] * 60
+    )
+    assert_array_equal(found[:10], np.tile(POLICY, (10, 1)))
+    # A spring of 300 N/m, rendered by a servo of 2000 N/m.
+    assert_allclose(found[60:110, 0], 0.05 * 300 / 2000, rtol=1e-3)
+    # Taken and handed over in 0.4 s without a jump.
+    assert np.abs(np.diff(found, axis=0)).max() < 0.1 * 1.9 * 0.01 / 0.4
+    assert_array_equal(found[149:], np.tile(POLICY, (21, 1)))
+    assert np.flatnonzero(correction.led)[[0, -1]].tolist() == [10, 148]
+    assert (correction.by, correction.phase) == ("person", 0.25)
+    assert commands(DoorGeometry.nominal(0.5), *[IDLE] * 5)[1] is None
+
+
+@pytest.mark.parametrize(("handle", "force"), [("bar", 34.0), ("lever", 58.0)])
+def test_a_person_pulls_no_more_than_the_synthetic_corrector(handle, force):
+    latch = {} if handle == "bar" else {"handle": handle, "latch": "spring"}
+    door = DoorGeometry.of(DoorConfig(radius=0.65, **latch))
+    for taken in ([pointer(0.0), *[pointer(9.0)] * 60], [PULL] * 200):
+        found, _ = commands(door, *taken)
+        assert 2000.0 * found[-1, 0] == pytest.approx(force, abs=0.05)
+
+
+def lead(lesson: CorrectionLesson, since: float = 2.0) -> None:
+    """Drag the hand ahead along the path, from a time on [s] and up to 50 degrees."""
+    geometry = DoorGeometry.of(lesson.door)
+    while not lesson.over:
+        angle = np.radians(lesson.state["angle"])
+        sample = IDLE.copy()
+        if lesson.state["time"] > since and angle < np.radians(50.0):
+            ahead = min(1.0, lesson.state["time"] - since)
+            point = geometry.hand_poses(max(angle, 0.0) + 0.5 * ahead)[:3]
+            sample[:3] = 1.0, *lesson.view.place(point)
+        lesson.step(sample)
+
+
+@pytest.mark.bits
+def test_a_person_s_correction_opens_the_door_and_its_inputs_give_it_again(tmp_path):
+    """At a flap that stays closed without it."""
+    skill, task = skill_of(DOORS["oven"]), task_of(STIFF, "flap")
+    assert not open_watched(task, GP.follow(skill)).success
+    store = CorrectedSkill(GP, skill, tmp_path / "better.npz")
+    lesson = CorrectionLesson(task, store, "mouse", drawn=False)
+    lead(lesson)
+    assert "You led the hand for" in lesson.result()
+    store.keep(lesson.record())
+    better = load_skill(tmp_path / "better.npz")
+    assert open_watched(task, GP.follow(better)).success
+    (kept,) = better.corrections
+    assert (kept.by, kept.device, kept.door) == ("person", "mouse", "flap")
+    again = replay_correction(GP, skill, task, kept)
+    for name in ("times", "poses", "wrenches"):
+        assert_array_equal(getattr(again.motion, name), getattr(kept.motion, name))
+    assert_array_equal(again.led, kept.led)
+    assert again.phase == kept.phase
+
+
+class Somebody:
+    """Whose page exchanges every 30 ms."""
+
+    def __init__(self, store: CorrectedSkill, *names: str) -> None:
+        tasks = [task_of(door_config(name), name) for name in names]
+        lessons = [
+            partial(CorrectionLesson, task, store, "mouse", drawn=True)
+            for task in tasks
+        ]
+        self.session, self.now = Session(lessons, store), 0.0
+
+    def __call__(self, press: str = "", sample: Any = IDLE, times: int = 1) -> Any:
+        for _ in range(times):
+            self.now += 0.03
+            request = {"input": sample.tolist(), "press": press}
+            state, _ = self.session.exchange(request, self.now)
+        return state
+
+
+@pytest.mark.needs("opengl")
+def test_the_policy_begins_at_start_is_led_and_goes_on_corrected(
+    bars: Skill, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = CorrectedSkill(GP, bars, tmp_path / "better.npz")
+    somebody = Somebody(store, "small", "medium")
+    assert somebody(times=20)["time"] == 0.0
+    alone = [somebody("start"), somebody(times=60)][1]
+    assert alone["angle"] > 1.0
+    assert alone["hand"] == pytest.approx(alone["target"], abs=0.02)  # No spring.
+    told = somebody("stop")
+    assert told["phase"] == "ready"
+    assert re.match(
+        r"The door is not open, at \d+°: you stopped. Nobody", told["message"]
+    )
+    somebody("start")
+    assert somebody(sample=PULL, times=40)["phase"] == "leading"
+    told = somebody("stop")
+    assert (told["phase"], told["kept"]) == ("shown", 0)
+    assert "You led the hand for 1.2 s. Keep it?" in told["message"]
+
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Skill, "save", full)
+        assert "No space left" in somebody("keep")["message"]
+    assert (store.skill, store.kept) == (bars, [])
+    assert somebody("keep")["kept"] == 1
+    better = load_skill(store.place)
+    assert (better.count, len(better.corrections)) == (bars.count + 1, 1)
+    assert store.skill is not bars
+    with_it = [somebody("start"), somebody(times=60)][1]
+    assert (with_it["door"], with_it["angle"] != alone["angle"]) == ("small", True)
+    assert somebody("discard")["door"] == "medium"
+    assert somebody("finish")["message"] == f"1 in {store.place}."
+
+
+def test_of_a_lost_handle_no_correction_is_kept(bars: Skill) -> None:
+    store = CorrectedSkill(GP, bars, Path())
+    task = task_of(door_config("small"), "small")
+    lesson = CorrectionLesson(task, store, "keyboard", drawn=False)
+    twist = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0])
+    while not lesson.over and lesson.state["time"] < 10.0:
+        lesson.step(twist)
+    assert lesson.over == "the hand has lost the handle"
+    with pytest.raises(ValueError, match="No correction is kept of this"):
+        lesson.result()
+
+
+def send(port: int, sample: Any, press: str = "") -> int:
+    connection = http.client.HTTPConnection("127.0.0.1", port)
+    with contextlib.closing(connection):
+        body = json.dumps({"input": sample.tolist(), "press": press})
+        connection.request(
+            "POST", "/exchange", body, {"Content-Type": "application/json"}
+        )
+        answer = connection.getresponse()
+        answer.read()
+        return answer.status
+
+
+@contextlib.contextmanager
+def correcting(file: Path, *more: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """Run the command at the door small; yield its process and the page's port."""
+    command = [sys.executable, "-m", "gplfd", "correct", str(file), "--doors", "small"]
+    process = subprocess.Popen(
+        [*command, *more], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stderr is not None
+        address = re.search(r"http://127.0.0.1:(\d+)\n", process.stderr.readline())
+        assert address
+        yield process, int(address[1])
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.needs("opengl")
+def test_a_kept_correction_outlives_a_killed_process_and_is_not_replaced(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = file.with_name("better.npz")
+    with correcting(file, "--device", "keyboard", "--out", str(out)) as (_, port):
+        for number in range(32):
+            assert send(port, PULL, "keep" if number == 30 else "") == 200
+    (kept,) = load_skill(out).corrections
+    assert (kept.by, kept.device) == ("person", "keyboard")
+    again = ["correct", str(file), "--doors", "small", "--out", str(out)]
+    assert main([*again, "--device", "mouse"]) == 2
+    assert "give it as the SKILL to correct it further" in capsys.readouterr().err
+    assert main([*again, "--device", "mouse", "--port", "-1"]) == 2
+    assert "--port -1 must be 0 to 65535" in capsys.readouterr().err
+
+
+def test_only_a_correction_with_inputs_is_replayed(bars: Skill) -> None:
+    person = commands(DoorGeometry.nominal(0.5), PULL, PULL)[1]
+    with pytest.raises(ValueError, match="not led on the page: it has no inputs"):
+        replay_correction(GP, bars, task_of(door_config("small"), "small"), person)
+
+
+@pytest.mark.needs("chromium")
+def test_a_mouse_in_a_browser_corrects_a_policy(file: Path, browser: Any) -> None:
+    out = file.with_name("better.npz")
+    given = "--device", "mouse", "--out", str(out)
+    with (
+        correcting(file, *given) as (process, port),
+        browser(file.parent) as page,
+    ):
+        page.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
+        page.wait("document.title === 'ready 0'")
+        page.value("document.querySelector('[value=start]').click()")
+        page.wait("Number($('numbers').innerText.match(/([\\d.]+) s;/)[1]) > 0.5")
+        x, y, width = page.value(
+            "(b => [b.x, b.y, b.width])(canvas.getBoundingClientRect())"
+        )
+        x, y = x + 0.45 * width, y + 0.306 * 0.75 * width
+        page.mouse("mousePressed", x, y, button="left", clickCount=1)
+        for part in range(20):
+            page.mouse("mouseMoved", x, y + 0.004 * width * part, buttons=1)
+            page.wait("events.length === 0")
+        page.mouse("mouseReleased", x, y, button="left")
+        page.call("Input.dispatchKeyEvent", type="keyDown", code="Space", key=" ")
+        page.wait("document.title === 'shown 0'")
+        assert "You led the hand for" in page.value("$('status').innerText")
+        page.call("Input.dispatchKeyEvent", type="keyDown", code="Enter", key="Enter")
+        page.wait("$('status').innerText.startsWith('Keeping it')")
+        page.wait("document.title === 'ready 1'", 60.0)
+        page.value("document.querySelector('[value=finish]').click()")
+        page.wait("document.title === 'finished'")
+        assert page.errors == []
+        said, _ = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert re.search(r"small +led for [\d.]+ s, phase [\d.]+ +kept", said)
+    assert f"gplfd run --skill {out}" in said
+    (kept,) = load_skill(out).corrections
+    again = replay_correction(
+        GP, load_skill(file), task_of(door_config("small"), "small"), kept
+    )
+    assert_array_equal(again.motion.poses, kept.motion.poses)
