@@ -7,6 +7,7 @@ is silent, because its window is closed, time stands still.
 import io
 import json
 import queue
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +20,6 @@ from typing import Any, Final, Protocol
 from PIL import Image
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_experiments.files.plain_data import parsed_json
 from gplfd_experiments.teaching.lead import checked_input
@@ -211,7 +211,8 @@ def serve(session: Session, task: str, *, device: str, host: str, port: int) -> 
         raise OSError(error.errno, f"{error.strerror}; give another --port") from error
     with server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        LOG.info("%s at  http://%s:%d", task, host, server.server_port)
+        # Not a message that --quiet leaves out: without it nobody finds the page.
+        print(f"{task} at  http://{host}:{server.server_port}", file=sys.stderr)
         while session.phase != "finished":
             body, reply = requests.get()
             try:
