@@ -103,14 +103,9 @@ def layout(
 
     Both 3-D views look from points fixed in the task frame, so that every door is seen
     alike, one with its hinge on the left in the mirror; the axes of the panels fit
-    themselves to what there is.
-
-    Args:
-        kinds: Names of the disturbances.
-        there: Names of what `gplfd_experiments.recording.mechanism` shows.
-        hinge: Where the door's hinge is.
-        forces: Whether the policy expects forces.
-        live: Whether time follows what comes in, and does not play what is there.
+    themselves to what there is. ``kinds`` are names of disturbances, ``there`` of what
+    `gplfd_experiments.recording.mechanism` shows, and ``forces`` says whether the
+    policy expects any. A live view follows the time of what comes in.
     """
     scene_eye, plan_eye = _SCENE_EYE, _PLAN_EYE
     if "base" in there:

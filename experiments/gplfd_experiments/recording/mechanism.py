@@ -109,9 +109,27 @@ def mechanism(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
             rows, states = zip(*new, strict=True)
             columns = rr.StateChange.columns(state=states)
             yield moving(LATCH, log.times[list(rows)], columns)
+    # The tendon that is a closer's arm, where it has a colour.
     tendons = [model.tendon(index).name for index in range(model.ntendon)]
-    if CLOSER_ARM in tendons:
-        yield from _arm(part, model, tendons.index(CLOSER_ARM))
+    if CLOSER_ARM not in tendons:
+        return
+    arm = model.tendon(CLOSER_ARM).id
+    if model.tendon_rgba[arm, 3] == 0.0:
+        return
+    frames, data = part.frames(), mujoco.MjData(model)
+    sites = [model.site(f"closer_{end}").id for end in ("spindle", "foot")]
+    strips = np.empty((frames.size, 2, 3), np.float32)
+    for row, frame in enumerate(frames):
+        data.qpos[:] = log.qpos[frame]
+        mujoco.mj_kinematics(model, data)
+        strips[row] = data.site_xpos[sites]
+    if part.first_row == 0:
+        tint = (255.0 * model.tendon_rgba[arm]).round().astype(np.uint8)
+        radius = model.tendon_width[arm]
+        yield static(ARM, rr.LineStrips3D.from_fields(colors=tint, radii=radius))
+    columns = rr.LineStrips3D.columns(strips=strips)
+    each = columns.partition(np.ones(frames.size, int))
+    yield moving(ARM, log.times[frames], each)
 
 
 def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]:
@@ -124,28 +142,6 @@ def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]
     rows = np.flatnonzero(np.diff(back, prepend=~back[:1]))
     thrown, held = BOLT_STATES
     return [(int(row), held if back[row] else thrown) for row in rows]
-
-
-def _arm(part: Part, model: mujoco.MjModel, arm: int) -> Iterator[Chunk]:
-    """Draw the tendon that is a closer's arm, where it has a colour."""
-    colour = model.tendon_rgba[arm]
-    if colour[3] == 0.0:
-        return
-    frames = part.frames()
-    data = mujoco.MjData(model)
-    sites = [model.site(f"closer_{end}").id for end in ("spindle", "foot")]
-    strips = np.empty((frames.size, 2, 3), np.float32)
-    for row, frame in enumerate(frames):
-        data.qpos[:] = part.log.qpos[frame]
-        mujoco.mj_kinematics(model, data)
-        strips[row] = data.site_xpos[sites]
-    if part.first_row == 0:
-        tint = (255.0 * colour).round().astype(np.uint8)
-        radius = model.tendon_width[arm]
-        yield static(ARM, rr.LineStrips3D.from_fields(colors=tint, radii=radius))
-    columns = rr.LineStrips3D.columns(strips=strips)
-    each = columns.partition(np.ones(frames.size, int))
-    yield moving(ARM, part.log.times[frames], each)
 
 
 def _positions(log: EpisodeLog, model: mujoco.MjModel, joint: str) -> FloatArray:

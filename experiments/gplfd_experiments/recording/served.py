@@ -28,8 +28,7 @@ _LOG: Final = "/events"
 def recording_of(file: Path) -> Path:
     """Return a file itself, or the recording made beside it if it is a journal.
 
-    Raises:
-        ValueError: The journal is damaged or holds no message.
+    Raises ValueError for a journal that is damaged or holds no message.
     """
     if not file.is_file():
         return file
