@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.figures.fig07_region import PLANE, arc, shade_region
-from gplfd_experiments.analysis.figures.hindsight import decisions, expectation
+from gplfd_experiments.analysis.figures.fig09_adaptation import decisions, expectation
 from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray

@@ -20,26 +20,25 @@ from gplfd_experiments.analysis.report.sentences import (
     rate_sentence,
     value_sentence,
 )
-from gplfd_experiments.analysis.results.grouping import (
-    Runs,
-    by_door_kind,
-    closed_because,
-    counted,
-    door_name,
-    numbers,
-    of_split,
-    ranked,
-)
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
     HEADLINES,
     TESTED,
     WALL_TIME,
+    Runs,
+    by_door_kind,
+    closed_because,
+    counted,
+    door_name,
     median,
     number_text,
+    numbers,
+    of_split,
+    ranked,
+    shift_cell,
 )
-from gplfd_experiments.analysis.results.records import (
+from gplfd_experiments.analysis.results.reading import (
     SPLITS,
     UNDEMONSTRATED,
     EpisodeResult,
@@ -103,28 +102,13 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
     episodes = _all(conditions)
     splits = [split for split in SPLITS if any(one.split == split for one in episodes)]
 
-    def rate(split: str, own: Episodes) -> str:
-        here = [one for one in own if one.split == split]
-        return _rate(_SOLVED, here) if here else "not run"
-
-    def force(split: str, own: Episodes) -> str:
-        here = [one for one in own if one.split == split]
-        forces = numbers({"": here}, _FORCE)[""]
-        if not forces:
-            return "none opened" if here else "not run"
-        typical = shift(*paired(forces, dict.fromkeys(forces, 0.0)).per_seed())
-        text = _FORCE.text(typical.estimate)
-        if typical.n < FEWEST_PAIRS:
-            return text
-        return f"{text}\n{_FORCE.text(typical.low)} to {_FORCE.text(typical.high)}"
-
-    columns: dict[str, Callable[[Episodes], str]] = {
-        "seeds": lambda own: str(len({one.task.seed for one in own})),
-        **{f"opened,\n{split}": partial(rate, split) for split in splits},
-        **{f"radial force [N],\n{split}": partial(force, split) for split in splits},
-        "not opened because": lambda own: literal(closed_because(own)),
-        "errors": lambda own: str(sum(bool(one.error) for one in own)),
-    }
+    columns = (
+        "seeds",
+        *(f"opened,\n{split}" for split in splits),
+        *(f"radial force [N],\n{split}" for split in splits),
+        "not opened because",
+        "errors",
+    )
     empty = ("",) * len(columns)
     several_kinds = len(by_door_kind(episodes)) > 1
     rows: list[tuple[str, ...]] = []
@@ -135,17 +119,32 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
             if parts:
                 rows.append((f"**{literal(': '.join(parts))}**", *empty))
             order = ranked(group)
-            able = [
+            rest = [
                 policy
                 for policy, own in order.items()
-                if any(one.opened() for one in own)
+                if not any(one.opened() for one in own)
             ]
-            rest = [policy for policy in order if policy not in able]
-            for policy in (*able, *rest):
+            for policy in sorted(order, key=rest.__contains__):
+                own = order[policy]
                 if rest and policy == rest[0]:
                     rows.append(("**opened no door (not ranked)**", *empty))
+                rates, forces = [], []
+                for split in splits:
+                    some = [one for one in own if one.split == split]
+                    rates.append(_rate(_SOLVED, some) if some else "not run")
+                    values = numbers({policy: some}, _FORCE)[policy]
+                    zeros = dict.fromkeys(values, 0.0)
+                    force = "none opened" if some else "not run"
+                    if values:
+                        typical = shift(*paired(values, zeros).per_seed())
+                        force = shift_cell(typical, _FORCE.digits)
+                    forces.append(force)
+                cells = (
+                    *(str(len({one.task.seed for one in own})), *rates, *forces),
+                    literal(closed_because(own)),
+                    str(sum(bool(one.error) for one in own)),
+                )
                 known = "\nknows the door" if policy in PRIVILEGED else ""
-                cells = (cell(order[policy]) for cell in columns.values())
                 rows.append((f"{code(policy)}{known}", *cells))
     note = (
         "**Opened:** doors opened by 60° and held there for 0.5 s with the handle in "

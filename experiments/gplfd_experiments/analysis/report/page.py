@@ -11,11 +11,17 @@ from gplfd_experiments.analysis.report import (
     recordings,
     trials,
 )
-from gplfd_experiments.analysis.report.document import Document, Section, code
+from gplfd_experiments.analysis.report.document import (
+    FIGURES,
+    Document,
+    Section,
+    code,
+    html_page,
+    markdown_page,
+)
 from gplfd_experiments.analysis.report.sentences import PRIVILEGED
-from gplfd_experiments.analysis.report.writing import FIGURES, html_page, markdown_page
-from gplfd_experiments.analysis.results.grouping import by_condition, counted, ranked
-from gplfd_experiments.analysis.results.records import StudyResults
+from gplfd_experiments.analysis.results.measures import by_condition, counted, ranked
+from gplfd_experiments.analysis.results.reading import StudyResults
 from gplfd_experiments.analysis.results.trials import FILE as ANSWERS
 from gplfd_experiments.analysis.results.trials import trial_answers
 from gplfd_experiments.files.plain_data import write_json

@@ -12,18 +12,16 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.results.aggregates import performance_profile
-from gplfd_experiments.analysis.results.grouping import (
-    Runs,
-    door_name,
-    grouped,
-)
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
+    Runs,
+    door_name,
+    grouped,
 )
-from gplfd_experiments.analysis.results.records import (
+from gplfd_experiments.analysis.results.reading import (
     NON_STANDARD,
     EpisodeResult,
     LearningTestResult,

@@ -21,16 +21,18 @@ from gplfd_experiments.analysis.report.document import (
 )
 from gplfd_experiments.analysis.report.plots import LeftOut, coverage, prediction_scores
 from gplfd_experiments.analysis.report.sentences import value_sentence
-from gplfd_experiments.analysis.results.grouping import by_condition, by_policy, numbers
 from gplfd_experiments.analysis.results.measures import (
     FORCE_MEASURES,
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
     RECORDED_MEASURES,
     Measure,
+    by_condition,
+    by_policy,
     median,
+    numbers,
 )
-from gplfd_experiments.analysis.results.records import (
+from gplfd_experiments.analysis.results.reading import (
     LearningTestResult,
     RecordedResult,
 )

@@ -17,10 +17,14 @@ from gplfd_experiments.analysis.report.plots import (
 )
 from gplfd_experiments.analysis.report.recordings import link_trial
 from gplfd_experiments.analysis.results.aggregates import probability_of_improvement
-from gplfd_experiments.analysis.results.grouping import Runs
-from gplfd_experiments.analysis.results.measures import number_text
-from gplfd_experiments.analysis.results.records import EpisodeResult, StudyResults
-from gplfd_experiments.analysis.results.statistics import Rate, Shift, success_rate
+from gplfd_experiments.analysis.results.measures import (
+    Runs,
+    interval_text,
+    number_text,
+    shift_cell,
+)
+from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
+from gplfd_experiments.analysis.results.statistics import Rate, success_rate
 from gplfd_experiments.analysis.results.trials import (
     RADIAL,
     SHARES,
@@ -256,17 +260,6 @@ def ordered(trial: Trial, policies: ByLevel) -> dict[str, Runs]:
 
 def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
     """Return a row per policy and level, with all measures of the trial."""
-
-    def cell(episodes: Sequence[EpisodeResult], measure: str) -> str:
-        found = summary(episodes, measure)
-        if found is None:
-            return "no value"
-        if isinstance(found, Rate):
-            return found.cell
-        digits = _digits(measure)
-        text = f"{number_text(found.estimate, digits)}\n{_interval(found, digits)}"
-        return text.strip()
-
     rows: list[tuple[str, ...]] = []
     for level, own in levels.items():
         if len(trial.levels) > 1:
@@ -276,7 +269,14 @@ def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
             name = code(policy) if kind == "method" else f"{code(policy)} ({kind})"
             if errors := sum(bool(one.error) for one in episodes):
                 name += f"\nerrors: {errors}"
-            cells = (cell(episodes, measure) for measure in trial.measures)
+            cells = []
+            for measure in trial.measures:
+                found = summary(episodes, measure)
+                if isinstance(found, Rate):
+                    cells.append(found.cell)
+                else:
+                    digits = _digits(measure)
+                    cells.append(shift_cell(found, digits) if found else "no value")
             rows.append((name, *cells))
     return Table(
         columns=("policy", *(MEASURES[name][0] for name in trial.measures)),
@@ -291,19 +291,13 @@ def aggregate_table(
     arrays: Mapping[str, FloatArray], measure: str, reference: str
 ) -> Table:
     """Return interquartile means and probabilities of improvement, the best first."""
-
-    def cell(found: Shift, digits: int) -> str:
-        known = math.isfinite(found.estimate)
-        text = f"{number_text(found.estimate, digits)}\n{_interval(found, digits)}"
-        return text.strip() if known else "–"
-
     means = {policy: middle(own, measure) for policy, own in arrays.items()}
     sign = 1.0 if MEASURES[measure][1] == "less" else -1.0
     rows = []
     for policy in sorted(means, key=lambda one: (sign * means[one].estimate, one)):
         both = arrays.get(reference, arrays[policy]), arrays[policy]
-        better = cell(probability_of_improvement(*both), 2)
-        rows.append((code(policy), cell(means[policy], _digits(measure)), better))
+        better = shift_cell(probability_of_improvement(*both), 2)
+        rows.append((code(policy), shift_cell(means[policy], _digits(measure)), better))
     head = f"{MEASURES[measure][0]}, interquartile mean"
     return Table(
         columns=("policy", head, f"P({reference} better)"),
@@ -366,14 +360,8 @@ def _difference(answer: Answer) -> str:
     if ends:
         digits = max(digits, min(-math.floor(math.log10(min(ends))), 3))
     estimate = number_text(found.estimate, digits, signed=True)
-    interval = _interval(found, digits)
+    interval = interval_text(found, digits)
     return f"{estimate} ({interval})" if interval else estimate
-
-
-def _interval(found: Shift, digits: int) -> str:
-    if math.isinf(found.low) or math.isinf(found.high):
-        return ""  # Too few seeds, or too many failures.
-    return " to ".join(number_text(end, digits) for end in (found.low, found.high))
 
 
 def _digits(measure: str) -> int:

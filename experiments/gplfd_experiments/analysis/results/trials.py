@@ -13,8 +13,8 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from gplfd_experiments.analysis.results.aggregates import interquartile_mean
-from gplfd_experiments.analysis.results.grouping import Runs, by_policy, grouped
-from gplfd_experiments.analysis.results.records import EpisodeResult, StudyResults
+from gplfd_experiments.analysis.results.measures import Runs, by_policy, grouped
+from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
 from gplfd_experiments.analysis.results.statistics import (
     Key,
     Pairs,
