@@ -46,7 +46,6 @@ from gplfd_experiments.analysis.results.reading import (
 from gplfd_experiments.analysis.results.statistics import (
     FEWEST_PAIRS,
     Key,
-    Pairs,
     holm,
     paired,
     shift,
@@ -346,37 +345,30 @@ def tests_section(conditions: Mapping[str, Runs], reference: str) -> Section:
 
 def _paired_tests(runs: Runs, reference: str) -> Table:
     """Compare the reference with every other policy on the same tasks."""
-
-    def tests(
-        values: Mapping[str, Mapping[Key, float]], show: Callable[[Pairs], str]
-    ) -> dict[str, str]:
-        """Return a column by policy, its p-values corrected for all of them."""
-        every = {other: paired(values[reference], values[other]) for other in values}
-        pairs = {
-            other: both
-            for other, both in every.items()
-            if other != reference and both.seeds
-        }
-        corrected = holm([signed_rank(*both.per_seed()) for both in pairs.values()])
-        column = {}
-        for (other, both), p in zip(pairs.items(), corrected, strict=True):
-            text = "p < 0.001" if p < 1e-3 else f"p {p:.3f}"
-            text = f"**{text}**" if p < 0.05 else text
-            column[other] = f"{show(both)}\n{text}, n {len(set(both.seeds))}"
-        return column
-
-    def wins(pairs: Pairs) -> str:
-        both = list(zip(pairs.first, pairs.second, strict=True))
-        return f"{sum(a > b for a, b in both)} : {sum(b > a for a, b in both)}"
-
-    def difference(digits: int, pairs: Pairs) -> str:
-        typical = shift(*pairs.per_seed()).estimate
-        return number_text(typical, digits, signed=True)
-
-    columns = {"opened to 60°": tests(_successes(runs), wins)}
-    for measure in TESTED:
-        show = partial(difference, measure.digits)
-        columns[measure.title] = tests(numbers(runs, measure), show)
+    measured: dict[str, Mapping[str, Mapping[Key, float]]] = {
+        "opened to 60°": _successes(runs),
+        **{measure.title: numbers(runs, measure) for measure in TESTED},
+    }
+    digits = {measure.title: measure.digits for measure in TESTED}
+    cells: dict[str, list[str]] = {other: [] for other in runs if other != reference}
+    for title, values in measured.items():
+        pairs = {other: paired(values[reference], values[other]) for other in cells}
+        both = [other for other in cells if pairs[other].seeds]
+        corrected = holm([signed_rank(*pairs[other].per_seed()) for other in both])
+        for other, p in zip(both, corrected, strict=True):
+            pair = pairs[other]
+            if title in digits:
+                typical = shift(*pair.per_seed()).estimate
+                text = number_text(typical, digits[title], signed=True)
+            else:
+                doors = list(zip(pair.first, pair.second, strict=True))
+                won, lost = sum(a > b for a, b in doors), sum(b > a for a, b in doors)
+                text = f"{won} : {lost}"
+            said = "p < 0.001" if p < 1e-3 else f"p {p:.3f}"
+            said = f"**{said}**" if p < 0.05 else said
+            cells[other].append(f"{text}\n{said}, n {len(set(pair.seeds))}")
+        for other in cells.keys() - both:
+            cells[other].append("–")
     note = (
         f"{code(reference)} against each other policy on the same doors and seeds. "
         f"Success: doors that only one of the two opened ({code(reference)} : other). "
@@ -385,12 +377,8 @@ def _paired_tests(runs: Runs, reference: str) -> Table:
         "signed ranks of the mean difference of each seed, as doors of a seed share "
         "what was learned from. p after Holm for all tests of a column; n seeds."
     )
-    rows = tuple(
-        (code(other), *(column.get(other, "–") for column in columns.values()))
-        for other in runs
-        if other != reference
-    )
-    return Table(columns=("against", *columns), rows=rows, note=note)
+    rows = tuple((code(other), *own) for other, own in cells.items())
+    return Table(columns=("against", *measured), rows=rows, note=note)
 
 
 def _successes(runs: Runs, *, held: bool = False) -> dict[str, dict[Key, bool]]:
