@@ -8,7 +8,6 @@ curves.
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import mujoco
@@ -93,57 +92,54 @@ def _beside_path(log: EpisodeLog) -> FloatArray:
 RADIAL: Final = "force_radial_peak"
 """What policies are compared by if nothing else is said."""
 
-MEASURED: Final[Mapping[str, Measured]] = MappingProxyType(
-    {
-        RADIAL: Measured(
-            "radial",
-            "Radial force [N]: fights the hinge",
-            lambda log: np.abs(log.force_radial),
-            ("radial peak", "N"),
-            "**Radial force** does no work: it tells that the path does not fit the "
-            "door.",
+MEASURED: Final[Mapping[str, Measured]] = {
+    RADIAL: Measured(
+        "radial",
+        "Radial force [N]: fights the hinge",
+        lambda log: np.abs(log.force_radial),
+        ("radial peak", "N"),
+        "**Radial force** does no work: it tells that the path does not fit the door.",
+    ),
+    "force_handle_peak": Measured(
+        "handle",
+        "Force at the handle [N]",
+        lambda log: np.linalg.norm(
+            (log.force_tangential, log.force_radial, log.force_vertical), axis=0
         ),
-        "force_handle_peak": Measured(
-            "handle",
-            "Force at the handle [N]",
-            lambda log: np.linalg.norm(
-                (log.force_tangential, log.force_radial, log.force_vertical), axis=0
-            ),
-            ("peak at the handle", "N"),
-            "**Force at the handle** is what the hand must hold.",
-        ),
-        "person_force_peak": Measured(
-            "person",
-            "Force on the person [N]",
-            lambda log: log.person_force,
-            ("on the person", "N"),
-            "**Force on the person:** ISO/TS 15066 allows a hand 140 N, and 280 N for "
-            "an instant.",
-        ),
-        "stop_force_sustained": Measured(
-            "stop",
-            "Force on the stop [N]",
-            lambda log: log.stop_force,
-            ("on the stop", "N"),
-            "**Force on the stop** is that of the door, as if at the handle.",
-        ),
-        "grasp_kept": Measured(
-            "slip",
-            "Slip of the hand on the handle [mm]",
-            lambda log: 1e3 * log.slip,
-            ("slip", "mm"),
-            "**Slip** is how far the hand is from where it took hold.",
-        ),
-        "push_displacement_mm": Measured(
-            "beside",
-            "Hand beside its path [mm]",
-            _beside_path,
-            ("beside its path", "mm"),
-            "**Beside its path** is how far the hand is from where the policy wants "
-            "it, or from the command if it has no path.",
-        ),
-    }
-)
+        ("peak at the handle", "N"),
+        "**Force at the handle** is what the hand must hold.",
+    ),
+    "person_force_peak": Measured(
+        "person",
+        "Force on the person [N]",
+        lambda log: log.person_force,
+        ("on the person", "N"),
+        "**Force on the person:** ISO/TS 15066 allows a hand 140 N, and 280 N for "
+        "an instant.",
+    ),
+    "stop_force_sustained": Measured(
+        "stop",
+        "Force on the stop [N]",
+        lambda log: log.stop_force,
+        ("on the stop", "N"),
+        "**Force on the stop** is that of the door, as if at the handle.",
+    ),
+    "grasp_kept": Measured(
+        "slip",
+        "Slip of the hand on the handle [mm]",
+        lambda log: 1e3 * log.slip,
+        ("slip", "mm"),
+        "**Slip** is how far the hand is from where it took hold.",
+    ),
+    "push_displacement_mm": Measured(
+        "beside",
+        "Hand beside its path [mm]",
+        _beside_path,
+        ("beside its path", "mm"),
+        "**Beside its path** is how far the hand is from where the policy wants "
+        "it, or from the command if it has no path.",
+    ),
+}
 """By the name of the metric that an episode's number becomes."""
 
 

@@ -6,7 +6,6 @@ nothing is made.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -48,26 +47,24 @@ class Kind(NamedTuple):
         return acts
 
 
-KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
-    {
-        "push": Kind(lambda log: log.push_force, "N", "a push begins", "the push ends"),
-        "person": Kind(
-            lambda log: log.person_force,
-            "N",
-            "contact with a person",
-            "the person lets go",
-        ),
-        "stop": Kind(
-            lambda log: log.stop_force, "N", "the door meets a stop", "the stop is gone"
-        ),
-        "bump": Kind(
-            lambda log: 1e3 * log.base_shift,
-            "mm",
-            "the base is moved",
-            "the base stands again",
-        ),
-    }
-)
+KINDS: Final[Mapping[str, Kind]] = {
+    "push": Kind(lambda log: log.push_force, "N", "a push begins", "the push ends"),
+    "person": Kind(
+        lambda log: log.person_force,
+        "N",
+        "contact with a person",
+        "the person lets go",
+    ),
+    "stop": Kind(
+        lambda log: log.stop_force, "N", "the door meets a stop", "the stop is gone"
+    ),
+    "bump": Kind(
+        lambda log: 1e3 * log.base_shift,
+        "mm",
+        "the base is moved",
+        "the base stands again",
+    ),
+}
 """What a log tells, by the names of `gplfd_env.doors.disturbance.Disturbance`."""
 
 

@@ -223,7 +223,21 @@ def _viewer_process(*, serve: bool) -> Iterator[tuple[subprocess.Popen[bytes], s
     # Only what goes wrong, unless the user asks for more.
     process = subprocess.Popen(command, env={"RUST_LOG": "warn", **os.environ})
     try:
-        _wait_for(process, port)
+        # Until something listens at the port.
+        deadline, listening = time.monotonic() + _START_TIMEOUT, False
+        while not listening:
+            if process.poll() is not None:
+                raise OSError(
+                    f"the viewer ended with status {process.returncode}; without a "
+                    "screen or graphics driver, `gplfd view --live --serve` serves a "
+                    "browser"
+                )
+            if time.monotonic() >= deadline:
+                raise OSError(f"the viewer did not answer within {_START_TIMEOUT:g} s")
+            with contextlib.suppress(OSError):
+                socket.create_connection((LOOPBACK, port), timeout=1.0).close()
+                listening = True
+            time.sleep(0.05)
         if serve:
             address = f"http://{LOOPBACK}:{web_port}/?url={quote(url, safe='')}"
             LOG.info("watch it at  %s", address)
@@ -233,21 +247,3 @@ def _viewer_process(*, serve: bool) -> Iterator[tuple[subprocess.Popen[bytes], s
     finally:
         process.terminate()
         process.wait()
-
-
-def _wait_for(process: subprocess.Popen[bytes], port: int) -> None:
-    """Wait until something listens at the port, or raise OSError."""
-    deadline = time.monotonic() + _START_TIMEOUT
-    while time.monotonic() < deadline:
-        if process.poll() is not None:
-            raise OSError(
-                f"the viewer ended with status {process.returncode}; without a screen "
-                "or graphics driver, `gplfd view --live --serve` serves a browser"
-            )
-        with (
-            contextlib.suppress(OSError),
-            socket.create_connection((LOOPBACK, port), timeout=1.0),
-        ):
-            return
-        time.sleep(0.05)
-    raise OSError(f"the viewer did not answer within {_START_TIMEOUT:g} s")

@@ -5,7 +5,6 @@ them. What there is follows from model and door alone, before anything has happe
 """
 
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import mujoco
@@ -28,9 +27,10 @@ LATCH: Final = f"{lanes.ROOT}/latch"
 ARM: Final = "/world/scene/closer_arm"
 """Entity of a closer's arm, in the world's axes."""
 
-BOLT_STATES: Final[Mapping[str, colours.Colour]] = MappingProxyType(
-    {"bolt thrown": colours.MARK, "bolt held back": colours.HAND}
-)
+BOLT_STATES: Final[Mapping[str, colours.Colour]] = {
+    "bolt thrown": colours.MARK,
+    "bolt held back": colours.HAND,
+}
 
 _CLOSING: Final = (
     "closer_preload", "closer_stiffness", "closer_boost", "closer_friction",
@@ -46,33 +46,28 @@ class Panel(NamedTuple):
     """
 
     title: str
-    joints: Mapping[str, tuple[Line, float]] = MappingProxyType({})
+    joints: Mapping[str, tuple[Line, float]]
 
 
-_BASE_LINES: Final = (
-    Line("x, ahead [m]", colours.AXIS_X),
-    Line("y, to the left [m]", colours.AXIS_Z),
-    Line("turn [rad]", colours.ADAPTED),
+_BASE_CURVES: Final = (
+    (Line("x, ahead [m]", colours.AXIS_X), 1.0),
+    (Line("y, to the left [m]", colours.AXIS_Z), 1.0),
+    (Line("turn [rad]", colours.ADAPTED), 1.0),
 )
-PANELS: Final[Mapping[str, Panel]] = MappingProxyType(
-    {
-        "handle": Panel(
-            "Handle [deg]", {"handle": (Line("handle", colours.HAND), 180.0 / np.pi)}
-        ),
-        "latch": Panel(
-            "Bolt, held back by [mm]",
-            {"bolt": (Line("bolt held back", colours.HAND), 1e3)},
-        ),
-        "closer": Panel("Closing torque [N m]: closer, seal, stiction"),
-        "base": Panel(
-            "Base [m, rad]",
-            {
-                joint: (line, 1.0)
-                for joint, line in zip(BASE_JOINTS, _BASE_LINES, strict=True)
-            },
-        ),
-    }
-)
+PANELS: Final[Mapping[str, Panel]] = {
+    "handle": Panel(
+        "Handle [deg]", {"handle": (Line("handle", colours.HAND), 180.0 / np.pi)}
+    ),
+    "latch": Panel(
+        "Bolt, held back by [mm]",
+        {"bolt": (Line("bolt held back", colours.HAND), 1e3)},
+    ),
+    "closer": Panel("Closing torque [N m]: closer, seal, stiction", {}),
+    "base": Panel(
+        "Base [m, rad]",
+        dict(zip(BASE_JOINTS, _BASE_CURVES, strict=True)),
+    ),
+}
 """By the entity below `gplfd_experiments.recording.panels.ROOT`."""
 
 

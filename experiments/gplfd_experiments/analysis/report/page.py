@@ -36,14 +36,9 @@ def write_report(
 ) -> Path:
     """Write report.html, report.md, figures/ and, of trials, trials.json.
 
-    Args:
-        results: What is reported.
-        study: Folder of the study, for links to its recordings.
-        out: Folder to write to; the study's by default.
-        reference: Policy with which the others are compared; else the best.
-
-    Returns:
-        The path of the HTML page.
+    They are written to ``out``, by default the study's folder, to whose recordings they
+    link. The others are compared with the reference, else the best. Returns the path of
+    the HTML page.
     """
     folder = study if out is None else out
     document = report(results, study, folder, reference)
