@@ -5,12 +5,12 @@ A file that cannot be read is named, with the reason.
 
 import dataclasses
 import json
+import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from gplfd_env.conventions.constants import Start
 from gplfd_env.doors.config import DoorConfig, door_config
 from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_env.doors.randomization import door_randomization
@@ -19,11 +19,10 @@ from gplfd_experiments.data.teacher import Habits, TeacherConfig
 from gplfd_experiments.episodes.failures import failure_name
 from gplfd_experiments.episodes.task import EpisodeTask, Task, TaughtTask
 from gplfd_experiments.files.plain_data import NewerFormatError, entry, read_json
-from gplfd_experiments.studies.learning_tests.folds import HELD_OUT
 from gplfd_experiments.studies.result_format import POLICY_ERROR, lost, outcome
 from gplfd_experiments.studies.settings import Condition
 from gplfd_experiments.studies.store import STUDY, read_study
-from gplfd_experiments.studies.tasks import RecordedTask, SkillTask, task_from
+from gplfd_experiments.studies.tasks import KINDS, RecordedTask, SkillTask, task_from
 
 DEMONSTRATED: Final = "demonstrated radii"
 UNDEMONSTRATED: Final = "new radii"
@@ -172,39 +171,6 @@ _SAME_RADIUS: Final = 1e-3
 _LONGEST: Final = 200
 """Characters of a name, and of a reason."""
 
-_TAUGHT: Final[Mapping[str, Any]] = {
-    "policy": str,
-    "seed": int,
-    "demonstrations_per_door": int,
-    "teacher": dict[str, float],
-}
-_REQUIRED: Final[Mapping[str, Mapping[str, Any]]] = {
-    "episode": {
-        **_TAUGHT,
-        "door": str,
-        "door_config": dict[str, float | str | None],
-        "randomization": str | dict[str, Any],
-    },
-    "skill": _TAUGHT,
-    "recorded": {"policy": str, "seed": int, "recordings": str},
-}
-"""Fields that a task must have, by its kind."""
-_OPTIONAL: Final = {
-    "disturbance": str | dict[str, Any],
-    "demonstrated_radii": tuple[float, ...],
-    "demonstrated_kind": dict[str, str] | None,
-    "demonstrated_hardware": tuple[dict[str, float | str], ...],
-    "base": str,
-    "robot": str,
-    "environment_version": int,
-    "start": Start,
-    "habits": dict[str, float] | None,
-    "demonstrated_forces": bool,
-    "prior_radius": float | None,
-    "trial": str,
-    "level": str,
-}
-"""Fields that most episodes' files leave out."""
 _CLOSED_BY_ERROR: Final[Mapping[str, Any]] = {
     "success": False,
     "failure": POLICY_ERROR,
@@ -365,23 +331,27 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
 def _task(fields: Mapping[str, Any]) -> Task:
     """Return the task of a file whose every field has been checked."""
     kind = entry(fields, "kind", str)
-    if kind not in _REQUIRED:
-        raise ValueError(f"kind = {kind[:_LONGEST]!r} must be one of {[*_REQUIRED]}")
-    for name, type_ in _REQUIRED[kind].items():
+    if kind not in KINDS:
+        raise ValueError(f"kind = {kind[:_LONGEST]!r} must be one of {[*KINDS]}")
+    types = typing.get_type_hints(KINDS[kind])
+    for one in dataclasses.fields(KINDS[kind]):
+        # Most files leave such a field out.
+        optional = "omitted" in one.metadata
+        if optional and one.name not in fields:
+            continue
+        name, type_ = one.name, types[one.name]
         value = entry(fields, name, type_)
-        if type_ is str and not (value.isprintable() and 0 < len(value) <= _LONGEST):
-            raise ValueError(f"{name} = {value[:_LONGEST]!r} is not a name in one line")
-        if type_ is int and value < 0:
+        if type_ is str and not optional:
+            if not (value.isprintable() and 0 < len(value) <= _LONGEST):
+                text = value[:_LONGEST]
+                raise ValueError(f"{name} = {text!r} is not a name in one line")
+        elif type_ is int and value < 0:
             raise ValueError(f"{name} = {value} must be 0 or more")
-    for name in _OPTIONAL.keys() & fields.keys():
-        entry(fields, name, _OPTIONAL[name])
     task = task_from(fields)
     if isinstance(task, EpisodeTask):
         door_randomization(task.randomization)
         disturbance_named(task.disturbance)
         Habits(**(task.habits or {}))
-    elif isinstance(task, SkillTask) and task.held_out not in HELD_OUT:
-        raise ValueError(f"held_out must be one of {HELD_OUT}, got {task.held_out!r}")
     return task
 
 
