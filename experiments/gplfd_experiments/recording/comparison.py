@@ -27,6 +27,7 @@ from gplfd_experiments.recording.episode import check_model, static_chunks
 from gplfd_experiments.recording.layout import (
     TEXT,
     Eye,
+    Plot,
     as_chunks,
     only,
     series_view,
@@ -170,14 +171,32 @@ def record_comparison(
                 "shows one door"
             )
         check_model(log, model)
-    measured = MEASURED[measure]
+    first, measured = logs[0], MEASURED[measure]
+    greatest, unit = measured.greatest
+    rows = "\n".join(
+        f"| {log.policy} | "
+        f"{'opened' if log.success else failure_name(log.failure, '')} | "
+        f"{_widest(log):.0f}° | "
+        f"{float(measured.values(log).max()):.1f} {unit} |"
+        for log in logs
+    )
+    text = f"""\
+### {heading or f"{len(logs)} policies at the {first.door} door"}
+
+| policy | outcome | widest | {greatest} |
+|---|---|---|---|
+{rows}
+
+All learned from the same demonstrations and are at the same door (handle at \
+{first.radius:g} m, seed {first.seed}), on one clock. {measured.meaning} The tube is \
+what a policy believes the rest of the motion to be, ±1.96 σ; green is the handle's \
+true arc.
+"""
+    page = rr.TextDocument(text, media_type="text/markdown")
     with recording_file(path, _layout(logs, model, measured)) as stream:
-        stream.send_recording_name(f"{logs[0].door} door, {len(logs)} policies")
-        page = rr.TextDocument(
-            _about(logs, measured, heading), media_type="text/markdown"
-        )
+        stream.send_recording_name(f"{first.door} door, {len(logs)} policies")
         stream.send_chunks(static(TEXT, page))
-        door = motion.door_frame(model, logs[0].config, demonstrations)
+        door = motion.door_frame(model, first.config, demonstrations)
         stream.send_chunks(_moved_to(_OVERLAY, door))
         # The angle from which on a door counts as opened.
         angle = math.degrees(SUCCESS_ANGLE)
@@ -245,29 +264,6 @@ def _widest(log: EpisodeLog) -> float:
     return math.degrees(float(log.door_angle.max()))
 
 
-def _about(logs: Sequence[EpisodeLog], measured: Measured, heading: str) -> str:
-    first, (greatest, unit) = logs[0], measured.greatest
-    rows = "\n".join(
-        f"| {log.policy} | "
-        f"{'opened' if log.success else failure_name(log.failure, '')} | "
-        f"{_widest(log):.0f}° | "
-        f"{float(measured.values(log).max()):.1f} {unit} |"
-        for log in logs
-    )
-    return f"""\
-### {heading or f"{len(logs)} policies at the {first.door} door"}
-
-| policy | outcome | widest | {greatest} |
-|---|---|---|---|
-{rows}
-
-All learned from the same demonstrations and are at the same door (handle at \
-{first.radius:g} m, seed {first.seed}), on one clock. {measured.meaning} The tube is \
-what a policy believes the rest of the motion to be, ±1.96 σ; green is the handle's \
-true arc.
-"""
-
-
 def _layout(
     logs: Sequence[EpisodeLog], model: mujoco.MjModel, measured: Measured
 ) -> tuple[Chunk, ...]:
@@ -290,8 +286,8 @@ def _layout(
         [f"{_OVERLAY}/**"],
         Eye(above, target, (1.0, 0.0, 0.0)),
     )
-    angle = series_view(_ANGLE, "Door angle [deg]", "LeftTop")
-    curves = series_view(f"{_PLOTS}/{measured.panel}", measured.title)
+    angle = series_view(Plot("angle", "Door angle [deg]", "LeftTop"), _PLOTS)
+    curves = series_view(Plot(measured.panel, measured.title), _PLOTS)
     about = rrb.TextDocumentView(origin=TEXT, name="What is seen")
     panels = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
     return as_chunks(only(rrb.Vertical(robots, panels, row_shares=[5, 4])))

@@ -12,6 +12,7 @@ from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.layout import (
     TEXT,
     Eye,
+    Plot,
     as_chunks,
     only,
     series_view,
@@ -109,7 +110,7 @@ Playing takes {movement.duration:.1f} s, the recordings' mean duration.
     eye = Eye(middle + size * np.array([1.2, 1.0, 1.2]), middle, (0.0, 1.0, 0.0))
     scene = view_3d("What was shown and learned", _SCENE, [f"{_SCENE}/**"], eye)
     about = rrb.TextDocumentView(origin=TEXT, name="About")
-    plots = [series_view(f"{_PLOTS}/{name}", title) for name, title, _ in _OUTPUTS]
+    plots = [series_view(Plot(*each[:2]), _PLOTS) for each in _OUTPUTS]
     views = rrb.Horizontal(
         rrb.Vertical(scene, about, row_shares=[4, 1]),
         rrb.Vertical(*plots[:3]),

@@ -108,8 +108,7 @@ def _say_ideas(section: Section, answers: Mapping[str, Sequence[Answer]]) -> Non
             trial,
             MEASURES[answer.contrast.measure][0],
             f"{answer.contrast.having} : {answer.contrast.lacking}",
-            _difference(answer),
-            _result(answer),
+            *_found(answer),
         )
         for trial, own in answers.items()
         for answer in own
@@ -213,12 +212,12 @@ def _trial_section(
     texts = []
     for answer in answers:
         contrast, counts = answer.contrast, changes(answer.contrast, policies)
+        difference, result = _found(answer)
         doors = [f" {number} {name}" for name, number in counts.items()]
         texts.append(
             f"{contrast.idea}: {code(contrast.having)} against "
             f"{code(contrast.lacking)}, {MEASURES[contrast.measure][0]} "
-            f"{_difference(answer)}: {_result(answer)}."
-            + (f" Doors:{','.join(doors)}." if doors else "")
+            f"{difference}: {result}." + (f" Doors:{','.join(doors)}." if doors else "")
         )
     section.items(texts)
     asked = {title for title, one in trial.levels.items() if one.corrections}
@@ -342,26 +341,20 @@ def tier_lines(results: StudyResults) -> list[str]:
     return lines
 
 
-def _result(answer: Answer) -> str:
-    if answer.shift is None:
-        return "no value in common"
-    if math.isinf(answer.shift.low):
-        return "too few seeds for an interval"
-    return _VERDICTS[answer.verdict]
-
-
-def _difference(answer: Answer) -> str:
+def _found(answer: Answer) -> tuple[str, str]:
+    """Return the difference with its interval, and what it shows, in words."""
     found = answer.shift
     if found is None:
-        return "–"
+        return "–", "no value in common"
     digits = _digits(answer.contrast.measure)
     # As many decimals as the ends of the interval need to differ from zero.
     ends = [abs(end) for end in (found.low, found.high) if 0.0 < abs(end) < math.inf]
     if ends:
         digits = max(digits, min(-math.floor(math.log10(min(ends))), 3))
     estimate = number_text(found.estimate, digits, signed=True)
-    interval = interval_text(found, digits)
-    return f"{estimate} ({interval})" if interval else estimate
+    if interval := interval_text(found, digits):
+        return f"{estimate} ({interval})", _VERDICTS[answer.verdict]
+    return estimate, "too few seeds for an interval"
 
 
 def _digits(measure: str) -> int:
