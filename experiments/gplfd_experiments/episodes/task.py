@@ -108,7 +108,7 @@ class EpisodeTask(TaughtTask):
     """One door opened once."""
 
     door: str
-    door_config: Mapping[str, float | str | None]
+    door_config: Mapping[str, Any]
     """The door, as `gplfd_env.doors.config.DoorConfig.as_dict` gives it."""
     randomization: str | Mapping[str, Any] = "none"
     """What `gplfd_env.doors.randomization.door_randomization` takes."""
@@ -130,7 +130,7 @@ class EpisodeTask(TaughtTask):
     same in all versions."""
     start: Start = omit_default("grasped")
     """Whether the hand holds the handle at the start or has to reach for it."""
-    habits: Mapping[str, float] | None = omit_default(None)
+    habits: Mapping[str, Any] | None = omit_default(None)
     """Fields of `gplfd_experiments.data.teacher.Habits`; None for a tidy teacher."""
     prior_radius: float | None = omit_default(None)
     """Radius of the arc that is given as a prior mean [m]; None for none."""

@@ -171,6 +171,11 @@ _SAME_RADIUS: Final = 1e-3
 _LONGEST: Final = 200
 """Characters of a name, and of a reason."""
 
+_NARROWER: Final[Mapping[str, Any]] = {
+    "door_config": dict[str, float | str | None],
+    "habits": dict[str, float] | None,
+}
+"""Types of fields that `EpisodeTask` leaves open."""
 _CLOSED_BY_ERROR: Final[Mapping[str, Any]] = {
     "success": False,
     "failure": POLICY_ERROR,
@@ -277,9 +282,8 @@ def _reason(file: Path, error: Exception) -> str:
 
 def _result(record: Mapping[str, Any]) -> TaskResult:
     """Return what a file says; raises what is wrong with it."""
-    fields = {"policy_source": None, **entry(record, "task", dict[str, Any])}
-    source = entry(fields, "policy_source", dict[str, Any] | None) or {}
-    task = _task(fields)
+    task = _task(entry(record, "task", dict[str, Any]))
+    source = task.policy_source or {}
     metrics = outcome(record, task)
     code = "unknown code"
     if "versions" in record:
@@ -333,7 +337,7 @@ def _task(fields: Mapping[str, Any]) -> Task:
     kind = entry(fields, "kind", str)
     if kind not in KINDS:
         raise ValueError(f"kind = {kind[:_LONGEST]!r} must be one of {[*KINDS]}")
-    types = typing.get_type_hints(KINDS[kind])
+    types = {**typing.get_type_hints(KINDS[kind]), **_NARROWER}
     for one in dataclasses.fields(KINDS[kind]):
         # Most files leave such a field out.
         optional = "omitted" in one.metadata
