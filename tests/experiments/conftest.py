@@ -20,8 +20,8 @@ import pytest
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_experiments.analysis.report.document import markdown_page
 from gplfd_experiments.analysis.report.page import report
-from gplfd_experiments.analysis.report.writing import markdown_page
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import standard_teacher

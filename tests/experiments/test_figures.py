@@ -23,7 +23,7 @@ from gplfd_experiments.analysis.figures import (
 )
 from gplfd_experiments.analysis.figures import material as module
 from gplfd_experiments.analysis.figures.drawing import FIGURES, update_captions
-from gplfd_experiments.analysis.figures.hindsight import (
+from gplfd_experiments.analysis.figures.fig09_adaptation import (
     decisions,
     expectation,
     reviewed,

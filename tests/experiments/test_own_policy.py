@@ -12,8 +12,8 @@ import pytest
 
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.doors.config import door_config
+from gplfd_experiments.analysis.report.document import markdown_page
 from gplfd_experiments.analysis.report.page import report
-from gplfd_experiments.analysis.report.writing import markdown_page
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset

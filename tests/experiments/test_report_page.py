@@ -14,10 +14,15 @@ import shutil
 import pytest
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.report.document import Document, Section
+from gplfd_experiments.analysis.report.document import (
+    Document,
+    Section,
+    html_page,
+    inline,
+    markdown_page,
+)
 from gplfd_experiments.analysis.report.page import report, write_report
 from gplfd_experiments.analysis.report.recordings import RANKS, recording_name
-from gplfd_experiments.analysis.report.writing import html_page, inline, markdown_page
 from gplfd_experiments.analysis.results.measures import WALL_TIME
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import success_rate

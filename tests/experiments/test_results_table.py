@@ -3,13 +3,13 @@
 import pytest
 
 from gplfd_env.doors.config import DOORS
-from gplfd_experiments.analysis.results.grouping import (
+from gplfd_experiments.analysis.results.measures import (
+    EPISODE_MEASURES,
     by_door_kind,
     counted,
     numbers,
     ranked,
 )
-from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import (
     success_rate,

@@ -10,8 +10,7 @@ import pytest
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.analysis.report.predictions import advice, overview
-from gplfd_experiments.analysis.results.reading import read_results
-from gplfd_experiments.analysis.results.records import RecordedResult
+from gplfd_experiments.analysis.results.reading import RecordedResult, read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.studies.jobs import run_job

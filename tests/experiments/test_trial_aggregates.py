@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
+from gplfd_experiments.analysis.report.document import markdown_page
 from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.report.plots import performance_profiles
 from gplfd_experiments.analysis.report.trials import aggregate_table, tier_lines
-from gplfd_experiments.analysis.report.writing import markdown_page
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import (
     graded,

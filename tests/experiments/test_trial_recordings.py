@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from gplfd_experiments.analysis.report.document import markdown_page
 from gplfd_experiments.analysis.report.page import report
-from gplfd_experiments.analysis.report.writing import markdown_page
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import of_trial
 from gplfd_experiments.cli.main import main

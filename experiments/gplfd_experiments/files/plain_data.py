@@ -12,7 +12,7 @@ import tomllib
 import types
 import typing
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -131,8 +131,8 @@ def entry(entries: Mapping[str, Any], name: str, kind: Any) -> Any:
     """Return an entry of plain data as the type that it must have, or ValueError.
 
     The type is str, int, float, bool, Any, None, a Literal of strings, or of these
-    ``tuple[kind, ...]`` for a list, ``dict[str, kind]``, or a union. A whole number is
-    a float, too.
+    ``tuple[kind, ...]`` or Sequence for a list, ``dict[str, kind]`` or Mapping, or a
+    union. A whole number is a float, too.
     """
     if name not in entries:
         raise ValueError(f"it lacks {name}, which must be {_described(kind)}")
@@ -196,9 +196,9 @@ def _as(value: Any, kind: Any) -> Any:
                 return _as(value, one)
     if origin is typing.Literal and type(value) is str and value in inner:
         return value
-    if origin is tuple and type(value) is list:
+    if origin in (tuple, Sequence) and type(value) is list:
         return tuple(_as(part, inner[0]) for part in value)
-    if origin is dict and type(value) is dict:
+    if origin in (dict, Mapping) and type(value) is dict:
         return {name: _as(part, inner[1]) for name, part in value.items()}
     if kind is float and type(value) is int:
         return float(value)
@@ -213,9 +213,9 @@ def _described(kind: Any) -> str:
         return " or ".join(map(_described, inner))
     if origin is typing.Literal:
         return " or ".join(map(repr, inner))
-    if origin is tuple:
+    if origin in (tuple, Sequence):
         return f"a list in [brackets], each of it {_described(inner[0])}"
-    if origin is dict:
+    if origin in (dict, Mapping):
         each = "" if inner[1] is Any else f", each of it {_described(inner[1])}"
         return f"an object in {{braces}}{each}"
     return _KINDS[kind]

@@ -8,7 +8,6 @@ curves.
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import mujoco
@@ -28,6 +27,7 @@ from gplfd_experiments.recording.episode import check_model, static_chunks
 from gplfd_experiments.recording.layout import (
     TEXT,
     Eye,
+    Plot,
     as_chunks,
     only,
     series_view,
@@ -93,57 +93,54 @@ def _beside_path(log: EpisodeLog) -> FloatArray:
 RADIAL: Final = "force_radial_peak"
 """What policies are compared by if nothing else is said."""
 
-MEASURED: Final[Mapping[str, Measured]] = MappingProxyType(
-    {
-        RADIAL: Measured(
-            "radial",
-            "Radial force [N]: fights the hinge",
-            lambda log: np.abs(log.force_radial),
-            ("radial peak", "N"),
-            "**Radial force** does no work: it tells that the path does not fit the "
-            "door.",
+MEASURED: Final[Mapping[str, Measured]] = {
+    RADIAL: Measured(
+        "radial",
+        "Radial force [N]: fights the hinge",
+        lambda log: np.abs(log.force_radial),
+        ("radial peak", "N"),
+        "**Radial force** does no work: it tells that the path does not fit the door.",
+    ),
+    "force_handle_peak": Measured(
+        "handle",
+        "Force at the handle [N]",
+        lambda log: np.linalg.norm(
+            (log.force_tangential, log.force_radial, log.force_vertical), axis=0
         ),
-        "force_handle_peak": Measured(
-            "handle",
-            "Force at the handle [N]",
-            lambda log: np.linalg.norm(
-                (log.force_tangential, log.force_radial, log.force_vertical), axis=0
-            ),
-            ("peak at the handle", "N"),
-            "**Force at the handle** is what the hand must hold.",
-        ),
-        "person_force_peak": Measured(
-            "person",
-            "Force on the person [N]",
-            lambda log: log.person_force,
-            ("on the person", "N"),
-            "**Force on the person:** ISO/TS 15066 allows a hand 140 N, and 280 N for "
-            "an instant.",
-        ),
-        "stop_force_sustained": Measured(
-            "stop",
-            "Force on the stop [N]",
-            lambda log: log.stop_force,
-            ("on the stop", "N"),
-            "**Force on the stop** is that of the door, as if at the handle.",
-        ),
-        "grasp_kept": Measured(
-            "slip",
-            "Slip of the hand on the handle [mm]",
-            lambda log: 1e3 * log.slip,
-            ("slip", "mm"),
-            "**Slip** is how far the hand is from where it took hold.",
-        ),
-        "push_displacement_mm": Measured(
-            "beside",
-            "Hand beside its path [mm]",
-            _beside_path,
-            ("beside its path", "mm"),
-            "**Beside its path** is how far the hand is from where the policy wants "
-            "it, or from the command if it has no path.",
-        ),
-    }
-)
+        ("peak at the handle", "N"),
+        "**Force at the handle** is what the hand must hold.",
+    ),
+    "person_force_peak": Measured(
+        "person",
+        "Force on the person [N]",
+        lambda log: log.person_force,
+        ("on the person", "N"),
+        "**Force on the person:** ISO/TS 15066 allows a hand 140 N, and 280 N for "
+        "an instant.",
+    ),
+    "stop_force_sustained": Measured(
+        "stop",
+        "Force on the stop [N]",
+        lambda log: log.stop_force,
+        ("on the stop", "N"),
+        "**Force on the stop** is that of the door, as if at the handle.",
+    ),
+    "grasp_kept": Measured(
+        "slip",
+        "Slip of the hand on the handle [mm]",
+        lambda log: 1e3 * log.slip,
+        ("slip", "mm"),
+        "**Slip** is how far the hand is from where it took hold.",
+    ),
+    "push_displacement_mm": Measured(
+        "beside",
+        "Hand beside its path [mm]",
+        _beside_path,
+        ("beside its path", "mm"),
+        "**Beside its path** is how far the hand is from where the policy wants "
+        "it, or from the command if it has no path.",
+    ),
+}
 """By the name of the metric that an episode's number becomes."""
 
 
@@ -174,14 +171,32 @@ def record_comparison(
                 "shows one door"
             )
         check_model(log, model)
-    measured = MEASURED[measure]
+    first, measured = logs[0], MEASURED[measure]
+    greatest, unit = measured.greatest
+    rows = "\n".join(
+        f"| {log.policy} | "
+        f"{'opened' if log.success else failure_name(log.failure, '')} | "
+        f"{_widest(log):.0f}° | "
+        f"{float(measured.values(log).max()):.1f} {unit} |"
+        for log in logs
+    )
+    text = f"""\
+### {heading or f"{len(logs)} policies at the {first.door} door"}
+
+| policy | outcome | widest | {greatest} |
+|---|---|---|---|
+{rows}
+
+All learned from the same demonstrations and are at the same door (handle at \
+{first.radius:g} m, seed {first.seed}), on one clock. {measured.meaning} The tube is \
+what a policy believes the rest of the motion to be, ±1.96 σ; green is the handle's \
+true arc.
+"""
+    page = rr.TextDocument(text, media_type="text/markdown")
     with recording_file(path, _layout(logs, model, measured)) as stream:
-        stream.send_recording_name(f"{logs[0].door} door, {len(logs)} policies")
-        page = rr.TextDocument(
-            _about(logs, measured, heading), media_type="text/markdown"
-        )
+        stream.send_recording_name(f"{first.door} door, {len(logs)} policies")
         stream.send_chunks(static(TEXT, page))
-        door = motion.door_frame(model, logs[0].config, demonstrations)
+        door = motion.door_frame(model, first.config, demonstrations)
         stream.send_chunks(_moved_to(_OVERLAY, door))
         # The angle from which on a door counts as opened.
         angle = math.degrees(SUCCESS_ANGLE)
@@ -249,29 +264,6 @@ def _widest(log: EpisodeLog) -> float:
     return math.degrees(float(log.door_angle.max()))
 
 
-def _about(logs: Sequence[EpisodeLog], measured: Measured, heading: str) -> str:
-    first, (greatest, unit) = logs[0], measured.greatest
-    rows = "\n".join(
-        f"| {log.policy} | "
-        f"{'opened' if log.success else failure_name(log.failure, '')} | "
-        f"{_widest(log):.0f}° | "
-        f"{float(measured.values(log).max()):.1f} {unit} |"
-        for log in logs
-    )
-    return f"""\
-### {heading or f"{len(logs)} policies at the {first.door} door"}
-
-| policy | outcome | widest | {greatest} |
-|---|---|---|---|
-{rows}
-
-All learned from the same demonstrations and are at the same door (handle at \
-{first.radius:g} m, seed {first.seed}), on one clock. {measured.meaning} The tube is \
-what a policy believes the rest of the motion to be, ±1.96 σ; green is the handle's \
-true arc.
-"""
-
-
 def _layout(
     logs: Sequence[EpisodeLog], model: mujoco.MjModel, measured: Measured
 ) -> tuple[Chunk, ...]:
@@ -294,8 +286,8 @@ def _layout(
         [f"{_OVERLAY}/**"],
         Eye(above, target, (1.0, 0.0, 0.0)),
     )
-    angle = series_view(_ANGLE, "Door angle [deg]", "LeftTop")
-    curves = series_view(f"{_PLOTS}/{measured.panel}", measured.title)
+    angle = series_view(Plot("angle", "Door angle [deg]", "LeftTop"), _PLOTS)
+    curves = series_view(Plot(measured.panel, measured.title), _PLOTS)
     about = rrb.TextDocumentView(origin=TEXT, name="What is seen")
     panels = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
     return as_chunks(only(rrb.Vertical(robots, panels, row_shares=[5, 4])))

@@ -6,7 +6,6 @@ nothing is made.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -48,26 +47,24 @@ class Kind(NamedTuple):
         return acts
 
 
-KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
-    {
-        "push": Kind(lambda log: log.push_force, "N", "a push begins", "the push ends"),
-        "person": Kind(
-            lambda log: log.person_force,
-            "N",
-            "contact with a person",
-            "the person lets go",
-        ),
-        "stop": Kind(
-            lambda log: log.stop_force, "N", "the door meets a stop", "the stop is gone"
-        ),
-        "bump": Kind(
-            lambda log: 1e3 * log.base_shift,
-            "mm",
-            "the base is moved",
-            "the base stands again",
-        ),
-    }
-)
+KINDS: Final[Mapping[str, Kind]] = {
+    "push": Kind(lambda log: log.push_force, "N", "a push begins", "the push ends"),
+    "person": Kind(
+        lambda log: log.person_force,
+        "N",
+        "contact with a person",
+        "the person lets go",
+    ),
+    "stop": Kind(
+        lambda log: log.stop_force, "N", "the door meets a stop", "the stop is gone"
+    ),
+    "bump": Kind(
+        lambda log: 1e3 * log.base_shift,
+        "mm",
+        "the base is moved",
+        "the base stands again",
+    ),
+}
 """What a log tells, by the names of `gplfd_env.doors.disturbance.Disturbance`."""
 
 
@@ -80,8 +77,10 @@ def disturbance_chunks(part: Part) -> Iterator[Chunk]:
     """Balls, curves, limits and texts of disturbances in a part of an episode."""
     yield from balls(part)
     log, root = part.log, f"{panels.ROOT}/{PANEL}"
-    for name, unsent in _unsent_parts(part):
-        curve = {panels.Line(name, colours.OUTSIDE): KINDS[name].curve(log)}
+    for name, kind in KINDS.items():
+        if (unsent := _unsent(part, kind.acts(log))) is None:
+            continue
+        curve = {panels.Line(name, colours.OUTSIDE): kind.curve(log)}
         yield from panels.lines(unsent, f"{root}/{name}", curve)
         new = [event for event in events(log, name) if event[0] >= part.first_row]
         if new:
@@ -97,9 +96,10 @@ def disturbance_chunks(part: Part) -> Iterator[Chunk]:
 def balls(part: Part) -> Iterator[Chunk]:
     """A ball above the hand while something acts, with its name and strength."""
     log = part.log
-    for name, unsent in _unsent_parts(part):
-        kind, rows = KINDS[name], unsent.frames()
-        path = f"{motion.ROOT}/outside/{name}"
+    for name, kind in KINDS.items():
+        if (unsent := _unsent(part, kind.acts(log))) is None:
+            continue
+        rows, path = unsent.frames(), f"{motion.ROOT}/outside/{name}"
         acts, values = kind.acts(log)[rows], kind.curve(log)[rows]
         columns = rr.Points3D.columns(
             positions=log.ee_pose[rows[acts], :3] + _ABOVE,
@@ -123,13 +123,6 @@ def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
             most = kind.curve(log)[first:end].max()
             said.append((int(end), f"{kind.ends}: {most:.0f} {kind.unit} at most"))
     return said
-
-
-def _unsent_parts(part: Part) -> Iterator[tuple[str, Part]]:
-    """What happened so far by name, each with the part of it that is to be sent."""
-    for name, kind in KINDS.items():
-        if unsent := _unsent(part, kind.acts(part.log)):
-            yield name, unsent
 
 
 def _unsent(part: Part, happened: NDArray[np.bool_]) -> Part | None:

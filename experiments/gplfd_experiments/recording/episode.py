@@ -1,6 +1,5 @@
 """Write one episode as a recording that opens on the right view."""
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -40,16 +39,9 @@ def record_episode(
 ) -> None:
     """Write an .rrd with scene, policy, panels and layout, complete or not at all.
 
-    Args:
-        path: File to write; an existing one is replaced.
-        log: Episode to show.
-        model: Model that the episode ran in.
-        demonstrations: What the policy learned from, poses in the task frame.
-        looks: Meshes to draw in place of the robot's own shapes.
-
-    Raises:
-        ValueError: The log does not fit the model.
-        OSError: The file cannot be written.
+    The episode ran in the model; ``looks`` are drawn in place of the robot's own
+    shapes. Raises ValueError for a log that does not fit the model, and OSError if the
+    file cannot be written.
     """
     check_model(log, model)
     there = mechanism_of(model, log.door_config)
@@ -62,15 +54,11 @@ def record_episode(
     with recording_file(path, arrangement) as stream:
         stream.send_recording_name(recording_name(log))
         # One by one: while one is written the next is made.
-        chunks = itertools.chain(
-            static_chunks(log, model, demonstrations, looks),
-            part_chunks(
-                Part(log=log, demonstrated_radius=mean_radius(demonstrations)), model
-            ),
-            stage_lane(log),
-            [page(log, len(demonstrations))],
-        )
-        stream.send_chunks(chunks)
+        stream.send_chunks(static_chunks(log, model, demonstrations, looks))
+        whole = Part(log=log, demonstrated_radius=mean_radius(demonstrations))
+        stream.send_chunks(part_chunks(whole, model))
+        stream.send_chunks(stage_lane(log))
+        stream.send_chunks(page(log, len(demonstrations)))
 
 
 def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:

@@ -7,7 +7,6 @@ of the stiffness show its mean in both, in the lane and in the scene.
 import functools
 import math
 from collections.abc import Collection, Iterator, Mapping
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -25,17 +24,17 @@ from gplfd_experiments.recording.stream import Part, moving, static
 ROOT: Final = "/stage"
 """Entity of the stages, above that of every other lane."""
 STIFFNESS: Final = f"{ROOT}/stiffness"
-SCALE: Final[Mapping[float, Colour]] = MappingProxyType(
-    {100.0: (120, 90, 255), 300.0: (235, 85, 160), 500.0: (255, 236, 120)}
-)
+SCALE: Final[Mapping[float, Colour]] = {
+    100.0: (120, 90, 255),
+    300.0: (235, 85, 160),
+    500.0: (255, 236, 120),
+}
 """Colour by stiffness [N/m], linear between these: violet is soft, yellow is stiff."""
-LEVELS: Final[Mapping[str, Colour]] = MappingProxyType(
-    {
-        "soft, < 200 N/m": SCALE[100.0],
-        "medium": SCALE[300.0],
-        "stiff, > 400 N/m": SCALE[500.0],
-    }
-)
+LEVELS: Final[Mapping[str, Colour]] = {
+    "soft, < 200 N/m": SCALE[100.0],
+    "medium": SCALE[300.0],
+    "stiff, > 400 N/m": SCALE[500.0],
+}
 """States of the lane of the stiffness, and their colours."""
 AVERAGED: Final = 0.25
 """Over how long what is shown is averaged [s]. σ grows from one via-point to the next

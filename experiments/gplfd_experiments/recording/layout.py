@@ -31,10 +31,10 @@ class Eye(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """A panel of time series."""
+    """A panel of all time series below an entity."""
 
     entity: str
-    """Below `gplfd_experiments.recording.panels.ROOT`."""
+    """Of `PLOTS` without `gplfd_experiments.recording.panels.ROOT`."""
     title: str
     legend: Corner | None = None
     """Where no curve comes; None for no legend."""
@@ -103,14 +103,9 @@ def layout(
 
     Both 3-D views look from points fixed in the task frame, so that every door is seen
     alike, one with its hinge on the left in the mirror; the axes of the panels fit
-    themselves to what there is.
-
-    Args:
-        kinds: Names of the disturbances.
-        there: Names of what `gplfd_experiments.recording.mechanism` shows.
-        hinge: Where the door's hinge is.
-        forces: Whether the policy expects forces.
-        live: Whether time follows what comes in, and does not play what is there.
+    themselves to what there is. ``kinds`` are names of disturbances, ``there`` of what
+    `gplfd_experiments.recording.mechanism` shows, and ``forces`` says whether the
+    policy expects any. A live view follows the time of what comes in.
     """
     scene_eye, plan_eye = _SCENE_EYE, _PLAN_EYE
     if "base" in there:
@@ -155,7 +150,7 @@ def layout(
         )
     plots = [
         rrb.Vertical(
-            *(series_view(f"{panels.ROOT}/{one.entity}", *one[1:]) for one in each),
+            *(series_view(one, panels.ROOT) for one in each),
             name=name,
         )
         for name, each in tabs.items()
@@ -222,18 +217,12 @@ def _seen_from(hinge: HingeSide, eye: Eye) -> Eye:
     return Eye(sides * eye.position, sides * eye.target, eye.up)
 
 
-def series_view(
-    origin: str,
-    title: str,
-    legend: Corner | None = None,
-    from_zero: bool = False,
-    limits: tuple[float, float] | None = None,
-) -> rrb.TimeSeriesView:
-    """Return a panel of all time series below an entity, see `Plot`."""
+def series_view(plot: Plot, root: str = "") -> rrb.TimeSeriesView:
+    """Return the view of a panel, whose entity is below another."""
     return rrb.TimeSeriesView(
-        origin=origin,
-        name=title,
-        contents=["$origin/**", panels.ZERO] if from_zero else "$origin/**",
-        axis_y=None if limits is None else rrb.ScalarAxis(range=limits),
-        plot_legend=rrb.PlotLegend(corner=legend, visible=legend is not None),
+        origin=f"{root}/{plot.entity}",
+        name=plot.title,
+        contents=["$origin/**", panels.ZERO] if plot.from_zero else "$origin/**",
+        axis_y=None if plot.limits is None else rrb.ScalarAxis(range=plot.limits),
+        plot_legend=rrb.PlotLegend(corner=plot.legend, visible=plot.legend is not None),
     )

@@ -1,20 +1,18 @@
 """What a method learned, as a recording: demonstrations, mean and tube, and σ."""
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.chunk import Chunk
 
-from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.layout import (
     TEXT,
     Eye,
+    Plot,
     as_chunks,
     only,
     series_view,
@@ -44,7 +42,60 @@ def record_learned(path: str | Path, movement: Movement, name: str) -> None:
     The movement plays at its own duration; the six outputs are beside it, with the
     demonstrations as they were aligned. ``name`` is the method's.
     """
-    demonstrated = movement.aligned.poses
+    aligned, learned = movement.aligned, movement.predict(_PHASES)
+    times, mean = movement.duration * _PHASES, learned.mean[:, :3]
+    demonstrated = aligned.poses[:, :, :3]
+    low, high = demonstrated.min(axis=(0, 1)), demonstrated.max(axis=(0, 1))
+    size = max(float((high - low).max()), 1e-3)
+
+    # Demonstrations, mean, tube, and a hand that moves along the mean.
+    vertices, normals = tube_vertices(mean, np.nan_to_num(learned.std[:, :3]))
+    line = _LINE * size
+    looks: dict[str, Any] = {
+        "demonstrations": rr.LineStrips3D(
+            list(demonstrated), colors=colours.DEMONSTRATION, radii=line
+        ),
+        "mean": rr.LineStrips3D([mean], colors=colours.ADAPTED, radii=2.0 * line),
+        "tube": rr.Mesh3D(
+            vertex_positions=vertices,
+            vertex_normals=normals,
+            triangle_indices=tube_triangles(),
+            albedo_factor=(*colours.ADAPTED, _OPACITY),
+        ),
+        "hand": rr.TransformAxes3D(0.12 * size),
+    }
+    chunks = [static(f"{_SCENE}/{entity}", look) for entity, look in looks.items()]
+    # Quaternions (x, y, z, w) of the rotation vectors.
+    turns = learned.mean[:, 3:]
+    angle = np.sqrt(np.sum(turns**2, axis=1, keepdims=True))
+    axis = 0.5 * np.sinc(0.5 * angle / np.pi) * turns
+    hand = rr.Transform3D.columns(
+        translation=mean, quaternion=np.hstack([axis, np.cos(angle / 2)])
+    )
+    chunks.append(moving(f"{_SCENE}/hand", times, hand))
+
+    # Every output over time: demonstrations, mean and band.
+    lines = [
+        Line(f"demonstration {number}", colours.DEMONSTRATION, 1.0)
+        for number in range(len(demonstrated))
+    ]
+    band = Line("mean, ±1.96 σ", colours.ADAPTED)
+    for output, (entity, _, scale) in enumerate(_OUTPUTS):
+        shown, believed = (
+            f"{_PLOTS}/{entity}/{each}" for each in ("demonstrations", "learned")
+        )
+        curves = rr.Scalars.columns(scalars=scale * aligned.poses[:, :, output].T)
+        std = QUANTILE * scale * np.nan_to_num(learned.std[:, output])
+        values = rr.Measurements.columns(
+            values=scale * learned.mean[:, output], variances=std**2
+        )
+        chunks += [
+            line_style(shown, *lines),
+            moving(shown, movement.duration * aligned.times, curves),
+            line_style(believed, band, archetype=rr.Measurements),
+            moving(believed, times, values),
+        ]
+
     text = f"""\
 ### What `{name}` learned from {len(demonstrated)} recordings
 
@@ -54,89 +105,18 @@ narrow, and a robot that follows it is stiff; where they differ it is wide and s
 Playing takes {movement.duration:.1f} s, the recordings' mean duration.
 """
     page = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
-    with recording_file(path, _layout(demonstrated)) as stream:
-        stream.send_recording_name(f"what {name} learned")
-        chunks = [*_scene(movement), *_outputs(movement), static(TEXT, page)]
-        stream.send_chunks(chunks)
-
-
-def _scene(movement: Movement) -> list[Chunk]:
-    """Demonstrations, mean, tube, and a hand that moves along the mean."""
-    aligned, learned = movement.aligned, movement.predict(_PHASES)
-    line = _LINE * _size(aligned.poses)
-    mean = learned.mean[:, :3]
-    vertices, normals = tube_vertices(mean, np.nan_to_num(learned.std[:, :3]))
-    # Quaternions (x, y, z, w) of the rotation vectors.
-    turns = learned.mean[:, 3:]
-    angle = np.sqrt(np.sum(turns**2, axis=1, keepdims=True))
-    axis = 0.5 * np.sinc(0.5 * angle / np.pi) * turns
-    hand = rr.Transform3D.columns(
-        translation=mean, quaternion=np.hstack([axis, np.cos(angle / 2)])
-    )
-    demonstrated = [poses[:, :3] for poses in aligned.poses]
-    looks: dict[str, Any] = {
-        "demonstrations": rr.LineStrips3D(
-            demonstrated, colors=colours.DEMONSTRATION, radii=line
-        ),
-        "mean": rr.LineStrips3D([mean], colors=colours.ADAPTED, radii=2.0 * line),
-        "tube": rr.Mesh3D(
-            vertex_positions=vertices,
-            vertex_normals=normals,
-            triangle_indices=tube_triangles(),
-            albedo_factor=(*colours.ADAPTED, _OPACITY),
-        ),
-        "hand": rr.TransformAxes3D(0.12 * _size(aligned.poses)),
-    }
-    return [
-        *(static(f"{_SCENE}/{name}", look) for name, look in looks.items()),
-        moving(f"{_SCENE}/hand", movement.duration * _PHASES, hand),
-    ]
-
-
-def _outputs(movement: Movement) -> Iterator[Chunk]:
-    """Every output over time: demonstrations, mean and band."""
-    aligned, learned = movement.aligned, movement.predict(_PHASES)
-    lines = [
-        Line(f"demonstration {number}", colours.DEMONSTRATION, 1.0)
-        for number in range(len(aligned.poses))
-    ]
-    for output, (name, _, scale) in enumerate(_OUTPUTS):
-        demonstrated, believed = (
-            f"{_PLOTS}/{name}/{each}" for each in ("demonstrations", "learned")
-        )
-        yield line_style(demonstrated, *lines)
-        curves = rr.Scalars.columns(scalars=scale * aligned.poses[:, :, output].T)
-        yield moving(demonstrated, movement.duration * aligned.times, curves)
-        band = Line("mean, ±1.96 σ", colours.ADAPTED)
-        yield line_style(believed, band, archetype=rr.Measurements)
-        std = QUANTILE * scale * np.nan_to_num(learned.std[:, output])
-        values = rr.Measurements.columns(
-            values=scale * learned.mean[:, output], variances=std**2
-        )
-        yield moving(believed, movement.duration * _PHASES, values)
-
-
-def _size(demonstrated: FloatArray) -> float:
-    """Return how large the motion is [m]."""
-    return max(float(np.ptp(demonstrated[..., :3], axis=(0, 1)).max()), 1e-3)
-
-
-def _layout(demonstrated: FloatArray) -> tuple[Chunk, ...]:
-    """Look at the middle of the motion from beside and above it."""
-    positions = demonstrated[..., :3].reshape(-1, 3)
-    middle = 0.5 * (positions.min(axis=0) + positions.max(axis=0))
-    eye = Eye(
-        position=middle + _size(demonstrated) * np.array([1.2, 1.0, 1.2]),
-        target=middle,
-        up=(0.0, 1.0, 0.0),
-    )
+    # Look at the middle of the motion from beside and above it.
+    middle = 0.5 * (low + high)
+    eye = Eye(middle + size * np.array([1.2, 1.0, 1.2]), middle, (0.0, 1.0, 0.0))
     scene = view_3d("What was shown and learned", _SCENE, [f"{_SCENE}/**"], eye)
-    page = rrb.TextDocumentView(origin=TEXT, name="About")
-    plots = [series_view(f"{_PLOTS}/{name}", title) for name, title, _ in _OUTPUTS]
+    about = rrb.TextDocumentView(origin=TEXT, name="About")
+    plots = [series_view(Plot(*each[:2]), _PLOTS) for each in _OUTPUTS]
     views = rrb.Horizontal(
-        rrb.Vertical(scene, page, row_shares=[4, 1]),
+        rrb.Vertical(scene, about, row_shares=[4, 1]),
         rrb.Vertical(*plots[:3]),
         rrb.Vertical(*plots[3:]),
         column_shares=[5, 3, 3],
     )
-    return as_chunks(only(views))
+    with recording_file(path, as_chunks(only(views))) as stream:
+        stream.send_recording_name(f"what {name} learned")
+        stream.send_chunks([*chunks, static(TEXT, page)])

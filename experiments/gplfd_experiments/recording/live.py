@@ -78,7 +78,7 @@ class LiveRecording:
 
     def show(self, log: EpisodeLog, *, ended: bool = False) -> None:
         """Send what is new in the episode so far, of two rows or more."""
-        stream, page_due = self._stream, ended or self._rows == 0
+        stream = self._stream
         if self._rows == 0:
             stream.send_recording_name(recording_name(log))
             stream.send_chunks(static_chunks(log, self._model, self._demonstrations))
@@ -91,7 +91,7 @@ class LiveRecording:
             )
             stream.send_chunks(part_chunks(part, self._model))
         stream.send_chunks(stage_lane(log, self._stages, ended=ended))
-        if page_due:
+        if ended or self._rows == 0:
             stream.send_chunks(page(log, len(self._demonstrations), ended=ended))
         self._rows, self._forecasts = log.times.size, log.forecast_times.size
         self._stages |= {name for _, name in stages(log)}
@@ -108,15 +108,9 @@ def watched_rollout(
 ) -> EpisodeLog:
     """Run an episode in real time, show it meanwhile and return its log.
 
-    Args:
-        env: Door environment; its ``unwrapped.data`` is the MuJoCo state.
-        agent: Policy and controller.
-        live: What shows the episode.
-        speed: Simulated seconds per second; when the computer cannot keep up, the
-            episode takes longer. Infinite: as fast as it goes.
-        wanted: Asked at every update whether anyone still watches; InterruptedError if
-            nobody does.
-        names: What else `rollout` wants for the log.
+    ``speed`` is in simulated seconds per second; when the computer cannot keep up, the
+    episode takes longer. ``wanted`` is asked at every update whether anyone still
+    watches; InterruptedError if nobody does. ``names`` are for `rollout`.
     """
     started, updated = time.perf_counter(), -math.inf
 
@@ -229,7 +223,21 @@ def _viewer_process(*, serve: bool) -> Iterator[tuple[subprocess.Popen[bytes], s
     # Only what goes wrong, unless the user asks for more.
     process = subprocess.Popen(command, env={"RUST_LOG": "warn", **os.environ})
     try:
-        _wait_for(process, port)
+        # Until something listens at the port.
+        deadline, listening = time.monotonic() + _START_TIMEOUT, False
+        while not listening:
+            if process.poll() is not None:
+                raise OSError(
+                    f"the viewer ended with status {process.returncode}; without a "
+                    "screen or graphics driver, `gplfd view --live --serve` serves a "
+                    "browser"
+                )
+            if time.monotonic() >= deadline:
+                raise OSError(f"the viewer did not answer within {_START_TIMEOUT:g} s")
+            with contextlib.suppress(OSError):
+                socket.create_connection((LOOPBACK, port), timeout=1.0).close()
+                listening = True
+            time.sleep(0.05)
         if serve:
             address = f"http://{LOOPBACK}:{web_port}/?url={quote(url, safe='')}"
             LOG.info("watch it at  %s", address)
@@ -239,21 +247,3 @@ def _viewer_process(*, serve: bool) -> Iterator[tuple[subprocess.Popen[bytes], s
     finally:
         process.terminate()
         process.wait()
-
-
-def _wait_for(process: subprocess.Popen[bytes], port: int) -> None:
-    """Wait until something listens at the port, or raise OSError."""
-    deadline = time.monotonic() + _START_TIMEOUT
-    while time.monotonic() < deadline:
-        if process.poll() is not None:
-            raise OSError(
-                f"the viewer ended with status {process.returncode}; without a screen "
-                "or graphics driver, `gplfd view --live --serve` serves a browser"
-            )
-        with (
-            contextlib.suppress(OSError),
-            socket.create_connection((LOOPBACK, port), timeout=1.0),
-        ):
-            return
-        time.sleep(0.05)
-    raise OSError(f"the viewer did not answer within {_START_TIMEOUT:g} s")

@@ -5,7 +5,6 @@ them. What there is follows from model and door alone, before anything has happe
 """
 
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import mujoco
@@ -28,9 +27,10 @@ LATCH: Final = f"{lanes.ROOT}/latch"
 ARM: Final = "/world/scene/closer_arm"
 """Entity of a closer's arm, in the world's axes."""
 
-BOLT_STATES: Final[Mapping[str, colours.Colour]] = MappingProxyType(
-    {"bolt thrown": colours.MARK, "bolt held back": colours.HAND}
-)
+BOLT_STATES: Final[Mapping[str, colours.Colour]] = {
+    "bolt thrown": colours.MARK,
+    "bolt held back": colours.HAND,
+}
 
 _CLOSING: Final = (
     "closer_preload", "closer_stiffness", "closer_boost", "closer_friction",
@@ -46,33 +46,28 @@ class Panel(NamedTuple):
     """
 
     title: str
-    joints: Mapping[str, tuple[Line, float]] = MappingProxyType({})
+    joints: Mapping[str, tuple[Line, float]]
 
 
-_BASE_LINES: Final = (
-    Line("x, ahead [m]", colours.AXIS_X),
-    Line("y, to the left [m]", colours.AXIS_Z),
-    Line("turn [rad]", colours.ADAPTED),
+_BASE_CURVES: Final = (
+    (Line("x, ahead [m]", colours.AXIS_X), 1.0),
+    (Line("y, to the left [m]", colours.AXIS_Z), 1.0),
+    (Line("turn [rad]", colours.ADAPTED), 1.0),
 )
-PANELS: Final[Mapping[str, Panel]] = MappingProxyType(
-    {
-        "handle": Panel(
-            "Handle [deg]", {"handle": (Line("handle", colours.HAND), 180.0 / np.pi)}
-        ),
-        "latch": Panel(
-            "Bolt, held back by [mm]",
-            {"bolt": (Line("bolt held back", colours.HAND), 1e3)},
-        ),
-        "closer": Panel("Closing torque [N m]: closer, seal, stiction"),
-        "base": Panel(
-            "Base [m, rad]",
-            {
-                joint: (line, 1.0)
-                for joint, line in zip(BASE_JOINTS, _BASE_LINES, strict=True)
-            },
-        ),
-    }
-)
+PANELS: Final[Mapping[str, Panel]] = {
+    "handle": Panel(
+        "Handle [deg]", {"handle": (Line("handle", colours.HAND), 180.0 / np.pi)}
+    ),
+    "latch": Panel(
+        "Bolt, held back by [mm]",
+        {"bolt": (Line("bolt held back", colours.HAND), 1e3)},
+    ),
+    "closer": Panel("Closing torque [N m]: closer, seal, stiction", {}),
+    "base": Panel(
+        "Base [m, rad]",
+        dict(zip(BASE_JOINTS, _BASE_CURVES, strict=True)),
+    ),
+}
 """By the entity below `gplfd_experiments.recording.panels.ROOT`."""
 
 
@@ -109,9 +104,27 @@ def mechanism(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
             rows, states = zip(*new, strict=True)
             columns = rr.StateChange.columns(state=states)
             yield moving(LATCH, log.times[list(rows)], columns)
+    # The tendon that is a closer's arm, where it has a colour.
     tendons = [model.tendon(index).name for index in range(model.ntendon)]
-    if CLOSER_ARM in tendons:
-        yield from _arm(part, model, tendons.index(CLOSER_ARM))
+    if CLOSER_ARM not in tendons:
+        return
+    arm = model.tendon(CLOSER_ARM).id
+    if model.tendon_rgba[arm, 3] == 0.0:
+        return
+    frames, data = part.frames(), mujoco.MjData(model)
+    sites = [model.site(f"closer_{end}").id for end in ("spindle", "foot")]
+    strips = np.empty((frames.size, 2, 3), np.float32)
+    for row, frame in enumerate(frames):
+        data.qpos[:] = log.qpos[frame]
+        mujoco.mj_kinematics(model, data)
+        strips[row] = data.site_xpos[sites]
+    if part.first_row == 0:
+        tint = (255.0 * model.tendon_rgba[arm]).round().astype(np.uint8)
+        radius = model.tendon_width[arm]
+        yield static(ARM, rr.LineStrips3D.from_fields(colors=tint, radii=radius))
+    columns = rr.LineStrips3D.columns(strips=strips)
+    each = columns.partition(np.ones(frames.size, int))
+    yield moving(ARM, log.times[frames], each)
 
 
 def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]:
@@ -124,28 +137,6 @@ def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]
     rows = np.flatnonzero(np.diff(back, prepend=~back[:1]))
     thrown, held = BOLT_STATES
     return [(int(row), held if back[row] else thrown) for row in rows]
-
-
-def _arm(part: Part, model: mujoco.MjModel, arm: int) -> Iterator[Chunk]:
-    """Draw the tendon that is a closer's arm, where it has a colour."""
-    colour = model.tendon_rgba[arm]
-    if colour[3] == 0.0:
-        return
-    frames = part.frames()
-    data = mujoco.MjData(model)
-    sites = [model.site(f"closer_{end}").id for end in ("spindle", "foot")]
-    strips = np.empty((frames.size, 2, 3), np.float32)
-    for row, frame in enumerate(frames):
-        data.qpos[:] = part.log.qpos[frame]
-        mujoco.mj_kinematics(model, data)
-        strips[row] = data.site_xpos[sites]
-    if part.first_row == 0:
-        tint = (255.0 * colour).round().astype(np.uint8)
-        radius = model.tendon_width[arm]
-        yield static(ARM, rr.LineStrips3D.from_fields(colors=tint, radii=radius))
-    columns = rr.LineStrips3D.columns(strips=strips)
-    each = columns.partition(np.ones(frames.size, int))
-    yield moving(ARM, part.log.times[frames], each)
 
 
 def _positions(log: EpisodeLog, model: mujoco.MjModel, joint: str) -> FloatArray:

@@ -1,6 +1,7 @@
 """Time series beside the scene, all on the same time axis."""
 
 import functools
+import itertools
 import math
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
@@ -38,11 +39,6 @@ class Line(NamedTuple):
     width: float = 2.0
 
 
-_DIRECTIONS = {"path": ("along the path", "across it"), "axes": ("x, pull", "z, side")}
-_BEFORE = Line("before", colours.BEFORE, 1.0)
-_NOW = Line("policy now", colours.ADAPTED, 1.0)
-
-
 def panels(part: Part) -> list[Chunk]:
     """Every time series of the layout; where a value is not finite, nothing is drawn.
 
@@ -55,6 +51,7 @@ def panels(part: Part) -> list[Chunk]:
         "force/parts": {
             Line("along the motion: opens", colours.TRUTH): log.force_tangential,
             Line("radial: against the hinge", colours.FORCE): log.force_radial,
+            Line("load compensated", colours.ADAPTED, 1.0): log.carried_load,
         },
         "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.phase_misfit},
         "misfit/mode": {
@@ -62,8 +59,9 @@ def panels(part: Part) -> list[Chunk]:
             Line("its probability", colours.ADAPTED): log.mode_probability,
         },
     }
-    names = _DIRECTIONS["axes" if np.all(log.frame == np.eye(3)) else "path"]
-    along, across = map(Line, names, (colours.AXIS_X, colours.AXIS_Z))
+    in_task_frame = np.all(log.frame == np.eye(3))
+    along = Line("x, pull" if in_task_frame else "along the path", colours.AXIS_X)
+    across = Line("z, side" if in_task_frame else "across it", colours.AXIS_Z)
     for panel, values in (
         ("uncertainty", recent_mean(1e3 * log.std, log.dt)),
         ("stiffness", recent_mean(log.stiffness, log.dt)),
@@ -75,22 +73,51 @@ def panels(part: Part) -> list[Chunk]:
         curves[f"{panel}/axes"] = {along: values[:, 0], across: values[:, 2]}
     lag = Line("lag of the hand", colours.OUTSIDE, 1.0)
     curves["uncertainty/axes"][lag] = 1e3 * log.give
-    load = Line("load compensated", colours.ADAPTED, 1.0)
-    curves["force/parts"][load] = log.carried_load
+
+    # Mean and ±1.96 σ of each output, before the door was felt and now.
+    bands: dict[str, dict[Line, tuple[FloatArray, FloatArray]]] = {}
+    now = Line("policy now", colours.ADAPTED, 1.0)
+    beliefs = {now: (log.predicted_mean, log.predicted_std)}
+    if log.forecast_times.size:
+        before = Line("before", colours.BEFORE, 1.0)
+        beliefs = {before: log.first_forecast(log.observed_phase)} | beliefs
     for name, output, scale in OUTPUTS:
         curves[f"{name}/motion"] = {
             Line("true", colours.TRUTH, 3.0): scale * log.handle_pose[:, output],
             Line("hand", colours.HAND, 1.0): scale * log.ee_pose[:, output],
         }
+        bands[f"{name}/belief"] = {
+            line: (scale * mean[:, output], scale**2 * (QUANTILE * std[:, output]) ** 2)
+            for line, (mean, std) in beliefs.items()
+        }
+
+    # Size of the path in % of the demonstrations' mean, ±1.96 σ of its logarithm: the
+    # median is not the middle of the band, and has a curve of its own.
+    bounds = QUANTILE * np.stack([-log.path_size_std, log.path_size_std])
+    low, high = 100.0 * log.path_size * np.exp(bounds)
+    sizes = Line("±1.96 σ", colours.ADAPTED, 0.0)
+    bands["size/belief"] = {sizes: (0.5 * (low + high), 0.25 * (high - low) ** 2)}
+    if part.shows(low):
+        median = Line("policy now", colours.ADAPTED)
+        curves["size/curves"] = {median: 100.0 * log.path_size}
+        if log.config.handle == "bar" and math.isfinite(part.demonstrated_radius):
+            truth = 100.0 * log.config.hand_radius / part.demonstrated_radius
+            true = Line("true", colours.TRUTH)
+            curves["size/curves"][true] = np.full_like(low, truth)
+
+    # Force of the hand along the path: expected ±1.96 σ, and measured.
+    expected, std = log.expected_force[:, 0], log.expected_force_std[:, 0]
+    line = Line("expected", colours.ADAPTED)
+    bands["expected/belief"] = {line: (expected, (QUANTILE * std) ** 2)}
+    if part.shows(expected):
+        # Expected is the force of the hand on what it holds, measured that on the hand.
+        measured = -np.sum(log.frame[:, :, 0] * log.wrench[:, :3], axis=1)
+        curves["expected/force"] = {Line("measured", colours.HAND, 1.5): measured}
+
+    chunks = [_bands(part, f"{ROOT}/{path}", own) for path, own in bands.items()]
+    chunks += [lines(part, f"{ROOT}/{path}", own) for path, own in curves.items()]
     return [
-        *(
-            chunk
-            for path, own in curves.items()
-            for chunk in lines(part, f"{ROOT}/{path}", own)
-        ),
-        *_beliefs(part),
-        *_sizes(part),
-        *_expected_force(part),
+        *itertools.chain.from_iterable(chunks),
         *levels(part, f"{ROOT}/angle/marks", ANGLE_MARKS_DEG, colours.MARK),
         *levels(part, f"{ROOT}/force/marks", FORCE_MARKS, colours.MARK),
         *levels(part, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT),
@@ -105,8 +132,7 @@ def lines(part: Part, path: str, curves: Mapping[Line, FloatArray]) -> list[Chun
         return []
     columns = rr.Scalars.columns(scalars=values[part.first_row :])
     data = moving(path, part.times, columns)
-    look = [line_style(path, *curves)] if part.begins(values) else []
-    return [*look, data]
+    return [line_style(path, *curves), data] if part.begins(values) else [data]
 
 
 def levels(
@@ -120,81 +146,21 @@ def levels(
     return [line_style(path, *(Line(f"{at:g}", colour, 1.0) for at in levels)), data]
 
 
-def _beliefs(part: Part) -> list[Chunk]:
-    """Mean and ±1.96 σ of each output, before the door was felt and now.
-
-    The viewer draws a band of one standard deviation, so variances are scaled.
-    """
-    log, chunks = part.log, []
-    beliefs = {_NOW: (log.predicted_mean, log.predicted_std)}
-    if log.forecast_times.size:
-        beliefs = {_BEFORE: log.first_forecast(log.observed_phase)} | beliefs
-    means = np.stack([mean for mean, _ in beliefs.values()], axis=1)
-    stds = QUANTILE * np.stack([std for _, std in beliefs.values()], axis=1)
-    for name, output, scale in OUTPUTS:
-        path, mean = f"{ROOT}/{name}/belief", scale * means[..., output]
-        if not part.shows(mean):
-            continue
-        columns = rr.Measurements.columns(
-            values=mean[part.first_row :].ravel(),
-            variances=scale**2 * stds[part.first_row :, :, output].ravel() ** 2,
-        )
-        each = np.full(len(mean) - part.first_row, len(beliefs))
-        if part.begins(mean):
-            chunks.append(line_style(path, *beliefs, archetype=rr.Measurements))
-        chunks.append(moving(path, part.times, columns.partition(each)))
-    return chunks
-
-
-def _sizes(part: Part) -> list[Chunk]:
-    """Size of the path, in % of the demonstrations' mean, ±1.96 σ of its logarithm.
-
-    The median is not the middle of the band, and has a curve of its own.
-    """
-    log = part.log
-    bounds = QUANTILE * np.stack([-log.path_size_std, log.path_size_std])
-    low, high = 100.0 * log.path_size * np.exp(bounds)
-    if not part.shows(low):
+def _bands(
+    part: Part, path: str, bands: Mapping[Line, tuple[FloatArray, FloatArray]]
+) -> list[Chunk]:
+    """Means (T,) in bands of one panel, each as wide as the root of a variance (T,)."""
+    means, variances = np.stack([*bands.values()], axis=2)
+    if not part.shows(means):
         return []
-    first, path = part.first_row, f"{ROOT}/size/belief"
     columns = rr.Measurements.columns(
-        values=0.5 * (low + high)[first:], variances=0.25 * (high - low)[first:] ** 2
+        values=means[part.first_row :].ravel(),
+        variances=variances[part.first_row :].ravel(),
     )
-    curves = {Line("policy now", colours.ADAPTED): 100.0 * log.path_size}
-    if log.config.handle == "bar" and math.isfinite(part.demonstrated_radius):
-        truth = 100.0 * log.config.hand_radius / part.demonstrated_radius
-        curves[Line("true", colours.TRUTH)] = np.full_like(low, truth)
-    band = line_style(
-        path, Line("±1.96 σ", colours.ADAPTED, 0.0), archetype=rr.Measurements
-    )
-    return [
-        *([band] if part.begins(low) else []),
-        moving(path, part.times, columns),
-        *lines(part, f"{ROOT}/size/curves", curves),
-    ]
-
-
-def _expected_force(part: Part) -> list[Chunk]:
-    """Force of the hand along the path: expected ±1.96 σ, and measured."""
-    log, first, path = part.log, part.first_row, f"{ROOT}/expected"
-    mean, std = log.expected_force[:, 0], log.expected_force_std[:, 0]
-    if not part.shows(mean):
-        return []
-    # What is expected is of the hand on what it holds, what is measured on the hand.
-    measured = -np.sum(log.frame[:, :, 0] * log.wrench[:, :3], axis=1)
-    columns = rr.Measurements.columns(
-        values=mean[first:], variances=(QUANTILE * std[first:]) ** 2
-    )
-    band = line_style(
-        f"{path}/belief",
-        Line("expected", colours.ADAPTED),
-        archetype=rr.Measurements,
-    )
-    return [
-        *([band] if part.begins(mean) else []),
-        moving(f"{path}/belief", part.times, columns),
-        *lines(part, f"{path}/force", {Line("measured", colours.HAND, 1.5): measured}),
-    ]
+    each = columns.partition(np.full(part.times.size, len(bands)))
+    data = moving(path, part.times, each)
+    style = line_style(path, *bands, archetype=rr.Measurements)
+    return [style, data] if part.begins(means) else [data]
 
 
 @functools.cache

@@ -73,15 +73,22 @@ def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
 def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
     """The poses of all bodies that can move, by forward kinematics of ``qpos``."""
     bodies = [body for body in visual_geoms(model) if body != 0]
-    frames = part.frames()
-    positions, quaternions = body_poses(model, part.log.qpos[frames], bodies)
+    frames, data = part.frames(), mujoco.MjData(model)
+    positions = np.empty((frames.size, model.nbody, 3))
+    quaternions = np.empty((frames.size, model.nbody, 4))
+    for row, frame in enumerate(frames):
+        data.qpos[:] = part.log.qpos[frame]
+        mujoco.mj_kinematics(model, data)
+        positions[row], quaternions[row] = data.xpos, data.xquat
     return [
         moving(
             entity_of_body(model, body),
             part.log.times[frames],
-            rr.Transform3D.columns(translation=place, quaternion=turn),
+            rr.Transform3D.columns(
+                translation=positions[:, body], quaternion=_xyzw(quaternions[:, body])
+            ),
         )
-        for body, place, turn in zip(bodies, positions, _xyzw(quaternions), strict=True)
+        for body in bodies
     ]
 
 
@@ -115,23 +122,6 @@ def task_frame(model: mujoco.MjModel) -> tuple[FloatArray, Rotation]:
         (model.site_pos[site], model.site_quat[site]),
     )
     return position, Rotation.from_quat(quaternion, scalar_first=True)
-
-
-def body_poses(
-    model: mujoco.MjModel, qpos: FloatArray, bodies: list[int]
-) -> tuple[FloatArray, FloatArray]:
-    """World poses of bodies: (B, F, 3) [m] and quaternions (w, x, y, z) (B, F, 4)."""
-    data = mujoco.MjData(model)
-    positions = np.empty((len(qpos), model.nbody, 3))
-    quaternions = np.empty((len(qpos), model.nbody, 4))
-    now, xpos, xquat = data.qpos, data.xpos, data.xquat
-    for frame, configuration in enumerate(qpos):
-        now[:] = configuration
-        mujoco.mj_kinematics(model, data)
-        positions[frame] = xpos
-        quaternions[frame] = xquat
-    positions, quaternions = positions[:, bodies], quaternions[:, bodies]
-    return positions.swapaxes(0, 1), quaternions.swapaxes(0, 1)
 
 
 def _pose_on_carrier(model: mujoco.MjModel, body: int) -> Pose:

@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.recording import colours
-from gplfd_experiments.recording.layout import as_chunks, only, series_view
+from gplfd_experiments.recording.layout import Plot, as_chunks, only, series_view
 from gplfd_experiments.recording.panels import Line, line_style
 from gplfd_experiments.recording.stream import moving, recording_file
 from gplfd_policies.serving.journal import BEGINNING, read_journal
@@ -28,8 +28,7 @@ _LOG: Final = "/events"
 def recording_of(file: Path) -> Path:
     """Return a file itself, or the recording made beside it if it is a journal.
 
-    Raises:
-        ValueError: The journal is damaged or holds no message.
+    Raises ValueError for a journal that is damaged or holds no message.
     """
     if not file.is_file():
         return file
@@ -53,7 +52,7 @@ def recording_of(file: Path) -> Path:
                 events.append((line["at"], said))
     if not events:
         raise ValueError(f"{file} holds no message yet")
-    views = [series_view(f"/{name}", _PANELS[name], "LeftTop") for name in _PANELS]
+    views = [series_view(Plot(*each, "LeftTop")) for each in _PANELS.items()]
     log = rrb.TextLogView(origin=_LOG, name="States, reasons and errors")
     arrangement = rrb.Horizontal(rrb.Vertical(*views), log, column_shares=[3, 2])
     recording = file.with_name(f"{file.name}.rrd")

@@ -36,7 +36,26 @@ def tube_vertices(
     """
     rows = np.linspace(0.0, mean.shape[-2] - 1.0, N_RINGS)
     centre, sigma = _at_rows(mean, rows), _at_rows(std, rows)
-    side, upward = _across(centre)
+
+    # Unit vectors across the path: horizontal and the third one, both (..., M, 3).
+    tangent = np.gradient(centre, axis=-2)
+    speed = _length(tangent)
+    slow = speed <= _SLOW * speed.max(axis=-2, keepdims=True)
+    # Where a path hardly advances its direction is noise: take the nearest one.
+    rings = np.arange(N_RINGS)
+    distance = np.abs(rings[:, None] - rings)
+    distance = distance + np.where(slow, N_RINGS, 0).swapaxes(-1, -2)
+    nearest = np.argmin(distance, axis=-1)[..., None]
+    tangent = np.take_along_axis(tangent / np.maximum(speed, 1e-300), nearest, axis=-2)
+    # A path that stands still has any direction.
+    tangent = np.where(speed.max(axis=-2, keepdims=True) > 0.0, tangent, [1.0, 0, 0])
+    # The tangent times the upward unit vector (0, 1, 0).
+    side = tangent[..., [2, 1, 0]] * [-1.0, 0.0, 1.0]
+    length = _length(side)
+    # A path straight upwards has every horizontal direction across it.
+    side = np.where(length > 1e-6, side / np.maximum(length, 1e-6), [0.0, 0.0, 1.0])
+    upward = np.cross(side, tangent)
+
     half_width = np.maximum(QUANTILE * _length(side * sigma), _THINNEST)
     half_height = np.maximum(QUANTILE * _length(upward * sigma), _THINNEST)
     angle = np.linspace(0.0, 2.0 * np.pi, N_SIDES, endpoint=False)[:, None]
@@ -65,28 +84,6 @@ def tube_triangles() -> NDArray[np.uint32]:
     first = np.stack([here, here + N_SIDES, beside], axis=-1)
     second = np.stack([beside, here + N_SIDES, beside + N_SIDES], axis=-1)
     return np.concatenate([first, second]).reshape(-1, 3).astype(np.uint32)
-
-
-def _across(centre: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors across paths: horizontal and the third one, both (..., M, 3)."""
-    tangent = np.gradient(centre, axis=-2)
-    speed = _length(tangent)
-    slow = speed <= _SLOW * speed.max(axis=-2, keepdims=True)
-    # Where a path hardly advances its direction is noise: take the nearest one.
-    rows = np.arange(centre.shape[-2])
-    distance = np.abs(rows[:, None] - rows) + np.where(slow, rows.size, 0).swapaxes(
-        -1, -2
-    )
-    nearest = np.argmin(distance, axis=-1)[..., None]
-    tangent = np.take_along_axis(tangent / np.maximum(speed, 1e-300), nearest, axis=-2)
-    # A path that stands still has any direction.
-    tangent = np.where(speed.max(axis=-2, keepdims=True) > 0.0, tangent, [1.0, 0, 0])
-    # The tangent times the upward unit vector (0, 1, 0).
-    side = tangent[..., [2, 1, 0]] * [-1.0, 0.0, 1.0]
-    length = _length(side)
-    # A path straight upwards has every horizontal direction across it.
-    side = np.where(length > 1e-6, side / np.maximum(length, 1e-6), [0.0, 0.0, 1.0])
-    return side, np.cross(side, tangent)
 
 
 def _length(vectors: NDArray[Any]) -> NDArray[Any]:

@@ -96,8 +96,7 @@ def check_video() -> None:
 def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> int:
     """Write an episode in real time, complete or not at all (`OSError`).
 
-    Returns:
-        Number of pictures.
+    Returns the number of pictures.
     """
     import imageio_ffmpeg
 

@@ -34,7 +34,7 @@ class RecordedTask(Task):
 Job = tuple[Task, ...]
 """Episodes of one policy that learned once, or a single learning test."""
 
-_KINDS: Final[Mapping[str, type[Task]]] = {
+KINDS: Final[Mapping[str, type[Task]]] = {
     "episode": EpisodeTask,
     "skill": SkillTask,
     "recorded": RecordedTask,
@@ -45,7 +45,7 @@ def task_from(record: Mapping[str, Any]) -> Task:
     """Return the task of a result: the inverse of `Task.definition`."""
     fields = dict(record)
     try:
-        kind = _KINDS[fields.pop("kind")]
+        kind = KINDS[fields.pop("kind")]
         known = {field.name for field in dataclasses.fields(kind)}
         if unknown := sorted(fields.keys() - known):
             raise ValueError(

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from gplfd_experiments.analysis.results import sequential
-from gplfd_experiments.analysis.results.grouping import by_policy
-from gplfd_experiments.analysis.results.reading import read_files
-from gplfd_experiments.analysis.results.records import EpisodeResult
+from gplfd_experiments.analysis.results.measures import by_policy
+from gplfd_experiments.analysis.results.reading import EpisodeResult, read_files
 from gplfd_experiments.analysis.results.trials import SHARES, contrast_pairs
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.studies.engines import Engine

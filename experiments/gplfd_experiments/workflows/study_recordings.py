@@ -24,9 +24,12 @@ from gplfd_experiments.analysis.report.recordings import (
     recording_name,
     trial_recording_name,
 )
-from gplfd_experiments.analysis.results.grouping import by_condition, by_policy, ranked
-from gplfd_experiments.analysis.results.reading import read_results
-from gplfd_experiments.analysis.results.records import NON_STANDARD, EpisodeResult
+from gplfd_experiments.analysis.results.measures import by_condition, by_policy, ranked
+from gplfd_experiments.analysis.results.reading import (
+    NON_STANDARD,
+    EpisodeResult,
+    read_results,
+)
 from gplfd_experiments.analysis.results.trials import ByLevel, of_trials
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII

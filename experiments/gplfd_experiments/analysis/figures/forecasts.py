@@ -1,6 +1,6 @@
 """What the paper leaves out: forecasts of an opening by three forms of adaptation."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.figures.fig07_region import PLANE, arc, shade_region
-from gplfd_experiments.analysis.figures.hindsight import decisions, expectation
+from gplfd_experiments.analysis.figures.fig09_adaptation import decisions, expectation
 from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
@@ -71,8 +71,12 @@ def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
         np.maximum.accumulate(log.observed_phase), return_index=True
     )
 
-    def forecasts(agent: Agent) -> Iterator[Forecast]:
-        for row, decision in enumerate(decisions(log, agent)):
+    by_form = {}
+    for name, agent in agents.items():
+        found: list[Forecast] = []
+        for row, decision in zip(
+            range(rows[-1] + 1), decisions(log, agent), strict=False
+        ):
             if row in rows:
                 policy = expectation(agent)
                 rest = policy[policy.times > float(decision.observed_phase)]
@@ -80,15 +84,10 @@ def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
                 to_come = rest.times[rest.times <= reached[-1]]
                 poses = log.handle_pose[first].T
                 truth = [np.interp(to_come, reached, column) for column in poses]
-                yield Forecast(rest=rest, truth=np.column_stack(truth))
-            if row == rows[-1]:
-                return
-
-    return Forecasts(
-        log=log,
-        phases=tuple(float(log.observed_phase[row]) for row in rows),
-        by_form={name: tuple(forecasts(agent)) for name, agent in agents.items()},
-    )
+                found.append(Forecast(rest=rest, truth=np.column_stack(truth)))
+        by_form[name] = tuple(found)
+    phases = tuple(float(log.observed_phase[row]) for row in rows)
+    return Forecasts(log=log, phases=phases, by_form=by_form)
 
 
 def draw(openings: Mapping[str, Forecasts]) -> Figure:

@@ -141,9 +141,9 @@ def mean_and_interval(
     axes.plot(policy.times, policy.mean[:, output], color=colour, **line)
 
 
-def legend_line(colour: str, linestyle: Any = "-", **line: Any) -> Line2D:
+def legend_line(color: str, linestyle: Any = "-", **line: Any) -> Line2D:
     """A line that stands in the legend alone."""
-    return Line2D([], [], color=colour, linestyle=linestyle, **line)
+    return Line2D([], [], color=color, linestyle=linestyle, **line)
 
 
 def legend_above(figure: Figure, entries: Mapping[str, Artist]) -> None:

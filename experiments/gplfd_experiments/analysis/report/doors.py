@@ -20,26 +20,25 @@ from gplfd_experiments.analysis.report.sentences import (
     rate_sentence,
     value_sentence,
 )
-from gplfd_experiments.analysis.results.grouping import (
-    Runs,
-    by_door_kind,
-    closed_because,
-    counted,
-    door_name,
-    numbers,
-    of_split,
-    ranked,
-)
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
     HEADLINES,
     TESTED,
     WALL_TIME,
+    Runs,
+    by_door_kind,
+    closed_because,
+    counted,
+    door_name,
     median,
     number_text,
+    numbers,
+    of_split,
+    ranked,
+    shift_cell,
 )
-from gplfd_experiments.analysis.results.records import (
+from gplfd_experiments.analysis.results.reading import (
     SPLITS,
     UNDEMONSTRATED,
     EpisodeResult,
@@ -47,7 +46,6 @@ from gplfd_experiments.analysis.results.records import (
 from gplfd_experiments.analysis.results.statistics import (
     FEWEST_PAIRS,
     Key,
-    Pairs,
     holm,
     paired,
     shift,
@@ -103,28 +101,13 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
     episodes = _all(conditions)
     splits = [split for split in SPLITS if any(one.split == split for one in episodes)]
 
-    def rate(split: str, own: Episodes) -> str:
-        here = [one for one in own if one.split == split]
-        return _rate(_SOLVED, here) if here else "not run"
-
-    def force(split: str, own: Episodes) -> str:
-        here = [one for one in own if one.split == split]
-        forces = numbers({"": here}, _FORCE)[""]
-        if not forces:
-            return "none opened" if here else "not run"
-        typical = shift(*paired(forces, dict.fromkeys(forces, 0.0)).per_seed())
-        text = _FORCE.text(typical.estimate)
-        if typical.n < FEWEST_PAIRS:
-            return text
-        return f"{text}\n{_FORCE.text(typical.low)} to {_FORCE.text(typical.high)}"
-
-    columns: dict[str, Callable[[Episodes], str]] = {
-        "seeds": lambda own: str(len({one.task.seed for one in own})),
-        **{f"opened,\n{split}": partial(rate, split) for split in splits},
-        **{f"radial force [N],\n{split}": partial(force, split) for split in splits},
-        "not opened because": lambda own: literal(closed_because(own)),
-        "errors": lambda own: str(sum(bool(one.error) for one in own)),
-    }
+    columns = (
+        "seeds",
+        *(f"opened,\n{split}" for split in splits),
+        *(f"radial force [N],\n{split}" for split in splits),
+        "not opened because",
+        "errors",
+    )
     empty = ("",) * len(columns)
     several_kinds = len(by_door_kind(episodes)) > 1
     rows: list[tuple[str, ...]] = []
@@ -135,17 +118,32 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
             if parts:
                 rows.append((f"**{literal(': '.join(parts))}**", *empty))
             order = ranked(group)
-            able = [
+            rest = [
                 policy
                 for policy, own in order.items()
-                if any(one.opened() for one in own)
+                if not any(one.opened() for one in own)
             ]
-            rest = [policy for policy in order if policy not in able]
-            for policy in (*able, *rest):
+            for policy in sorted(order, key=rest.__contains__):
+                own = order[policy]
                 if rest and policy == rest[0]:
                     rows.append(("**opened no door (not ranked)**", *empty))
+                rates, forces = [], []
+                for split in splits:
+                    some = [one for one in own if one.split == split]
+                    rates.append(_rate(_SOLVED, some) if some else "not run")
+                    values = numbers({policy: some}, _FORCE)[policy]
+                    zeros = dict.fromkeys(values, 0.0)
+                    force = "none opened" if some else "not run"
+                    if values:
+                        typical = shift(*paired(values, zeros).per_seed())
+                        force = shift_cell(typical, _FORCE.digits)
+                    forces.append(force)
+                cells = (
+                    *(str(len({one.task.seed for one in own})), *rates, *forces),
+                    literal(closed_because(own)),
+                    str(sum(bool(one.error) for one in own)),
+                )
                 known = "\nknows the door" if policy in PRIVILEGED else ""
-                cells = (cell(order[policy]) for cell in columns.values())
                 rows.append((f"{code(policy)}{known}", *cells))
     note = (
         "**Opened:** doors opened by 60° and held there for 0.5 s with the handle in "
@@ -347,37 +345,30 @@ def tests_section(conditions: Mapping[str, Runs], reference: str) -> Section:
 
 def _paired_tests(runs: Runs, reference: str) -> Table:
     """Compare the reference with every other policy on the same tasks."""
-
-    def tests(
-        values: Mapping[str, Mapping[Key, float]], show: Callable[[Pairs], str]
-    ) -> dict[str, str]:
-        """Return a column by policy, its p-values corrected for all of them."""
-        every = {other: paired(values[reference], values[other]) for other in values}
-        pairs = {
-            other: both
-            for other, both in every.items()
-            if other != reference and both.seeds
-        }
-        corrected = holm([signed_rank(*both.per_seed()) for both in pairs.values()])
-        column = {}
-        for (other, both), p in zip(pairs.items(), corrected, strict=True):
-            text = "p < 0.001" if p < 1e-3 else f"p {p:.3f}"
-            text = f"**{text}**" if p < 0.05 else text
-            column[other] = f"{show(both)}\n{text}, n {len(set(both.seeds))}"
-        return column
-
-    def wins(pairs: Pairs) -> str:
-        both = list(zip(pairs.first, pairs.second, strict=True))
-        return f"{sum(a > b for a, b in both)} : {sum(b > a for a, b in both)}"
-
-    def difference(digits: int, pairs: Pairs) -> str:
-        typical = shift(*pairs.per_seed()).estimate
-        return number_text(typical, digits, signed=True)
-
-    columns = {"opened to 60°": tests(_successes(runs), wins)}
-    for measure in TESTED:
-        show = partial(difference, measure.digits)
-        columns[measure.title] = tests(numbers(runs, measure), show)
+    measured: dict[str, Mapping[str, Mapping[Key, float]]] = {
+        "opened to 60°": _successes(runs),
+        **{measure.title: numbers(runs, measure) for measure in TESTED},
+    }
+    digits = {measure.title: measure.digits for measure in TESTED}
+    cells: dict[str, list[str]] = {other: [] for other in runs if other != reference}
+    for title, values in measured.items():
+        pairs = {other: paired(values[reference], values[other]) for other in cells}
+        both = [other for other in cells if pairs[other].seeds]
+        corrected = holm([signed_rank(*pairs[other].per_seed()) for other in both])
+        for other, p in zip(both, corrected, strict=True):
+            pair = pairs[other]
+            if title in digits:
+                typical = shift(*pair.per_seed()).estimate
+                text = number_text(typical, digits[title], signed=True)
+            else:
+                doors = list(zip(pair.first, pair.second, strict=True))
+                won, lost = sum(a > b for a, b in doors), sum(b > a for a, b in doors)
+                text = f"{won} : {lost}"
+            said = "p < 0.001" if p < 1e-3 else f"p {p:.3f}"
+            said = f"**{said}**" if p < 0.05 else said
+            cells[other].append(f"{text}\n{said}, n {len(set(pair.seeds))}")
+        for other in cells.keys() - both:
+            cells[other].append("–")
     note = (
         f"{code(reference)} against each other policy on the same doors and seeds. "
         f"Success: doors that only one of the two opened ({code(reference)} : other). "
@@ -386,12 +377,8 @@ def _paired_tests(runs: Runs, reference: str) -> Table:
         "signed ranks of the mean difference of each seed, as doors of a seed share "
         "what was learned from. p after Holm for all tests of a column; n seeds."
     )
-    rows = tuple(
-        (code(other), *(column.get(other, "–") for column in columns.values()))
-        for other in runs
-        if other != reference
-    )
-    return Table(columns=("against", *columns), rows=rows, note=note)
+    rows = tuple((code(other), *own) for other, own in cells.items())
+    return Table(columns=("against", *measured), rows=rows, note=note)
 
 
 def _successes(runs: Runs, *, held: bool = False) -> dict[str, dict[Key, bool]]:

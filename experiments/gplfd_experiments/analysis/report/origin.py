@@ -5,8 +5,8 @@ from collections import Counter
 from typing import Final
 
 from gplfd_experiments.analysis.report.document import Section, code, literal, names
-from gplfd_experiments.analysis.results.grouping import by_policy, grouped
-from gplfd_experiments.analysis.results.records import (
+from gplfd_experiments.analysis.results.measures import by_policy, grouped
+from gplfd_experiments.analysis.results.reading import (
     EpisodeResult,
     StudyResults,
     TaskResult,

@@ -11,11 +11,17 @@ from gplfd_experiments.analysis.report import (
     recordings,
     trials,
 )
-from gplfd_experiments.analysis.report.document import Document, Section, code
+from gplfd_experiments.analysis.report.document import (
+    FIGURES,
+    Document,
+    Section,
+    code,
+    html_page,
+    markdown_page,
+)
 from gplfd_experiments.analysis.report.sentences import PRIVILEGED
-from gplfd_experiments.analysis.report.writing import FIGURES, html_page, markdown_page
-from gplfd_experiments.analysis.results.grouping import by_condition, counted, ranked
-from gplfd_experiments.analysis.results.records import StudyResults
+from gplfd_experiments.analysis.results.measures import by_condition, counted, ranked
+from gplfd_experiments.analysis.results.reading import StudyResults
 from gplfd_experiments.analysis.results.trials import FILE as ANSWERS
 from gplfd_experiments.analysis.results.trials import trial_answers
 from gplfd_experiments.files.plain_data import write_json
@@ -30,14 +36,9 @@ def write_report(
 ) -> Path:
     """Write report.html, report.md, figures/ and, of trials, trials.json.
 
-    Args:
-        results: What is reported.
-        study: Folder of the study, for links to its recordings.
-        out: Folder to write to; the study's by default.
-        reference: Policy with which the others are compared; else the best.
-
-    Returns:
-        The path of the HTML page.
+    They are written to ``out``, by default the study's folder, to whose recordings they
+    link. The others are compared with the reference, else the best. Returns the path of
+    the HTML page.
     """
     folder = study if out is None else out
     document = report(results, study, folder, reference)

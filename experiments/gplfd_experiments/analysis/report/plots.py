@@ -1,9 +1,10 @@
 """Plots of a report: a panel per policy on common axes, rows of dots, trials."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
 from operator import attrgetter
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,18 +13,16 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from gplfd_experiments.analysis.figures import style
 from gplfd_experiments.analysis.results.aggregates import performance_profile
-from gplfd_experiments.analysis.results.grouping import (
-    Runs,
-    door_name,
-    grouped,
-)
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
+    Runs,
+    door_name,
+    grouped,
 )
-from gplfd_experiments.analysis.results.records import (
+from gplfd_experiments.analysis.results.reading import (
     NON_STANDARD,
     EpisodeResult,
     LearningTestResult,
@@ -42,10 +41,9 @@ from gplfd_experiments.studies.trials.records import MEASURES
 from gplfd_policies.registry.catalogue import POLICIES
 
 LeftOut = LearningTestResult | RecordedResult
-OwnT = TypeVar("OwnT")
 
-Curve = tuple[list[tuple[float, float]], Callable[[Axes, str], None]]
-"""Points of a policy, and what draws behind them in a colour."""
+Panels = dict[str, tuple[Axes, str, list[tuple[float, float]]]]
+"""By policy its panel and colour, and the points of its curve."""
 Look = Mapping[str, Any]
 """How an artist is drawn."""
 
@@ -97,100 +95,74 @@ _WIDE: Final = 20.0
 
 def success_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the rate of doors opened to 60 degrees over the handle's radius."""
-
-    def curve(own: Sequence[EpisodeResult]) -> Curve:
-        rates = [
-            (radius, success_rate((one.task.seed, one.opened()) for one in here))
-            for radius, here in _doors(own)
-        ]
-
-        def intervals(axes: Axes, tint: str) -> None:
-            for radius, rate in rates:
-                axes.plot([radius] * 2, [rate.low, rate.high], color=tint, **_BAR)
-
-        return [(radius, rate.estimate) for radius, rate in rates], intervals
-
-    def prepare(axes: Axes) -> None:
+    figure, panels = _panels(runs, reference, "radius [m]", "opened to 60°")
+    for policy, (axes, tint, points) in panels.items():
         _radius_axis(axes, runs)
         axes.set(ylim=(-0.05, 1.05), yticks=[0.0, 0.5, 1.0])
-
-    labels = ("radius [m]", "opened to 60°")
-    return _small_multiples(runs, reference, curve, prepare, labels)
+        for radius, here in _doors(runs[policy]):
+            rate = success_rate((one.task.seed, one.opened()) for one in here)
+            points.append((radius, rate.estimate))
+            axes.plot([radius] * 2, [rate.low, rate.high], color=tint, **_BAR)
+    _draw_curves(panels, reference)
+    return figure
 
 
 def force_by_radius(runs: Runs, reference: str) -> Figure:
     """Draw the peak radial force of opened doors over the radius: all and median."""
     measure = EPISODE_MEASURES["force_radial_peak"]
-
-    def curve(own: Sequence[EpisodeResult]) -> Curve:
-        middles = [(radius, measure.median(here)) for radius, here in _doors(own)]
-        points = [
-            (radius, force)
-            for radius, here in _doors(own)
-            for one in here
-            if (force := measure.of(one)) is not None
-        ]
-
-        def dots(axes: Axes, tint: str) -> None:
-            axes.plot(*zip(*points, strict=True), color=tint, **_DOTS)
-
-        return [(at, middle) for at, middle in middles if middle is not None], dots
-
-    def prepare(axes: Axes) -> None:
+    figure, panels = _panels(runs, reference, "radius [m]", "peak radial force [N]")
+    for policy, (axes, tint, points) in panels.items():
         _radius_axis(axes, runs)
         axes.axhline(ADA_FORCE, color=style.LIMIT, linewidth=0.8, linestyle="--")
         log_scale(axes, "y")
-
-    labels = ("radius [m]", "peak radial force [N]")
-    return _small_multiples(runs, reference, curve, prepare, labels, "none opened")
+        dots = []
+        for radius, here in _doors(runs[policy]):
+            forces = [force for force in map(measure.of, here) if force is not None]
+            dots += [(radius, force) for force in forces]
+            if forces:
+                points.append((radius, statistics.median(forces)))
+        if dots:
+            axes.plot(*zip(*dots, strict=True), color=tint, **_DOTS)
+    _draw_curves(panels, reference, "none opened")
+    return figure
 
 
 def forecast_by_progress(runs: Runs, reference: str) -> Figure:
     """Draw the error of the forecast of the rest over progress: median, middle half."""
-
-    def curve(own: Sequence[EpisodeResult]) -> Curve:
+    figure, panels = _panels(runs, reference, "door angle / final angle", "error [mm]")
+    for policy, (axes, tint, points) in panels.items():
+        axes.set_xlim(0.0, 1.0)
+        axes.set_xticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
+        log_scale(axes, "y")
         errors: dict[float, list[float]] = {}
-        for one in own:
+        for one in runs[policy]:
             angles = one.metrics["forecast_progress"]
             for at, error in zip(angles, one.metrics["forecast_error_mm"], strict=True):
                 if error is not None:
                     errors.setdefault(at, []).append(error)
-        steps = sorted(errors)
-        quartiles = [np.percentile(errors[at], (25, 50, 75)) for at in steps]
-
-        def middle_half(axes: Axes, tint: str) -> None:
-            low, _, high = np.transpose(quartiles)
+        if errors:
+            steps = sorted(errors)
+            quartiles = [np.percentile(errors[at], (25, 50, 75)) for at in steps]
+            low, middle, high = np.transpose(quartiles)
             style.band(axes, np.array(steps), low, high, tint)
-
-        return [(at, q[1]) for at, q in zip(steps, quartiles, strict=True)], middle_half
-
-    def prepare(axes: Axes) -> None:
-        axes.set_xlim(0.0, 1.0)
-        axes.set_xticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
-        log_scale(axes, "y")
-
-    labels = ("door angle / final angle", "error [mm]")
-    return _small_multiples(runs, reference, curve, prepare, labels, "no forecast")
+            points.extend(zip(steps, middle, strict=True))
+    _draw_curves(panels, reference, "no forecast")
+    return figure
 
 
 def coverage(runs: Mapping[str, Sequence[LeftOut]], reference: str) -> Figure:
     """Draw the share of left-out numbers inside intervals of a nominal share."""
-
-    def curve(own: Sequence[LeftOut]) -> Curve:
-        measured = {
-            level / 100.0: LEARNING_MEASURES[f"coverage_{level}"].median(own)
-            for level in (50, 90, 95)
-        }
-        points = [(at, share) for at, share in measured.items() if share is not None]
-        return points, lambda axes, tint: None
-
-    def prepare(axes: Axes) -> None:
+    figure, panels = _panels(runs, reference, "nominal share", "measured share")
+    for policy, (axes, _, points) in panels.items():
         axes.plot([0.0, 1.0], [0.0, 1.0], color=style.MARK, linewidth=0.7)
         axes.set(xlim=(0.4, 1.02), ylim=(-0.02, 1.04), yticks=[0.0, 0.5, 1.0])
         axes.set_xticks([0.5, 0.9], labels=["0.5", "0.9"])
-
-    labels = ("nominal share", "measured share")
-    return _small_multiples(runs, reference, curve, prepare, labels, "no uncertainty")
+        for level in (50, 90, 95):
+            share = LEARNING_MEASURES[f"coverage_{level}"].median(runs[policy])
+            if share is not None:
+                points.append((level / 100.0, share))
+    _draw_curves(panels, reference, "no uncertainty")
+    return figure
 
 
 def prediction_scores(runs: Mapping[str, Sequence[LeftOut]]) -> Figure:
@@ -252,43 +224,44 @@ def _radius_axis(axes: Axes, runs: Runs) -> None:
     axes.set_xticks(DEMONSTRATED_RADII, labels=[f"{r:g}" for r in DEMONSTRATED_RADII])
 
 
-def _small_multiples(
-    runs: Mapping[str, OwnT],
-    reference: str,
-    curve: Callable[[OwnT], Curve],
-    prepare: Callable[[Axes], None],
-    labels: tuple[str, str],
-    without: str = "",
-    marker: str = "o",
-) -> Figure:
-    """Draw a panel per policy, the reference's curve faintly behind the others."""
-    n_rows = -(-len(runs) // _MOST)
-    columns = max(_FEWEST, -(-len(runs) // n_rows))
+def _panels(
+    policies: Iterable[str], reference: str, xlabel: str, ylabel: str
+) -> tuple[Figure, Panels]:
+    """Return a figure with a panel per policy, on common axes."""
+    names = list(policies)
+    n_rows = -(-len(names) // _MOST)
+    columns = max(_FEWEST, -(-len(names) // n_rows))
     figure = style.new_figure(style.PAGE, _PANEL_ROW * n_rows + _MARGIN)
     grid = figure.subplots(n_rows, columns, sharex=True, sharey=True, squeeze=False)
-    for axes in grid.flat[len(runs) :]:
+    for axes in grid.flat[len(names) :]:
         axes.set_visible(False)
-    faint, _ = curve(runs[reference]) if reference in runs else ([], None)
-    for place, (axes, policy) in enumerate(zip(grid.flat, runs, strict=False)):
-        prepare(axes)
+    panels: Panels = {}
+    for place, (axes, policy) in enumerate(zip(grid.flat, names, strict=False)):
         tint = style.ADAPTED if policy == reference else style.DOORS[1]
+        axes.set_title(short(policy), loc="left", color=tint, parse_math=False)
+        if place + columns >= len(names):
+            axes.tick_params(labelbottom=True)
+        panels[policy] = axes, tint, []
+    figure.supxlabel(xlabel, fontsize=7.0)
+    figure.supylabel(ylabel, fontsize=7.0)
+    return figure, panels
+
+
+def _draw_curves(
+    panels: Panels, reference: str, without: str = "", marker: str = "o"
+) -> None:
+    """Draw the curve of each panel, and the reference's faintly behind the others."""
+    faint = panels[reference][2] if reference in panels else []
+    for policy, (axes, tint, points) in panels.items():
         if faint and policy != reference:
             axes.plot(*zip(*faint, strict=True), **_FAINT)
-        points, draw_behind = curve(runs[policy])
         if points:
-            draw_behind(axes, tint)
             line: Look = {"color": tint, "marker": marker, "ms": 2.6, "zorder": 3}
             axes.plot(*zip(*points, strict=True), **line)
         else:
             look: Look = {"ha": "center", "va": "center", "color": style.MARK}
             where = axes.transAxes
             axes.text(0.5, 0.5, without, transform=where, fontsize=6.5, **look)
-        axes.set_title(short(policy), loc="left", color=tint, parse_math=False)
-        if place + columns >= len(runs):
-            axes.tick_params(labelbottom=True)
-    figure.supxlabel(labels[0], fontsize=7.0)
-    figure.supylabel(labels[1], fontsize=7.0)
-    return figure
 
 
 def short(policy: str) -> str:
@@ -344,7 +317,7 @@ def deciding_numbers(
         log_scale(panels[0], "x")
     panels[-1].set_xlabel(MEASURES[measure][0])
     kinds = {kind_of(policy) for own in levels.values() for policy in own}
-    _legend(figure, [look for kind, look in _KINDS.items() if kind in kinds])
+    _legend(figure, (look for kind, look in _KINDS.items() if kind in kinds))
     return figure
 
 
@@ -359,19 +332,17 @@ def performance_profiles(
     at = (np.geomspace if wide else np.linspace)(low, high, 61)
     # An episode at a threshold reaches it.
     thresholds = sign * at - 1e-9 * max(abs(low), abs(high))
-
-    def curve(own: FloatArray) -> Curve:
-        share, lower, upper = performance_profile(own, thresholds)
-        points = list(zip(at.tolist(), share.tolist(), strict=True))
-        return points, lambda axes, tint: style.band(axes, at, lower, upper, tint)
-
-    def prepare(axes: Axes) -> None:
+    title = MEASURES[measure][0]
+    figure, panels = _panels(arrays, reference, title, "share of episodes")
+    for policy, (axes, tint, points) in panels.items():
         axes.set(ylim=(-0.05, 1.05), yticks=[0.0, 0.5, 1.0])
         if wide:
             log_scale(axes, "x")
-
-    labels = (MEASURES[measure][0], "share of episodes")
-    return _small_multiples(arrays, reference, curve, prepare, labels, marker="")
+        share, lower, upper = performance_profile(arrays[policy], thresholds)
+        style.band(axes, at, lower, upper, tint)
+        points.extend(zip(at, share, strict=True))
+    _draw_curves(panels, reference, marker="")
+    return figure
 
 
 def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
@@ -401,7 +372,7 @@ def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
         axes.set_xlabel(f"{MEASURES[measure][0]}: with − without")
     panels[0].set_title("← worse with the idea", loc="left")
     panels[0].set_title("better with the idea →", loc="right")
-    _legend(figure, list(_VERDICTS.values()))
+    _legend(figure, _VERDICTS.values())
     return figure
 
 
@@ -431,9 +402,6 @@ def _name_rows(axes: Axes, names: Sequence[str]) -> None:
     axes.set_axisbelow(True)
 
 
-def _legend(figure: Figure, looks: Sequence[tuple[str, Look]]) -> None:
-    handles = {}
-    for name, look in looks:
-        kept = {key: value for key, value in look.items() if key != "color"}
-        handles[name] = style.legend_line(look["color"], "none", **kept)
-    style.legend_above(figure, handles)
+def _legend(figure: Figure, looks: Iterable[tuple[str, Look]]) -> None:
+    marks = {name: style.legend_line(linestyle="none", **look) for name, look in looks}
+    style.legend_above(figure, marks)

@@ -21,26 +21,23 @@ from gplfd_experiments.analysis.report.document import (
 )
 from gplfd_experiments.analysis.report.plots import LeftOut, coverage, prediction_scores
 from gplfd_experiments.analysis.report.sentences import value_sentence
-from gplfd_experiments.analysis.results.grouping import by_condition, by_policy, numbers
 from gplfd_experiments.analysis.results.measures import (
     FORCE_MEASURES,
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
     RECORDED_MEASURES,
     Measure,
+    by_condition,
+    by_policy,
     median,
+    numbers,
 )
-from gplfd_experiments.analysis.results.records import (
+from gplfd_experiments.analysis.results.reading import (
     LearningTestResult,
     RecordedResult,
 )
 from gplfd_experiments.files.table import Table, text_table
-from gplfd_experiments.studies.learning_tests.criteria import (
-    CRITERIA,
-    Criterion,
-    Mark,
-    mark,
-)
+from gplfd_experiments.studies.learning_tests.criteria import CRITERIA, mark
 from gplfd_policies.registry.built_in import TABLE_1
 
 Tests = Sequence[LearningTestResult]
@@ -97,8 +94,6 @@ _TINY: Final = 1e-3
 
 Metrics = dict[str, list[Mapping[str, Any]]]
 """Those of every learning test, by policy."""
-Marks = Mapping[str, Mapping[str, Mark]]
-"""By row of the table and policy."""
 
 
 def learning_section(tests: Tests, reference: str) -> Section:
@@ -339,23 +334,17 @@ def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
     )
     if missing := [policy for policy in TABLE_1 if policy not in measured]:
         note += f" Not in this study, or only with errors: {names(missing)}."
-    marks = _marks(measured)
-    section.table(_marks_table(marks, note), folded="Marks with their numbers")
-    judged = [
-        _disagrees(CRITERIA[row], policy, found)
-        for row, own_marks in marks.items()
-        for policy, found in own_marks.items()
-        if found.passed is not None and policy in TABLE_1
-    ]
+    table, explained, disagree = _marks(measured, note)
+    section.table(table, folded="Marks with their numbers")
     section.say(
-        f"Measurement and paper disagree in {sum(judged)} of {len(judged)} marks. "
+        f"Measurement and paper disagree in {sum(disagree)} of {len(disagree)} marks. "
         "The paper judges what was published about a method; here one "
         "implementation of it is measured on one task."
     )
-    section.items(_explained(CRITERIA[row], marks[row]) for row in CRITERIA)
+    section.items(explained)
     if tuned:
         note = "The same with the settings that `gplfd tune` found for each method."
-        table = _marks_table(_marks(tuned), note)
+        table, _, _ = _marks(tuned, note)
         section.table(table, folded="Marks of the tuned methods")
     return section
 
@@ -371,53 +360,43 @@ def _measured(tests: Sequence[LearningTestResult], shown: Sequence[str]) -> Metr
     }
 
 
-def _marks(measured: Metrics) -> Marks:
-    return {
-        row: {policy: mark(row, own) for policy, own in measured.items()}
-        for row in CRITERIA
-    }
+def _marks(measured: Metrics, note: str) -> tuple[Table, list[str], list[bool]]:
+    """Return a row per criterion with a mark and a number per policy.
 
-
-def _marks_table(marks: Marks, note: str) -> Table:
-    """Return a row per criterion with a mark and a number per policy."""
-
-    def cell(criterion: Criterion, policy: str, found: Mark) -> str:
-        text, value = _SIGN[found.passed], found.value
-        if value is not None and 0.0 < abs(value) < _TINY:
-            text += f" < {_TINY:g}" if value > 0.0 else f" > −{_TINY:g}"
-        elif value is not None:
-            text += f" {value:.3g}".replace("-", "−")
-        if _disagrees(criterion, policy, found):
-            text = f"**{text}**\n(paper {_SIGN[policy in criterion.paper]})"
-        return text
-
-    rows = []
+    Then for each criterion what it is, and the numbers where the paper says otherwise;
+    and for each mark of a method that the paper judges whether it does.
+    """
+    rows: list[tuple[str, ...]] = []
+    explained: list[str] = []
+    disagree: list[bool] = []
     for row, criterion in CRITERIA.items():
         limit = criterion.limits[0]
         bounded = limit.high < math.inf
         bound = f"≤ {limit.high:g}" if bounded else f"≥ {limit.low:g}"
-        cells = (cell(criterion, *item) for item in marks[row].items())
-        rows.append((f"{row}\n{limit.symbol} {bound}", *cells))
-    policies = next(iter(marks.values()))
-    return Table(columns=("", *map(code, policies)), rows=tuple(rows), note=note)
-
-
-def _disagrees(criterion: Criterion, policy: str, found: Mark) -> bool:
-    judged = found.passed is not None and policy in TABLE_1
-    return judged and found.passed != (policy in criterion.paper)
-
-
-def _explained(criterion: Criterion, marks: Mapping[str, Mark]) -> str:
-    """Return the criterion, and the numbers where the paper says otherwise."""
-    text = f"**{criterion.row}.** {criterion.sentence}"
-    others: dict[tuple[bool | None, str], list[str]] = {}
-    for policy, found in marks.items():
-        if _disagrees(criterion, policy, found):
-            others.setdefault((found.passed, found.text), []).append(policy)
-    if not others:
-        return f"{text} As in the paper."
-    differing = "; ".join(
-        f"{names(policies)} {_SIGN[passed]}, the paper {_SIGN[not passed]} ({numbers})"
-        for (passed, numbers), policies in others.items()
-    )
-    return f"{text} Otherwise than in the paper: {differing}."
+        cells = [f"{row}\n{limit.symbol} {bound}"]
+        others: dict[tuple[bool, str], list[str]] = {}
+        for policy, own in measured.items():
+            found, published = mark(row, own), policy in criterion.paper
+            text, value = _SIGN[found.passed], found.value
+            if value is not None and 0.0 < abs(value) < _TINY:
+                text += f" < {_TINY:g}" if value > 0.0 else f" > −{_TINY:g}"
+            elif value is not None:
+                text += f" {value:.3g}".replace("-", "−")
+            if found.passed is not None and policy in TABLE_1:
+                disagree.append(found.passed != published)
+                if disagree[-1]:
+                    text = f"**{text}**\n(paper {_SIGN[published]})"
+                    others.setdefault((found.passed, found.text), []).append(policy)
+            cells.append(text)
+        rows.append(tuple(cells))
+        differing = "; ".join(
+            f"{names(policies)} {_SIGN[passed]}, the paper {_SIGN[not passed]} ({said})"
+            for (passed, said), policies in others.items()
+        )
+        verdict = f"Otherwise than in the paper: {differing}."
+        explained.append(
+            f"**{criterion.row}.** {criterion.sentence} "
+            f"{verdict if others else 'As in the paper.'}"
+        )
+    table = Table(columns=("", *map(code, measured)), rows=tuple(rows), note=note)
+    return table, explained, disagree

@@ -17,10 +17,14 @@ from gplfd_experiments.analysis.report.plots import (
 )
 from gplfd_experiments.analysis.report.recordings import link_trial
 from gplfd_experiments.analysis.results.aggregates import probability_of_improvement
-from gplfd_experiments.analysis.results.grouping import Runs
-from gplfd_experiments.analysis.results.measures import number_text
-from gplfd_experiments.analysis.results.records import EpisodeResult, StudyResults
-from gplfd_experiments.analysis.results.statistics import Rate, Shift, success_rate
+from gplfd_experiments.analysis.results.measures import (
+    Runs,
+    interval_text,
+    number_text,
+    shift_cell,
+)
+from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
+from gplfd_experiments.analysis.results.statistics import Rate, success_rate
 from gplfd_experiments.analysis.results.trials import (
     RADIAL,
     SHARES,
@@ -104,8 +108,7 @@ def _say_ideas(section: Section, answers: Mapping[str, Sequence[Answer]]) -> Non
             trial,
             MEASURES[answer.contrast.measure][0],
             f"{answer.contrast.having} : {answer.contrast.lacking}",
-            _difference(answer),
-            _result(answer),
+            *_found(answer),
         )
         for trial, own in answers.items()
         for answer in own
@@ -209,12 +212,12 @@ def _trial_section(
     texts = []
     for answer in answers:
         contrast, counts = answer.contrast, changes(answer.contrast, policies)
+        difference, result = _found(answer)
         doors = [f" {number} {name}" for name, number in counts.items()]
         texts.append(
             f"{contrast.idea}: {code(contrast.having)} against "
             f"{code(contrast.lacking)}, {MEASURES[contrast.measure][0]} "
-            f"{_difference(answer)}: {_result(answer)}."
-            + (f" Doors:{','.join(doors)}." if doors else "")
+            f"{difference}: {result}." + (f" Doors:{','.join(doors)}." if doors else "")
         )
     section.items(texts)
     asked = {title for title, one in trial.levels.items() if one.corrections}
@@ -256,17 +259,6 @@ def ordered(trial: Trial, policies: ByLevel) -> dict[str, Runs]:
 
 def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
     """Return a row per policy and level, with all measures of the trial."""
-
-    def cell(episodes: Sequence[EpisodeResult], measure: str) -> str:
-        found = summary(episodes, measure)
-        if found is None:
-            return "no value"
-        if isinstance(found, Rate):
-            return found.cell
-        digits = _digits(measure)
-        text = f"{number_text(found.estimate, digits)}\n{_interval(found, digits)}"
-        return text.strip()
-
     rows: list[tuple[str, ...]] = []
     for level, own in levels.items():
         if len(trial.levels) > 1:
@@ -276,7 +268,14 @@ def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
             name = code(policy) if kind == "method" else f"{code(policy)} ({kind})"
             if errors := sum(bool(one.error) for one in episodes):
                 name += f"\nerrors: {errors}"
-            cells = (cell(episodes, measure) for measure in trial.measures)
+            cells = []
+            for measure in trial.measures:
+                found = summary(episodes, measure)
+                if isinstance(found, Rate):
+                    cells.append(found.cell)
+                else:
+                    digits = _digits(measure)
+                    cells.append(shift_cell(found, digits) if found else "no value")
             rows.append((name, *cells))
     return Table(
         columns=("policy", *(MEASURES[name][0] for name in trial.measures)),
@@ -291,19 +290,13 @@ def aggregate_table(
     arrays: Mapping[str, FloatArray], measure: str, reference: str
 ) -> Table:
     """Return interquartile means and probabilities of improvement, the best first."""
-
-    def cell(found: Shift, digits: int) -> str:
-        known = math.isfinite(found.estimate)
-        text = f"{number_text(found.estimate, digits)}\n{_interval(found, digits)}"
-        return text.strip() if known else "–"
-
     means = {policy: middle(own, measure) for policy, own in arrays.items()}
     sign = 1.0 if MEASURES[measure][1] == "less" else -1.0
     rows = []
     for policy in sorted(means, key=lambda one: (sign * means[one].estimate, one)):
         both = arrays.get(reference, arrays[policy]), arrays[policy]
-        better = cell(probability_of_improvement(*both), 2)
-        rows.append((code(policy), cell(means[policy], _digits(measure)), better))
+        better = shift_cell(probability_of_improvement(*both), 2)
+        rows.append((code(policy), shift_cell(means[policy], _digits(measure)), better))
     head = f"{MEASURES[measure][0]}, interquartile mean"
     return Table(
         columns=("policy", head, f"P({reference} better)"),
@@ -348,32 +341,20 @@ def tier_lines(results: StudyResults) -> list[str]:
     return lines
 
 
-def _result(answer: Answer) -> str:
-    if answer.shift is None:
-        return "no value in common"
-    if math.isinf(answer.shift.low):
-        return "too few seeds for an interval"
-    return _VERDICTS[answer.verdict]
-
-
-def _difference(answer: Answer) -> str:
+def _found(answer: Answer) -> tuple[str, str]:
+    """Return the difference with its interval, and what it shows, in words."""
     found = answer.shift
     if found is None:
-        return "–"
+        return "–", "no value in common"
     digits = _digits(answer.contrast.measure)
     # As many decimals as the ends of the interval need to differ from zero.
     ends = [abs(end) for end in (found.low, found.high) if 0.0 < abs(end) < math.inf]
     if ends:
         digits = max(digits, min(-math.floor(math.log10(min(ends))), 3))
     estimate = number_text(found.estimate, digits, signed=True)
-    interval = _interval(found, digits)
-    return f"{estimate} ({interval})" if interval else estimate
-
-
-def _interval(found: Shift, digits: int) -> str:
-    if math.isinf(found.low) or math.isinf(found.high):
-        return ""  # Too few seeds, or too many failures.
-    return " to ".join(number_text(end, digits) for end in (found.low, found.high))
+    if interval := interval_text(found, digits):
+        return f"{estimate} ({interval})", _VERDICTS[answer.verdict]
+    return estimate, "too few seeds for an interval"
 
 
 def _digits(measure: str) -> int:

@@ -1,34 +1,168 @@
-"""Read the files of a study as records; a file that cannot be read is named."""
+"""Results of a study as records, read from its files.
+
+A file that cannot be read is named, with the reason.
+"""
 
 import dataclasses
 import json
+import typing
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from gplfd_env.conventions.constants import Start
 from gplfd_env.doors.config import DoorConfig, door_config
 from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_env.doors.randomization import door_randomization
-from gplfd_experiments.analysis.results.records import (
-    DEMONSTRATED,
-    NON_STANDARD,
-    UNDEMONSTRATED,
-    EpisodeResult,
-    LearningTestResult,
-    RecordedResult,
-    StudyResults,
-    TaskResult,
-    door_kind,
-)
+from gplfd_experiments.analysis.results.statistics import Key
 from gplfd_experiments.data.teacher import Habits, TeacherConfig
+from gplfd_experiments.episodes.failures import failure_name
 from gplfd_experiments.episodes.task import EpisodeTask, Task, TaughtTask
 from gplfd_experiments.files.plain_data import NewerFormatError, entry, read_json
-from gplfd_experiments.studies.learning_tests.folds import HELD_OUT
 from gplfd_experiments.studies.result_format import POLICY_ERROR, lost, outcome
 from gplfd_experiments.studies.settings import Condition
 from gplfd_experiments.studies.store import STUDY, read_study
-from gplfd_experiments.studies.tasks import SkillTask, task_from
+from gplfd_experiments.studies.tasks import KINDS, RecordedTask, SkillTask, task_from
+
+DEMONSTRATED: Final = "demonstrated radii"
+UNDEMONSTRATED: Final = "new radii"
+NON_STANDARD: Final = "other doors"
+"""Doors that differ in more than the radius: more friction, a closer, another mass."""
+SPLITS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
+"""How doors relate to the demonstrated ones of their kind, in the order shown."""
+
+
+def door_kind(door: DoorConfig) -> str:
+    """Return the kind of a door in words: all that decides by which motion it opens."""
+    latch = "" if door.latch == "none" else f" with {door.latch} latch"
+    side = "" if door.hinge_side == "right" else f", hinge {_WHERE[door.hinge_side]}"
+    motion = "" if door.motion == "hinged" else f"{door.motion}, "
+    return f"{motion}{door.handle}{latch}, {door.swing}{side}"
+
+
+_WHERE: Final = {"left": "on the left", "bottom": "at the bottom", "top": "at the top"}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TaskResult:
+    """What is known of one task after it ran."""
+
+    task: Task
+    pair: str
+    """Key of the task without its policy: results with the same key are a pair."""
+    metrics: Mapping[str, Any]
+    """Numbers are finite or None; an older result lacks what was added since."""
+    error: str
+    """Why nothing was measured; "" if something was."""
+    lost: bool
+    """Whether the machine failed, not the policy: such a task counts nowhere."""
+    code: str
+    machine: str
+    """CPU and libraries that determine the last bits of the result; "" if unknown."""
+    policy_source: str
+    """Where the policy came from, for one that is not this project's; else ""."""
+
+    @property
+    def policy(self) -> str:
+        """Name of the policy."""
+        return self.task.policy
+
+    @property
+    def key(self) -> Key:
+        """Seed, and what names the task among those of all policies."""
+        return self.task.seed, self.pair
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is part of rates, medians and comparisons."""
+        return not self.error
+
+    def number(self, name: str) -> float | None:
+        """Return a metric; None where it is missing."""
+        value: float | None = self.metrics.get(name)
+        return value
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TaughtResult(TaskResult):
+    """What is known of a task whose policy learned from the synthetic human."""
+
+    condition: Condition
+    """What this task shares with others of the same table."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EpisodeResult(TaughtResult):
+    """What is known of an episode.
+
+    Where the policy raised an error, in learning or acting, the door was not opened:
+    the episode counts as a failure, ``policy_error``, with a door that is closed.
+    """
+
+    task: EpisodeTask
+    radius: float
+    """Distance from hinge to handle [m], as drawn."""
+    demonstrations: str
+    """Hash of what was learned from, to a micrometre; "" if unknown."""
+    drawn: bool
+    """Whether the radius is drawn at random."""
+    split: str
+    """How the door relates to the demonstrated ones, one of `SPLITS`."""
+    door_kind: str
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is part of rates and comparisons: unless the machine failed."""
+        return not self.lost
+
+    def opened(self, angle: int = 60) -> bool:
+        """Return whether the door was ever open by 15, 30 or 60 degrees."""
+        return self.number(f"time_to_{angle}_deg") is not None
+
+    @property
+    def solved(self) -> bool:
+        """Whether the door was held open by 60 degrees, the handle in the hand."""
+        return bool(self.metrics.get("success"))
+
+    @property
+    def failure(self) -> str:
+        """Why the task was not solved, as the environment names it."""
+        return failure_name(str(self.metrics["failure"]), "no reason given")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LearningTestResult(TaughtResult):
+    """How well a policy predicted demonstrations that it did not see."""
+
+    task: SkillTask
+    outputs_cpu_s: Mapping[int, float]
+    """CPU time to learn by number of outputs [s]; empty where it was not measured."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordedResult(TaskResult):
+    """How well a policy predicted a recording that it did not see."""
+
+    task: RecordedTask
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StudyResults:
+    """All that a folder holds, in the order of policies, conditions, doors, seeds."""
+
+    study: Mapping[str, Any]
+    """What study.json says; empty without one."""
+    episodes: tuple[EpisodeResult, ...]
+    tests: tuple[LearningTestResult, ...]
+    recorded: tuple[RecordedResult, ...]
+    unreadable: tuple[str, ...]
+    """Names of files that hold no result, with the reason."""
+
+    @property
+    def all(self) -> tuple[TaskResult, ...]:
+        """Episodes, learning tests, and recordings left out."""
+        return (*self.episodes, *self.tests, *self.recorded)
+
 
 TASKS: Final = "tasks"
 
@@ -37,39 +171,11 @@ _SAME_RADIUS: Final = 1e-3
 _LONGEST: Final = 200
 """Characters of a name, and of a reason."""
 
-_TAUGHT: Final[Mapping[str, Any]] = {
-    "policy": str,
-    "seed": int,
-    "demonstrations_per_door": int,
-    "teacher": dict[str, float],
-}
-_REQUIRED: Final[Mapping[str, Mapping[str, Any]]] = {
-    "episode": {
-        **_TAUGHT,
-        "door": str,
-        "door_config": dict[str, float | str | None],
-        "randomization": str | dict[str, Any],
-    },
-    "skill": _TAUGHT,
-    "recorded": {"policy": str, "seed": int, "recordings": str},
-}
-"""Fields that a task must have, by its kind."""
-_OPTIONAL: Final = {
-    "disturbance": str | dict[str, Any],
-    "demonstrated_radii": tuple[float, ...],
-    "demonstrated_kind": dict[str, str] | None,
-    "demonstrated_hardware": tuple[dict[str, float | str], ...],
-    "base": str,
-    "robot": str,
-    "environment_version": int,
-    "start": Start,
+_NARROWER: Final[Mapping[str, Any]] = {
+    "door_config": dict[str, float | str | None],
     "habits": dict[str, float] | None,
-    "demonstrated_forces": bool,
-    "prior_radius": float | None,
-    "trial": str,
-    "level": str,
 }
-"""Fields that most episodes' files leave out."""
+"""Types of fields that `EpisodeTask` leaves open."""
 _CLOSED_BY_ERROR: Final[Mapping[str, Any]] = {
     "success": False,
     "failure": POLICY_ERROR,
@@ -133,23 +239,25 @@ def read_results(*folders: Path) -> StudyResults:
                 "one of the folders"
             )
 
-    def episode_order(one: EpisodeResult) -> tuple[Any, ...]:
-        task, condition = one.task, str(one.condition)
-        return one.policy, condition, one.radius, task.door, task.seed, one.pair
-
-    def test_order(one: LearningTestResult) -> tuple[Any, ...]:
-        task = one.task
-        return one.policy, str(one.condition), task.held_out, task.seed, one.pair
-
     every = [one for _, one in results]
-    episodes = (one for one in every if isinstance(one, EpisodeResult))
-    tests = (one for one in every if isinstance(one, LearningTestResult))
-    recorded = (one for one in every if isinstance(one, RecordedResult))
+    episodes = [one for one in every if isinstance(one, EpisodeResult)]
+    tests = [one for one in every if isinstance(one, LearningTestResult)]
+    recorded = [one for one in every if isinstance(one, RecordedResult)]
+    recorded.sort(key=lambda one: (one.policy, one.key))
+    tests.sort(
+        key=lambda one: (one.policy, str(one.condition), one.task.held_out, one.key)
+    )
+    episodes.sort(
+        key=lambda one: (
+            *(one.policy, str(one.condition), one.radius, one.task.door),
+            one.key,
+        )
+    )
     return StudyResults(
         study=studies[0],
-        episodes=tuple(sorted(episodes, key=episode_order)),
-        tests=tuple(sorted(tests, key=test_order)),
-        recorded=tuple(sorted(recorded, key=lambda one: (one.policy, one.key))),
+        episodes=tuple(episodes),
+        tests=tuple(tests),
+        recorded=tuple(recorded),
         unreadable=tuple(unreadable),
     )
 
@@ -174,9 +282,8 @@ def _reason(file: Path, error: Exception) -> str:
 
 def _result(record: Mapping[str, Any]) -> TaskResult:
     """Return what a file says; raises what is wrong with it."""
-    fields = {"policy_source": None, **entry(record, "task", dict[str, Any])}
-    source = entry(fields, "policy_source", dict[str, Any] | None) or {}
-    task = _task(fields)
+    task = _task(entry(record, "task", dict[str, Any]))
+    source = task.policy_source or {}
     metrics = outcome(record, task)
     code = "unknown code"
     if "versions" in record:
@@ -228,23 +335,27 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
 def _task(fields: Mapping[str, Any]) -> Task:
     """Return the task of a file whose every field has been checked."""
     kind = entry(fields, "kind", str)
-    if kind not in _REQUIRED:
-        raise ValueError(f"kind = {kind[:_LONGEST]!r} must be one of {[*_REQUIRED]}")
-    for name, type_ in _REQUIRED[kind].items():
+    if kind not in KINDS:
+        raise ValueError(f"kind = {kind[:_LONGEST]!r} must be one of {[*KINDS]}")
+    types = {**typing.get_type_hints(KINDS[kind]), **_NARROWER}
+    for one in dataclasses.fields(KINDS[kind]):
+        # Most files leave such a field out.
+        optional = "omitted" in one.metadata
+        if optional and one.name not in fields:
+            continue
+        name, type_ = one.name, types[one.name]
         value = entry(fields, name, type_)
-        if type_ is str and not (value.isprintable() and 0 < len(value) <= _LONGEST):
-            raise ValueError(f"{name} = {value[:_LONGEST]!r} is not a name in one line")
-        if type_ is int and value < 0:
+        if type_ is str and not optional:
+            if not (value.isprintable() and 0 < len(value) <= _LONGEST):
+                text = value[:_LONGEST]
+                raise ValueError(f"{name} = {text!r} is not a name in one line")
+        elif type_ is int and value < 0:
             raise ValueError(f"{name} = {value} must be 0 or more")
-    for name in _OPTIONAL.keys() & fields.keys():
-        entry(fields, name, _OPTIONAL[name])
     task = task_from(fields)
     if isinstance(task, EpisodeTask):
         door_randomization(task.randomization)
         disturbance_named(task.disturbance)
         Habits(**(task.habits or {}))
-    elif isinstance(task, SkillTask) and task.held_out not in HELD_OUT:
-        raise ValueError(f"held_out must be one of {HELD_OUT}, got {task.held_out!r}")
     return task
 
 

@@ -41,14 +41,12 @@ class Pairs:
 
     def per_seed(self) -> tuple[list[float], list[float]]:
         """Return means of each seed, whose doors share what was learned from."""
-        seeds = np.array(self.seeds)
-
-        def means(values: Sequence[float]) -> list[float]:
-            every = np.array(values)
-            own = (every[seeds == seed] for seed in dict.fromkeys(self.seeds))
-            return [float(np.mean(each)) for each in own]
-
-        return means(self.first), means(self.second)
+        first, second = np.array(self.first), np.array(self.second)
+        seeds = [np.equal(self.seeds, seed) for seed in dict.fromkeys(self.seeds)]
+        return (
+            [float(np.mean(first[own])) for own in seeds],
+            [float(np.mean(second[own])) for own in seeds],
+        )
 
 
 def paired(first: Mapping[Key, float], second: Mapping[Key, float]) -> Pairs:

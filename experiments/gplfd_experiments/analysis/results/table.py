@@ -1,23 +1,26 @@
-"""A study, and the doors of one run, as tables for the terminal and table.md."""
+"""A study as tables: for the terminal and table.md, a row per door or per task."""
 
+import csv
+import json
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from gplfd_experiments.analysis.results.grouping import (
-    by_door_kind,
-    by_policy,
-    closed_because,
-    grouped,
-)
 from gplfd_experiments.analysis.results.measures import (
     EPISODE_MEASURES,
     PREDICTION_ERROR,
     WALL_TIME,
     Measure,
+    by_door_kind,
+    by_policy,
+    closed_because,
+    grouped,
 )
-from gplfd_experiments.analysis.results.reading import read_files
-from gplfd_experiments.analysis.results.records import EpisodeResult
+from gplfd_experiments.analysis.results.reading import (
+    EpisodeResult,
+    StudyResults,
+    read_files,
+)
 from gplfd_experiments.analysis.results.statistics import success_rate
 from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.metrics import (
@@ -25,6 +28,7 @@ from gplfd_experiments.episodes.metrics import (
     FailedEpisode,
     late_decisions,
 )
+from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.plan import conditions, episodes
 from gplfd_experiments.studies.result_format import EPISODE_METRICS, VERSION
@@ -213,3 +217,32 @@ def _results(
     tasks = episodes(settings, condition, range(settings.seeds))
     found, unreadable = read_files(result_path(folder, task) for task in tasks)
     return [one for one in found if isinstance(one, EpisodeResult)], unreadable
+
+
+def write_rows(path: Path, results: StudyResults) -> None:
+    """Write fields and metrics of every task; None is empty, lists are JSON.
+
+    Raises ValueError for another suffix, ModuleNotFoundError without pyarrow.
+    """
+    if path.suffix not in (".csv", ".parquet"):
+        raise ValueError(f"{path} must end in .csv or .parquet")
+    found = [
+        {**one.task.definition, "error": one.error, "code": one.code, **one.metrics}
+        for one in results.all
+    ]
+    columns = dict.fromkeys(name for row in found for name in row)
+    plain = bool | int | float | str | None
+    rows = [
+        {n: v if isinstance(v := row.get(n), plain) else json.dumps(v) for n in columns}
+        for row in found
+    ]
+    with complete_or_absent(path) as temporary:
+        if path.suffix == ".csv":
+            with temporary.open("w", newline="", encoding="utf-8") as file:
+                writer = csv.DictWriter(file, columns)
+                writer.writeheader()
+                writer.writerows(rows)
+        else:
+            with optional_libraries("Parquet needs pyarrow", "lerobot"):
+                import pyarrow.parquet
+            pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), temporary)

@@ -5,16 +5,15 @@ trials.json holds every number of a trial, so that the result files need not be 
 
 import json
 import math
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
 
 from gplfd_experiments.analysis.results.aggregates import interquartile_mean
-from gplfd_experiments.analysis.results.grouping import Runs, by_policy, grouped
-from gplfd_experiments.analysis.results.records import EpisodeResult, StudyResults
+from gplfd_experiments.analysis.results.measures import Runs, by_policy, grouped
+from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
 from gplfd_experiments.analysis.results.statistics import (
     Key,
     Pairs,
@@ -307,33 +306,32 @@ def protocol_problems(results: StudyResults) -> list[str]:
         )
 
     for policy, own in by_policy(trials).items():
-        problems += [
-            f"{policy}: {problem}" for problem in _policy_problems(policy, own)
-        ]
+        # Compared with the episodes that the protocol plans.
+        try:
+            names = tuple(dict.fromkeys(one.task.trial for one in own))
+            planned = trial_tasks(named_trials(names), policies=[policy])
+        except ValueError as error:
+            problems.append(f"{policy}: {error}")
+            continue
+        expected = {_draw_of(task): task for task in planned if task.policy == policy}
+        found = {_draw_of(one.task) for one in own}
+        missing = [task for draw, task in expected.items() if draw not in found]
+        strange = [one.task for one in own if _draw_of(one.task) not in expected]
+        gone = [one.task for one in own if one.lost]
+        for tasks, said in (
+            (missing, f"of {len(expected)} are missing"),
+            (strange, "are not the protocol's"),
+            (gone, "episodes were lost by the machine"),
+        ):
+            if tasks:
+                problems.append(f"{policy}: {len(tasks)} {said}: {_listed(tasks)}")
+        made = f"{policy}: they were made by"
+        codes = list(dict.fromkeys(one.code for one in own))
+        if len(codes) > 1:
+            problems.append(f"{made} {len(codes)} versions of the code")
+        if edited := [code for code in codes if "with edits" in code]:
+            problems.append(f"{made} code with edits ({edited[0]})")
     return problems
-
-
-def _policy_problems(policy: str, own: Sequence[EpisodeResult]) -> Iterator[str]:
-    """Compare the episodes of a policy with those that the protocol plans."""
-    names = tuple(dict.fromkeys(one.task.trial for one in own))
-    try:
-        planned = trial_tasks(named_trials(names), policies=[policy])
-    except ValueError as error:
-        yield str(error)
-        return
-    expected = {_draw_of(task): task for task in planned if task.policy == policy}
-    found = {_draw_of(one.task) for one in own}
-    if missing := [task for draw, task in expected.items() if draw not in found]:
-        yield f"{len(missing)} of {len(expected)} are missing: {_listed(missing)}"
-    if strange := [one.task for one in own if _draw_of(one.task) not in expected]:
-        yield f"{len(strange)} are not the protocol's: {_listed(strange)}"
-    if gone := [one.task for one in own if one.lost]:
-        yield f"{len(gone)} episodes were lost by the machine: {_listed(gone)}"
-    codes = Counter(one.code for one in own)
-    if len(codes) > 1:
-        yield f"they were made by {len(codes)} versions of the code"
-    if edited := [code for code in codes if "with edits" in code]:
-        yield f"they were made by code with edits ({edited[0]})"
 
 
 def _draw_of(task: EpisodeTask) -> str:

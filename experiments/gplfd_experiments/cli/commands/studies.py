@@ -337,7 +337,7 @@ class Report:
         with postponed_interruption():
             from gplfd_experiments.analysis.report.page import write_report
             from gplfd_experiments.analysis.results.reading import read_results
-            from gplfd_experiments.analysis.results.rows import write_rows
+            from gplfd_experiments.analysis.results.table import write_rows
             from gplfd_experiments.console.arguments import check_folder
             from gplfd_experiments.console.progress import LOG
 
