@@ -552,6 +552,7 @@ BAD = {
     "gp": "give --demonstrations FILE.npz",
     "gpp": "did you mean 'gp'",
     "reflex --host 0.0.0.0 --port 0": "add --beyond-loopback",
+    "reflex --host robot --port 0": "give --host 127.0.0.1",
     "reflex --port 70000": "from 0 to 65535",
     "reflex --port 1 --socket s": "not both",
     "reflex --force nan": "--force nan must be finite and greater than 0.0",
@@ -575,6 +576,12 @@ def test_bad_arguments_end_with_status_2(arguments, tmp_path, monkeypatch, capfd
     assert status == 2
     assert BAD[arguments] in capfd.readouterr().err
     assert os.listdir(tmp_path) == []
+
+
+def test_localhost_is_this_machine_whatever_its_name_is_resolved_to():
+    listener, address = _listening(replace(SETTINGS, host="localhost", port=0))
+    with listener:
+        assert address == f"tcp:127.0.0.1:{listener.getsockname()[1]}"
 
 
 @pytest.mark.parametrize(
