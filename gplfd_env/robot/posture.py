@@ -34,8 +34,9 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
     The posture holds a bar with a level approach; None for the best of seeded random
     ones. Raises a ValueError if it does not, or if MuJoCo cannot simulate the robot.
     """
+    spec = described_robot(robot)
     try:
-        model = described_robot(robot).compile()
+        model = spec.compile()
     except ValueError as error:
         raise ValueError(
             f"{robot.urdf}: MuJoCo cannot simulate it: {error}; every link that moves "

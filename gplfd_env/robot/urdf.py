@@ -175,7 +175,8 @@ def _arm_of(urdf: Any, path: Path, tool: str) -> list[tuple[str, str]]:
     above = {joint.child: joint for joint in urdf.joint_map.values()}
     if tool and tool not in urdf.link_map:
         raise ValueError(
-            f"{path.name} has no link {tool!r}; it has {', '.join(urdf.link_map)}"
+            f"{path.name} has no link {tool!r}; it has {', '.join(urdf.link_map)}; "
+            "give one of them as tool"
         )
 
     def chain(link: str) -> list[tuple[str, str]]:
