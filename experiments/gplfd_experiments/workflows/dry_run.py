@@ -1,7 +1,7 @@
 """What a robot has to expect of an exported path: played at a simulated door."""
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,13 +15,18 @@ from matplotlib.figure import Figure
 from gplfd_env import IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.robot.config import RobotConfig
+from gplfd_env.robot.posture import at_task_frame
 from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.robot.stance import base_for
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_policies.agents.commanded_path import commanded_path
+from gplfd_policies.arrays.shapes import Pose
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.registry.open_loop import open_loop
 from gplfd_policies.registry.skill_files import method_and_skill
+
+_APART: Final = 10
+"""Samples between two poses that are checked for reach."""
 
 _POSTURES: Final = 6
 """Postures of the arm in the picture."""
@@ -78,7 +83,13 @@ class DryRun:
         ]
 
 
-def dry_run(skill: Path, policy: str, robot: RobotSpec, door: str) -> DryRun:
+def dry_run(
+    skill: Path,
+    policy: str,
+    robot: RobotSpec,
+    door: str,
+    task: Pose | None = None,
+) -> DryRun:
     """Play what a skill commands with a robot at a door; nothing is adapted.
 
     Args:
@@ -86,15 +97,25 @@ def dry_run(skill: Path, policy: str, robot: RobotSpec, door: str) -> DryRun:
         policy: by whose stiffness law it is followed.
         robot: what `gplfd_env.robot.robots.robot_named` takes.
         door: one of `gplfd_experiments.episodes.task.named_doors`.
+        task: pose of the task frame in the robot's base frame [m, rad], where the base
+            then stands still; None for the robot's own stance.
 
     Raises:
-        ValueError: The robot cannot hold the handle of the door, or a name is unknown.
+        ValueError: The robot cannot hold the handle of the door or does not reach the
+            path, or a name is unknown.
     """
     [(name, config)] = named_doors([door], robot=robot).items()
     body = robot_named(robot)
-    body = body.on(base_for(config, body))
     method, learned = method_and_skill(policy, skill)
     path = commanded_path(open_loop(method, CONTROL_PERIOD).follow(learned))
+    if task is None:
+        body = body.on(base_for(config, body))
+    else:
+        if not body.stand:
+            config = replace(config, handle_height=float(task[2]))
+        known = path.times <= learned.aligned.end * learned.aligned.duration
+        poses, times = path.path[known][::_APART], path.times[known][::_APART]
+        body = at_task_frame(body, config, task, poses, times)
     commands = np.hstack([path.poses, path.stiffness])
     made: Any = gym.make(
         IMPEDANCE_ENVIRONMENT_ID, robot=body, door=config, max_episode_steps=-1
