@@ -13,6 +13,7 @@ import sys
 import time
 import tracemalloc
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,10 +23,11 @@ from hypothesis import strategies as st
 from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_policies.agents.agent import as_agent
 from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.serving.__main__ import main
 from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
 from gplfd_policies.serving.journal import Journal, read_journal
-from gplfd_policies.serving.limits import limited
+from gplfd_policies.serving.limits import astray, exceeded, limited
 from gplfd_policies.serving.link import Link
 from gplfd_policies.serving.protocol import array, decode, encode, numbers
 from gplfd_policies.serving.server import (
@@ -329,6 +331,98 @@ def test_an_agent_that_begins_far_from_the_hand_does_not_move_it():
     assert reply["reason"] == "the agent begins far from the hand"
     agent.act = lambda _: [0, 0, 0.4, 0, 0, 0]
     assert Robot(agent).step()["pose"] == [0, 0, 0.02, 0, 0, 0]
+
+
+def test_a_reset_begins_anew():
+    agent = Puller()
+    robot = Robot(agent)
+    assert robot.say(robot.message(seq=1))[0]["state"] == "active", "of the same time"
+    robot.seq = 1
+    away = [0.6, 0, 0, 0, 0, 0]
+    robot.pose = away
+    assert [robot.step(False)["state"] for _ in range(15)] == ["active"] * 15
+    robot.pose = [0.0] * 6
+    robot.say(robot.message("reset"))
+    robot.step()
+    robot.pose = away
+    assert robot.step(False)["state"] == "active", "not away for long"
+    robot.pose = [0.0] * 6
+    robot.say(robot.message("reset"))
+    agent.act = lambda _: away
+    assert robot.step()["reason"] == "the agent begins far from the hand"
+
+
+def test_a_reset_beyond_the_limits_or_one_that_fails_moves_nothing():
+    agent = Puller()
+    robot = Robot(agent)
+    pose = robot.step()["pose"]
+    (error,) = robot.say(robot.message("reset", wrench=[0, 0, 201.0, 0, 0, 0]))
+    assert (error["code"], "measured force" in error["message"]) == ("limit", True)
+    assert robot.step()["pose"][0] == 2 * pose[0], "the task was not begun anew"
+    agent.reset = lambda _: 1 / 0
+    (error,) = robot.say(robot.message("reset"))
+    assert (error["code"], error["seq"]) == ("agent", robot.seq)
+    assert (robot.session.state, robot.step()["code"]) == ("idle", "state")
+
+
+def test_a_delay_since_the_reset_is_seen_and_a_slow_clock_is_not_one():
+    robot = Robot()
+    robot.now += 0.06
+    assert robot.step()["code"] == "late"
+    agent = Puller()
+    agent.act = lambda _: [0.0] * 6
+    robot = Robot(agent)
+    for seq in range(1, 6001):
+        robot.seq, robot.time = seq, seq * PERIOD
+        robot.now = robot.time / (1 - 9e-4)
+        (reply,) = robot.say(robot.message())
+        assert reply["state"] == "active"
+
+
+def test_a_stop_softens_once_from_the_stiffness_that_there_is():
+    agent = Puller()
+    agent.control = "impedance"
+    robot = Robot(agent)
+    (soft,) = robot.say({"type": "stop"})
+    assert soft["stiffness"] == [100.0] * 3 + [10.0] * 3
+    assert "unsolicited" not in soft
+    assert Robot().say({"type": "stop"})[0]["stiffness"] is None
+    robot = Robot()
+    robot.step()
+    robot.say({"type": "stop"})
+    robot.wait(0.3)
+    assert robot.say({"type": "stop"})[-1]["reason"] == "the client said stop"
+    robot.wait(0.2)
+    assert robot.say({"type": "stop"})[-1]["stiffness"][0] == 100.0
+
+
+def test_a_command_has_the_damping_and_the_explanation_that_are_asked_for():
+    agent = as_agent(Puller())
+    mass = np.repeat([4.0, 0.15], 3)
+    agent.config = SimpleNamespace(dynamics=VirtualDynamics(mass=mass))
+    session = Session(agent, SETTINGS, "here")
+    still = {"ee_pose": [0.0] * 6, "wrench": [0.0] * 6}
+    for explain in (False, True):
+        session.receive({"type": "hello", "protocol": 1, "explain": explain}, 0.0)
+        session.receive({"type": "reset", "seq": 0, "time": 0.0, **still}, 0.0)
+        seen = {"type": "observe", "seq": 1, "time": PERIOD, **still}
+        (reply,) = session.receive(seen, PERIOD)
+        damping = 2 * np.sqrt(mass * reply["stiffness"])
+        np.testing.assert_allclose(reply["damping"], damping)
+        assert ("step" in reply) == explain
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_limit_holds_along_every_axis_and_both_ways(axis, sign):
+    unit = sign * (np.arange(6) == axis)
+    for share, beyond in ((0.999, False), (1.001, True)):
+        wrench = share * unit * (200.0 if axis < 3 else 50.0)
+        pose = share * 2.0 * unit
+        assert bool(exceeded(SETTINGS, np.zeros(6), wrench)) == beyond
+        assert bool(exceeded(SETTINGS, pose, np.zeros(6))) == (beyond and axis < 3)
+        away = share * unit * (0.5 if axis < 3 else 1.5)
+        assert astray(SETTINGS, away, np.zeros(6)) == beyond
 
 
 def test_a_clock_in_the_wrong_unit_stops_the_robot():
