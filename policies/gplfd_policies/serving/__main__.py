@@ -35,11 +35,11 @@ def parsed(arguments: Sequence[str] | None = None) -> ServeSettings:
             if get_origin(field.type) is tuple:
                 options["nargs"] = len(kinds)
         parser.add_argument(f"--{field.name.replace('_', '-')}", **options)
-    given: dict[str, Any] = vars(parser.parse_args(arguments))
-    for name, value in given.items():
-        given[name] = tuple(value) if isinstance(value, list) else value
+    given = vars(parser.parse_args(arguments)).items()
     try:
-        return ServeSettings(**given)
+        return ServeSettings(
+            **{n: tuple(v) if isinstance(v, list) else v for n, v in given}
+        )
     except (ValueError, TypeError) as error:
         parser.error(str(error))
 
