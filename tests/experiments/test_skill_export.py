@@ -154,6 +154,8 @@ def test_the_command_names_its_files_and_their_frame(skill_file, tmp_path, capsy
         ("a.csv --tool 1,0,0,0", "--tool goes with --frame"),
         ("a.csv --policy gp-paper", "learned by one that does not"),
         ("folder.bag", "folder.bag exists and is no bag"),
+        ("a.csv folder.csv --rate 20", "folder.csv is a folder; give another file"),
+        ("a.csv file/b.json --rate 20", "file/b.json cannot be written: "),
         ("a.bag --rate 20", "pip install 'gplfd[ros]'"),
     ],
 )
@@ -161,9 +163,12 @@ def test_what_is_wrong_is_said(skill_file, tmp_path, monkeypatch, capsys, words,
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
     (tmp_path / "folder.bag").mkdir()
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "file").touch()
+    before = sorted(tmp_path.rglob("*"))
     assert cli.main(["export", str(skill_file), "--out", *words.split()]) == 2
     assert said in capsys.readouterr().err
-    assert [one.name for one in tmp_path.iterdir()] == ["folder.bag"]
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_a_dry_run_says_what_to_expect_of_a_robot(skill_file, tmp_path, capsys):

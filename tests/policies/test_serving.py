@@ -518,6 +518,21 @@ def test_a_killed_client_ends_its_session_and_makes_room(served):
     assert "the client has gone; the session was active" in last
 
 
+def test_a_client_that_is_silent_for_long_makes_room(tmp_path):
+    now = [0.0]
+    settings = replace(SETTINGS, socket=tmp_path / "s")
+    listener, address = _listening(settings)
+    session = Session(as_agent(Puller()), settings, address)
+    with listener, connected(settings) as client:
+        server = Server(session, Journal(None, {}), listener, clock=lambda: now[0])
+        server.step()
+        client.sendall(encode({"type": "hello", "protocol": 1}))
+        server.step()
+        for now[0], greeted in ((29.9, True), (30.1, False)):
+            server.step()
+            assert session.greeted == greeted
+
+
 def test_whatever_a_client_says_can_be_written_down(served):
     server, session, settings = served
     with connected(settings) as client:

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 
 from gplfd_env import IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.posture import at_task_frame
 from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.robot.stance import base_for
@@ -120,6 +119,7 @@ def dry_run(
     made: Any = gym.make(
         IMPEDANCE_ENVIRONMENT_ID, robot=body, door=config, max_episode_steps=-1
     )
+    rows, arms = [], []
     with contextlib.closing(made) as env:
         observation, info = env.reset(seed=0)
         model, data = env.unwrapped.model, env.unwrapped.data
@@ -129,71 +129,53 @@ def dry_run(
         limits = model.jnt_actfrcrange[[joint.id for joint in joints], 1]
         limits = np.where(limits > 0.0, limits, np.inf)  # A URDF may lack them.
         links = [int(joint.bodyid[0]) for joint in joints]
-        site, workspace = model.site("hand").id, _workspace(model, data, body)
-        seen: dict[str, list[Any]] = {one: [] for one in _SEEN}
+        site = model.site("hand").id
+        # Where the hand is at seeded random postures, the lift as it stands.
+        other, workspace = mujoco.MjData(model), []
+        other.qpos[:] = data.qpos
+        places = [int(joint.qposadr[0]) for joint in joints]
+        for share in np.random.default_rng(0).random((_WORKSPACE, len(joints))):
+            other.qpos[places] = low + share * (high - low)
+            mujoco.mj_kinematics(model, other)
+            workspace.append(other.site_xpos[site].copy())
         for command in commands:
             observation, _, over, _, info = env.step(command)
             forces = [info[f"force_{one}"] for one in ("tangential", "radial")]
-            position = observation["joint_pos"]
-            arm = np.vstack([data.xpos[links], data.site_xpos[site]])
-            values = (
+            position, twist = observation["joint_pos"], observation["ee_twist"]
+            arms.append(np.vstack([data.xpos[links], data.site_xpos[site]]))
+            row = (
                 np.linalg.norm([*forces, info["force_vertical"]]),
                 np.linalg.norm(observation["wrench"][3:]),
-                np.linalg.norm(observation["ee_twist"][:3]),
-                np.linalg.norm(observation["ee_twist"][3:]),
-                np.minimum(position - low, high - position),
-                np.abs(data.qfrc_actuator[moving]) / limits,
-                arm,
+                np.linalg.norm(twist[:3]),
+                np.linalg.norm(twist[3:]),
                 info["door_angle"],
+                *-np.minimum(position - low, high - position),
+                *(np.abs(data.qfrc_actuator[moving]) / limits),
             )
-            for one, value in zip(_SEEN, values, strict=True):
-                seen[one].append(value)
+            rows.append(row)
             if over:
                 break
-    margin, effort = np.array(seen["margin"]), np.array(seen["effort"])
-    near, strong = int(margin.min(axis=0).argmin()), int(effort.max(axis=0).argmax())
-    arms = np.array(seen["arm"])
+    force, torque, speed, turning, angle, *greatest = np.max(rows, axis=0).tolist()
+    margins, efforts = np.split(np.array(greatest), 2)
+    near, strong = int(margins.argmax()), int(efforts.argmax())
     moments = np.linspace(0, len(arms) - 1, _POSTURES).astype(int)
     return DryRun(
         robot=body.name,
         base=body.base,
         door=name,
-        opened_deg=float(np.degrees(max(seen["angle"]))),
+        opened_deg=float(np.degrees(angle)),
         ended="opened" if info["success"] else info["failure"] or "time",
-        force=float(max(seen["force"])),
-        torque=float(max(seen["torque"])),
-        speed=float(max(seen["speed"])),
-        turning=float(max(seen["turning"])),
+        force=force,
+        torque=torque,
+        speed=speed,
+        turning=turning,
         stiffness=float(path.stiffness[:, :3].max()),
-        joint_margin=(body.arm[near], float(margin[:, near].min())),
-        effort_share=(body.arm[strong], float(effort[:, strong].max())),
-        hand=arms[:, -1],
-        arms=arms[moments],
-        workspace=workspace,
+        joint_margin=(body.arm[near], -float(margins[near])),
+        effort_share=(body.arm[strong], float(efforts[strong])),
+        hand=np.array(arms)[:, -1],
+        arms=np.array(arms)[moments],
+        workspace=np.array(workspace),
     )
-
-
-_SEEN: Final = (
-    *("force", "torque", "speed", "turning"),
-    *("margin", "effort", "arm", "angle"),
-)
-
-
-def _workspace(
-    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotConfig
-) -> Float[np.ndarray, "W 3"]:
-    """Return where the hand is at seeded random postures, lift as it stands [m]."""
-    other = mujoco.MjData(model)
-    other.qpos[:] = data.qpos
-    joints = [model.joint(name) for name in robot.arm]
-    places = [int(joint.qposadr[0]) for joint in joints]
-    low, high = np.array([joint.range for joint in joints]).T
-    points = []
-    for share in np.random.default_rng(0).random((_WORKSPACE, len(joints))):
-        other.qpos[places] = low + share * (high - low)
-        mujoco.mj_kinematics(model, other)
-        points.append(other.site_xpos[model.site("hand").id].copy())
-    return np.array(points)
 
 
 def draw_dry_run(run: DryRun, file: Path) -> None:

@@ -1,6 +1,7 @@
 """What a learned skill commands, for robots: computed, checked and written."""
 
 import dataclasses
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -61,8 +62,13 @@ def export_skill(
         if file.suffix[1:] not in COMMAND_WRITERS:
             ends = ", .".join(COMMAND_WRITERS)
             raise ValueError(f"{file} must end in .{ends}; or give --form")
+        above = next(one for one in file.absolute().parents if one.exists())
+        if not (above.is_dir() and os.access(above, os.W_OK)):
+            raise ValueError(f"{file} cannot be written: {above} is no folder to write")
         if file.suffix == ".bag":
             check_replaceable(file, "metadata.yaml", "bag", overwrite=True)
+        elif file.is_dir():
+            raise ValueError(f"{file} is a folder; give another file")
     if not 20.0 <= rate <= 1000.0:
         raise ValueError(f"--rate {rate:g} must be from 20 to 1000")
     if frame is None and tool is not None:
