@@ -261,6 +261,14 @@ def test_a_malformed_line_is_named_and_moves_nothing(line):
     assert (robot.agent.decisions, robot.session.state) == (0, "active")
 
 
+def test_malformed_lines_do_not_put_off_the_watchdog():
+    robot = Robot()
+    robot.step()
+    robot.now += 0.06
+    held, error = robot.say(b"x")
+    assert (held["state"], error["code"]) == ("holding", "malformed")
+
+
 def test_a_wrong_version_is_refused():
     session = Session(as_agent(Puller()), SETTINGS, "here")
     (early,) = session.receive({"type": "reset"}, 0.0)

@@ -24,14 +24,9 @@ from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.registry.open_loop import open_loop
 from gplfd_policies.registry.skill_files import method_and_skill
 
-_APART: Final = 10
-"""Samples between two poses that are checked for reach."""
-
-_POSTURES: Final = 6
-"""Postures of the arm in the picture."""
-
-_WORKSPACE: Final = 4000
-"""Random postures that show the workspace in the picture."""
+_APART: Final = 10  # Samples between two poses that are checked for reach.
+_POSTURES: Final = 6  # Of the arm in the picture.
+_WORKSPACE: Final = 4000  # Random postures that show the workspace in the picture.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,30 +36,20 @@ class DryRun:
     robot: str
     base: str
     door: str
-    opened_deg: float
-    """Greatest opening angle [°]."""
-    ended: str
-    """How the episode ended: "opened", a reason, or "time" where the path ended."""
-    force: float
-    """Of the hand on the handle [N]."""
-    torque: float
-    """On the wrist, about the hand [N m]."""
-    speed: float
-    """Of the hand [m/s]."""
-    turning: float
-    """Of the hand [rad/s]."""
-    stiffness: float
-    """Commanded translational stiffness [N/m]."""
-    joint_margin: tuple[str, float]
-    """Joint that comes nearest to a limit, and its distance from it [rad]."""
-    effort_share: tuple[str, float]
-    """Joint with the greatest share of its effort limit, and the share."""
+    opened_deg: float  # Greatest opening angle [°].
+    ended: str  # "opened", a reason, or "time" where the path ended.
+    force: float  # Of the hand on the handle [N].
+    torque: float  # On the wrist, about the hand [N m].
+    speed: float  # Of the hand [m/s].
+    turning: float  # Of the hand [rad/s].
+    stiffness: float  # Commanded, of translation [N/m].
+    joint_margin: tuple[str, float]  # Joint nearest to a limit, and how near [rad].
+    effort_share: tuple[str, float]  # Joint with the greatest share of its limit.
+    # In the frame of the base at the start [m]: path of the hand, joints and hand at
+    # some moments, and the hand at random postures within the joint limits.
     hand: Float[np.ndarray, "T 3"]
-    """Path of the hand in the frame of the base at the start [m]."""
     arms: Float[np.ndarray, "P L 3"]
-    """Joints of the arm and the hand at some moments, same frame [m]."""
     workspace: Float[np.ndarray, "W 3"]
-    """Where the hand is at random postures within the joint limits, same frame [m]."""
 
     def rows(self) -> list[tuple[str, str]]:
         """Return what to print: names and values with units."""
