@@ -35,11 +35,11 @@ def parsed(arguments: Sequence[str] | None = None) -> ServeSettings:
             if get_origin(field.type) is tuple:
                 options["nargs"] = len(kinds)
         parser.add_argument(f"--{field.name.replace('_', '-')}", **options)
-    given = vars(parser.parse_args(arguments)).items()
+    given: dict[str, Any] = vars(parser.parse_args(arguments))
+    for name, value in given.items():
+        given[name] = tuple(value) if isinstance(value, list) else value
     try:
-        return ServeSettings(
-            **{n: tuple(v) if isinstance(v, list) else v for n, v in given}
-        )
+        return ServeSettings(**given)
     except (ValueError, TypeError) as error:
         parser.error(str(error))
 

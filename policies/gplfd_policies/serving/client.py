@@ -3,6 +3,7 @@
 For users' robots and for the simulator: NumPy, the standard library and this package.
 """
 
+import contextlib
 import socket
 import subprocess
 import time
@@ -61,8 +62,11 @@ class RemoteAgent:
                 self._socket = _connected(address)
             else:
                 self._socket, far = socket.socketpair()
-                with far:
-                    self._process = subprocess.Popen(address, stdin=far, stdout=far)
+                with far, contextlib.ExitStack() as stack:
+                    stack.callback(self._socket.close)
+                    end = far.fileno()
+                    self._process = subprocess.Popen(address, stdin=end, stdout=end)
+                    stack.pop_all()
         except OSError as error:
             raise ServerLostError(f"nobody serves on {address}: {error}") from error
         self._link = Link(self._socket.fileno(), self._socket.fileno())
