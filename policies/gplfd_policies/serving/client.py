@@ -3,7 +3,6 @@
 For users' robots and for the simulator: NumPy, the standard library and this package.
 """
 
-import contextlib
 import socket
 import subprocess
 import time
@@ -53,23 +52,24 @@ class RemoteAgent:
         explain: bool = False,
     ) -> None:
         self._timeout, self._seq = timeout, 0
+        self._socket: socket.socket | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._waiting: list[bytes] = []
         self.last: dict[str, Any] = {}
         """The last command: state, reason, stiffness, damping, gripper_width, ..."""
         try:
-            if isinstance(address, str):
-                self._socket = _connected(address)
+            if not isinstance(address, str):
+                self._process = subprocess.Popen(
+                    address, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+                )
+                pipes: Any = self._process
+                ends = pipes.stdout.fileno(), pipes.stdin.fileno()
             else:
-                self._socket, far = socket.socketpair()
-                with far, contextlib.ExitStack() as stack:
-                    stack.callback(self._socket.close)
-                    end = far.fileno()
-                    self._process = subprocess.Popen(address, stdin=end, stdout=end)
-                    stack.pop_all()
+                self._socket = _connected(address)
+                ends = (self._socket.fileno(),) * 2
         except OSError as error:
             raise ServerLostError(f"nobody serves on {address}: {error}") from error
-        self._link = Link(self._socket.fileno(), self._socket.fileno())
+        self._link = Link(*ends)
         try:
             hello = {"type": "hello", "protocol": VERSION, "explain": explain}
             self.greeting = self._reply(hello, "hello", None)
@@ -112,13 +112,14 @@ class RemoteAgent:
     def close(self) -> None:
         """Leave; a server that was started as a command ends."""
         self._link.send(encode({"type": "bye"}))
-        self._socket.close()
+        if self._socket is not None:
+            self._socket.close()
         if self._process is not None:
             try:
-                self._process.wait(self._timeout)
+                self._process.communicate(timeout=self._timeout)
             except subprocess.TimeoutExpired:
                 self._process.kill()
-                self._process.wait()
+                self._process.communicate()
 
     def _ask(self, kind: str, observation: Observation, reply: str) -> dict[str, Any]:
         """Send an observation, every measurement as numbers, and return the reply."""
