@@ -230,6 +230,7 @@ WRONG = {
     "absent": ("field", {"wrench": None}),
     "far": ("range", {"ee_pose": [11.0] + [0.0] * 5}),
     "huge": ("range", {"wrench": [10**400] + [0.0] * 5}),
+    "time": ("range", {"time": 2e10}),
     "type": ("type", {"type": "move"}),
 }
 
@@ -613,6 +614,37 @@ def test_a_killed_server_is_an_error_of_the_client(tmp_path):
     deaf = [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
     with pytest.raises(ServerLostError, match="is silent"):
         RemoteAgent(deaf, timeout=0.1)
+
+
+def test_a_client_takes_no_other_command_for_its_reply():
+    said = [{"type": "hello", "control": "pose"}, {"type": "ready", "seq": 1}]
+    for x, seq, more in ((1.0, 2, {"unsolicited": True}), (2.0, 1, {}), (3.0, 2, {})):
+        said.append({"type": "command", "seq": seq, "pose": [x] + [0.0] * 5, **more})
+    lines = "\n".join(map(json.dumps, said))
+    says = [sys.executable, "-S", "-c", f"print({lines!r}, flush=True); input()"]
+    agent = RemoteAgent(says)
+    seen = {"time": np.zeros(1), "ee_pose": np.zeros(6), "wrench": np.zeros(6)}
+    agent.reset(seen)
+    assert agent.act(seen).action[0] == 3.0
+    agent.close()
+
+
+def test_garbage_is_collected_after_every_hundredth_reply(served, monkeypatch):
+    server, _, settings = served
+    collected = []
+    monkeypatch.setattr(
+        "gplfd_policies.serving.server.gc.collect", lambda: collected.append(1)
+    )
+    with connected(settings) as client:
+        server.step()
+        client.sendall(encode({"type": "hello", "protocol": 1}))
+        for _ in range(98):
+            client.sendall(encode({"type": "heartbeat"}))
+        server.step()
+        assert collected == []
+        client.sendall(encode({"type": "heartbeat"}))
+        server.step()
+    assert collected == [1]
 
 
 def test_a_link_keeps_parts_of_lines_and_refuses_endless_ones():
