@@ -28,6 +28,10 @@ PAD_BEHIND: Final = 0.02
 _PAD: Final = (0.01, 0.04, 0.08)
 """Thickness, width and length of a finger pad [m]."""
 
+_MOST_TURNED: Final = 4 * math.pi
+"""Greatest limit of a revolute joint [rad]: some wrists turn by more than one turn, but
+limits in degrees are nearly all greater."""
+
 _GREY: Final = (0.75, 0.76, 0.78, 1.0)
 
 
@@ -69,21 +73,72 @@ def urdf_path(urdf: str) -> Path:
 
 @lru_cache(maxsize=8)
 def read_urdf(path: str) -> Any:
-    """Return a URDF as yourdfpy's object, without its meshes."""
+    """Return a URDF as yourdfpy's object, without its meshes.
+
+    Raises a ValueError for what is no URDF and for mistakes in it.
+    """
     import yourdfpy
 
     try:
-        urdf = yourdfpy.URDF.load(path, load_meshes=False, load_collision_meshes=False)
-        if not urdf.joint_map:
-            raise ValueError("it has no joints")
+        _check_urdf(ET.parse(path).getroot())
+        return yourdfpy.URDF.load(path, load_meshes=False, load_collision_meshes=False)
     except Exception as error:
         raise ValueError(f"{path} is no URDF of an arm: {error}") from error
-    return urdf
+
+
+def _check_urdf(tree: ET.Element) -> None:
+    """Raise a ValueError for mistakes that yourdfpy and MuJoCo do not explain."""
+    joints = {str(one.get("name")): one for one in tree.findall("joint")}
+    links = [str(one.get("name")) for one in tree.findall("link")]
+    if not joints:
+        raise ValueError("it has no joints")
+    for kind in ("link", "joint"):
+        names = [one.get("name") for one in tree.findall(kind)]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"two {kind}s are named {twice[0]!r}; rename one")
+    roots, pairs = list(links), []
+    for name, joint in joints.items():
+        parent, child = (
+            None if (end := joint.find(kind)) is None else end.get("link")
+            for kind in ("parent", "child")
+        )
+        for link in (parent, child):
+            if link not in links:
+                raise ValueError(
+                    f"joint {name} joins {link!r}, which is none of its links; it has "
+                    f"{', '.join(links)}"
+                )
+        if child not in roots:
+            raise ValueError(f"joint {name} is the second that leads to link {child}")
+        roots.remove(child)
+        pairs.append((parent, child))
+        if joint.get("type") != "revolute":
+            continue
+        limit = joint.find("limit")
+        given = {} if limit is None else limit.attrib
+        low, high = (float(given.get(end, 0.0)) for end in ("lower", "upper"))
+        if not low < high or max(-low, high) > _MOST_TURNED:
+            raise ValueError(
+                f"the revolute joint {name} has the limits {low:g} to {high:g}; give "
+                "<limit lower=... upper=...> in radians, not degrees, from lower to "
+                'upper and within two turns, or type="continuous" if it has none'
+            )
+    if not roots:
+        raise ValueError("its joints form a ring; one link must be the root")
+    reached = {roots[0]}
+    for _ in pairs:
+        reached |= {child for parent, child in pairs if parent in reached}
+    if lonely := [link for link in links if link not in reached]:
+        raise ValueError(
+            f"no joints lead from {roots[0]} to {', '.join(lonely)}; join them or "
+            "leave them out"
+        )
 
 
 def _completed(robot: RobotConfig) -> str:
     """Return the URDF of a robot on its stand, with gripper and finger pads."""
     path = urdf_path(robot.urdf)
+    urdf = read_urdf(str(path))  # which also checks it
     tree = ET.parse(path).getroot()
     moving = {*robot.arm, *robot.fingers}
     for joint in tree.findall("joint"):
@@ -106,15 +161,29 @@ def _completed(robot: RobotConfig) -> str:
     options = {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}
     ET.SubElement(ET.SubElement(tree, "mujoco"), "compiler", options)
     children = {one.get("link") for one in tree.findall("joint/child")}
-    names = [str(one.get("name")) for one in tree.findall("link")]
-    root, *others = (name for name in names if name not in children)
-    if others:
-        raise ValueError(f"no joint leads to {', '.join(others)}")
-    tree.extend(ET.parse(asset_path("stand.urdf")).getroot())
-    _join(tree, "stand_lift_link", root, np.eye(3))
+    names = {str(one.get("name")) for one in tree.findall("link")}
+    (root,) = names - children
+    mounts = [("stand", "stand_lift_link", root, np.eye(3))]
     if robot.flange:
-        tree.extend(ET.parse(asset_path("gripper.urdf")).getroot())
-        _join(tree, robot.flange, "gripper_link", grasp_axes(*robot.flange_axes))
+        axes = grasp_axes(*robot.flange_axes)
+        mounts.append(("gripper", robot.flange, "gripper_link", axes))
+    for part, parent, child, axes in mounts:
+        added = ET.parse(asset_path(f"{part}.urdf")).getroot()
+        for kind in ("link", "joint"):
+            known = {one.get("name") for one in tree.findall(kind)}
+            for name in (str(one.get("name")) for one in added.findall(kind)):
+                if name in known:
+                    raise ValueError(
+                        f"{path}: the {kind} {name} has the name of a part of the "
+                        f"{part} that carries or completes the arm; rename it"
+                    )
+        tree.extend(added)
+        # A fixed joint with a turn.
+        attributes = {"name": f"{child}_mount", "type": "fixed"}
+        joint = ET.SubElement(tree, "joint", attributes)
+        ET.SubElement(joint, "parent", {"link": parent})
+        ET.SubElement(joint, "child", {"link": child})
+        ET.SubElement(joint, "origin", _origin(np.zeros(3), axes))
     links = {str(one.get("name")): one for one in tree.findall("link")}
     ends = {str(one.get("name")): one.find("child") for one in tree.findall("joint")}
     for side, outwards, finger in zip(
@@ -126,7 +195,7 @@ def _completed(robot: RobotConfig) -> str:
         body = str(end.get("link"))
         place, axes = np.array([outwards * _PAD[0] / 2, 0.0, PAD_BEHIND]), np.eye(3)
         if not robot.flange:
-            closed = read_urdf(str(path)).get_transform(robot.tool, body)
+            closed = urdf.get_transform(robot.tool, body)
             axes = closed[:3, :3] @ robot.grasp_axes
             place = closed[:3, :3] @ robot.grasp_point + closed[:3, 3] + axes @ place
         pad = ET.SubElement(links[body], "collision", {"name": f"{side}_finger_pad"})
@@ -134,14 +203,6 @@ def _completed(robot: RobotConfig) -> str:
         size = " ".join(map(str, _PAD))
         ET.SubElement(ET.SubElement(pad, "geometry"), "box", {"size": size})
     return ET.tostring(tree, encoding="unicode")
-
-
-def _join(tree: ET.Element, parent: str, child: str, axes: Array) -> None:
-    """Mount a link on another with a turn, by a fixed joint."""
-    joint = ET.SubElement(tree, "joint", {"name": f"{child}_mount", "type": "fixed"})
-    ET.SubElement(joint, "parent", {"link": parent})
-    ET.SubElement(joint, "child", {"link": child})
-    ET.SubElement(joint, "origin", _origin(np.zeros(3), axes))
 
 
 def _origin(place: Array, axes: Array) -> dict[str, str]:
@@ -169,6 +230,11 @@ def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]
                 continue
             try:
                 file = urdf._filename_handler(mesh.filename)
+                if not Path(file).is_file():
+                    raise FileNotFoundError(
+                        "no such file; it is searched from the folder of the URDF, "
+                        "for package:// also in those above"
+                    )
                 shape: Any = trimesh.load(file, force="mesh")
                 if len(shape.vertices) < 4:  # which MuJoCo refuses
                     raise ValueError("it holds no mesh")

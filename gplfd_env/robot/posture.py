@@ -1,4 +1,4 @@
-"""How a robot of a URDF stands before a door: at a home posture of its arm."""
+"""How a robot stands before a door: at a home posture, or the door at a given pose."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -10,9 +10,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.conventions.constants import Array, Base
-from gplfd_env.doors.config import Swing
+from gplfd_env.doors.config import DoorConfig, Swing
 from gplfd_env.robot.config import HELD, Before, RobotConfig, Stance
 from gplfd_env.robot.description import described_robot
+from gplfd_env.robot.placement import gripper_rotation_w, task_rotation_w
 
 _NEAR: Final = 0.45
 """Least distance of the grasped point from the arm's root, seen from above [m]."""
@@ -22,6 +23,9 @@ _LEVEL: Final = 0.45
 
 _TILT: Final = math.radians(30.0)
 """How far the approach at the home posture may be from level [rad]."""
+
+_UPRIGHT: Final = math.radians(2.0)
+"""How far the task frame's y may be from upright in the base frame [rad]."""
 
 Grasp = Callable[[Array], tuple[Array, Array]]
 """Position (3,) [m] and axes (3, 3) of the grasp frame from joint positions [rad], in
@@ -34,8 +38,9 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
     The posture holds a bar with a level approach; None for the best of seeded random
     ones. Raises a ValueError if it does not, or if MuJoCo cannot simulate the robot.
     """
+    spec = described_robot(robot)
     try:
-        model = described_robot(robot).compile()
+        model = spec.compile()
     except ValueError as error:
         raise ValueError(
             f"{robot.urdf}: MuJoCo cannot simulate it: {error}; every link that moves "
@@ -94,6 +99,122 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
             for side in ("right", "left")
         ]
     return replace(robot, stances=tuple(found))
+
+
+def at_task_frame(
+    robot: RobotConfig, door: DoorConfig, task: Array, poses: Array, times: Array
+) -> RobotConfig:
+    """Return a robot that stands still where its base sees the task frame at a pose.
+
+    Its base frame is that of the arm's root link on a stand, whose lift follows, and
+    else its own root's. The hand holds the handle as in the robot's stance before the
+    door. Of the postures that are found from seeded starts, the arm has the one that
+    stays farthest from joint limits.
+
+    Args:
+        robot: what stands there, on a fixed base.
+        door: the closed door; for a robot without a stand, its handle is as high as the
+            task frame.
+        task: pose of the task frame in the base frame, (6,) [m, rad].
+        poses: path of the hand in the task frame, (T, 6) [m, rad].
+        times: of the poses, (T,) [s]; an error names them.
+
+    Raises:
+        ValueError: y of the task frame is not upright, or the lift or the arm does not
+            reach.
+    """
+    position, axes = task[:3], Rotation.from_rotvec(task[3:]).as_matrix()
+    if not (np.isfinite(position).all() and axes[2, 1] > math.cos(_UPRIGHT)):
+        raise ValueError(
+            "the task frame must be finite, and its y upright in the base frame to "
+            f"{math.degrees(_UPRIGHT):.0f} deg; it points to {axes[:, 1].tolist()}"
+        )
+    robot = robot.on("fixed")
+    own = robot.stance(door)
+    model = described_robot(robot).compile()
+    lowest, highest = model.joint(robot.lift).range
+    lift = door.handle_height - (position[2] if robot.stand else own.below_handle)
+    if robot.stand and not lowest <= lift <= highest:
+        raise ValueError(
+            f"the task frame is {position[2]:.2f} m above the base and the handle "
+            f"{door.handle_height:g} m above the floor, but the stand lifts the base "
+            f"from {lowest:g} to {highest:g} m; give a door with another handle_height"
+        )
+    lift = min(max(lift, lowest), highest)
+    stance = replace(
+        own,
+        handle_xy_w=(float(position[0]), float(position[1])),
+        door_yaw=math.atan2(-axes[1, 0], -axes[0, 0]),
+        below_handle=float(door.handle_height - lift),
+        radius=math.inf,  # Whether the arm reaches is found out here.
+        height=math.inf,
+    )
+    robot = replace(robot, stances=tuple((one, stance) for one, _ in robot.stances))
+    upright = task_rotation_w(door, robot=robot)
+    turns = Rotation.from_matrix(upright) * Rotation.from_rotvec(poses[:, 3:])
+    frames = turns.as_matrix() @ upright.T @ gripper_rotation_w(door, robot)
+    places = [*position[:2], door.handle_height] + poses[:, :3] @ upright.T
+    low, high = np.array([model.joint(name).range for name in robot.arm]).T
+    rng = np.random.default_rng(0)
+    starts = np.vstack([own.closed_posture, rng.uniform(low, high, (40, len(low)))])
+    tries = [_followed(model, robot, lift, one, places, frames) for one in starts]
+    reached = [way for way, _ in tries if len(way) == len(poses)]
+    if not reached:
+        way, error = max(
+            tries, key=lambda one: (len(one[0]), -np.linalg.norm(one[1][:3]))
+        )
+        raise ValueError(
+            f"the arm of {robot.name} does not reach the path with the handle at "
+            f"{position.round(3).tolist()} m in the base frame: at "
+            f"{times[len(way)]:.2f} s the hand stays {np.linalg.norm(error[:3]):.2f} m "
+            f"and {math.degrees(np.linalg.norm(error[3:])):.0f} deg away; move the "
+            f"base by about {error[:3].round(2).tolist()} m along its own axes, and "
+            "give the pose of the task frame from there"
+        )
+    best = max(reached, key=lambda way: np.minimum(way - low, high - way).min())
+    stance = replace(stance, closed_posture=tuple(best[0].tolist()))
+    return replace(robot, stances=tuple((one, stance) for one, _ in robot.stances))
+
+
+def _followed(
+    model: mujoco.MjModel,
+    robot: RobotConfig,
+    lift: float,
+    start: Array,
+    places: Array,
+    frames: Array,
+) -> tuple[Array, Array]:
+    """Follow a path of the grasp frame by damped least squares within joint limits.
+
+    Returns:
+        Postures (M, joints) until one is not reached, and the error (6,) [m, rad] of
+        the last one tried.
+    """
+    data, tool = mujoco.MjData(model), model.body(robot.tool).id
+    data.joint(robot.lift).qpos = lift
+    joints = [model.joint(name) for name in robot.arm]
+    arm = [int(one.qposadr[0]) for one in joints]
+    low, high = np.array([one.range for one in joints]).T
+    jacobian, way = np.zeros((6, model.nv)), []
+    data.qpos[arm] = start
+    for place, frame in zip(places, frames, strict=True):
+        for _ in range(60):
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            axes = data.xmat[tool].reshape(3, 3)
+            point = data.xpos[tool] + axes @ robot.grasp_point
+            turn = Rotation.from_matrix(frame @ (axes @ robot.grasp_axes).T)
+            error = np.concatenate([place - point, turn.as_rotvec()])
+            if np.abs(error).max() < 1e-3:
+                way.append(data.qpos[arm].copy())
+                break
+            mujoco.mj_jac(model, data, jacobian[:3], jacobian[3:], point, tool)
+            own = jacobian[:, arm]
+            step = own.T @ np.linalg.solve(own @ own.T + 1e-4 * np.eye(6), error)
+            data.qpos[arm] = np.clip(data.qpos[arm] + step, low, high)
+        else:
+            break
+    return np.array(way), error
 
 
 def _roll(frame: Array) -> float:

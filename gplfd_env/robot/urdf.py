@@ -74,22 +74,22 @@ def robot_of_urdf(
     path = urdf_path(os.fspath(path))
     urdf = read_urdf(str(path))
     if fingers is not None:
+        prismatic = {
+            n: one for n, one in urdf.joint_map.items() if one.type == "prismatic"
+        }
         for finger in fingers:
-            if (
-                finger not in urdf.joint_map
-                or urdf.joint_map[finger].type != "prismatic"
-            ):
+            if finger not in prismatic:
                 raise ValueError(
                     f"{path.name}: fingers are two prismatic joints, got {finger!r}; "
-                    f"there are {_joints(urdf, 'prismatic')}"
+                    f"there are {', '.join(prismatic) or 'none'}"
                 )
-            limit = urdf.joint_map[finger].limit
+            limit = prismatic[finger].limit
             if limit is None or not (limit.upper or 0.0) > 0.0:
                 raise ValueError(
                     f"{path.name}: the finger {finger} must open from zero to a "
                     "positive upper limit [m]"
                 )
-        joint = urdf.joint_map[fingers[0]]
+        joint = prismatic[fingers[0]]
         tool = tool or joint.parent
         axes = urdf.get_transform(joint.child, tool)[:3, :3]
         closing = _unit("closing", axes @ joint.axis if closing is None else closing)
@@ -113,13 +113,12 @@ def robot_of_urdf(
             f"armature must be one inertia or {len(joints)}, at least 0 [kg m²]; got "
             f"{armature!r}"
         )
-    values = np.broadcast_to(values, len(joints))
     parts: dict[str, Any] = {
         "name": name or urdf.robot.name,
         "urdf": str(path),
         "base": base,
         "arm": joints,
-        "armature": tuple(map(float, values)),
+        "armature": tuple(np.broadcast_to(values, len(joints)).tolist()),
         "forearm": arm[len(arm) // 2][1],
         "capsules": _capsules(urdf, [link for _, link in arm]),
         "stances": tuple(stances),
@@ -141,7 +140,7 @@ def robot_of_urdf(
             "sensor": tool,
             "fingers": fingers,
             "finger_stroke": min(
-                0.045, *(float(urdf.joint_map[one].limit.upper) for one in fingers)
+                0.045, *(float(prismatic[one].limit.upper) for one in fingers)
             ),
             "grasp_point": tuple(point.tolist()),
             "approach": approach,
@@ -150,11 +149,6 @@ def robot_of_urdf(
         }
     robot = RobotConfig(**parts)
     return robot if stances else at_home(robot, home)
-
-
-def _joints(urdf: Any, *kinds: str) -> str:
-    names = [name for name, joint in urdf.joint_map.items() if joint.type in kinds]
-    return ", ".join(names) or "none"
 
 
 def _unit(what: str, vector: Any) -> Vector:
@@ -175,7 +169,8 @@ def _arm_of(urdf: Any, path: Path, tool: str) -> list[tuple[str, str]]:
     above = {joint.child: joint for joint in urdf.joint_map.values()}
     if tool and tool not in urdf.link_map:
         raise ValueError(
-            f"{path.name} has no link {tool!r}; it has {', '.join(urdf.link_map)}"
+            f"{path.name} has no link {tool!r}; it has {', '.join(urdf.link_map)}; "
+            "give one of them as tool"
         )
 
     def chain(link: str) -> list[tuple[str, str]]:

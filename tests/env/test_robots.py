@@ -215,7 +215,7 @@ def test_meshes_are_drawn_and_a_missing_one_is_told(tmp_path):
     (tmp_path / "other").mkdir()
     other = (tmp_path / "other" / "arm.urdf").resolve()
     other.write_text(broken.read_text())
-    with pytest.warns(UserWarning, match=r"drawn without no\.stl"):
+    with pytest.warns(UserWarning, match=r"drawn without no\.stl: no such file"):
         gym.make(ENVIRONMENT_ID, robot=str(other), door="medium")
 
 
@@ -266,16 +266,64 @@ def test_what_does_not_fit_a_urdf_is_told(path, arguments, message):
         robot_of_urdf(path, **arguments)
 
 
+LIMIT = '<limit lower="-6.28318530718" upper="6.28318530718"'
+
+
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("old", "new", "message"),
     [
-        ("", "is no URDF of an arm"),
-        ("<robot name='a'><link name='b'/></robot>", "it has no joints"),
+        (UR5E.read_text(), "", "is no URDF of an arm"),
+        (UR5E.read_text(), "<robot name='a'><link name='b'/></robot>", "has no joints"),
+        ("wrist_2_joint", "wrist_1_joint", "two joints are named 'wrist_1_joint'"),
+        ('name="wrist_2_link"', 'name="wrist_1_link"', "two links are named 'wrist_1"),
+        ("tool0", "gripper_link", "link gripper_link has the name of a part of the gr"),
+        ("base_link", "stand_base", "link stand_base has the name of a part of the st"),
+        (
+            'child link="tool0"',
+            'child link="tool"',
+            "joins 'tool', which is none of it",
+        ),
+        ('child link="tool0"', 'child link="wrist_1_link"', "the second that leads to"),
+        (
+            'child link="tool0"',
+            'child link="base_link"',
+            "no joints lead from tool0 to base",
+        ),
+        ("</robot>", '<link name="lonely"/></robot>', "lead from base_link to lonely"),
+        (
+            LIMIT,
+            '<limit lower="-360" upper="360"',
+            "limits -360 to 360; give .* not deg",
+        ),
+        (LIMIT, "<limit", "the limits 0 to 0; give .* or type=.continuous."),
+        (
+            LIMIT,
+            '<limit lower="1" upper="-1"',
+            "limits 1 to -1; give .* lower to upper",
+        ),
     ],
 )
-def test_a_file_that_is_no_arm_is_told(tmp_path, text, message):
+def test_a_mistake_in_a_urdf_is_told(tmp_path, old, new, message):
+    text = UR5E.read_text()
+    assert old in text
     with pytest.raises(ValueError, match=message):
+        robot_of_urdf(described(tmp_path, text.replace(old, new)))
+
+
+def test_joints_in_a_ring_are_told(tmp_path):
+    ring = '<joint name="ring" type="fixed"><parent link="tool0"/>'
+    ring += '<child link="base_link"/></joint></robot>'
+    text = UR5E.read_text().replace("</robot>", ring)
+    with pytest.raises(ValueError, match="form a ring"):
         robot_of_urdf(described(tmp_path, text))
+
+
+def test_a_wrist_may_turn_by_more_than_a_turn_and_a_half(tmp_path):
+    text = UR5E.read_text().replace(LIMIT, '<limit lower="-9.5" upper="9.5"')
+    robot = robot_of_urdf(described(tmp_path, text))
+    assert_allclose(
+        described_robot(robot).compile().joint("wrist_3_joint").range, (-9.5, 9.5)
+    )
 
 
 def test_a_joint_without_limits_turns_a_whole_turn_to_each_side(tmp_path):
@@ -305,12 +353,6 @@ def test_fingers_that_do_not_open_are_told(tmp_path):
         other = described(tmp_path, text[:first] + limit + text[end:])
         with pytest.raises(ValueError, match="panda_finger_joint1 must open from zero"):
             robot_of_urdf(other, **HAND)
-
-
-def test_a_link_that_no_joint_leads_to_is_told(tmp_path):
-    text = UR5E.read_text().replace("</robot>", '<link name="lonely"/></robot>')
-    with pytest.raises(ValueError, match="no joint leads to lonely"):
-        robot_of_urdf(described(tmp_path, text))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 import csv
 import json
+import math
+import re
 import sys
 from dataclasses import replace
 from types import SimpleNamespace
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 from gplfd_env import ENVIRONMENT_IDS
 from gplfd_env.conventions.assets import asset_path
@@ -151,6 +154,8 @@ def test_the_command_names_its_files_and_their_frame(skill_file, tmp_path, capsy
         ("a.csv --tool 1,0,0,0", "--tool goes with --frame"),
         ("a.csv --policy gp-paper", "learned by one that does not"),
         ("folder.bag", "folder.bag exists and is no bag"),
+        ("a.csv folder.csv --rate 20", "folder.csv is a folder; give another file"),
+        ("a.csv file/b.json --rate 20", "file/b.json cannot be written: "),
         ("a.bag --rate 20", "pip install 'gplfd[ros]'"),
     ],
 )
@@ -158,9 +163,12 @@ def test_what_is_wrong_is_said(skill_file, tmp_path, monkeypatch, capsys, words,
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
     (tmp_path / "folder.bag").mkdir()
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "file").touch()
+    before = sorted(tmp_path.rglob("*"))
     assert cli.main(["export", str(skill_file), "--out", *words.split()]) == 2
     assert said in capsys.readouterr().err
-    assert [one.name for one in tmp_path.iterdir()] == ["folder.bag"]
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_a_dry_run_says_what_to_expect_of_a_robot(skill_file, tmp_path, capsys):
@@ -197,3 +205,48 @@ def test_a_dry_run_with_an_unknown_robot_writes_nothing(skill_file, tmp_path, ca
     assert cli.main(given) == cli.BAD_INPUT
     assert "unknown robot 'ur5'" in caplog.text
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_dry_run_stands_where_the_frame_says(skill_file):
+    """In the base frame the hand begins at the handle and is pulled along its x."""
+    axes = Rotation.from_euler("z", -0.3) * Rotation.from_quat(
+        [0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0]
+    )
+    task = np.array([0.9, -0.1, 0.2, *axes.as_rotvec()])
+    run = dry_run(skill_file, "gp", "ur5e-like", "small", task)
+    assert (run.base, run.ended) == ("fixed", "opened")
+    np.testing.assert_allclose(run.hand[0, :2], task[:2], atol=2e-3)
+    along = axes.inv().apply(run.hand - run.hand[0])
+    # The door of 0.35 m, hinged at z = -0.35 of the task frame.
+    distances = np.hypot(along[:, 0], along[:, 2] + 0.35)
+    np.testing.assert_allclose(distances, 0.35, atol=0.01)
+    angle = math.radians(run.opened_deg)
+    assert along[-1, 0] == pytest.approx(0.35 * math.sin(angle), abs=0.02)
+    # The stand lifts the base, 0.16 m below the first joint, to 0.2 m below the handle.
+    assert run.arms[0, 0, 2] == pytest.approx(0.85 - 0.2 + 0.1625, abs=2e-3)
+
+
+def test_a_frame_out_of_reach_says_how_far_and_where_it_is_in_reach(
+    skill_file, tmp_path, capsys
+):
+    turn = "0,0,0.7071067811865476,0.7071067811865476"
+    out = ["--out", str(tmp_path / "a.json"), "--robot", "ur5e-like", "--door", "small"]
+
+    def exported_at(x, y, z):
+        frame = f"--frame={x:.3f},{y:.3f},{z:.3f},{turn}"
+        status = cli.main(["export", str(skill_file), *out, frame])
+        return status, capsys.readouterr().err
+
+    status, said = exported_at(1.3, 0.3, 0.2)
+    assert status == cli.BAD_INPUT
+    assert re.search(r"at \d\.\d\d s the hand stays 0\.\d\d m and \d+ deg away", said)
+    assert list(tmp_path.iterdir()) == []
+    found = re.search(r"move the base by about \[(.*)\] m", said)
+    shift = np.array(found[1].split(","), dtype=float)
+    # A little more than said: there the arm is stretched.
+    assert exported_at(*([1.3, 0.3, 0.2] - 1.5 * shift))[0] == 0
+    status, said = exported_at(0.8, 0.0, 1.0)
+    assert (status, "stand lifts the base from 0.25" in said) == (2, True)
+    turn = "1,0,0,0"
+    status, said = exported_at(0.8, 0.0, 0.2)
+    assert (status, "y upright in the base frame" in said) == (2, True)

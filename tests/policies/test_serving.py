@@ -13,6 +13,7 @@ import sys
 import time
 import tracemalloc
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,10 +23,11 @@ from hypothesis import strategies as st
 from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_policies.agents.agent import as_agent
 from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.serving.__main__ import main
 from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
 from gplfd_policies.serving.journal import Journal, read_journal
-from gplfd_policies.serving.limits import limited
+from gplfd_policies.serving.limits import astray, exceeded, limited
 from gplfd_policies.serving.link import Link
 from gplfd_policies.serving.protocol import array, decode, encode, numbers
 from gplfd_policies.serving.server import (
@@ -228,6 +230,7 @@ WRONG = {
     "absent": ("field", {"wrench": None}),
     "far": ("range", {"ee_pose": [11.0] + [0.0] * 5}),
     "huge": ("range", {"wrench": [10**400] + [0.0] * 5}),
+    "time": ("range", {"time": 2e10}),
     "type": ("type", {"type": "move"}),
 }
 
@@ -257,6 +260,14 @@ def test_a_malformed_line_is_named_and_moves_nothing(line):
     (error,) = robot.say(line)
     assert (error["type"], error["code"]) == ("error", "malformed")
     assert (robot.agent.decisions, robot.session.state) == (0, "active")
+
+
+def test_malformed_lines_do_not_put_off_the_watchdog():
+    robot = Robot()
+    robot.step()
+    robot.now += 0.06
+    held, error = robot.say(b"x")
+    assert (held["state"], error["code"]) == ("holding", "malformed")
 
 
 def test_a_wrong_version_is_refused():
@@ -329,6 +340,98 @@ def test_an_agent_that_begins_far_from_the_hand_does_not_move_it():
     assert reply["reason"] == "the agent begins far from the hand"
     agent.act = lambda _: [0, 0, 0.4, 0, 0, 0]
     assert Robot(agent).step()["pose"] == [0, 0, 0.02, 0, 0, 0]
+
+
+def test_a_reset_begins_anew():
+    agent = Puller()
+    robot = Robot(agent)
+    assert robot.say(robot.message(seq=1))[0]["state"] == "active", "of the same time"
+    robot.seq = 1
+    away = [0.6, 0, 0, 0, 0, 0]
+    robot.pose = away
+    assert [robot.step(False)["state"] for _ in range(15)] == ["active"] * 15
+    robot.pose = [0.0] * 6
+    robot.say(robot.message("reset"))
+    robot.step()
+    robot.pose = away
+    assert robot.step(False)["state"] == "active", "not away for long"
+    robot.pose = [0.0] * 6
+    robot.say(robot.message("reset"))
+    agent.act = lambda _: away
+    assert robot.step()["reason"] == "the agent begins far from the hand"
+
+
+def test_a_reset_beyond_the_limits_or_one_that_fails_moves_nothing():
+    agent = Puller()
+    robot = Robot(agent)
+    pose = robot.step()["pose"]
+    (error,) = robot.say(robot.message("reset", wrench=[0, 0, 201.0, 0, 0, 0]))
+    assert (error["code"], "measured force" in error["message"]) == ("limit", True)
+    assert robot.step()["pose"][0] == 2 * pose[0], "the task was not begun anew"
+    agent.reset = lambda _: 1 / 0
+    (error,) = robot.say(robot.message("reset"))
+    assert (error["code"], error["seq"]) == ("agent", robot.seq)
+    assert (robot.session.state, robot.step()["code"]) == ("idle", "state")
+
+
+def test_a_delay_since_the_reset_is_seen_and_a_slow_clock_is_not_one():
+    robot = Robot()
+    robot.now += 0.06
+    assert robot.step()["code"] == "late"
+    agent = Puller()
+    agent.act = lambda _: [0.0] * 6
+    robot = Robot(agent)
+    for seq in range(1, 6001):
+        robot.seq, robot.time = seq, seq * PERIOD
+        robot.now = robot.time / (1 - 9e-4)
+        (reply,) = robot.say(robot.message())
+        assert reply["state"] == "active"
+
+
+def test_a_stop_softens_once_from_the_stiffness_that_there_is():
+    agent = Puller()
+    agent.control = "impedance"
+    robot = Robot(agent)
+    (soft,) = robot.say({"type": "stop"})
+    assert soft["stiffness"] == [100.0] * 3 + [10.0] * 3
+    assert "unsolicited" not in soft
+    assert Robot().say({"type": "stop"})[0]["stiffness"] is None
+    robot = Robot()
+    robot.step()
+    robot.say({"type": "stop"})
+    robot.wait(0.3)
+    assert robot.say({"type": "stop"})[-1]["reason"] == "the client said stop"
+    robot.wait(0.2)
+    assert robot.say({"type": "stop"})[-1]["stiffness"][0] == 100.0
+
+
+def test_a_command_has_the_damping_and_the_explanation_that_are_asked_for():
+    agent = as_agent(Puller())
+    mass = np.repeat([4.0, 0.15], 3)
+    agent.config = SimpleNamespace(dynamics=VirtualDynamics(mass=mass))
+    session = Session(agent, SETTINGS, "here")
+    still = {"ee_pose": [0.0] * 6, "wrench": [0.0] * 6}
+    for explain in (False, True):
+        session.receive({"type": "hello", "protocol": 1, "explain": explain}, 0.0)
+        session.receive({"type": "reset", "seq": 0, "time": 0.0, **still}, 0.0)
+        seen = {"type": "observe", "seq": 1, "time": PERIOD, **still}
+        (reply,) = session.receive(seen, PERIOD)
+        damping = 2 * np.sqrt(mass * reply["stiffness"])
+        np.testing.assert_allclose(reply["damping"], damping)
+        assert ("step" in reply) == explain
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_limit_holds_along_every_axis_and_both_ways(axis, sign):
+    unit = sign * (np.arange(6) == axis)
+    for share, beyond in ((0.999, False), (1.001, True)):
+        wrench = share * unit * (200.0 if axis < 3 else 50.0)
+        pose = share * 2.0 * unit
+        assert bool(exceeded(SETTINGS, np.zeros(6), wrench)) == beyond
+        assert bool(exceeded(SETTINGS, pose, np.zeros(6))) == (beyond and axis < 3)
+        away = share * unit * (0.5 if axis < 3 else 1.5)
+        assert astray(SETTINGS, away, np.zeros(6)) == beyond
 
 
 def test_a_clock_in_the_wrong_unit_stops_the_robot():
@@ -424,6 +527,21 @@ def test_a_killed_client_ends_its_session_and_makes_room(served):
     assert "the client has gone; the session was active" in last
 
 
+def test_a_client_that_is_silent_for_long_makes_room(tmp_path):
+    now = [0.0]
+    settings = replace(SETTINGS, socket=tmp_path / "s")
+    listener, address = _listening(settings)
+    session = Session(as_agent(Puller()), settings, address)
+    with listener, connected(settings) as client:
+        server = Server(session, Journal(None, {}), listener, clock=lambda: now[0])
+        server.step()
+        client.sendall(encode({"type": "hello", "protocol": 1}))
+        server.step()
+        for now[0], greeted in ((29.9, True), (30.1, False)):
+            server.step()
+            assert session.greeted == greeted
+
+
 def test_whatever_a_client_says_can_be_written_down(served):
     server, session, settings = served
     with connected(settings) as client:
@@ -498,6 +616,37 @@ def test_a_killed_server_is_an_error_of_the_client(tmp_path):
         RemoteAgent(deaf, timeout=0.1)
 
 
+def test_a_client_takes_no_other_command_for_its_reply():
+    said = [{"type": "hello", "control": "pose"}, {"type": "ready", "seq": 1}]
+    for x, seq, more in ((1.0, 2, {"unsolicited": True}), (2.0, 1, {}), (3.0, 2, {})):
+        said.append({"type": "command", "seq": seq, "pose": [x] + [0.0] * 5, **more})
+    lines = "\n".join(map(json.dumps, said))
+    says = [sys.executable, "-S", "-c", f"print({lines!r}, flush=True); input()"]
+    agent = RemoteAgent(says)
+    seen = {"time": np.zeros(1), "ee_pose": np.zeros(6), "wrench": np.zeros(6)}
+    agent.reset(seen)
+    assert agent.act(seen).action[0] == 3.0
+    agent.close()
+
+
+def test_garbage_is_collected_after_every_hundredth_reply(served, monkeypatch):
+    server, _, settings = served
+    collected = []
+    monkeypatch.setattr(
+        "gplfd_policies.serving.server.gc.collect", lambda: collected.append(1)
+    )
+    with connected(settings) as client:
+        server.step()
+        client.sendall(encode({"type": "hello", "protocol": 1}))
+        for _ in range(98):
+            client.sendall(encode({"type": "heartbeat"}))
+        server.step()
+        assert collected == []
+        client.sendall(encode({"type": "heartbeat"}))
+        server.step()
+    assert collected == [1]
+
+
 def test_a_link_keeps_parts_of_lines_and_refuses_endless_ones():
     near, far = socket.socketpair()
     with near, far:
@@ -552,6 +701,7 @@ BAD = {
     "gp": "give --demonstrations FILE.npz",
     "gpp": "did you mean 'gp'",
     "reflex --host 0.0.0.0 --port 0": "add --beyond-loopback",
+    "reflex --host robot --port 0": "give --host 127.0.0.1",
     "reflex --port 70000": "from 0 to 65535",
     "reflex --port 1 --socket s": "not both",
     "reflex --force nan": "--force nan must be finite and greater than 0.0",
@@ -575,6 +725,12 @@ def test_bad_arguments_end_with_status_2(arguments, tmp_path, monkeypatch, capfd
     assert status == 2
     assert BAD[arguments] in capfd.readouterr().err
     assert os.listdir(tmp_path) == []
+
+
+def test_localhost_is_this_machine_whatever_its_name_is_resolved_to():
+    listener, address = _listening(replace(SETTINGS, host="localhost", port=0))
+    with listener:
+        assert address == f"tcp:127.0.0.1:{listener.getsockname()[1]}"
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """What a robot has to expect of an exported path: played at a simulated door."""
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,20 +14,19 @@ from matplotlib.figure import Figure
 
 from gplfd_env import IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.robot.config import RobotConfig
+from gplfd_env.robot.posture import at_task_frame
 from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.robot.stance import base_for
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_policies.agents.commanded_path import commanded_path
+from gplfd_policies.arrays.shapes import Pose
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.registry.open_loop import open_loop
 from gplfd_policies.registry.skill_files import method_and_skill
 
-_POSTURES: Final = 6
-"""Postures of the arm in the picture."""
-
-_WORKSPACE: Final = 4000
-"""Random postures that show the workspace in the picture."""
+_APART: Final = 10  # Samples between two poses that are checked for reach.
+_POSTURES: Final = 6  # Of the arm in the picture.
+_WORKSPACE: Final = 4000  # Random postures that show the workspace in the picture.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,30 +36,20 @@ class DryRun:
     robot: str
     base: str
     door: str
-    opened_deg: float
-    """Greatest opening angle [°]."""
-    ended: str
-    """How the episode ended: "opened", a reason, or "time" where the path ended."""
-    force: float
-    """Of the hand on the handle [N]."""
-    torque: float
-    """On the wrist, about the hand [N m]."""
-    speed: float
-    """Of the hand [m/s]."""
-    turning: float
-    """Of the hand [rad/s]."""
-    stiffness: float
-    """Commanded translational stiffness [N/m]."""
-    joint_margin: tuple[str, float]
-    """Joint that comes nearest to a limit, and its distance from it [rad]."""
-    effort_share: tuple[str, float]
-    """Joint with the greatest share of its effort limit, and the share."""
+    opened_deg: float  # Greatest opening angle [°].
+    ended: str  # "opened", a reason, or "time" where the path ended.
+    force: float  # Of the hand on the handle [N].
+    torque: float  # On the wrist, about the hand [N m].
+    speed: float  # Of the hand [m/s].
+    turning: float  # Of the hand [rad/s].
+    stiffness: float  # Commanded, of translation [N/m].
+    joint_margin: tuple[str, float]  # Joint nearest to a limit, and how near [rad].
+    effort_share: tuple[str, float]  # Joint with the greatest share of its limit.
+    # In the frame of the base at the start [m]: path of the hand, joints and hand at
+    # some moments, and the hand at random postures within the joint limits.
     hand: Float[np.ndarray, "T 3"]
-    """Path of the hand in the frame of the base at the start [m]."""
     arms: Float[np.ndarray, "P L 3"]
-    """Joints of the arm and the hand at some moments, same frame [m]."""
     workspace: Float[np.ndarray, "W 3"]
-    """Where the hand is at random postures within the joint limits, same frame [m]."""
 
     def rows(self) -> list[tuple[str, str]]:
         """Return what to print: names and values with units."""
@@ -78,7 +67,13 @@ class DryRun:
         ]
 
 
-def dry_run(skill: Path, policy: str, robot: RobotSpec, door: str) -> DryRun:
+def dry_run(
+    skill: Path,
+    policy: str,
+    robot: RobotSpec,
+    door: str,
+    task: Pose | None = None,
+) -> DryRun:
     """Play what a skill commands with a robot at a door; nothing is adapted.
 
     Args:
@@ -86,19 +81,30 @@ def dry_run(skill: Path, policy: str, robot: RobotSpec, door: str) -> DryRun:
         policy: by whose stiffness law it is followed.
         robot: what `gplfd_env.robot.robots.robot_named` takes.
         door: one of `gplfd_experiments.episodes.task.named_doors`.
+        task: pose of the task frame in the robot's base frame [m, rad], where the base
+            then stands still; None for the robot's own stance.
 
     Raises:
-        ValueError: The robot cannot hold the handle of the door, or a name is unknown.
+        ValueError: The robot cannot hold the handle of the door or does not reach the
+            path, or a name is unknown.
     """
     [(name, config)] = named_doors([door], robot=robot).items()
     body = robot_named(robot)
-    body = body.on(base_for(config, body))
     method, learned = method_and_skill(policy, skill)
     path = commanded_path(open_loop(method, CONTROL_PERIOD).follow(learned))
+    if task is None:
+        body = body.on(base_for(config, body))
+    else:
+        if not body.stand:
+            config = replace(config, handle_height=float(task[2]))
+        known = path.times <= learned.aligned.end * learned.aligned.duration
+        poses, times = path.path[known][::_APART], path.times[known][::_APART]
+        body = at_task_frame(body, config, task, poses, times)
     commands = np.hstack([path.poses, path.stiffness])
     made: Any = gym.make(
         IMPEDANCE_ENVIRONMENT_ID, robot=body, door=config, max_episode_steps=-1
     )
+    rows, arms = [], []
     with contextlib.closing(made) as env:
         observation, info = env.reset(seed=0)
         model, data = env.unwrapped.model, env.unwrapped.data
@@ -108,71 +114,53 @@ def dry_run(skill: Path, policy: str, robot: RobotSpec, door: str) -> DryRun:
         limits = model.jnt_actfrcrange[[joint.id for joint in joints], 1]
         limits = np.where(limits > 0.0, limits, np.inf)  # A URDF may lack them.
         links = [int(joint.bodyid[0]) for joint in joints]
-        site, workspace = model.site("hand").id, _workspace(model, data, body)
-        seen: dict[str, list[Any]] = {one: [] for one in _SEEN}
+        site = model.site("hand").id
+        # Where the hand is at seeded random postures, the lift as it stands.
+        other, workspace = mujoco.MjData(model), []
+        other.qpos[:] = data.qpos
+        places = [int(joint.qposadr[0]) for joint in joints]
+        for share in np.random.default_rng(0).random((_WORKSPACE, len(joints))):
+            other.qpos[places] = low + share * (high - low)
+            mujoco.mj_kinematics(model, other)
+            workspace.append(other.site_xpos[site].copy())
         for command in commands:
             observation, _, over, _, info = env.step(command)
             forces = [info[f"force_{one}"] for one in ("tangential", "radial")]
-            position = observation["joint_pos"]
-            arm = np.vstack([data.xpos[links], data.site_xpos[site]])
-            values = (
+            position, twist = observation["joint_pos"], observation["ee_twist"]
+            arms.append(np.vstack([data.xpos[links], data.site_xpos[site]]))
+            row = (
                 np.linalg.norm([*forces, info["force_vertical"]]),
                 np.linalg.norm(observation["wrench"][3:]),
-                np.linalg.norm(observation["ee_twist"][:3]),
-                np.linalg.norm(observation["ee_twist"][3:]),
-                np.minimum(position - low, high - position),
-                np.abs(data.qfrc_actuator[moving]) / limits,
-                arm,
+                np.linalg.norm(twist[:3]),
+                np.linalg.norm(twist[3:]),
                 info["door_angle"],
+                *-np.minimum(position - low, high - position),
+                *(np.abs(data.qfrc_actuator[moving]) / limits),
             )
-            for one, value in zip(_SEEN, values, strict=True):
-                seen[one].append(value)
+            rows.append(row)
             if over:
                 break
-    margin, effort = np.array(seen["margin"]), np.array(seen["effort"])
-    near, strong = int(margin.min(axis=0).argmin()), int(effort.max(axis=0).argmax())
-    arms = np.array(seen["arm"])
+    force, torque, speed, turning, angle, *greatest = np.max(rows, axis=0).tolist()
+    margins, efforts = np.split(np.array(greatest), 2)
+    near, strong = int(margins.argmax()), int(efforts.argmax())
     moments = np.linspace(0, len(arms) - 1, _POSTURES).astype(int)
     return DryRun(
         robot=body.name,
         base=body.base,
         door=name,
-        opened_deg=float(np.degrees(max(seen["angle"]))),
+        opened_deg=float(np.degrees(angle)),
         ended="opened" if info["success"] else info["failure"] or "time",
-        force=float(max(seen["force"])),
-        torque=float(max(seen["torque"])),
-        speed=float(max(seen["speed"])),
-        turning=float(max(seen["turning"])),
+        force=force,
+        torque=torque,
+        speed=speed,
+        turning=turning,
         stiffness=float(path.stiffness[:, :3].max()),
-        joint_margin=(body.arm[near], float(margin[:, near].min())),
-        effort_share=(body.arm[strong], float(effort[:, strong].max())),
-        hand=arms[:, -1],
-        arms=arms[moments],
-        workspace=workspace,
+        joint_margin=(body.arm[near], -float(margins[near])),
+        effort_share=(body.arm[strong], float(efforts[strong])),
+        hand=np.array(arms)[:, -1],
+        arms=np.array(arms)[moments],
+        workspace=np.array(workspace),
     )
-
-
-_SEEN: Final = (
-    *("force", "torque", "speed", "turning"),
-    *("margin", "effort", "arm", "angle"),
-)
-
-
-def _workspace(
-    model: mujoco.MjModel, data: mujoco.MjData, robot: RobotConfig
-) -> Float[np.ndarray, "W 3"]:
-    """Return where the hand is at seeded random postures, lift as it stands [m]."""
-    other = mujoco.MjData(model)
-    other.qpos[:] = data.qpos
-    joints = [model.joint(name) for name in robot.arm]
-    places = [int(joint.qposadr[0]) for joint in joints]
-    low, high = np.array([joint.range for joint in joints]).T
-    points = []
-    for share in np.random.default_rng(0).random((_WORKSPACE, len(joints))):
-        other.qpos[places] = low + share * (high - low)
-        mujoco.mj_kinematics(model, other)
-        points.append(other.site_xpos[model.site("hand").id].copy())
-    return np.array(points)
 
 
 def draw_dry_run(run: DryRun, file: Path) -> None:

@@ -1,6 +1,7 @@
 """What a learned skill commands, for robots: computed, checked and written."""
 
 import dataclasses
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -13,6 +14,7 @@ from gplfd_experiments.data.writers.commands import COMMAND_WRITERS
 from gplfd_experiments.files.folders import check_replaceable
 from gplfd_experiments.files.provenance import content_hash, provenance
 from gplfd_policies.agents.commanded_path import CommandedPath, commanded_path
+from gplfd_policies.arrays.shapes import Float, Pose
 from gplfd_policies.registry.open_loop import open_loop
 from gplfd_policies.registry.skill_files import method_and_skill
 
@@ -21,6 +23,26 @@ _AXES: Final = {
     "are relative to that of the hand at the closed door",
     "base": "of the robot; orientations are those of its tool frame",
 }
+
+
+def base_frame(
+    frame: Sequence[float], tool: Sequence[float] | None
+) -> tuple[Pose, Float[np.ndarray, "3"]]:
+    """Return the pose of the task frame in the base, and the tool's in the task frame.
+
+    Args:
+        frame: x, y, z [m] and quaternion, scalar first.
+        tool: quaternion; None for the axes of the task frame.
+
+    Raises:
+        ValueError: A quaternion is not a unit quaternion.
+    """
+    try:
+        turns = frame[3:], tool or (1, 0, 0, 0)
+        rotvecs = rotvecs_from_quaternions(turns)
+    except ValueError as error:
+        raise ValueError(f"--frame and --tool: {error}") from error
+    return np.array([*frame[:3], *rotvecs[0]]), rotvecs[1]
 
 
 def export_skill(
@@ -40,25 +62,24 @@ def export_skill(
         if file.suffix[1:] not in COMMAND_WRITERS:
             ends = ", .".join(COMMAND_WRITERS)
             raise ValueError(f"{file} must end in .{ends}; or give --form")
+        above = next(one for one in file.absolute().parents if one.exists())
+        if not (above.is_dir() and os.access(above, os.W_OK)):
+            raise ValueError(f"{file} cannot be written: {above} is no folder to write")
         if file.suffix == ".bag":
             check_replaceable(file, "metadata.yaml", "bag", overwrite=True)
+        elif file.is_dir():
+            raise ValueError(f"{file} is a folder; give another file")
     if not 20.0 <= rate <= 1000.0:
         raise ValueError(f"--rate {rate:g} must be from 20 to 1000")
     if frame is None and tool is not None:
         raise ValueError("--tool goes with --frame, the pose of the task frame")
     if frame is not None and tool is None:
         LOG.warning("warning: without --tool its axes are those of the task frame")
-    try:
-        turns = (1, 0, 0, 0) if frame is None else frame[3:], tool or (1, 0, 0, 0)
-        rotvecs = rotvecs_from_quaternions(turns)
-    except ValueError as error:
-        raise ValueError(f"--frame and --tool: {error}") from error
     method, learned = method_and_skill(policy, skill)
     path = commanded_path(open_loop(method, 1.0 / rate).follow(learned))
     name, aligned = "task", learned.aligned
     if frame is not None:
-        pose = np.array([*frame[:3], *rotvecs[0]])
-        path, name = path.seen_from(pose, rotvecs[1]), "base"
+        path, name = path.seen_from(*base_frame(frame, tool)), "base"
     origin = {"policy": policy, "skill_sha256": content_hash(skill)}
     about = {
         "frame": {"name": name, "axes": _AXES[name]},

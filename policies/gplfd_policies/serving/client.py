@@ -71,8 +71,8 @@ class RemoteAgent:
             raise ServerLostError(f"nobody serves on {address}: {error}") from error
         self._link = Link(*ends)
         try:
-            self._send({"type": "hello", "protocol": VERSION, "explain": explain})
-            self.greeting = self._reply("hello", None)
+            hello = {"type": "hello", "protocol": VERSION, "explain": explain}
+            self.greeting = self._reply(hello, "hello", None)
         except (ConnectionError, ValueError):
             self.close()
             raise
@@ -83,9 +83,7 @@ class RemoteAgent:
 
     def reset(self, observation: Observation) -> None:
         """Begin an episode, also after a stop: the hand is at the start."""
-        self._seq += 1
-        self._send(self._message("reset", observation))
-        self._reply("ready", self._seq)
+        self._ask("reset", observation, "ready")
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period; see `last` for its state.
@@ -94,9 +92,7 @@ class RemoteAgent:
             RefusedError: The server did not take this observation.
             ServerLostError: It has gone or does not answer.
         """
-        self._seq += 1
-        self._send(self._message("observe", observation))
-        command = self.last = self._reply("command", self._seq)
+        command = self.last = self._ask("observe", observation, "command")
         names = ("stiffness", "frame", "phase")
         told = {one: command[one] for one in names if command.get(one) is not None}
         step = {**command.get("step", {}), **told, "action": command["pose"]}
@@ -106,7 +102,7 @@ class RemoteAgent:
 
     def stop(self) -> None:
         """Let the server soften and stop."""
-        self._send({"type": "stop"})
+        self._link.send(encode({"type": "stop"}))
 
     @property
     def gripper_width(self) -> float | None:
@@ -125,19 +121,20 @@ class RemoteAgent:
                 self._process.kill()
                 self._process.communicate()
 
-    def _message(self, kind: str, observation: Observation) -> dict[str, Any]:
-        """Return a message with every measurement as a number or a list of numbers."""
+    def _ask(self, kind: str, observation: Observation, reply: str) -> dict[str, Any]:
+        """Send an observation, every measurement as numbers, and return the reply."""
+        self._seq += 1
         values = {
             name: float(value[0]) if name == "time" else numbers(np.ravel(value))
             for name, value in observation.items()
         }
-        return {"type": kind, "seq": self._seq, **values}
+        return self._reply({"type": kind, "seq": self._seq, **values}, reply, self._seq)
 
-    def _send(self, message: Mapping[str, Any]) -> None:
+    def _reply(
+        self, message: Mapping[str, Any], kind: str, seq: int | None
+    ) -> dict[str, Any]:
+        """Send a message; return the reply, past what the server says by itself."""
         self._link.send(encode(message))
-
-    def _reply(self, kind: str, seq: int | None) -> dict[str, Any]:
-        """Return the reply to what was sent, past what the server says by itself."""
         until = time.monotonic() + self._timeout
         while True:
             if not self._waiting:

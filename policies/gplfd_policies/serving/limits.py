@@ -13,12 +13,9 @@ from gplfd_policies.serving.settings import ServeSettings
 class Limited(NamedTuple):
     """A command within the limits."""
 
-    pose: np.ndarray
-    """(6,) [m, rad]; the same object where no limit acted."""
-    stiffness: np.ndarray
-    """(6,) [N/m, N m/rad]; NaN where the agent has no notion of it."""
-    acted: tuple[str, ...]
-    """Which limits changed it: workspace, linear_speed, angular_speed, stiffness."""
+    pose: np.ndarray  # (6,) [m, rad]; the same object where no limit acted.
+    stiffness: np.ndarray  # (6,) [N/m, N m/rad]; NaN where it is unknown.
+    acted: tuple[str, ...]  # Which limits changed it.
 
 
 def limited(
@@ -63,12 +60,10 @@ def exceeded(settings: ServeSettings, pose: np.ndarray, wrench: np.ndarray) -> s
     low, high = np.reshape(settings.workspace, (2, 3))
     if (pose[:3] < low).any() or (pose[:3] > high).any():
         return "hand outside the workspace"
-    for name, limit, part in (
-        ("force", settings.force, wrench[:3]),
-        ("moment", settings.moment, wrench[3:]),
-    ):
-        if math.hypot(*part) > limit:
-            return f"measured {name} beyond its limit"
+    if math.hypot(*wrench[:3]) > settings.force:
+        return "measured force beyond its limit"
+    if math.hypot(*wrench[3:]) > settings.moment:
+        return "measured moment beyond its limit"
     return ""
 
 

@@ -50,14 +50,13 @@ class ProtocolError(ValueError):
 
 
 class Observed(NamedTuple):
-    """A checked observation."""
+    """A checked observation, `time` by the robot's clock [s]."""
 
     seq: int
-    """Number that the client gave to it."""
     time: float
-    """The robot's clock [s]."""
-    values: dict[str, np.ndarray]
-    """By name, with ``time`` (1,), ``ee_pose`` (6,) and ``wrench`` (6,)."""
+    values: dict[
+        str, np.ndarray
+    ]  # Also ``time`` (1,), ``ee_pose`` and ``wrench`` (6,).
 
 
 def encode(message: Mapping[str, Any]) -> bytes:

@@ -178,32 +178,20 @@ class Session:
     def _observe(self, seen: Observed, now: float) -> Message:
         silent = seen.time - self._time
         missed = self._check_order(seen, now)
-        self._heard = now
+        self._heard, step = now, None
         if silent >= self._settings.stop_after:
             self._stop("no valid observation in the robot's time", now)
-        fault = self._fault(seen) if self.state != "stopped" else ""
-        if self.state == "stopped":
-            reply = self._command(now)
-        elif fault:
-            self._fault_since = min(self._fault_since, seen.time)
-            if seen.time - self._fault_since >= self._settings.stop_after:
-                self._stop(fault, now)
+        if self.state != "stopped":
+            self.reason = self._fault(seen)
+            if not self.reason:
+                self.state, self._fault_since = "active", math.inf
+                step = self._decision(seen, now)
             else:
-                self.state, self.reason = "holding", fault
-            reply = self._command(now)
-        else:
-            self._fault_since = math.inf
-            self.state, self.reason = "active", ""
-            try:
-                step = self._agent.act(seen.values)
-                problem = self._problem(step, seen.values["ee_pose"])
-            except Exception as error:  # whatever a user's agent raises
-                problem = _failure(error)
-            if problem:
-                self._stop(problem, now)
-                reply = self._command(now)
-            else:
-                reply = self._command(now, step)
+                self.state = "holding"
+                self._fault_since = min(self._fault_since, seen.time)
+                if seen.time - self._fault_since >= self._settings.stop_after:
+                    self._stop(self.reason, now)
+        reply = self._command(now, step)
         return {**reply, "missed": missed} if missed else reply
 
     def _check_order(self, seen: Observed, now: float) -> int:
@@ -248,14 +236,24 @@ class Session:
         lost = self._astray_since < math.inf and away >= self._settings.follow_time
         return "the robot does not follow" if lost else ""
 
-    def _problem(self, step: AgentStep, hand: np.ndarray) -> str:
-        """Return why a decision must not be commanded, or ""."""
-        finite = np.isfinite(step.command(self._agent.control)).all()
+    def _decision(self, seen: Observed, now: float) -> AgentStep | None:
+        """Return what the agent decides, or stop because it must not be commanded."""
+        try:
+            step = self._agent.act(seen.values)
+            finite = np.isfinite(step.command(self._agent.control)).all()
+        except Exception as error:  # whatever a user's agent raises
+            self._stop(_failure(error), now)
+            return None
         if not finite or np.abs(step.action[3:]).max() > MOST_TURNED:
-            return f"the agent's command is not finite, or beyond ±{MOST_TURNED} rad"
-        if not self._decided and astray(self._settings, hand, step.action):
-            return "the agent begins far from the hand"
-        return ""
+            text = f"the agent's command is not finite, or beyond ±{MOST_TURNED} rad"
+        elif not self._decided and astray(
+            self._settings, seen.values["ee_pose"], step.action
+        ):
+            text = "the agent begins far from the hand"
+        else:
+            return step
+        self._stop(text, now)
+        return None
 
     def _stop(self, reason: str, now: float) -> None:
         if self.state != "stopped":
@@ -275,7 +273,7 @@ class Session:
                 self._decided["gripper_width"] = float(width)
         elif self.state == "stopped":
             share = min((now - self._stopped_at) / self._settings.soften_time, 1.0)
-            fall = np.minimum(self._softest - self._stiffness_then, 0.0)
+            fall = self._softest - self._stiffness_then
             stiffness = self._stiffness_then + share * fall
             self._soft = share == 1.0
         self._pose, self._stiffness, acted = limited(

@@ -121,11 +121,17 @@ class ServeSettings:
             raise ValueError("give --socket or --port, not both")
         if self.port is not None and not 0 <= self.port < 65536:
             raise ValueError(f"--port {self.port} must be from 0 to 65535")
-        if not (self.beyond_loopback or ipaddress.ip_address(self.host).is_loopback):
+        if self.host == "localhost":
+            object.__setattr__(self, "host", "127.0.0.1")
+        try:
+            here = ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            here = False
+        if not (self.beyond_loopback or here):
             raise ValueError(
-                f"--host {self.host} can be reached from other machines, without "
-                "password or encryption; if that is what you want, add "
-                "--beyond-loopback"
+                f"--host {self.host} may be reached from other machines, without "
+                "password or encryption; give --host 127.0.0.1, or add "
+                "--beyond-loopback if that is what you want"
             )
 
     def described(self) -> dict[str, Any]:

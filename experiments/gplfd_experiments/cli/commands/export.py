@@ -45,10 +45,10 @@ class Export:
     """Policy by whose stiffness law the skill is followed, the one that learned it."""
 
     robot: Annotated[str | None, tyro.conf.arg(metavar="ROBOT")] = None
-    """Also play it in the simulation with this robot, print what force, speed,
-    stiffness and joint margins to expect, and draw it in the robot's workspace,
-    FILE-workspace.png: tiago-like, panda-like, ur5e-like, a .urdf, or a .json with the
-    arguments of gplfd_env.robot.urdf.robot_of_urdf."""
+    """Also play it in the simulation with this robot, which stands as --frame says,
+    print what force, speed, stiffness and joint margins to expect, and draw it in the
+    robot's workspace, FILE-workspace.png: tiago-like, panda-like, ur5e-like, a
+    .urdf, or a .json with the arguments of gplfd_env.robot.urdf.robot_of_urdf."""
 
     door: str = "medium"
     """With --robot: the door, a name (see `gplfd list`), a radius in metres, or a .json
@@ -58,7 +58,7 @@ class Export:
         """Write the files and say what is in them."""
         with postponed_interruption():
             from gplfd_experiments.workflows.dry_run import draw_dry_run, dry_run
-            from gplfd_experiments.workflows.exports import export_skill
+            from gplfd_experiments.workflows.exports import base_frame, export_skill
 
         outs = [Path(f"{out}.{form}") for out in self.out for form in self.form]
         outs = outs or list(self.out)
@@ -70,7 +70,8 @@ class Export:
             tool = numbers("--tool", tool, "qw,qx,qy,qz")
         run = None
         if self.robot is not None:
-            run = dry_run(self.skill, self.policy, self.robot, self.door)
+            task = None if frame is None else base_frame(frame, tool)[0]
+            run = dry_run(self.skill, self.policy, self.robot, self.door, task)
         path, about = export_skill(
             self.skill, outs, self.policy, self.rate, frame, tool
         )
