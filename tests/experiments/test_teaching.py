@@ -57,6 +57,17 @@ def small() -> Taught:
     return taught(door_config("small"), 0, "small")
 
 
+def test_the_wrist_turns_as_far_as_the_arm_can_follow_at_a_flap() -> None:
+    """Turned with the leaf it would bend the arm, and the oven stay at 58°."""
+    lesson = DemonstrationLesson("oven", door_config("oven"), drawn=False)
+    for step in range(600):
+        share = np.clip((0.01 * step - 0.8) / 5.0, 0.0, 1.0)
+        angle = math.radians(80.0) * share**2 * (3.0 - 2.0 * share)
+        point = lesson._env.door_geometry.hand_poses(angle)[:3]
+        lesson.step(np.array([1.0, *lesson.view.place(point), *IDLE[3:]]))
+    assert lesson.state["angle"] > 70.0
+
+
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-0.5, 0.5))
 def test_a_place_in_the_picture_means_the_point_of_the_plane_that_is_seen_there(
     x: float, z: float, height: float

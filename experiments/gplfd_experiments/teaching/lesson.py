@@ -160,7 +160,8 @@ class DemonstrationLesson(Lesson):
         return Lead(self.view)
 
     def _action(self, sample: Float[np.ndarray, " 9"]) -> Float[np.ndarray, " 12"]:
-        wrist = self._info["handle_pose"][3:]
+        angle, turn = self._info["door_angle"], self._info["handle_angle"]
+        wrist = self._env.door_geometry.easy_hand_poses(angle, turn)[3:]
         pose = self.spring.command(sample, self._observation, wrist)
         return np.concatenate([pose, np.repeat(SPRING, 3)])
 
