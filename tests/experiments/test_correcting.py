@@ -121,7 +121,7 @@ def test_one_correction_lets_a_skill_open_the_door_at_which_it_stalled(
     said = capsys.readouterr().out
     assert "flap  led for" in said
     assert said.split("\n")[1].endswith("opened alone")
-    assert "gplfd run --skill skill-corrected.npz" in said
+    assert "gplfd run --skill skill-corrected.npz --doors flap.json\n" in said
     better = load_skill("skill-corrected.npz")
     (kept,) = better.corrections
     assert (kept.door, kept.seed, kept.by, better.count) == ("flap", 0, "synthetic", 7)

@@ -101,6 +101,10 @@ def test_one_set_of_demonstrations_or_data_is_for_one_kind_of_doors(
     assert "differ in handle, latch" in message
     assert "leave out --demonstrations" in message
     assert not (tmp_path / "two").exists()
+    given = ("--demonstrations", "shown.npz", "--out", "two")
+    for mixed in (("small", "oven"), ("oven", "small")):
+        assert gplfd("run", "--doors", *mixed, *given) == 2
+        assert "differ in motion, hinge_side" in capsys.readouterr().err
     assert gplfd("demos", "record", *doors, "--policy", "oracle") == 2
     assert "record two data sets" in capsys.readouterr().err
 

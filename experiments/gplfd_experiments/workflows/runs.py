@@ -140,7 +140,10 @@ def open_doors(
                 "--demonstrated-forces is about the synthetic human's demonstrations: "
                 f"leave it out, or leave out {option}"
             )
-        first, *others = ((t.door, DoorConfig(**t.door_config).kind) for t in tasks)
+        first, *others = (
+            (task.door, {"motion": "hinged"} | DoorConfig(**task.door_config).kind)
+            for task in tasks
+        )
         for door, kind in others:
             if differ := [name for name in kind if kind[name] != first[1][name]]:
                 raise ValueError(

@@ -75,5 +75,6 @@ class Correct(PageOptions):
             print("\nnothing was corrected, and nothing written")
             return 0
         print(f"\n{out}: {skill}")
-        print(f"open doors with it:  {next_command('run', '--skill', out)}")
+        again = next_command("run", "--skill", out, "--doors", *self.doors)
+        print(f"open them with it:  {again}")
         return 0
