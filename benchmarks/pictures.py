@@ -36,7 +36,7 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import demonstrations_of
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_experiments.studies.jobs import episode_logs
+from gplfd_experiments.studies.jobs import episode_log
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TRIALS
 from gplfd_experiments.workflows.study_recordings import model_of
@@ -377,7 +377,7 @@ def _next_geom(
 def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
     """Write the film of a trial, with a line of text above and one below."""
     task, shot = task_of(name), SHOTS[name]
-    (log,) = episode_logs([task])
+    log = episode_log(task)
     shown = demonstrations_of(task).demonstrations
     curve = np.abs(getattr(log, shot.curve))
     angle, force = np.degrees(log.door_angle), _NAMES[shot.curve]

@@ -20,6 +20,7 @@ from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.files import provenance
 from gplfd_experiments.files.plain_data import NewerFormatError
 from gplfd_experiments.studies import jobs, runner, store
+from gplfd_experiments.studies import tasks as study_tasks
 from gplfd_experiments.studies.engines import Lost
 from gplfd_experiments.studies.result_format import (
     EPISODE_METRICS,
@@ -158,7 +159,7 @@ def test_episodes_of_an_older_environment_are_not_repeated():
     old = episode(base="mobile")
     for repeat in (
         lambda: make_environment(old, "pose"),
-        lambda: jobs.episode_logs([old]),
+        lambda: jobs.episode_log(old),
     ):
         with pytest.raises(ValueError, match=r"version 0 .* run the study again"):
             repeat()
@@ -192,23 +193,44 @@ def test_what_is_no_task_is_refused():
             task_from(record)
 
 
-def test_a_job_learns_from_one_set_of_demonstrations():
-    both = [episode(door=door) for door in DOORS]
+def test_a_job_acts_together_whatever_it_learned_from():
+    """What one policy learns from several sets of demonstrations is one job."""
+    one = [episode(door=door) for door in DOORS]
     others = [
-        episode(policy="oracle"),
         episode(seed=1),
         episode(demonstrations_per_door=3),
         episode(teacher={"noise_bandwidth": 2.0}),
         episode(habits={"pauses": 1}),
+    ]
+    apart = [
+        episode(policy="oracle"),
         episode(demonstrated_forces=True),
+        episode(demonstrated_kind={"handle": "lever", "latch": "bolt"}),
+        episode(base="mobile"),
+        episode(robot="panda-like"),
+        episode(start="approach"),
+        episode(practice={"corrections": 1}),
         SkillTask(policy="gp", seed=0, held_out="radius"),
         SkillTask(policy="gp", seed=0, held_out="demonstration"),
     ]
-    jobs = jobs_of([both[0], *others, both[1], both[0]])
-    assert jobs == (tuple(both), *((task,) for task in others))
+    alone = [episode(start="approach", seed=1), episode(practice={"corrections": 2})]
+    found = jobs_of([one[0], *apart, *others, one[1], *alone, one[0], *one[2:]])
+    assert found == ((*one, *others), *((task,) for task in [*apart, *alone]))
 
 
-def test_interrupted_study_goes_on_where_it_stopped(tmp_path, runs):
+def test_a_job_has_a_limited_number_of_tasks_and_whole_trainings():
+    study = [episode(door=door, seed=seed) for seed in range(30) for door in DOORS]
+    found = jobs_of(study)
+    assert [task for job in found for task in job] == study
+    largest = study_tasks._TOGETHER // len(DOORS) * len(DOORS)
+    assert {len(job) for job in found[:-1]} == {largest}
+    # What is learned from one set of demonstrations is learned once.
+    many = [episode(trial="mine", level=str(number)) for number in range(30)]
+    assert jobs_of(many) == (tuple(many),)
+
+
+def test_interrupted_study_goes_on_where_it_stopped(tmp_path, runs, monkeypatch):
+    monkeypatch.setattr(study_tasks, "_TOGETHER", len(DOORS))
     study, engine = episodes(("gp",), range(4)), Losing()
     results = run_study(tmp_path, study, engine)
     for _ in range(3):

@@ -18,12 +18,13 @@ from gplfd_experiments.episodes.metrics import EpisodeMetrics
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies import jobs
 from gplfd_experiments.studies.engines.processes import Processes
-from gplfd_experiments.studies.jobs import episode_logs, run_job
+from gplfd_experiments.studies.jobs import episode_log, run_job
 from gplfd_experiments.studies.result_format import VERSION
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.store import stored_results
 from gplfd_experiments.studies.tasks import SkillTask, jobs_of
 from gplfd_policies.adaptation import ProcessAdaptation
+from gplfd_policies.agents.model_based.oracle import OracleAgent
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.registry import catalogue as registry
 from gplfd_policies.registry.method import Method, TrainingInput
@@ -54,14 +55,14 @@ def timeless(folder: Path, task: EpisodeTask) -> dict[str, Any]:
 
 
 def test_a_study_is_the_same_on_every_engine_and_in_any_grouping(tmp_path):
-    study = [task("promp", 0.35), task("promp", 0.6), task("oracle", 0.35)]
+    study = [task("gp", 0.35), task("gp", 0.6, seed=1), task("oracle", 0.35)]
     assert len(jobs_of(study)) == 2
     list(run_study(tmp_path / "loky", study, Processes(workers=1)))
     list(run_study(tmp_path / "alone", study[1:2]))
     together = timeless(tmp_path / "loky", study[1])
     assert together == timeless(tmp_path / "alone", study[1])
     # Logs are those that the metrics come from.
-    (log,) = episode_logs(study[2:])
+    log = episode_log(study[2])
     metrics = timeless(tmp_path / "loky", study[2])["metrics"]
     assert metrics["success"]
     assert metrics["radius"] == study[2].door_config["radius"]
@@ -131,8 +132,6 @@ def test_what_happens_at_a_door_is_no_matter_of_learning(opened):
     assert first.disturbance.idle
     assert third.door.hinge_friction != first.door.hinge_friction
     assert second.door.hinge_friction == 0.5
-    untidy = task("gp", habits={"pauses": 1})
-    assert len(jobs_of((task("gp"), untidy, task("gp", demonstrated_radii=[0.4])))) == 3
 
 
 def test_a_task_says_what_is_demonstrated():
@@ -222,6 +221,23 @@ def test_an_error_is_the_policy_s_or_the_machine_s(error, machine, monkeypatch, 
         assert result.get("lost", False) == machine
         assert result["format_version"] == VERSION
     assert (learn.call_count, opened) == (1, [])
+
+
+def test_one_training_s_error_leaves_the_others_alone(monkeypatch, opened):
+    def learn(task: EpisodeTask, _: Any) -> Any:
+        if task.seed == 1:
+            raise ValueError("these demonstrations are of no use")
+        return OracleAgent
+
+    monkeypatch.setattr(jobs, "learned_agents", learn)
+    job = tuple(task("oracle", 0.35, seed=seed) for seed in (0, 1, 2))
+    assert jobs_of(job) == (job,)
+    results = run_job(job)
+    assert [result["task"] for result in results] == [one.definition for one in job]
+    assert [result.get("error") for result in results] == [
+        *(None, "ValueError: these demonstrations are of no use", None)
+    ]
+    assert [call["seeds"] for call in opened] == [[0, 2]]
 
 
 def test_a_policy_that_is_not_there_or_learns_nothing_is_an_error():

@@ -27,7 +27,7 @@ from gplfd_experiments.analysis.results.trials import (
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies import jobs, runner
-from gplfd_experiments.studies.tasks import jobs_of, task_from
+from gplfd_experiments.studies.tasks import task_from
 from gplfd_experiments.studies.trials import plan
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import (
@@ -127,7 +127,8 @@ def test_tasks_come_back_from_their_files_and_share_what_they_learn():
     tasks = tasks_of("ideas")
     for task in tasks[::20]:
         assert task_from(task.definition) == task
-    learned = Counter(task.policy for job in jobs_of(tasks) for task in job[:1])
+    trainings = {task.training: task.policy for task in tasks}
+    learned = Counter(trainings.values())
     # Standard, beyond, 45°, with prior, one per door, small alone, with prior, messy,
     # with rests; with forces: standard, with closers, levers, levers with closers. Then
     # seven other motions, levers, pushed ones and knobs, two doors reached with two

@@ -65,11 +65,18 @@ def agents_of(demonstrations, learned):
             agents = [make_agent(name, one) for _ in RADII]
         else:
             movements = [learned(method, lesson) for lesson in (other, one, other)]
-            # One stiffness law for all: those of one configuration act at once.
-            config = method.follow(movements[0]).config
+            agents = [method.follow(movement) for movement in movements]
+            # Each has the stiffness law of its own demonstrations; what these say of
+            # stiffness by phase must be equal for those that act at once.
+            learned_stiffness = agents[0].config.phase_stiffness
             agents = [
-                dataclasses.replace(method.follow(movement), config=config)
-                for movement in movements
+                dataclasses.replace(
+                    agent,
+                    config=dataclasses.replace(
+                        agent.config, phase_stiffness=learned_stiffness
+                    ),
+                )
+                for agent in agents
             ]
         for agent, radius in zip(agents, RADII, strict=True):
             agent.inform(DoorGeometry.nominal(radius))
@@ -152,6 +159,8 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
     geometries = LEVERS if name == "levers" else BARS
     history = steps_of(batch, geometries, closing=20, active=active)
     if name == "gp":
+        laws = {agent.config.profile.beta.tobytes() for agent in agents_of(name)}
+        assert len(laws) == 2
         assert np.sum([steps.via_point for _, steps, _ in history], axis=0).min() > 3
     forecasts = [batch.forecast(row) for row in range(3)]
     for row, agent in enumerate(agents_of(name)):

@@ -55,7 +55,7 @@ def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
     return _demonstrated(task.shown)
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=32)
 def _demonstrated(shown: str) -> LabelledDemonstrations:
     fields = json.loads(shown)
     seed, per_door = fields["seed"], fields["demonstrations_per_door"]
@@ -190,7 +190,7 @@ def open_together(
     *,
     forecast_period: float | None = None,
 ) -> tuple[EpisodeLog, ...]:
-    """Open the doors of tasks with the same `EpisodeTask.training` in lockstep.
+    """Open the doors of tasks of one policy, robot, base and start in lockstep.
 
     There is an agent and a log per task, and a forecast every so many seconds.
     """

@@ -51,6 +51,12 @@ _DEMONSTRATED_BY: Final = (
 )
 """Fields of an episode that determine the demonstrations."""
 
+_IN_LOCKSTEP: Final = (
+    *("policy", "policy_source", "base", "robot", "environment_version"),
+    *("demonstrated_kind", "demonstrated_forces"),
+)
+"""Fields of an episode by which simulations and agents are of one kind."""
+
 _OF_THE_DOOR: Final = (
     *("door", "door_config", "trial", "level"),
     *("randomization", "disturbance"),
@@ -71,11 +77,15 @@ class Task:
     @property
     def definition(self) -> dict[str, Any]:
         """Everything that defines the task, as in a result file."""
-        values = dataclasses.asdict(self)
-        for one in dataclasses.fields(self):
-            if "omitted" in one.metadata and values[one.name] == one.default:
-                del values[one.name]
-        return values
+        # Not `asdict`, whose copies of plain data take most of a study's start.
+        values = {
+            one: getattr(self, one.name) for one in dataclasses.fields(type(self))
+        }
+        return {
+            one.name: value
+            for one, value in values.items()
+            if "omitted" not in one.metadata or value != one.default
+        }
 
     @property
     def training(self) -> str:
@@ -159,6 +169,18 @@ class EpisodeTask(TaughtTask):
         told = door_randomization(self.randomization).perception
         learned = super(EpisodeTask, self).training
         return f"{learned} {told}" if any(told) else learned
+
+    @property
+    def together(self) -> str | None:
+        """What agents have in common that act in lockstep after different trainings.
+
+        None if they do not gain by it: agents that reach first act one by one, and
+        practice takes longer than the episode.
+        """
+        if self.start != "grasped" or self.practice is not None:
+            return None
+        alike = [getattr(self, name) for name in _IN_LOCKSTEP]
+        return json.dumps(alike, sort_keys=True)
 
     @property
     def shown(self) -> str:

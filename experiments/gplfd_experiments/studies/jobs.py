@@ -51,34 +51,28 @@ def run_job(
     with one_thread:
         try:
             policy = policy_of(job[0], files)
-            task, method = job[0], policy.method
-            if isinstance(task, EpisodeTask):
-                make = learned_agents(task, policy)
-            elif method is None:
-                raise ValueError(
-                    f"policy {task.policy!r} learns no movement, so that there is "
-                    "nothing to measure"
-                )
-            else:
-                metrics = (
-                    method_metrics(
-                        method,
-                        seed=task.seed,
-                        demonstrations_per_door=task.demonstrations_per_door,
-                        teacher=task.teacher,
-                        demonstrated_forces=task.demonstrated_forces,
-                        held_out=task.held_out,
-                    )
-                    if isinstance(task, SkillTask)
-                    else recorded_metrics(method, recordings, task.seed)
-                )
-                return [{**_origin(task), "metrics": _plain(metrics)}]
+            if not isinstance(job[0], EpisodeTask):
+                return [_learning_result(job[0], policy, recordings)]
         # A policy may raise anything. That it cannot learn is a result of the study,
         # and must not end the tasks of other policies.
         except (Exception, SystemExit) as error:
             return [_error_result(task, error, policy) for task in job]
-        tasks = [task for task in job if isinstance(task, EpisodeTask)]
-        return _episode_results(tasks, policy, make)
+        episodes = [task for task in job if isinstance(task, EpisodeTask)]
+        results: dict[str, Result] = {}
+        make: dict[str, Callable[[], Agent]] = {}
+        trainings: dict[str, list[EpisodeTask]] = {}
+        for task in episodes:
+            trainings.setdefault(task.training, []).append(task)
+        for training, tasks in trainings.items():
+            try:
+                make[training] = learned_agents(tasks[0], policy)
+            except (Exception, SystemExit) as error:
+                for task in tasks:
+                    results[task.key] = _error_result(task, error, policy)
+        able = [task for task in episodes if task.training in make]
+        opened = _episode_results(able, policy, make)
+        results |= {task.key: one for task, one in zip(able, opened, strict=True)}
+        return [results[task.key] for task in episodes]
 
 
 def failed(task: Task, reason: str, trace: str = "", *, lost: bool = False) -> Result:
@@ -90,16 +84,35 @@ def failed(task: Task, reason: str, trace: str = "", *, lost: bool = False) -> R
     return {**result, "lost": True} if lost else result
 
 
-def episode_logs(tasks: Sequence[EpisodeTask]) -> tuple[EpisodeLog, ...]:
-    """Learn once, open the doors of tasks, and return the logs of their metrics."""
-    return _opened(tasks, learned_agents(tasks[0], policy_of(tasks[0], NO_FILES)))
+def episode_log(task: EpisodeTask) -> EpisodeLog:
+    """Learn, open the door of a task, and return the log that its metrics are of."""
+    make = learned_agents(task, policy_of(task, NO_FILES))
+    (log,) = open_together([task], [make()], forecast_period=FORECAST_PERIOD)
+    return log
 
 
-def _opened(
-    tasks: Sequence[EpisodeTask], make: Callable[[], Agent]
-) -> tuple[EpisodeLog, ...]:
-    agents = [make() for _ in tasks]
-    return open_together(tasks, agents, forecast_period=FORECAST_PERIOD)
+def _learning_result(
+    task: Task, policy: Policy, recordings: Sequence[Demonstration]
+) -> Result:
+    method = policy.method
+    if method is None:
+        raise ValueError(
+            f"policy {task.policy!r} learns no movement, so that there is nothing to "
+            "measure"
+        )
+    metrics = (
+        method_metrics(
+            method,
+            seed=task.seed,
+            demonstrations_per_door=task.demonstrations_per_door,
+            teacher=task.teacher,
+            demonstrated_forces=task.demonstrated_forces,
+            held_out=task.held_out,
+        )
+        if isinstance(task, SkillTask)
+        else recorded_metrics(method, recordings, task.seed)
+    )
+    return {**_origin(task), "metrics": _plain(metrics)}
 
 
 def _origin(task: Task) -> Result:
@@ -118,11 +131,18 @@ def _error_result(task: Task, error: BaseException, policy: Policy | None) -> Re
 
 
 def _episode_results(
-    tasks: Sequence[EpisodeTask], policy: Policy, make: Callable[[], Agent]
+    tasks: Sequence[EpisodeTask],
+    policy: Policy,
+    make: Mapping[str, Callable[[], Agent]],
 ) -> list[Result]:
+    """Return the results of tasks, whose agents are made by what they learned from."""
+    if not tasks:
+        return []
     try:
+        agents = [make[task.training]() for task in tasks]
+        logs = open_together(tasks, agents, forecast_period=FORECAST_PERIOD)
         results = []
-        for task, log in zip(tasks, _opened(tasks, make), strict=True):
+        for task, log in zip(tasks, logs, strict=True):
             angle = task.teacher["angle_mean"]
             metrics = _plain(episode_metrics(log, demonstrated_angle=angle).as_json())
             shown = demonstrations_hash(task)

@@ -32,7 +32,11 @@ class RecordedTask(Task):
 
 
 Job = tuple[Task, ...]
-"""Episodes of one policy that learned once, or a single learning test."""
+"""Episodes of one policy that are opened in lockstep, or a single learning test."""
+
+_TOGETHER: Final = 24
+"""Number of episodes up to which different trainings are one job: a step of a door then
+takes a third of the time that it takes alone, and hardly less with more doors."""
 
 KINDS: Final[Mapping[str, type[Task]]] = {
     "episode": EpisodeTask,
@@ -59,11 +63,25 @@ def task_from(record: Mapping[str, Any]) -> Task:
 
 
 def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
-    """Group tasks by what they learn from, in the order in which they come.
+    """Group tasks that learn and act together, in the order in which they come.
 
-    The result of a task does not depend on the others of its job.
+    Tasks with one training are in one job, and so are several trainings of a policy
+    whose agents compute their steps together. The result of a task does not depend on
+    the others of its job.
     """
-    groups: dict[str, dict[str, Task]] = {}
+    trainings: dict[str, dict[str, Task]] = {}
     for task in study:
-        groups.setdefault(task.training, {})[task.key] = task
-    return tuple(tuple(group.values()) for group in groups.values())
+        trainings.setdefault(task.training, {})[task.key] = task
+    jobs: list[list[Task]] = []
+    open_jobs: dict[str, list[Task]] = {}
+    for tasks in trainings.values():
+        first = next(iter(tasks.values()))
+        together = first.together if isinstance(first, EpisodeTask) else None
+        job = open_jobs.get(together or "")
+        if job is None or len(job) + len(tasks) > _TOGETHER:
+            job = []
+            jobs.append(job)
+            if together is not None:
+                open_jobs[together] = job
+        job += tasks.values()
+    return tuple(map(tuple, jobs))

@@ -45,7 +45,11 @@ from gplfd_experiments.episodes.build import (
     open_together,
 )
 from gplfd_experiments.episodes.metrics import episode_metrics
-from gplfd_experiments.episodes.task import definition_hash, episode_task
+from gplfd_experiments.episodes.task import (
+    EpisodeTask,
+    definition_hash,
+    episode_task,
+)
 from gplfd_experiments.files.plain_data import entry, read_json, write_json
 from gplfd_experiments.files.provenance import code_state, provenance
 from gplfd_experiments.files.table import Table, text_table
@@ -57,6 +61,7 @@ from gplfd_experiments.studies.learning_tests.folds import (
     learn,
 )
 from gplfd_experiments.studies.learning_tests.scores import prediction_scores
+from gplfd_policies.agents.agent import Agent
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.registry.catalogue import tuned
 from gplfd_policies.registry.tuning_spaces import SPACES, Values
@@ -153,9 +158,10 @@ def evaluate(candidate: Candidate) -> Evaluation:
             protocol = candidate.protocol
             per_door = protocol.demonstrations_per_door
             densities: list[float | None] = []
-            episodes: list[dict[str, Any]] = []
+            tasks: list[EpisodeTask] = []
+            agents: list[Agent] = []
             for seed in protocol.seeds:
-                tasks = [
+                own = [
                     episode_task(
                         f"{radius:g}",
                         DoorConfig(radius=radius),
@@ -165,18 +171,21 @@ def evaluate(candidate: Candidate) -> Evaluation:
                     )
                     for radius in protocol.radii
                 ]
-                doors = by_door(demonstrations_of(tasks[0]).demonstrations, per_door)
+                doors = by_door(demonstrations_of(own[0]).demonstrations, per_door)
                 for fold in folds(doors, "demonstration", seed):
                     movement, _ = learn(policy.method, fold.given, seed)
                     for one in fold.left_out:
                         left_out = aligned_to(one, movement.aligned)
                         densities.append(prediction_scores(movement, left_out)["nlpd"])
-                make = learned_agents(tasks[0], policy)
-                for log in open_together(tasks, [make() for _ in tasks]):
-                    metrics = episode_metrics(log)
-                    kept = ("radius", "success", "force_radial_peak")
-                    numbers = {name: getattr(metrics, name) for name in kept}
-                    episodes.append({"seed": seed, **numbers})
+                make = learned_agents(own[0], policy)
+                tasks += own
+                agents += [make() for _ in own]
+            episodes: list[dict[str, Any]] = []
+            for task, log in zip(tasks, open_together(tasks, agents), strict=True):
+                metrics = episode_metrics(log)
+                kept = ("radius", "success", "force_radial_peak")
+                numbers = {name: getattr(metrics, name) for name in kept}
+                episodes.append({"seed": task.seed, **numbers})
             known = [density for density in densities if density is not None]
             nlpd = float(np.mean(known)) if len(known) == len(densities) else None
             outcome = {"nlpd": nlpd, "episodes": episodes}

@@ -44,7 +44,7 @@ from gplfd_experiments.recording.comparison import (
     RADIAL,
     record_comparison,
 )
-from gplfd_experiments.studies.jobs import episode_logs
+from gplfd_experiments.studies.jobs import episode_log
 from gplfd_experiments.studies.trials.protocol import TRIALS
 from gplfd_experiments.studies.trials.records import Side, Trial
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -247,7 +247,7 @@ def _repeated(episode: EpisodeResult) -> tuple[Repeated | None, dict[str, Any]]:
 def repeat(episode: EpisodeResult) -> Repeated:
     """Run an episode again as the study did, and compare it with what is stored."""
     task = episode.task
-    (log,) = episode_logs([task])
+    log = episode_log(task)
     metrics = episode_metrics(log, demonstrated_angle=task.teacher["angle_mean"])
     times = log.forecast_times
     if times.size >= 2:

@@ -6,6 +6,7 @@ one configuration that act in lockstep share it, and decide as they would alone.
 
 import dataclasses
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, SupportsIndex
 
 import numpy as np
@@ -90,10 +91,11 @@ class _AllAtOnce(AgentBatch):
     def __init__(self, agents: Sequence[CompliantAgent]) -> None:
         super().__init__(agents)
         first = agents[0]
+        profiles = [agent.config.profile for agent in agents]
         self._controller = controller_of(
             [agent.movement for agent in agents],
             first.phases.stacked([agent.phases for agent in agents]),
-            first.config,
+            replace(first.config, profile=StiffnessProfile.stacked(profiles)),
             [agent.handle for agent in agents if agent.handle is not None],
             first.handle_config,
             [agent.forces for agent in agents if agent.forces is not None] or None,
@@ -152,7 +154,9 @@ def _shared(agent: CompliantAgent) -> tuple[object, ...]:
     """Return what the agents of one batch share; records of arrays as their bytes."""
 
     def comparable(part: object) -> object:
-        if isinstance(part, StiffnessProfile | VirtualDynamics | PhaseStiffness):
+        if isinstance(part, StiffnessProfile):
+            return part.k_max.tobytes(), part.k_min.tobytes()
+        if isinstance(part, VirtualDynamics | PhaseStiffness):
             return [np.ravel(each).tobytes() for each in _values(part)]
         return part
 

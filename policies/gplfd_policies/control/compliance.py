@@ -307,7 +307,7 @@ class ComplianceController:
         previous = self._std[rows]
         previous = np.where(np.isnan(previous), std, previous)
         self._std[rows] = std
-        wished = config.profile.stiffness(std, frame)
+        wished = config.profile.stiffness(std, frame, rows)
         if learned is not None:
             wished = learned.combined(wished, phase)
         governed = self._governor.step(wished, period, rows, frame)

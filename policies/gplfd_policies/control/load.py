@@ -213,7 +213,7 @@ class LoadLearner:
         # Compensated: at most r̂, and what the stiffness left by the lag can hold.
         lag = np.maximum(-_along(direction, contact.displacement), 0.0)
         std = np.repeat(np.asarray(lag)[..., None], 6, axis=-1)
-        stiffness = _stretched(self._profile.stiffness(std), direction)
+        stiffness = _stretched(self._profile.stiffness(std, rows=rows), direction)
         reserve = gain * rule.reach * stiffness
         bound: Amount = np.minimum(expected, reserve)
         if contact.expected is not None and contact.expected_ahead is not None:

@@ -3,6 +3,7 @@
 The hand is stiff where the policy is certain and compliant where it is not.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,7 @@ import scipy
 
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.records import read_only
+from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Frames, SixAxes
 from gplfd_policies.control.contact import HELD_HAND
 from gplfd_policies.control.frame import product
@@ -23,15 +25,19 @@ class StiffnessProfile:
     """Stiffness where the policy is certain [N/m, N m/rad]."""
     k_min: SixAxes
     """Stiffness where it is not [N/m, N m/rad]."""
-    alpha: SixAxes
-    """Steepness of the transition [1/m, 1/rad]."""
-    beta: SixAxes
-    """Standard deviation at the middle of the transition [m, rad]."""
-    _laws: Float[np.ndarray, "6 4"] = field(init=False, repr=False, compare=False)
+    alpha: Axes
+    """Steepness of the transition [1/m, 1/rad]; of a batch, with a row per agent."""
+    beta: Axes
+    """Standard deviation at the middle of the transition [m, rad]; in the same way."""
+    _laws: Float[np.ndarray, "*N 6 4"] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for name in ("k_max", "k_min", "alpha", "beta"):
-            object.__setattr__(self, name, _six(name, getattr(self, name)))
+        leading = np.shape(self.alpha)[:-1]
+        for name, shape in {
+            **dict.fromkeys(("k_max", "k_min"), (6,)),
+            **dict.fromkeys(("alpha", "beta"), (*leading, 6)),
+        }.items():
+            object.__setattr__(self, name, _axes(name, getattr(self, name), shape))
         if np.any(self.k_min <= 0) or np.any(self.k_max < self.k_min):
             raise ValueError(
                 "stiffness must satisfy 0 < k_min <= k_max on every axis, got "
@@ -43,23 +49,39 @@ class StiffnessProfile:
                 f"alpha={self.alpha}, beta={self.beta}; for a constant stiffness set "
                 "k_min = k_max"
             )
-        laws = np.stack([self.k_max, self.k_min, 1.0 / self.alpha, self.beta], axis=-1)
+        each = (self.k_max, self.k_min, 1.0 / self.alpha, self.beta)
+        laws = np.stack(np.broadcast_arrays(*each), axis=-1)
         object.__setattr__(self, "_laws", read_only(laws))
 
-    def stiffness(self, std: Axes, frame: Frames | None = None) -> Axes:
-        """Return k_p(σ), Eq. (24) [N/m, N m/rad]; k_max where σ is NaN.
+    @classmethod
+    def stacked(cls, profiles: Sequence["StiffnessProfile"]) -> "StiffnessProfile":
+        """Return the profile of a batch, whose rows have one k_max and one k_min."""
+        return cls(
+            k_max=profiles[0].k_max,
+            k_min=profiles[0].k_min,
+            alpha=np.stack([profile.alpha for profile in profiles]),
+            beta=np.stack([profile.beta for profile in profiles]),
+        )
+
+    def stiffness(
+        self, std: Axes, frame: Frames | None = None, rows: Rows = ALL_ROWS
+    ) -> Axes:
+        """Return k_p(σ) of these rows, Eq. (24) [N/m, N m/rad]; k_max where σ is NaN.
 
         NaN is the σ of a policy without uncertainty, which the hand follows stiffly.
         With a frame, σ[:3] and k[:3] are along its directions. There k_max, k_min, β
         and 1/α are the axes' means with the weights T_id², which add up to one: on an
         axis its own, and αβ is kept where it is the same on all axes.
         """
-        k_max, k_min, argument = self.k_max, self.k_min, self._argument(std)
+        # One profile may be that of all rows.
+        own = rows if self.alpha.ndim > 1 else ALL_ROWS
+        k_max, k_min, argument = self.k_max, self.k_min, self._argument(std, own)
         if frame is not None:
             law = np.empty((*std.shape, 4))
             weights = (frame * frame).swapaxes(-1, -2)
-            law[..., :3, :] = product(weights, self._laws[:3])
-            law[..., 3:, :] = self._laws[3:]
+            laws = self._laws[own]
+            law[..., :3, :] = product(weights, laws[..., :3, :])
+            law[..., 3:, :] = laws[..., 3:, :]
             k_max, k_min = law[..., 0], law[..., 1]
             argument = (std - law[..., 3]) / law[..., 2]
         softening = (k_max - k_min) * scipy.special.expit(argument)
@@ -93,10 +115,10 @@ class StiffnessProfile:
         shortfall = 1.0 - stiffness / (self.k_max - self.k_min)
         return np.asarray(self.alpha * stiffness * shortfall * std_rate)
 
-    def _argument(self, std: Axes) -> Axes:
+    def _argument(self, std: Axes, rows: Rows = ALL_ROWS) -> Axes:
         """Return α(σ - β); it may overflow to infinity, where the sigmoid is flat."""
         with np.errstate(over="ignore"):
-            return np.asarray(self.alpha * (std - self.beta))
+            return np.asarray(self.alpha[rows] * (std - self.beta[rows]))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -113,7 +135,7 @@ class VirtualDynamics:
     def __post_init__(self) -> None:
         check_quantities(self)
         for name in ("mass", "least_damping"):
-            object.__setattr__(self, name, _six(name, getattr(self, name)))
+            object.__setattr__(self, name, _axes(name, getattr(self, name), (6,)))
         if np.any(self.mass <= 0):
             raise ValueError(f"mass must be positive on every axis, got {self.mass}")
         if np.any(self.least_damping < 0):
@@ -128,13 +150,16 @@ class VirtualDynamics:
         return np.asarray(np.maximum(self.damping_ratio * critical, self.least_damping))
 
 
-def _six(name: str, values: Float[np.ndarray, "..."]) -> SixAxes:
-    """Return a read-only float64 copy, or raise unless it is (6,) and finite."""
+def _axes(
+    name: str, values: Float[np.ndarray, "..."], shape: tuple[int, ...]
+) -> Float[np.ndarray, "..."]:
+    """Return a read-only float64 copy, or raise unless it has the shape, finite."""
     array = read_only(np.asarray(values))
-    if array.shape != (6,) or not np.isfinite(array).all():
+    if array.shape != shape or not np.isfinite(array).all():
+        each = "" if shape == (6,) else f" in each of {shape[0]} rows"
         raise ValueError(
-            f"{name} must be six finite numbers, x y z and rotations about them, got "
-            f"{values!r}"
+            f"{name} must be six finite numbers, x y z and rotations about them{each}, "
+            f"got {values!r}"
         )
     return array
 
