@@ -193,6 +193,8 @@ class DoorConfig:
     handle_arm: float | None = quantity(None, unit="m", low=0.04, high=0.15)
     """Paddle, touch bar, handleset: from the axis about which it turns to where it is
     held; None: as in `TURNING`."""
+    roller_friction: float = quantity(0.0, unit="N", low=0.0, high=200.0)
+    """Folding: Coulomb friction of the guided edge's rollers, along their rail."""
 
     def __post_init__(self) -> None:
         for name, allowed in _CHOICES.items():
@@ -369,6 +371,7 @@ _OF_MOTIONS: Final[Mapping[str, tuple[Motion, ...]]] = {
     "rise": ("rising-butt",),
     "strut_stiffness": ("flap",),
     "strut_dead_angle": ("flap",),
+    "roller_friction": ("folding",),
 }
 """Motions of which a field tells."""
 

@@ -122,6 +122,16 @@ def end_angle(door: DoorConfig) -> float:
     return min(door.stop_angle, ends.get(door.motion, door.stop_angle))
 
 
+def roller_way(door: DoorConfig, angles: Array) -> Array:
+    """Return how far the rollers of folding leaves move per φ, at angles φ [m/rad].
+
+    The guided edge is (R + a) cos ψ away from the jamb. So what rollers need begins
+    with nothing at the closed door.
+    """
+    leaves = door.radius + door.backset
+    return np.asarray(leaves * _FOLD_GAIN * np.sin(_FOLD_GAIN * angles))
+
+
 class LeafPath(NamedTuple):
     """How the handle moves with the leaf, as numbers of one door or arrays (n,)."""
 

@@ -64,7 +64,7 @@ _WRITTEN: Final = (
     "closer_stiffness", "closer_preload", "closer_boost", "closer_boost_angle",
     "closer_friction", "closer_damping", "closing_damping", "backcheck_damping",
     "backcheck_angle", "handle_preload", "handle_stiffness", "bolt_preload",
-    "bolt_stiffness", "strut_stiffness", "strut_dead_angle",
+    "bolt_stiffness", "strut_stiffness", "strut_dead_angle", "roller_friction",
 )  # fmt: skip
 """Fields of a door that `set_door_physics` writes; all others are its geometry."""
 

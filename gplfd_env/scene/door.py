@@ -59,11 +59,18 @@ class Structure(NamedTuple):
     latched: bool
     closer: bool
     motion: Motion
+    rollers: bool
 
 
 def structure_of(door: DoorConfig) -> Structure:
     """Return the structure of a door."""
-    return Structure(door.handle, door.latch != "none", has_tendons(door), door.motion)
+    return Structure(
+        handle=door.handle,
+        latched=door.latch != "none",
+        closer=has_tendons(door),
+        motion=door.motion,
+        rollers=door.roller_friction > 0.0,
+    )
 
 
 def add_door(
@@ -105,6 +112,8 @@ def add_door(
         _add_leaf(inner, "inner_leaf", door, edges[0], -door.fold)
         _add_hinges(inner, door)
         _add_leaf(leaf, "leaf", door, -door.fold, edges[1])
+        if structure.rollers:
+            _add_rollers(spec, frame, leaf, door)
     else:
         _add_leaf(leaf, "leaf", door, *edges)
         if door.motion in ("sliding", "parallel-sliding"):
@@ -300,6 +309,25 @@ def _add_rail(
     )
 
 
+def _add_rollers(
+    spec: mujoco.MjSpec, frame: mujoco.MjsBody, leaf: mujoco.MjsBody, door: DoorConfig
+) -> None:
+    """Add the friction of the guided edge along its rail, as a tendon from the jamb."""
+    for name, body, z in (
+        ("jamb_pivot", frame, -door.radius),
+        ("rollers", leaf, door.radius + door.backset),
+    ):
+        body.add_site(name=name, pos=[0.0, 0.0, door.side * z], **UNDRAWN)
+    rail = spec.add_tendon(
+        name="rollers",
+        frictionloss=door.roller_friction,
+        solref_friction=[0.004, 1.0],
+        solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
+    )
+    rail.wrap_site("jamb_pivot")
+    rail.wrap_site("rollers")
+
+
 def _add_flap(frame: mujoco.MjsBody, leaf: mujoco.MjsBody, door: DoorConfig) -> None:
     """Add a leaf with a level hinge, and the front of its cabinet below and above."""
     to_handle = -float(leaf.pos[1]) / door.radius
@@ -365,6 +393,8 @@ def set_door_physics(
     set_closer(model, door)
     if has_tendons(door):
         show_closer(model, door)
+    if door.roller_friction > 0.0:
+        model.tendon_frictionloss[model.tendon("rollers").id] = door.roller_friction
 
 
 def _add_leaf_mass(model: mujoco.MjModel, of: str, geom: str, mass: float) -> None:

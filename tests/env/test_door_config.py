@@ -25,6 +25,7 @@ MOTION = {
     "rise": "rising-butt",
     "strut_stiffness": "flap",
     "strut_dead_angle": "flap",
+    "roller_friction": "folding",
 }
 """A motion for which a field is given."""
 NUMBERS = [

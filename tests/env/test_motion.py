@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_env.doors.motion import LeafPath, end_angle, links_of
+from gplfd_env.doors.motion import LeafPath, carried, end_angle, links_of, roller_way
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.placement import handle_position_w, task_rotation_w
 from gplfd_env.robot.stance import base_for
@@ -171,6 +171,33 @@ def test_a_leaf_without_friction_keeps_its_energy(door):
     scale = energy[0] - potential[0] + 2.0 * np.ptp(potential)
     assert energy.max() - energy[0] < 0.03 * scale
     assert energy.min() - energy[0] > -0.05 * scale
+
+
+def test_rollers_take_the_work_of_their_way_along_the_rail():
+    """Their force at the handle begins with nothing: the edge is moved across first."""
+    bare = {"hinge_friction": 0.0, "hinge_damping": 0.0, "stiction": 0.0}
+    door = dataclasses.replace(DOORS["bifold-closet"], roller_friction=12.0, **bare)
+    angles, step, edge = np.linspace(0.0, 1.1, 12), 1e-6, np.zeros((12, 6))
+    edge[:, 2] = door.side * door.backset
+    ends = (carried(links_of(door), angles + s, edge)[:, 2] for s in (-step, step))
+    slopes = np.subtract(*ends) / (2.0 * step)
+    assert_allclose(roller_way(door, angles), slopes, atol=1e-8)
+    assert roller_way(door, np.array([0.0])) == 0.0
+
+    model = build_scene(door, robot=TIAGO_LIKE.on("mobile"))
+    model.geom_conaffinity[model.geom("handle_bar").id] = 0  # Out of the hand.
+    for angle in (0.1, 0.3, 0.9):
+        torque = 12.0 * float(roller_way(door, np.array([angle]))[0])
+        for share, moves in ((0.9, False), (1.1, True)):
+            data = mujoco.MjData(model)
+            mujoco.mj_resetDataKeyframe(model, data, 0)
+            data.joint("hinge").qpos = angle
+            for link in links_of(door):
+                data.joint(link.name).qpos = polyval(angle, (0.0, *link.gains))
+            for _ in range(200):
+                data.joint("hinge").qfrc_applied = share * torque
+                mujoco.mj_step(model, data)
+            assert (data.joint("hinge").qpos[0] - angle > 3e-3) == moves
 
 
 def opened_by_its_geometry(env, door: DoorConfig) -> tuple[dict, np.ndarray]:

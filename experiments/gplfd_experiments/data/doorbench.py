@@ -200,11 +200,12 @@ def _folding(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
         lost.append("its other leaves, which fold to the other jamb")
     if panels > 2 * stacks:
         lost.append(f"its {panels:g} leaves; here two of the same width together")
-    lost.append("its rollers' friction grows from 0; here it has its mean throughout")
+    lost.append("its rollers' damping grows from 0; here it has its mean throughout")
     width = panels / stacks * _at(spec, "leaf/width")
     fields = _rolling(spec, width, lost)
     turn = math.acos(1.0 - CLEAR_WAY) / SUCCESS_ANGLE  # Of the first leaf, per rad.
-    fields["hinge_friction"] += turn * _at(spec, _HINGED["hinge_friction"])
+    fields["hinge_friction"] = turn * _at(spec, _HINGED["hinge_friction"])
+    fields["roller_friction"] = _at(spec, "physics/roller/coulomb_force_N")
     fields["hinge_damping"] += turn**2 * _at(spec, _HINGED["hinge_damping"])
     stiction = turn * _at(spec, _HINGED["stiction"])
     mass = _at(spec, _LEAF["panel_mass"]) / stacks

@@ -33,7 +33,7 @@ from gplfd_env.doors.closer import CloserLaw
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.hardware import GRAVITY
-from gplfd_env.doors.motion import carried, links_of
+from gplfd_env.doors.motion import carried, links_of, roller_way
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_experiments.data.teacher.random_motion import smooth_functions
 from gplfd_experiments.files.arrays import FloatArray
@@ -98,7 +98,8 @@ def hinge_torque(door: DoorConfig, angles: FloatArray, rate: float) -> FloatArra
     springs = closer.torque(angles, np.zeros_like(angles))
     torque: FloatArray = np.tanh(angles / _AT_STOP) * springs
     torque += closer.torque(angles, velocity) - springs + door.hinge_damping * velocity
-    torque += door.friction * np.tanh(velocity / _AT_REST)
+    friction = door.friction + door.roller_friction * roller_way(door, angles)
+    torque += friction * np.tanh(velocity / _AT_REST)
     torque += inertia * acceleration + np.tanh(angles / _AT_STOP) * weight
     torque += 0.5 * (further - inertia) / _STEP * velocity**2
     return torque
