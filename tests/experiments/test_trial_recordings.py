@@ -14,8 +14,9 @@ from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import of_trial
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.studies.runner import run_study
+from gplfd_experiments.studies.trials.contrasts import CONSTANT
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
-from gplfd_experiments.studies.trials.protocol import CONSTANT, TRIALS
+from gplfd_experiments.studies.trials.protocol import TRIALS
 from gplfd_experiments.studies.trials.records import Side
 from gplfd_experiments.workflows import study_recordings as module
 from gplfd_experiments.workflows.study_recordings import (

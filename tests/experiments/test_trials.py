@@ -29,9 +29,9 @@ from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies import jobs, runner
 from gplfd_experiments.studies.tasks import task_from
 from gplfd_experiments.studies.trials import plan
+from gplfd_experiments.studies.trials.contrasts import CONSTANT
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import (
-    CONSTANT,
     EVERYWHERE,
     PARTS,
     SEEDS,
