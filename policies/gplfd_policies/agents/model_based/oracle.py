@@ -11,10 +11,8 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
-from gplfd_policies.arrays.shapes import Float
+from gplfd_policies.arrays.shapes import Pose
 from gplfd_policies.control.steps import AgentStep, Observation
-
-Pose = Float[np.ndarray, " 6"]
 
 _KNOB: Final = 0.03
 _SHORT: Final = 0.065
