@@ -113,7 +113,7 @@ class FixedProfile:
     """The law."""
 
     def __call__(self, aligned: AlignedDemonstrations) -> StiffnessProfile:
-        """Return it."""
+        """Return the law."""
         return self.profile
 
 
