@@ -169,7 +169,7 @@ def test_what_is_told_the_handle_sees_the_leaf_through_it():
     ("name", "message"),
     [
         ("oracle", r"told the door .* agent\.inform\(door\)"),
-        ("hinge-fit-told", r"told the handle .* agent\.inform\(door\)"),
+        ("hinge-fit-told", r"told the door .* agent\.inform\(door\)"),
     ],
 )
 def test_who_is_told_must_be_told(name, message):
