@@ -134,11 +134,8 @@ class ReachingAgent:
         perception: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self._reach, self._then, self._perception = reach, then, perception
-        self._path = self._from(np.zeros(6))
-        self._elapsed = 0.0
         self._door: DoorGeometry | None = None
-        self._search: GraspSearch | None = None
-        self._grasp: Pose | None = None
+        self.reset({"ee_pose": np.zeros(6)})
 
     @property
     def control(self) -> Control:
@@ -153,8 +150,9 @@ class ReachingAgent:
     @one_thread
     def reset(self, observation: Observation) -> None:
         """Begin where the hand is."""
-        self._path = self._from(observation["ee_pose"])
-        self._elapsed, self._grasp = 0.0, None
+        self._path, self._elapsed = self._from(observation["ee_pose"]), 0.0
+        self._grasp: Pose | None = None
+        self._search: GraspSearch | None = None
         if any(self._perception):
             self._search = GraspSearch(self._perception[0], self._reach.duration)
 
