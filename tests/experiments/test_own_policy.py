@@ -6,7 +6,6 @@ import os
 import re
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -350,14 +349,10 @@ def test_names_of_files_are_different_for_different_names():
 
 def test_list_says_where_packaged_policies_come_from(monkeypatch, capsys):
     from gplfd_experiments.cli import catalogue
-    from gplfd_policies.registry.user_policies import PackagedPolicy
 
-    offered: list[Any] = [
-        PackagedPolicy(name="theirs", package="robots 1.2", policy=policy_named("gp")),
-        PackagedPolicy(name="bad", package="more 3", policy=None, problem="no module"),
-    ]
-    monkeypatch.setattr(catalogue, "packaged_policies", lambda taken: tuple(offered))
+    offered = {"theirs": "opens doors (robots 1.2)", "bad": "no module (more 3)"}
+    monkeypatch.setattr(catalogue, "packaged_summaries", lambda taken: offered)
     assert gplfd("list") == 0
     printed = capsys.readouterr().out
-    assert re.search(r"  theirs  heteroscedastic GP .* \(robots 1.2\)\n", printed)
+    assert "  theirs  opens doors (robots 1.2)\n" in printed
     assert "  bad     no module (more 3)\n" in printed

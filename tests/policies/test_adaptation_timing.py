@@ -150,20 +150,20 @@ def test_a_hurry_is_recognised_and_the_rest_comes_sooner(openings):
 def test_evidence_tells_own_clocks_from_registered_phases(openings):
     skill, unseen = openings
     hurried, _ = forecast(OwnClockAdaptation, skill, unseen[0], 25)
-    assert hurried.timed > 0.99
+    assert hurried.shares[0] > 0.99
     grid = np.linspace(0.0, 1.0, 50)
     registered = OwnClockAdaptation(skill, grid)
-    assert registered.timed == 0.5
+    assert registered.shares[0] == 0.5
     for phase in grid[:25]:
         pose = skill.predict(np.array([phase])).mean[0]
         registered.observe(ViaPoint(phase=float(phase), pose=pose))
-    assert registered.timed < 0.5
+    assert registered.shares[0] < 0.5
 
 
 def test_own_clock_is_the_mixture_of_its_two_filters(openings):
     skill, unseen = openings
     adaptation, _ = forecast(OwnClockAdaptation, skill, unseen[1], 2)
-    share = adaptation.timed
+    share = adaptation.shares[0]
     assert 0.01 < share < 0.99
     first, second = (one.trajectory() for one in adaptation._parts)
     mixed = adaptation.trajectory()

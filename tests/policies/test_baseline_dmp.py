@@ -154,7 +154,9 @@ def test_both_forms_agree_for_a_turn_about_one_axis():
 def test_another_goal_enters_along_the_step_response(dmp):
     shift = np.array([0.1, -0.05, 0.02])
     turn = Rotation.from_rotvec([0.1, 0.3, -0.2]) * Rotation.from_rotvec(goal_of(dmp))
-    moved = dmp.with_goal(np.append(dmp.goal[:3] + shift, turn.as_rotvec()))
+    goal = np.append(dmp.goal[:3] + shift, turn.as_rotvec())
+    error = compose_rotvecs(goal[3:], -dmp.start[3:])
+    moved = replace(dmp, goal=goal, start_error=error)
     before, after = dmp.predict(GRID), moved.predict(GRID)
     gone = fading(GRID, dmp.config)[:, None]
     assert_allclose(
@@ -164,7 +166,6 @@ def test_another_goal_enters_along_the_step_response(dmp):
     expected = gone * (turn.as_rotvec() - goal_of(dmp))
     assert_allclose(change, expected, atol=2e-5)
     assert_allclose(after.mean[0], dmp.start, atol=1e-12)
-    assert_array_equal(dmp.with_goal(dmp.goal).predict(GRID).mean, before.mean)
 
 
 @given(seed=st.integers(0, 1000), size=st.sampled_from([1.0, 1e3, 1e5]))
@@ -196,8 +197,6 @@ def test_turns_beyond_half_a_turn_stay_continuous():
     assert_allclose(dmp.start_error, end[3:], atol=1e-12)
     poses = dmp.predict(np.linspace(0.0, 1.0, 201)).mean
     assert_allclose(poses, minimum_jerk(end), atol=2e-3)
-    further = dmp.with_goal(1.1 * end)
-    assert_allclose(further.start_error, 1.1 * end[3:], atol=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -237,11 +236,6 @@ def test_reproduction_is_no_worse_than_the_library_s(as_in_the_library, library)
     library_error = np.sqrt(np.mean((library["dmp_reproduction"] - mean) ** 2))
     ours = as_in_the_library.predict(library["phases"]).mean[:, :3]
     assert np.sqrt(np.mean((ours - mean) ** 2)) < 0.3 * library_error
-
-
-def test_a_goal_must_be_known_in_full(dmp):
-    with pytest.raises(ValueError, match="finite in all six entries"):
-        dmp.with_goal(np.append(dmp.goal[:5], np.nan))
 
 
 def test_with_a_spread_it_has_that_of_the_demonstrations(demonstrations):

@@ -10,8 +10,11 @@ from sklearn.gaussian_process.kernels import Matern
 
 from gplfd_policies import ViaPoint
 from gplfd_policies.movements.baselines.gmm_gp import (
+    FIRST_LENGTH_SCALE,
+    LONGEST_LENGTH_SCALE,
+    NOISE_RANGE,
     Evidence,
-    LengthScaleConfig,
+    GMMGPConfig,
     MixtureKernel,
     fit_gmm_gp,
 )
@@ -143,15 +146,15 @@ def test_likelihood_is_that_of_all_demonstrations_stacked(process):
 
 
 def test_length_scales_are_the_most_likely_within_their_range(process):
-    config = LengthScaleConfig()
+    config = GMMGPConfig()
     scales = process.kernel.length_scales
-    low, high = config.length_scale_range
+    low, high = config.shortest_length_scale, LONGEST_LENGTH_SCALE
     assert ((low <= scales) & (scales <= high)).all()
     evidence = Evidence.of(process.regression, config.phases, 1.0)
-    noise = config.noise_range[1]
+    noise = NOISE_RANGE[1]
     best, gradient = evidence.negative_log_likelihood(np.log([*scales, noise]))
     inside = (scales > low * 1.001) & (scales < high * 0.999)
     assert inside.sum() >= 3
     assert np.abs(gradient[:-1][inside]).max() < 0.05
-    first = np.log([*np.full(6, config.first_length_scale), noise])
+    first = np.log([*np.full(6, FIRST_LENGTH_SCALE), noise])
     assert best < evidence.negative_log_likelihood(first)[0] - 10.0

@@ -165,15 +165,9 @@ def test_what_is_told_the_handle_sees_the_leaf_through_it():
     assert phases[99] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("oracle", r"told the door .* agent\.inform\(door\)"),
-        ("hinge-fit-told", r"told the handle .* agent\.inform\(door\)"),
-    ],
-)
-def test_who_is_told_must_be_told(name, message):
-    with pytest.raises(ValueError, match=message):
+@pytest.mark.parametrize("name", ["oracle", "hinge-fit-told"])
+def test_who_is_told_must_be_told(name):
+    with pytest.raises(ValueError, match=r"told the door .* agent\.inform\(door\)"):
         acted(make_agent(name, ()), 1)
 
 

@@ -15,7 +15,6 @@ from gplfd_policies.gp.noise import KerstingNoise, MapNoise
 from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
 from gplfd_policies.movements.baselines.gmm_gp import (
     GMMGPConfig,
-    LengthScaleConfig,
     fit_gmm_gp,
 )
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
@@ -362,10 +361,8 @@ def test_too_few_demonstrations_or_phases_are_refused(fit, message, aligned):
         (KMPConfig, "covariance_regularisation", np.inf, r"= inf is outside \(0,"),
         (KMPConfig, "same_phase", 2.0, r"= 2.0 is outside \[0, 1\]"),
         (GMMGPConfig, "weight_power", 0.0, r"weight_power = 0.0 is outside \(0, inf"),
-        (LengthScaleConfig, "length_scale_range", (1.0, 0.1), "must be two positive"),
-        (LengthScaleConfig, "noise_range", (0.0, 0.1), "must be two positive"),
-        (LengthScaleConfig, "first_length_scale", 9.0, r"within \(0.005, 5.0\), got 9"),
-        (LengthScaleConfig, "phases", 1, "must be a whole number from 2"),
+        (GMMGPConfig, "shortest_length_scale", 3.0, r"= 3.0 is outside \(0, 2.5\]"),
+        (GMMGPConfig, "phases", 1, "must be a whole number from 2"),
         (LocalGPConfig, "clusters", 0, "clusters = 0 must be a whole number from 1"),
         (LocalGPConfig, "width", 11.0, r"width = 11.0 is outside \[0.1, 10\]"),
         (KerstingNoise, "n_iterations", 0, "= 0 must be a whole number from 1"),

@@ -20,7 +20,7 @@ from gplfd_policies import (
     policy_named,
 )
 from gplfd_policies.registry import module_files, user_policies
-from gplfd_policies.registry.user_policies import packaged_policies
+from gplfd_policies.registry.user_policies import packaged_summaries
 
 MODULE = '''
 """Somebody's policies."""
@@ -275,11 +275,9 @@ def test_packages_offer_policies_by_name(install, library, tmp_path, monkeypatch
         ValueError, match=r"that was theirs 1\.3, .* this is theirs 1\.2"
     ):
         load_policy(newer)
-    listed = packaged_policies(POLICIES)
-    assert [(one.name, one.package, one.problem) for one in listed] == [
-        ("best", "theirs 1.2", ""),
-        ("worst", "theirs 1.2", ""),
-    ]
+    listed = packaged_summaries(POLICIES)
+    assert list(listed) == ["best", "worst"]
+    assert listed["best"] == f"{policy.summary} (theirs 1.2)"
     with pytest.raises(
         ValueError, match=r"unknown policy 'bets' \(did you mean 'best'"
     ):
@@ -294,9 +292,9 @@ def test_broken_packages_are_listed_with_the_reason(install):
         "broken", "3.0", "needy = broken:make\ntwice = broken:make", "import absent"
     )
     install("others", "0.1", "twice = others:make")
-    problems = {one.name: one.problem for one in packaged_policies(POLICIES)}
-    assert problems["fine"] == ""
-    assert problems["gp"] == "a built-in policy has this name"
+    problems = packaged_summaries(POLICIES)
+    assert problems["fine"] == "Stay where the handle is closed. (theirs 1.2)"
+    assert problems["gp"] == "a built-in policy has this name (theirs 1.2)"
     assert "theirs 1.2" in problems["absent"]
     assert "has no 'absent'" in problems["absent"]
     assert "of broken 3.0: importing broken failed with" in problems["needy"]

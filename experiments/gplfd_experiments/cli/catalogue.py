@@ -14,7 +14,7 @@ from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.validation.fields import allowed_range
 from gplfd_policies.registry.catalogue import POLICIES
-from gplfd_policies.registry.user_policies import packaged_policies
+from gplfd_policies.registry.user_policies import packaged_summaries
 
 
 def catalogue() -> str:
@@ -55,11 +55,7 @@ def _sections() -> Mapping[str, Mapping[str, str]]:
         ),
         "ablations (a method with one part removed or replaced)": _policies("ablation"),
         "references (policies that do not learn)": _policies("reference"),
-        "policies of installed packages": {
-            one.name: f"{one.policy.summary if one.policy else one.problem} "
-            f"({one.package})"
-            for one in packaged_policies(POLICIES)
-        },
+        "policies of installed packages": packaged_summaries(POLICIES),
         "environments": {
             ENVIRONMENT_ID: "action: pose of the hand in the task frame",
             IMPEDANCE_ENVIRONMENT_ID: "action: pose and stiffness of the hand",

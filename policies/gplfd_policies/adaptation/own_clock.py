@@ -65,6 +65,10 @@ def timing_covariance(
 class OwnClockAdaptation(MixedProcesses):
     """Conditioning of path and timing together, mixed with that of path alone.
 
+    Args:
+        skill: the demonstrated skill, from at least two demonstrations.
+        grid: phases at which the distribution is reported.
+
     Raises:
         ValueError: if the demonstrations' clocks are not known, and as
             `ProcessAdaptation`.
@@ -72,16 +76,6 @@ class OwnClockAdaptation(MixedProcesses):
 
     @one_thread
     def __init__(self, skill: Skill, grid: Times) -> None:
-        """Start from the demonstrations and their clocks.
-
-        Args:
-            skill: the demonstrated skill, from at least two demonstrations.
-            grid: phases at which the distribution is reported.
-
-        Raises:
-            ValueError: if the demonstrations' clocks are not known, and as
-                `ProcessAdaptation`.
-        """
         aligned = skill.aligned
         if aligned.clocks is None:
             raise ValueError(
@@ -99,11 +93,6 @@ class OwnClockAdaptation(MixedProcesses):
             StudentProcess(registered, free, grid),
         )
         super().__init__(parts, (0.5, 0.5))
-
-    @property
-    def timed(self) -> float:
-        """Probability that the clock is the repetition's own."""
-        return float(self.shares[0])
 
 
 def delayed(

@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.path_similarity import (
     SimilarityModel,
@@ -91,7 +92,7 @@ class SimilarityAdaptation:
 
         # Height and rotation: a scalar Kalman filter each.
         expected, spread = (
-            np.array([np.interp(phase, self._grid, curve) for curve in curves.T])
+            interpolated(np.array([phase]), self._grid, curves)[0]
             for curves in (self._expected, self._spread)
         )
         noise = np.maximum(noise[_OTHERS], (_STRONGEST * spread) ** 2)

@@ -10,11 +10,10 @@ from typing import Final, Literal
 import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH
-from gplfd_policies.arrays.shapes import Float
+from gplfd_policies.arrays.shapes import Float, Pose
 from gplfd_policies.control.steps import Observation
 
 Vector = Float[np.ndarray, " 3"]
-Pose = Float[np.ndarray, " 6"]
 Phases = Float[np.ndarray, " N"]
 Waves = Float[np.ndarray, "2 ..."]
 Stage = Literal["reach", "back", "in", "close", "shake", "held"]

@@ -18,7 +18,8 @@ from gplfd_policies.adaptation import adapt
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.agents.grasp_search import CLOSING, GraspSearch
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.shapes import Bool, Float
+from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.shapes import Axes, Bool, Pose
 from gplfd_policies.control.rendering import ArmRendering
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.demonstrations.alignment import align
@@ -27,9 +28,6 @@ from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
-
-Pose = Float[np.ndarray, " 6"]
-Poses = Float[np.ndarray, "*N 6"]
 
 GRASPED: Final = "grasped"
 """Signal of demonstrations, (N, 1): 1 while the hand holds the handle, else 0."""
@@ -136,11 +134,8 @@ class ReachingAgent:
         perception: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self._reach, self._then, self._perception = reach, then, perception
-        self._path = self._from(np.zeros(6))
-        self._elapsed = 0.0
         self._door: DoorGeometry | None = None
-        self._search: GraspSearch | None = None
-        self._grasp: Pose | None = None
+        self.reset({"ee_pose": np.zeros(6)})
 
     @property
     def control(self) -> Control:
@@ -155,8 +150,9 @@ class ReachingAgent:
     @one_thread
     def reset(self, observation: Observation) -> None:
         """Begin where the hand is."""
-        self._path = self._from(observation["ee_pose"])
-        self._elapsed, self._grasp = 0.0, None
+        self._path, self._elapsed = self._from(observation["ee_pose"]), 0.0
+        self._grasp: Pose | None = None
+        self._search: GraspSearch | None = None
         if any(self._perception):
             self._search = GraspSearch(self._perception[0], self._reach.duration)
 
@@ -197,10 +193,10 @@ class ReachingAgent:
 
     def _reached(self, time: float) -> tuple[Pose, Pose]:
         """Return mean and standard deviation of the reach after a time [s]."""
-        phase = min(time / self._reach.duration, 1.0)
+        phase = np.array([min(time / self._reach.duration, 1.0)])
         mean, std = (
-            np.array([np.interp(phase, _GRID, each) for each in values.T])
-            for values in (self._path.mean, self._path.std)
+            interpolated(phase, _GRID, curves)[0]
+            for curves in (self._path.mean, self._path.std)
         )
         return mean, std
 
@@ -223,13 +219,13 @@ class ReachingAgent:
         mean = _moved(forecast.mean, grasp, 1.0)
         return dataclasses.replace(forecast, mean=mean)
 
-    def _from(self, start: Float[np.ndarray, " 6"]) -> GaussianTrajectory:
+    def _from(self, start: Pose) -> GaussianTrajectory:
         """Return the reach from a pose to the handle."""
         ends = ViaPoint(phase=0.0, pose=start), ViaPoint(phase=1.0, pose=np.zeros(6))
         return adapt(self._reach, ends, "process").predict(_GRID)
 
 
-def _moved(pose: Poses, grasp: Pose, way: float) -> Poses:
+def _moved(pose: Axes, grasp: Pose, way: float) -> Axes:
     """Return poses with the pose of the grasp added (way 1) or taken off (way -1)."""
     turned = compose_rotvecs(pose[..., 3:], way * grasp[3:])
     return np.concatenate([pose[..., :3] + way * grasp[:3], turned], axis=-1)

@@ -1,8 +1,8 @@
-"""Resolution of poses, and fewer samples of a curve."""
+"""Resolution of poses, fewer samples of a curve, and samples between them."""
 
 import numpy as np
 
-from gplfd_policies.arrays.shapes import Int
+from gplfd_policies.arrays.shapes import Float, Int
 
 FINEST = 1e-6
 """Finest resolution of poses, scales and standard deviations: 1 µm and 1 µrad."""
@@ -11,3 +11,12 @@ FINEST = 1e-6
 def thinned(size: int, most: int) -> Int[np.ndarray, " N"]:
     """Return at most ``most`` of ``size`` indices, evenly spread, with both ends."""
     return np.unique(np.linspace(0, size - 1, most).round().astype(int))
+
+
+def interpolated(
+    wanted: Float[np.ndarray, " N"],
+    given: Float[np.ndarray, " M"],
+    curves: Float[np.ndarray, "M C"],
+) -> Float[np.ndarray, "N C"]:
+    """Return curves at other places than given; constant beyond the ends."""
+    return np.column_stack([np.interp(wanted, given, curve) for curve in curves.T])

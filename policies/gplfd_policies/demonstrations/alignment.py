@@ -15,6 +15,7 @@ import scipy
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import into_axes, pose_distance
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.completion import measure_completion, warn_of_noise
@@ -198,7 +199,7 @@ def _felt(
             rotvecs = demo.poses[:, None, 3:]
             own = into_axes(rotvecs, demo.wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
             times = demo.times[0] + clock * (demo.times[-1] - demo.times[0])
-            found[:] = np.column_stack([np.interp(times, demo.times, c) for c in own.T])
+            found[:] = interpolated(times, demo.times, own)
     return felt
 
 
@@ -267,9 +268,8 @@ def corrected_completions(
     # Unit vectors along each path, shorter ones where it turns back.
     directions = []
     for index, recorded in zip(completions, poses, strict=True):
-        columns = [np.interp(steps, index, one) for one in recorded.T]
         ends = ((_HALF_CHORD, _HALF_CHORD), (0, 0))
-        padded = np.pad(scale * np.column_stack(columns), ends, mode="edge")
+        padded = np.pad(scale * interpolated(steps, index, recorded), ends, mode="edge")
         chords = padded[2 * _HALF_CHORD :] - padded[: -2 * _HALF_CHORD]
         lengths = np.linalg.norm(chords, axis=1)
         least = max(_SLOWEST * float(np.median(lengths)), np.finfo(np.float64).tiny)

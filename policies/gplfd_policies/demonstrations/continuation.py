@@ -15,6 +15,7 @@ import scipy
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import pose_steps
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
@@ -70,11 +71,13 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
     if wrenches is not None:
         # What the hand bears last, it goes on to bear.
         shown = phases * length
-        wrenches = np.stack([_at(shown, aligned.times, each) for each in wrenches])
+        wrenches = np.stack(
+            [interpolated(shown, aligned.times, each) for each in wrenches]
+        )
     return replace(
         aligned,
         times=phases,
-        poses=np.stack([_at(phases, times, poses) for poses in longer]),
+        poses=np.stack([interpolated(phases, times, poses) for poses in longer]),
         wrenches=wrenches,
         duration=aligned.duration * length,
         clocks=clocks,
@@ -96,7 +99,8 @@ def drift(aligned: AlignedDemonstrations) -> Pose:
             rest = (1.0 - cut) * _AHEAD
             guess = _screwed(poses, way, cut, rest)
             # As a share of the shorter path, which is all that is known at the cut.
-            errors.append((guess - _at(cut + rest, way, poses)) / (rest[:, None] / cut))
+            missed = guess - interpolated(cut + rest, way, poses)
+            errors.append(missed / (rest[:, None] / cut))
     return np.asarray(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)))
 
 
@@ -110,11 +114,11 @@ def _screwed(
 ) -> Float[np.ndarray, "S 6"]:
     """Continue a path that is cut at a share of its length, by shares of it."""
     turned = np.linalg.norm(
-        _at(np.array([cut]), way, poses)[0, 3:] - poses[:, 3:], axis=1
+        interpolated(np.array([cut]), way, poses)[0, 3:] - poses[:, 3:], axis=1
     )
     near = way[(turned <= _TURN) & (way < cut)]
     begins = max((1.0 - _TAIL) * cut, float(near.min()) if near.size else 0.0)
-    begin, last = _at(np.array([begins, cut]), way, poses)
+    begin, last = interpolated(np.array([begins, cut]), way, poses)
     final = _rigid(last)
     twist = (final * _rigid(begin).inv()).as_exp_coords()
     moved = scipy.spatial.transform.RigidTransform.from_exp_coords(
@@ -138,10 +142,3 @@ def _rigid(pose: Pose) -> Any:
     # A copy: SciPy does not take read-only rotation vectors.
     rotation = transform.Rotation.from_rotvec(pose[3:].copy())
     return transform.RigidTransform.from_components(pose[:3], rotation)
-
-
-def _at(
-    wanted: Shares, given: Float[np.ndarray, " N"], poses: Float[np.ndarray, "N 6"]
-) -> Float[np.ndarray, "S 6"]:
-    """Interpolate poses, given at some shares of the path, at others."""
-    return np.column_stack([np.interp(wanted, given, curve) for curve in poses.T])

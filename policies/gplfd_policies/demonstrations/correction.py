@@ -6,7 +6,7 @@ from typing import Final, Literal
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.records import short_repr
+from gplfd_policies.arrays.records import freeze, short_repr
 from gplfd_policies.arrays.shapes import Bool, Float
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
@@ -59,14 +59,12 @@ class Correction:
                 f"{self.by!r} and {self.phase}"
             )
         if self.inputs is not None:
-            inputs = np.array(self.inputs, dtype=np.float64)
-            if inputs.ndim != 2 or len(inputs) != len(led):
+            freeze(self, "inputs")
+            if self.inputs.ndim != 2 or len(self.inputs) != len(led):
                 raise ValueError(
                     f"inputs must have a row for each of the {len(led)} samples, got "
-                    f"shape {inputs.shape}"
+                    f"shape {self.inputs.shape}"
                 )
-            inputs.setflags(write=False)
-            object.__setattr__(self, "inputs", inputs)
         led.setflags(write=False)
         object.__setattr__(self, "led", led)
 

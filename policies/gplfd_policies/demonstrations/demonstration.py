@@ -86,10 +86,8 @@ class Demonstration:
                 "the demonstration never moves: all poses are equal, so no progress "
                 "can be measured; check the recording and its units (metres, radians)"
             )
-        if self.wrenches is not None:
-            self._check_wrenches()
-
-    def _check_wrenches(self) -> None:
+        if self.wrenches is None:
+            return
         freeze(self, "wrenches")
         wrenches = np.asarray(self.wrenches)
         if wrenches.shape != self.poses.shape:

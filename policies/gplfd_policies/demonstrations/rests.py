@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 
 from gplfd_env.spatial.se3 import pose_distance, pose_steps
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 _BLUR: Final = 0.015
@@ -67,10 +68,7 @@ def without_rests(
     # Stretches that are slow, from first to last sample.
     reach = _HALF_CHORD * (times[-1] - times[0])
     ends = [np.clip(times + side, times[0], times[-1]) for side in (-reach, reach)]
-    before, after = (
-        np.column_stack([np.interp(end, times, output) for output in smooth.T])
-        for end in ends
-    )
+    before, after = (interpolated(end, times, smooth) for end in ends)
     speed = np.asarray(pose_distance(after, before, 0.5)) / (ends[1] - ends[0])
     slow = speed < _SLOW * np.percentile(speed, _FAST)
     edges = np.diff(np.concatenate([[False], slow, [False]]).astype(int))

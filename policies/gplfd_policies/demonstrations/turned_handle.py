@@ -16,14 +16,12 @@ from typing import Final
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.shapes import Float
+from gplfd_policies.arrays.shapes import Axes
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 """(w, x, y, z)."""
-
-Poses = Float[np.ndarray, "*N 6"]
 
 _FIRST_TURNS: Final = (0.4, 0.25)
 """Turns of the hand before the door moves [rad]: of levers and knobs, which need more
@@ -138,7 +136,7 @@ class TurnedHandle:
         back = cosine, ax * sine, ay * sine, az * sine
         return _rotvec(_product((w, x, y, z), back)), 2.0 * half
 
-    def places(self, poses: Poses) -> Poses:
+    def places(self, poses: Axes) -> Axes:
         """Return poses (*N, 6) with the position of the axis's point."""
         moved = poses.copy()
         for row in moved.reshape(-1, 6):

@@ -70,11 +70,6 @@ def factorise(matrix: Gram) -> CholeskyFactor:
     )
 
 
-def zero_mean(times: Times) -> Curve:
-    """The prior mean m(t) = 0, the paper's choice without prior knowledge."""
-    return np.zeros_like(times)
-
-
 @dataclass(frozen=True, kw_only=True)
 class ExactGP:
     """A Gaussian process conditioned on noisy observations, Eqs. (3)–(5).
@@ -91,8 +86,9 @@ class ExactGP:
     """Observations y."""
     noise_variance: Curve
     """Noise variance of every observation: constant σ_n² (Eq. 3) or r(t) (Eq. 10)."""
-    prior_mean: Callable[[np.ndarray], np.ndarray] = zero_mean
-    """Prior mean m(t), Eq. (1): any function (M,) → (M,)."""
+    prior_mean: Callable[[np.ndarray], np.ndarray] = np.zeros_like
+    """Prior mean m(t), Eq. (1): any function (M,) → (M,); by default zero, the paper's
+    choice without prior knowledge."""
 
     def __post_init__(self) -> None:
         noise = self.noise_variance

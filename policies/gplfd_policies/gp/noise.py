@@ -234,14 +234,11 @@ class KerstingNoise(Settings):
             basis = LegendreBasis.for_length_scale(
                 times[0], times[-1], kernel.length_scale
             )
-            if basis is None:
-                dense = replicates.condition(kernel, noise)
-                mean, variance = dense.mean(times), dense.variance(times)
-            else:
-                posterior = replicates.condition_in(basis, kernel, noise)
-                matrix = basis.matrix(times)
-                mean = matrix @ posterior.weights
-                variance = np.sum((matrix @ posterior.factor) ** 2, axis=1)
+            assert basis is not None, "fitted length-scales are never so short"
+            posterior = replicates.condition_in(basis, kernel, noise)
+            matrix = basis.matrix(times)
+            mean = matrix @ posterior.weights
+            variance = np.sum((matrix @ posterior.factor) ** 2, axis=1)
             # A process through log-variances that are observed with unknown noise.
             spread = 0.5 * ((samples - mean) ** 2 + variance + noise)
             observed = np.log(np.maximum(spread, _LEAST_VARIANCE))

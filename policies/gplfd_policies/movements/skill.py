@@ -401,8 +401,7 @@ def fit_skill(
 
     Raises:
         TypeError: for anything else than aligned demonstrations.
-        ValueError: for an unknown name, poses or times that are not finite, or too few
-            demonstrations for the noise model.
+        ValueError: for an unknown name, or too few demonstrations for the noise model.
 
     Warns:
         UserWarning: for three demonstrations or fewer.
@@ -423,8 +422,6 @@ def fit_skill(
         alone = noise == "map" and len(aligned.poses) == 1
         noise = NOISE_MODELS["homoscedastic" if alone else noise]
     times, poses = aligned.times, aligned.poses
-    if not (np.isfinite(times).all() and np.isfinite(poses).all()):
-        raise ValueError("Aligned demonstrations must be finite; found NaN or inf.")
     processes = MultiOutputGP.fit(times, poses, noise, centred=centred)
     if len(poses) <= _FEW:
         said = (

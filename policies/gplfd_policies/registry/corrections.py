@@ -13,6 +13,7 @@ import numpy as np
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_policies.arrays.one_thread import one_thread
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -56,7 +57,7 @@ def completed(method: Method, skill: Skill, correction: Correction) -> Demonstra
         phase = float(agent.act({"ee_pose": pose, "wrench": wrench}).observed_phase)
     expected = agent.forecast()
     after = (expected.times > phase) & (expected.times <= skill.aligned.end)
-    last = [np.interp(phase, expected.times, curve) for curve in expected.mean.T]
+    last = interpolated(np.array([phase]), expected.times, expected.mean)
     later = skill.duration * (expected.times[after] - phase)
     poses = [motion.poses, expected.mean[after] + (motion.poses[-1] - last)]
     whole = np.vstack(poses)
@@ -70,15 +71,13 @@ def completed(method: Method, skill: Skill, correction: Correction) -> Demonstra
 def demonstrated(aligned: AlignedDemonstrations) -> tuple[Demonstration, ...]:
     """Return aligned demonstrations as demonstrations on their common clock."""
     phases = np.linspace(0.0, aligned.end, len(aligned.times))
-
-    def shown(curves: np.ndarray) -> np.ndarray:
-        return np.column_stack([np.interp(phases, aligned.times, c) for c in curves.T])
-
     found = []
-    for number, poses in enumerate(map(shown, aligned.poses)):
+    for number, curves in enumerate(aligned.poses):
+        poses = interpolated(phases, aligned.times, curves)
         wrenches = None
         if aligned.wrenches is not None and np.isfinite(aligned.wrenches[number]).all():
-            own = shown(aligned.wrenches[number]).reshape(-1, 2, 3)
+            own = interpolated(phases, aligned.times, aligned.wrenches[number])
+            own = own.reshape(-1, 2, 3)
             wrenches = into_axes(-poses[:, None, 3:], own).reshape(-1, 6)
         times = aligned.duration * phases
         found.append(Demonstration(times=times, poses=poses, wrenches=wrenches))

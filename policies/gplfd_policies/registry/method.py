@@ -28,7 +28,6 @@ from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.modes import partition
-from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
 from gplfd_policies.movements.movement import (
     AdaptationForm,
     EmpiricalDistribution,
@@ -37,7 +36,7 @@ from gplfd_policies.movements.movement import (
 )
 from gplfd_policies.movements.prior_mean import PriorMean, Stretched, fit_residual
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
-from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise, PhaseRule
+from gplfd_policies.phase.phase_rule import ClockPhase, PhaseRule
 
 _GRID: Final = 100
 """Phases at which an agent knows its movement."""
@@ -80,22 +79,10 @@ def path_phase(movement: Movement, config: PathPhaseConfig = _PATH_PHASE) -> Pha
     return PathPhase(movement, movement.aligned, config)
 
 
-def heading_trusting_phase(movement: Movement) -> PhaseRule:
-    """Find it on the path as if the robot stood exactly straight to the door."""
-    return path_phase(movement, PathPhaseConfig(noise=PhaseNoise(heading=0.0)))
-
-
-def one_size_phase(movement: Movement) -> PhaseRule:
-    """Find it on the path as if every door had the demonstrations' mean size."""
-    same = SimilarityConfig(size_std=0.0, size_weight=1e9)
-    return path_phase(movement, PathPhaseConfig(similarity=same))
-
-
-def demonstrated_phase(
-    movement: Movement, config: PathPhaseConfig = _PATH_PHASE
-) -> PhaseRule:
+def demonstrated_phase(movement: Movement) -> PhaseRule:
     """Find it by the demonstrations' mean and spread: for movements without any."""
-    return PathPhase(EmpiricalDistribution(movement.aligned), movement.aligned, config)
+    demonstrated = EmpiricalDistribution(movement.aligned)
+    return PathPhase(demonstrated, movement.aligned, _PATH_PHASE)
 
 
 def clock_phase(movement: Movement) -> PhaseRule:
@@ -126,7 +113,7 @@ class FixedProfile:
     """The law."""
 
     def __call__(self, aligned: AlignedDemonstrations) -> StiffnessProfile:
-        """Return it."""
+        """Return the law."""
         return self.profile
 
 

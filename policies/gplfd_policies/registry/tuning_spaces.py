@@ -14,29 +14,19 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Final
 
 from gplfd_policies.adaptation import ProcessAdaptation
 from gplfd_policies.gp.noise import KerstingNoise, MapNoise
-from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
-from gplfd_policies.movements.baselines.gmm_gp import (
-    GMMGPConfig,
-    LengthScaleConfig,
-    fit_gmm_gp,
-)
-from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
-from gplfd_policies.movements.baselines.kmp import KMPConfig, fit_kmp
-from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
-from gplfd_policies.movements.baselines.midigap import MiDiGaPConfig, fit_midigap
-from gplfd_policies.movements.baselines.prodmp import ProDMPConfig, fit_prodmp
-from gplfd_policies.movements.baselines.promp import ProMPConfig, fit_promp
-from gplfd_policies.movements.baselines.tp_gmm import fit_tp_gmm
-from gplfd_policies.movements.baselines.wishart_gp import (
-    WishartGPConfig,
-    fit_wishart_gp,
-)
-from gplfd_policies.movements.movement import Movement
-from gplfd_policies.movements.skill import fit_skill
+from gplfd_policies.movements.baselines.dmp import DMPConfig
+from gplfd_policies.movements.baselines.gmm_gp import GMMGPConfig
+from gplfd_policies.movements.baselines.gmr import GMRConfig
+from gplfd_policies.movements.baselines.kmp import KMPConfig
+from gplfd_policies.movements.baselines.local_gp import LocalGPConfig
+from gplfd_policies.movements.baselines.midigap import MiDiGaPConfig
+from gplfd_policies.movements.baselines.prodmp import ProDMPConfig
+from gplfd_policies.movements.baselines.promp import ProMPConfig
+from gplfd_policies.movements.baselines.wishart_gp import WishartGPConfig
 from gplfd_policies.registry.method import Method
 
 TUNED_FILE: Final = Path(__file__).with_name("tuned.json")
@@ -91,8 +81,6 @@ class Space:
 
     settings: Mapping[str, Setting]
     """By name."""
-    fit: Callable[..., Movement]
-    """How the method learns."""
     config: Callable[..., object]
     """Makes the configuration of the fit from the values of its settings."""
     argument: str = "config"
@@ -132,35 +120,16 @@ class Space:
             share = own.pop("empirical_share")
             adaptation = partial(ProcessAdaptation, empirical_share=share)
             method = replace(method, adaptation=adaptation)
-        fit = partial(self.fit, **{self.argument: self.config(**own)})
+        fit = partial(method.fit, **{self.argument: self.config(**own)})
         return replace(method, fit=fit)
 
 
-def _kmp_config(components: int, **values: Any) -> KMPConfig:
-    return KMPConfig(mixture=GMRConfig(components=components), **values)
-
-
-def _gmm_gp_config(
-    components: int, weight_power: float, shortest_length_scale: float
-) -> GMMGPConfig:
-    scales = LengthScaleConfig()
-    longest = scales.length_scale_range[1]
-    return GMMGPConfig(
-        mixture=GMRConfig(components=components),
-        length_scales=replace(
-            scales, length_scale_range=(shortest_length_scale, longest)
-        ),
-        weight_power=weight_power,
-    )
-
-
 def _space(
-    fit: Callable[..., Movement],
     config: Callable[..., object],
     argument: str = "config",
     **settings: Setting,
 ) -> Space:
-    return Space(fit=fit, config=config, argument=argument, settings=settings)
+    return Space(config=config, argument=argument, settings=settings)
 
 
 _VIA_STD_FACTOR: Final = _log(1.0, 0.2, 10.0)
@@ -172,14 +141,12 @@ _REGULARISATION: Final = _log(4e-6, 1e-7, 1e-2)
 SPACES: Final[Mapping[str, Space]] = MappingProxyType(
     {
         "dmp": _space(
-            fit_dmp,
             DMPConfig,
             n_basis=_linear(30, 10, 60),
             alpha=_log(25.0, 10.0, 60.0),
             spread=_linear(False, False, True),
         ),
         "promp": _space(
-            fit_promp,
             ProMPConfig,
             n_basis=_linear(20, 8, 40),
             overlap=_linear(0.7, 0.3, 0.95),
@@ -187,34 +154,29 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             via_std_factor=_VIA_STD_FACTOR,
         ),
         "gmr": _space(
-            fit_gmr,
             GMRConfig,
             components=_COMPONENTS,
             regularisation=_REGULARISATION,
         ),
         "tp-gmm": _space(
-            fit_tp_gmm,
             GMRConfig,
             components=_COMPONENTS,
             regularisation=_REGULARISATION,
             via_std_factor=_VIA_STD_FACTOR,
         ),
         "local-gp": _space(
-            fit_local_gp,
             LocalGPConfig,
             clusters=_linear(8, 2, 16),
             width=_log(0.35, 0.15, 2.0),
         ),
         "wishart-gp": _space(
-            fit_wishart_gp,
             WishartGPConfig,
             degrees=_linear(7, 6, 20),
             length_scale=_log(0.15, 0.05, 1.0),
             floor=_log(1e-3, 1e-4, 0.1),
         ),
         "kmp": _space(
-            fit_kmp,
-            _kmp_config,
+            KMPConfig,
             components=_linear(8, 4, 15),
             length_scale=_log(0.144, 0.05, 0.6),
             mean_regularisation=_log(1.0, 0.05, 50.0),
@@ -222,15 +184,13 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             via_std_factor=_VIA_STD_FACTOR,
         ),
         "gmm-gp": _space(
-            fit_gmm_gp,
-            _gmm_gp_config,
+            GMMGPConfig,
             components=_linear(6, 3, 12),
             weight_power=_linear(1.0, 0.4, 1.0),
             shortest_length_scale=_log(0.005, 0.005, 1.0),
             via_std_factor=_VIA_STD_FACTOR,
         ),
         "prodmp": _space(
-            fit_prodmp,
             ProDMPConfig,
             n_basis=_linear(20, 8, 40),
             alpha=_log(25.0, 10.0, 60.0),
@@ -239,14 +199,12 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             via_std_factor=_VIA_STD_FACTOR,
         ),
         "midigap": _space(
-            fit_midigap,
             MiDiGaPConfig,
             mode_angle=_linear(0.7, 0.3, 1.5),
             length_scale=_log(1.0, 0.05, 10.0),
             via_std_factor=_VIA_STD_FACTOR,
         ),
         "gp-paper": _space(
-            fit_skill,
             KerstingNoise,
             "noise",
             n_iterations=_linear(10, 2, 30),
@@ -254,7 +212,6 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
             via_std_factor=_VIA_STD_FACTOR,
         ),
         "gp": _space(
-            fit_skill,
             MapNoise,
             "noise",
             shortest_scale=_log(0.15, 0.1, 0.6),

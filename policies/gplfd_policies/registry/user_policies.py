@@ -17,7 +17,6 @@ import operator
 import os
 import sys
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
@@ -33,20 +32,6 @@ from gplfd_policies.registry.policy import Policy, PolicyOrigin
 
 GROUP: Final = "gplfd_policies"
 """The entry-point group of packages."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class PackagedPolicy:
-    """What an installed package offers under a name."""
-
-    name: str
-    """The name."""
-    package: str
-    """Package and version."""
-    policy: Policy | None
-    """The policy, or None if it cannot be used."""
-    problem: str = ""
-    """Why it cannot."""
 
 
 def module_policy(name: str, folder: Path) -> Policy:
@@ -120,22 +105,22 @@ def packaged_policy(name: str) -> Policy | None:
     return dataclasses.replace(policy, origin=origin)
 
 
-def packaged_policies(taken: Collection[str]) -> tuple[PackagedPolicy, ...]:
-    """Import all that installed packages offer; what is broken is among it."""
-    listed = []
+def packaged_summaries(taken: Collection[str]) -> dict[str, str]:
+    """Import all that installed packages offer; say by name what it is and whose.
+
+    What cannot be used, as for a name that is taken, has the reason as its summary.
+    """
+    said = {}
     for entry in sorted(_offers(), key=operator.attrgetter("name")):
-        policy, problem = None, "a built-in policy has this name"
+        text = "a built-in policy has this name"
         if entry.name not in taken:
             try:
-                policy, problem = packaged_policy(entry.name), ""
+                policy = packaged_policy(entry.name)
+                text = policy.summary if policy is not None else ""
             except ValueError as error:
-                problem = str(error)
-        listed.append(
-            PackagedPolicy(
-                name=entry.name, package=_package(entry), policy=policy, problem=problem
-            )
-        )
-    return tuple(listed)
+                text = str(error)
+        said[entry.name] = f"{text} ({_package(entry)})"
+    return said
 
 
 def _offers() -> list[Any]:

@@ -44,13 +44,8 @@ class HandPath:
     points: Float[np.ndarray, "N size"]
 
     def __init__(self, size: int = 3) -> None:
-        self._size = size
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin at the closed door."""
-        self.points, self._last = np.zeros((0, self._size)), np.zeros(3)
-        self._sum, self._count = np.zeros(self._size), 0
+        self.points, self._last = np.zeros((0, size)), np.zeros(3)
+        self._sum, self._count = np.zeros(size), 0
 
     def add(self, point: Float[np.ndarray, " size"]) -> bool:
         """Add a point of the hand; return whether it ends a stretch."""
@@ -60,7 +55,7 @@ class HandPath:
             return False
         self._last = point[:3].copy()
         self.points = np.vstack([self.points, self._sum / self._count])
-        self._sum, self._count = np.zeros(self._size), 0
+        self._sum, self._count = np.zeros_like(self._sum), 0
         return True
 
     def direction(self) -> Point:
@@ -85,14 +80,10 @@ def turned_towards(direction: Point) -> Point:
 
 
 class Yielding:
-    """Set-points that forces displace."""
+    """Set-points that forces displace; at first they are at rest, not displaced."""
 
     def __init__(self) -> None:
         self._admittance = Admittance(_NEARLY_FREE)
-
-    def reset(self) -> None:
-        """Come to rest, not displaced."""
-        self._admittance.reset()
 
     def step(self, desired: SixAxes, wrench: SixAxes, **known: Any) -> AgentStep:
         """Return the step that commands a pose, displaced by a wrench."""

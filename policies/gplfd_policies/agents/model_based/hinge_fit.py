@@ -37,23 +37,18 @@ class HingeFitAgent:
     ) -> None:
         self._top_speed, self._acceleration = speed, acceleration
         self._fading_share, self._prior = fading, prior
-        self._path, self._yielding = HandPath(), Yielding()
         self._load = CarriedLoad()
-        self._begin()
+        self.reset({})
 
-    def _begin(self) -> None:
+    def reset(self, observation: Observation) -> None:
+        """Forget the last door and begin at the closed one."""
+        self._path, self._yielding = HandPath(), Yielding()
         self._circle = Circle.expected(self._prior)
         self._door = self._circle.door()
         # A length, no angle: another radius then moves the set-point sideways only.
         self._travelled = self._speed = 0.0
         self._fading = np.zeros(6)
         self.observed_angle = 0.0
-
-    def reset(self, observation: Observation) -> None:
-        """Forget the last door and begin at the closed one."""
-        self._path.reset()
-        self._yielding.reset()
-        self._begin()
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""

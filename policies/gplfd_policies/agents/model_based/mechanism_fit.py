@@ -48,15 +48,15 @@ class MechanismFitAgent:
         self, *, speed: float = 0.12, acceleration: float = 0.06, fading: float = 0.95
     ) -> None:
         self._top_speed, self._acceleration, self._fade = speed, acceleration, fading
-        self._path, self._yielding, self._load = HandPath(6), Yielding(), CarriedLoad()
-        self._begin(0)
+        self._load = CarriedLoad()
+        self.reset({})
 
     def _begin(self, guess: int) -> None:
         """Try a direction from the closed door."""
         pull = _GUESSES[guess % len(_GUESSES)]
         self._guess, self._fading = guess, np.zeros(6)
         self._travelled = self._speed = self._tried = 0.0
-        self._path.reset()
+        self._path = HandPath(6)
         self.model: Mechanism = Prismatic(pull, line=pull)
         sides = [side for side in (*np.eye(3), *-np.eye(3)) if side @ pull == 0.0]
         self._candidates: list[Mechanism] = [
@@ -66,7 +66,7 @@ class MechanismFitAgent:
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed one."""
-        self._yielding.reset()
+        self._yielding = Yielding()
         self._begin(0)
 
     def act(self, observation: Observation) -> AgentStep:

@@ -11,10 +11,8 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
-from gplfd_policies.arrays.shapes import Float
+from gplfd_policies.arrays.shapes import Pose
 from gplfd_policies.control.steps import AgentStep, Observation
-
-Pose = Float[np.ndarray, " 6"]
 
 _KNOB: Final = 0.03
 _SHORT: Final = 0.065
@@ -22,6 +20,8 @@ _SHORT: Final = 0.065
 [m]; a lever's servo error is small beside its motion."""
 _FIRMLY: Final = 0.01
 """How far beyond the stop the hand is commanded: 20 N of its servo [m]."""
+_LET_BACK: Final = math.radians(8.0), math.radians(25.0)
+"""Opening angles between which a handle is let go back [rad]."""
 
 
 class _HandleTurner:
@@ -30,11 +30,21 @@ class _HandleTurner:
     _door: DoorGeometry | None = None
     _turned = 0.0
     _turning: float
-    _let_back: tuple[float, float]
+    """Time in which a handle is turned [s]."""
 
     def inform(self, door: DoorGeometry) -> None:
         """Receive the door of the next episode."""
         self._door = door
+
+    def _told(self) -> DoorGeometry:
+        """Return the door, or raise because nobody told it."""
+        if self._door is None:
+            raise ValueError(
+                f"{type(self).__name__} must be told the door before the episode: "
+                "agent.inform(door), with a gplfd_env.DoorGeometry such as "
+                "DoorGeometry.nominal(0.5) or env.unwrapped.door_geometry"
+            )
+        return self._door
 
     def _turns_handle(self, door: DoorGeometry) -> bool:
         """Turn the handle on for a period; return whether it was still to be turned."""
@@ -58,7 +68,7 @@ class _HandleTurner:
 
     def _kept(self, angle: float) -> float:
         """Return the share of the turn that is kept at an opening angle [rad]."""
-        begins, ends = self._let_back
+        begins, ends = _LET_BACK
         return 1.0 - _minimum_jerk((angle - begins) / (ends - begins))
 
 
@@ -67,19 +77,12 @@ class OracleAgent(_HandleTurner):
 
     Args:
         duration: Time from the closed door to `DEMONSTRATED_ANGLE` [s].
-        turning: Time in which a handle is turned before [s].
-        let_back: Opening angles between which it is let go back [rad].
     """
 
-    def __init__(
-        self,
-        *,
-        duration: float = 6.0,
-        turning: float = 0.8,
-        let_back: tuple[float, float] = (math.radians(8.0), math.radians(25.0)),
-    ) -> None:
-        self._duration, self._turning, self._let_back = duration, turning, let_back
-        self._phase = 0.0
+    _turning = 0.8
+
+    def __init__(self, *, duration: float = 6.0) -> None:
+        self._duration, self._phase = duration, 0.0
 
     def reset(self, observation: Observation) -> None:
         """Begin at the closed door."""
@@ -87,13 +90,7 @@ class OracleAgent(_HandleTurner):
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the next pose on the arc; nothing observed is used."""
-        door = self._door
-        if door is None:
-            raise ValueError(
-                "the oracle must be told the door before the episode: agent.inform("
-                "door), with a gplfd_env.DoorGeometry such as DoorGeometry.nominal(0.5)"
-                " or env.unwrapped.door_geometry"
-            )
+        door = self._told()
         if not self._turns_handle(door):
             self._phase = min(1.0, self._phase + CONTROL_PERIOD / self._duration)
         s = self._phase
@@ -108,19 +105,11 @@ class ToldHandleAgent(_HandleTurner):
 
     While the handle is turned by θ, the leaf's own motion is seen and commanded through
     the handle's known displacement: of poses as rigid motions, hand = leaf ∘ handle(θ).
-
-    Args:
-        turning: Time in which the handle is turned [s].
-        let_back: Opening angles between which it is let go back [rad].
     """
 
-    def __init__(
-        self,
-        *,
-        turning: float = 1.0,
-        let_back: tuple[float, float] = (math.radians(8.0), math.radians(25.0)),
-    ) -> None:
-        self._turning, self._let_back = turning, let_back
+    _turning = 1.0
+
+    def __init__(self) -> None:
         self._opener = HingeFitAgent()
 
     def reset(self, observation: Observation) -> None:
@@ -130,13 +119,7 @@ class ToldHandleAgent(_HandleTurner):
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
-        door = self._door
-        if door is None:
-            raise ValueError(
-                "hinge-fit-told must be told the handle before the episode: "
-                "agent.inform(door), with a gplfd_env.DoorGeometry such as "
-                "env.unwrapped.door_geometry"
-            )
+        door = self._told()
         if self._turns_handle(door):
             turn = _minimum_jerk(self._turned) * self._travel(door)
             pose = door.hand_poses(0.0, turn)

@@ -25,11 +25,11 @@ class CompliantPullAgent:
 
     def __init__(self, *, force: float = 16.0) -> None:
         self._pull = np.array([force, 0.0, 0.0, 0.0, 0.0, 0.0])
-        self._yielding = Yielding()
+        self.reset({})
 
     def reset(self, observation: Observation) -> None:
         """Begin at the closed door."""
-        self._yielding.reset()
+        self._yielding = Yielding()
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
@@ -46,12 +46,11 @@ class ChordAgent:
 
     def __init__(self, *, lead: float = 0.015, lead_rate: float = 0.015) -> None:
         self._greatest_lead, self._lead_rate = lead, lead_rate
-        self._path = HandPath()
-        self._lead, self._action = 0.0, np.zeros(6)
+        self.reset({})
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed one."""
-        self._path.reset()
+        self._path = HandPath()
         self._lead, self._action = 0.0, np.zeros(6)
 
     def act(self, observation: Observation) -> AgentStep:
@@ -76,14 +75,12 @@ class ReflexAgent:
 
     def __init__(self, *, speed: float = 0.12) -> None:
         self._speed = speed
-        self._path, self._yielding = HandPath(), Yielding()
         self._load = CarriedLoad()
-        self._position = np.zeros(3)
+        self.reset({})
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed one."""
-        self._path.reset()
-        self._yielding.reset()
+        self._path, self._yielding = HandPath(), Yielding()
         self._position = np.zeros(3)
 
     def act(self, observation: Observation) -> AgentStep:

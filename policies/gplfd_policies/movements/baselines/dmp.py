@@ -67,7 +67,7 @@ class DynamicMovementPrimitive(LearnedMovement):
     """A point attractor shaped by a learned forcing term; made by `fit_dmp`.
 
     It has no spread: standard deviations and covariances are NaN unless
-    `DMPConfig.spread`. It has no via-points, only another goal.
+    `DMPConfig.spread`. It has no via-points.
     """
 
     config: DMPConfig
@@ -80,20 +80,6 @@ class DynamicMovementPrimitive(LearnedMovement):
     """e_0, the rotation vector from start to goal [rad]."""
     weights: Float[np.ndarray, "N 6"]
     """W, the weights of the forcing term."""
-
-    def with_goal(self, pose: Pose) -> "DynamicMovementPrimitive":
-        """The movement to another goal, with the same forcing term.
-
-        The change enters along the step response h(t) of the system, 0 at the start and
-        0.998 at τ: p'(t) = p(t) + h(t) (p_g' - p_g), e'(t) = e(t) + (1 - h(t)) (e_0' -
-        e_0).
-        """
-        pose = np.asarray(pose, dtype=np.float64)
-        if pose.shape != (6,) or not np.isfinite(pose).all():
-            raise ValueError(f"A goal must be finite in all six entries, got {pose}.")
-        error = compose_rotvecs(pose[3:], -self.start[3:])
-        nearest = unwrap_rotvecs(np.stack([self.start_error, error]))[1]
-        return replace(self, goal=pose, start_error=nearest)
 
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:

@@ -15,13 +15,13 @@ components overlap, and over-confident there. ``weight_power = 0.5`` gives Σ_l 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy
 
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import quantity
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.resolution import thinned
@@ -35,58 +35,34 @@ from gplfd_policies.movements.baselines.gmr import (
 from gplfd_policies.movements.movement import MomentMovement, Moments
 from gplfd_policies.movements.trajectory import ViaPoint
 
+# Published values are for letters, which were written over 2 s and vary by 25 cm²:
+# seconds are halved and variances divided by 25.
+FIRST_LENGTH_SCALE = 2.5
+"""Where the search for length-scales starts [phase]; published 5 s."""
+LONGEST_LENGTH_SCALE = 5.0
+"""Where it ends [phase]; published 10 s."""
+NOISE_RANGE = (4e-5, 2e-3)
+"""Allowed variance of the demonstrations' noise, standardised; published [0.001, 0.05]
+cm². Demonstrations that differ by more than its upper end, as all here do, keep the
+noise there, and the length-scales follow from it: without the bound the mean's misfit
+is noise too and most length-scales run to their limit."""
 _STRONGEST = 1e-4
 """Least standard deviation of a via-point, standardised, so that via-points without
 tolerance, repeated and contradicting ones have a solution: the average."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LengthScaleConfig(Settings):
-    """How length-scales are learned; published values for letters, translated.
+class GMMGPConfig(Settings):
+    """How prior and length-scales are learned."""
 
-    The letters were written over 2 s and vary by 25 cm², so seconds are halved and
-    variances divided by 25.
-    """
-
-    length_scale_range: tuple[float, float] = (0.005, 5.0)
-    """Allowed length-scales [phase]; published [0.01, 10] s."""
-    first_length_scale: float = 2.5
-    """Where the search starts [phase]; published 5 s."""
-    noise_range: tuple[float, float] = (4e-5, 2e-3)
-    """Allowed variance of the demonstrations' noise, standardised; published
-    [0.001, 0.05] cm². Demonstrations that differ by more than its upper end, as all
-    here do, keep the noise there, and the length-scales follow from it: without the
-    bound the mean's misfit is noise too and most length-scales run to their limit."""
+    components: int = quantity(6, low=1)
+    """Gaussians of the mixture behind the prior; as published for letters."""
+    shortest_length_scale: float = quantity(0.005, above=0.0, high=FIRST_LENGTH_SCALE)
+    """Least length-scale [phase]; published 0.01 s."""
     phases: int = quantity(50, low=2)
     """Number of phases of the demonstrations that enter the likelihood, evenly spread.
     The cost grows with its cube: 0.2 s for 50, 1 s for 100, where length-scales change
     by a quarter."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-        for name in ("length_scale_range", "noise_range"):
-            low, high = getattr(self, name)
-            if not 0.0 < low < high < np.inf:
-                raise ValueError(
-                    f"{name} must be two positive, increasing numbers, got "
-                    f"{(low, high)}."
-                )
-        low, high = self.length_scale_range
-        if not low <= self.first_length_scale <= high:
-            raise ValueError(
-                f"first_length_scale must be within {(low, high)}, got "
-                f"{self.first_length_scale}."
-            )
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class GMMGPConfig(Settings):
-    """How prior and length-scales are learned."""
-
-    mixture: GMRConfig = field(default_factory=lambda: GMRConfig(components=6))
-    """The mixture behind the prior; 6 components as published for letters."""
-    length_scales: LengthScaleConfig = field(default_factory=LengthScaleConfig)
-    """How the length-scales are learned."""
     weight_power: float = quantity(1.0, above=0.0)
     """Power of the responsibilities in the kernel; 1 as published."""
 
@@ -204,26 +180,6 @@ class Evidence:
         return value, np.append(by_scale, by_noise)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Posterior:
-    """The prior conditioned on the constrained outputs of V via-points."""
-
-    phases: Float[np.ndarray, " V"]
-    entries: Int[np.ndarray, " P"]
-    """Indices of the P constrained outputs among the 6 V, output by output."""
-    lower: Float[np.ndarray, "P P"]
-    """Cholesky factor of their covariance, noise included."""
-    solved: Float[np.ndarray, " P"]
-    """Its inverse times their difference from the prior mean."""
-
-    def against(
-        self, kernel: MixtureKernel, times: Times
-    ) -> Float[np.ndarray, "P 6*M"]:
-        """Prior covariance of the constrained outputs with all outputs at ``times``."""
-        across = kernel(self.phases, times).reshape(-1, 6 * len(times))
-        return np.asarray(across[self.entries])
-
-
 @dataclass(frozen=True, kw_only=True, repr=False)
 class GMMGaussianProcess(MomentMovement):
     """A learned movement that via-points adapt; made by `fit_gmm_gp`, immutable."""
@@ -243,64 +199,53 @@ class GMMGaussianProcess(MomentMovement):
         return replace(self, via_points=(*self.via_points, *via_points))
 
     @cached_property
-    def _posterior(self) -> _Posterior | None:
-        """The conditioned process; None without any constrained output."""
-        if not self.via_points:
-            return None
+    def _evidence(self) -> tuple[Times, Int[np.ndarray, " P"], np.ndarray, np.ndarray]:
+        """Phases, indices of the P constrained outputs, S = L Lᵀ as L, S⁻¹ misses.
+
+        The indices are among the 6 V outputs of V via-points, output by output.
+        """
         standardisation = self.regression.standardisation
-        phases = np.array([point.phase for point in self.via_points])
-        noise = np.stack([point.own_variance for point in self.via_points], axis=1)
-        noise = (noise / standardisation.scale[:, None] ** 2).ravel()
+        phases = np.array([float(point.phase) for point in self.via_points])
+        noise = np.array([point.own_variance for point in self.via_points])
+        noise = (noise.reshape(-1, 6) / standardisation.scale**2).T.ravel()
         entries = np.flatnonzero(np.isfinite(noise))
-        if entries.size == 0:
-            return None
-        poses = np.stack([point.pose for point in self.via_points])
+        poses = np.array([point.pose for point in self.via_points]).reshape(-1, 6)
         mean, _ = self.regression.standardised_moments(phases)
         missed = (standardisation.apply(poses) - mean).T.ravel()[entries]
-        full = self.kernel(phases, phases).reshape(6 * len(phases), -1)
-        covariance = (
-            full if entries.size == len(full) else full[np.ix_(entries, entries)]
-        )
-        covariance.flat[:: len(covariance) + 1] += np.maximum(
+        full = self.kernel(phases, phases).reshape(noise.size, noise.size)
+        covariance = full[np.ix_(entries, entries)]
+        covariance[np.diag_indices_from(covariance)] += np.maximum(
             noise[entries], _STRONGEST**2
         )
-        along = np.stack([point.along for point in self.via_points], axis=1)
-        along = (along / standardisation.scale[:, None]).ravel()[entries]
-        which = entries % len(phases)
+        along = np.array([point.along for point in self.via_points]).reshape(-1, 6)
+        along = (along / standardisation.scale).T.ravel()[entries]
+        which = entries % max(len(phases), 1)
         covariance += np.where(which[:, None] == which, np.outer(along, along), 0.0)
         # Transposed it is the same matrix, in the order that LAPACK does not copy.
         lower, _ = scipy.linalg.cho_factor(covariance.T, lower=True, overwrite_a=True)
-        return _Posterior(
-            phases=phases,
-            entries=entries,
-            lower=lower,
-            solved=scipy.linalg.cho_solve((lower, True), missed),
+        return phases, entries, lower, scipy.linalg.cho_solve((lower, True), missed)
+
+    def _gain(self, times: Times) -> tuple[Outputs, Float[np.ndarray, "P 6*M"]]:
+        """Change of the mean, and the root of what via-points explain."""
+        phases, entries, lower, solved = self._evidence
+        across = self.kernel(phases, times).reshape(-1, 6 * len(times))[entries]
+        half = scipy.linalg.solve_triangular(
+            lower, across, lower=True, check_finite=False
         )
+        return (solved @ across).reshape(6, -1).T, half
 
     def _moments(self, times: Times) -> Moments:
         mean, _ = self.regression.standardised_moments(times)
-        variance = self.kernel.variance(times)
-        posterior = self._posterior
-        if posterior is not None:
-            across = posterior.against(self.kernel, times)
-            shape = (6, len(times))
-            mean = mean + (posterior.solved @ across).reshape(shape).T
-            half = scipy.linalg.solve_triangular(
-                posterior.lower, across, lower=True, check_finite=False
-            )
-            explained = np.einsum("pm,pm->m", half, half).reshape(shape).T
-            variance = np.maximum(variance - explained, 0.0)
-        return self.regression.standardisation.moments(mean, variance)
+        change, half = self._gain(times)
+        explained = np.einsum("pm,pm->m", half, half).reshape(6, -1).T
+        variance = np.maximum(self.kernel.variance(times) - explained, 0.0)
+        return self.regression.standardisation.moments(mean + change, variance)
 
     def _covariance(self, times: Times) -> Covariances:
         prior = self.kernel(times, times)
         covariance = np.stack([prior[output, :, output] for output in range(6)])
-        posterior = self._posterior
-        if posterior is not None:
-            across = posterior.against(self.kernel, times)
-            half = scipy.linalg.solve_triangular(posterior.lower, across, lower=True)
-            half = half.reshape(-1, 6, len(times))
-            covariance -= np.einsum("pdm,pdn->dmn", half, half, optimize=True)
+        half = self._gain(times)[1].reshape(-1, 6, len(times))
+        covariance -= np.einsum("pdm,pdn->dmn", half, half, optimize=True)
         return self.regression.standardisation.covariance(covariance)
 
 
@@ -310,19 +255,17 @@ def fit_gmm_gp(
 ) -> GMMGaussianProcess:
     """Learn the process: fit the mixture, then the length-scales by likelihood."""
     config = GMMGPConfig() if config is None else config
-    regression, scales = fit_gmr(aligned, config.mixture), config.length_scales
-    evidence = Evidence.of(regression, scales.phases, config.weight_power)
+    regression = fit_gmr(aligned, GMRConfig(components=config.components))
+    evidence = Evidence.of(regression, config.phases, config.weight_power)
     count = len(regression.weights)
-    start = np.append(
-        np.full(count, scales.first_length_scale), np.sqrt(np.prod(scales.noise_range))
-    )
-    scale_bounds = tuple(np.log(scales.length_scale_range))
+    start = np.append(np.full(count, FIRST_LENGTH_SCALE), np.sqrt(np.prod(NOISE_RANGE)))
+    scales = np.log([config.shortest_length_scale, LONGEST_LENGTH_SCALE])
     result = scipy.optimize.minimize(
         evidence.negative_log_likelihood,
         np.log(start),
         jac=True,
         method="L-BFGS-B",
-        bounds=[scale_bounds] * count + [tuple(np.log(scales.noise_range))],
+        bounds=[tuple(scales)] * count + [tuple(np.log(NOISE_RANGE))],
         # The scatter makes the value large and almost constant: no stop for its sake.
         options={"ftol": 1e-15, "gtol": 1e-5},
     )

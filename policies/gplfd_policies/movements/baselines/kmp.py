@@ -23,7 +23,7 @@ an output left free is a precision of zero.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -57,8 +57,8 @@ _SMALLEST_EIGENVALUE = 1e-15
 class KMPConfig(Settings):
     """How the reference is made and smoothed; only the ratios λ/N and λ_c/N matter."""
 
-    mixture: GMRConfig = field(default_factory=lambda: GMRConfig(components=8))
-    """The mixture behind the reference; 8 components as published."""
+    components: int = quantity(8, low=1)
+    """Gaussians of the mixture behind the reference; as published."""
     references: int = quantity(400, low=2)
     """Number N of equally spaced reference phases; as published. The cost of a
     prediction hardly depends on it."""
@@ -247,7 +247,7 @@ def fit_kmp(
 ) -> KernelizedMovementPrimitive:
     """Learn a primitive: fit the mixture and take the reference from it."""
     config = KMPConfig() if config is None else config
-    regression = fit_gmr(aligned, config.mixture)
+    regression = fit_gmr(aligned, GMRConfig(components=config.components))
     phases = np.linspace(aligned.times[0], aligned.times[-1], config.references)
     means, covariances = regression.standardised_moments(phases)
     reference = Reference(

@@ -42,11 +42,7 @@ from gplfd_policies.movements.baselines.gmr import (
     warn_of_early_stop,
 )
 from gplfd_policies.movements.movement import LearnedMovement
-from gplfd_policies.movements.trajectory import (
-    GaussianTrajectory,
-    ViaPoint,
-    checked_times,
-)
+from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 PLANE = [0, 2]
 """x and z, the plane in which a door turns."""
@@ -157,9 +153,6 @@ class TaskParameterisedMixture(LearnedMovement):
     circle: Circle | None
     """The estimate of the hinge; None without any."""
 
-    def __post_init__(self) -> None:
-        freeze(self, "weights", "means", "covariances")
-
     def adapt(self, via_points: Sequence[ViaPoint]) -> "TaskParameterisedMixture":
         """The movement around the hinge that follows from ``via_points``."""
         if self.circle is None:
@@ -201,7 +194,7 @@ class TaskParameterisedMixture(LearnedMovement):
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the pose at ``times``; samples are white around it."""
-        return self.regression.predict(checked_times(times))
+        return self.regression.predict(times)
 
 
 def hinge_uncertainty(
