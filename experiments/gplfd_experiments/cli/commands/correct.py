@@ -12,7 +12,7 @@ from gplfd_experiments.cli.commands.options import (
     Device,
     PageOptions,
     Quiet,
-    next_command,
+    open_command,
 )
 from gplfd_experiments.cli.commands.run import draw_without_screen
 from gplfd_experiments.console.interruption import postponed_interruption
@@ -75,6 +75,6 @@ class Correct(PageOptions):
             print("\nnothing was corrected, and nothing written")
             return 0
         print(f"\n{out}: {skill}")
-        again = next_command("run", "--skill", out, "--doors", *self.doors)
+        again = open_command(out, self.doors, self.policy)
         print(f"open them with it:  {again}")
         return 0

@@ -4,6 +4,7 @@ import dataclasses
 import shlex
 import shutil
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -87,6 +88,16 @@ def recorded(options: Any) -> dict[str, Any]:
         name: str(value) if isinstance(value, Path) else value
         for name, value in (own | shared).items()
     }
+
+
+def open_command(skill: Path, doors: Sequence[str], policy: str) -> str:
+    """Return the command that opens doors with a skill that a policy learned.
+
+    No doors stand for those of `gplfd run`.
+    """
+    named = ("--doors", *doors) if doors else ()
+    followed = () if policy == "gp" else ("--policy", policy)
+    return next_command("run", "--skill", skill, *named, *followed)
 
 
 def next_command(*words: object) -> str:
