@@ -7,7 +7,12 @@ from typing import Annotated, Any, Final, Literal, Union
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import Quiet, next_command, recorded
+from gplfd_experiments.cli.commands.options import (
+    Quiet,
+    learn_command,
+    next_command,
+    recorded,
+)
 from gplfd_experiments.cli.commands.teach import Teach
 from gplfd_experiments.console.interruption import postponed_interruption
 
@@ -187,8 +192,7 @@ class Import:
         if warnings := warnings_in(motions):
             print(f"notes marked with ! that need attention: {warnings}")
         print(f"look at them:     {self.out / PICTURE}")
-        out = self.out.with_name(f"{self.out.name}-skill.npz")
-        print(f"learn from them:  {next_command('learn', self.out, '--out', out)}")
+        print(f"learn from them:  {learn_command(self.out)}")
         return 0
 
 
