@@ -153,7 +153,6 @@ class Import:
                 ) from None
         frame: Any = self.frame
         posed, vector = "x,y,z,qw,qx,qy,qz", "x,y,z"
-        offset = self.offset
         sensor = WrenchSensor(
             acts_on=self.force_on,
             axes=self.force_axes,
@@ -167,7 +166,7 @@ class Import:
             units=self.units,
             sensor=sensor,
             frame=numbers("--frame", frame, posed) if "," in frame else frame,
-            offset=None if offset is None else numbers("--offset", offset, posed),
+            offset=numbers("--offset", self.offset, posed),
             segments=segments,
             trim_rests=not self.keep_rests,
             cutoff=self.cutoff or None,
@@ -196,8 +195,13 @@ class Import:
         return 0
 
 
-def numbers(option: str, text: str, names: str) -> Any:
-    """Return the numbers of a vector or a pose, as many as there are names."""
+def numbers(option: str, text: str | None, names: str) -> Any:
+    """Return the numbers of a vector or a pose, as many as there are names.
+
+    None is an option that is not given.
+    """
+    if text is None:
+        return None
     try:
         found = tuple(map(float, text.split(",")))
     except ValueError:
