@@ -1,14 +1,17 @@
 """`gplfd learn` and `gplfd run --skill`."""
 
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from gplfd_env.doors.config import door_config
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
+from gplfd_experiments.workflows.skills import demonstrated_doors
 from gplfd_policies.demonstrations.npz import save_demonstrations
 from gplfd_policies.movements.skill import load_skill
 
@@ -28,6 +31,44 @@ def demonstrations(tmp_path, monkeypatch):
 def metrics(folder: str) -> dict[str, Any]:
     (one,) = json.loads(Path(folder, "metrics.json").read_text())
     return {name: value for name, value in one.items() if "latency" not in name}
+
+
+def next_command(capsys) -> list[str]:
+    """Return the arguments of the command that was printed last."""
+    program, *arguments = shlex.split(capsys.readouterr().out.rsplit(":  ")[-1])
+    assert program == "gplfd"
+    return arguments
+
+
+@pytest.mark.filterwarnings("ignore:sensor noise")
+def test_the_command_after_learn_opens_the_doors_of_a_run_with_its_policy(capsys):
+    """A bar's skill at the default doors would be no use to who has opened an oven."""
+    own = door_config("oven").as_dict() | {"closer_preload": 0.4}
+    Path("doors").mkdir()
+    Path("doors/mine.json").write_text(json.dumps(own))
+    doors = ["0.50", "oven", "doors/mine.json"]
+    run = ["run", "--doors", *doors, "--out", "kinds", "--quiet"]
+    learn = ["learn", "kinds/demonstrations-oven.npz", "--policy", "gp-paper"]
+    assert cli.main(run) == 0
+    assert cli.main([*learn, "--out", "my skill.npz", "--quiet"]) == 0
+    again = ["run", "--skill", "my skill.npz", "--doors", "oven", "doors/mine.json"]
+    given = next_command(capsys)
+    assert given == [*again, "--policy", "gp-paper"]
+    assert cli.main([*given, "--out", "again", "--quiet"]) == 0
+    assert (
+        cli.main([*again, "--out", "again", "--quiet"]) == 2
+    )  # The policy of another.
+    # Where the file of a door is gone, the command would fail.
+    Path("doors/mine.json").unlink()
+    assert demonstrated_doors(Path(learn[1])) == ()
+    assert demonstrated_doors(Path("kinds/demonstrations-0.5.npz")) == ()
+
+
+def test_the_command_after_learn_names_no_doors_where_none_are_known(capsys):
+    assert cli.main(["learn", "demos.npz", "--quiet"]) == 0
+    assert next_command(capsys) == ["run", "--skill", "demos-skill.npz"]
+    Path("run.json").write_text('{"config": {"doors": ["oven"]}}')  # Of another run.
+    assert demonstrated_doors(Path("demos.npz")) == ()
 
 
 def test_a_kept_skill_opens_doors_as_one_that_was_just_learned(capsys):

@@ -1,5 +1,6 @@
 """A hand led by a person: what a device means, what is recorded, and replayed."""
 
+import dataclasses
 import math
 import shutil
 from pathlib import Path
@@ -18,6 +19,7 @@ from gplfd_experiments.episodes.task import episode_task, named_doors
 from gplfd_experiments.teaching.lead import SPRING, Lead, View, checked_input
 from gplfd_experiments.teaching.lesson import DemonstrationLesson, replay
 from gplfd_experiments.teaching.taught import Taught, TaughtSet, read_taught
+from gplfd_experiments.workflows.skills import demonstrated_doors
 from gplfd_policies.demonstrations.npz import FILE, load_demonstrations
 from gplfd_policies.registry.catalogue import policy_named
 
@@ -198,6 +200,20 @@ def test_a_set_goes_on_where_it_was_left_and_mends_what_is_missing(
     shutil.copy(folder / "taught" / "0002.npz", folder / "taught" / ".x.tmp")
     assert len(TaughtSet(folder, {}).kept) == 2
     assert len(load_demonstrations(folder).demonstrations) == 2
+
+
+def test_a_set_knows_by_which_doors_its_skill_is_used(
+    small: Taught, tmp_path: Path
+) -> None:
+    folder = tmp_path / "set"
+    TaughtSet(folder, {"doors": ("oven", "small")}).keep(small)
+    TaughtSet(folder, {"doors": ("0.350",)}).keep(
+        dataclasses.replace(small, name="0.35")
+    )
+    assert demonstrated_doors(folder) == ("small", "0.350")
+    # A set from before doors were asked for.
+    TaughtSet(tmp_path / "old", {}).keep(small)
+    assert demonstrated_doors(tmp_path / "old") == ()
 
 
 def test_a_folder_of_something_else_is_left_alone(

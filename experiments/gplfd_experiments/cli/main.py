@@ -23,7 +23,6 @@ from typing import Annotated, Any, Final, Protocol, TextIO, Union
 import docstring_parser
 import tyro
 
-from gplfd_experiments.cli.commands.correct import Correct
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.export import Export
 from gplfd_experiments.cli.commands.machine import Catalogue, Doctor, Speed
@@ -38,6 +37,7 @@ from gplfd_experiments.cli.commands.studies import (
     Tune,
     benchmark_from,
 )
+from gplfd_experiments.cli.commands.teach import Correct
 from gplfd_experiments.console.interruption import os_exit_raises
 from gplfd_experiments.console.progress import LOG, MessageHandler
 from gplfd_experiments.studies.engines import ONE_THREAD

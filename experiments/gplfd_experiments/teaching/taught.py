@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from gplfd_env.doors.config import DoorConfig, door_config
 from gplfd_experiments.console.arguments import check_folder
+from gplfd_experiments.files.plain_data import entry
 from gplfd_experiments.files.provenance import provenance
 from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -40,6 +41,8 @@ class Taught:
     """A sample of the device per control period, `teaching.lead.INPUTS`."""
     recorded: Demonstration
     """Motion and wrenches of the hand, N + 1 samples from the closed handle on."""
+    among: tuple[str, ...] = ()
+    """What ``--doors`` of the command had; a kept demonstration knows it."""
 
     @property
     def demonstration(self) -> Demonstration:
@@ -113,10 +116,17 @@ def _files(folder: Path) -> list[Path]:
 
 def _taught(members: Members) -> Taught:
     [(name, door)] = settings(members("door")).items()
-    settings(members("origin"))
+    config = entry(settings(members("origin")), "config", dict[str, Any])
+    among = entry({"doors": []} | config, "doors", tuple[str, ...])
     inputs = members("inputs")
     times, poses, wrenches = map(members, ("times", "poses", "wrenches"))
     if inputs.shape != (len(times) - 1, 9):
         raise ValueError(f"inputs have shape {inputs.shape} for {len(times)} poses")
     recorded = Demonstration(times=times, poses=poses, wrenches=wrenches)
-    return Taught(name=name, door=door_config(door), inputs=inputs, recorded=recorded)
+    return Taught(
+        name=name,
+        door=door_config(door),
+        inputs=inputs,
+        recorded=recorded,
+        among=among,
+    )

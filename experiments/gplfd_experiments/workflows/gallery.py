@@ -97,18 +97,13 @@ def write_gallery(
             with reported_errors(first.policy, chosen[first.policy]):
                 make = learned_agents(first, chosen[first.policy])
                 for task in (first, *others):
-                    command = ["run", "--doors", tasks[task.key][1], "--policy"]
-                    command += [
-                        task.policy,
-                        "--seed",
-                        str(seed),
-                        "--out",
-                        "results/shown",
-                    ]
+                    door = tasks[task.key][1]
+                    again = ["gplfd", "run", "--doors", door, "--policy", task.policy]
+                    again += ["--seed", str(seed), "--out", "results/shown"]
                     known[task.key] = {
                         "task": task.key,
                         **_filmed(task, make(), folder),
-                        "run": shlex.join(["gplfd", *command]),
+                        "run": shlex.join(again),
                         "made": len(made) - 1,
                     }
                     _write(folder, made, known, [*tasks])

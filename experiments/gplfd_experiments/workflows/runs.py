@@ -4,6 +4,7 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from logging import DEBUG
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
@@ -255,7 +256,15 @@ def _learn(
     for shown, (first, *others) in kinds.items():
         file = FILE if len(kinds) == 1 else _kept_demonstrations(first.door)
         if skill is not None:
-            learned[shown] = _Learned(*_load(first.policy, skill), file)
+            method, followed = method_and_skill(first.policy, skill)
+            aligned = followed.aligned.demonstrated
+            times = aligned.duration * aligned.times
+            # The forces, if any, are with the skill.
+            motions = [Demonstration(times=times, poses=one) for one in aligned.poses]
+            given = LabelledDemonstrations(
+                demonstrations=tuple(motions), radii=(None,) * len(motions)
+            )
+            learned[shown] = _Learned(given, partial(method.follow, followed), file)
             continue
         if isinstance(demonstrations, Path):
             given = load_demonstrations(demonstrations)
@@ -267,22 +276,6 @@ def _learn(
             LOG.info(f"learning from {number} demonstrations for {doors}")
         learned[shown] = _Learned(given, learned_agents(first, policy, given), file)
     return learned
-
-
-def _load(
-    policy: str, file: Path
-) -> tuple[LabelledDemonstrations, Callable[[], Agent]]:
-    """Return what a skill was learned from, and what makes agents that follow it."""
-    method, skill = method_and_skill(policy, file)
-    aligned = skill.aligned.demonstrated
-    times = aligned.duration * aligned.times
-    # The forces, if any, are with the skill.
-    shown = tuple(Demonstration(times=times, poses=poses) for poses in aligned.poses)
-    radii = (None,) * len(shown)
-    return (
-        LabelledDemonstrations(demonstrations=shown, radii=radii),
-        lambda: method.follow(skill),
-    )
 
 
 def _open(

@@ -10,14 +10,18 @@ from gplfd_experiments.analysis.report.predictions import overview
 from gplfd_experiments.analysis.results.reading import TASKS, read_files, read_results
 from gplfd_experiments.console.arguments import check_folder, check_least
 from gplfd_experiments.console.progress import LOG
+from gplfd_experiments.episodes.task import named_doors
+from gplfd_experiments.files.plain_data import entry, read_json
 from gplfd_experiments.recording.learned import record_learned
 from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.learning_tests.folds import learn
 from gplfd_experiments.studies.learning_tests.scores import FEWEST
 from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.runner import run_or_resume
+from gplfd_experiments.teaching.taught import read_taught
+from gplfd_experiments.workflows.runs import CONFIGURATION
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.demonstrations.npz import load_demonstrations
+from gplfd_policies.demonstrations.npz import demonstrations_file, load_demonstrations
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.registry.catalogue import policy_named
 from gplfd_policies.registry.method import TrainingInput
@@ -25,6 +29,31 @@ from gplfd_policies.registry.skill_files import skill_method
 
 RECORDING: Final = "skill.rrd"
 """What was learned, in a folder of `judge`."""
+
+
+def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
+    """Return the doors of a `gplfd run` or `demos teach`, as ``--doors`` had them.
+
+    They are known of the demonstrations in the folder of such a command. Of others, and
+    where ``--doors`` would not take one of them any more, nothing is returned.
+    """
+    file = demonstrations_file(demonstrations)
+    record = file.with_name(CONFIGURATION)
+    try:
+        if record.is_file():
+            config = entry(read_json(record), "config", dict[str, Any])
+            given = entry(config, "doors", tuple[str, ...])
+            kept = entry(config, "demonstrations_of", dict[str, str])
+            shown = [(name, given) for name in kept if kept[name] == file.name]
+        else:
+            shown = [(one.name, one.among) for one in read_taught(file.parent)]
+        found = [
+            dict(zip(named_doors(doors), doors, strict=True))[name]
+            for name, doors in shown
+        ]
+    except (OSError, ValueError, KeyError):
+        return ()
+    return tuple(dict.fromkeys(found))
 
 
 def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> Skill:

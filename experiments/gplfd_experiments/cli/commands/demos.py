@@ -7,7 +7,12 @@ from typing import Annotated, Any, Final, Literal, Union
 
 import tyro
 
-from gplfd_experiments.cli.commands.options import Quiet, next_command, recorded
+from gplfd_experiments.cli.commands.options import (
+    Quiet,
+    learn_command,
+    next_command,
+    recorded,
+)
 from gplfd_experiments.cli.commands.teach import Teach
 from gplfd_experiments.console.interruption import postponed_interruption
 
@@ -148,7 +153,6 @@ class Import:
                 ) from None
         frame: Any = self.frame
         posed, vector = "x,y,z,qw,qx,qy,qz", "x,y,z"
-        offset = self.offset
         sensor = WrenchSensor(
             acts_on=self.force_on,
             axes=self.force_axes,
@@ -162,7 +166,7 @@ class Import:
             units=self.units,
             sensor=sensor,
             frame=numbers("--frame", frame, posed) if "," in frame else frame,
-            offset=None if offset is None else numbers("--offset", offset, posed),
+            offset=numbers("--offset", self.offset, posed),
             segments=segments,
             trim_rests=not self.keep_rests,
             cutoff=self.cutoff or None,
@@ -187,13 +191,17 @@ class Import:
         if warnings := warnings_in(motions):
             print(f"notes marked with ! that need attention: {warnings}")
         print(f"look at them:     {self.out / PICTURE}")
-        out = self.out.with_name(f"{self.out.name}-skill.npz")
-        print(f"learn from them:  {next_command('learn', self.out, '--out', out)}")
+        print(f"learn from them:  {learn_command(self.out)}")
         return 0
 
 
-def numbers(option: str, text: str, names: str) -> Any:
-    """Return the numbers of a vector or a pose, as many as there are names."""
+def numbers(option: str, text: str | None, names: str) -> Any:
+    """Return the numbers of a vector or a pose, as many as there are names.
+
+    None is an option that is not given.
+    """
+    if text is None:
+        return None
     try:
         found = tuple(map(float, text.split(",")))
     except ValueError:

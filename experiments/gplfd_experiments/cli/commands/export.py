@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -62,12 +62,8 @@ class Export:
 
         outs = [Path(f"{out}.{form}") for out in self.out for form in self.form]
         outs = outs or list(self.out)
-        frame: Any = self.frame
-        tool: Any = self.tool
-        if frame is not None:
-            frame = numbers("--frame", frame, "x,y,z,qw,qx,qy,qz")
-        if tool is not None:
-            tool = numbers("--tool", tool, "qw,qx,qy,qz")
+        frame = numbers("--frame", self.frame, "x,y,z,qw,qx,qy,qz")
+        tool = numbers("--tool", self.tool, "qw,qx,qy,qz")
         run = None
         if self.robot is not None:
             task = None if frame is None else base_frame(frame, tool)[0]

@@ -4,9 +4,10 @@ import dataclasses
 import shlex
 import shutil
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 import tyro
 
@@ -50,28 +51,6 @@ class EngineOptions:
 Where = Annotated[EngineOptions, tyro.conf.arg(name="")]
 """For commands that run a study."""
 
-Device = Literal["mouse", "keyboard", "spacemouse"]
-"""What a person leads the hand with, in a page of the browser."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class PageOptions:
-    """Where a page is served."""
-
-    host: str = "127.0.0.1"
-    """Address of the page. Any other than this one lets other machines lead the
-    hand."""
-
-    port: int = 0
-    """Port of the page; 0 for any that is free."""
-
-    def address(self) -> dict[str, Any]:
-        """Return both by their names; raise a ValueError for a port that is none."""
-        if not 0 <= self.port <= 65535:
-            raise ValueError(f"--port {self.port} must be 0 to 65535")
-        return {"host": self.host, "port": self.port}
-
-
 ON_THIS_MACHINE: Final = EngineOptions()
 """In processes, one per core."""
 
@@ -87,6 +66,22 @@ def recorded(options: Any) -> dict[str, Any]:
         name: str(value) if isinstance(value, Path) else value
         for name, value in (own | shared).items()
     }
+
+
+def open_command(skill: Path, doors: Sequence[str], policy: str) -> str:
+    """Return the command that opens doors with a skill that a policy learned.
+
+    No doors stand for those of `gplfd run`.
+    """
+    named = ("--doors", *doors) if doors else ()
+    followed = () if policy == "gp" else ("--policy", policy)
+    return next_command("run", "--skill", skill, *named, *followed)
+
+
+def learn_command(folder: Path) -> str:
+    """Return the command that learns a skill from a set of demonstrations."""
+    out = folder.with_name(f"{folder.name}-skill.npz")
+    return next_command("learn", folder, "--out", out)
 
 
 def next_command(*words: object) -> str:

@@ -16,6 +16,7 @@ from gplfd_experiments.cli.commands.options import (
     Json,
     Quiet,
     next_command,
+    open_command,
     recorded,
 )
 from gplfd_experiments.console.interruption import postponed_interruption
@@ -241,14 +242,18 @@ class Learn:
     def execute(self) -> int:
         """Learn, and print how to use the file."""
         with postponed_interruption():
-            from gplfd_experiments.workflows.skills import learn_skill
+            from gplfd_experiments.workflows.skills import (
+                demonstrated_doors,
+                learn_skill,
+            )
 
         out = self.out or Path(f"{self.demonstrations.stem}-skill.npz")
         skill = learn_skill(
             self.demonstrations, out, policy=self.policy, seed=self.seed
         )
         print(f"{out}: {skill}")
-        print(f"open doors with it:  {next_command('run', '--skill', out)}")
+        doors = demonstrated_doors(self.demonstrations)
+        print(f"open doors with it:  {open_command(out, doors, self.policy)}")
         return 0
 
 

@@ -1,19 +1,42 @@
-"""The command that lets a person teach: demos teach."""
+"""Commands with which a person leads the hand in a web page: demos teach, correct."""
 
+import dataclasses
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import tyro
 
 from gplfd_experiments.cli.commands.options import (
-    Device,
-    PageOptions,
-    next_command,
+    Quiet,
+    learn_command,
+    open_command,
     recorded,
 )
 from gplfd_experiments.cli.commands.run import draw_without_screen
 from gplfd_experiments.console.interruption import postponed_interruption
+
+Device = Literal["mouse", "keyboard", "spacemouse"]
+"""What a person leads the hand with, in a page of the browser."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PageOptions:
+    """Where a page is served."""
+
+    host: str = "127.0.0.1"
+    """Address of the page. Any other than this one lets other machines lead the
+    hand."""
+
+    port: int = 0
+    """Port of the page; 0 for any that is free."""
+
+    def address(self) -> dict[str, Any]:
+        """Return both by their names; raise a ValueError for a port that is none."""
+        if not 0 <= self.port <= 65535:
+            raise ValueError(f"--port {self.port} must be 0 to 65535")
+        return {"host": self.host, "port": self.port}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -51,6 +74,67 @@ class Teach(PageOptions):
         )
         print(f"{number} demonstration{'s' * (number != 1)} in {self.out}")
         if number:
-            out = self.out.with_name(f"{self.out.name}-skill.npz")
-            print(f"learn from them:  {next_command('learn', self.out, '--out', out)}")
+            print(f"learn from them:  {learn_command(self.out)}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Correct(PageOptions):
+    """Correct a skill: lead its hand where it fails, or let a program do so.
+
+    A synthetic corrector watches the skill open doors, one after the other. Where the
+    command leaves the handle's path or the door stalls, it leads the hand. With
+    --device you do, in a web page of this machine. The motion is kept in the skill and
+    learned from. See docs/corrections.md.
+    """
+
+    skill: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SKILL.npz")]
+    """Skill to correct, a file written by `gplfd learn`; it stays as it is."""
+
+    doors: tuple[str, ...] = ("small", "medium", "large")
+    """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
+    parameters, of the kind that the skill was learned for."""
+
+    device: Device | None = None
+    """What you lead the hand with; a synthetic corrector leads it without. A SpaceMouse
+    needs Chrome or Edge."""
+
+    policy: str = "gp"
+    """Policy that follows the skill and is corrected: gp or one of its variants."""
+
+    seed: int = 0
+    """Seed of the corrector and the episodes, 0 or more."""
+
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File of the corrected skill, SKILL-corrected.npz by default; one that is there
+    already is replaced, and refused with --device."""
+
+    quiet: Quiet = False
+
+    def execute(self) -> int:
+        """Correct the skill, and print what changed."""
+        if self.device is not None:
+            draw_without_screen()
+        with postponed_interruption():
+            from gplfd_experiments.files.table import Table, text_table
+            from gplfd_experiments.workflows.corrections import (
+                correct_by_hand,
+                correct_skill,
+            )
+
+        out = self.out or self.skill.with_name(f"{self.skill.stem}-corrected.npz")
+        correct: Any = correct_skill
+        if self.device is not None:
+            correct = partial(correct_by_hand, device=self.device, **self.address())
+        skill, rows = correct(
+            self.skill, out, doors=self.doors, policy=self.policy, seed=self.seed
+        )
+        if rows:
+            print(text_table(dataclasses.replace(Table.of(rows), left=True)))
+        if all(row["then"] == "-" for row in rows):
+            print("\nnothing was corrected, and nothing written")
+            return 0
+        print(f"\n{out}: {skill}")
+        again = open_command(out, self.doors, self.policy)
+        print(f"open them with it:  {again}")
         return 0
