@@ -159,18 +159,6 @@ def layout(
     return only(views, "following" if live else "playing")
 
 
-@functools.cache
-def layout_chunks(
-    kinds: tuple[str, ...],
-    there: tuple[str, ...] = (),
-    hinge: HingeSide = "right",
-    *,
-    forces: bool = False,
-) -> tuple[Chunk, ...]:
-    """Return the `layout` of a recording, made once per process."""
-    return as_chunks(layout(kinds, there, hinge, forces=forces))
-
-
 def only(
     views: rrb.Container, play_state: Literal["playing", "following"] = "playing"
 ) -> rrb.Blueprint:
@@ -186,6 +174,8 @@ def only(
     )
 
 
+# The recordings of a study have few different ones.
+@functools.lru_cache(maxsize=16)
 def as_chunks(blueprint: rrb.Blueprint) -> tuple[Chunk, ...]:
     """Return a layout as Rerun writes it."""
     with tempfile.TemporaryDirectory() as folder:

@@ -96,9 +96,7 @@ def mechanism(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
         yield from panels.lines(part, f"{panels.ROOT}/{name}/motion", curves)
     if "latch" in there:
         if part.first_row == 0:
-            yield lanes.lane_style(
-                LATCH, tuple(BOLT_STATES), tuple(BOLT_STATES.values())
-            )
+            yield lanes.lane_style(LATCH, BOLT_STATES)
         new = [one for one in bolt_states(log, model) if one[0] >= part.first_row]
         if new:
             rows, states = zip(*new, strict=True)

@@ -4,7 +4,6 @@ Bodies that are fixed to each other move as one. The geoms of all of them are dr
 the entity of the moving body that carries them, or of the world, which is body 0.
 """
 
-import functools
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -49,10 +48,10 @@ def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
     chunks = [static(ROOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)]
     for body, geoms in visual_geoms(model).items():
         entity = entity_of_body(model, body)
-        primitives: dict[int, list[bytes]] = {}
+        primitives: dict[int, list[int]] = {}
         for geom in geoms:
             if kinds[geom] in _PRIMITIVES:
-                primitives.setdefault(kinds[geom], []).append(rows[geom].tobytes())
+                primitives.setdefault(kinds[geom], []).append(geom)
             elif kinds[geom] == _GEOM.mjGEOM_MESH:
                 mesh, row = int(model.geom_dataid[geom]), rows[geom]
                 first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
@@ -65,8 +64,8 @@ def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
                 turn = rr.Quaternion(xyzw=_xyzw(row[6:10]))
                 place = rr.Transform3D(translation=row[3:6], quaternion=turn)
                 chunks.append(static(f"{entity}/mesh_{geom}", shape, place))
-        packed = tuple((kind, b"".join(each)) for kind, each in primitives.items())
-        chunks.append(_body(entity, packed))
+        drawn = [_drawn(kind, rows[own]) for kind, own in primitives.items()]
+        chunks.append(static(entity, *drawn))
     return chunks
 
 
@@ -118,13 +117,13 @@ def task_frame(model: mujoco.MjModel) -> tuple[FloatArray, Rotation]:
     """Origin (3,) [m] and rotation of the task frame in the world."""
     site = model.site(TASK_SITE).id
     position, quaternion = _product(
-        _pose_on_carrier(model, int(model.site_bodyid[site])),
+        pose_on_carrier(model, int(model.site_bodyid[site])),
         (model.site_pos[site], model.site_quat[site]),
     )
     return position, Rotation.from_quat(quaternion, scalar_first=True)
 
 
-def _pose_on_carrier(model: mujoco.MjModel, body: int) -> Pose:
+def pose_on_carrier(model: mujoco.MjModel, body: int) -> Pose:
     """Pose of a body on the moving body that carries it."""
     pose = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     carrier = int(model.body_weldid[body])
@@ -149,7 +148,7 @@ def _solids(model: mujoco.MjModel) -> tuple[list[int], FloatArray]:
     kinds, sizes = np.array(model.geom_type), np.array(model.geom_size)
     positions, quaternions = np.array(model.geom_pos), np.array(model.geom_quat)
     fixed = np.flatnonzero(model.body_weldid != np.arange(model.nbody)).tolist()
-    poses = {body: _pose_on_carrier(model, body) for body in fixed}
+    poses = {body: pose_on_carrier(model, body) for body in fixed}
     for geom, body in enumerate(model.geom_bodyid.tolist()):
         if body in poses:
             positions[geom], quaternions[geom] = _product(
@@ -169,30 +168,23 @@ def _solids(model: mujoco.MjModel) -> tuple[list[int], FloatArray]:
     return kinds.tolist(), rows
 
 
-# The robot's bodies are the same beside every door.
-@functools.lru_cache(maxsize=256)
-def _body(entity: str, primitives: tuple[tuple[int, bytes], ...]) -> Chunk:
-    """Draw the primitives of one body: by kind, bytes of their rows of `_solids`."""
-    drawn: list[Any] = []
-    for kind, packed in primitives:
-        rows = np.frombuffer(packed).reshape(-1, 14)
-        sizes, positions, quaternions = rows[:, :3], rows[:, 3:6], _xyzw(rows[:, 6:10])
-        size: dict[str, Any] = {"half_sizes": sizes}
-        if kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
-            size = {"lengths": 2.0 * sizes[:, 1], "radii": sizes[:, 0]}
-        if kind == _GEOM.mjGEOM_CAPSULE:
-            # MuJoCo centres a capsule; Rerun's runs from its origin along +z.
-            positions = positions - sizes[:, 1, None] * _axes(quaternions)
-        archetype, places = _PRIMITIVES[kind]
-        shape = archetype(
-            quaternions=quaternions,
-            colors=(255.0 * rows[:, 10:]).round().astype(np.uint8),
-            fill_mode="solid",
-            **{places: positions},
-            **size,
-        )
-        drawn.append(shape)
-    return static(entity, *drawn)
+def _drawn(kind: int, rows: FloatArray) -> Any:
+    """Draw primitives of one kind and body, given as rows of `_solids`."""
+    sizes, positions, quaternions = rows[:, :3], rows[:, 3:6], _xyzw(rows[:, 6:10])
+    size: dict[str, Any] = {"half_sizes": sizes}
+    if kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
+        size = {"lengths": 2.0 * sizes[:, 1], "radii": sizes[:, 0]}
+    if kind == _GEOM.mjGEOM_CAPSULE:
+        # MuJoCo centres a capsule; Rerun's runs from its origin along +z.
+        positions = positions - sizes[:, 1, None] * _axes(quaternions)
+    archetype, places = _PRIMITIVES[kind]
+    return archetype(
+        quaternions=quaternions,
+        colors=(255.0 * rows[:, 10:]).round().astype(np.uint8),
+        fill_mode="solid",
+        **{places: positions},
+        **size,
+    )
 
 
 def _colours(model: mujoco.MjModel) -> FloatArray:
