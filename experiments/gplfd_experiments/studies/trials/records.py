@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 from gplfd_env.conventions.constants import Start
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
@@ -89,25 +89,6 @@ class Trial:
     def own(self) -> tuple[str, ...]:
         """Policies that take part here, besides those of every trial."""
         return (*(one.lacking.policy for one in self.contrasts), *self.also)
-
-
-Better = Literal["less", "more"]
-
-MEASURES: Mapping[str, tuple[str, Better]] = {
-    "success": ("doors opened and held, share", "more"),
-    "final_angle_deg": ("final angle [°]", "more"),
-    "force_radial_peak": ("peak radial force [N]", "less"),
-    "force_handle_peak": ("peak force at the handle [N]", "less"),
-    "grasp_kept": ("grasps kept, share", "more"),
-    "person_force_peak": ("peak force on the person [N]", "less"),
-    "person_force_sustained": ("force on the person for 0.5 s [N]", "less"),
-    "person_energy": ("work on the person [J]", "less"),
-    "stop_force_sustained": ("force on the stop for 0.5 s [N]", "less"),
-    "push_displacement_mm": ("displacement by the push [mm]", "less"),
-    "release_speed": ("speed after release [rad/s]", "less"),
-    "recovery_time": ("time to recover [s]", "less"),
-}
-"""Title of each measure of a trial, and which direction is better."""
 
 
 def value_of(metrics: Mapping[str, Any], measure: str) -> float | None:
