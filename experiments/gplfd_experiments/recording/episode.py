@@ -15,7 +15,7 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.provenance import versions
 from gplfd_experiments.recording.disturbances import disturbance_chunks, kinds_of
 from gplfd_experiments.recording.lanes import stage_lane, stiffness_lane
-from gplfd_experiments.recording.layout import TEXT, as_chunks, layout
+from gplfd_experiments.recording.layout import TEXT, layout
 from gplfd_experiments.recording.mechanism import mechanism, mechanism_of
 from gplfd_experiments.recording.motion import (
     door_frame,
@@ -47,7 +47,7 @@ def record_episode(
     there = mechanism_of(model, log.door_config)
     forces = bool(np.isfinite(log.expected_force).any())
     arrangement = layout(kinds_of(log), there, log.config.hinge_side, forces=forces)
-    with recording_file(path, as_chunks(arrangement)) as stream:
+    with recording_file(path, arrangement) as stream:
         stream.send_recording_name(recording_name(log))
         # One by one: while one is written the next is made.
         stream.send_chunks(static_chunks(log, model, demonstrations, looks))

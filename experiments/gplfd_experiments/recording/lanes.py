@@ -5,7 +5,7 @@ of the stiffness show its mean in both, in the lane and in the scene.
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Final
 
 import numpy as np
@@ -119,13 +119,22 @@ def stiffness_lane(part: Part) -> Iterator[Chunk]:
     known = np.isfinite(shown)
     level = np.where(known, np.digitize(shown, _EDGES), -1)
     rows = np.flatnonzero(np.diff(level, prepend=-1))
-    rows = rows[(rows >= part.first_row) & known[rows]]
     if part.begins(shown):
         yield lane_style(STIFFNESS, LEVELS)
-    if rows.size:
-        names = [list(LEVELS)[level[row]] for row in rows]
-        columns = rr.StateChange.columns(state=names)
-        yield moving(STIFFNESS, part.log.times[rows], columns)
+    states = [(int(row), list(LEVELS)[level[row]]) for row in rows if known[row]]
+    yield from new_states(part, STIFFNESS, states)
+
+
+def new_states(
+    part: Part, entity: str, states: Iterable[tuple[int, str]]
+) -> list[Chunk]:
+    """Return a lane of states that begin at rows of a log, of those in a part."""
+    new = [one for one in states if one[0] >= part.first_row]
+    if not new:
+        return []
+    rows, names = zip(*new, strict=True)
+    columns = rr.StateChange.columns(state=names)
+    return [moving(entity, part.log.times[list(rows)], columns)]
 
 
 def recent_mean(values: FloatArray, dt: float) -> FloatArray:

@@ -14,7 +14,6 @@ from gplfd_experiments.recording.layout import (
     TEXT,
     Eye,
     Plot,
-    as_chunks,
     only,
     series_view,
     view_3d,
@@ -114,6 +113,6 @@ Playing takes {movement.duration:.1f} s, the recordings' mean duration.
         rrb.Vertical(*plots[3:]),
         column_shares=[5, 3, 3],
     )
-    with recording_file(path, as_chunks(only(views))) as stream:
+    with recording_file(path, only(views)) as stream:
         stream.send_recording_name(f"what {name} learned")
         stream.send_chunks([*chunks, static(TEXT, page)])

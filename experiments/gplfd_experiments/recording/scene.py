@@ -4,7 +4,8 @@ Bodies that are fixed to each other move as one. The geoms of all of them are dr
 the entity of the moving body that carries them, or of the world, which is body 0.
 """
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import mujoco
@@ -48,10 +49,10 @@ def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
     chunks = [static(ROOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)]
     for body, geoms in visual_geoms(model).items():
         entity = entity_of_body(model, body)
-        primitives: dict[int, list[int]] = {}
+        primitives: dict[int, list[bytes]] = {}
         for geom in geoms:
             if kinds[geom] in _PRIMITIVES:
-                primitives.setdefault(kinds[geom], []).append(geom)
+                primitives.setdefault(kinds[geom], []).append(rows[geom].tobytes())
             elif kinds[geom] == _GEOM.mjGEOM_MESH:
                 mesh, row = int(model.geom_dataid[geom]), rows[geom]
                 first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
@@ -64,20 +65,18 @@ def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
                 turn = rr.Quaternion(xyzw=_xyzw(row[6:10]))
                 place = rr.Transform3D(translation=row[3:6], quaternion=turn)
                 chunks.append(static(f"{entity}/mesh_{geom}", shape, place))
-        drawn = [_drawn(kind, rows[own]) for kind, own in primitives.items()]
-        chunks.append(static(entity, *drawn))
+        packed = tuple((kind, b"".join(each)) for kind, each in primitives.items())
+        chunks.append(_body(entity, packed))
     return chunks
 
 
 def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
     """The poses of all bodies that can move, by forward kinematics of ``qpos``."""
     bodies = [body for body in visual_geoms(model) if body != 0]
-    frames, data = part.frames(), mujoco.MjData(model)
+    frames = part.frames()
     positions = np.empty((frames.size, model.nbody, 3))
     quaternions = np.empty((frames.size, model.nbody, 4))
-    for row, frame in enumerate(frames):
-        data.qpos[:] = part.log.qpos[frame]
-        mujoco.mj_kinematics(model, data)
+    for row, data in enumerate(kinematics(model, part)):
         positions[row], quaternions[row] = data.xpos, data.xquat
     return [
         moving(
@@ -89,6 +88,15 @@ def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
         )
         for body in bodies
     ]
+
+
+def kinematics(model: mujoco.MjModel, part: Part) -> Iterator[mujoco.MjData]:
+    """Yield the state of a scene, the same object, at every frame of a part."""
+    data = mujoco.MjData(model)
+    for frame in part.frames():
+        data.qpos[:] = part.log.qpos[frame]
+        mujoco.mj_kinematics(model, data)
+        yield data
 
 
 def visual_geoms(model: mujoco.MjModel) -> dict[int, list[int]]:
@@ -168,23 +176,30 @@ def _solids(model: mujoco.MjModel) -> tuple[list[int], FloatArray]:
     return kinds.tolist(), rows
 
 
-def _drawn(kind: int, rows: FloatArray) -> Any:
-    """Draw primitives of one kind and body, given as rows of `_solids`."""
-    sizes, positions, quaternions = rows[:, :3], rows[:, 3:6], _xyzw(rows[:, 6:10])
-    size: dict[str, Any] = {"half_sizes": sizes}
-    if kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
-        size = {"lengths": 2.0 * sizes[:, 1], "radii": sizes[:, 0]}
-    if kind == _GEOM.mjGEOM_CAPSULE:
-        # MuJoCo centres a capsule; Rerun's runs from its origin along +z.
-        positions = positions - sizes[:, 1, None] * _axes(quaternions)
-    archetype, places = _PRIMITIVES[kind]
-    return archetype(
-        quaternions=quaternions,
-        colors=(255.0 * rows[:, 10:]).round().astype(np.uint8),
-        fill_mode="solid",
-        **{places: positions},
-        **size,
-    )
+# The robot's bodies are the same beside every door.
+@functools.lru_cache(maxsize=256)
+def _body(entity: str, primitives: tuple[tuple[int, bytes], ...]) -> Chunk:
+    """Draw the primitives of one body: by kind, bytes of their rows of `_solids`."""
+    drawn: list[Any] = []
+    for kind, packed in primitives:
+        rows = np.frombuffer(packed).reshape(-1, 14)
+        sizes, positions, quaternions = rows[:, :3], rows[:, 3:6], _xyzw(rows[:, 6:10])
+        size: dict[str, Any] = {"half_sizes": sizes}
+        if kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
+            size = {"lengths": 2.0 * sizes[:, 1], "radii": sizes[:, 0]}
+        if kind == _GEOM.mjGEOM_CAPSULE:
+            # MuJoCo centres a capsule; Rerun's runs from its origin along +z.
+            positions = positions - sizes[:, 1, None] * _axes(quaternions)
+        archetype, places = _PRIMITIVES[kind]
+        shape = archetype(
+            quaternions=quaternions,
+            colors=(255.0 * rows[:, 10:]).round().astype(np.uint8),
+            fill_mode="solid",
+            **{places: positions},
+            **size,
+        )
+        drawn.append(shape)
+    return static(entity, *drawn)
 
 
 def _colours(model: mujoco.MjModel) -> FloatArray:

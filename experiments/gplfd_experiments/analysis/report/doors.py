@@ -292,8 +292,7 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
         return str(sum(one.failure == failure for one in own if not one.solved))
 
     def angles(own: Episodes) -> str:
-        values = [one.number("final_angle_deg") for one in own]
-        known = [angle for angle in values if angle is not None]
+        known = EPISODE_MEASURES["final_angle_deg"].values(own)
         return f"{median(known):.1f}°\n{max(known):.1f}°" if known else "–"
 
     columns: dict[str, tuple[Cell, str]] = {

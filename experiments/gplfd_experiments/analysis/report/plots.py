@@ -116,7 +116,7 @@ def force_by_radius(runs: Runs, reference: str) -> Figure:
         log_scale(axes, "y")
         dots = []
         for radius, here in _doors(runs[policy]):
-            forces = [force for force in map(measure.of, here) if force is not None]
+            forces = measure.values(here)
             dots += [(radius, force) for force in forces]
             if forces:
                 points.append((radius, statistics.median(forces)))
@@ -183,8 +183,7 @@ def prediction_scores(runs: Mapping[str, Sequence[LeftOut]]) -> Figure:
         for row, policy in enumerate(order):
             for kind in kinds:
                 own = (one for one in runs[policy] if _left_out(one) == kind)
-                values = [value for value in map(measure.of, own) if value is not None]
-                if values:
+                if values := measure.values(own):
                     height, tint = row + lifts[kind], tints[kind]
                     look = {"ms": 2.2, "color": tint, "alpha": 0.35, "mew": 0}
                     axes.plot(values, [height] * len(values), "o", **look)

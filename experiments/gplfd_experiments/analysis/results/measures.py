@@ -66,9 +66,13 @@ class Measure:
             return None
         return None if value is None else self.convert(value)
 
+    def values(self, results: Iterable[TaskResult]) -> list[float]:
+        """Return the numbers of the results that have it."""
+        return [value for value in map(self.of, results) if value is not None]
+
     def median(self, results: Iterable[TaskResult]) -> float | None:
         """Return the median of the results that have it; None if none has."""
-        return median(map(self.of, results))
+        return median(self.values(results))
 
     def text(self, value: float | None, *, unit: bool = False, finer: int = 0) -> str:
         """Write a value, or a dash; with its unit, and more decimals than usual."""
