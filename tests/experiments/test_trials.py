@@ -143,7 +143,8 @@ def test_the_protocol_is_sound():
     for name, trial in TRIALS.items():
         assert trial.question.endswith("?"), name
         compared = {contrast.measure for contrast in trial.contrasts}
-        assert compared | set(trial.measures) <= EPISODE_MEASURES.keys(), name
+        for measure in compared | set(trial.measures):
+            assert EPISODE_MEASURES[measure].name, measure
         for level in trial.levels.values():
             door_randomization(level.randomization)
             disturbance_named(level.disturbance)

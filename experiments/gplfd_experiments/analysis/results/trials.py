@@ -32,14 +32,10 @@ from gplfd_experiments.analysis.results.statistics import (
 from gplfd_experiments.episodes.build import demonstrations_hash
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.studies.result_format import POLICY_ERROR
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
-from gplfd_experiments.studies.trials.records import (
-    Contrast,
-    Side,
-    Trial,
-    value_of,
-)
+from gplfd_experiments.studies.trials.records import Contrast, Side, Trial
 from gplfd_experiments.studies.trials.tiers import TIERS
 
 FILE: Final = "trials.json"
@@ -162,7 +158,16 @@ def _by_seed(episodes: Sequence[EpisodeResult], measure: str) -> dict[int, list[
 
 
 def _value(one: EpisodeResult, measure: str) -> float | None:
-    return value_of(one.metrics, measure) if one.counts else None
+    """Return a measure of an episode that counts; None where it has none.
+
+    A policy that raised an error did not keep the grasp.
+    """
+    if not one.counts:
+        return None
+    if measure == "grasp_kept":
+        return float(one.metrics["failure"] not in ("grasp_lost", POLICY_ERROR))
+    value = one.number(measure)
+    return None if value is None else float(value)
 
 
 def share_of(trial: Trial) -> str:
@@ -180,7 +185,7 @@ def graded(trial: Trial) -> str:
 
 def succeeded(one: EpisodeResult) -> bool:
     """Return whether an episode of a trial succeeded, as the trial counts it."""
-    return bool(value_of(one.metrics, share_of(TRIALS[one.task.trial])))
+    return bool(_value(one, share_of(TRIALS[one.task.trial])))
 
 
 def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatArray]:
@@ -196,7 +201,7 @@ def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatAr
     seeds, strata = sorted({one.task.seed for one in own}), sorted(set(places))
     found: dict[str, FloatArray] = {}
     for one, place in zip(own, places, strict=True):
-        value = value_of(one.metrics, measure)
+        value = _value(one, measure)
         if value is None or (less and not succeeded(one)):
             value = math.inf if less else -math.inf
         empty = np.full((len(seeds), len(strata)), math.nan)

@@ -6,7 +6,6 @@ from typing import Any
 
 from gplfd_env.conventions.constants import Start
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
-from gplfd_experiments.studies.result_format import POLICY_ERROR
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -89,14 +88,3 @@ class Trial:
     def own(self) -> tuple[str, ...]:
         """Policies that take part here, besides those of every trial."""
         return (*(one.lacking.policy for one in self.contrasts), *self.also)
-
-
-def value_of(metrics: Mapping[str, Any], measure: str) -> float | None:
-    """Return a measure of an episode as a number; None where it has none.
-
-    A policy that raised an error did not keep the grasp.
-    """
-    if measure == "grasp_kept":
-        return float(metrics["failure"] not in ("grasp_lost", POLICY_ERROR))
-    value = metrics.get(measure)
-    return None if value is None else float(value)
