@@ -70,7 +70,7 @@ _LABEL: Final = (1.15, -0.8, -0.2)
 
 
 class Measured(NamedTuple):
-    """A number over time that policies are compared by."""
+    """The curve behind a metric, by which policies are compared."""
 
     panel: str
     """Name of the panel's entity."""
