@@ -12,12 +12,12 @@ from typing import Any, Final
 
 import tyro
 
+from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES
 from gplfd_experiments.analysis.results.statistics import holm, signed_rank
 from gplfd_experiments.analysis.results.trials import graded, share_of
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.trials.protocol import REFERENCES, TRIALS
-from gplfd_experiments.studies.trials.records import MEASURES
 from gplfd_experiments.studies.trials.tiers import TIERS
 
 Answers = Mapping[str, Any]
@@ -38,12 +38,6 @@ RANKED: Final = {
 with policies of their own."""
 _UNTAUGHT: Final = (*REFERENCES, "mechanism-fit")
 """Policies that learn nothing."""
-
-_SHORT: Final = {
-    "final_angle_deg": "°",
-    "push_displacement_mm": " mm",
-}
-"""Units in a cell; the others are forces."""
 
 
 def answers_of(files: Sequence[Path], protocol: int = PROTOCOL) -> Found:
@@ -126,10 +120,11 @@ def leaderboard(found: Found, names: Sequence[str]) -> Table:
             for one, value in values.items()
             if value is not None and one not in _UNTAUGHT
         ]
-        best = (min if MEASURES[measure][1] == "less" else max)(learned)
+        measured = EPISODE_MEASURES[measure]
+        best = (min if measured.better == "less" else max)(learned)
         for one, value in values.items():
-            unit = _SHORT.get(measure, " N")
-            text = "–" if value is None else f"{value:.{1 - (unit == '°')}f}{unit}"
+            finer = -1 if measured.unit == "°" else 0
+            text = measured.text(value, unit=True, finer=finer)
             if value == best and one not in _UNTAUGHT:
                 text = f"**{text}**"
             cells[one].append(f"{_share(found, name, one):.2f}\n{text}")

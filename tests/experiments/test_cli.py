@@ -28,8 +28,8 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import named_doors
-from gplfd_experiments.recording import live, viewer
-from gplfd_experiments.workflows import runs
+from gplfd_experiments.recording import viewer
+from gplfd_experiments.workflows import live, runs
 from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 from gplfd_policies.registry.catalogue import POLICIES
 
@@ -305,7 +305,7 @@ def test_bad_input_is_one_line_status_2_and_no_files(
     refused, tmp_path, monkeypatch, command, message
 ):
     monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(live, "_viewer_process", None)
+    monkeypatch.setattr(live, "viewer_process", None)
     monkeypatch.setenv("MUJOCO_GL", "egl")
     for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(variable, raising=False)

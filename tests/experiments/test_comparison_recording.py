@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.recording.comparison import (
@@ -99,6 +100,12 @@ def test_the_measured_curves_end_in_the_metrics_of_their_names(make_log):
         assert MEASURED[name].values(log).max() == pytest.approx(metrics[name])
     deciding = {measure for trial in TRIALS.values() for measure in trial.measures}
     assert MEASURED.keys() <= deciding
+    for name, measured in MEASURED.items():
+        # Of a grasp that is lost or kept, the slip is shown.
+        metric = "slip_max_mm" if name == "grasp_kept" else name
+        unit = EPISODE_MEASURES[metric].unit
+        assert measured.greatest[1] == unit, name
+        assert f"[{unit}]" in measured.title
     beside = MEASURED["push_displacement_mm"].values(log)
     away = np.linalg.norm((log.ee_pose - log.desired)[:, :3], axis=1)
     np.testing.assert_allclose(beside, 1e3 * away)

@@ -16,9 +16,8 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import make_environment
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import episode_task
-from gplfd_experiments.recording import live
 from gplfd_experiments.recording.stream import open_stream
-from gplfd_experiments.workflows import runs
+from gplfd_experiments.workflows import live, runs
 from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 
 pytestmark = pytest.mark.slow
@@ -185,8 +184,8 @@ def test_it_is_watched_live(gplfd, tmp_path, monkeypatch, capsys):
     def viewer_process(*, serve: bool) -> Iterator[tuple[_Viewer, str]]:
         yield _Viewer(), str(tmp_path / "live.rrd")
 
-    monkeypatch.setattr(live, "_stream_to", stream_to)
-    monkeypatch.setattr(live, "_viewer_process", viewer_process)
+    monkeypatch.setattr(live, "stream_to", stream_to)
+    monkeypatch.setattr(live, "viewer_process", viewer_process)
     given = ("--door", "pushed.json", "--start", "approach", "--policy", "oracle")
     assert gplfd("view", "--live", "--serve", *given, "--speed", "1e6") == 0
     assert ": opened in" in capsys.readouterr().err

@@ -21,17 +21,18 @@ from gplfd_experiments.analysis.figures import (
     forecasts,
     style,
 )
-from gplfd_experiments.analysis.figures import material as module
 from gplfd_experiments.analysis.figures.drawing import FIGURES, update_captions
 from gplfd_experiments.analysis.figures.fig09_adaptation import (
     decisions,
     expectation,
     reviewed,
 )
-from gplfd_experiments.analysis.figures.material import Material, material
+from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.analysis.figures.pick_and_place import HEIGHT, PHASES
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.forecast_error import forecast_errors
+from gplfd_experiments.workflows import figures as module
+from gplfd_experiments.workflows.figures import material
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.movements.trajectory import GaussianTrajectory
@@ -65,7 +66,6 @@ def measured(doors, formula_log):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("gymnasium.make", simulate)
             patch.setattr("gplfd_experiments.episodes.rollout.rollout", simulate)
-            patch.setattr(module, "rollout", simulate)
             patch.setattr(forecasts, "DOORS", ("large",))
             return FIGURES[name].measure(given)
 
@@ -393,8 +393,9 @@ def test_the_command_its_repetition_and_figures_without_episodes(
     agent = SimpleNamespace(control="pose")
     monkeypatch.setattr(module, "learned_agents", lambda *_: lambda: agent)
     monkeypatch.setattr(module, "rollout", simulate)
-    two = {name: drawing.FIGURES[name] for name in ("fig03", "fig10")}
+    two = {name: FIGURES[name] for name in ("fig03", "fig10")}
     monkeypatch.setattr(drawing, "FIGURES", two)
+    monkeypatch.setattr(module, "FIGURES", two)
 
     out = tmp_path / "out"
     assert gplfd("figures", "--out", "out", "--only", "fig03") == 0

@@ -18,10 +18,12 @@ from rerun.chunk import Chunk, RrdReader
 
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.recording import live, record_episode
+from gplfd_experiments.recording import record_episode, viewer
 from gplfd_experiments.recording.layout import layout
-from gplfd_experiments.recording.live import LiveRecording, watched_rollout
+from gplfd_experiments.recording.live import LiveRecording
 from gplfd_experiments.recording.stream import open_stream
+from gplfd_experiments.workflows import live
+from gplfd_experiments.workflows.live import watched_rollout
 
 pytestmark = pytest.mark.slow
 
@@ -121,7 +123,7 @@ def stand_in(monkeypatch: pytest.MonkeyPatch, script: str) -> None:
     path = Path("viewer").resolve()
     path.write_text(f"#!{sys.executable}\n{script}")
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
-    monkeypatch.setattr(live, "viewer", lambda: str(path))
+    monkeypatch.setattr(viewer, "viewer", lambda: str(path))
 
 
 ORACLE = ("--live", "--serve", "--policy", "oracle")
@@ -142,7 +144,7 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
         assert wanted()
         raise InterruptedError
 
-    monkeypatch.setattr(live, "_stream_to", connected)
+    monkeypatch.setattr(live, "stream_to", connected)
     monkeypatch.setattr(live, "watched_rollout", show)
     stand_in(monkeypatch, LISTENING)
     assert gplfd("view", *ORACLE, "--door", "0.42", "--disturbance", "person") == 0
@@ -171,7 +173,7 @@ def test_viewer_listens_on_loopback_only_and_ends_with_the_command(
 def test_a_viewer_that_does_not_start_or_answer_is_told(
     gplfd, monkeypatch, capsys, script, patience, message
 ):
-    monkeypatch.setattr(live, "_START_TIMEOUT", patience)
+    monkeypatch.setattr(viewer, "_START_TIMEOUT", patience)
     stand_in(monkeypatch, script)
     assert gplfd("view", *ORACLE) == 2
     assert message in capsys.readouterr().err

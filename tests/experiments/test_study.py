@@ -11,6 +11,7 @@ import pytest
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.analysis.results.measures import (
+    EPISODE_MEASURES,
     LEARNING_MEASURES,
     RECORDED_MEASURES,
 )
@@ -306,6 +307,7 @@ def test_a_version_of_results_has_its_metrics():
         *("reason", "capability", "stage"),
         *("latency_wall_median_ms", "latency_wall_p95_ms"),
     }
+    assert EPISODE_MEASURES.keys() - {"grasp_kept"} <= EPISODE_METRICS[VERSION]
     assert LEARNING_MEASURES.keys() == LEARNING_METRICS
     assert RECORDED_MEASURES.keys() == FORECAST_METRICS | ONLINE_METRICS
 

@@ -15,6 +15,7 @@ import pytest
 from gplfd_env.doors.disturbance import disturbance_named
 from gplfd_env.doors.randomization import door_randomization
 from gplfd_experiments.analysis.report.page import write_report
+from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import FEWEST_PAIRS, success_rate
 from gplfd_experiments.analysis.results.trials import (
@@ -40,7 +41,7 @@ from gplfd_experiments.studies.trials.protocol import (
     VERSION,
     Part,
 )
-from gplfd_experiments.studies.trials.records import MEASURES, Contrast, Side
+from gplfd_experiments.studies.trials.records import Contrast, Side
 from gplfd_policies.registry.catalogue import POLICIES
 
 pytestmark = pytest.mark.slow
@@ -142,7 +143,8 @@ def test_the_protocol_is_sound():
     for name, trial in TRIALS.items():
         assert trial.question.endswith("?"), name
         compared = {contrast.measure for contrast in trial.contrasts}
-        assert compared | set(trial.measures) <= MEASURES.keys(), name
+        for measure in compared | set(trial.measures):
+            assert EPISODE_MEASURES[measure].name, measure
         for level in trial.levels.values():
             door_randomization(level.randomization)
             disturbance_named(level.disturbance)

@@ -28,7 +28,6 @@ from gplfd_experiments.recording.layout import (
     TEXT,
     Eye,
     Plot,
-    as_chunks,
     only,
     series_view,
     view_3d,
@@ -71,7 +70,7 @@ _LABEL: Final = (1.15, -0.8, -0.2)
 
 
 class Measured(NamedTuple):
-    """A number over time that policies are compared by."""
+    """The curve behind a metric, by which policies are compared."""
 
     panel: str
     """Name of the panel's entity."""
@@ -266,7 +265,7 @@ def _widest(log: EpisodeLog) -> float:
 
 def _layout(
     logs: Sequence[EpisodeLog], model: mujoco.MjModel, measured: Measured
-) -> tuple[Chunk, ...]:
+) -> rrb.Blueprint:
     """All robots, from behind and above; their curves and their paths below."""
     handle, _ = task_frame(model)
     middle = handle + 0.5 * SPACING * (len(logs) - 1) * ROW + [-0.2, 0.0, -0.2]
@@ -290,4 +289,4 @@ def _layout(
     curves = series_view(Plot(measured.panel, measured.title), _PLOTS)
     about = rrb.TextDocumentView(origin=TEXT, name="What is seen")
     panels = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
-    return as_chunks(only(rrb.Vertical(robots, panels, row_shares=[5, 4])))
+    return only(rrb.Vertical(robots, panels, row_shares=[5, 4]))

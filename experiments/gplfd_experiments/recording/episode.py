@@ -15,7 +15,7 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.provenance import versions
 from gplfd_experiments.recording.disturbances import disturbance_chunks, kinds_of
 from gplfd_experiments.recording.lanes import stage_lane, stiffness_lane
-from gplfd_experiments.recording.layout import TEXT, layout_chunks
+from gplfd_experiments.recording.layout import TEXT, layout
 from gplfd_experiments.recording.mechanism import mechanism, mechanism_of
 from gplfd_experiments.recording.motion import (
     door_frame,
@@ -45,12 +45,8 @@ def record_episode(
     """
     check_model(log, model)
     there = mechanism_of(model, log.door_config)
-    arrangement = layout_chunks(
-        kinds_of(log),
-        there,
-        log.config.hinge_side,
-        forces=bool(np.isfinite(log.expected_force).any()),
-    )
+    forces = bool(np.isfinite(log.expected_force).any())
+    arrangement = layout(kinds_of(log), there, log.config.hinge_side, forces=forces)
     with recording_file(path, arrangement) as stream:
         stream.send_recording_name(recording_name(log))
         # One by one: while one is written the next is made.

@@ -4,9 +4,8 @@ Doors vary in two horizontal directions, along the pull (x) and across it (z). C
 of the stiffness show its mean in both, in the lane and in the scene.
 """
 
-import functools
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Final
 
 import numpy as np
@@ -56,14 +55,11 @@ _STAGES: Final = {
 }
 
 
-@functools.lru_cache(maxsize=16)
-def lane_style(
-    entity: str, states: tuple[str, ...], tints: tuple[Colour, ...], failure: str = ""
-) -> Chunk:
+def lane_style(entity: str, states: Mapping[str, Colour], failure: str = "") -> Chunk:
     """Return the colours of a lane's states; the failure is said in its label."""
     labels = [f"failure: {failure}" if one == "failure" else one for one in states]
-    colours = np.array(tints, dtype=np.uint8)
-    style = rr.StateConfiguration(values=states, labels=labels, colors=colours)
+    colours = np.array([*states.values()], dtype=np.uint8)
+    style = rr.StateConfiguration(values=[*states], labels=labels, colors=colours)
     return static(entity, style)
 
 
@@ -80,7 +76,7 @@ def stage_lane(
         return []
     times, names = zip(*new, strict=True)
     lane = moving(ROOT, np.array(times), rr.StateChange.columns(state=names))
-    style = lane_style(ROOT, tuple(_STAGES), tuple(_STAGES.values()), log.failure)
+    style = lane_style(ROOT, _STAGES, log.failure)
     return [lane] if shown and not log.failure else [style, lane]
 
 
@@ -123,13 +119,22 @@ def stiffness_lane(part: Part) -> Iterator[Chunk]:
     known = np.isfinite(shown)
     level = np.where(known, np.digitize(shown, _EDGES), -1)
     rows = np.flatnonzero(np.diff(level, prepend=-1))
-    rows = rows[(rows >= part.first_row) & known[rows]]
     if part.begins(shown):
-        yield lane_style(STIFFNESS, tuple(LEVELS), tuple(LEVELS.values()))
-    if rows.size:
-        names = [list(LEVELS)[level[row]] for row in rows]
-        columns = rr.StateChange.columns(state=names)
-        yield moving(STIFFNESS, part.log.times[rows], columns)
+        yield lane_style(STIFFNESS, LEVELS)
+    states = [(int(row), list(LEVELS)[level[row]]) for row in rows if known[row]]
+    yield from new_states(part, STIFFNESS, states)
+
+
+def new_states(
+    part: Part, entity: str, states: Iterable[tuple[int, str]]
+) -> list[Chunk]:
+    """Return a lane of states that begin at rows of a log, of those in a part."""
+    new = [one for one in states if one[0] >= part.first_row]
+    if not new:
+        return []
+    rows, names = zip(*new, strict=True)
+    columns = rr.StateChange.columns(state=names)
+    return [moving(entity, part.log.times[list(rows)], columns)]
 
 
 def recent_mean(values: FloatArray, dt: float) -> FloatArray:

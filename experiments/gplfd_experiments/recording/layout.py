@@ -1,20 +1,17 @@
 """The view a recording opens with: scene, policy and the reasons side by side."""
 
 import functools
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
-from rerun.chunk import Chunk, RrdReader
 
 from gplfd_env.doors.config import HingeSide
 from gplfd_experiments.recording import disturbances, lanes, mechanism, motion, panels
 from gplfd_experiments.recording.colours import BACKGROUND
-from gplfd_experiments.recording.stream import APPLICATION, TIMELINE
+from gplfd_experiments.recording.stream import TIMELINE
 
 Corner = Literal["LeftTop", "LeftBottom", "RightTop", "RightBottom"]
 
@@ -159,18 +156,6 @@ def layout(
     return only(views, "following" if live else "playing")
 
 
-@functools.cache
-def layout_chunks(
-    kinds: tuple[str, ...],
-    there: tuple[str, ...] = (),
-    hinge: HingeSide = "right",
-    *,
-    forces: bool = False,
-) -> tuple[Chunk, ...]:
-    """Return the `layout` of a recording, made once per process."""
-    return as_chunks(layout(kinds, there, hinge, forces=forces))
-
-
 def only(
     views: rrb.Container, play_state: Literal["playing", "following"] = "playing"
 ) -> rrb.Blueprint:
@@ -184,15 +169,6 @@ def only(
         auto_views=False,
         auto_layout=False,
     )
-
-
-def as_chunks(blueprint: rrb.Blueprint) -> tuple[Chunk, ...]:
-    """Return a layout as Rerun writes it."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "layout.rbl"
-        blueprint.save(APPLICATION, file)
-        reader = RrdReader(file)
-        return tuple(reader.stream(store=reader.blueprints()[0]))
 
 
 def view_3d(

@@ -7,13 +7,13 @@ from typing import Any, Final
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.layout import (
     TEXT,
     Eye,
     Plot,
-    as_chunks,
     only,
     series_view,
     view_3d,
@@ -65,13 +65,9 @@ def record_learned(path: str | Path, movement: Movement, name: str) -> None:
         "hand": rr.TransformAxes3D(0.12 * size),
     }
     chunks = [static(f"{_SCENE}/{entity}", look) for entity, look in looks.items()]
-    # Quaternions (x, y, z, w) of the rotation vectors.
-    turns = learned.mean[:, 3:]
-    angle = np.sqrt(np.sum(turns**2, axis=1, keepdims=True))
-    axis = 0.5 * np.sinc(0.5 * angle / np.pi) * turns
-    hand = rr.Transform3D.columns(
-        translation=mean, quaternion=np.hstack([axis, np.cos(angle / 2)])
-    )
+    # Copied: scipy takes no array that is read-only.
+    turns = Rotation.from_rotvec(learned.mean[:, 3:].copy()).as_quat()
+    hand = rr.Transform3D.columns(translation=mean, quaternion=turns)
     chunks.append(moving(f"{_SCENE}/hand", times, hand))
 
     # Every output over time: demonstrations, mean and band.
@@ -117,6 +113,6 @@ Playing takes {movement.duration:.1f} s, the recordings' mean duration.
         rrb.Vertical(*plots[3:]),
         column_shares=[5, 3, 3],
     )
-    with recording_file(path, as_chunks(only(views))) as stream:
+    with recording_file(path, only(views)) as stream:
         stream.send_recording_name(f"what {name} learned")
         stream.send_chunks([*chunks, static(TEXT, page)])

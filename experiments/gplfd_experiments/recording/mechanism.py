@@ -19,6 +19,7 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, lanes, panels
 from gplfd_experiments.recording.panels import Line
+from gplfd_experiments.recording.scene import kinematics
 from gplfd_experiments.recording.stream import Part, moving, static
 
 LATCH: Final = f"{lanes.ROOT}/latch"
@@ -96,14 +97,8 @@ def mechanism(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
         yield from panels.lines(part, f"{panels.ROOT}/{name}/motion", curves)
     if "latch" in there:
         if part.first_row == 0:
-            yield lanes.lane_style(
-                LATCH, tuple(BOLT_STATES), tuple(BOLT_STATES.values())
-            )
-        new = [one for one in bolt_states(log, model) if one[0] >= part.first_row]
-        if new:
-            rows, states = zip(*new, strict=True)
-            columns = rr.StateChange.columns(state=states)
-            yield moving(LATCH, log.times[list(rows)], columns)
+            yield lanes.lane_style(LATCH, BOLT_STATES)
+        yield from lanes.new_states(part, LATCH, bolt_states(log, model))
     # The tendon that is a closer's arm, where it has a colour.
     tendons = [model.tendon(index).name for index in range(model.ntendon)]
     if CLOSER_ARM not in tendons:
@@ -111,20 +106,15 @@ def mechanism(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
     arm = model.tendon(CLOSER_ARM).id
     if model.tendon_rgba[arm, 3] == 0.0:
         return
-    frames, data = part.frames(), mujoco.MjData(model)
     sites = [model.site(f"closer_{end}").id for end in ("spindle", "foot")]
-    strips = np.empty((frames.size, 2, 3), np.float32)
-    for row, frame in enumerate(frames):
-        data.qpos[:] = log.qpos[frame]
-        mujoco.mj_kinematics(model, data)
-        strips[row] = data.site_xpos[sites]
+    strips = np.array([data.site_xpos[sites] for data in kinematics(model, part)])
     if part.first_row == 0:
         tint = (255.0 * model.tendon_rgba[arm]).round().astype(np.uint8)
         radius = model.tendon_width[arm]
         yield static(ARM, rr.LineStrips3D.from_fields(colors=tint, radii=radius))
-    columns = rr.LineStrips3D.columns(strips=strips)
-    each = columns.partition(np.ones(frames.size, int))
-    yield moving(ARM, log.times[frames], each)
+    columns = rr.LineStrips3D.columns(strips=strips.astype(np.float32))
+    each = columns.partition(np.ones(len(strips), int))
+    yield moving(ARM, log.times[part.frames()], each)
 
 
 def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]:

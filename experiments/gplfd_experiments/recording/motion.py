@@ -1,6 +1,5 @@
 """Demonstrations, policy, via-points and force in the door's frame."""
 
-import functools
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
@@ -55,16 +54,40 @@ def door_frame(
     model: mujoco.MjModel, door: DoorConfig, demonstrations: Sequence[Demonstration]
 ) -> list[Chunk]:
     """What stands still in the task frame, and the task frame itself."""
+    side, radius, hinge = door.side, door.radius, -door.side * door.hand_radius
+    angles = np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
+    if door.motion == "hinged":
+        # About the hinge.
+        path = handle_pose_on_arc(door.hand_radius, angles)[:, :3]
+        path = path * [door.way, 1.0, side]
+        leaf = [[[0.0, 0.0, 0.0], [0.0, 0.0, side * radius]]]
+    else:
+        # From the handle, with which it moves.
+        path = DoorGeometry.of(door).hand_poses(angles.clip(max=end_angle(door)))[:, :3]
+        far = [0.0, 0.0, -side * (door.fold if door.motion == "folding" else radius)]
+        if door.motion == "flap":
+            far = list(links_of(door)[-1].anchor)
+        leaf, hinge = [[far, [0.0, 0.0, 0.0]]], 0.0
     position, rotation = task_frame(model)
     turn = rr.Quaternion(xyzw=rotation.as_quat())
     strips = [demonstration.poses[:, :3] for demonstration in demonstrations]
-    lines = rr.LineStrips3D(strips, colors=colours.DEMONSTRATION, radii=_LINE / 2)
-    return [
-        static(ROOT, rr.Transform3D(translation=position, quaternion=turn)),
-        static(VIEW, rr.Transform3D(mat3x3=_VIEW_AXES)),
-        static(f"{ROOT}/demonstrations", lines),
-        *_path_and_styles(door),
-    ]
+    looks: dict[str, Any] = {
+        ROOT: rr.Transform3D(translation=position, quaternion=turn),
+        VIEW: rr.Transform3D(mat3x3=_VIEW_AXES),
+        f"{ROOT}/demonstrations": rr.LineStrips3D(
+            strips, colors=colours.DEMONSTRATION, radii=_LINE / 2
+        ),
+        f"{ROOT}/true_arc": rr.LineStrips3D([path], colors=colours.TRUTH, radii=_LINE),
+        PLAN: rr.Transform3D(translation=[0.0, 0.0, hinge]),
+        f"{PLAN}/closed": rr.LineStrips3D(leaf, colors=colours.MARK, radii=_LINE / 2),
+        f"{PLAN}/leaf": rr.LineStrips3D(leaf, colors=colours.LEAF, radii=2.0 * _LINE),
+        f"{ROOT}/hand/trail": rr.LineStrips3D.from_fields(radii=_TRAIL),
+        f"{ROOT}/hand/via_points": rr.Points3D.from_fields(
+            colors=colours.HAND, radii=_DOT
+        ),
+        f"{ROOT}/hand/force": rr.Arrows3D.from_fields(colors=colours.FORCE, radii=_DOT),
+    }
+    return [static(entity, look) for entity, look in looks.items()]
 
 
 def policy_motion(part: Part) -> list[Chunk]:
@@ -190,35 +213,3 @@ def _spaced(
     travelled = np.concatenate([[0.0], np.cumsum(steps)])
     stretch = np.floor(travelled[rows] / spacing)
     return rows[np.diff(stretch, prepend=-1.0) > 0.0]
-
-
-# A study opens the same doors again and again.
-@functools.lru_cache(maxsize=64)
-def _path_and_styles(door: DoorConfig) -> tuple[Chunk, ...]:
-    """The hand's true path, the leaf as lines, the look of the hand."""
-    side, radius, hinge = door.side, door.radius, -door.side * door.hand_radius
-    angles = np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
-    if door.motion == "hinged":
-        # About the hinge.
-        path = handle_pose_on_arc(door.hand_radius, angles)[:, :3]
-        path = path * [door.way, 1.0, side]
-        leaf = [[[0.0, 0.0, 0.0], [0.0, 0.0, side * radius]]]
-    else:
-        # From the handle, with which it moves.
-        path = DoorGeometry.of(door).hand_poses(angles.clip(max=end_angle(door)))[:, :3]
-        far = [0.0, 0.0, -side * (door.fold if door.motion == "folding" else radius)]
-        if door.motion == "flap":
-            far = list(links_of(door)[-1].anchor)
-        leaf, hinge = [[far, [0.0, 0.0, 0.0]]], 0.0
-    looks: dict[str, Any] = {
-        f"{ROOT}/true_arc": rr.LineStrips3D([path], colors=colours.TRUTH, radii=_LINE),
-        PLAN: rr.Transform3D(translation=[0.0, 0.0, hinge]),
-        f"{PLAN}/closed": rr.LineStrips3D(leaf, colors=colours.MARK, radii=_LINE / 2),
-        f"{PLAN}/leaf": rr.LineStrips3D(leaf, colors=colours.LEAF, radii=2.0 * _LINE),
-        f"{ROOT}/hand/trail": rr.LineStrips3D.from_fields(radii=_TRAIL),
-        f"{ROOT}/hand/via_points": rr.Points3D.from_fields(
-            colors=colours.HAND, radii=_DOT
-        ),
-        f"{ROOT}/hand/force": rr.Arrows3D.from_fields(colors=colours.FORCE, radii=_DOT),
-    }
-    return tuple(static(entity, look) for entity, look in looks.items())

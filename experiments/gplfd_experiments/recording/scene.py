@@ -5,7 +5,7 @@ the entity of the moving body that carries them, or of the world, which is body 
 """
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import mujoco
@@ -73,12 +73,10 @@ def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
 def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
     """The poses of all bodies that can move, by forward kinematics of ``qpos``."""
     bodies = [body for body in visual_geoms(model) if body != 0]
-    frames, data = part.frames(), mujoco.MjData(model)
+    frames = part.frames()
     positions = np.empty((frames.size, model.nbody, 3))
     quaternions = np.empty((frames.size, model.nbody, 4))
-    for row, frame in enumerate(frames):
-        data.qpos[:] = part.log.qpos[frame]
-        mujoco.mj_kinematics(model, data)
+    for row, data in enumerate(kinematics(model, part)):
         positions[row], quaternions[row] = data.xpos, data.xquat
     return [
         moving(
@@ -90,6 +88,15 @@ def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
         )
         for body in bodies
     ]
+
+
+def kinematics(model: mujoco.MjModel, part: Part) -> Iterator[mujoco.MjData]:
+    """Yield the state of a scene, the same object, at every frame of a part."""
+    data = mujoco.MjData(model)
+    for frame in part.frames():
+        data.qpos[:] = part.log.qpos[frame]
+        mujoco.mj_kinematics(model, data)
+        yield data
 
 
 def visual_geoms(model: mujoco.MjModel) -> dict[int, list[int]]:
@@ -118,13 +125,13 @@ def task_frame(model: mujoco.MjModel) -> tuple[FloatArray, Rotation]:
     """Origin (3,) [m] and rotation of the task frame in the world."""
     site = model.site(TASK_SITE).id
     position, quaternion = _product(
-        _pose_on_carrier(model, int(model.site_bodyid[site])),
+        pose_on_carrier(model, int(model.site_bodyid[site])),
         (model.site_pos[site], model.site_quat[site]),
     )
     return position, Rotation.from_quat(quaternion, scalar_first=True)
 
 
-def _pose_on_carrier(model: mujoco.MjModel, body: int) -> Pose:
+def pose_on_carrier(model: mujoco.MjModel, body: int) -> Pose:
     """Pose of a body on the moving body that carries it."""
     pose = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     carrier = int(model.body_weldid[body])
@@ -149,7 +156,7 @@ def _solids(model: mujoco.MjModel) -> tuple[list[int], FloatArray]:
     kinds, sizes = np.array(model.geom_type), np.array(model.geom_size)
     positions, quaternions = np.array(model.geom_pos), np.array(model.geom_quat)
     fixed = np.flatnonzero(model.body_weldid != np.arange(model.nbody)).tolist()
-    poses = {body: _pose_on_carrier(model, body) for body in fixed}
+    poses = {body: pose_on_carrier(model, body) for body in fixed}
     for geom, body in enumerate(model.geom_bodyid.tolist()):
         if body in poses:
             positions[geom], quaternions[geom] = _product(

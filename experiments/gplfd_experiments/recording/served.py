@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.recording import colours
-from gplfd_experiments.recording.layout import Plot, as_chunks, only, series_view
+from gplfd_experiments.recording.layout import Plot, only, series_view
 from gplfd_experiments.recording.panels import Line, line_style
 from gplfd_experiments.recording.stream import moving, recording_file
 from gplfd_policies.serving.journal import BEGINNING, read_journal
@@ -57,7 +57,7 @@ def recording_of(file: Path) -> Path:
     arrangement = rrb.Horizontal(rrb.Vertical(*views), log, column_shares=[3, 2])
     recording = file.with_name(f"{file.name}.rrd")
     LOG.info("writing %s", recording)
-    with recording_file(recording, as_chunks(only(arrangement))) as stream:
+    with recording_file(recording, only(arrangement)) as stream:
         start = events[0][0]
         for name, samples in curves.items():
             times, values = map(np.array, zip(*samples, strict=True))

@@ -5,6 +5,7 @@ import errno
 import functools
 import math
 import os
+import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +13,10 @@ from typing import Any, Final
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 import rerun_bindings as bindings
 from numpy.typing import NDArray
-from rerun.chunk import Chunk
+from rerun.chunk import Chunk, RrdReader
 
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
@@ -84,11 +86,11 @@ def moving(entity: str, times: FloatArray, columns: Iterable[Any]) -> Chunk:
 
 @contextlib.contextmanager
 def recording_file(
-    path: str | Path, layout: Iterable[Chunk]
+    path: str | Path, layout: rrb.Blueprint
 ) -> Iterator[rr.RecordingStream]:
     """Open a recording that appears at ``path`` complete or not at all (`OSError`).
 
-    It opens with the blueprint whose chunks are ``layout``.
+    It opens with the given layout.
     """
     # Rerun keeps two threads for every recording that it no longer writes to, until
     # the process ends or this is called.
@@ -98,7 +100,7 @@ def recording_file(
         try:
             source = _blueprint_source(os.getpid())
             blueprint = source.memory_recording().storage
-            source.send_chunks(layout)
+            source.send_chunks(_as_chunks(layout))
             # `stream.save` would make a blueprint from scratch every time, and with it
             # two threads that stay.
             bindings.save(
@@ -116,6 +118,17 @@ def recording_file(
             if not written.read().startswith(_END):
                 message = "cannot be written to its end; is the disk full?"
                 raise OSError(errno.EIO, message)
+
+
+# The recordings of a study have few different ones.
+@functools.lru_cache(maxsize=16)
+def _as_chunks(layout: rrb.Blueprint) -> tuple[Chunk, ...]:
+    """Return a layout as Rerun writes it."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "layout.rbl"
+        layout.save(APPLICATION, file)
+        reader = RrdReader(file)
+        return tuple(reader.stream(store=reader.blueprints()[0]))
 
 
 @functools.cache

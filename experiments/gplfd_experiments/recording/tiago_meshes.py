@@ -15,9 +15,10 @@ import mujoco
 import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
+from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.recording.scene import entity_of_body
+from gplfd_experiments.recording.scene import entity_of_body, pose_on_carrier
 from gplfd_experiments.recording.stream import static
 
 DISTRIBUTION: Final = "example-robot-data"
@@ -61,18 +62,16 @@ class TiagoLooks(NamedTuple):
 
     def drawn(self, model: mujoco.MjModel) -> list[Chunk]:
         """Return every mesh, on an entity below that of the body that moves it."""
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
         chunks = []
         for name, meshes in self.meshes.items():
-            carrier = model.body(int(model.body_weldid[model.body(name).id]))
-            pose = np.linalg.inv(_pose(data, carrier.name)) @ _pose(data, name)
-            rotation, position = pose[:3, :3], pose[:3, 3]
-            entity = entity_of_body(model, carrier.id)
+            body = model.body(name).id
+            position, quaternion = pose_on_carrier(model, body)
+            turn = Rotation.from_quat(quaternion, scalar_first=True)
+            entity = entity_of_body(model, int(model.body_weldid[body]))
             for mesh in meshes:
                 shape = rr.Mesh3D(
-                    vertex_positions=mesh.vertices @ rotation.T + position,
-                    vertex_normals=mesh.normals @ rotation.T,
+                    vertex_positions=turn.apply(mesh.vertices) + position,
+                    vertex_normals=turn.apply(mesh.normals),
                     albedo_factor=mesh.colour,
                 )
                 chunks.append(static(f"{entity}/tiago_{mesh.name}", shape))
@@ -133,10 +132,3 @@ def description() -> Path:
         f"PAL's meshes of TIAGo come from the package {DISTRIBUTION}, which is not "
         "installed: pip install 'gplfd[tiago]' (131 MB; its licence is CC BY-NC-ND 3.0)"
     )
-
-
-def _pose(data: mujoco.MjData, body: str) -> FloatArray:
-    pose = np.eye(4)
-    pose[:3, :3] = data.body(body).xmat.reshape(3, 3)
-    pose[:3, 3] = data.body(body).xpos
-    return pose

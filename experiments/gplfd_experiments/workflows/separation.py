@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from gplfd_experiments.analysis.results import sequential
-from gplfd_experiments.analysis.results.measures import by_policy
+from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES, by_policy
 from gplfd_experiments.analysis.results.reading import EpisodeResult, read_files
-from gplfd_experiments.analysis.results.trials import SHARES, contrast_pairs
+from gplfd_experiments.analysis.results.trials import contrast_pairs
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.runner import run_or_resume
 from gplfd_experiments.studies.store import result_path
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
-from gplfd_experiments.studies.trials.records import MEASURES, Contrast, Side
+from gplfd_experiments.studies.trials.records import Contrast, Side
 
 _FIRST, _STEP = 8, 4
 """Seeds before the first look, with fewer nothing is separated, and between looks."""
@@ -35,7 +35,7 @@ def run_until_separated(
     Returns the fields of `sequential.Comparison`, ``better`` and ``text``, which says
     them in a line; and the number of errors, which end the run, too.
     """
-    trials, shares = named_trials(names), measure in SHARES
+    trials = named_trials(names)
     for name, trial in trials.items():
         if measure not in trial.measures:
             raise ValueError(
@@ -47,7 +47,8 @@ def run_until_separated(
             f"--until-separated takes two --policies, got {[*policies]}, and "
             f"--max-seeds of {_FIRST} or more, got {max_seeds}"
         )
-    if shares:
+    measured = EPISODE_MEASURES[measure]
+    if measured.share:
         known = (f"{p} in {sequential.seeds_needed(0.9, p)}" for p in (0.5, 0.7, 0.8))
         LOG.info(f"4 of 5 times, 0.9 is separated from {', '.join(known)} seeds")
     having, lacking = (Side(policy=name) for name in policies)
@@ -62,12 +63,12 @@ def run_until_separated(
         )
         if not pairs.seeds:
             raise ValueError(f"no seed has {measure} of both policies")
-        state = sequential.compare(*pairs.per_seed(), shares=shares)
-        sign = 1 if MEASURES[measure][1] == "more" else -1
-        better = {sign: policies[0], -sign: policies[1]}.get(state.ahead)
+        state = sequential.compare(*pairs.per_seed(), shares=measured.share)
+        ahead = measured.sign * state.ahead
+        better = {1.0: policies[0], -1.0: policies[1]}.get(ahead)
         verdict = f"separated at seed {state.separated_at}, {better} is better"
         text = (
-            f"{state.seeds} seeds, {MEASURES[measure][0]}: {having} {state.first:.2f}, "
+            f"{state.seeds} seeds, {measured.title}: {having} {state.first:.2f}, "
             f"{lacking} {state.second:.2f}; e-value {state.e_value:.3g}: "
             f"{verdict if better else 'not separated, which takes 20'}"
         )

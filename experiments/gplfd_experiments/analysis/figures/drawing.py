@@ -1,10 +1,10 @@
-"""All figures by name; some or all of them drawn, with their runs and captions."""
+"""All figures by name, and one of them drawn, with its caption."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import Final
 
 from gplfd_experiments.analysis.figures import (
     fig02_heteroscedastic,
@@ -16,12 +16,8 @@ from gplfd_experiments.analysis.figures import (
     fig10_stiffness,
     forecasts,
 )
-from gplfd_experiments.analysis.figures.material import material
+from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.analysis.figures.style import paper_style, write_figure
-from gplfd_experiments.console.arguments import check_folder, check_least
-from gplfd_experiments.console.progress import progress_bar
-from gplfd_experiments.files.plain_data import write_json
-from gplfd_experiments.files.provenance import provenance
 from gplfd_policies.arrays.storage import complete_or_absent
 
 FIGURES: Final[Mapping[str, ModuleType]] = {
@@ -36,38 +32,17 @@ FIGURES: Final[Mapping[str, ModuleType]] = {
 }
 """Figures of the paper by their number, and one of our own."""
 
-PROVENANCE: Final = "figures.json"
 CAPTIONS: Final = "captions.md"
-LOGS: Final = "logs"
 
 
-def draw_figures(
-    folder: Path, only: Sequence[str], *, seed: int, options: Mapping[str, Any]
-) -> int:
-    """Make or read the runs of some figures, or of all, draw them and count them.
-
-    The seed is that of teacher, policy, environment and synthetic sets; the options of
-    the command are kept for the record.
-    """
-    if unknown := sorted(set(only) - set(FIGURES)):
-        raise ValueError(
-            f"there is no figure {unknown[0]!r}; figures: {', '.join(FIGURES)}"
-        )
-    check_least("--seed", seed, 0)
-    check_folder(folder)
-    write_json(folder / PROVENANCE, provenance(options))
-    chosen = {name: one for name, one in FIGURES.items() if not only or name in only}
-    doors = [door for figure in chosen.values() for door in figure.DOORS]
-    given = material(folder / LOGS, doors, seed=seed)
-    bar = progress_bar(chosen.items(), desc="figures", unit="figure")
-    for name, figure in bar:
-        bar.set_postfix_str(name)
-        shown = figure.measure(given)
-        with paper_style():
-            write_figure(figure.draw(shown), folder, name)
-        head = f"## {name}: {figure.TITLE} (seed {seed})"
-        update_captions(folder, name, f"{head}\n\n{figure.caption(shown)}\n")
-    return len(chosen)
+def draw_figure(name: str, given: Material, folder: Path) -> None:
+    """Draw one of `FIGURES`; write NAME.png, NAME.svg and its section of captions."""
+    figure = FIGURES[name]
+    shown = figure.measure(given)
+    with paper_style():
+        write_figure(figure.draw(shown), folder, name)
+    head = f"## {name}: {figure.TITLE} (seed {given.seed})"
+    update_captions(folder, name, f"{head}\n\n{figure.caption(shown)}\n")
 
 
 def update_captions(folder: Path, name: str, section: str) -> None:

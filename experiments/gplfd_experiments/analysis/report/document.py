@@ -161,7 +161,7 @@ def medians(*measures: Measure) -> dict[str, Cell]:
     def cell(results: Sequence[Any]) -> str:
         return "\n".join(one.text(one.median(results)) for one in measures)
 
-    return {"\n".join(one.title for one in measures): cell}
+    return {"\n".join(one.column for one in measures): cell}
 
 
 FIGURES: Final = "figures"

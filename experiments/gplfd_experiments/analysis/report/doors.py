@@ -176,7 +176,7 @@ def standing(runs: Runs, reference: str) -> list[str]:
     }
     return texts + [
         value_sentence(measure, numbers(able, measure), reference)
-        for measure in HEADLINES
+        for measure in map(EPISODE_MEASURES.__getitem__, HEADLINES)
     ]
 
 
@@ -292,8 +292,7 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
         return str(sum(one.failure == failure for one in own if not one.solved))
 
     def angles(own: Episodes) -> str:
-        values = [one.number("final_angle_deg") for one in own]
-        known = [angle for angle in values if angle is not None]
+        known = EPISODE_MEASURES["final_angle_deg"].values(own)
         return f"{median(known):.1f}°\n{max(known):.1f}°" if known else "–"
 
     columns: dict[str, tuple[Cell, str]] = {
@@ -345,11 +344,12 @@ def tests_section(conditions: Mapping[str, Runs], reference: str) -> Section:
 
 def _paired_tests(runs: Runs, reference: str) -> Table:
     """Compare the reference with every other policy on the same tasks."""
+    tested = [EPISODE_MEASURES[name] for name in TESTED]
     measured: dict[str, Mapping[str, Mapping[Key, float]]] = {
         "opened to 60°": _successes(runs),
-        **{measure.title: numbers(runs, measure) for measure in TESTED},
+        **{measure.column: numbers(runs, measure) for measure in tested},
     }
-    digits = {measure.title: measure.digits for measure in TESTED}
+    digits = {measure.column: measure.digits for measure in tested}
     cells: dict[str, list[str]] = {other: [] for other in runs if other != reference}
     for title, values in measured.items():
         pairs = {other: paired(values[reference], values[other]) for other in cells}

@@ -37,7 +37,6 @@ from gplfd_experiments.analysis.results.trials import (
 )
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.studies.trials.records import MEASURES
 from gplfd_policies.registry.catalogue import POLICIES
 
 LeftOut = LearningTestResult | RecordedResult
@@ -117,7 +116,7 @@ def force_by_radius(runs: Runs, reference: str) -> Figure:
         log_scale(axes, "y")
         dots = []
         for radius, here in _doors(runs[policy]):
-            forces = [force for force in map(measure.of, here) if force is not None]
+            forces = measure.values(here)
             dots += [(radius, force) for force in forces]
             if forces:
                 points.append((radius, statistics.median(forces)))
@@ -184,14 +183,13 @@ def prediction_scores(runs: Mapping[str, Sequence[LeftOut]]) -> Figure:
         for row, policy in enumerate(order):
             for kind in kinds:
                 own = (one for one in runs[policy] if _left_out(one) == kind)
-                values = [value for value in map(measure.of, own) if value is not None]
-                if values:
+                if values := measure.values(own):
                     height, tint = row + lifts[kind], tints[kind]
                     look = {"ms": 2.2, "color": tint, "alpha": 0.35, "mew": 0}
                     axes.plot(values, [height] * len(values), "o", **look)
                     middle = [float(np.median(values))]
                     axes.plot(middle, [height], "|", ms=8, mew=1.8, color=tint)
-        axes.set_xlabel(measure.title)
+        axes.set_xlabel(measure.column)
         axes.set_yticks(range(len(order)), labels=map(short, order), parse_math=False)
         axes.grid(axis="y", color=_GRID, linewidth=0.5)
         if name != "nlpd":
@@ -315,7 +313,7 @@ def deciding_numbers(
                 axes.axhspan(row - 0.5, row + 0.5, color=style.SEEN, zorder=0)
     if values and min(values) > 0.0 and max(values) > _WIDE * min(values):
         log_scale(panels[0], "x")
-    panels[-1].set_xlabel(MEASURES[measure][0])
+    panels[-1].set_xlabel(EPISODE_MEASURES[measure].title)
     kinds = {kind_of(policy) for own in levels.values() for policy in own}
     _legend(figure, (look for kind, look in _KINDS.items() if kind in kinds))
     return figure
@@ -325,14 +323,14 @@ def performance_profiles(
     arrays: Mapping[str, FloatArray], measure: str, reference: str
 ) -> Figure:
     """Draw the share of episodes at least as good as a value, from policies' scores."""
-    sign = -1.0 if MEASURES[measure][1] == "less" else 1.0
+    sign = EPISODE_MEASURES[measure].sign
     values = sign * np.concatenate([own.ravel() for own in arrays.values()])
     low, high = np.percentile(values[np.isfinite(values)], (0.0, 100.0))
     wide = low > 0.0 and high > _WIDE * low
     at = (np.geomspace if wide else np.linspace)(low, high, 61)
     # An episode at a threshold reaches it.
     thresholds = sign * at - 1e-9 * max(abs(low), abs(high))
-    title = MEASURES[measure][0]
+    title = EPISODE_MEASURES[measure].title
     figure, panels = _panels(arrays, reference, title, "share of episodes")
     for policy, (axes, tint, points) in panels.items():
         axes.set(ylim=(-0.05, 1.05), yticks=[0.0, 0.5, 1.0])
@@ -355,12 +353,13 @@ def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
                 label = f"{trial}: {contrast.idea} ({contrast.lacking})"
                 rows = groups.setdefault(contrast.measure, [])
                 rows.append((label, answer.shift, answer.verdict))
-    held = {measure: groups[measure] for measure in MEASURES if measure in groups}
+    held = {
+        measure: groups[measure] for measure in EPISODE_MEASURES if measure in groups
+    }
     figure, panels = _stacked([len(rows) for rows in held.values()], shared=False)
     for axes, (measure, rows) in zip(panels, held.items(), strict=True):
         # The most helpful idea first.
-        less = MEASURES[measure][1] == "less"
-        sign = -1.0 if less else 1.0
+        sign = EPISODE_MEASURES[measure].sign
         rows.sort(key=lambda row: sign * row[1].estimate, reverse=True)
         _name_rows(axes, [label for label, _, _ in rows])
         for place, (_, found, verdict) in enumerate(rows):
@@ -368,8 +367,8 @@ def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
         axes.axvline(0.0, color=style.MARK, linewidth=0.8, zorder=1)
         # Zero in the middle, and what is better to its right, in all panels.
         end = max(map(abs, axes.get_xlim()))
-        axes.set_xlim((end, -end) if less else (-end, end))
-        axes.set_xlabel(f"{MEASURES[measure][0]}: with − without")
+        axes.set_xlim(-sign * end, sign * end)
+        axes.set_xlabel(f"{EPISODE_MEASURES[measure].title}: with − without")
     panels[0].set_title("← worse with the idea", loc="left")
     panels[0].set_title("better with the idea →", loc="right")
     _legend(figure, _VERDICTS.values())

@@ -79,8 +79,8 @@ _FORCE_NOTE: Final = (
 _HONEST: Final = (0.90, 0.99)
 """Share of what was left out that 95 % intervals should hold; few recordings determine
 it to a few hundredths only."""
-_MISSED: Final = 2e-3
-"""Distance from which a via-point demanded to a millimetre is missed [m]."""
+_MISSED: Final = 2.0
+"""Distance from which a via-point demanded to a millimetre is missed [mm]."""
 _UNLIKE: Final = 3.5
 """A recording is unlike the others if its score is so many robust standard deviations
 above the median; Iglewicz and Hoaglin's limit."""
@@ -267,7 +267,7 @@ def advice(own: Results, policy: str) -> list[str]:
     """Say what of a method's numbers is bad, and what to try."""
     ran = [one for one in own if not one.error]
     texts: list[str] = []
-    shares = [value for one in ran if (value := one.number("coverage_95")) is not None]
+    shares = _MEASURES["coverage_95"].values(ran)
     held = statistics.fmean(shares) if shares else math.nan
     low, high = _HONEST
     if ran and not shares:
@@ -301,11 +301,11 @@ def advice(own: Results, policy: str) -> list[str]:
             if score - middle > _UNLIKE * spread
         ]
 
-    missed = median(one.number("via_error_position_m") for one in ran)
+    missed = _MEASURES["via_error_position_m"].median(ran)
     if missed is not None and missed > _MISSED:
         texts.append(
             f"{code(policy)} passes a via-point demanded to a millimetre by "
-            f"{1e3 * missed:.1f} mm: the recordings leave it no freedom there. Record "
+            f"{missed:.1f} mm: the recordings leave it no freedom there. Record "
             "the task in more of the ways in which it can be done."
         )
     return texts or [

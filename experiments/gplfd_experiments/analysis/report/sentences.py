@@ -103,7 +103,7 @@ def value_sentence(
     rivals = _rivals(numbers, policy, rival) if own else []
     if not rivals:
         return ""
-    title = measure.phrase[0].upper() + measure.phrase[1:]
+    title = measure.name[0].upper() + measure.name[1:]
     middle = f"median {measure.text(median(own.values()), unit=True)}"
     return f"**{title}:** {_standing(policy, middle, rivals)}"
 

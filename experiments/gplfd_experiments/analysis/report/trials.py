@@ -18,6 +18,7 @@ from gplfd_experiments.analysis.report.plots import (
 from gplfd_experiments.analysis.report.recordings import link_trial
 from gplfd_experiments.analysis.results.aggregates import probability_of_improvement
 from gplfd_experiments.analysis.results.measures import (
+    EPISODE_MEASURES,
     Runs,
     interval_text,
     number_text,
@@ -27,7 +28,6 @@ from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResul
 from gplfd_experiments.analysis.results.statistics import Rate, success_rate
 from gplfd_experiments.analysis.results.trials import (
     RADIAL,
-    SHARES,
     Answer,
     ByLevel,
     answered,
@@ -43,7 +43,7 @@ from gplfd_experiments.analysis.results.trials import (
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.table import Table
 from gplfd_experiments.studies.trials.protocol import SEEDS, TRIALS, VERSION
-from gplfd_experiments.studies.trials.records import MEASURES, Side, Trial
+from gplfd_experiments.studies.trials.records import Side, Trial
 from gplfd_experiments.studies.trials.tiers import TIERS
 from gplfd_policies.registry.catalogue import POLICIES
 
@@ -106,7 +106,7 @@ def _say_ideas(section: Section, answers: Mapping[str, Sequence[Answer]]) -> Non
         (
             answer.contrast.idea,
             trial,
-            MEASURES[answer.contrast.measure][0],
+            EPISODE_MEASURES[answer.contrast.measure].title,
             f"{answer.contrast.having} : {answer.contrast.lacking}",
             *_found(answer),
         )
@@ -179,21 +179,23 @@ def _trial_section(
     """Return a trial's question, its numbers in a table and a plot, its contrasts."""
     trial = TRIALS[name]
     levels = ordered(trial, policies)
-    title, better = MEASURES[trial.measures[0]]
+    deciding = EPISODE_MEASURES[trial.measures[0]]
+    title = deciding.title
     section = Section(f"Trial: {name}", f"trial-{name}")
     section.say(f"{trial.question} Tests: {', '.join(trial.claims)}.")
     section.table(trial_table(trial, levels))
     section.picture(
         f"trial_{name}",
         partial(deciding_numbers, levels, trial.measures[0], reference),
-        f"**{title[0].upper()}{title[1:]}** decides this trial ({better} is better). "
-        "Order as in the table. A pale dot per seed, larger where several are equal; a "
-        "mark at the share or the typical value, a line through its 95 % interval (for "
-        "values that are not shares, from six seeds "
+        f"**{title[0].upper()}{title[1:]}** decides this trial ({deciding.better} is "
+        "better). Order as in the table. A pale dot per seed, larger where several are "
+        "equal; a mark at the share or the typical value, a line through its 95 % "
+        "interval (for values that are not shares, from six seeds "
         f"on). Bold: {code(reference)}.",
         f"{title}, a row per policy",
     )
     measure = graded(trial)
+    by = EPISODE_MEASURES[measure].title
     arrays = scores(
         (o for levels in policies.values() for own in levels.values() for o in own),
         measure,
@@ -207,7 +209,7 @@ def _trial_section(
             "**Performance profiles:** share of the episodes that reach a value or a "
             "better one, with 95 % bands; failures reach none. Pale: "
             f"{code(reference)}.",
-            f"Share of episodes over {MEASURES[measure][0]}, a panel per policy",
+            f"Share of episodes over {by}, a panel per policy",
         )
     texts = []
     for answer in answers:
@@ -216,7 +218,7 @@ def _trial_section(
         doors = [f" {number} {name}" for name, number in counts.items()]
         texts.append(
             f"{contrast.idea}: {code(contrast.having)} against "
-            f"{code(contrast.lacking)}, {MEASURES[contrast.measure][0]} "
+            f"{code(contrast.lacking)}, {EPISODE_MEASURES[contrast.measure].title} "
             f"{difference}: {result}." + (f" Doors:{','.join(doors)}." if doors else "")
         )
     section.items(texts)
@@ -240,8 +242,8 @@ def ordered(trial: Trial, policies: ByLevel) -> dict[str, Runs]:
         for measure in trial.measures:
             found = summary(episodes, measure)
             value = math.nan if found is None else found.estimate
-            sign = 1.0 if MEASURES[measure][1] == "less" else -1.0
-            ranks.append(math.inf if math.isnan(value) else sign * value)
+            sign = EPISODE_MEASURES[measure].sign
+            ranks.append(math.inf if math.isnan(value) else -sign * value)
         return ranks
 
     found: dict[str, Runs] = {}
@@ -278,7 +280,7 @@ def trial_table(trial: Trial, levels: Mapping[str, Runs]) -> Table:
                     cells.append(shift_cell(found, digits) if found else "no value")
             rows.append((name, *cells))
     return Table(
-        columns=("policy", *(MEASURES[name][0] for name in trial.measures)),
+        columns=("policy", *(EPISODE_MEASURES[name].title for name in trial.measures)),
         rows=tuple(rows),
         note="Ordered by the first measure; policies that opened no door come last. "
         "Shares: of episodes, with clustered Wilson "
@@ -291,13 +293,13 @@ def aggregate_table(
 ) -> Table:
     """Return interquartile means and probabilities of improvement, the best first."""
     means = {policy: middle(own, measure) for policy, own in arrays.items()}
-    sign = 1.0 if MEASURES[measure][1] == "less" else -1.0
+    sign = EPISODE_MEASURES[measure].sign
     rows = []
-    for policy in sorted(means, key=lambda one: (sign * means[one].estimate, one)):
+    for policy in sorted(means, key=lambda one: (-sign * means[one].estimate, one)):
         both = arrays.get(reference, arrays[policy]), arrays[policy]
         better = shift_cell(probability_of_improvement(*both), 2)
         rows.append((code(policy), shift_cell(means[policy], _digits(measure)), better))
-    head = f"{MEASURES[measure][0]}, interquartile mean"
+    head = f"{EPISODE_MEASURES[measure].title}, interquartile mean"
     return Table(
         columns=("policy", head, f"P({reference} better)"),
         rows=tuple(rows),
@@ -358,4 +360,5 @@ def _found(answer: Answer) -> tuple[str, str]:
 
 
 def _digits(measure: str) -> int:
-    return 2 if measure in SHARES or measure == "release_speed" else 1
+    one = EPISODE_MEASURES[measure]
+    return 1 if one.unit == "s" else one.digits

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
-from typing import Final, TypeVar
+from typing import Final, Literal, TypeVar
 
 from gplfd_env.doors.randomization import RANDOMIZATIONS
 from gplfd_experiments.analysis.results.reading import (
@@ -26,17 +26,38 @@ ADA Standards for Accessible Design [N]."""
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A number of a result, converted from a metric; less is better."""
+    """A number of a result, converted from a metric."""
 
     metric: str
-    title: str
-    """Head of a column, with the unit in brackets at the end."""
-    phrase: str = ""
-    """Name in a sentence, of a measure that gets one."""
+    short: str
+    """Name above a column."""
+    unit: str = ""
+    name: str = ""
+    """Name in a sentence and beside an axis, of a measure that gets one."""
     digits: int = 2
     convert: Callable[[float], float] = float
     if_opened: bool = False
     """Whether only opened doors have it: a policy that lets go feels no force."""
+    share: bool = False
+    """Whether it is a share of episodes."""
+    better: Literal["less", "more"] = "less"
+
+    @property
+    def column(self) -> str:
+        """Head of a column, with the unit in brackets at the end."""
+        return f"{self.short} [{self.unit}]" if self.unit else self.short
+
+    @property
+    def title(self) -> str:
+        """The name, with the unit in brackets, or that it is a share, at the end."""
+        if self.share:
+            return f"{self.name}, share"
+        return f"{self.name} [{self.unit}]"
+
+    @property
+    def sign(self) -> float:
+        """Factor after which more is better: 1, or −1 where less is."""
+        return 1.0 if self.better == "more" else -1.0
 
     def of(self, result: TaskResult) -> float | None:
         """Return the number; None where there is none."""
@@ -45,19 +66,22 @@ class Measure:
             return None
         return None if value is None else self.convert(value)
 
+    def values(self, results: Iterable[TaskResult]) -> list[float]:
+        """Return the numbers of the results that have it."""
+        return [value for value in map(self.of, results) if value is not None]
+
     def median(self, results: Iterable[TaskResult]) -> float | None:
         """Return the median of the results that have it; None if none has."""
-        return median(map(self.of, results))
+        return median(self.values(results))
 
     def text(self, value: float | None, *, unit: bool = False, finer: int = 0) -> str:
         """Write a value, or a dash; with its unit, and more decimals than usual."""
         if value is None:
             return "–"
         number = number_text(value, self.digits + finer)
-        if not unit or not self.title.endswith("]"):
+        if not unit or not self.unit:
             return number
-        name = self.title.rpartition("[")[2][:-1]
-        return f"{number}{name}" if name == "°" else f"{number} {name}"
+        return f"{number}{self.unit}" if self.unit == "°" else f"{number} {self.unit}"
 
 
 def number_text(value: float, digits: int, *, signed: bool = False) -> str:
@@ -66,6 +90,17 @@ def number_text(value: float, digits: int, *, signed: bool = False) -> str:
     rounded = round(value, digits) + 0.0
     plus = "+" if signed and rounded != 0.0 else ""
     return f"{rounded:{plus}.{digits}f}".replace("-", "−")
+
+
+def median(values: Iterable[float | None]) -> float | None:
+    """Return the median of what is there; None for nothing."""
+    known = [value for value in values if value is not None]
+    return statistics.median(known) if known else None
+
+
+def _by_metric(*measures: Measure) -> Mapping[str, Measure]:
+    """Return measures by the names of their metrics."""
+    return {measure.metric: measure for measure in measures}
 
 
 def interval_text(found: Shift, digits: int) -> str:
@@ -83,76 +118,77 @@ def shift_cell(found: Shift, digits: int) -> str:
     return text.strip()
 
 
-def median(values: Iterable[float | None]) -> float | None:
-    """Return the median of what is there; None for nothing."""
-    known = [value for value in values if value is not None]
-    return statistics.median(known) if known else None
-
-
 def _thousandfold(value: float) -> float:
     return 1e3 * value
 
 
-def _by_metric(*measures: Measure) -> Mapping[str, Measure]:
-    return {measure.metric: measure for measure in measures}
-
-
+_newtons = partial(Measure, unit="N", digits=1)
+_millimetres = partial(Measure, unit="mm", digits=1, convert=_thousandfold)
+_milliseconds = partial(Measure, unit="ms", convert=_thousandfold)
+_degrees = partial(Measure, unit="°", convert=math.degrees)
 _of_opened = partial(Measure, digits=1, if_opened=True)
-_short = partial(Measure, digits=1)
-_millimetres = partial(Measure, digits=1, convert=_thousandfold)
-
-PREDICTION_ERROR: Final = _short(
-    "prediction_error_position",
-    "√E[ε²] [mm]",
-    "prediction error √E[ε²]",
-    convert=lambda square_metres: 1e3 * math.sqrt(square_metres),
-)
+_share = partial(Measure, share=True, better="more")
 
 WALL_TIME: Final = "latency_wall_median_ms"
 """Metric of the wall time of a decision; results of earlier versions lack it."""
 
 EPISODE_MEASURES: Final = _by_metric(
-    _of_opened("force_radial_peak", "radial peak [N]", "peak radial force"),
-    _of_opened("force_radial_p95", "radial p95 [N]"),
-    _of_opened("force_tangential_peak", "tangential peak [N]", "peak tangential force"),
-    _of_opened("force_tangential_p95", "tangential p95 [N]"),
-    Measure("time_to_60_deg", "to 60° [s]", "time to 60°"),
-    Measure("time_to_30_deg", "to 30° [s]"),
-    _of_opened("slip_max_mm", "slip [mm]", "slip in the hand"),
-    _of_opened("work", "work [J]", digits=2),
-    PREDICTION_ERROR,
-    Measure("stability_margin_translation", "stability margin [N/(m·s)]", digits=0),
-    Measure(
-        "latency_median_ms", "CPU time per decision [ms]", "CPU time of a decision"
+    _share("success", "opened", name="doors opened and held"),
+    Measure("final_angle_deg", "angle", "°", "final angle", digits=1, better="more"),
+    _of_opened("force_radial_peak", "radial peak", "N", "peak radial force"),
+    _of_opened("force_radial_p95", "radial p95", "N"),
+    _of_opened(
+        "force_tangential_peak", "tangential peak", "N", "peak tangential force"
     ),
-    Measure(WALL_TIME, "wall time per decision [ms]"),
-    _of_opened("force_handle_peak", "handle peak [N]"),
-    _of_opened("door_acceleration_peak", "door |φ̈| [rad/s²]"),
-    _short("person_force_peak", "on a person [N]"),
-    _short("person_force_sustained", "for 0.5 s [N]"),
-    _short("stop_force_peak", "on a stop [N]"),
-    _short("stop_force_sustained", "for 0.5 s [N]"),
-    _short("push_displacement_mm", "moved by a push [mm]"),
-    Measure("release_speed", "after release [rad/s]"),
-    Measure("recovery_time", "to recover [s]"),
+    _of_opened("force_tangential_p95", "tangential p95", "N"),
+    _of_opened("force_handle_peak", "handle peak", "N", "peak force at the handle"),
+    _share("grasp_kept", "grasps kept", name="grasps kept"),
+    _newtons("person_force_peak", "on a person", name="peak force on the person"),
+    _newtons(
+        "person_force_sustained", "for 0.5 s", name="force on the person for 0.5 s"
+    ),
+    Measure("person_energy", "on a person", "J", "work on the person", digits=1),
+    _newtons("stop_force_peak", "on a stop"),
+    _newtons("stop_force_sustained", "for 0.5 s", name="force on the stop for 0.5 s"),
+    Measure(
+        "push_displacement_mm", "moved by a push", "mm", "displacement by the push", 1
+    ),
+    Measure("release_speed", "after release", "rad/s", "speed after release"),
+    Measure("recovery_time", "to recover", "s", "time to recover"),
+    Measure("time_to_60_deg", "to 60°", "s", "time to 60°"),
+    Measure("time_to_30_deg", "to 30°", "s"),
+    _of_opened("slip_max_mm", "slip", "mm", "slip in the hand"),
+    _of_opened("work", "work", "J", digits=2),
+    _millimetres(
+        "prediction_error_position",
+        "√E[ε²]",
+        name="prediction error √E[ε²]",
+        convert=lambda square_metres: 1e3 * math.sqrt(square_metres),
+    ),
+    Measure("stability_margin_translation", "stability margin", "N/(m·s)", digits=0),
+    Measure("governed_share", "governed", "%", digits=1, convert=lambda x: 100.0 * x),
+    _of_opened("door_acceleration_peak", "door |φ̈|", "rad/s²"),
+    Measure("radius", "radius", "m"),
+    Measure(
+        "latency_median_ms", "CPU time per decision", "ms", "CPU time of a decision"
+    ),
+    Measure(WALL_TIME, "wall time per decision", "ms"),
+    Measure("latency_wall_p95_ms", "wall time\nper decision\np95", "ms"),
 )
+"""Measures of episodes by metric; ``grasp_kept`` follows from how an episode failed.
+Trials are decided by them, too, and their plot of all contrasts has this order."""
 
 LEARNING_MEASURES: Final = _by_metric(
-    _millimetres("rmse_position_m", "position [mm]", "error of the predicted position"),
-    Measure(
-        "rmse_rotation_rad",
-        "rotation [°]",
-        "error of the predicted rotation",
-        convert=math.degrees,
-    ),
-    Measure("nlpd", "NLPD", "negative log predictive density"),
+    _millimetres("rmse_position_m", "position", name="error of the predicted position"),
+    _degrees("rmse_rotation_rad", "rotation", name="error of the predicted rotation"),
+    Measure("nlpd", "NLPD", name="negative log predictive density"),
     *(Measure(f"coverage_{level}", f"inside {level} %") for level in (50, 90, 95)),
-    Measure("via_error_position_m", "via-point [mm]", convert=_thousandfold),
-    Measure("via_far_change", "far change [σ]"),
+    _millimetres("via_error_position_m", "via-point", digits=2),
+    Measure("via_far_change", "far change", "σ"),
     Measure("log_dimensionless_jerk", "−log jerk", convert=lambda value: -value),
-    Measure("cpu_fit_s", "fit [s]"),
-    Measure("cpu_predict_s", "predict [ms]", convert=_thousandfold),
-    Measure("cpu_adapt_s", "adapt [ms]", convert=_thousandfold),
+    Measure("cpu_fit_s", "fit", "s"),
+    _milliseconds("cpu_predict_s", "predict"),
+    _milliseconds("cpu_adapt_s", "adapt"),
 )
 
 RECORDED_MEASURES: Final = _by_metric(
@@ -166,18 +202,15 @@ RECORDED_MEASURES: Final = _by_metric(
             ),
         )
         for measure in (
-            _millimetres(
-                f"{name}_position_m", f"{after} [mm]", f"error of the rest {rest}"
+            _millimetres(f"{name}_position_m", after, name=f"error of the rest {rest}"),
+            _degrees(f"{name}_rotation_rad", after),
+            Measure(
+                f"{name}_nlpd", f"NLPD {after}", name=f"likelihood of the rest {rest}"
             ),
-            Measure(f"{name}_rotation_rad", f"{after} [°]", convert=math.degrees),
-            Measure(f"{name}_nlpd", f"NLPD {after}", f"likelihood of the rest {rest}"),
             Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
         )
     ),
-    *(
-        _millimetres(f"online_{n}_path_m", f"path, online {n} % [mm]")
-        for n in (10, 25, 50)
-    ),
+    *(_millimetres(f"online_{n}_path_m", f"path, online {n} %") for n in (10, 25, 50)),
 )
 
 FORCE_MEASURES: Final = _by_metric(
@@ -188,7 +221,7 @@ FORCE_MEASURES: Final = _by_metric(
             *((f"forecast_{n}_force", f"after {n} %") for n in (10, 25, 50)),
         )
         for measure in (
-            Measure(f"{name}_error_n", f"{after} [N]", f"error of the {after}"),
+            Measure(f"{name}_error_n", after, "N", f"error of the {after}"),
             Measure(f"{name}_nlpd", f"NLPD {after}"),
             Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
         )
@@ -196,14 +229,16 @@ FORCE_MEASURES: Final = _by_metric(
 )
 """Measures of learning tests on demonstrations with forces."""
 
-HEADLINES: Final = tuple(one for one in EPISODE_MEASURES.values() if one.phrase)
+HEADLINES: Final = (
+    *("force_radial_peak", "force_tangential_peak", "time_to_60_deg"),
+    *("slip_max_mm", "prediction_error_position", "latency_median_ms"),
+)
 """Episode measures that get a sentence, in their order."""
 LEARNING_HEADLINES: Final = ("nlpd", "rmse_position_m", "rmse_rotation_rad")
 """Measures of learning tests that get a sentence."""
 TESTED: Final = (
-    *(EPISODE_MEASURES[f"force_{each}"] for each in ("radial_peak", "radial_p95")),
-    *(EPISODE_MEASURES[f"force_tangential_{each}"] for each in ("peak", "p95")),
-    EPISODE_MEASURES["time_to_60_deg"],
+    *("force_radial_peak", "force_radial_p95", "force_tangential_peak"),
+    *("force_tangential_p95", "time_to_60_deg"),
 )
 """Episode measures that get a paired test."""
 

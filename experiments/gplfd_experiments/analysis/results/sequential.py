@@ -24,6 +24,7 @@ from gplfd_experiments.files.arrays import FloatArray
 
 LEVEL: Final = 0.05
 """Largest probability of separating equal policies, over all looks together."""
+_POWER: Final = 0.8
 _BETS, _WEIGHTS = np.polynomial.legendre.leggauss(100)
 """λ, and twice its share: a mixture for any number of seeds, and exact up to 199."""
 
@@ -87,10 +88,8 @@ def compare(
     )
 
 
-def seeds_needed(
-    first: float, second: float, *, power: float = 0.8, limit: int = 1000
-) -> int | None:
-    """Return how many seeds separate two success rates with a probability, the power.
+def seeds_needed(first: float, second: float, *, limit: int = 1000) -> int | None:
+    """Return how many seeds separate two success rates with a probability of 0.8.
 
     Exact for one door per seed and independent outcomes of the policies; where seeds
     are difficult for both, or have several doors, fewer suffice. None: over the limit.
@@ -111,5 +110,5 @@ def seeds_needed(
         separated[pairs] = separated[pairs - 1] + right
         alive[stopped] = 0.0
     counts = np.arange(limit + 1)
-    reached = binom.pmf(counts, counts[:, None], ahead + behind) @ separated >= power
+    reached = binom.pmf(counts, counts[:, None], ahead + behind) @ separated >= _POWER
     return int(np.argmax(reached)) if np.any(reached) else None

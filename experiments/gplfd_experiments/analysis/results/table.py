@@ -3,12 +3,12 @@
 import csv
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 from gplfd_experiments.analysis.results.measures import (
     EPISODE_MEASURES,
-    PREDICTION_ERROR,
     WALL_TIME,
     Measure,
     by_door_kind,
@@ -37,24 +37,24 @@ from gplfd_experiments.studies.store import result_path
 from gplfd_policies.arrays.storage import complete_or_absent
 
 _OF_SOLVED: Final = (
-    Measure("time_to_60_deg", "to 60° [s]", digits=1),
-    Measure("force_radial_peak", "radial force [N]", digits=1),
-    Measure("force_tangential_peak", "tangential [N]", digits=1),
-    Measure("slip_max_mm", "slip [mm]", digits=1),
+    replace(EPISODE_MEASURES["time_to_60_deg"], digits=1),
+    replace(EPISODE_MEASURES["force_radial_peak"], short="radial force"),
+    replace(EPISODE_MEASURES["force_tangential_peak"], short="tangential"),
+    EPISODE_MEASURES["slip_max_mm"],
 )
 _OF_ALL: Final = (
-    PREDICTION_ERROR,
-    Measure("governed_share", "governed [%]", digits=1, convert=lambda x: 100.0 * x),
+    EPISODE_MEASURES["prediction_error_position"],
+    EPISODE_MEASURES["governed_share"],
     EPISODE_MEASURES["latency_median_ms"],
     EPISODE_MEASURES[WALL_TIME],
 )
 _OF_RUN: Final = (
-    Measure("radius", "radius [m]"),
-    Measure("final_angle_deg", "angle [°]", digits=1),
-    Measure("time_to_30_deg", "to 30° [s]", digits=1),
+    EPISODE_MEASURES["radius"],
+    EPISODE_MEASURES["final_angle_deg"],
+    replace(EPISODE_MEASURES["time_to_30_deg"], digits=1),
     *_OF_SOLVED,
-    PREDICTION_ERROR,
-    Measure("latency_wall_p95_ms", "wall time\nper decision\np95 [ms]"),
+    EPISODE_MEASURES["prediction_error_position"],
+    EPISODE_MEASURES["latency_wall_p95_ms"],
 )
 
 
@@ -124,7 +124,7 @@ def study_table(episodes: Sequence[EpisodeResult]) -> Table:
     columns = (
         *("policy", "door", "opened", "95 %"),
         *(["errors"] if errors else []),
-        *(one.title for one in (*_OF_SOLVED, *_OF_ALL)),
+        *(one.column for one in (*_OF_SOLVED, *_OF_ALL)),
         *(["not opened because"] if closed else []),
     )
     kinds = by_door_kind(episodes)
@@ -153,7 +153,7 @@ def run_table(metrics: Iterable[EpisodeMetrics | FailedEpisode]) -> Table:
         value = getattr(one, measure.metric, None)
         return measure.text(None if value is None else measure.convert(value))
 
-    heads = (measure.title.replace(" [", "\n[") for measure in _OF_RUN)
+    heads = (measure.column.replace(" [", "\n[") for measure in _OF_RUN)
     rows = (
         (
             one.door,

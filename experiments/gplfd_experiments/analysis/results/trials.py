@@ -12,7 +12,12 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from gplfd_experiments.analysis.results.aggregates import interquartile_mean
-from gplfd_experiments.analysis.results.measures import Runs, by_policy, grouped
+from gplfd_experiments.analysis.results.measures import (
+    EPISODE_MEASURES,
+    Runs,
+    by_policy,
+    grouped,
+)
 from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
 from gplfd_experiments.analysis.results.statistics import (
     Key,
@@ -27,22 +32,14 @@ from gplfd_experiments.analysis.results.statistics import (
 from gplfd_experiments.episodes.build import demonstrations_hash
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_experiments.studies.result_format import POLICY_ERROR
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
-from gplfd_experiments.studies.trials.records import (
-    MEASURES,
-    Contrast,
-    Side,
-    Trial,
-    value_of,
-)
+from gplfd_experiments.studies.trials.records import Contrast, Side, Trial
 from gplfd_experiments.studies.trials.tiers import TIERS
 
 FILE: Final = "trials.json"
 """Name of the file of `trial_answers` in the folder of a report."""
-
-SHARES: Final = frozenset({"success", "grasp_kept"})
-"""Measures that are shares of episodes."""
 
 Verdict = Literal["shows", "harms", "open"]
 """Better with an idea, worse with it, or no significant difference."""
@@ -72,7 +69,7 @@ class Answer:
         """Whether the interval of the difference excludes zero, and on which side."""
         if self.shift is None or self.shift.low <= 0.0 <= self.shift.high:
             return "open"
-        less_is_better = MEASURES[self.contrast.measure][1] == "less"
+        less_is_better = EPISODE_MEASURES[self.contrast.measure].better == "less"
         return "shows" if (self.shift.high < 0.0) == less_is_better else "harms"
 
 
@@ -96,7 +93,8 @@ def answered(contrast: Contrast, episodes: ByLevel) -> Answer:
     pairs = contrast_pairs(contrast, episodes)
     if not pairs.seeds:
         return Answer(contrast=contrast, shift=None)
-    estimate = mean_shift if contrast.measure in SHARES else shift
+    share = EPISODE_MEASURES[contrast.measure].share
+    estimate = mean_shift if share else shift
     return Answer(contrast=contrast, shift=estimate(*pairs.per_seed()))
 
 
@@ -137,7 +135,7 @@ def changes(contrast: Contrast, episodes: ByLevel) -> dict[str, int]:
 
 def summary(episodes: Sequence[EpisodeResult], measure: str) -> Rate | Shift | None:
     """Return a rate, or the typical value of a seed with its 95 % interval."""
-    if measure in SHARES:
+    if EPISODE_MEASURES[measure].share:
         outcomes = _by_seed(episodes, measure).items()
         rate = success_rate((seed, bool(one)) for seed, own in outcomes for one in own)
         return rate if rate.trials else None
@@ -160,23 +158,34 @@ def _by_seed(episodes: Sequence[EpisodeResult], measure: str) -> dict[int, list[
 
 
 def _value(one: EpisodeResult, measure: str) -> float | None:
-    return value_of(one.metrics, measure) if one.counts else None
+    """Return a measure of an episode that counts; None where it has none.
+
+    A policy that raised an error did not keep the grasp.
+    """
+    if not one.counts:
+        return None
+    if measure == "grasp_kept":
+        return float(one.metrics["failure"] not in ("grasp_lost", POLICY_ERROR))
+    value = one.number(measure)
+    return None if value is None else float(value)
 
 
 def share_of(trial: Trial) -> str:
     """Return the measure that says whether an episode of a trial succeeded."""
-    return next((one for one in trial.measures if one in SHARES), "success")
+    shares = (one for one in trial.measures if EPISODE_MEASURES[one].share)
+    return next(shares, "success")
 
 
 def graded(trial: Trial) -> str:
     """Return the measure, not a share, by which a trial is decided."""
     measures = (*(one.measure for one in trial.contrasts), *trial.measures)
-    return next((one for one in measures if one not in SHARES), trial.measures[0])
+    graded = (one for one in measures if not EPISODE_MEASURES[one].share)
+    return next(graded, trial.measures[0])
 
 
 def succeeded(one: EpisodeResult) -> bool:
     """Return whether an episode of a trial succeeded, as the trial counts it."""
-    return bool(value_of(one.metrics, share_of(TRIALS[one.task.trial])))
+    return bool(_value(one, share_of(TRIALS[one.task.trial])))
 
 
 def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatArray]:
@@ -186,13 +195,13 @@ def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatAr
     as worse than every number: doing nothing would be best. Levels with a prior mean,
     which not all policies accept, are left out.
     """
-    less = MEASURES[measure][1] == "less"
+    less = EPISODE_MEASURES[measure].better == "less"
     own = [one for one in episodes if one.counts and one.task.prior_radius is None]
     places = [(one.task.trial, one.task.level, one.task.door) for one in own]
     seeds, strata = sorted({one.task.seed for one in own}), sorted(set(places))
     found: dict[str, FloatArray] = {}
     for one, place in zip(own, places, strict=True):
-        value = value_of(one.metrics, measure)
+        value = _value(one, measure)
         if value is None or (less and not succeeded(one)):
             value = math.inf if less else -math.inf
         empty = np.full((len(seeds), len(strata)), math.nan)
@@ -204,7 +213,7 @@ def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatAr
 def middle(array: FloatArray, measure: str) -> Shift:
     """Return the interquartile mean of scores, in the unit of the measure."""
     found = interquartile_mean(array)
-    if MEASURES[measure][1] == "more":
+    if EPISODE_MEASURES[measure].better == "more":
         return found
     ends = {"low": -found.high, "high": -found.low}
     return Shift(estimate=-found.estimate, **ends, n=found.n)

@@ -203,7 +203,7 @@ class View:
             return open_recording(recording_of(self.file))
         with postponed_interruption():
             from gplfd_experiments.console.arguments import check_circumstances
-            from gplfd_experiments.recording.live import watch
+            from gplfd_experiments.workflows.live import watch
 
         if self.file is not None:
             raise ValueError(f"--live runs an episode; it does not go with {self.file}")

@@ -389,7 +389,7 @@ class Figures:
     def execute(self) -> int:
         """Draw the figures and print where they are."""
         with postponed_interruption():
-            from gplfd_experiments.analysis.figures.drawing import draw_figures
+            from gplfd_experiments.workflows.figures import draw_figures
 
         number = draw_figures(
             self.out, self.only, seed=self.seed, options=recorded(self)

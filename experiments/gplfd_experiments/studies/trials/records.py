@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 from gplfd_env.conventions.constants import Start
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
-from gplfd_experiments.studies.result_format import POLICY_ERROR
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -89,33 +88,3 @@ class Trial:
     def own(self) -> tuple[str, ...]:
         """Policies that take part here, besides those of every trial."""
         return (*(one.lacking.policy for one in self.contrasts), *self.also)
-
-
-Better = Literal["less", "more"]
-
-MEASURES: Mapping[str, tuple[str, Better]] = {
-    "success": ("doors opened and held, share", "more"),
-    "final_angle_deg": ("final angle [°]", "more"),
-    "force_radial_peak": ("peak radial force [N]", "less"),
-    "force_handle_peak": ("peak force at the handle [N]", "less"),
-    "grasp_kept": ("grasps kept, share", "more"),
-    "person_force_peak": ("peak force on the person [N]", "less"),
-    "person_force_sustained": ("force on the person for 0.5 s [N]", "less"),
-    "person_energy": ("work on the person [J]", "less"),
-    "stop_force_sustained": ("force on the stop for 0.5 s [N]", "less"),
-    "push_displacement_mm": ("displacement by the push [mm]", "less"),
-    "release_speed": ("speed after release [rad/s]", "less"),
-    "recovery_time": ("time to recover [s]", "less"),
-}
-"""Title of each measure of a trial, and which direction is better."""
-
-
-def value_of(metrics: Mapping[str, Any], measure: str) -> float | None:
-    """Return a measure of an episode as a number; None where it has none.
-
-    A policy that raised an error did not keep the grasp.
-    """
-    if measure == "grasp_kept":
-        return float(metrics["failure"] not in ("grasp_lost", POLICY_ERROR))
-    value = metrics.get(measure)
-    return None if value is None else float(value)

@@ -1,0 +1,117 @@
+"""The paper's figures from this project's own runs, which are made or read again."""
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import gplfd_env
+import gplfd_policies
+from gplfd_env.doors.config import DoorConfig
+from gplfd_experiments import episodes
+from gplfd_experiments.analysis.figures.drawing import FIGURES, draw_figure
+from gplfd_experiments.analysis.figures.material import POLICY, Material
+from gplfd_experiments.console.arguments import check_folder, check_least
+from gplfd_experiments.console.progress import progress_bar
+from gplfd_experiments.data import teacher
+from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, standard_teacher
+from gplfd_experiments.episodes.build import (
+    demonstrations_of,
+    learned_agents,
+    make_environment,
+)
+from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.rollout import rollout
+from gplfd_experiments.episodes.task import episode_task, named_doors
+from gplfd_experiments.files.plain_data import write_json
+from gplfd_experiments.files.provenance import provenance, versions
+from gplfd_policies.agents.agent import Agent
+from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
+from gplfd_policies.registry.catalogue import policy_named
+
+DEMONSTRATIONS_PER_DOOR: Final = 2
+"""As in the paper, Section IV-A."""
+
+
+def draw_figures(
+    folder: Path, only: Sequence[str], *, seed: int, options: Mapping[str, Any]
+) -> int:
+    """Make or read the runs of some figures, or of all, draw them and count them.
+
+    The seed is that of teacher, policy, environment and synthetic sets; the options of
+    the command are kept for the record.
+    """
+    if unknown := sorted(set(only) - set(FIGURES)):
+        raise ValueError(
+            f"there is no figure {unknown[0]!r}; figures: {', '.join(FIGURES)}"
+        )
+    check_least("--seed", seed, 0)
+    check_folder(folder)
+    write_json(folder / "figures.json", provenance(options))
+    chosen = [name for name in FIGURES if not only or name in only]
+    doors = [door for name in chosen for door in FIGURES[name].DOORS]
+    given = material(folder / "logs", doors, seed=seed)
+    bar = progress_bar(chosen, desc="figures", unit="figure")
+    for name in bar:
+        bar.set_postfix_str(name)
+        draw_figure(name, given, folder)
+    return len(chosen)
+
+
+def material(folder: Path, doors: Iterable[str], *, seed: int) -> Material:
+    """Return demonstrations and an episode per door, kept in a folder per setting."""
+    task = partial(
+        episode_task,
+        policy=POLICY,
+        seed=seed,
+        demonstrations_per_door=DEMONSTRATIONS_PER_DOOR,
+    )
+    wanted = list(dict.fromkeys(doors))
+    configs = named_doors(wanted) if wanted else {}
+    # Everything that a run depends on, beside the door.
+    settings = {
+        "policy": POLICY,
+        "seed": seed,
+        "radii": list(DEMONSTRATED_RADII),
+        "demonstrations_per_door": DEMONSTRATIONS_PER_DOOR,
+        "teacher": standard_teacher(),
+        "versions": dict(versions()),
+        "source": source_digest(),
+    }
+    text = json.dumps(settings, sort_keys=True)
+    digest = hashlib.sha256(text.encode()).hexdigest()[:12]
+    kept = folder / f"seed{seed}-{digest}"
+    path = kept / "demonstrations.npz"
+    if not path.is_file():
+        given = demonstrations_of(task("medium", DoorConfig()))
+        write_json(kept / "settings.json", settings)
+        save_demonstrations(path, given.demonstrations, given.radii)
+    demonstrations = load_demonstrations(path)
+    logs = {}
+    learned: Callable[[], Agent] | None = None
+    for door, config in progress_bar(configs.items(), desc="episodes", unit="door"):
+        path = kept / f"{POLICY}-{door}.npz"
+        if path.is_file():
+            logs[door] = EpisodeLog.load(path)
+            continue
+        one = task(door, config)
+        if learned is None:
+            learned = learned_agents(one, policy_named(POLICY), demonstrations)
+        agent = learned()
+        with contextlib.closing(make_environment(one, agent.control)) as env:
+            log = rollout(env, agent, policy=POLICY, door=door, seed=one.reset_seed)
+        log.save(path)
+        logs[door] = log
+    return Material(seed=seed, demonstrations=demonstrations, episodes=logs)
+
+
+def source_digest() -> str:
+    """Hash of the code that acts in a run: a changed policy makes old runs stale."""
+    digest = hashlib.sha256()
+    for package in (gplfd_env, gplfd_policies, teacher, episodes):
+        for file in sorted(Path(package.__path__[0]).rglob("*.py")):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
