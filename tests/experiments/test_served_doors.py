@@ -75,6 +75,10 @@ def test_a_door_opened_through_a_socket_is_that_of_one_process(tmp_path, started
     observation = {"time": np.zeros(1), "ee_pose": np.zeros(6)}
     with pytest.raises(RefusedError, match="field: wrench is missing"):
         remote.act(observation)
+    # A line of the journal is written after the reply.
+    patience = time.monotonic() + 30.0
+    while '"field"' not in journal.read_text() and time.monotonic() < patience:
+        time.sleep(0.01)
     server.kill()
     server.wait()
     with pytest.raises(ServerLostError, match="hold the robot"):

@@ -449,7 +449,7 @@ def test_a_whole_trial_follows_the_protocol(write_study, whole, capsys):
     folder = write_study(results)
     assert protocol_problems(read_results(folder)) == []
     assert main(["report", str(folder), "--check"]) == 0
-    assert capsys.readouterr().out == "the results follow protocol v6\n"
+    assert capsys.readouterr().out == "the results follow protocol v7\n"
 
 
 @pytest.mark.parametrize(

@@ -112,8 +112,9 @@ def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
 class Trials:
     """Test the ideas of the method in the conditions where each matters; resumable.
 
-    Writes what `gplfd benchmark` writes. The whole protocol takes about an hour of two
-    cores; `--part ideas` a third of that, `--part small` two minutes.
+    Writes what `gplfd benchmark` writes. The whole protocol has 25,000 episodes, which
+    take two cores two to four hours; `--part ideas` takes a quarter of that, `--part
+    small` two minutes.
     """
 
     trials: tuple[str, ...] = ()
