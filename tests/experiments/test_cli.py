@@ -200,7 +200,10 @@ REFUSED = [
     ("run --doors small --video folder.mp4", "--video folder.mp4 is a folder"),
     ("run --doors far.json", "far.json holds no door: DoorConfig.radius"),
     ("run --doors hight.json", "hight.json holds no door: "),
-    ("run --doors friction.json", "mean 'hinge_friction' or 'closer_friction'?)"),
+    (
+        "run --doors friction.json",
+        "mean 'hinge_friction' or 'closer_friction' or 'roller_friction'?)",
+    ),
     ("run --doors mass.json", "(did you mean 'panel_mass'?)"),
     ("run --doors list.json", "list.json"),
     ("run --doors small.json", "small is the name of a door already"),

@@ -21,7 +21,6 @@ from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.files import provenance
 from gplfd_experiments.files.plain_data import NewerFormatError
 from gplfd_experiments.studies import jobs, runner, store
-from gplfd_experiments.studies import tasks as study_tasks
 from gplfd_experiments.studies.engines import Lost
 from gplfd_experiments.studies.result_format import (
     EPISODE_METRICS,
@@ -34,7 +33,13 @@ from gplfd_experiments.studies.result_format import (
 )
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.store import stored_results
-from gplfd_experiments.studies.tasks import SkillTask, jobs_of, task_from
+from gplfd_experiments.studies.tasks import (
+    TOGETHER,
+    SkillTask,
+    episodes_together,
+    jobs_of,
+    task_from,
+)
 
 DOORS = {"small": {"radius": 0.35}, "large": {"radius": 0.65}}
 
@@ -215,23 +220,33 @@ def test_a_job_acts_together_whatever_it_learned_from():
         SkillTask(policy="gp", seed=0, held_out="demonstration"),
     ]
     alone = [episode(start="approach", seed=1), episode(practice={"corrections": 2})]
-    found = jobs_of([one[0], *apart, *others, one[1], *alone, one[0], *one[2:]])
+    found = jobs_of(
+        [one[0], *apart, *others, one[1], *alone, one[0], *one[2:]], TOGETHER
+    )
     assert found == ((*one, *others), *((task,) for task in [*apart, *alone]))
 
 
 def test_a_job_has_a_limited_number_of_tasks_and_whole_trainings():
     study = [episode(door=door, seed=seed) for seed in range(30) for door in DOORS]
-    found = jobs_of(study)
+    found = jobs_of(study, TOGETHER)
     assert [task for job in found for task in job] == study
-    largest = study_tasks._TOGETHER // len(DOORS) * len(DOORS)
+    largest = TOGETHER // len(DOORS) * len(DOORS)
     assert {len(job) for job in found[:-1]} == {largest}
     # What is learned from one set of demonstrations is learned once.
     many = [episode(trial="mine", level=str(number)) for number in range(30)]
-    assert jobs_of(many) == (tuple(many),)
+    assert jobs_of(many, TOGETHER) == (tuple(many),)
 
 
-def test_interrupted_study_goes_on_where_it_stopped(tmp_path, runs, monkeypatch):
-    monkeypatch.setattr(study_tasks, "_TOGETHER", len(DOORS))
+@pytest.mark.parametrize(("cores", "most"), [(1, 24), (4, 12), (64, 0), (None, 24)])
+def test_a_small_study_is_shared_among_the_cores(cores, most, monkeypatch):
+    monkeypatch.setattr(os, "cpu_count", lambda: cores)
+    study = episodes(("gp",), range(100))
+    assert episodes_together(study) == most
+    sizes = {len(job) for job in jobs_of(study, episodes_together(study))}
+    assert sizes <= {max(most, len(DOORS)), len(study) % max(most, len(DOORS))}
+
+
+def test_interrupted_study_goes_on_where_it_stopped(tmp_path, runs):
     study, engine = episodes(("gp",), range(4)), Losing()
     results = run_study(tmp_path, study, engine)
     for _ in range(3):

@@ -6,6 +6,7 @@ import functools
 import math
 import os
 import tempfile
+import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -127,8 +128,12 @@ def _as_chunks(layout: rrb.Blueprint) -> tuple[Chunk, ...]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "layout.rbl"
         layout.save(APPLICATION, file)
-        reader = RrdReader(file)
-        return tuple(reader.stream(store=reader.blueprints()[0]))
+        with warnings.catch_warnings():
+            # On a busy machine the file's table of contents is not there yet; then it is
+            # read whole.
+            warnings.filterwarnings("ignore", "RRD file has no footer")
+            reader = RrdReader(file)
+            return tuple(reader.stream(store=reader.blueprints()[0]))
 
 
 @functools.cache

@@ -24,7 +24,12 @@ from gplfd_experiments.studies.store import (
     stored_results,
     write_study,
 )
-from gplfd_experiments.studies.tasks import Job, Result, jobs_of
+from gplfd_experiments.studies.tasks import (
+    Job,
+    Result,
+    episodes_together,
+    jobs_of,
+)
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 _PATIENCE: Final = 600.0
@@ -115,7 +120,7 @@ def run_study(
     """
     missing = stored_results(folder, study).unfinished
     work = partial(run_job, files=files_of(missing), recordings=tuple(recordings))
-    jobs = jobs_of(missing)
+    jobs = jobs_of(missing, episodes_together(missing))
     while jobs:
         alone: list[Job] = []
         # Closed at once when the reader stops, so that no worker outlives an

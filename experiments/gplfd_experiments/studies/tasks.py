@@ -1,7 +1,8 @@
 """Tasks of a study: episodes and learning tests, each named by its hash."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Iterable, Mapping, Sized
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -34,9 +35,11 @@ class RecordedTask(Task):
 Job = tuple[Task, ...]
 """Episodes of one policy that are opened in lockstep, or a single learning test."""
 
-_TOGETHER: Final = 24
-"""Number of episodes up to which different trainings are one job: a step of a door then
-takes a third of the time that it takes alone, and hardly less with more doors."""
+TOGETHER: Final = 24
+"""Most episodes of a job of several trainings: a step of a door then takes a third of
+the time that it takes alone, and hardly less with more doors."""
+_JOBS_PER_CORE: Final = 4
+"""Jobs are only made larger than a training while every core has as many of them."""
 
 KINDS: Final[Mapping[str, type[Task]]] = {
     "episode": EpisodeTask,
@@ -62,12 +65,20 @@ def task_from(record: Mapping[str, Any]) -> Task:
         raise ValueError(reason) from error
 
 
-def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
+def episodes_together(study: Sized) -> int:
+    """Return the most episodes of several trainings that are one job of a study.
+
+    A small study is shared among the cores instead, and written as it goes on.
+    """
+    return min(TOGETHER, len(study) // (_JOBS_PER_CORE * (os.cpu_count() or 1)))
+
+
+def jobs_of(study: Iterable[Task], together: int) -> tuple[Job, ...]:
     """Group tasks that learn and act together, in the order in which they come.
 
-    Tasks with one training are in one job, and so are several trainings of a policy
-    whose agents compute their steps together. The result of a task does not depend on
-    the others of its job.
+    Tasks with one training are in one job, and so are, up to so many episodes, several
+    trainings of a policy whose agents compute their steps together. The result of a
+    task does not depend on the others of its job.
     """
     trainings: dict[str, dict[str, Task]] = {}
     for task in study:
@@ -76,12 +87,12 @@ def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
     open_jobs: dict[str, list[Task]] = {}
     for tasks in trainings.values():
         first = next(iter(tasks.values()))
-        together = first.together if isinstance(first, EpisodeTask) else None
-        job = open_jobs.get(together or "")
-        if job is None or len(job) + len(tasks) > _TOGETHER:
+        alike = first.together if isinstance(first, EpisodeTask) else None
+        job = open_jobs.get(alike or "")
+        if job is None or len(job) + len(tasks) > together:
             job = []
             jobs.append(job)
-            if together is not None:
-                open_jobs[together] = job
+            if alike is not None:
+                open_jobs[alike] = job
         job += tasks.values()
     return tuple(map(tuple, jobs))
