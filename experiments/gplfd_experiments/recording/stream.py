@@ -129,7 +129,7 @@ def _as_chunks(layout: rrb.Blueprint) -> tuple[Chunk, ...]:
         file = Path(folder) / "layout.rbl"
         layout.save(APPLICATION, file)
         with warnings.catch_warnings():
-            # On a busy machine the file has no table of contents yet, and is read whole.
+            # On a busy machine it has no table of contents yet, and is read whole.
             warnings.filterwarnings("ignore", "RRD file has no footer")
             reader = RrdReader(file)
             return tuple(reader.stream(store=reader.blueprints()[0]))
