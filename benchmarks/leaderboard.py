@@ -164,7 +164,9 @@ def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:
     Args:
         files: What `gplfd report` kept of the trials of others, trials.json.
     """
-    held = {path: read_json(path) for path in (*STORED.parent.glob("*.json"), *files)}
+    held = {
+        path: read_json(path) for path in (*STORED.parent.glob("trials-*.json"), *files)
+    }
     left = set(files)
     for tier, names in {**TIERS, "": tuple(RANKED)}.items():
         if not names:
