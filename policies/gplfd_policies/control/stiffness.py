@@ -75,8 +75,9 @@ class StiffnessProfile:
         """
         # One profile may be that of all rows.
         own = rows if self.alpha.ndim > 1 else ALL_ROWS
-        k_max, k_min, argument = self.k_max, self.k_min, self._argument(std, own)
-        if frame is not None:
+        if frame is None:
+            k_max, k_min, argument = self.k_max, self.k_min, self._argument(std, own)
+        else:
             law = np.empty((*std.shape, 4))
             weights = (frame * frame).swapaxes(-1, -2)
             laws = self._laws[own]
