@@ -112,8 +112,8 @@ def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
 class Trials:
     """Test the ideas of the method in the conditions where each matters; resumable.
 
-    Writes what `gplfd benchmark` writes. The whole protocol has 25,000 episodes, which
-    take two cores two to four hours; `--part ideas` takes a quarter of that, `--part
+    Writes what `gplfd benchmark` writes. The whole protocol has 14,500 episodes, which
+    take two cores an hour and a half; `--part ideas` takes a quarter of that, `--part
     small` two minutes.
     """
 

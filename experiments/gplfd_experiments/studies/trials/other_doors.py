@@ -21,9 +21,6 @@ _AMONG: Final = (
 """Policies of the trials that protocol v5 added: DMP, ProMP, GMM-GMR, GP, KMP and
 GMM-GP of the paper's Table 1, and `prodmp`, `midigap` and `mechanism-fit`, which take
 part in no other trial."""
-_SEEDS: Final = 10
-"""Of these trials. Independent episodes needed to separate two shares of opened doors
-(power 0.8, `sequential.seeds_needed`): 24 for 0.9 and 0.4, 84 for 0.85 and 0.6."""
 _PUSH_AND_PULL: Final = tuple(
     {"swing": swing} for swing in 3 * ("push",) + 3 * ("pull",)
 )
@@ -47,7 +44,7 @@ _CORRECTIONS: Final[Mapping[str, tuple[int, bool]]] = {
 """Number of corrections of a level, and whether their time is used to demonstrate."""
 _like_opened = partial(Level, demonstrated_radii=None)
 """A level in which doors of the kind of the opened one are demonstrated."""
-_added = partial(Trial, measures=OPENED, among=_AMONG, seeds=_SEEDS)
+_added = partial(Trial, measures=OPENED, among=_AMONG)
 """A trial in which the policies `_AMONG` take part."""
 
 OTHER_DOORS: Final[Mapping[str, Trial]] = {

@@ -54,8 +54,6 @@ def trial_tasks(
     tasks: list[EpisodeTask] = []
     numbers = range(plan.seeds if seeds is None else seeds)
     for seed, (name, trial) in itertools.product(numbers, trials.items()):
-        if seeds is None and trial.seeds is not None and seed >= trial.seeds:
-            continue
         own = plan.variants.get(name, trial.own)
         everywhere = plan.everywhere
         if part == "whole" and trial.among:

@@ -79,8 +79,6 @@ class Trial:
     """Policies that take part besides those of every trial and of the contrasts."""
     among: tuple[str, ...] = ()
     """In the whole protocol these take the place of the policies of every trial."""
-    seeds: int | None = None
-    """Number of seeds, at most; None: as in the part of the protocol."""
     tuned: bool = False
     """Whether tuned methods take part as well: where learning decides."""
 
