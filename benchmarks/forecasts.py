@@ -23,7 +23,9 @@ demonstrations best (`gplfd_policies.gp.deviations.forecast_score`).
 the door's true angle and the set-point with the true arc. An observer who knows that
 the hand moves on a circle is the limit of the phase's error. How far the stated
 deviation of the size ranks doors by their later radial force has a limit, too: the
-rank correlation that errors with exactly these deviations have.
+rank correlation that errors with exactly these deviations have. The same holds for the
+stiffness and the set-point's error across the path, of which the angle is partialled
+out.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -35,7 +37,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import tyro
 from harness import opened, report
-from scipy.stats import spearmanr
+from scipy.stats import rankdata, spearmanr
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.randomization import door_randomization
@@ -509,6 +511,7 @@ def worth_of_the_model(draws: int, per_radius: int) -> Measurement:
 
 _HARD: Final = 24
 _SMALL_AND_LARGE: Final = (*np.linspace(0.30, 0.35, 18), *np.linspace(0.60, 0.65, 18))
+PARTIAL: Final = "stiffness and error"
 PHASE, ALONG, BIAS, WORST, HARD_RADIAL, ALL_RADIAL, ACROSS, RANK, ATTAINABLE = (
     "phase: rms deg",
     "phase: rms mm",
@@ -630,18 +633,32 @@ def _phase_errors(
 def _forces(logs: Sequence[EpisodeLog]) -> dict[str, float]:
     """Radial peaks, error of the set-point, and whether a larger std means force."""
     peak = np.array([np.abs(log.force_radial).max() for log in logs])
-    across = []
+    across, partials, attainable = [], [], []
+    rng = np.random.default_rng(0)
     for log in logs:
         # The hand is on the true arc, but for the noise of its sensors.
         moving = _moving(log)
         circle = fit_circle(log.ee_pose[moving, :3])
         pull, _, away = (log.desired[moving, :3] @ circle.axes).T
         radius = 1.0 / circle.curvature
-        across.append(np.mean((np.hypot(pull, away + radius) - radius) ** 2))
+        error = np.hypot(pull, away + radius) - radius
+        across.append(np.mean(error**2))
+        # Column 2 of the path's frame is across the path.
+        stiffness, std, angle = (
+            *(log.stiffness[moving, 2], log.std[moving, 2]),
+            log.door_angle[moving],
+        )
+        partials.append(partial_rank_correlation(stiffness, np.abs(error), angle))
+        attainable += [
+            partial_rank_correlation(stiffness, np.abs(std * one), angle)
+            for one in rng.standard_normal((20, len(std)))
+        ]
     found = {
         HARD_RADIAL: np.median(peak[:_HARD]),
         ALL_RADIAL: peak.mean(),
         ACROSS: 1e3 * np.sqrt(np.mean(across)),
+        PARTIAL: np.mean(partials),
+        f"{PARTIAL}: {ATTAINABLE}": np.mean(attainable),
     }
     normal = np.random.default_rng(0).standard_normal((2000, len(logs)))
     for share in _SEEN:
@@ -657,6 +674,16 @@ def _forces(logs: Sequence[EpisodeLog]) -> dict[str, float]:
             [spearmanr(std, np.abs(std * one)).statistic for one in normal]
         )
     return found
+
+
+def partial_rank_correlation(a: FloatArray, b: FloatArray, given: FloatArray) -> float:
+    """Return the rank correlation of two series from which a third is partialled out.
+
+    (r_ab - r_ac r_bc)/√((1 - r_ac²)(1 - r_bc²)) with Spearman's r and c what is given.
+    """
+    r = np.corrcoef([rankdata(one) for one in (a, b, given)])
+    left = (1.0 - r[0, 2] ** 2) * (1.0 - r[1, 2] ** 2)
+    return float((r[0, 1] - r[0, 2] * r[1, 2]) / np.sqrt(left))
 
 
 def _moving(log: EpisodeLog) -> Bool[np.ndarray, " T"]:
