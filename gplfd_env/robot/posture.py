@@ -1,4 +1,4 @@
-"""How a robot stands before a door: at a home posture, or the door at a given pose."""
+"""Stances of a robot: from a home posture, or from a given pose of the door."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -33,10 +33,11 @@ the base frame with the lift at zero."""
 
 
 def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
-    """Return a robot that stands before every door as at its home posture [rad].
+    """Return a robot that holds every closed door at its home posture [rad].
 
-    The posture holds a bar with a level approach; None for the best of seeded random
-    ones. Raises a ValueError if it does not, or if MuJoCo cannot simulate the robot.
+    The posture must hold a bar with a level approach; None for the best of seeded
+    random postures. Raises a ValueError if it does not, or if MuJoCo cannot simulate
+    the robot.
     """
     spec = described_robot(robot)
     try:
@@ -104,20 +105,20 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
 def at_task_frame(
     robot: RobotConfig, door: DoorConfig, task: Array, poses: Array, times: Array
 ) -> RobotConfig:
-    """Return a robot that stands still where its base sees the task frame at a pose.
+    """Return a robot with a fixed base at a given pose relative to the task frame.
 
-    Its base frame is that of the arm's root link on a stand, whose lift follows, and
-    else its own root's. The hand holds the handle as in the robot's stance before the
-    door. Of the postures that are found from seeded starts, the arm has the one that
-    stays farthest from joint limits.
+    On a stand the base frame is that of the arm's root link, and the lift is computed;
+    otherwise it is the frame of the robot's root. The hand holds the handle as in the
+    robot's stance for the door. Several postures are computed from seeded starts; the
+    one that stays farthest from joint limits is used.
 
     Args:
-        robot: what stands there, on a fixed base.
+        robot: the robot, on a fixed base.
         door: the closed door; for a robot without a stand, its handle is as high as the
             task frame.
         task: pose of the task frame in the base frame, (6,) [m, rad].
         poses: path of the hand in the task frame, (T, 6) [m, rad].
-        times: of the poses, (T,) [s]; an error names them.
+        times: times of the poses, (T,) [s], for error messages.
 
     Raises:
         ValueError: y of the task frame is not upright, or the lift or the arm does not

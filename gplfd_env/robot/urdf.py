@@ -1,4 +1,4 @@
-"""Robots from their URDF: an arm alone, which a stand carries and a gripper completes.
+"""Robots from the URDF of an arm, with a stand and, if needed, a gripper added.
 
 yourdfpy reads the description and computes its kinematics.
 """
@@ -46,7 +46,7 @@ def robot_of_urdf(
     armature: float | Sequence[float] = _ARMATURE,
     stances: Sequence[tuple[Before, Stance]] = (),
 ) -> RobotConfig:
-    """Make a robot of the URDF of an arm, which a stand or a mobile base carries.
+    """Make a robot from the URDF of an arm, on a stand or a mobile base.
 
     Args:
         path: The URDF. Its joints between root and tool are the arm's, its other
