@@ -255,7 +255,7 @@ class DoorConfig:
         }
 
     def replaced(self, fields: Mapping[str, float]) -> "DoorConfig":
-        """Return the door with changed numbers; a new radius resets the leaf's width."""
+        """Return the door with changed numbers; a new radius resets its width."""
         changed: dict[str, Any] = dict(fields)
         if "radius" in changed:
             changed.setdefault("leaf_width", None)

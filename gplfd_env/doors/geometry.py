@@ -229,7 +229,7 @@ class DoorGeometry:
         return sum(not link.slides for link in self.links) > 1
 
     def direction(self, angle: float) -> Array:
-        """Return the hand's direction of motion at an angle [rad], a unit vector (3,)."""
+        """Return the hand's direction of motion at an angle [rad], a unit vector."""
         if self.links:
             ends = self.hand_poses([angle - _SMALL, angle + _SMALL])[:, :3]
             step = ends[1] - ends[0]

@@ -74,8 +74,8 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
             f"{math.degrees(math.asin(-frame[2, 2])):.0f}° upwards"
         )
     turned = posture.copy()
-    # A lever is held with the last joint turned by a quarter, the way that is farther
-    # from its limits.
+    # A lever is held with the last joint turned by 90°, in the direction that is
+    # farther from its limits.
     middle = limits[-1].mean()
     turned[-1] += math.copysign(math.pi / 2, middle - turned[-1])
     found, approach = [], frame[:, 2]
@@ -83,7 +83,7 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
         own = posture if held == "bar" else turned
         place, frame = grasp(own)
         if frame[:, 2] @ approach < math.cos(_TILT):
-            continue  # The last joint does not roll the hand: it holds bars alone.
+            continue  # The last joint does not roll the hand: only bars.
         stance = Stance(
             handle_xy_w=(float(place[0]), float(place[1])),
             door_yaw=math.atan2(-frame[1, 2], -frame[0, 2]),
@@ -147,7 +147,7 @@ def at_task_frame(
         handle_xy_w=(float(position[0]), float(position[1])),
         door_yaw=math.atan2(-axes[1, 0], -axes[0, 0]),
         below_handle=float(door.handle_height - lift),
-        radius=math.inf,  # Whether the arm reaches is found out here.
+        radius=math.inf,  # The reach of the arm is tested below.
         height=math.inf,
     )
     robot = replace(robot, stances=tuple((one, stance) for one, _ in robot.stances))
