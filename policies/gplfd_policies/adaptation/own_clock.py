@@ -51,7 +51,7 @@ _POINTS: Final = 7
 def timing_covariance(
     times: Times, clocks: Curves, phases: Float[np.ndarray, " N"]
 ) -> Float[np.ndarray, "N N"]:
-    """Return K_τ at phases, constant beyond the ends, from D ≥ 2 clocks at ``times``."""
+    """Return K_τ at phases, constant beyond both ends, from D ≥ 2 clocks."""
     count = len(clocks)
     late = np.stack([np.interp(phases, times, clock - times) for clock in clocks])
     sample = late.T @ late / (count - 1)

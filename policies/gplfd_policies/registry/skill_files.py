@@ -1,4 +1,4 @@
-"""The skill of a file, and the method that follows it."""
+"""Skills from files, and the methods that follow them."""
 
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ def skill_method(policy: str) -> Method:
     """Return the method of a policy that learns and follows skills.
 
     Raises:
-        ValueError: The policy learns something else; the message lists those that do.
+        ValueError: The policy does not learn skills; the message lists those that do.
     """
 
     def fits(method: Method | None) -> bool:
@@ -30,10 +30,10 @@ def skill_method(policy: str) -> Method:
 
 
 def method_and_skill(policy: str, file: Path) -> tuple[Method, Skill]:
-    """Return the method of a policy and the skill of a file, which it can follow.
+    """Return the method of a policy, and the skill of a file that it can follow.
 
     Raises:
-        ValueError: The file holds no skill, or the policy follows no such skill.
+        ValueError: The file does not contain a skill, or the policy cannot follow it.
     """
     method, skill = skill_method(policy), load_skill(file)
     if (method.beyond > 0.0) != (skill.aligned.end < 1.0):

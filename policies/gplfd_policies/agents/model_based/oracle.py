@@ -74,7 +74,7 @@ class _HandleTurner:
 
 
 class OracleAgent(_HandleTurner):
-    """Turns the handle and follows the true arc with minimum-jerk timing; not compliant.
+    """Turns the handle and follows the true arc with minimum-jerk timing, uncompliant.
 
     Args:
         duration: Time from the closed door to `DEMONSTRATED_ANGLE` [s].
