@@ -94,7 +94,7 @@ class DoorConfig:
     """
 
     radius: float = quantity(
-        0.50, unit="m", low=0.30, high=1.05, reason="the radii the robot can open"
+        0.50, unit="m", low=0.30, high=1.05, reason="radii that the robot can open"
     )
     """Distance from hinge axis to handle axis."""
     hinge_friction: float = quantity(0.5, unit="N m", low=0.0, high=50.0)
@@ -108,7 +108,7 @@ class DoorConfig:
     panel_mass: float = quantity(12.0, unit="kg", low=1.0, high=100.0)
     """Mass of the door leaf."""
     handle_height: float = quantity(
-        0.85, unit="m", low=0.50, high=1.22, reason="what torso and arm can serve"
+        0.85, unit="m", low=0.50, high=1.22, reason="reach of torso and arm"
     )
     """Height of the grasped point above the floor."""
     handle_standoff: float = quantity(0.07, unit="m", low=0.06, high=0.12)
@@ -217,9 +217,9 @@ class DoorConfig:
                 "has its hinge at the bottom or top, all others on the right or left"
             )
         if motion not in ("hinged", "rising-butt") and self.handle != "bar":
-            return f"motion = {motion!r} with handle = {self.handle!r}; it has a bar"
+            return f"motion = {motion!r} with handle = {self.handle!r}; choose 'bar'"
         if motion in _PULLED and self.swing == "push":
-            return f"motion = {motion!r} with swing = 'push'; it comes to the robot"
+            return f"motion = {motion!r} with swing = 'push'; choose swing = 'pull'"
         if self.latch == "spring" and self.handle == "bar":
             return (
                 "latch = 'spring' with handle = 'bar', which does not turn and could "
@@ -227,14 +227,14 @@ class DoorConfig:
             )
         if self.handle == "touch-bar" and self.swing == "pull":
             return (
-                "handle = 'touch-bar' with swing = 'pull': it is pushed; choose "
+                "handle = 'touch-bar' with swing = 'pull': it must be pushed; choose "
                 "swing = 'push', or handle = 'bar' for the pull on its other side"
             )
         if abs(self.overhang) > _DISAGREEMENT:
             return (
                 f"leaf_width = {self.leaf_width:g} minus backset = {self.backset:g} is "
-                f"not radius = {self.radius:g} within {_DISAGREEMENT:g} m; leave "
-                "leaf_width None to have it follow"
+                f"not radius = {self.radius:g} within {_DISAGREEMENT:g} m; with "
+                "leaf_width None it is computed"
             )
         if self.dead_travel > 0.5 * self.travel:
             return (

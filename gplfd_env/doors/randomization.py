@@ -141,8 +141,8 @@ class DoorRandomization:
         """Raise a ValueError if the randomisation does not suit this start."""
         if start == "grasped" and any(self.perception):
             raise ValueError(
-                "DoorRandomization.perception is an error with which a hand reaches "
-                'for the handle: it needs start="approach" (--start approach)'
+                "DoorRandomization.perception is the error of the believed handle when "
+                'reaching for it: it needs start="approach" (--start approach)'
             )
 
     def outermost(self, door: DoorConfig) -> DoorConfig:

@@ -83,7 +83,7 @@ def read_urdf(path: str) -> Any:
         _check_urdf(ET.parse(path).getroot())
         return yourdfpy.URDF.load(path, load_meshes=False, load_collision_meshes=False)
     except Exception as error:
-        raise ValueError(f"{path} is no URDF of an arm: {error}") from error
+        raise ValueError(f"{path} is not a URDF of an arm: {error}") from error
 
 
 def _check_urdf(tree: ET.Element) -> None:

@@ -183,9 +183,9 @@ def _named(name: str) -> RobotConfig:
             return robot_of_urdf(path, **given | lists)
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise ValueError(
-                f"{name} holds no robot: {error}; it must be an object with the "
-                "arguments of gplfd_env.robot.urdf.robot_of_urdf, such as path, tool, "
-                "fingers, grasp_point and home"
+                f"{name} does not describe a robot: {error}; it must be an object with "
+                "the arguments of gplfd_env.robot.urdf.robot_of_urdf, such as path, "
+                "tool, fingers, grasp_point and home"
             ) from error
     raise ValueError(
         f"unknown robot {name!r}{nearest_name(name, ROBOTS)}; give one of "

@@ -77,8 +77,8 @@ def _flat_space(space: spaces.Space[Any]) -> spaces.Box:
         not isinstance(box, spaces.Box) or len(box.shape) != 1 for box in boxes
     ):
         raise ValueError(
-            f"the observation must be a dictionary of vectors to be put one after "
-            f"another, got {space}"
+            f"the observation must be a dictionary of vectors to be concatenated, got "
+            f"{space}"
         )
     low, high = (
         np.concatenate([getattr(box, end) for box in boxes]).astype(np.float32)

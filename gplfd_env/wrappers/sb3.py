@@ -151,9 +151,9 @@ class SB3VecEnv(VecEnv):
 
     def _none_alone(self, what: str) -> AttributeError:
         return AttributeError(
-            f"the {self.num_envs} simulations are one environment: none has an own "
-            f"{what}. Give what differs between them to gym.make_vec or to "
-            "set_options, or use Stable-Baselines3's DummyVecEnv"
+            f"the {self.num_envs} simulations are one environment: none has its own "
+            f"{what}. Give differing values to gym.make_vec or to set_options, or use "
+            "Stable-Baselines3's DummyVecEnv"
         )
 
 

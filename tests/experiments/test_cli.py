@@ -193,7 +193,7 @@ REFUSED = [
     ("run --randomization mid", "did you mean 'mild'"),
     ("run --skill none.npz", "there is no file none.npz"),
     ("run --skill demos.npz", "demos.npz cannot be read as a gplfd skill"),
-    ("run --skill demos.npz --policy kmp", "'kmp' learns no skill"),
+    ("run --skill demos.npz --policy kmp", "'kmp' does not learn a skill"),
     ("run --skill a --demonstrations b", "leave out --demonstrations"),
     ("run --skill a --demonstrated-forces", "leave it out, or leave out --skill"),
     ("run --video op.gif", "--video writes .mp4 files, got 'op.gif'"),

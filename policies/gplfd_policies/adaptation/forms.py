@@ -104,13 +104,13 @@ def adapt(
             form = ADAPTATIONS[form]
         elif not isinstance(learned, Adaptable):
             raise ValueError(
-                f"{kind} has no via-points: it is neither a Skill nor has it a method "
-                "adapt(via_points), so what it learned cannot be conditioned"
+                f"{kind} has no via-points: it is not a Skill and has no method "
+                "adapt(via_points), so it cannot be conditioned"
             )
         elif form is not None:
             raise ValueError(
-                f"{kind} adapts in a form of its own: leave form={form!r} out, which "
-                "is for a Skill"
+                f"{kind} has its own form of adaptation: leave form={form!r} out, "
+                "which is for a Skill"
             )
         else:
             form = OwnAdaptation

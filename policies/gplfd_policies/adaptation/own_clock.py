@@ -79,7 +79,7 @@ class OwnClockAdaptation(MixedProcesses):
         aligned = skill.aligned
         if aligned.clocks is None:
             raise ValueError(
-                "Timing is learned from the demonstrations' clocks, and here are none: "
+                "Timing is learned from the demonstrations' clocks, which are missing: "
                 "align the demonstrations with gplfd_policies.align, learn without a "
                 'prior mean, or adapt with form="process", for which phases are '
                 "certain."

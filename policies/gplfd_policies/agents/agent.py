@@ -64,12 +64,12 @@ def as_agent(candidate: object) -> Agent:
         return candidate
     given = f"an object of {type(candidate)}"
     if isinstance(candidate, type):
-        given = f"{candidate} itself, no object of it,"
+        given = f"{candidate} itself, not an object of it,"
     elif callable(getattr(candidate, "act", None)):
         return CheckedAgent(candidate)
     raise ValueError(
-        f"{given} is no agent: an agent is an object with a method act(observation) "
-        "that returns the commanded pose, six numbers [m, rad]"
+        f"{given} is not an agent: an agent is an object with a method "
+        "act(observation) that returns the commanded pose, six numbers [m, rad]"
     )
 
 

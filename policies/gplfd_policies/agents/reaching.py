@@ -43,8 +43,8 @@ def parted(
     first = int(np.argmax(grasped))
     if first == 0 or first >= len(grasped) - 1 or not grasped[first:].all():
         raise ValueError(
-            "a demonstration that is to teach reaching must begin without the handle, "
-            "take hold of it and keep it to the end"
+            "to learn reaching, a demonstration must begin without the handle, take "
+            "hold of it and keep it to the end"
         )
     times, poses = demonstration.times, demonstration.poses
     reach = Demonstration(times=times[: first + 1], poses=poses[: first + 1])
@@ -85,9 +85,9 @@ def reaches(given: LabelledDemonstrations) -> Sequence[Demonstration]:
     parts = _parts(given)
     if not parts:
         raise ValueError(
-            f"these demonstrations do not say when the hand takes hold (signal "
-            f"{GRASPED!r}), so that nobody can learn from them to reach for the "
-            "handle; leave out --start approach, or --demonstrations"
+            f"these demonstrations do not record when the hand takes hold (signal "
+            f"{GRASPED!r}), so reaching cannot be learned from them; leave out --start "
+            "approach, or --demonstrations"
         )
     return [reach for reach, _ in parts]
 

@@ -425,15 +425,15 @@ def fit_skill(
     processes = MultiOutputGP.fit(times, poses, noise, centred=centred)
     if len(poses) <= _FEW:
         said = (
-            "One demonstration says nothing about how repetitions differ: they are "
-            f"assumed to be larger or smaller by {SIZE_STD:.0%}, with the scatter of "
-            "its samples around a smooth curve. Give 4 or more."
+            "One demonstration does not show how repetitions differ: they are assumed "
+            f"to be larger or smaller by {SIZE_STD:.0%}, with the scatter of its "
+            "samples around a smooth curve. Give 4 or more."
         )
         if len(poses) > 1:
             said = (
                 f"{len(poses)} demonstrations leave {len(poses) - 1} degree(s) of "
-                "freedom for the spread: where they happen to cross, the uncertainty "
-                "is far too small, and the robot stiff there. Intervals use Student-t "
+                "freedom for the spread: where they cross by chance, the uncertainty "
+                "is far too small and the robot is stiff. Intervals use Student-t "
                 "quantiles; the standard deviation itself stays uncertain. Give 4 or "
                 "more."
             )

@@ -239,7 +239,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             phases=partial(path_phase, config=HEADING_TRUSTING),
         ),
         "gp-one-size": _ablation(
-            "gp that takes every path for one of the demonstrations' mean size",
+            "gp that assumes the demonstrations' mean size for every path",
             phases=partial(path_phase, config=ONE_SIZE),
         ),
         "gp-position-only": _ablation(
@@ -259,7 +259,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             config=ComplianceConfig(stiffness_frame="axes"),
         ),
         "gp-without-forces": _ablation(
-            "gp that learns nothing of the demonstrated forces", align=_motion_only
+            "gp without learning of the demonstrated forces", align=_motion_only
         ),
         "gp-one-mode": _ablation(
             "gp that learns demonstrations of all kinds as one", modes=None

@@ -55,8 +55,8 @@ def make_agent(
             if one.kind == "method" and _takes_prior_mean(one)
         ]
         raise ValueError(
-            f"{name} has no prior mean that could be given; leave it out, or choose "
-            f"one of {', '.join(sorted(takers))}"
+            f"{name} does not accept a prior mean; leave it out, or choose one of "
+            f"{', '.join(sorted(takers))}"
         )
     return as_agent(policy.make(training))
 

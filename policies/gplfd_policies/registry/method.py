@@ -189,7 +189,7 @@ class Method:
         """
         prior_mean = training.prior_mean
         if prior_mean is not None and not self.accepts_prior_mean:
-            raise ValueError("this method has no prior mean that could be given")
+            raise ValueError("this method does not accept a prior mean")
         if not training.demonstrations:
             raise ValueError(
                 "no demonstrations were given; a policy needs at least one"

@@ -24,8 +24,8 @@ def skill_method(policy: str) -> Method:
         return method
     able = ", ".join(sorted(name for name in POLICIES if fits(POLICIES[name].method)))
     raise ValueError(
-        f"policy {policy!r} learns no skill that a file could hold; choose one of "
-        f"{able}"
+        f"policy {policy!r} does not learn a skill that a file can contain; choose "
+        f"one of {able}"
     )
 
 
@@ -37,7 +37,7 @@ def method_and_skill(policy: str, file: Path) -> tuple[Method, Skill]:
     """
     method, skill = skill_method(policy), load_skill(file)
     if (method.beyond > 0.0) != (skill.aligned.end < 1.0):
-        goes = "goes on where demonstrations end"
+        goes = "continues beyond the end of demonstrations"
         raise ValueError(
             f"policy {policy!r} {goes if method.beyond > 0.0 else 'ends there'}, and "
             f"the skill in {file} was learned by one that does not; learn it again "

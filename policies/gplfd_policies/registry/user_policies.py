@@ -126,7 +126,7 @@ def packaged_summaries(taken: Collection[str]) -> dict[str, str]:
 
 def _offers() -> list[Any]:
     # Their class is not `importlib.metadata.EntryPoint` once something has imported the
-    # backport, as Dask does: that takes the finding over.
+    # backport, as Dask does: the backport then replaces the search.
     return list(entry_points(group=GROUP))
 
 
@@ -147,7 +147,7 @@ def _imported(name: str, folder: Path | None = None) -> ModuleType:
     """Import a module, possibly from a folder, or raise with a one-sentence reason."""
     try:
         return importlib.import_module(name)
-    # Anything: it is the user's code that runs here.
+    # Any exception: the user's code runs here.
     except (Exception, SystemExit) as error:
         missing = error.name if isinstance(error, ModuleNotFoundError) else None
         if missing is not None and f"{name}.".startswith(f"{missing}."):
@@ -194,7 +194,7 @@ def _policy(module: ModuleType, attribute: str) -> Policy:
             "one argument, the TrainingInput that an agent is made from"
         ) from None
     except ValueError:
-        pass  # Written in C: it does not say what it takes.
+        pass  # Written in C: no signature is available.
     named = inspect.isroutine(found) or inspect.isclass(found)
     text = (inspect.getdoc(found) if named else None) or f"{attribute} of {where}"
     return Policy(summary=text.splitlines()[0], make=found)

@@ -48,16 +48,16 @@ def served_agent(
     if file.suffix == ".npz":
         if settings.demonstrations is not None or settings.start != "grasped":
             raise ValueError(
-                f"{file} is a skill: it is learned already, and of opening alone; "
-                "leave out --demonstrations and --start"
+                f"{file} is a skill, already learned and only for opening; leave out "
+                "--demonstrations and --start"
             )
         method, skill = method_and_skill(settings.policy, file)
         return method.follow(skill)
     policy = policy_named(settings.source)
     if policy.told:
         raise ValueError(
-            f"policy {settings.source!r} must be told the true door, which no message "
-            "has: it cannot be served"
+            f"policy {settings.source!r} needs the true door, which no message "
+            "contains: it cannot be served"
         )
     if settings.demonstrations is not None:
         given = load_demonstrations(settings.demonstrations)

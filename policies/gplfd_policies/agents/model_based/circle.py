@@ -126,7 +126,7 @@ class Circle:
 def fit_circle(points: Points, prior: CirclePrior = UPRIGHT) -> Circle:
     """Return the most probable circle through the origin and along points."""
     if not np.isfinite(points).all():
-        raise ValueError("points of a path must be finite; leave out what was not seen")
+        raise ValueError("points of a path must be finite; leave out missing points")
     return Circle.expected(prior).updated(points, steps=15)
 
 
