@@ -208,7 +208,7 @@ REFUSED = [
     ("run --doors list.json", "list.json"),
     ("run --doors small.json", "small is the name of a door already"),
     ("learn none.npz --out s", "there is no file none.npz"),
-    ("learn demos.npz --out s --policy promp", "'promp' learns"),
+    ("learn demos.npz --out s --policy promp", "'promp' does not learn"),
     ("learn demos.npz --out s --policy oracle", "choose one of"),
     ("learn demos.npz --out s --seed -1", "--seed -1 must be 0"),
     ("learn demos.npz --out demos.npz/s", "--out demos.npz is a file"),
