@@ -496,7 +496,7 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
     }
 )
 """Small, medium and large are demonstrated; heavy is a medium door that needs 14 N. The
-others are doors of furniture and of buildings, the last of which are not hinged."""
+others are doors of furniture and of buildings; the last ones are not hinged."""
 
 DoorSpec = str | float | Mapping[str, Any] | DoorConfig
 """What `door_config` accepts."""

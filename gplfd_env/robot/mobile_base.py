@@ -29,7 +29,7 @@ WHEEL_FORCE: Final = 6.0 / 0.0762
 """Greatest force of one wheel: torque of its motor over its radius [N]."""
 
 WHEEL_LEVER: Final = 0.2236 + 0.244
-"""Lever arm of a wheel's force about the vertical: half of track plus wheelbase [m]."""
+"""Lever arm of a wheel's force about the vertical: half of (track + wheelbase) [m]."""
 
 _ROTOR_INERTIA: Final = (1e3, 1e3, 1e2)
 """Inertia of the motors [kg, kg, kg m²]: much more than the base's, so that the base

@@ -45,8 +45,7 @@ _REST: Final = 0.15
 _SETTLED: Final = 0.2
 """Forces count as contact only after this time since the beginning of a motion [s]."""
 _ARRIVED: Final = 0.005
-"""A force nearer than this to the goal is caused by the handle between the fingers
-[m]."""
+"""A force nearer than this to the goal is caused by the closing fingers [m]."""
 _FINGER: Final = 0.05
 """Distance of an open finger from the middle, and thus the greatest of a contact
 [m]."""

@@ -4,7 +4,7 @@ The controller of `gplfd_policies.control.compliance` does not model a handle.
 `controller_of` puts an adapter around each of its parts:
 
 * the phase is estimated from the hand pose that the demonstrated handle turn would
-    give;
+  give;
 * a via-point is a pose of the handle's axis, not of the hand, and the direction of the
   path is that of the axis;
 * the load is compensated twice: along the turn of the handle and along the door's path.

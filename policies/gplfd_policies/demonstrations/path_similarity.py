@@ -179,7 +179,7 @@ class PathSimilarity:
 
     A path is the demonstrated one of mean size, scaled by c and rotated by ψ. At the
     distance d from its start, where the demonstrations have the phase s(d/c) and the
-    direction a(d/c), its position α(d) deviates across theirs by
+    direction a(d/c), it has the direction α(d) and deviates across their path by
 
         r(d) = d (α(d) - a(d/c)) = d ψ + c σ(s) f(s) + e,    e ~ N(0, n²),
 

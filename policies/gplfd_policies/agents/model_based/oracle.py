@@ -74,7 +74,7 @@ class _HandleTurner:
 
 
 class OracleAgent(_HandleTurner):
-    """Turns the handle and follows the true arc with minimum-jerk timing, uncompliant.
+    """Turns the handle and follows the true arc stiffly, with minimum-jerk timing.
 
     Args:
         duration: Time from the closed door to `DEMONSTRATED_ANGLE` [s].
