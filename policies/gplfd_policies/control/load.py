@@ -282,7 +282,7 @@ class CarriedLoad(_Stateless, Settings):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class YieldToAll(_Stateless):
-    """Every force displaces the set-point; the clock never waits: Eq. (22) as is."""
+    """Every force displaces the set-point; the clock never waits, as in Eq. (22)."""
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
         """Return the unchanged wrenches and the normal pace."""

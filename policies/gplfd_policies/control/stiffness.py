@@ -208,8 +208,8 @@ DEFAULT_PROFILE = StiffnessProfile(
 """The published values in translation. In rotation the transition is at 0.05 rad, which
 is 1 cm at a lever of 0.2 m, with the same αβ = 6: both sigmoids have the same shape
 over σ/β and are within 0.25 % of their range from k_max at σ = 0. The rotational
-stiffness in N m/rad is a tenth of the number in N/m: an error of 0.05 rad causes 2.5 N
-m, an error of 1 cm causes 5 N."""
+stiffness in N m/rad is a tenth of the number in N/m: an error of 1 cm causes 5 N, an
+error of 0.05 rad causes 2.5 N m."""
 
 DEFAULT_DYNAMICS = VirtualDynamics(
     mass=np.repeat([1.0, 0.1], 3),
