@@ -422,13 +422,12 @@ def size_visibility(
 
     A change of size of a path c p(s), θ(s) displaces its poses by (p, 0), a change of
     phase by (p', θ'). For a straight path without rotation, the two are parallel
-    everywhere: the scaled path is the same path, and its size is not observable. Size
-        is
-    observable by the distance of the mean from a straight line and by its rotation.
-    Each is divided by the deviation of another repetition, σ² + n², with σ the
-    deviation of the demonstrations and n the error of observation. A root mean square
-    of one such deviation along the path may be random and gives 0; from two on the
-    result is 1.
+    everywhere: the scaled path is the same path, and its size is not observable. The
+    size is observable by the distance of the mean from a straight line and by its
+    rotation. Each is divided by the deviation of another repetition, σ² + n², with σ
+    the deviation of the demonstrations and n the error of observation. A root mean
+    square of one such deviation along the path may be random and gives 0; from two on
+    the result is 1.
 
     Args:
         poses: Demonstrations of equal size and heading [m, rad].

@@ -45,7 +45,7 @@ class Rest:
     """A part of a recording that was left out because there was no motion."""
 
     start: float
-    """Begin of the rest, by the time stamps of the recording [s]."""
+    """Start of the rest, by the time stamps of the recording [s]."""
     end: float
     """End of the rest [s]."""
 

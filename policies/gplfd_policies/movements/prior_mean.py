@@ -137,8 +137,7 @@ def fit_residual(
 ) -> ResidualMovement:
     """Learn a movement around a prior mean.
 
-    The fit must use a prior mean of zero, such as ``partial(fit_skill,
-    centred=False)``.
+    The fit must use a prior mean of zero: ``partial(fit_skill, centred=False)``.
     """
     expected = np.asarray(prior_mean.mean(aligned.times))
     if expected.shape != aligned.poses.shape[1:] or not np.isfinite(expected).all():

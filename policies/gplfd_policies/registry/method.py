@@ -230,7 +230,7 @@ class Method:
         )
 
     def update(self, movement: Movement, correction: Correction) -> Movement:
-        """Return a movement that has learned from a correction; the given is unchanged.
+        """Return a movement that has learned from a correction; the old is unchanged.
 
         Raises:
             ValueError: The method cannot be corrected.

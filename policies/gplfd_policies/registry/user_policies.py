@@ -68,7 +68,7 @@ def module_policy(name: str, folder: Path) -> Policy:
 
 
 def source_files(origin: PolicyOrigin) -> tuple[str, ...]:
-    """Return the files of a policy's module and of the modules beside it it imports."""
+    """Return the files of a policy's module and of its imports from the same folder."""
     beside: tuple[Path, ...] = ()
     if origin.kind == "module":
         module, folder, _ = _place(origin.name, Path(origin.folder))

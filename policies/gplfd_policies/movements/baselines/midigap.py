@@ -2,11 +2,11 @@
 
 Von Hartz et al., *The Unreasonable Effectiveness of Discrete-Time Gaussian Process
 Mixtures for Robot Policy Learning*, arXiv:2505.03296. Only the abstract and summaries
-of the paper were available. According to them, a mode is a sequence of Gaussians on R³
-× SO(3), independent from step to step, with Fréchet mean and tangent covariance.
+of the paper were available. According to them, a mode is a sequence of Gaussians on
+R³ × SO(3), independent from step to step, with Fréchet mean and tangent covariance.
 Trajectories are partitioned into modes without labels; the weight of a mode is its
-share of them; evidence (in the paper: constraints) updates Gaussians and weights. With
-the deviations e_i (position and Log(R_i R_μᵀ)) of the K demonstrations of a mode,
+share of them; evidence (in the paper: constraints) updates Gaussians and weights.
+With the deviations e_i (position and Log(R_i R_μᵀ)) of K demonstrations of a mode,
 
     Cov[e(t), e(t')] = exp(-(t - t')²/(2 ℓ²)) Σ_i e_i(t) e_i(t')ᵀ / (K - 1).
 

@@ -5,8 +5,7 @@ Service Robotics 9, 2016. A demonstration ξ is expressed in P frames {A_j, b_j}
 A_j⁻¹ (ξ − b_j), and one mixture of all these views is learned, with common weights π_i.
 In a new situation the Gaussians of all frames are transformed to it and multiplied,
 
-    Σ_i⁻¹ = Σ_j Σ̂_ij⁻¹,   μ_i = Σ_i Σ_j Σ̂_ij⁻¹ μ̂_ij,                            Eq.
-    (6)
+    Σ_i⁻¹ = Σ_j Σ̂_ij⁻¹,   μ_i = Σ_i Σ_j Σ̂_ij⁻¹ μ̂_ij,                            Eq. (6)
 
 with μ̂_ij = A_j μ_ij + b_j and Σ̂_ij = A_j Σ_ij A_jᵀ, and the mixture is regressed.
 Frames that agree count as independent (``test_two_equal_frames_halve_the_variance``).
