@@ -41,7 +41,7 @@ gentle opening; see `gplfd_env.wrappers`."""
 ENVIRONMENT_IDS: Final[Mapping[Control, str]] = MappingProxyType(
     {"pose": ENVIRONMENT_ID, "impedance": IMPEDANCE_ENVIRONMENT_ID}
 )
-"""Those in which agents act, by what commands the servo."""
+"""Ids of the environments in which agents act, by the kind of command."""
 
 TIME_LIMIT = 1500
 """Control periods after which an episode is truncated."""
@@ -53,7 +53,7 @@ def _register(id: str, one: str, many: str) -> None:
     except ModuleNotFoundError as error:
         if error.name != "gymnasium":
             raise
-        # A small installation: policies use what is in this package, and make nothing.
+        # Without Gymnasium nothing is registered; policies still use this package.
         return
     gymnasium.register(
         id=id,
@@ -85,8 +85,8 @@ _register(
     "reinforcement:door_opening_rl_vector",
 )
 
-# Version 0 let a base exceed its drive's limits. Before a base that stands still it is
-# the same, bit for bit, and can still be made.
+# In version 0 a driving base could exceed the limits of its drive. With a fixed base,
+# version 0 equals version 1 bit for bit and can still be made.
 for _id, _name in (
     (ENVIRONMENT_ID, "version_0:door_opening"),
     (IMPEDANCE_ENVIRONMENT_ID, "version_0:impedance"),

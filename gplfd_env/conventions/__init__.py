@@ -1,1 +1,1 @@
-"""Constants of the task, reset options, where the assets lie."""
+"""Constants of the task, reset options, location of the assets."""

@@ -1,4 +1,4 @@
-"""Where the assets lie: inside the installed wheel, or beside the checkout."""
+"""Location of the assets: inside the installed wheel, or in the checkout."""
 
 from pathlib import Path
 

@@ -1,10 +1,11 @@
 """Arithmetic for one simulation and for n: floats, or arrays of shape (n,).
 
 NumPy's overhead makes arrays of one element ten times slower than Python's floats, and
-loops over simulations make n of them slow. What is written with the functions below and
-with +, -, *, /, comparisons, & and | takes either, and gives the same bits: these are
-exact or correctly rounded in both. NumPy's sine, cosine, arctangent and hypotenuse are
-not those of `math`, which is therefore called element by element.
+loops over simulations make n of them slow. Code written with the functions below and
+with +, -, *, /, comparisons, & and | accepts both and gives the same bits, because
+these operations are exact or correctly rounded in both. NumPy's sine, cosine,
+arctangent and hypotenuse differ from those of `math`, so `math` is called for each
+element.
 """
 
 import dataclasses
@@ -40,7 +41,7 @@ def negated(flag: Flag) -> Flag:
 
 
 def anywhere(flag: Flag) -> bool:
-    """Return whether it holds for any simulation."""
+    """Return whether a flag is true for any simulation."""
     return flag if flag is True or flag is False else bool(np.count_nonzero(flag))
 
 
@@ -73,7 +74,7 @@ atan2, hypot = _by_element(math.atan2), _by_element(math.hypot)
 
 
 def columns(components: Sequence[Number], n: int | None) -> NDArray[np.float64]:
-    """Return a vector as an array of its own, (k,), or (n, k) of n simulations."""
+    """Return a vector as a new array, (k,), or (n, k) for n simulations."""
     if n is None:
         return np.array(components)
     result = np.empty((n, len(components)))
@@ -83,7 +84,7 @@ def columns(components: Sequence[Number], n: int | None) -> NDArray[np.float64]:
 
 
 def mapped(function: Callable[..., Any], *records: Any) -> Any:
-    """Return a record of what a function gives for the entries of equal records."""
+    """Apply a function to the entries of equally structured records."""
     first = records[0]
     if isinstance(first, dict):
         return {
@@ -104,13 +105,13 @@ def mapped(function: Callable[..., Any], *records: Any) -> Any:
 
 
 def stacked(records: Sequence[Record]) -> Record:
-    """Return the records of n simulations as one, its entries arrays (n,)."""
+    """Return the records of n simulations as one record with array entries (n,)."""
     result: Record = mapped(lambda *each: np.array(each), *records)
     return result
 
 
 def row_of(record: Record, row: int) -> Record:
-    """Return the record of one simulation out of one of many."""
+    """Return the record of one simulation from a record of many."""
     result: Record = mapped(
         lambda entry: entry[row].item() if isinstance(entry, np.ndarray) else entry,
         record,
@@ -119,7 +120,7 @@ def row_of(record: Record, row: int) -> Record:
 
 
 def by_row(vector: Sequence[Number]) -> list[tuple[Any, ...]]:
-    """Return n tuples of the components of a vector; one tuple of one simulation."""
+    """Return the components of a vector as n tuples, one per simulation."""
     parts = [
         each.tolist() if isinstance(each, np.ndarray) else [each] for each in vector
     ]
@@ -127,7 +128,7 @@ def by_row(vector: Sequence[Number]) -> list[tuple[Any, ...]]:
 
 
 def with_rows(record: Record, n: int, rows: Sequence[int], ones: Any) -> Record:
-    """Return a record of n simulations in which some have records of their own."""
+    """Return a record of n simulations with the values of some of them replaced."""
 
     def replaced(entry: Any, *new: Any) -> Any:
         result = np.array(np.broadcast_to(entry, n))

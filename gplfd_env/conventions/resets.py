@@ -1,4 +1,4 @@
-"""Gymnasium's conventions: reset options; of many, seeds and masks."""
+"""Gymnasium's conventions for reset options, seeds and masks."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
@@ -12,13 +12,13 @@ from gplfd_env.conventions.constants import Mask
 Record = TypeVar("Record")
 
 Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
-"""One seed to count up from, or one or None for each."""
+"""One seed, from which the others are counted up, or a seed or None per simulation."""
 
 
 def checked_options(options: object, allowed: Mapping[str, str]) -> dict[str, Any]:
     """Return the options of a reset without those that are None.
 
-    Raises a ValueError with what each option may be if one is unknown.
+    Raises a ValueError that lists the allowed options if one is unknown.
     """
     if not isinstance(options, Mapping | None):
         raise ValueError(
@@ -36,9 +36,9 @@ def checked_options(options: object, allowed: Mapping[str, str]) -> dict[str, An
 
 
 def masked(values: Mapping[str, Any], rows: Mask) -> dict[str, Any]:
-    """Return values with a mask ``"_key"`` beside each: the rows that are meant.
+    """Add to each value a mask ``"_key"`` of the rows for which it is valid.
 
-    All of them share one mask, nested values and their masks included.
+    All values share one mask, also nested ones.
     """
     nested = {
         name: masked(unmasked(value), rows)
@@ -55,16 +55,16 @@ def _mask_names(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def unmasked(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values without their masks; those of nested values stay."""
+    """Return values without their masks; masks of nested values stay."""
     return {name: value for name, value in values.items() if not name.startswith("_")}
 
 
 def each(
     name: str, given: Any, n: int | None, resolve: Callable[[Any], Record]
 ) -> list[Record]:
-    """Return what holds for each of n simulations, given one for all or a sequence.
+    """Return one value per simulation from a value for all or a sequence of n.
 
-    For one, n is None, and what is given may be no sequence.
+    For a single environment n is None, and a sequence is not allowed.
     """
     if n is None or not isinstance(given, list | tuple):
         return [resolve(given)] * (1 if n is None else n)
@@ -91,7 +91,7 @@ def each_seed(seed: Seeds, n: int) -> list[int | None]:
 
 
 def chosen_rows(mask: Any, n: int, *, begun: bool) -> Mask:
-    """Return which simulations to reset, (n,); the first time all must be."""
+    """Return which simulations to reset, (n,); the first reset must include all."""
     if mask is None:
         return np.ones(n, dtype=bool)
     array = np.asarray(mask)

@@ -1,6 +1,6 @@
-"""The law of a closer: its closing torque against the opening angle and its rate.
+"""Closing torque of a door closer as a function of opening angle and its rate.
 
-`gplfd_env.scene.closer` makes the same of MuJoCo's elements.
+`gplfd_env.scene.closer` models the same torque with MuJoCo's elements.
 """
 
 import math
@@ -25,7 +25,7 @@ _SPEED: Final = 1e-3
 
 
 def fading_torques(door: DoorConfig) -> tuple[tuple[float, float], ...]:
-    """Return torques at the closed door [N m] and where they have faded [rad]."""
+    """Return torques at the closed door [N m] and the angles [rad] of their zeros."""
     return (
         (door.stiction, STICTION_ANGLE),
         (door.seal, door.seal_angle),
@@ -34,7 +34,7 @@ def fading_torques(door: DoorConfig) -> tuple[tuple[float, float], ...]:
 
 
 def has_tendons(door: DoorConfig) -> bool:
-    """Return whether a door's closer is more than preload, stiffness and friction."""
+    """Return whether the closer has more than preload, stiffness and friction."""
     one_way = door.closing_damping + door.backcheck_damping
     return one_way > 0.0 or any(torque > 0.0 for torque, _ in fading_torques(door))
 
@@ -43,8 +43,8 @@ def has_tendons(door: DoorConfig) -> bool:
 class CloserLaw:
     """The closing torque of a door's closer, seal and stiction.
 
-    Friction counts while the door moves. Fields are those of a `DoorConfig`, or arrays
-    (n,) of those of n doors; `fading` is what `fading_torques` gives.
+    Friction acts while the door moves. Fields are those of a `DoorConfig`, or arrays
+    (n,) for n doors; `fading` is the result of `fading_torques`.
     """
 
     preload: Number
@@ -56,11 +56,11 @@ class CloserLaw:
     backcheck_damping: Number
     backcheck_angle: Number
     springs_alone: Flag
-    """Preload and stiffness are all that is not zero, as of most doors."""
+    """Whether only preload and stiffness are not zero, as for most doors."""
 
     @classmethod
     def of(cls, door: DoorConfig) -> "CloserLaw":
-        """Return that of a door."""
+        """Return the closer law of a door."""
         further = door.closer_friction or door.closer_damping or has_tendons(door)
         preload, stiffness = door.spring
         return cls(
@@ -76,7 +76,7 @@ class CloserLaw:
         )
 
     def torque(self, angle: Number, velocity: Number) -> Number:
-        """Return it [N m] at an opening angle [rad] and its rate [rad/s]."""
+        """Return the closing torque [N m] at an angle [rad] and its rate [rad/s]."""
         opened = where(angle > 0.0, angle, 0.0)
         torque = self.preload + self.stiffness * opened
         if not anywhere(negated(self.springs_alone)):

@@ -1,4 +1,4 @@
-"""Which door: its geometry, its hinge, and the presets by name."""
+"""Configuration of a door (geometry, hinge, handle, latch), and presets by name."""
 
 import dataclasses
 import math
@@ -26,10 +26,11 @@ Latch = Literal["none", "spring"]
 """Whether a sprung bolt holds the closed door until the handle is turned."""
 
 Swing = Literal["pull", "push"]
-"""Which way the door opens, for the robot."""
+"""Whether the robot pulls or pushes the door open."""
 
 HingeSide = Literal["right", "left", "bottom", "top"]
-"""Where the hinge is, for the robot; of a sliding or folding leaf, where it goes."""
+"""Side of the hinge, seen from the robot; for a sliding or folding leaf, the side to
+which it moves."""
 
 Motion = Literal[
     "hinged", "sliding", "parallel-sliding", "folding", "flap", "rising-butt",
@@ -38,7 +39,7 @@ Motion = Literal[
 """How the leaf moves, see `gplfd_env.doors.motion`."""
 
 OVERHANG: Final = 0.01
-"""The leaf ends this far beyond the hinge's axis where no width is given [m]."""
+"""Distance by which the leaf extends beyond the hinge axis if no width is given [m]."""
 
 BAR_RADIUS: Final = 0.011
 """Radius of bar and lever [m]."""
@@ -47,7 +48,7 @@ KNOB_RADIUS: Final = 0.026
 """Radius of the knob [m]."""
 
 _DISAGREEMENT: Final = 0.02
-"""How far width, backset and radius of a leaf may disagree [m]."""
+"""Tolerance between width - backset and radius of a leaf [m]."""
 
 
 def held_radius(handle: Handle) -> float:
@@ -56,12 +57,12 @@ def held_radius(handle: Handle) -> float:
 
 
 class Turning(NamedTuple):
-    """What a handle that turns has where its fields are None."""
+    """Defaults of a handle that turns, used for fields that are None."""
 
     preload: float  # Torque of the return spring at rest [N m].
-    stiffness: float  # What an angle adds to it [N m/rad].
-    travel: float = 0.8  # Angle at which it meets its stop [rad].
-    arm: float = 0.0  # From a horizontal axis in the leaf to the hand [m].
+    stiffness: float  # Its stiffness [N m/rad].
+    travel: float = 0.8  # Angle at which the handle meets its stop [rad].
+    arm: float = 0.0  # Distance from a horizontal axis in the leaf to the hand [m].
 
 
 TURNING: Final[Mapping[str, Turning]] = MappingProxyType(
@@ -73,8 +74,8 @@ TURNING: Final[Mapping[str, Turning]] = MappingProxyType(
         "handleset": Turning(0.5, 1.2, 0.35, 0.05),
     }
 )
-"""Levers and knobs: the middle of what `gplfd_env.doors.standard` draws. The others:
-assets/README.md."""
+"""Levers and knobs: the middle of the ranges in `gplfd_env.doors.standard`. For the
+others see assets/README.md."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,10 +83,10 @@ class DoorConfig:
     """A door, by default hinged.
 
     The hinge axis lies in the handle's plane, so the handle moves on a circle of
-    ``radius`` about it and its first motion is straight out of the frame, or into it.
-    Where a leaf does not turn about a hinge, torques are those that do the same work
-    per rad of `door_angle` (`gplfd_env.doors.motion`).
-    `gplfd_env.doors.hardware` gives fields by the standards.
+    ``radius`` about it and first moves straight out of the frame, or into it.
+    If the leaf does not turn about a hinge, torques stand for forces that do the same
+    work per rad of `door_angle` (`gplfd_env.doors.motion`).
+    `gplfd_env.doors.hardware` computes fields from the standards.
 
     Raises:
         ValueError: A field is not finite or outside its range, or fields disagree.
@@ -93,7 +94,7 @@ class DoorConfig:
     """
 
     radius: float = quantity(
-        0.50, unit="m", low=0.30, high=1.05, reason="the radii the robot can open"
+        0.50, unit="m", low=0.30, high=1.05, reason="radii that the robot can open"
     )
     """Distance from hinge axis to handle axis."""
     hinge_friction: float = quantity(0.5, unit="N m", low=0.0, high=50.0)
@@ -107,7 +108,7 @@ class DoorConfig:
     panel_mass: float = quantity(12.0, unit="kg", low=1.0, high=100.0)
     """Mass of the door leaf."""
     handle_height: float = quantity(
-        0.85, unit="m", low=0.50, high=1.22, reason="what torso and arm can serve"
+        0.85, unit="m", low=0.50, high=1.22, reason="reach of torso and arm"
     )
     """Height of the grasped point above the floor."""
     handle_standoff: float = quantity(0.07, unit="m", low=0.06, high=0.12)
@@ -117,13 +118,13 @@ class DoorConfig:
     latch: Latch = "none"
     """What holds the closed door."""
     swing: Swing = "pull"
-    """Which way it opens."""
+    """Whether the robot pulls or pushes the door open."""
     hinge_side: HingeSide = "right"
-    """Where its hinge is."""
+    """Side of the hinge, seen from the robot."""
     leaf_width: float | None = quantity(None, unit="m", low=0.35, high=1.25)
     """Width of the leaf; None: 1 cm more than `radius` and `backset`."""
     backset: float = quantity(0.08, unit="m", low=0.04, high=0.25)
-    """From the leaf's free edge to the handle's axis."""
+    """Distance from the leaf's free edge to the handle's axis."""
     leaf_thickness: float = quantity(0.04, unit="m", low=0.015, high=0.08)
     """Thickness of the leaf."""
     stop_angle: float = quantity(
@@ -131,19 +132,19 @@ class DoorConfig:
     )
     """Angle at which the leaf meets its stop."""
     stiction: float = quantity(0.0, unit="N m", low=0.0, high=50.0)
-    """Torque that keeps the door closed; faded when it is open by 0.5°."""
+    """Torque that keeps the door closed; falls to zero at 0.5°."""
     seal: float = quantity(0.0, unit="N m", low=0.0, high=20.0)
     """Closing torque of the seal at the closed door."""
     seal_angle: float = quantity(
         math.radians(4.0), unit="rad", low=math.radians(0.5), high=math.radians(15.0)
     )
-    """Where the seal's torque has faded to nothing, linearly."""
+    """Angle at which the seal's torque, which falls linearly, reaches zero."""
     closer_boost: float = quantity(0.0, unit="N m", low=0.0, high=50.0)
     """Door closer: additional closing torque at the closed door (latch boost)."""
     closer_boost_angle: float = quantity(
         math.radians(30.0), unit="rad", low=math.radians(5.0), high=math.radians(90.0)
     )
-    """Where that has faded to nothing, linearly."""
+    """Angle at which the latch boost, which falls linearly, reaches zero."""
     closer_friction: float = quantity(0.0, unit="N m", low=0.0, high=30.0)
     """Door closer: half of opening minus closing moment."""
     closer_damping: float = quantity(0.0, unit="N m s/rad", low=0.0, high=50.0)
@@ -155,43 +156,43 @@ class DoorConfig:
     backcheck_angle: float = quantity(
         math.radians(70.0), unit="rad", low=math.radians(30.0), high=math.pi
     )
-    """Where that begins."""
+    """Angle at which the back-check damping begins."""
     handle_length: float = quantity(0.12, unit="m", low=0.10, high=0.15)
-    """Lever: from the axis about which it turns to its end."""
+    """Lever: distance from the axis about which it turns to its end."""
     handle_preload: float | None = quantity(None, unit="N m", low=0.0, high=5.0)
-    """Torque of the return spring at rest; None: 0.5 of a lever, 0.175 of a knob, as
-    fingers hold a third of what a lever takes, and of others as in `TURNING`."""
+    """Torque of the return spring at rest; None: 0.5 for a lever, 0.175 for a knob
+    (fingers can hold a third of what a lever needs), others as in `TURNING`."""
     handle_stiffness: float | None = quantity(None, unit="N m/rad", low=0.1, high=15.0)
-    """What the return spring adds per angle; None: as in `TURNING`."""
+    """Stiffness of the return spring; None: as in `TURNING`."""
     handle_travel: float | None = quantity(None, unit="rad", low=0.25, high=1.2)
-    """Angle at which the handle meets its stop; None: 0.8 of a lever or knob, and of
+    """Angle at which the handle meets its stop; None: 0.8 for a lever or knob,
     others as in `TURNING`."""
     dead_travel: float = quantity(0.06, unit="rad", low=0.0, high=0.2)
     """Angle at which the handle begins to retract the bolt."""
     bolt_throw: float = quantity(0.0127, unit="m", low=0.010, high=0.020)
-    """Latch: how far the bolt stands out; the handle's whole travel draws it in."""
+    """Latch: how far the bolt protrudes; the handle's whole travel retracts it."""
     bolt_preload: float = quantity(4.0, unit="N", low=1.0, high=20.0)
-    """Latch: force of the bolt's spring where it stands out."""
+    """Latch: force of the bolt's spring when the bolt protrudes."""
     bolt_stiffness: float = quantity(300.0, unit="N/m", low=50.0, high=2000.0)
-    """Latch: what the bolt's spring adds per length."""
+    """Latch: stiffness of the bolt's spring."""
     motion: Motion = "hinged"
-    """How the leaf moves. `radius` is then the distance from the handle to the jamb at
-    which a sliding or folding leaf ends."""
+    """How the leaf moves. For a sliding or folding leaf `radius` is the distance from
+    the handle to the jamb to which the leaf moves."""
     clear_width: float | None = quantity(None, unit="m", low=0.30, high=1.05)
-    """Sliding: clear way; None: `radius`."""
+    """Sliding: clear width; None: `radius`."""
     offset: float = quantity(0.05, unit="m", low=0.02, high=0.10)
-    """Parallel-sliding: how far the leaf comes out before it slides."""
+    """Parallel-sliding: distance by which the leaf moves out before it slides."""
     rise: float = quantity(0.012, unit="m", low=0.005, high=0.02)
     """Rising butt: height gained per 90°."""
     strut_stiffness: float = quantity(0.0, unit="N m/rad", low=0.0, high=60.0)
-    """Flap: the gas strut opens beyond its dead point with this torque per angle, and
-    closes before it."""
+    """Flap: torque of the gas strut per angle from its dead point; it opens the flap
+    beyond the dead point and closes it before."""
     strut_dead_angle: float = quantity(
         math.radians(10.0), unit="rad", low=0.0, high=math.radians(60.0)
     )
-    """Flap: the dead point."""
+    """Flap: dead point of the gas strut."""
     handle_arm: float | None = quantity(None, unit="m", low=0.04, high=0.15)
-    """Paddle, touch bar, handleset: from the axis about which it turns to where it is
+    """Paddle, touch bar, handleset: distance from its axis to the point where it is
     held; None: as in `TURNING`."""
     roller_friction: float = quantity(0.0, unit="N", low=0.0, high=200.0)
     """Folding: Coulomb friction of the guided edge's rollers, along their rail."""
@@ -205,7 +206,7 @@ class DoorConfig:
             raise ValueError(f"no such door: {problem}")
 
     def _contradiction(self) -> str:
-        """Return which fields contradict each other; empty if none do."""
+        """Return a message about contradictory fields; empty if there are none."""
         motion, defaults = self.motion, self.__dataclass_fields__
         for name, motions in _OF_MOTIONS.items():
             if motion not in motions and getattr(self, name) != defaults[name].default:
@@ -216,9 +217,9 @@ class DoorConfig:
                 "has its hinge at the bottom or top, all others on the right or left"
             )
         if motion not in ("hinged", "rising-butt") and self.handle != "bar":
-            return f"motion = {motion!r} with handle = {self.handle!r}; it has a bar"
+            return f"motion = {motion!r} with handle = {self.handle!r}; choose 'bar'"
         if motion in _PULLED and self.swing == "push":
-            return f"motion = {motion!r} with swing = 'push'; it comes to the robot"
+            return f"motion = {motion!r} with swing = 'push'; choose swing = 'pull'"
         if self.latch == "spring" and self.handle == "bar":
             return (
                 "latch = 'spring' with handle = 'bar', which does not turn and could "
@@ -226,14 +227,14 @@ class DoorConfig:
             )
         if self.handle == "touch-bar" and self.swing == "pull":
             return (
-                "handle = 'touch-bar' with swing = 'pull': it is pushed; choose "
+                "handle = 'touch-bar' with swing = 'pull': it must be pushed; choose "
                 "swing = 'push', or handle = 'bar' for the pull on its other side"
             )
         if abs(self.overhang) > _DISAGREEMENT:
             return (
                 f"leaf_width = {self.leaf_width:g} minus backset = {self.backset:g} is "
-                f"not radius = {self.radius:g} within {_DISAGREEMENT:g} m; leave "
-                "leaf_width None to have it follow"
+                f"not radius = {self.radius:g} within {_DISAGREEMENT:g} m; with "
+                "leaf_width None it is computed"
             )
         if self.dead_travel > 0.5 * self.travel:
             return (
@@ -243,9 +244,9 @@ class DoorConfig:
         return ""
 
     def as_dict(self) -> dict[str, float | str | None]:
-        """Return the first eight fields, and of the others those that have no default.
+        """Return the first eight fields, and the others that differ from their default.
 
-        So a record of a plain door stays what it was before there were others.
+        Thus the record of a plain door did not change when fields were added.
         """
         return {
             field.name: getattr(self, field.name)
@@ -254,7 +255,7 @@ class DoorConfig:
         }
 
     def replaced(self, fields: Mapping[str, float]) -> "DoorConfig":
-        """Return the door with other numbers; with another radius its leaf follows."""
+        """Return the door with changed numbers; a new radius resets its width."""
         changed: dict[str, Any] = dict(fields)
         if "radius" in changed:
             changed.setdefault("leaf_width", None)
@@ -262,14 +263,14 @@ class DoorConfig:
 
     @property
     def grip(self) -> float:
-        """How far towards the hinge from the handle's axis the hand holds it [m]."""
+        """Distance from the handle's axis to the hand, towards the hinge [m]."""
         return self.handle_length - 0.03 if self.handle == "lever" else 0.0
 
     @property
     def handle_spring(self) -> tuple[float, float]:
-        """Torque of the handle's return spring [N m], and what an angle adds [N m/rad].
+        """Preload [N m] and stiffness [N m/rad] of the handle's return spring.
 
-        Where none are given, what such handles usually have.
+        Values that are not given are typical of the handle (`TURNING`).
         """
         preload, stiffness = self._turning.preload, self._turning.stiffness
         if self.handle_preload is not None:
@@ -286,7 +287,7 @@ class DoorConfig:
 
     @property
     def arm(self) -> float:
-        """From the axis of a paddle, touch bar or handleset to the hand [m]."""
+        """Distance from axis to hand of a paddle, touch bar or handleset [m]."""
         return self._turning.arm if self.handle_arm is None else self.handle_arm
 
     @property
@@ -300,9 +301,9 @@ class DoorConfig:
 
     @property
     def kind(self) -> dict[str, str]:
-        """What tells doors apart that are opened by another motion."""
+        """Kind of door: the fields that decide which motion opens it."""
         kind = {name: getattr(self, name) for name in _CHOICES}
-        # Records of hinged doors stay what they were before there were others.
+        # Thus records of hinged doors did not change when motions were added.
         if self.motion == "hinged":
             del kind["motion"]
         return kind
@@ -314,31 +315,31 @@ class DoorConfig:
 
     @property
     def clear_way(self) -> float:
-        """How far a sliding leaf can go [m]."""
+        """Travel of a sliding leaf [m]."""
         return self.radius if self.clear_width is None else self.clear_width
 
     @property
     def fold(self) -> float:
-        """Distance from the handle to the joint of folding leaves of one width [m]."""
+        """Distance from the handle to the joint between equal folding leaves [m]."""
         return (self.radius - self.backset) / 2.0
 
     @property
     def way(self) -> float:
-        """1 if the handle begins to move along x, -1 if against it."""
+        """Direction in which the handle begins to move: 1 along x, -1 against it."""
         return 1.0 if self.swing == "pull" else -1.0
 
     @property
     def overhang(self) -> float:
-        """How far the leaf ends beyond the hinge's axis [m]."""
+        """Distance by which the leaf extends beyond the hinge axis [m]."""
         if self.leaf_width is None:
             return OVERHANG
         return self.leaf_width - self.backset - self.radius
 
     @property
     def spring(self) -> tuple[float, float]:
-        """Closing torque of closer and strut [N m], and what an angle adds [N m/rad].
+        """Closing torque [N m] and stiffness [N m/rad] of closer and strut.
 
-        Without what fades.
+        Without the parts that fade near the closed door.
         """
         strut = self.strut_stiffness
         if strut == 0.0:
@@ -373,7 +374,7 @@ _OF_MOTIONS: Final[Mapping[str, tuple[Motion, ...]]] = {
     "strut_dead_angle": ("flap",),
     "roller_friction": ("folding",),
 }
-"""Motions of which a field tells."""
+"""Motions to which a field applies."""
 
 _PULLED: Final = ("sliding", "parallel-sliding", "folding", "flap", "concealed-hinge")
 
@@ -381,7 +382,7 @@ _PULLED: Final = ("sliding", "parallel-sliding", "folding", "flap", "concealed-h
 def _room(
     width: float, construction: str = "tubular-strips", **more: Any
 ) -> DoorConfig:
-    """Return a door of a building by DIN 18101, with a lever and a latch."""
+    """Return a door by DIN 18101, with a lever and a latch."""
     fields: dict[str, Any] = {
         "handle": "lever",
         "latch": "spring",
@@ -393,7 +394,7 @@ def _room(
 
 
 def _with(fields: Mapping[str, float], **more: Any) -> DoorConfig:
-    """Return a door with fields that `gplfd_env.doors.hardware` gives."""
+    """Return a door with the given groups of fields from `gplfd_env.doors.hardware`."""
     return DoorConfig(**{**fields, **more})
 
 
@@ -495,7 +496,7 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
     }
 )
 """Small, medium and large are demonstrated; heavy is a medium door that needs 14 N. The
-others are doors of furniture and of buildings, the last of which are not hinged."""
+others are doors of furniture and of buildings; the last ones are not hinged."""
 
 DoorSpec = str | float | Mapping[str, Any] | DoorConfig
 """What `door_config` accepts."""

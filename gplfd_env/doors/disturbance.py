@@ -47,8 +47,8 @@ class Push:
     """A force on hand, forearm or leaf, in the axes of the handle's circle."""
 
     on: Target = "hand"
-    """Where it acts: ``"hand"`` and ``"forearm"`` at their centres of mass; ``"door"``
-    at the handle, where only `along` moves something."""
+    """Where the push acts: ``"hand"`` and ``"forearm"`` at their centres of mass;
+    ``"door"`` at the handle, where only `along` has an effect."""
     profile: Profile = "half_sine"
     """``"half_sine"``, or ``"constant"``."""
     along: Number = quantity(0.0, unit="N", low=-100.0, high=100.0)
@@ -75,9 +75,9 @@ class Person:
     """A person holds the robot's hand or the door, or blocks its way with a hand.
 
     A mass, the person's hand, touches hand or door through the contact stiffness of
-    ISO/TS 15066 (hands and fingers: 0.6 kg, 75 N/mm) and hangs on a softer
-    spring-damper, the arm, at where it was when it took hold. It moves along the
-    handle's circle only.
+    ISO/TS 15066 (hands and fingers: 0.6 kg, 75 N/mm). A softer spring-damper, the
+    arm, ties it to the place where it took hold. It moves along the handle's circle
+    only.
     """
 
     on: Held = "hand"
@@ -85,7 +85,7 @@ class Person:
     one_sided: bool = False
     """Whether the person only stands in the way and never pulls."""
     start_angle: Number = quantity(0.0, **_ANGLES)
-    """Angle at which the person takes hold, or at which the hand in the way is."""
+    """Angle at which the person takes hold, or at which the blocking hand is."""
     start_time: Number = quantity(0.0, **_TIMES)
     """Earliest time at which the person takes hold."""
     duration: Number = quantity(2.5, **_DURATIONS)
@@ -93,13 +93,13 @@ class Person:
     hand_mass: Number = quantity(0.6, unit="kg", low=0.1, high=5.0)
     """Mass of the person's hand."""
     contact_stiffness: Number = quantity(75e3, unit="N/m", low=1e3, high=100e3)
-    """Between the person's hand and what it touches."""
+    """Contact stiffness between the person's hand and what it touches."""
     contact_damping: Number = quantity(80.0, unit="N s/m", low=0.0, high=400.0)
-    """The same, viscous."""
+    """Contact damping between the person's hand and what it touches."""
     arm_stiffness: Number = quantity(1000.0, unit="N/m", low=0.0, high=5000.0)
-    """Of the person's arm."""
+    """Stiffness of the person's arm."""
     arm_damping: Number = quantity(50.0, unit="N s/m", low=0.0, high=200.0)
-    """The same, viscous."""
+    """Damping of the person's arm."""
 
     def __post_init__(self) -> None:
         check_choice("Person.on", self.on, get_args(Held))
@@ -112,24 +112,25 @@ class Stop(Ranges):
     """The door does not open further, because somebody is behind it or it is locked."""
 
     angle: Number = quantity(0.0, unit="rad", low=0.0, high=math.radians(95.0))
-    """Greatest opening angle meanwhile; 0 is a locked door."""
+    """Greatest opening angle while the stop acts; 0 is a locked door."""
     duration: Number = quantity(1000.0, **_DURATIONS)
-    """From the door's first touch (within half a degree) until it is free."""
+    """Time from the door's first contact with the stop (within half a degree) until it
+    is free."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bump(Ranges):
     """The robot's base is moved, and its task frame with it; the robot does not know.
 
-    What it commands happens beside the door by the displacement, and what it observes
-    is off by as much: position of the hand and its velocity. The arm's change of
-    posture and the inertia of the push are left out.
+    Commanded poses are displaced relative to the door, and the observed position and
+    velocity of the hand are wrong by the same displacement. The arm's change of posture
+    and the inertia of the push are not modelled.
     """
 
     forward: Number = quantity(0.0, unit="m", low=-0.05, high=0.05)
-    """Displacement along the base's x axis, which stays."""
+    """Permanent displacement along the base's x axis."""
     left: Number = quantity(0.0, unit="m", low=-0.05, high=0.05)
-    """Displacement along the base's y axis, which stays."""
+    """Permanent displacement along the base's y axis."""
     start_angle: Number = quantity(0.0, **_ANGLES)
     """It begins when the door is open by this angle."""
     start_time: Number = quantity(0.0, **_TIMES)
@@ -143,10 +144,10 @@ class Breakaway(Ranges):
     """A hinge that sticks before it first moves, and a seal near the frame."""
 
     stiction: Number = quantity(0.0, unit="N m", low=0.0, high=50.0)
-    """Friction of the hinge in addition to the door's own, until it has moved by half
-    a degree."""
+    """Friction of the hinge in addition to the door's own, until the door has moved by
+    half a degree."""
     seal: Number = quantity(0.0, unit="N m", low=0.0, high=50.0)
-    """Closing torque of the seal at the closed door; it fades linearly to nothing at
+    """Closing torque of the seal at the closed door; it falls linearly to zero at
     `seal_angle`."""
     seal_angle: Number = quantity(
         math.radians(4.0), unit="rad", low=math.radians(0.5), high=math.radians(15.0)
@@ -156,13 +157,13 @@ class Breakaway(Ranges):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Disturbance:
-    """External events of an episode; None: there is none of this kind.
+    """External events of an episode; None means no event of this kind.
 
     A field may be given as a mapping of its record's fields.
 
     Raises:
-        ValueError: A field's mapping has an unknown key, or a number that is not finite
-            or not allowed, or there is no such choice.
+        ValueError: A field's mapping has an unknown key, a number that is not finite or
+            not allowed, or an unknown choice.
         TypeError: A field is neither its record, a mapping, nor None, or a value is
             neither a number nor a pair of numbers.
     """
@@ -197,8 +198,8 @@ class Disturbance:
     def drawn(self, rng: np.random.Generator) -> Disturbance:
         """Return the disturbance of one episode, each pair replaced by a draw from it.
 
-        One uniform number per number of each record, whether it is drawn or not, so
-        that disturbances that differ in one range share all others.
+        One uniform number is drawn for every number of each record, also for fixed
+        ones, so that disturbances that differ in one range share all other values.
         """
         return dataclasses.replace(
             self,
@@ -246,10 +247,10 @@ DISTURBANCES: Final[Mapping[str, Disturbance]] = MappingProxyType(
         ),
     }
 )
-"""Disturbances of ordinary doors, one cause each."""
+"""Presets for ordinary doors, one kind of event each."""
 
 DisturbanceSpec = str | Mapping[str, Any] | Disturbance
-"""What `disturbance` accepts."""
+"""What `disturbance_named` accepts."""
 
 
 def disturbance_named(spec: DisturbanceSpec) -> Disturbance:
@@ -262,7 +263,7 @@ def disturbance_named(spec: DisturbanceSpec) -> Disturbance:
     """
     given: Any = spec
     if isinstance(spec, Mapping):
-        # Records of the mapping have what those of its preset have and they leave out.
+        # Records in the mapping inherit from the preset the fields that they leave out.
         name = spec.get("preset", "none")
         start = DISTURBANCES.get(name) if isinstance(name, str) else None
         given = dict(spec)

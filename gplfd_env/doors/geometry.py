@@ -1,4 +1,4 @@
-"""Where a door's hinge is: what decides every pose of a hand that holds its handle."""
+"""Position of a door's hinge, and the poses of a hand that holds its handle."""
 
 from __future__ import annotations
 
@@ -16,26 +16,27 @@ from gplfd_env.doors.rocker import handle_axis
 from gplfd_env.spatial.se3 import compose_rotvecs
 
 _TURN: Final = 0.5
-"""Share of the leaf's turn that a hand takes where it pushes something round."""
+"""Rotation of a hand per rotation of the leaf when it pushes a handle that it can hold
+from any side."""
 
 _LEVEL_TURN: Final = 0.25
-"""The same of a flap."""
+"""The same for a flap."""
 
 _LEVEL: Final = 0.5
-"""The hinge's axis is level below this share of its direction upwards."""
+"""The hinge axis counts as level if its upward component is below this."""
 
 _SMALL: Final = 1e-6
-"""Angle over which paths are differentiated [rad]."""
+"""Step angle for numerical differentiation of paths [rad]."""
 
 _ANGLES: Final = np.radians(np.linspace(-5.0, 100.0, 1051))
 
 _NOT_TURNED: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 _ACROSS: Final = 0.5
-"""Below this cosine of the angle between them an axis is across the pull."""
+"""An axis counts as across the pull if the cosine of their angle is below this."""
 
 _ROUND: Final = 0.03
-"""Below this distance from its axis a handle counts as a knob [m]."""
+"""A handle counts as a knob if it is nearer than this to its axis [m]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -51,20 +52,20 @@ class DoorGeometry:
     """The point of the hinge axis nearest to the origin [m], (3,); given as any point
     of the axis."""
     axis: Array
-    """Its direction, (3,), a unit vector; given with any length. A positive turn about
-    it opens the door."""
+    """Direction of the hinge axis, (3,), a unit vector; given with any length. A
+    positive turn about it opens the door."""
     spindle: Array | None = None
     """A point of the axis about which the handle turns in the leaf [m], (3,), while the
     door is closed; None if the handle does not turn."""
     turn: Array | None = None
-    """That axis's direction, (3,), a unit vector; given with any length. A positive
-    turn about it draws the bolt."""
+    """Direction of that axis, (3,), a unit vector; given with any length. A positive
+    turn about it retracts the bolt."""
     travel: float = 0.0
     """How far the handle can be turned [rad]; 0 if it does not turn."""
     links: tuple[Link, ...] = ()
-    """Joints between frame and leaf, in the task frame; none if the leaf turns about
-    the hinge alone, which `hinge`, `axis` and `radius` describe. With links these are
-    the upright axis at the jamb to which the leaf goes, and its distance."""
+    """Joints between frame and leaf, in the task frame; empty if the leaf only turns
+    about the hinge that `hinge`, `axis` and `radius` describe. With links, these three
+    describe the upright axis at the jamb to which the leaf moves."""
     radius: float = field(init=False)
     """Distance of the hand from the hinge axis [m]."""
     pull: Array = field(init=False)
@@ -104,7 +105,7 @@ class DoorGeometry:
     def nominal(
         cls, radius: float, swing: Swing = "pull", hinge_side: HingeSide = "right"
     ) -> DoorGeometry:
-        """Return a door of a radius [m] before a robot that stands right."""
+        """Return a door of a radius [m] in front of a robot without placement error."""
         side = 1.0 if hinge_side == "right" else -1.0
         way = 1.0 if swing == "pull" else -1.0
         return cls(
@@ -119,11 +120,11 @@ class DoorGeometry:
         position: ArrayLike = (0.0, 0.0, 0.0),
         rotation: ArrayLike = _NOT_TURNED,
     ) -> DoorGeometry:
-        """Return a door, by default before a robot that stands and grasps right.
+        """Return the geometry of a door, by default without placement or grasp error.
 
         Args:
             door: The door.
-            position: Where the hand takes hold, door frame, (3,) [m].
+            position: Grasped point in the door frame, (3,) [m].
             rotation: Axes of the task frame in the door frame, (3, 3).
         """
         to_task, origin = np.asarray(rotation, float).T, np.asarray(position, float)
@@ -162,9 +163,10 @@ class DoorGeometry:
     def hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
         """Return the poses of a hand that holds the handle rigidly.
 
-        exp(φ a) (p - h) + h for the hinge h, its axis a and the hand's place p in the
-        closed door, turned by φ a: p is the origin while the handle is not turned, and
-        s - exp(θ t) s, turned by θ t, for the spindle s and its axis t when it is.
+        The hand is at exp(φ a) (p - h) + h, rotated by φ a, for the hinge h, its axis a
+        and the position p of the hand at the closed door. While the handle is not
+        turned, p is the origin. When it is turned, p is s - exp(θ t) s, rotated by θ t,
+        for the spindle s and its axis t.
 
         Args:
             angle: Opening angles φ [rad], (...).
@@ -174,7 +176,7 @@ class DoorGeometry:
             (..., 6) position [m] and rotation vector [rad], task frame.
 
         Raises:
-            ValueError: A turn of a handle that does not turn.
+            ValueError: `turn` is not 0, but the handle does not turn.
         """
         angles = np.asarray(angle, dtype=np.float64)[..., None]
         turns = np.asarray(turn, dtype=np.float64)[..., None]
@@ -199,13 +201,13 @@ class DoorGeometry:
         return np.concatenate([position, rotation], axis=-1)
 
     def easy_hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
-        """Return the poses of a hand that opens the door as is easy for its arm.
+        """Return the poses of a hand that opens the door without straining its arm.
 
         Bars and knobs, and handles that turn about an axis across the pull, can be held
-        from any side. Where they are pushed, the hand turns by half as much as the
-        leaf, so that the arm goes through the frame and not into the jamb beside the
-        lock; on a folding leaf by half, on the level bar of a flap by a quarter.
-        Everything else is held rigidly, as in `hand_poses`.
+        from any side. When the hand pushes them, it turns by half as much as the leaf,
+        so that the arm goes through the frame and not into the jamb beside the lock. It
+        also turns by half on a folding leaf, and by a quarter on the level bar of a
+        flap. All other handles are held rigidly, as in `hand_poses`.
         """
         poses = self.hand_poses(angle, turn)
         spindle = self.spindle
@@ -223,11 +225,11 @@ class DoorGeometry:
 
     @property
     def _folds(self) -> bool:
-        """Whether the leaf turns on a leaf that turns."""
+        """Whether the leaf is hinged to another leaf that turns."""
         return sum(not link.slides for link in self.links) > 1
 
     def direction(self, angle: float) -> Array:
-        """Return where the hand moves at an angle [rad]: a unit vector, (3,)."""
+        """Return the hand's direction of motion at an angle [rad], a unit vector."""
         if self.links:
             ends = self.hand_poses([angle - _SMALL, angle + _SMALL])[:, :3]
             step = ends[1] - ends[0]
@@ -238,8 +240,8 @@ class DoorGeometry:
     def angle(self, position: ArrayLike) -> Array:
         """Return the opening angles [rad], (...), at hand positions, (..., 3).
 
-        Where the leaf does not turn about a hinge, those of the nearest points of the
-        path, to 0.05°.
+        If the leaf does not turn about a hinge, they are the angles of the nearest
+        points of a path sampled at 0.1°, exact to 0.05°.
         """
         if self.links:
             path = self.hand_poses(_ANGLES)[:, :3]

@@ -1,4 +1,4 @@
-"""What standards and makers' tables say of doors, as fields of a `DoorConfig`.
+"""Fields of a `DoorConfig` from standards and manufacturers' tables.
 
 assets/README.md names the clause or table of every number.
 """
@@ -35,10 +35,11 @@ EN_1154: Final = MappingProxyType(
 """Rows by power size."""
 
 _FADED: Final = math.radians(30.0)
-"""Angle at which a closer's additional moment near the frame has faded [rad]; own."""
+"""Angle at which a closer's additional moment near the frame reaches zero [rad]; own
+assumption."""
 
 LEAF_HEIGHT: Final = 1.972
-"""Of a leaf by DIN 18101 [m]."""
+"""Height of a leaf by DIN 18101 [m]."""
 
 CONSTRUCTIONS: Final = MappingProxyType(
     {
@@ -49,7 +50,7 @@ CONSTRUCTIONS: Final = MappingProxyType(
         "fire": 34.0,
     }
 )
-"""Mass of a leaf per area, by what is inside [kg/m²]."""
+"""Mass of a leaf per area, by its core [kg/m²]."""
 
 BEARINGS: Final = MappingProxyType(
     {"ball": 0.04, "plain": 0.12, "worn": 0.25, "rusty": 0.55}
@@ -57,17 +58,18 @@ BEARINGS: Final = MappingProxyType(
 """Coefficient of friction of a hinge."""
 
 CLEAR_WAY: Final = 0.85
-"""Share of the clear way at `SUCCESS_ANGLE`, of a leaf without a hinge."""
+"""Share of its clear way that a leaf without a hinge has moved at `SUCCESS_ANGLE`."""
 
 _ROLLER_DAMPING: Final = 8.0
 _SOFT_CLOSE_DAMPING: Final = 60.0
-"""Of a leaf that moves, and while it closes [N s/m]; own."""
+"""Damping of a moving leaf, and the additional soft-close damping [N s/m]; own
+assumptions."""
 _SOFT_CLOSE_WAY: Final = 0.1
 
 _PIN_RADIUS: Final = 4.8e-3
 _THRUST_RADIUS: Final = 7.5e-3
 _HINGE_SPAN: Final = 1.5
-"""Between the outer hinges of a leaf [m]; own."""
+"""Distance between the outer hinges of a leaf [m]; own assumption."""
 
 
 def en1154(size: int, efficiency: float | None = None) -> dict[str, float]:
@@ -75,8 +77,8 @@ def en1154(size: int, efficiency: float | None = None) -> dict[str, float]:
 
     The closing moment M near the frame is the middle of the standard's range. With
     the efficiency η the opening moment there is M / η, so the spring gives their mean
-    and friction half their difference. Beyond 30° the closing moment is half of M,
-    which at 90° is more than the least allowed.
+    and friction half their difference. Beyond 30° the closing moment is half of M; at
+    90° this exceeds the least allowed.
 
     Args:
         size: Power size, 1 to 4.
@@ -84,7 +86,7 @@ def en1154(size: int, efficiency: float | None = None) -> dict[str, float]:
             allowed and 1.
 
     Raises:
-        ValueError: An unknown size, or an efficiency that the standard refuses.
+        ValueError: An unknown size, or an efficiency that the standard does not allow.
     """
     check_choice("EN 1154 size", size, EN_1154)
     row = EN_1154[size]
@@ -129,9 +131,9 @@ def rollers(
 ) -> dict[str, float]:
     """Return the fields of a leaf that hangs on rollers.
 
-    From its mass [kg], its clear way [m], the rollers' coefficient of friction, and the
-    force [N] of a soft-close spring at the closed door, which fades over 10 cm. Torques
-    do the work of these forces per rad of `door_angle`.
+    The arguments are its mass [kg], its clear way [m], the rollers' coefficient of
+    friction, and the force [N] of a soft-close spring at the closed door, which fades
+    over 10 cm. The torques do the same work as these forces per rad of `door_angle`.
     """
     gain = sliding_gain(way)
     fields = {
@@ -154,7 +156,7 @@ def sliding_gain(way: float) -> float:
 
 
 def bearing_friction(mass: float, width: float, bearing: str = "ball") -> float:
-    """Return the Coulomb friction of the hinges of a leaf [N m], by its mass and width.
+    """Return the Coulomb friction of a leaf's hinges [N m] from its mass and width.
 
     μ (m g r_thrust + 2 F r_pin) with the horizontal load F = m g (W / 2) / span: the
     bearing model of DoorBench's docs/PHYSICS.md. The bearing is a key of `BEARINGS`.
@@ -174,9 +176,9 @@ def leaf(
 ) -> dict[str, float]:
     """Return the fields of an unrebated leaf of `LEAF_HEIGHT`.
 
-    From its width [m], a key of `CONSTRUCTIONS`, the distance from the lock's edge to
-    the axis of the handle [m], and a key of `BEARINGS`. Raises a ValueError for an
-    unknown construction or bearing.
+    The arguments are its width [m], a key of `CONSTRUCTIONS`, the distance from the
+    lock's edge to the axis of the handle [m], and a key of `BEARINGS`. Raises a
+    ValueError for an unknown construction or bearing.
     """
     check_choice("construction", construction, CONSTRUCTIONS)
     mass = CONSTRUCTIONS[construction] * width * LEAF_HEIGHT

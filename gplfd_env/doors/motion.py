@@ -1,8 +1,9 @@
 """How a leaf moves: the joints between frame and leaf, as functions of one coordinate.
 
 Every door has one degree of freedom, `door_angle` φ. It is the opening angle of a leaf
-that turns about a hinge. Any other leaf has moved by as much as a person needs at
-φ = 60°: 85 % of its clear way. The scene and every forward kinematics use these joints.
+that turns about a hinge. Any other leaf has moved by 85 % of its clear way at φ = 60°,
+which is as much as a person needs. The scene and every forward kinematics use these
+joints.
 
 | motion | handle's path from its closed position, hinge on the right |
 |---|---|
@@ -11,7 +12,7 @@ that turns about a hinge. Any other leaf has moved by as much as a person needs 
 | parallel-sliding | w (1 - (1-u)⁴), -s (2u² - u³): out by w, then along |
 | folding | trammel ellipse a sin ψ, -(2L-a) (1 - cos ψ); the leaf turns by -ψ |
 | rising-butt | circle, and upwards by 10 to 13 mm per 90° |
-| concealed-hinge | the coupler of a four-bar, whose centre wanders by 15 mm |
+| concealed-hinge | coupler of a four-bar; its centre of rotation moves by 15 mm |
 
 assets/README.md names the sources of the dimensions.
 """
@@ -58,13 +59,13 @@ _DEGREE: Final = 4
 
 
 class Link(NamedTuple):
-    """A joint between frame and leaf; further links are fixed to what it moves."""
+    """A joint between frame and leaf; the next link is fixed to what it moves."""
 
-    name: str  # Of MuJoCo's joint; "hinge" has the coordinate φ itself.
-    slides: bool  # Along the axis; else it turns about it.
-    axis: Triple  # In the door frame, whose origin is the hand at the closed door.
+    name: str  # Name of the MuJoCo joint; the coordinate of "hinge" is φ.
+    slides: bool  # Whether it slides along the axis; else it turns about it.
+    axis: Triple  # In the door frame; its origin is the hand at the closed door.
     anchor: Triple  # A point of the axis, door frame [m].
-    gains: tuple[float, ...]  # g₁, g₂, ...: its position is Σ gₖ φᵏ [m, rad].
+    gains: tuple[float, ...]  # g₁, g₂, ...: the joint position is Σ gₖ φᵏ [m, rad].
 
 
 def links_of(door: DoorConfig) -> tuple[Link, ...]:
@@ -125,36 +126,36 @@ def end_angle(door: DoorConfig) -> float:
 def roller_way(door: DoorConfig, angles: Array) -> Array:
     """Return how far the rollers of folding leaves move per φ, at angles φ [m/rad].
 
-    The guided edge is (R + a) cos ψ away from the jamb. So what rollers need begins
-    with nothing at the closed door.
+    The guided edge is (R + a) cos ψ away from the jamb, so the rollers do not move at
+    first.
     """
     leaves = door.radius + door.backset
     return np.asarray(leaves * _FOLD_GAIN * np.sin(_FOLD_GAIN * angles))
 
 
 class LeafPath(NamedTuple):
-    """How the handle moves with the leaf, as numbers of one door or arrays (n,)."""
+    """Motion of the handle with the leaf, as numbers for one door or arrays (n,)."""
 
     way: Number = 1.0
     """`DoorConfig.way`."""
     side: Number = 1.0
     """`DoorConfig.side`."""
     upright: Number = 1.0
-    """Turn of the leaf about the upward axis, per φ."""
+    """Rotation of the leaf about the upward axis, per φ."""
     level: Number = 0.0
-    """The same about the axis z of the door frame."""
+    """Rotation of the leaf about the z axis of the door frame, per φ."""
     circle: Flag = True
-    """The handle moves along the normal of the leaf."""
+    """Whether the handle always moves along the normal of the leaf."""
     tangent: tuple[tuple[Number, ...], tuple[Number, ...]] = (
         (1.0, *_DEGREE * (0.0,)),
         (_DEGREE + 1) * (0.0,),
     )
-    """Direction of the path in the leaf's axes, along its normal and away from the
-    hinge, of any length: coefficients of polynomials of φ, the constant first."""
+    """Direction of the path in the leaf's axes (normal, away from the hinge), of any
+    length: coefficients of polynomials in φ, the constant first."""
 
     @classmethod
     def of(cls, door: DoorConfig) -> "LeafPath":
-        """Return that of a door."""
+        """Return the path of a door's handle."""
         turns = np.zeros(3)
         for link in links_of(door):
             if not link.slides:
@@ -169,8 +170,8 @@ class LeafPath(NamedTuple):
     ) -> tuple[Number, Number]:
         """Return a vector's components along the path and across it, at φ [rad].
 
-        From those along the leaf's normal and away from the hinge; across the path is
-        away from the hinge, too.
+        The arguments are the components along the leaf's normal and away from the
+        hinge; the component across the path also points away from the hinge.
         """
         if not anywhere(negated(self.circle)):
             return normal, outwards
@@ -203,9 +204,9 @@ def _tangent(door: DoorConfig) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def carried(links: Sequence[Link], angle: ArrayLike, poses: Array) -> Array:
-    """Return poses (..., 6) on the closed leaf, moved with it.
+    """Move poses (..., 6) on the closed leaf with the leaf.
 
-    Links, poses [m, rad] and result are in one frame; φ [rad] is (...).
+    Links, poses [m, rad] and result are in the same frame; φ [rad] is (...).
     """
     angles, moved = np.asarray(angle, dtype=np.float64)[..., None], poses.copy()
     for link in reversed(links):

@@ -1,8 +1,8 @@
 """Ranges from which every episode draws its door and circumstances.
 
-All draws come from the environment's own generator, one uniform number per parameter
-whether it is varied or not: two randomisations that differ in one range draw the same
-values for all others.
+All draws come from the environment's own generator, one uniform number per parameter,
+also for parameters that are not varied. Two randomisations that differ in one range
+therefore draw the same values for all others.
 """
 
 import dataclasses
@@ -30,22 +30,22 @@ from gplfd_env.validation.named import preset
 Pair = tuple[float, float]
 
 Doors = Literal["given", "standard"]
-"""Which door an episode's ranges apply to."""
+"""The door to which the ranges apply: the given one, or one drawn by the standards."""
 
 
 def _half_width(name: str) -> Any:
-    """Declare a field within plus or minus of which a field of `Placement` is drawn."""
+    """Declare the half-width of the range of a field of `Placement`."""
     allowed = allowed_range(Placement, name)
     return quantity(0.0, unit=allowed.unit, low=0.0, high=allowed.high)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DoorRandomization:
-    """What is drawn at every reset, and from where.
+    """Ranges from which every reset draws.
 
     A pair ``(low, high)`` is a uniform range that replaces the door's own value; None
-    leaves it. Values on which the robot has no say (base and grasp) are drawn within
-    plus or minus the number given.
+    leaves it unchanged. Errors of base and grasp are drawn within plus or minus the
+    given number.
 
     Raises:
         ValueError: A range is reversed, not finite, or beyond what the door, the
@@ -72,16 +72,16 @@ class DoorRandomization:
     base_yaw: float = _half_width("base_yaw")
     """Heading error of the base within ± this [rad]."""
     grasp_height: float = _half_width("grasp_height")
-    """Grasped point along the bar within ± this [m]."""
+    """Error of the grasped point along the bar within ± this [m]."""
     grasp_depth: float = _half_width("grasp_depth")
-    """Bar between the finger pads within ± this [m]."""
+    """Error of the bar's position between the finger pads within ± this [m]."""
     pose_noise: Pair = (0.0, 0.0)
     """Standard deviation of the observed position [m] and rotation vector [rad]."""
     wrench_noise: Pair = (0.0, 0.0)
     """Standard deviation of the observed force [N] and torque [N m]."""
     perception: Pair = (0.0, 0.0)
     """Standard deviations of the error of the believed grasp: position [m] and rotation
-    vector [rad], per axis, Gaussian, truncated at three of them. Only with
+    vector [rad], per axis, Gaussian, truncated at three standard deviations. Only with
     ``start="approach"``."""
     shortest_delay: int = quantity(
         0, unit="control periods", low=0, high=allowed_range(Variation, "delay").high
@@ -93,8 +93,8 @@ class DoorRandomization:
     )
     """Commands take effect after `shortest_delay` to this many control periods."""
     doors: Doors = "given"
-    """``"given"``: the door that the environment is told, but for the ranges above;
-    ``"standard"``: one drawn by `gplfd_env.doors.standard` instead."""
+    """``"given"``: the door of the environment, changed by the ranges above;
+    ``"standard"``: a door drawn by `gplfd_env.doors.standard` instead."""
 
     def __post_init__(self) -> None:
         check_choice("DoorRandomization.doors", self.doors, get_args(Doors))
@@ -119,7 +119,7 @@ class DoorRandomization:
         self._check_pair("perception", Perception, "position", "rotation")
 
     def _check_pair(self, name: str, record: type, first: str, second: str) -> Pair:
-        """Keep a pair as floats, allowed for two fields of a record; return it."""
+        """Store a pair as floats after checking it against a record; return it."""
         label, given = f"DoorRandomization.{name}", getattr(self, name)
         try:
             one, other = given
@@ -138,11 +138,11 @@ class DoorRandomization:
         return self == DoorRandomization()
 
     def check_start(self, start: Start) -> None:
-        """Raise a ValueError if episodes with this start cannot be drawn so."""
+        """Raise a ValueError if the randomisation does not suit this start."""
         if start == "grasped" and any(self.perception):
             raise ValueError(
-                "DoorRandomization.perception is an error with which a hand reaches "
-                'for the handle: it needs start="approach" (--start approach)'
+                "DoorRandomization.perception is the error of the believed handle when "
+                'reaching for it: it needs start="approach" (--start approach)'
             )
 
     def outermost(self, door: DoorConfig) -> DoorConfig:
@@ -156,7 +156,7 @@ class DoorRandomization:
     def sample(self, door: DoorConfig, rng: np.random.Generator) -> Variation:
         """Draw one episode.
 
-        Always the same number of draws, and one more where doors are drawn by the
+        The number of draws is always the same, plus one if doors are drawn by the
         standards.
         """
         draws = iter(rng.random(len(_DOOR_FIELDS) + 6).tolist())
@@ -253,6 +253,6 @@ RANDOMIZATIONS: Final[Mapping[str, DoorRandomization]] = MappingProxyType(
         "detector": DoorRandomization(perception=(0.01, math.radians(2.0))),
     }
 )
-"""Mild is what a careful laboratory leaves over; hard is a new door every time;
-standard is a door of a building every time, before which the robot stands right;
-detector is the error with which a good RGB-D detector finds a handle."""
+"""Mild: residual errors of a careful laboratory. Hard: a new door in every episode.
+Standard: a door of a building in every episode, without placement errors. Detector: the
+error with which a good RGB-D detector finds a handle."""

@@ -1,11 +1,12 @@
 """Handles that turn about a horizontal axis in the leaf, and the axis of every handle.
 
 A *paddle* is a plate on a horizontal pin. It is pushed on one side of a door and pulled
-on the other; the robot holds its edge, a horizontal rod. A *touch bar* of an exit
-device is pushed towards the leaf; its pad moves on a straight line, here on an arc of
-the same depth. A *handleset* is a fixed grip with a thumb piece above. A gripper with
-two fingers cannot press the thumb piece while it holds the grip: it takes the thumb
-piece itself between its fingers, presses it down and pulls or pushes the door by it.
+on the other; the robot holds its edge, a horizontal rod. The *touch bar* of an exit
+device is pushed towards the leaf. A real pad moves on a straight line; here it moves on
+an arc of the same depth. A *handleset* is a fixed grip with a thumb piece above. A
+gripper with two fingers cannot press the thumb piece while it holds the grip: it takes
+the thumb piece itself between its fingers, presses it down and pulls or pushes the door
+by it.
 """
 
 import math
@@ -17,19 +18,19 @@ from gplfd_env.conventions.constants import Array
 from gplfd_env.doors.config import DoorConfig
 
 ROCKERS: Final = ("paddle", "touch-bar", "handleset")
-"""Handles with a horizontal axis in the leaf; `DoorConfig.arm` is their distance."""
+"""Handles with a horizontal axis in the leaf, `DoorConfig.arm` from the hand."""
 
 
 def handle_axis(door: DoorConfig) -> tuple[Array, Array]:
     """Return the axis about which a handle turns while the door is closed.
 
-    A point of the axis from where the hand takes hold [m], (3,), and its direction,
-    (3,), both in the door frame. A positive turn draws the bolt: it presses a lever or
-    a thumb piece down, and moves a paddle or a touch bar the way the door opens.
+    A point of the axis relative to the grasped point [m], (3,), and its direction,
+    (3,), both in the door frame. A positive turn retracts the bolt: it presses a lever
+    or a thumb piece down, and moves a paddle or a touch bar the way the door opens.
     """
     if door.handle == "handleset":
-        # One that is pulled is level at its stop, one that is pushed at rest: the force
-        # that opens the door does not lift it.
+        # When pulled, it is level at its stop; when pushed, it is level at rest. Thus
+        # the force that opens the door does not lift it.
         tilt = door.travel if door.way > 0.0 else 0.0
         back, below = math.cos(tilt), math.sin(tilt)
         spindle = np.array([-door.arm * back, -door.arm * below, 0.0])

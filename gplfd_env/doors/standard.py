@@ -1,4 +1,4 @@
-"""Doors drawn from what standards and makers' tables say: ``randomization="standard"``.
+"""Doors drawn from standards and manufacturers' tables: ``randomization="standard"``.
 
 assets/README.md names the clause or table of every range.
 """
@@ -55,7 +55,7 @@ def standard_door(rng: np.random.Generator) -> DoorConfig:
         fields["handle_preload"] = rng.uniform(0.10, 0.25)
         fields["handle_stiffness"] = rng.uniform(0.1, 0.3)
         fields["handle_travel"] = rng.uniform(math.radians(45.0), math.radians(60.0))
-    # There is no closer where the leaf asks for a larger one than is drawn.
+    # There is no closer if the leaf needs a larger one than `_LARGEST`.
     closer = _choice(_CLOSERS, rng)
     sizes = [
         size

@@ -30,23 +30,24 @@ class Placement(Quantities):
     base_yaw: float = quantity(0.0, unit="rad", low=-0.1, high=0.1)
     """The base is turned this far to the left."""
     grasp_height: float = quantity(0.0, unit="m", low=-0.05, high=0.05)
-    """The hand holds the bar this far above its middle."""
+    """The hand grasps the bar this far above its middle."""
     grasp_depth: float = quantity(0.0, unit="m", low=-0.008, high=0.008)
     """The bar lies this far towards the finger tips."""
     belief_x: float = quantity(0.0, unit="m", low=-0.09, high=0.09)
-    """The robot believes the grasp to be this far from where it is, along the pulling
-    direction; likewise the next two. Its task frame is at the believed grasp."""
+    """Error of the believed grasp along the pulling direction. The task frame is at the
+    believed grasp."""
     belief_y: float = quantity(0.0, unit="m", low=-0.09, high=0.09)
-    """Upwards."""
+    """Error of the believed grasp upwards."""
     belief_z: float = quantity(0.0, unit="m", low=-0.09, high=0.09)
-    """To the left of someone facing the door."""
+    """Error of the believed grasp to the left of someone facing the door."""
     belief_rx: float = quantity(0.0, unit="rad", low=-0.3, high=0.3)
-    """Rotation vector of the believed grasp from the true one; likewise the next two.
+    """Rotation vector from the true to the believed grasp: component along the pulling
+    direction.
     """
     belief_ry: float = quantity(0.0, unit="rad", low=-0.3, high=0.3)
-    """Its component upwards."""
+    """Component of this rotation vector upwards."""
     belief_rz: float = quantity(0.0, unit="rad", low=-0.3, high=0.3)
-    """Its component to the left."""
+    """Component of this rotation vector to the left."""
 
     @property
     def belief(self) -> tuple[float, ...]:
@@ -55,7 +56,7 @@ class Placement(Quantities):
 
     @property
     def true(self) -> Placement:
-        """The same placement of a robot that knows where the grasp is."""
+        """The same placement without an error of the believed grasp."""
         return dataclasses.replace(self, **dict.fromkeys(_BELIEFS, 0.0))
 
 
@@ -81,7 +82,7 @@ class Standoff(Quantities):
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Standoff:
-        """Return one with every field drawn uniformly from its range."""
+        """Return a standoff with every field drawn uniformly from its range."""
         ranges = {
             one.name: allowed_range(cls, one.name) for one in dataclasses.fields(cls)
         }
@@ -93,15 +94,15 @@ class Perception(Quantities):
     """Standard deviations of the error of the believed grasp, per axis."""
 
     position: float = quantity(0.0, unit="m", low=0.0, high=0.03)
-    """Of its position."""
+    """Standard deviation of its position."""
     rotation: float = quantity(0.0, unit="rad", low=0.0, high=0.1)
-    """Of its rotation vector."""
+    """Standard deviation of its rotation vector."""
 
     def drawn(self, rng: np.random.Generator) -> dict[str, float]:
         """Draw fields of `Placement`: Gaussian, truncated at `BELIEF_LIMIT`.
 
-        Always the same number of draws. Errors of two records from equal generators
-        have the ratio of their standard deviations.
+        The number of draws is always the same. With equal generators, the errors of two
+        records have the ratio of their standard deviations.
         """
         normal = NormalDist()
         low = normal.cdf(-BELIEF_LIMIT)
@@ -118,17 +119,17 @@ class SensorNoise(Quantities):
     """Standard deviations of white Gaussian noise on what the robot observes."""
 
     position: float = quantity(0.0, unit="m", low=0.0, high=0.01)
-    """On the hand's position."""
+    """Noise on the hand's position."""
     rotation: float = quantity(0.0, unit="rad", low=0.0, high=0.1)
-    """On the hand's rotation vector."""
+    """Noise on the hand's rotation vector."""
     force: float = quantity(0.0, unit="N", low=0.0, high=10.0)
-    """On the wrist's force."""
+    """Noise on the wrist's force."""
     torque: float = quantity(0.0, unit="N m", low=0.0, high=1.0)
-    """On the wrist's torque."""
+    """Noise on the wrist's torque."""
 
     @property
     def silent(self) -> bool:
-        """Whether there is none."""
+        """Whether there is no noise."""
         return not any(dataclasses.astuple(self))
 
 

@@ -14,14 +14,15 @@ _EFFECTS: Final = (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLE
 
 
 class Camera:
-    """Draws the state of a model; a renderer is made when it is first needed.
+    """Renders the state of a model; the renderer is created when it is first needed.
 
-    A deep or unpickled copy makes a renderer of its own, and so does a picture of
-    another model. Raises a ValueError for an impossible size [px] or an unknown camera.
+    Deep and unpickled copies create their own renderer; another model needs a new one.
+    Raises a ValueError for an impossible size [px] or an unknown camera.
     """
 
     _without_opengl: ClassVar[str] = ""
-    """Why this process cannot draw: MuJoCo aborts Python when it fails again."""
+    """Error message if OpenGL failed in this process: a second try makes MuJoCo abort
+    Python."""
 
     def __init__(
         self,
@@ -47,8 +48,8 @@ class Camera:
     def picture(self, mode: str, data: mujoco.MjData) -> Any:
         """Return a picture in one of the environment's render modes.
 
-        `data` is the same object as long as its model is. Raises a RuntimeError that
-        says what to install where OpenGL is not to be had.
+        While the model is the same object, so is `data`. If OpenGL is not available,
+        raises a RuntimeError that says what to install.
         """
         if mode == "human":
             if self._window is None or self._drawn is not data.model:
@@ -97,7 +98,7 @@ class Camera:
             quality.offsamples = 0
         try:
             return mujoco.Renderer(model, self._height, self._width)
-        # Which exception depends on the platform's way of lacking OpenGL.
+        # The type of the exception depends on the platform.
         except Exception as error:
             Camera._without_opengl = (
                 f"no picture without OpenGL ({error}); on a machine without a screen "
@@ -111,7 +112,7 @@ class Camera:
 
 
 def require_display() -> None:
-    """Raise a RuntimeError where a window would have no display and abort Python."""
+    """Raise a RuntimeError without a display: a window would abort Python."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of GLFW, about what the error says
         found = glfw.init() and glfw.get_primary_monitor()

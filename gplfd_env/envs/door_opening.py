@@ -1,4 +1,4 @@
-"""One door: ``gplfd/DoorOpening-v1``, its impedance and its mobile variant."""
+"""Single environments: ``gplfd/DoorOpening-v1``, impedance and mobile variants."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -23,30 +23,30 @@ from gplfd_env.validation.fields import check_choice
 
 
 class DoorOpeningEnv(gym.Env[Observation, Array]):
-    """A TIAGo-like arm, its hand on the handle of a hinged door, or before it.
+    """A robot arm, by default TIAGo-like, that opens a door.
 
     Action, (6,): the commanded pose of the hand in the task frame, position [m] and
     rotation vector [rad] relative to the closed grasp. A stiff Cartesian servo
-    (2000 N/m, 100 N m/rad) inside MuJoCo follows it; joint effort limits hold.
+    (2000 N/m, 100 N m/rad) inside MuJoCo follows it within the joint effort limits.
 
     Observation (dict): ``ee_pose`` (6,) [m, rad], ``ee_twist`` (6,) [m/s, rad/s],
     ``wrench`` (6,) [N, N m] on the hand, all in the task frame; ``joint_pos`` (7,)
     [rad], ``joint_vel`` (7,) [rad/s], ``time`` (1,) [s].
 
-    Info, same keys at reset and step, without sensor noise: the keys of
-    `gplfd_env.task.info.INFO`, which has their units and meanings.
+    Info, with the same keys at reset and step and without sensor noise:
+    `gplfd_env.task.info.INFO` lists keys, units and meanings.
 
     The episode terminates in success (60° held for 0.5 s, handle grasped) or when
     the grasp is lost, and is truncated by the time limit or a diverged simulation.
 
     Args:
-        settings: The fields of `gplfd_env.envs.settings.Settings`, `door` also without
-            its name.
+        settings: The fields of `gplfd_env.envs.settings.Settings` as keyword arguments;
+            `door` may be positional.
 
     Raises:
         ValueError: An unknown door, grasp, start, randomisation, reward, camera or
-            render mode, a door out of range, a rigid grasp of a hand that has to take
-            hold, or an impossible picture size.
+            render mode, a door out of range, a rigid grasp with a hand that does not
+            hold the handle from the start, or an impossible picture size.
         RuntimeError: ``render_mode="human"`` without a display.
     """
 
@@ -55,7 +55,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         "render_fps": round(1 / CONTROL_PERIOD),
     }
     command = COMMANDS["pose"]
-    """What an action means."""
+    """Meaning of an action."""
 
     @made_with(Settings)
     def __init__(self, settings: Settings) -> None:
@@ -72,21 +72,21 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The scene.
+        """Model of the scene.
 
-        It stays the same object when the door changes, unless the new one has another
+        It stays the same object when the door changes, unless the new door has another
         handle, latch or kind of closer.
         """
         return self._simulation.model
 
     @property
     def data(self) -> mujoco.MjData:
-        """The scene's state; it stays the same object as long."""
+        """State of the scene; it stays the same object as long as `model` does."""
         return self._simulation.data
 
     @property
     def variation(self) -> Variation:
-        """The door of this episode and what is around it."""
+        """The door and the circumstances of this episode."""
         return self._simulation.variation
 
     @property
@@ -96,7 +96,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
 
     @property
     def door_geometry(self) -> DoorGeometry:
-        """Where its hinge and its handle's axis are in the task frame."""
+        """Hinge and handle axis of this door in the task frame."""
         return door_geometry(self.variation, self._robot.config)
 
     @property
@@ -107,18 +107,18 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Close the door, put it into the hand or before it, and begin an episode.
+        """Close the door, place the hand at or in front of the handle, and start.
 
         Args:
             seed: Seeds ``self.np_random``.
             options: ``{"door": ...}``, ``{"randomization": ...}`` and
-                ``{"disturbance": ...}`` change the door, what is drawn around it, and
-                what happens, from this episode on.
+                ``{"disturbance": ...}`` change the door, its randomisation, and the
+                disturbance, from this episode on.
 
         Raises:
             ValueError: An unknown option, door or randomisation, or a drawn placement
-                from which the arm cannot hold the handle or be before it; the next
-                reset draws anew.
+                from which the arm cannot reach its initial posture; the next reset
+                draws a new one.
         """
         sources, _ = self._sources.changed(options)
         super().reset(seed=seed)
@@ -133,14 +133,13 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         return episode.observation(self._sensed), info_of(episode)
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
-        """Give the servo a command for one control period.
+        """Apply a command for one control period.
 
         Args:
-            action: (6,) position [m] and rotation vector [rad] in the task frame,
-                under impedance control followed by (6,) stiffness [N/m, N m/rad], with
-                a driven base by its twist (3,) [m/s, rad/s], with a commanded gripper
-                by its width (1,) [m];
-                values beyond the action space are clamped to it.
+            action: (6,) position [m] and rotation vector [rad] in the task frame. Under
+                impedance control (6,) stiffness [N/m, N m/rad] follows, with a driven
+                base its twist (3,) [m/s, rad/s], with a commanded gripper its width
+                (1,) [m]. Values beyond the action space are clamped to it.
 
         Raises:
             ValueError: The action's shape is wrong or it is not finite.
@@ -151,7 +150,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             raise gym.error.ResetNeeded("call reset() before the first step()")
         command = self.command.check(action, self.command.rest.shape)
         if self._robot.config.base == "mobile":
-            # MuJoCo clamps what the servo is told, but the base follows it, too.
+            # MuJoCo clamps commands of the servo, but the base follows them, too.
             command = self.command.clamped(command)
         demands = episode.demand(command[None])
         if self._simulation.advance(command, demands):
@@ -177,7 +176,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             both; ``"human"``: None.
 
         Raises:
-            RuntimeError: OpenGL is not to be had; the message says what to install.
+            RuntimeError: OpenGL is not available; the message says what to install.
         """
         if self.render_mode is None:
             gym.logger.warn(
@@ -192,7 +191,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         self._camera.close()
 
     def _sense(self) -> list[float]:
-        """Take the sensors' values; a diverged simulation leaves the last good ones."""
+        """Read the sensors; after a divergence the last good values remain."""
         self._sensed = self._simulation.sensordata.copy()
         values: list[float] = self._sensed.tolist()
         return values
@@ -203,9 +202,9 @@ class DoorOpeningImpedanceEnv(DoorOpeningEnv):
 
     Action, (12,): commanded position [m] and rotation vector [rad] of the hand in the
     task frame, then its stiffness on these six axes, 20 to 2000 N/m and 1 to
-    100 N m/rad. Rendered inside MuJoCo by the gains of six servos, rewritten once per
-    control period: force k_i (command - pose)_i - d_i velocity_i with constant damping
-    ratio. Everything else is as in `DoorOpeningEnv`.
+    100 N m/rad. Six servos inside MuJoCo realise it; their gains are set once per
+    control period: force k_i (command - pose)_i - d_i velocity_i with a constant
+    damping ratio. Everything else is as in `DoorOpeningEnv`.
     """
 
     command = COMMANDS["impedance"]
@@ -217,7 +216,7 @@ class DoorOpeningMobileEnv(DoorOpeningEnv):
     Action, (9,): commanded position [m] and rotation vector [rad] of the hand in the
     task frame, then the twist of the base in its own axes: forward, to the left [m/s]
     and turning to the left [rad/s], within the limits of its drive. The observation
-    tells ``base_pose`` and ``base_velocity``, too. Everything else is as in
+    also contains ``base_pose`` and ``base_velocity``. Everything else is as in
     `DoorOpeningEnv` with ``base="mobile"``.
     """
 

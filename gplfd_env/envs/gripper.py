@@ -1,4 +1,4 @@
-"""Doors that are opened by commanding a gripper, too: one, and many at once."""
+"""Environments in which the gripper is commanded, too: single and vector."""
 
 from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
@@ -9,11 +9,10 @@ class DoorOpeningGripperEnv(DoorOpeningEnv):
     """The same door, opened by commanding the hand's pose and its gripper.
 
     Action, (7,): commanded position [m] and rotation vector [rad] of the hand in the
-    task frame, then the width between the fingers, from 0 (closed with all the force
-    that they have) to 0.09 m. Fingers that are told to be wider than the handle let it
-    go, and may take it again. The observation tells ``gripper_width`` (1,) [m] and
-    ``grasped`` (1,): 1 if both fingers touch the handle, else 0. Everything else is as
-    in `DoorOpeningEnv`.
+    task frame, then the width between the fingers, from 0 (closed with full force) to
+    0.09 m. A width larger than the handle releases it; the fingers may grasp it again.
+    The observation also contains ``gripper_width`` (1,) [m] and ``grasped`` (1,): 1 if
+    both fingers touch the handle, else 0. Everything else is as in `DoorOpeningEnv`.
     """
 
     command = GRIPPING

@@ -1,4 +1,4 @@
-"""``gplfd/DoorOpeningRL-v1``: the pose environment as learners take it."""
+"""``gplfd/DoorOpeningRL-v1``: the pose environment for reinforcement learning."""
 
 from typing import Any
 
@@ -20,38 +20,38 @@ def door_opening_rl(**arguments: Any) -> gym.Env[Any, Any]:
     """Return one door in `RelativeAction`, `GentleReward` and `FlatObservation`.
 
     The arguments are those of `gplfd_env.envs.door_opening.DoorOpeningEnv` except
-    `reward`. Raises a ValueError as there, and for a reward.
+    `reward`. Raises the same ValueErrors, and one if a reward is given.
     """
     refuse_reward(arguments)
     return FlatObservation(GentleReward(RelativeAction(DoorOpeningEnv(**arguments))))
 
 
-# Gymnasium asks an entry point for render modes, to collect pictures itself.
+# Gymnasium reads the render modes of an entry point, to collect pictures itself.
 door_opening_rl.metadata = DoorOpeningEnv.metadata  # type: ignore[attr-defined]
 
 
 def door_opening_rl_vector(
     num_envs: int = 1, **arguments: Any
 ) -> gym.vector.VectorEnv[Any, Any, Any]:
-    """Return n of them: `DoorOpeningVectorEnv` in the same wrappers.
+    """Return n simulations: `DoorOpeningVectorEnv` in the same wrappers.
 
-    The arguments are those of the vector environment, but for `reward`. Raises a
-    ValueError as there, and for a reward.
+    The arguments are those of the vector environment except `reward`. Raises the same
+    ValueErrors, and one if a reward is given.
     """
     refuse_reward(arguments)
     return for_learners(DoorOpeningVectorEnv(num_envs, **arguments))
 
 
 def for_learners(envs: DoorOpeningVectorEnv) -> gym.vector.VectorEnv[Any, Any, Any]:
-    """Return a vector environment of poses in the wrappers of the id."""
+    """Return a vector environment in the wrappers of ``gplfd/DoorOpeningRL-v1``."""
     return VectorFlatObservation(VectorGentleReward(VectorRelativeAction(envs)))
 
 
 def refuse_reward(arguments: dict[str, Any]) -> None:
-    """Raise a ValueError where a reward is given: the wrappers have their own."""
+    """Raise a ValueError if a reward is given: the wrappers have their own."""
     if "reward" in arguments:
         raise ValueError(
-            "gplfd/DoorOpeningRL-v1 has a reward of its own; for the others make "
+            "gplfd/DoorOpeningRL-v1 has its own reward; for other rewards make "
             "gplfd/DoorOpening-v1 and wrap it in gplfd_env.wrappers.RelativeAction "
             f"and FlatObservation; got reward={arguments['reward']!r}"
         )

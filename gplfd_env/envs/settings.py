@@ -1,4 +1,4 @@
-"""What environments are made with, and what their episodes are drawn from."""
+"""Settings of environments, and the sources from which episodes are drawn."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
@@ -33,38 +33,38 @@ Arguments = ParamSpec("Arguments")
 
 @dataclass(frozen=True, kw_only=True)
 class Common:
-    """What one door and many have in common.
+    """Settings that single and vector environments share.
 
     Raises:
-        ValueError: A value that there is not.
+        ValueError: An unknown or impossible value.
     """
 
     grasp: Grasp = "contact"
     """``"contact"`` (friction between pads and bar) or ``"weld"``."""
     randomization: RandomizationSpec | Sequence[RandomizationSpec] = "none"
     """What every reset draws anew: ``"none"``, ``"mild"``, ``"hard"``, a mapping of
-    `DoorRandomization` fields, or a `DoorRandomization`; of n doors also a sequence of
-    n such."""
+    `DoorRandomization` fields, or a `DoorRandomization`; for n doors also a sequence
+    of n of these."""
     disturbance: DisturbanceSpec | Sequence[DisturbanceSpec] = "none"
-    """What happens from outside: ``"none"``, ``"push"``, ``"person"``, ``"stop"``, ...
+    """External events: ``"none"``, ``"push"``, ``"person"``, ``"stop"``, ...
     (`gplfd_env.doors.disturbance.DISTURBANCES`), a mapping of `Disturbance` fields, or
-    a `Disturbance`; of n doors also a sequence of n such."""
+    a `Disturbance`; for n doors also a sequence of n of these."""
     reward: Reward = "dense"
-    """``"dense"`` or ``"sparse"`` (1 in success, else 0)."""
+    """``"dense"`` or ``"sparse"`` (1 on success, else 0)."""
     robot: RobotSpec = "tiago-like"
     """``"tiago-like"``, ``"panda-like"``, ``"ur5e-like"``, the path of the URDF of an
     arm, or a `RobotConfig` (`gplfd_env.robot.urdf.robot_of_urdf`)."""
     base: Base | None = None
-    """``"fixed"``, or ``"mobile"``: it follows the hand, see
-    `gplfd_env.robot.whole_body`, and touches what it runs into. None for that of
-    the robot, which is ``"fixed"`` for those that have a name."""
+    """``"fixed"``, or ``"mobile"``: the base follows the hand
+    (`gplfd_env.robot.whole_body`) and collides with door and walls. None for the base
+    of the robot's configuration, which is ``"fixed"`` for the named robots."""
     start: Start = "grasped"
     """``"grasped"``, or ``"approach"``: the episode begins with the open hand 10 to
-    20 cm before the handle. Where no action commands the gripper, it closes when the
-    hand is at the handle or, where that is uncertain, at rest, see
-    `gplfd_env.robot.gripper`."""
+    20 cm in front of the handle. If actions do not command the gripper, it closes when
+    the hand is at the handle or, if the handle's position is uncertain, when the hand
+    rests near it (`gplfd_env.robot.gripper`)."""
     render_mode: str | None = None
-    """None, ``"human"``, ``"rgb_array"``, ``"depth_array"`` or ``"rgbd_tuple"``; of n
+    """None, ``"human"``, ``"rgb_array"``, ``"depth_array"`` or ``"rgbd_tuple"``; for n
     doors None or ``"rgb_array"``."""
     width: int = 640
     """Width of rendered pictures [px]."""
@@ -73,7 +73,7 @@ class Common:
     camera_name: str = "overview"
     """``"overview"``, ``"top"``, ``"head"`` or ``"hand_camera"``."""
     effects: bool = False
-    """Shadows, reflections and smooth edges in pictures; windows have them always.
+    """Shadows, reflections and smooth edges in pictures; windows always have them.
     Without a graphics card a picture takes ten times as long."""
 
     render_modes: ClassVar[tuple[str, ...]]
@@ -90,20 +90,20 @@ class Common:
 
     @property
     def robot_config(self) -> RobotConfig:
-        """The robot on its base."""
+        """Configuration of the robot with the chosen base."""
         config = robot_named(self.robot)
         return config if self.base is None else config.on(self.base)
 
     def commanded(self, command: Command) -> Robot:
-        """Return the robot as it is commanded.
+        """Return the robot with its grasp and the kind of command.
 
-        Raises a ValueError for a weld of a hand that has to take hold.
+        Raises a ValueError for a weld if the hand does not hold the handle yet.
         """
         hold = hold_of(self.grasp, self.start, commanded=command.grips)
         return Robot(hold, command, self.robot_config)
 
     def camera(self, model: mujoco.MjModel) -> Camera:
-        """Return what draws a model; raise a ValueError if it cannot."""
+        """Return a camera for a model; raise a ValueError if that is impossible."""
         return Camera(
             model, self.width, self.height, self.camera_name, effects=self.effects
         )
@@ -111,23 +111,23 @@ class Common:
 
 @dataclass(frozen=True)
 class Settings(Common):
-    """What an environment of one door is made with."""
+    """Settings of an environment with one door."""
 
     door: DoorSpec = "medium"
-    """Preset's name, radius [m], mapping of `DoorConfig` fields, or a `DoorConfig`; see
-    `gplfd_env.doors.config.door_config`."""
+    """Name of a preset, radius [m], mapping of `DoorConfig` fields, or `DoorConfig`;
+    see `gplfd_env.doors.config.door_config`."""
 
     render_modes = ("human", "rgb_array", "depth_array", "rgbd_tuple")
 
 
 @dataclass(frozen=True)
 class VectorSettings(Common):
-    """What an environment of n doors is made with."""
+    """Settings of an environment with n doors."""
 
     num_envs: int = 1
     """Number of simulations n."""
     door: DoorSpec | Sequence[DoorSpec] = "medium"
-    """As for the single environment, or a sequence of n such."""
+    """As for the single environment, or a sequence of n of these."""
     _: KW_ONLY
     max_episode_steps: int | None = None
     """Control periods after which an episode is truncated; None or -1 for no limit."""
@@ -162,7 +162,7 @@ def made_with(
 ) -> Callable[
     [Callable[[Self, Any], None]], Callable[Concatenate[Self, Arguments], None]
 ]:
-    """Let a constructor that takes a record take the record's fields instead."""
+    """Decorate a constructor that takes a record, so that it takes its fields."""
 
     def decorate(
         initialise: Callable[[Self, Any], None],
@@ -173,7 +173,7 @@ def made_with(
             try:
                 settings = record(*given, **named)
             except TypeError as error:
-                # Of a keyword that there is not, Python names the record.
+                # For an unknown keyword, Python's message names the record.
                 own = f"{record.__init__.__qualname__}()"
                 text = str(error).replace(own, f"{initialise.__qualname__}()")
                 raise TypeError(text) from None
@@ -195,15 +195,16 @@ _RESOLVE: Final[Mapping[str, tuple[Callable[[Any], Any], str]]] = {
     "randomization": (door_randomization, "name, mapping or DoorRandomization"),
     "disturbance": (disturbance_named, "name, mapping or Disturbance"),
 }
-"""What makes a record of each, and what it may be, in the order of `draw_episode`."""
+"""Function that resolves each source, and its allowed values, in the order of
+`draw_episode`."""
 
 
 class Sources:
     """A door, a randomization and a disturbance for each of n simulations.
 
-    `n` is None for one, for which nothing may be a sequence. Raises a ValueError for a
-    door that the robot with this base and start cannot reach, or a randomization that
-    does not go with the start.
+    `n` is None for a single environment, which does not accept sequences. Raises a
+    ValueError for a door that the robot with this base and start cannot reach, or a
+    randomization that does not suit the start.
     """
 
     def __init__(
@@ -230,7 +231,7 @@ class Sources:
 
     @classmethod
     def of(cls, settings: Settings | VectorSettings) -> "Sources":
-        """Return those that settings name, or raise a ValueError."""
+        """Return the sources that the settings name, or raise a ValueError."""
         n = settings.num_envs if isinstance(settings, VectorSettings) else None
         values = {
             name: each(name, getattr(settings, name), n, resolve)
@@ -246,7 +247,7 @@ class Sources:
     def changed(
         self, options: Mapping[str, Any] | None, *, begun: bool = True
     ) -> tuple["Sources", Mask]:
-        """Return what the options of a reset make of them, and the reset's mask."""
+        """Return the sources after the options of a reset, and the reset's mask."""
         allowed = {name: meaning for name, (_, meaning) in _RESOLVE.items()}
         if self._n is not None:
             same = "as for the single environment, or a sequence of num_envs"

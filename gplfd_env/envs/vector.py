@@ -1,4 +1,4 @@
-"""Many doors at once on `mujoco.batch.Batch`: what ``gym.make_vec`` makes."""
+"""Vector environments on `mujoco.batch.Batch`, as made by ``gym.make_vec``."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -27,25 +27,24 @@ from gplfd_env.validation.fields import check_choice
 class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     """n simulations of `~gplfd_env.envs.door_opening.DoorOpeningEnv` on threads.
 
-    Every simulation has a door, a generator and an episode of its own, and follows the
+    Every simulation has its own door, random generator and episode. It equals the
     single environment with the same seed bit for bit, on any number of threads.
-    Observations and infos are its own, stacked along a first axis, with Gymnasium's
-    ``"_key"`` masks in infos. A simulation that MuJoCo reports as diverged is truncated
-    alone.
+    Observations and infos are stacked along the first axis, with Gymnasium's ``"_key"``
+    masks in infos. If a simulation diverges, only this simulation is truncated.
 
     Args:
-        settings: The fields of `gplfd_env.envs.settings.VectorSettings`, `num_envs` and
-            `door` also without their names.
+        settings: The fields of `gplfd_env.envs.settings.VectorSettings` as keyword
+            arguments; `num_envs` and `door` may be positional.
 
     Raises:
         ValueError: As the single environment, and for an unknown autoreset mode.
     """
 
     command = COMMANDS["pose"]
-    """What an action means."""
+    """Meaning of an action."""
 
     physics: type[Alike] = Alike
-    """What steps simulations before doors of one structure."""
+    """Class that steps simulations with doors of equal structure."""
 
     @made_with(VectorSettings)
     def __init__(self, settings: VectorSettings) -> None:
@@ -85,19 +84,19 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     @property
     def door_geometries(self) -> tuple[DoorGeometry, ...]:
-        """Where hinges and handles of these doors are in the task frame."""
+        """Hinges and handle axes of these doors in the task frames."""
         return tuple(door_geometry(one, self._robot.config) for one in self.variations)
 
     @property
     def models(self) -> tuple[mujoco.MjModel, ...]:
-        """Model of every simulation; live, a reset may bring it to another door."""
+        """Model of every simulation; a reset may change it to another door."""
         return self._batch.models
 
     @property
     def qpos(self) -> Array:
         """Joint positions of every simulation, (n, nq) [m, rad]; a copy.
 
-        With zeros at the end where its door has fewer joints.
+        Rows of doors with fewer joints are padded with zeros.
         """
         own = [self._batch.qpos_of(row) for row in range(self.num_envs)]
         positions = np.zeros((self.num_envs, max(map(len, own))))
@@ -112,13 +111,13 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """What they were seeded with."""
+        """The seeds of these generators."""
         return tuple(seed for _, seed in self._random)
 
     def reset(
         self, *, seed: Seeds = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Close the doors, put hands where they begin, and begin episodes.
+        """Close the doors, place the hands, and begin episodes.
 
         Args:
             seed: An integer s seeds simulation i with s + i; or one seed, or None, per
@@ -128,7 +127,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
                 ``"reset_mask"``, (n,) bool: only these simulations are reset.
 
         Returns:
-            Observations, and infos whose masks say which simulations were reset.
+            Observations, and infos whose masks mark the simulations that were reset.
 
         Raises:
             ValueError: An unknown option, or a door, seed or mask that does not fit.
@@ -152,8 +151,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         """Command every hand for one control period.
 
         Args:
-            actions: (n, ...) actions of the single environment. Those of simulations
-                that are being reset, or stand still, are ignored.
+            actions: (n, ...) actions of the single environment. Actions of simulations
+                that are being reset or stand still are ignored.
 
         Raises:
             ValueError: The shape is wrong or an action is not finite.
@@ -199,11 +198,11 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         )
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Free the renderer; a later picture makes another."""
+        """Free the renderer; a later picture creates another."""
         self._camera.close()
 
     def _restart(self, rows: Mask) -> Episodes:
-        """Draw new episodes for some simulations and begin them."""
+        """Draw and begin new episodes for some simulations."""
         chosen = np.flatnonzero(rows).tolist()
         drawn = {row: self._sources.draw(row, self._random[row][0]) for row in chosen}
         for row in chosen:
@@ -223,7 +222,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         return self._episodes
 
     def _reset_at_once(self, episodes: Episodes, infos: Info) -> Info:
-        """Reset ended simulations in the step that ended them; return its infos."""
+        """Reset simulations in the step in which they ended; return its infos."""
         ended = self._ended
         last = episodes.observation(self._sensed)
         final_obs = np.full(self.num_envs, None, dtype=object)

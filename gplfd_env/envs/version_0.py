@@ -1,4 +1,4 @@
-"""What the ids of version 0 make: version 1 with a base that stands still.
+"""Environments with ids of version 0: version 1, but only with a fixed base.
 
 Under version 0 a driving base exceeded the limits of its drive. With a fixed base both
 versions give the same numbers, bit for bit.
@@ -20,7 +20,7 @@ from gplfd_env.envs.vector import DoorOpeningImpedanceVectorEnv, DoorOpeningVect
 
 
 def _standing(make: Callable[..., Any], successor: str) -> Callable[..., Any]:
-    """Return version 1's entry point, which here refuses a driving base."""
+    """Return the entry point of version 1, changed to refuse a driving base."""
 
     def refusing_mobile_base(**arguments: Any) -> Any:
         own = getattr(arguments.get("robot"), "base", "fixed")
@@ -31,7 +31,7 @@ def _standing(make: Callable[..., Any], successor: str) -> Callable[..., Any]:
             )
         return make(**arguments)
 
-    # Gymnasium asks an entry point for render modes, to collect pictures itself.
+    # Gymnasium reads the render modes of an entry point, to collect pictures itself.
     refusing_mobile_base.metadata = DoorOpeningEnv.metadata  # type: ignore[attr-defined]
     return refusing_mobile_base
 

@@ -1,4 +1,4 @@
-"""Many doors at once on MuJoCo Warp: see `gplfd_env.simulation.warp`."""
+"""Vector environment on MuJoCo Warp, see `gplfd_env.simulation.warp`."""
 
 import dataclasses
 from typing import Any
@@ -20,11 +20,11 @@ __all__ = ["DoorOpeningWarpVectorEnv", "make_warp"]
 def make_warp(
     num_envs: int = 1, **arguments: Any
 ) -> gym.vector.VectorEnv[NDArray[np.float32], Any, Any]:
-    """Return n doors on Warp's default device, as ``gplfd/DoorOpeningRL-v1`` has them.
+    """Return ``gplfd/DoorOpeningRL-v1`` with n doors on Warp's default device.
 
-    The arguments are those of `DoorOpeningWarpVectorEnv`, but for `reward`; without
-    ``max_episode_steps`` episodes are as long as those of the id. Raises a ValueError
-    as there, and for a reward.
+    The arguments are those of `DoorOpeningWarpVectorEnv` except `reward`. The default
+    of ``max_episode_steps`` is `TIME_LIMIT`. Raises the same ValueErrors, and one if a
+    reward is given.
     """
     refuse_reward(arguments)
     arguments.setdefault("max_episode_steps", TIME_LIMIT)
@@ -35,17 +35,17 @@ class DoorOpeningWarpVectorEnv(DoorOpeningVectorEnv):
     """n simulations of `gplfd_env.envs.door_opening.DoorOpeningEnv` on MuJoCo Warp.
 
     Actions are poses, as in ``gplfd/DoorOpening-v1``. MuJoCo Warp has no servo on the
-    whole orientation, so the hand is turned by three, one per axis of its rotation
-    vector: it is ``gplfd/DoorOpeningImpedance-v1`` at its greatest stiffness. Physics
-    are on Warp's default device (``warp.set_device``); doors are drawn, and rewards,
-    successes and failures are decided, on the processor by what decides them there.
+    whole orientation, so three servos turn the hand, one per axis of its rotation
+    vector: it equals ``gplfd/DoorOpeningImpedance-v1`` at its greatest stiffness.
+    Physics runs on Warp's default device (``warp.set_device``). Draws of doors,
+    rewards, success and failure are computed on the CPU by the same code as in the
+    other environments.
 
     Args:
         num_envs: Number of simulations n.
-        arguments: Those of `gplfd_env.envs.vector.DoorOpeningVectorEnv`, but for
-            `num_threads`; with a base that is fixed, and a handle that is in the hand
-            from the start and held by friction: float32 is too coarse for the forces
-            of a weld.
+        arguments: Those of `gplfd_env.envs.vector.DoorOpeningVectorEnv` except
+            `num_threads`. The base must be fixed, and the hand must hold the handle
+            from the start by friction: float32 is too coarse for the forces of a weld.
 
     Raises:
         ValueError: As there, and for another base, start, grasp or number of threads.

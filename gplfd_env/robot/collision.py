@@ -43,8 +43,8 @@ def add_collisions(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
 def add_walls(spec: mujoco.MjSpec, door: DoorConfig, base: Base) -> None:
     """Add the walls on both sides of the frame, without contact.
 
-    With a fixed base that pushes, the arm passes beside the lock, where a wall would
-    hide it: there the wall ends at the frame.
+    If a robot with a fixed base pushes, its arm passes beside the lock, where a wall
+    would hide it: there the wall ends at the frame.
     """
     for side in ("hinge", "lock"):
         jamb, other = spec.geom(f"jamb_{side}"), spec.geom("lintel")

@@ -1,4 +1,4 @@
-"""A robot as a record: its URDF, its hand, and how it stands before a door."""
+"""Configuration of a robot: URDF, hand, and pose in front of a door."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -15,36 +15,36 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Stance:
-    """Pose of the robot in front of a closed door; assets/README.md tells how found."""
+    """Pose of the robot in front of a closed door; see assets/README.md for sources."""
 
     handle_xy_w: tuple[float, float]
     """Closed handle in the base frame, without placement error [m]."""
     door_yaw: float
-    """Heading of "straight into the closed door" in the base frame [rad]."""
+    """Heading perpendicular into the closed door in the base frame [rad]."""
     grasp_yaw: float = 0.0
     """Constant yaw of the hand on the handle, counter-clockwise from above [rad]. It is
-    zero for a lever or knob, whose axis is the hand's: there it would turn a wrist
-    that is nearly at its limit."""
+    zero for a lever or knob: a yaw there would turn a wrist that is nearly at its
+    limit."""
     below_handle: float
     """Height of the grasped point minus the lift's position [m]."""
     closed_posture: tuple[float, ...]
-    """Arm joints that hold the closed handle, to 1 mrad [rad]; refined at build
-    time."""
+    """Arm joint positions that hold the closed handle, to 1 mrad [rad]; refined when
+    the scene is built."""
     roll: float = 0.0
     """Roll of the wrist relative to the grasp of a vertical bar [rad]: a quarter turn
     for a lever or knob, which the fingers grasp from above and below."""
     radius: float
-    """Greatest handle-to-hinge distance that is opened to the task's angle [m]."""
+    """Greatest handle-to-hinge distance at which the task's angle is reached [m]."""
     height: float
-    """Greatest height at which the handle can be held all the way [m]."""
+    """Greatest height at which the handle can be held during the whole motion [m]."""
 
 
 Held = Handle | Literal["level-bar"]
-"""What the hand holds: a handle, or the bar of a flap, which is level."""
+"""What the hand holds: a handle, or the level bar of a flap."""
 
 
 class Before(NamedTuple):
-    """The doors before which a robot takes one stance."""
+    """The doors that share a stance of the robot."""
 
     base: Base
     swing: Swing
@@ -53,7 +53,7 @@ class Before(NamedTuple):
 
     @classmethod
     def of(cls, door: DoorConfig, base: Base) -> "Before":
-        """Return those that a door is one of."""
+        """Return the group of doors to which a door belongs."""
         level = door.motion == "flap"
         side: HingeSide = "right" if level else door.hinge_side
         return cls(base, door.swing, "level-bar" if level else door.handle, side)
@@ -70,9 +70,9 @@ class Capsule(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RobotConfig:
-    """An arm with a gripper, on a stand or a base of its own.
+    """An arm with a gripper, on the generic stand or its own base.
 
-    `gplfd_env.robot.urdf.robot_of_urdf` makes one of a URDF; the robots of this
+    `gplfd_env.robot.urdf.robot_of_urdf` makes one from a URDF; the robots of this
     project are in `gplfd_env.robot.robots.ROBOTS`.
 
     The *grasp frame* lies between the finger tips: its x axis is the direction in which
@@ -80,11 +80,11 @@ class RobotConfig:
     """
 
     name: str
-    """What messages and recordings call it."""
+    """Name in messages and recordings."""
     urdf: str
-    """Its description: a path, or the name of a file of ``assets/``."""
+    """URDF: a path, or the name of a file in ``assets/``."""
     base: Base = "fixed"
-    """Whether it stands or drives."""
+    """Whether the base is fixed or mobile."""
     arm: tuple[str, ...]
     """The arm's joints, from the base to the hand."""
     tool: str
@@ -101,22 +101,22 @@ class RobotConfig:
     )
     """Prismatic joints of the fingers: zero is closed."""
     finger_stroke: float = 0.045
-    """How far a finger opens from the middle [m]."""
+    """Distance by which a finger opens from the middle [m]."""
     flange: str = ""
-    """Link of the URDF on which the generic gripper is mounted; "" if it has its own.
-    Then `tool` and the joints of the fingers are the gripper's."""
+    """Link of the URDF on which the generic gripper is mounted; `tool` and the joints
+    of the fingers are then the gripper's. "" if the robot has its own gripper."""
     flange_axes: tuple[Vector, Vector] = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
     """Directions of approach and of closing in the frame of the flange."""
     stand: bool = True
-    """Whether the URDF is an arm alone, which a stand with a lift carries."""
+    """Whether the URDF is only an arm, to be mounted on a stand with a lift."""
     armature: tuple[float, ...]
-    """Rotor inertia of the arm's joints, as the joint sees it [kg m²]."""
+    """Rotor inertia of the arm's joints, reflected to the joint [kg m²]."""
     root: str = "stand_base"
     """Body of the base that stands on the floor."""
     lift: str = "stand_lift"
     """Joint that sets the height of the arm."""
     sensor: str
-    """Body that the wrist's force and torque sensor carries, with all beyond it."""
+    """First body beyond the force and torque sensor of the wrist."""
     sensor_rotation: tuple[Vector, Vector, Vector] = (
         (1.0, 0.0, 0.0),
         (0.0, 1.0, 0.0),
@@ -126,13 +126,13 @@ class RobotConfig:
     forearm: str
     """Body on which a disturbance pushes."""
     head: tuple[str, Vector] = ("stand_base", (-0.19, 0.0, 1.47))
-    """Body that carries the camera "head", and where."""
+    """Body that carries the camera "head", and the camera's position [m]."""
     hand_camera: tuple[Vector, Vector, Vector]
     """Camera at the hand, frame of `tool`: position [m], its right and up axes."""
     capsules: tuple[Capsule, ...]
     """Collision geometry of a mobile robot, without its fingers."""
     stances: tuple[tuple[Before, Stance], ...]
-    """How it stands before doors."""
+    """Stances for groups of doors."""
 
     def __post_init__(self) -> None:
         check_choice("base", self.base, ("fixed", "mobile"))
@@ -151,7 +151,7 @@ class RobotConfig:
         return self if base == self.base else dataclasses.replace(self, base=base)
 
     def stance(self, door: DoorConfig) -> Stance:
-        """Return how it stands before a door; raise a ValueError if it cannot."""
+        """Return the stance for a door; raise a ValueError if there is none."""
         before = Before.of(door, self.base)
         for doors, stance in self.stances:
             if doors == before:
@@ -177,4 +177,4 @@ BASE_RADIUS: Final = 0.27
 HELD: Final[tuple[Held, ...]] = (
     "bar", "lever", "knob", "paddle", "touch-bar", "handleset", "level-bar",
 )  # fmt: skip
-"""Everything that a hand can hold."""
+"""All things that a hand can hold."""

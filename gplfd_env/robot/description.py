@@ -1,7 +1,7 @@
-"""The text of a robot: its URDF with stand, gripper and finger pads, for MuJoCo.
+"""Description of a robot for MuJoCo: its URDF with stand, gripper and finger pads.
 
 Collision geometry of the URDF is left out: only finger pads touch a handle, and
-capsules stand for the links of a mobile robot.
+capsules replace the links of a mobile robot.
 """
 
 import math
@@ -20,7 +20,7 @@ from gplfd_env.conventions.constants import INTANGIBLE, Array
 from gplfd_env.robot.config import RobotConfig, grasp_axes
 
 ASSETS: Final = ("tiago_like.urdf", "panda_like.urdf", "ur5e_like.urdf")
-"""The robots of this project."""
+"""Descriptions of the robots of this project."""
 
 PAD_BEHIND: Final = 0.02
 """How far the middle of a finger pad is behind the grasped point [m]."""
@@ -29,21 +29,21 @@ _PAD: Final = (0.01, 0.04, 0.08)
 """Thickness, width and length of a finger pad [m]."""
 
 _MOST_TURNED: Final = 4 * math.pi
-"""Greatest limit of a revolute joint [rad]: some wrists turn by more than one turn, but
-limits in degrees are nearly all greater."""
+"""Greatest accepted limit of a revolute joint [rad]. Some wrists turn by more than one
+turn; larger values are nearly always degrees."""
 
 _GREY: Final = (0.75, 0.76, 0.78, 1.0)
 
 
 def described_robot(robot: RobotConfig) -> mujoco.MjSpec:
-    """Return a robot as MuJoCo reads it, one body per link; it has no servos yet."""
+    """Return a robot as a MuJoCo spec, one body per link, still without servos."""
     path = urdf_path(robot.urdf)
     if not robot.stand:
         return mujoco.MjSpec.from_file(str(path))
     spec = mujoco.MjSpec.from_string(_completed(robot))
     for joint in map(spec.joint, robot.arm):
         if joint.range[0] == joint.range[1]:
-            # It turns without end; no door asks for more than a turn to each side.
+            # The joint is continuous; no door needs more than a turn to each side.
             joint.limited, joint.range = True, (-2.0 * math.pi, 2.0 * math.pi)
     for body, mesh, geom in _meshes(str(path)):
         spec.add_mesh(**mesh)
@@ -62,7 +62,7 @@ def described_robot(robot: RobotConfig) -> mujoco.MjSpec:
 
 
 def urdf_path(urdf: str) -> Path:
-    """Return the path of a description, which may be an asset's name."""
+    """Return the path of a description, given as a path or an asset's name."""
     path = Path(urdf)
     if path.is_file():
         return path.resolve()
@@ -75,7 +75,7 @@ def urdf_path(urdf: str) -> Path:
 def read_urdf(path: str) -> Any:
     """Return a URDF as yourdfpy's object, without its meshes.
 
-    Raises a ValueError for what is no URDF and for mistakes in it.
+    Raises a ValueError if the file is not a URDF or has mistakes.
     """
     import yourdfpy
 
@@ -83,7 +83,7 @@ def read_urdf(path: str) -> Any:
         _check_urdf(ET.parse(path).getroot())
         return yourdfpy.URDF.load(path, load_meshes=False, load_collision_meshes=False)
     except Exception as error:
-        raise ValueError(f"{path} is no URDF of an arm: {error}") from error
+        raise ValueError(f"{path} is not a URDF of an arm: {error}") from error
 
 
 def _check_urdf(tree: ET.Element) -> None:
@@ -154,7 +154,7 @@ def _completed(robot: RobotConfig) -> str:
     for other in tree.findall("mujoco"):
         tree.remove(other)
     for element in tree.iter():
-        # MuJoCo's own name of what stands still.
+        # MuJoCo reserves the name "world" for the fixed body.
         for attribute in ("name", "link"):
             if element.get(attribute) == "world":
                 element.set(attribute, "urdf_world")
@@ -178,7 +178,7 @@ def _completed(robot: RobotConfig) -> str:
                         f"{part} that carries or completes the arm; rename it"
                     )
         tree.extend(added)
-        # A fixed joint with a turn.
+        # A fixed joint with a rotation.
         attributes = {"name": f"{child}_mount", "type": "fixed"}
         joint = ET.SubElement(tree, "joint", attributes)
         ET.SubElement(joint, "parent", {"link": parent})
@@ -215,9 +215,9 @@ def _origin(place: Array, axes: Array) -> dict[str, str]:
 
 @lru_cache(maxsize=8)
 def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]:
-    """Return the meshes of a URDF: its link, fields of MuJoCo's mesh and of its geom.
+    """Return the meshes of a URDF: link, fields of MuJoCo's mesh, fields of its geom.
 
-    A file that cannot be read, or has no body, is left out with a warning.
+    A file that cannot be read, or contains no mesh, is left out with a warning.
     """
     import trimesh
 
@@ -258,7 +258,8 @@ def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]
                 "name": name,
                 "uservert": vertices,
                 "userface": faces,
-                # Of no use to a geom without mass, but a flat mesh has no volume.
+                # The geom has no mass, but MuJoCo rejects flat meshes, which have no
+                # volume.
                 "inertia": mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
             }
             found.append((link.name, fields, geom))

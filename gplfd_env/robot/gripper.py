@@ -9,23 +9,24 @@ from gplfd_env.doors.config import DoorConfig, held_radius
 from gplfd_env.robot.model import Grasp, Hold
 
 SPEED: Final = 0.1
-"""Rate of the commanded width: 0.05 m/s per finger, as TIAGo's [m/s]."""
+"""Rate limit of the commanded width: 0.05 m/s per finger, as on TIAGo [m/s]."""
 
 AT_HANDLE: Final = (0.01, 0.1)
-"""A gripper without a command closes within this distance of the hand from the pose of
+"""A gripper without a command closes if the hand is within this distance of the pose of
 the closed grasp [m, rad]."""
 
 AT_REST: Final = (0.09, 0.002, 0.25)
-"""A gripper without a command, of a robot that does not know exactly where the handle
-is, closes within this distance of the hand from the believed grasp [m], where the hand
-has moved by less than this [m] for this long [s] ..."""
+"""If the handle's position is uncertain, a gripper without a command closes when the
+hand is within this distance of the believed grasp [m] and has moved by less than this
+[m] for this long [s] ..."""
 
 LEFT: Final = 0.04
-"""... and opens where the hand, holding nothing, is this far from there [m]."""
+"""... and opens again when the hand, holding nothing, is this far from that place
+[m]."""
 
 
 def hold_of(grasp: Grasp, start: Start, *, commanded: bool) -> Hold:
-    """Return how a scene holds the handle; no weld where fingers open and close."""
+    """Return how a scene holds the handle; no weld if fingers open and close."""
     if start == "grasped" and not commanded:
         return grasp
     if grasp == "weld":
@@ -40,7 +41,7 @@ def hold_of(grasp: Grasp, start: Start, *, commanded: bool) -> Hold:
 class Gripper:
     """Width of the fingers during an episode, commanded at a limited rate [m].
 
-    If the handle is `uncertain`, the robot believes it to be where it is not.
+    If the handle is `uncertain`, the robot's belief of its position has an error.
     """
 
     def __init__(self, door: DoorConfig, width: float, *, uncertain: bool) -> None:
@@ -71,7 +72,7 @@ class Gripper:
         self.obey(0.0 if taken or (near and aligned) else GRIPPER_WIDTH)
 
     def _closes(self, hand: Sequence[float]) -> bool:
-        """Return whether the hand rests at the believed handle, or has not left."""
+        """Return whether the hand rests at the believed handle or is still there."""
         moved = math.dist(hand, self._place)
         closing = self._rested >= AT_REST[2]
         if moved > (LEFT if closing else AT_REST[1]):

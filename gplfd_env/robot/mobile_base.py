@@ -1,9 +1,9 @@
-"""A base that moves: three planar joints, and wheels that grip the floor up to a limit.
+"""Mobile base: three planar joints, and wheels with limited traction.
 
-The motors turn at the commanded rates whatever happens. Each of the four wheels passes
-on a force to the base that opposes its slip, as Coulomb friction does, up to the force
-at which its motor gives way. Nothing else in the robot pushes the base: the torques of
-the arm's joints act between its links.
+The motors always turn at the commanded rates. Each of the four wheels transmits a force
+to the base that opposes its slip, like Coulomb friction, up to the force that its motor
+can hold. Nothing else in the robot pushes the base: the torques of the arm's joints act
+between its links.
 """
 
 from typing import Final
@@ -13,7 +13,7 @@ import mujoco
 from gplfd_env.robot.config import RobotConfig
 
 BASE_JOINTS: Final = ("base_x_joint", "base_y_joint", "base_yaw_joint")
-"""Ahead and to the left of where the base stood at the reset, and turned left."""
+"""Displacement ahead, to the left, and rotation to the left, since the reset."""
 
 BASE_DRIVES: Final = ("drive_x", "drive_y", "drive_yaw")
 
@@ -23,33 +23,32 @@ WHEELS: Final = {
     "wheel_rear_left": (1.0, 1.0, -1.0),
     "wheel_rear_right": (1.0, -1.0, 1.0),
 }
-"""How a mecanum wheel rolls when the base goes ahead, to the left, and turns left."""
+"""Rolling of a mecanum wheel when the base moves ahead, to the left, and turns left."""
 
 WHEEL_FORCE: Final = 6.0 / 0.0762
-"""Of one wheel: greatest torque of its motor over its radius [N]."""
+"""Greatest force of one wheel: torque of its motor over its radius [N]."""
 
 WHEEL_LEVER: Final = 0.2236 + 0.244
-"""Of a wheel's force about the vertical: half of track and wheelbase [m]."""
+"""Lever arm of a wheel's force about the vertical: half of (track + wheelbase) [m]."""
 
 _ROTOR_INERTIA: Final = (1e3, 1e3, 1e2)
-"""Of the motors [kg, kg, kg m²]: more than the base's, which therefore cannot slow them
-down."""
+"""Inertia of the motors [kg, kg, kg m²]: much more than the base's, so that the base
+cannot slow them down."""
 _TRACKING: Final = 2.0e6
-"""Gain with which motors keep their rate [N s/m, N m s/rad]."""
+"""Gain of the motors' rate control [N s/m, N m s/rad]."""
 _NO_FORCE: Final = 1e-6
-"""Limit of a force that is none: MuJoCo asks for a range [N, N m]."""
+"""Limit of a force that is practically zero: MuJoCo requires a range [N, N m]."""
 
 HARD_STOP: Final = (0.005, 1.0)
-"""Time constant [s] and damping ratio of the ends of hinge and fingers where the robot
-drives: two and a half physics steps. With MuJoCo's 0.02 s a base of 60 kg that runs
-into the leaf presses it into the frame by more than a degree."""
+"""Time constant [s] and damping ratio of the joint limits of hinge and fingers with a
+mobile base: two and a half physics steps. With MuJoCo's 0.02 s a base of 60 kg that
+runs into the leaf presses it into the frame by more than a degree."""
 
 SOFT_STOP: Final = (0.015, 1.0)
-"""The same of a stop that a disturbance sets."""
+"""The same for a stop that a disturbance sets."""
 
 _RIGID: Final = (0.99, 0.999, 0.001, 0.5, 2.0)
-"""Impedance of the fingers' ends. Fast arm motion deflects the limits of the fingers by
-at most 1 cm."""
+"""Impedance of the fingers' limits. Fast arm motion deflects them by at most 1 cm."""
 
 
 def add_mobile_base(spec: mujoco.MjSpec, robot: RobotConfig) -> None:

@@ -1,4 +1,4 @@
-"""The robot in MuJoCo: its URDF, and servos, sites and cameras that a URDF lacks."""
+"""The robot in MuJoCo: its URDF, with servos, sites and cameras added."""
 
 import math
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ Hold = Literal["contact", "weld", "gripper"]
 open and close during an episode."""
 
 SIDES: Final = ("right", "left")
-"""Of the fingers, in the order of `RobotConfig.fingers`."""
+"""Sides of the fingers, in the order of `RobotConfig.fingers`."""
 
 GRIPS: Final = ("grip_right", "grip_left")
 """The fingers' servos."""

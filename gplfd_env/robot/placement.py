@@ -1,9 +1,9 @@
-"""Where the robot stands before the door, and the posture that holds the handle.
+"""Placement of the robot in front of the door, and the posture that holds the handle.
 
 Frames: *world* = the robot's ``base_footprint`` at the reset (x forward, y left, z up);
 *task* = origin at the closed handle, x = pulling direction, y = up, z = x × y (to the
-left of someone facing the door). A hinge on the robot's right is at z = -radius; one on
-its left at z = radius, where an arm on a base that stands still reaches less.
+left of someone facing the door). A hinge on the robot's right is at z = -radius, one on
+its left at z = radius, where an arm on a fixed base reaches less.
 """
 
 import math
@@ -23,7 +23,7 @@ from gplfd_env.spatial.se3 import into_axes
 def hand_position_w(
     door: DoorConfig, placement: Placement, robot: RobotConfig
 ) -> Array:
-    """Return where the hand takes hold in the world frame, (3,) [m]."""
+    """Return the grasped point in the world frame, (3,) [m]."""
     position, _ = task_in_door_frame(door, placement, robot)
     middle = handle_position_w(door, placement, robot)
     axes = task_rotation_w(door, placement.base_yaw, robot)
@@ -49,7 +49,7 @@ def task_rotation_w(
 ) -> Array:
     """Return the task frame's axes as columns in the world frame, (3, 3).
 
-    With a heading error `yaw` of the base [rad] they are those of the true door.
+    With a heading error `yaw` of the base [rad] they are the axes of the true door.
     """
     door = DoorConfig() if door is None else door
     heading = robot.stance(door).door_yaw - yaw
@@ -85,13 +85,13 @@ def quaternion(rotation: Array) -> Array:
 
 
 def door_geometry(variation: Variation, robot: RobotConfig) -> DoorGeometry:
-    """Return where the hinge and the handle's axis are in an episode's task frame."""
+    """Return the hinge and the handle's axis in an episode's task frame."""
     door, placement = variation.door, variation.placement
     return DoorGeometry.of(door, *task_in_door_frame(door, placement, robot))
 
 
 def standoff_pose(door: DoorConfig, standoff: Standoff, robot: RobotConfig) -> Array:
-    """Return the pose of a hand before the handle, task frame, (6,) [m, rad]."""
+    """Return the initial pose in front of the handle, task frame, (6,) [m, rad]."""
     to_task = task_rotation_w(door, robot=robot).T
     back, up = (
         to_task @ gripper_rotation_w(door, robot)[:, 2],
@@ -114,7 +114,7 @@ def task_in_door_frame(
 ) -> tuple[Array, Array]:
     """Return the task frame in the door frame: position (3,) [m], axes (3, 3).
 
-    It is where the robot believes that its hand holds the handle.
+    Its origin is the believed grasp.
     """
     depth = np.array([0.0, 0.0, placement.grasp_depth])
     back = gripper_rotation_w(door, robot) @ depth
@@ -142,8 +142,8 @@ def solve_closed_posture(
 
     Newton's method on the 6-D pose error between the sites ``hand`` and ``task_frame``,
     with the pseudo-inverse of the arm's Jacobian from the stance's posture. The torso
-    is lifted as far as that goes; fingers, hinge and base are at zero. Raises a
-    ValueError if the pose is out of reach.
+    is lifted as far as needed or possible; fingers, hinge and base are at zero. Raises
+    a ValueError if the pose is out of reach.
     """
     mujoco.mj_resetData(model, data)
     stance = robot.stance(door)
@@ -166,10 +166,10 @@ def solve_closed_posture(
 def solve_standoff_posture(
     model: mujoco.MjModel, data: mujoco.MjData, robot: RobotConfig, pose: Array
 ) -> None:
-    """Draw the hand back from the closed handle to a pose (6,) before it.
+    """Move the hand back from the closed handle to a pose (6,) in front of it.
 
-    In small steps, which keeps the arm on its way where its elbow is nearly stretched.
-    Raises a ValueError if the pose is out of reach.
+    Small steps keep the solution continuous when the elbow is nearly stretched. Raises
+    a ValueError if the pose is out of reach.
     """
     axes = data.site_xmat[model.site("task_frame").id].reshape(3, 3)
     away = axes @ pose[:3]
@@ -194,7 +194,7 @@ def _bring_hand(
     robot: RobotConfig,
     away: Array | None = None,
 ) -> tuple[float, bool]:
-    """Bring the hand to the task frame, or `away` from it; return error and success."""
+    """Move the hand to the task frame, or `away` from it; return error and success."""
     arm = _arm(model, robot)
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian, rotation = np.zeros((6, model.nv)), np.zeros(3)

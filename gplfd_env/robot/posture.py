@@ -1,4 +1,4 @@
-"""How a robot stands before a door: at a home posture, or the door at a given pose."""
+"""Stances of a robot: from a home posture, or from a given pose of the door."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -33,10 +33,11 @@ the base frame with the lift at zero."""
 
 
 def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
-    """Return a robot that stands before every door as at its home posture [rad].
+    """Return a robot that holds every closed door at its home posture [rad].
 
-    The posture holds a bar with a level approach; None for the best of seeded random
-    ones. Raises a ValueError if it does not, or if MuJoCo cannot simulate the robot.
+    The posture must hold a bar with a level approach; None for the best of seeded
+    random postures. Raises a ValueError if it does not, or if MuJoCo cannot simulate
+    the robot.
     """
     spec = described_robot(robot)
     try:
@@ -73,8 +74,8 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
             f"{math.degrees(math.asin(-frame[2, 2])):.0f}° upwards"
         )
     turned = posture.copy()
-    # A lever is held with the last joint turned by a quarter, the way that is farther
-    # from its limits.
+    # A lever is held with the last joint turned by 90°, in the direction that is
+    # farther from its limits.
     middle = limits[-1].mean()
     turned[-1] += math.copysign(math.pi / 2, middle - turned[-1])
     found, approach = [], frame[:, 2]
@@ -82,7 +83,7 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
         own = posture if held == "bar" else turned
         place, frame = grasp(own)
         if frame[:, 2] @ approach < math.cos(_TILT):
-            continue  # The last joint does not roll the hand: it holds bars alone.
+            continue  # The last joint does not roll the hand: only bars.
         stance = Stance(
             handle_xy_w=(float(place[0]), float(place[1])),
             door_yaw=math.atan2(-frame[1, 2], -frame[0, 2]),
@@ -104,20 +105,20 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
 def at_task_frame(
     robot: RobotConfig, door: DoorConfig, task: Array, poses: Array, times: Array
 ) -> RobotConfig:
-    """Return a robot that stands still where its base sees the task frame at a pose.
+    """Return a robot with a fixed base at a given pose relative to the task frame.
 
-    Its base frame is that of the arm's root link on a stand, whose lift follows, and
-    else its own root's. The hand holds the handle as in the robot's stance before the
-    door. Of the postures that are found from seeded starts, the arm has the one that
-    stays farthest from joint limits.
+    On a stand the base frame is that of the arm's root link, and the lift is computed;
+    otherwise it is the frame of the robot's root. The hand holds the handle as in the
+    robot's stance for the door. Several postures are computed from seeded starts; the
+    one that stays farthest from joint limits is used.
 
     Args:
-        robot: what stands there, on a fixed base.
+        robot: the robot, on a fixed base.
         door: the closed door; for a robot without a stand, its handle is as high as the
             task frame.
         task: pose of the task frame in the base frame, (6,) [m, rad].
         poses: path of the hand in the task frame, (T, 6) [m, rad].
-        times: of the poses, (T,) [s]; an error names them.
+        times: times of the poses, (T,) [s], for error messages.
 
     Raises:
         ValueError: y of the task frame is not upright, or the lift or the arm does not
@@ -146,7 +147,7 @@ def at_task_frame(
         handle_xy_w=(float(position[0]), float(position[1])),
         door_yaw=math.atan2(-axes[1, 0], -axes[0, 0]),
         below_handle=float(door.handle_height - lift),
-        radius=math.inf,  # Whether the arm reaches is found out here.
+        radius=math.inf,  # The reach of the arm is tested below.
         height=math.inf,
     )
     robot = replace(robot, stances=tuple((one, stance) for one, _ in robot.stances))

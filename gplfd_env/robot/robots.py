@@ -1,4 +1,4 @@
-"""The robots of this project by name, and what names a robot."""
+"""The robots of this project by name, and other ways to specify a robot."""
 
 import itertools
 import json
@@ -29,7 +29,7 @@ def _stance(
     radius: float,
     *closed_posture: float,
 ) -> Stance:
-    """Return a stance on the stand, whose lift is the height of the arm's root."""
+    """Return a stance on the stand, whose lift position is the height of the root."""
     return Stance(
         handle_xy_w=handle_xy_w,
         door_yaw=door_yaw,
@@ -45,12 +45,12 @@ def _stance(
 def _before(
     fixed: Mapping[tuple[Swing, bool], Stance], driving: tuple[Stance, Stance, Stance]
 ) -> tuple[tuple[Before, Stance], ...]:
-    """Return the stances before all doors.
+    """Return the stances for all doors.
 
     Args:
-        fixed: on a fixed stand, by swing and whether a bar is held.
-        driving: on a mobile base, at a bar with the hinge on the right and on the left,
-            and at other handles.
+        fixed: stances on a fixed stand, by swing and whether a bar is held.
+        driving: stances on a mobile base: at a bar with the hinge on the right, on the
+            left, and at other handles.
     """
     bar_right, bar_left, turned = driving
     found = []
@@ -97,7 +97,7 @@ _PANDA: Final = _before(
         ),
     ),
 )  # fmt: skip
-"""assets/README.md tells how these and the next were found."""
+"""assets/README.md explains how these and the following were found."""
 
 _UR5E: Final = _before(
     {
@@ -154,7 +154,7 @@ def robot_named(spec: RobotSpec) -> RobotConfig:
     """Return a robot.
 
     Raises:
-        ValueError: A name that there is not, or a file that describes no robot.
+        ValueError: An unknown name, or a file that does not describe a robot.
         OSError: There is no such file.
     """
     if isinstance(spec, RobotConfig):
@@ -183,9 +183,9 @@ def _named(name: str) -> RobotConfig:
             return robot_of_urdf(path, **given | lists)
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise ValueError(
-                f"{name} holds no robot: {error}; it must be an object with the "
-                "arguments of gplfd_env.robot.urdf.robot_of_urdf, such as path, tool, "
-                "fingers, grasp_point and home"
+                f"{name} does not describe a robot: {error}; it must be an object with "
+                "the arguments of gplfd_env.robot.urdf.robot_of_urdf, such as path, "
+                "tool, fingers, grasp_point and home"
             ) from error
     raise ValueError(
         f"unknown robot {name!r}{nearest_name(name, ROBOTS)}; give one of "

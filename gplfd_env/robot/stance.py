@@ -14,8 +14,8 @@ ABOUT_A_HINGE: Final = ("hinged", "rising-butt", "concealed-hinge")
 def base_for(door: DoorConfig, robot: RobotConfig = TIAGO_LIKE) -> Base:
     """Return the base that a door needs.
 
-    A fixed base opens furniture within reach of the arm: bars that are pulled, with the
-    hinge on the right.
+    A fixed base is enough for furniture within reach of the arm: bars that are pulled,
+    with the hinge on the right.
     """
     furniture = DoorConfig().kind
     kind = {name: own for name, own in door.kind.items() if name != "motion"}
@@ -31,8 +31,8 @@ def check_reach(
 ) -> None:
     """Raise a ValueError if a door is beyond the reach of the robot.
 
-    The handle is too far from the hinge or too high, or the episode starts in front of
-    a handle at which the robot stands too near to draw back its arm.
+    Either the handle is too far from the hinge or too high, or the episode starts in
+    front of the handle and the robot stands too near to draw back its arm.
     """
     if (start, robot.base, door.swing) == ("approach", "fixed", "push"):
         raise ValueError(

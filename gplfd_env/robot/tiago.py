@@ -1,4 +1,4 @@
-"""The TIAGo-like robot: how it stands before doors, and what its URDF lacks."""
+"""The TIAGo-like robot: its stances, and configuration that its URDF lacks."""
 
 import math
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ _DRIVING: Final = Stance(
     radius=1.05,
     height=1.22,
 )
-"""A mobile base keeps the arm in a posture in which it is strong."""
+"""Stance of a mobile base: the arm is in a posture in which it is strong."""
 
 _DRIVING_TURNED: Final = Stance(
     handle_xy_w=(0.742, 0.602),
@@ -48,11 +48,11 @@ _DRIVING_LEFT: Final = Stance(
     radius=1.0,
     height=1.22,
 )
-"""To the left of the handle, where the passage of a left-hinged door is free."""
+"""Stance to the left of the handle, where the passage of a left-hinged door is free."""
 
 _DRIVING_LEFT_BAR: Final = replace(_DRIVING_LEFT, roll=0.0, closed_posture=_AT_BAR)
-"""The same for a bar. With a yaw on the bar the palm would meet the jamb beside the
-lock; without one it goes through the frame."""
+"""The same for a bar. With a yaw on the bar the palm would hit the jamb beside the
+lock; without a yaw it passes through the frame."""
 
 _BAR: Final[Mapping[tuple[Base, Swing], Stance]] = {
     ("fixed", "pull"): Stance(
@@ -114,11 +114,12 @@ _PUSHING_LEFT: Final[Mapping[Handle, Stance]] = {
     "handleset": _DRIVING_LEFT,
 }
 """Before doors that are pushed with the hinge on the left, with a base that drives.
-Farther from the hinge the base meets the leaf; the hand on a lever is nearer to it."""
+Farther from the hinge the base hits the leaf; on a lever the hand is nearer to the
+hinge."""
 
 
 def _stances() -> dict[Before, Stance]:
-    """Return the stances before all doors."""
+    """Return the stances for all doors."""
     found: dict[Before, Stance] = {}
     for (base, swing), bar in _BAR.items():
         for held in HELD:
@@ -142,7 +143,7 @@ TIAGO_LIKE: Final = RobotConfig(
     root="base_footprint",
     lift="torso_lift_joint",
     sensor="wrist_ft_link",
-    # Half a turn about x, whatever the joint angles.
+    # Half a turn about x at all joint angles.
     sensor_rotation=((0.0, -1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)),
     forearm="arm_4_link",
     head=("head_link", (0.10, 0.0, 0.05)),

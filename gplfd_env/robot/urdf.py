@@ -1,4 +1,4 @@
-"""Robots from their URDF: an arm alone, which a stand carries and a gripper completes.
+"""Robots from the URDF of an arm, with a stand and, if needed, a gripper added.
 
 yourdfpy reads the description and computes its kinematics.
 """
@@ -46,30 +46,31 @@ def robot_of_urdf(
     armature: float | Sequence[float] = _ARMATURE,
     stances: Sequence[tuple[Before, Stance]] = (),
 ) -> RobotConfig:
-    """Make a robot of the URDF of an arm, which a stand or a mobile base carries.
+    """Make a robot from the URDF of an arm, on a stand or a mobile base.
 
     Args:
         path: The URDF. Its joints between root and tool are the arm's, its other
             joints but the fingers' are locked.
-        name: What messages call it; the URDF's own name by default.
-        base: Whether the stand is fixed or drives.
+        name: Name in messages; by default the name in the URDF.
+        base: Whether the stand is fixed or mobile.
         tool: Link of the hand; by default the link of the fingers, or the last link of
             the longest chain.
         grasp_point: Between the finger tips, frame of the tool [m]; needed with
-            fingers. The generic gripper's is 0.16 m beyond the tool.
+            fingers. For the generic gripper it is 0.16 m beyond the tool.
         approach: Direction in which the hand approaches, frame of the tool.
         closing: Direction in which the first finger opens, frame of the tool; by
-            default that of its joint, or the tool's x axis for the generic gripper.
-        fingers: Two prismatic joints, zero where closed; None for an arm without a
+            default the direction of its joint, or the tool's x axis for the generic
+            gripper.
+        fingers: Two prismatic joints, zero when closed; None for an arm without a
             gripper, which gets the generic one.
-        home: Positions of the arm's joints that hold a bar, the approach level [rad]:
-            the robot stands so that they hold the closed handle. By default the best
-            of seeded random postures.
-        armature: Rotor inertia of the joints, of all or of each [kg m²].
-        stances: How it stands before doors; by default from `home` alone.
+        home: Arm joint positions that hold a bar with a level approach [rad]: the robot
+            is placed so that they hold the closed handle. By default the best of seeded
+            random postures.
+        armature: Rotor inertia of the joints, one for all or one for each [kg m²].
+        stances: Stances for groups of doors; by default computed from `home`.
 
     Raises:
-        ValueError: A file that is no URDF, or names and numbers that do not fit it.
+        ValueError: The file is not a URDF, or names or numbers do not fit it.
     """
     path = urdf_path(os.fspath(path))
     urdf = read_urdf(str(path))
@@ -161,10 +162,10 @@ def _unit(what: str, vector: Any) -> Vector:
 
 
 def _arm_of(urdf: Any, path: Path, tool: str) -> list[tuple[str, str]]:
-    """Return the turning joints from the root to a tool, each with the link it moves.
+    """Return the revolute joints from the root to a tool, each with the link it moves.
 
-    Without a tool it is the last link of the chain with the most of them; the last
-    pair's link is then that tool.
+    If no tool is given, the last link of the chain with most revolute joints is the
+    tool; it is the link of the last pair.
     """
     above = {joint.child: joint for joint in urdf.joint_map.values()}
     if tool and tool not in urdf.link_map:
@@ -184,7 +185,7 @@ def _arm_of(urdf: Any, path: Path, tool: str) -> list[tuple[str, str]]:
 
     parents = {joint.parent for joint in urdf.joint_map.values()}
     ends = [tool] if tool else [link for link in urdf.link_map if link not in parents]
-    # Of equal chains the last link that the file names: a frame at the flange.
+    # Of equally long chains the last link in the file: a frame at the flange.
     best = max(reversed(ends), key=lambda link: len(chain(link)))
     arm = chain(best)
     if len(arm) < 6:
@@ -206,7 +207,7 @@ def _camera(axes: Array, point: Array) -> tuple[Vector, Vector, Vector]:
 
 
 def _capsules(urdf: Any, links: Sequence[str]) -> tuple[Capsule, ...]:
-    """Return capsules along the links of an arm, and those of the stand."""
+    """Return capsules along the links of an arm, and the capsules of the stand."""
     found = [
         Capsule("base_body", "stand_base", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
         Capsule("column_body", "stand_lift_link", (0, 0, -0.1, 0, 0, -0.4), 0.08),

@@ -14,7 +14,7 @@ one rigid body. A hand that moves away pushes the door through its frame. A base
 behind it would hit the wall beside the lock: c = 0.3, the hand turns more than the
 base. Within 5 cm of the closed door c is interpolated linearly.
 
-The target has a dead band, `PLAY`: the arm alone carries out small and fast motions.
+The target has a dead band, `PLAY`: the arm alone executes small and fast motions.
 The base moves at the rate of the target behind this dead band, and reduces its distance
 to it with the time constant `LAG`, within its braking distance. The hand's servo acts
 in the task frame, which is fixed in the world, so the arm compensates the base.
@@ -82,7 +82,7 @@ class BaseDrive:
         self._slowed = 0.0
 
     def follow(self, hand: list[float], base: Planar) -> None:
-        """Command by the whole-body rule for a commanded pose of the hand, (6,)."""
+        """Command the base by the whole-body rule from a commanded hand pose, (6,)."""
         last = self._dragged
         x, y, yaw = self._dragged = _dragged(last, led_by(hand, self._hand, self._axes))
         dx, dy, turn = x - base[0], y - base[1], yaw - base[2]
@@ -98,7 +98,7 @@ class BaseDrive:
         )
 
     def obey(self, twist: list[float], base: Planar) -> None:
-        """Command by a twist ahead, to the left and turning left [m/s, rad/s]."""
+        """Command the base by a twist: ahead, left, turning left [m/s, rad/s]."""
         forward, left, turning = twist
         cosine, sine = math.cos(base[2]), math.sin(base[2])
         self._accelerate(
@@ -131,7 +131,7 @@ class BaseDrive:
 
     @property
     def blocked(self) -> bool:
-        """Whether something holds the base."""
+        """Whether something blocks the base."""
         return self._slowed >= BLOCKED_TIME - 1e-9
 
 
@@ -140,8 +140,8 @@ def led_by(
 ) -> Planar:
     """Return the target pose of the base, world frame, for a pose of the hand (6,).
 
-    Relative to its pose at the closed grasp, where the hand is at `closed` [m]. The
-    axes of the task frame are by default those of a bar.
+    Both are relative to the closed grasp, at which the hand is at `closed` [m]. By
+    default, the axes are those of the task frame at a bar.
     """
     x, y, z, rx, ry, rz = hand
     coming = min(max(x / _COMING, -1.0), 1.0)

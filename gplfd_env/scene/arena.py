@@ -95,9 +95,9 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, robot: RobotConfig) -> None
         specular=[0.1] * 3,
     )
 
-    # The turn of "overview" from straight into the door, and its elevation: found by
-    # counting the visible pixels of hand and handle at the closed, the half and the
-    # fully open door, in steps of 15° and 10°.
+    # Azimuth of "overview" relative to the door's normal, and elevation: chosen in
+    # steps of 15° and 10° by the number of visible pixels of hand and handle with the
+    # door closed, half open and fully open.
     turn, elevation = -door.side * math.radians(45.0), math.radians(-27.0)
     if door.swing == "push":
         turn, elevation = math.radians(30.0), math.radians(-32.0)
@@ -127,8 +127,8 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, robot: RobotConfig) -> None
 def _camera_position(points: Array) -> Array:
     """Return the nearest camera position that shows all points, in its axes [m].
 
-    A point (x, y, z), its axes right, up and backward, is in the picture of a camera at
-    c if |x - c_x| <= (c_z - z) t with the tangent t of half the field of view, and
+    A point (x, y, z), with axes right, up and backward, is in the picture of a camera
+    at c if |x - c_x| <= (c_z - z) t with the tangent t of half the field of view, and
     likewise in y. Each of these inequalities is linear in c.
     """
     vertical = math.tan(_FIELD_OF_VIEW / 2.0) / _MARGIN

@@ -1,4 +1,4 @@
-"""Compilation of a door's configuration to a MuJoCo model with a settled grasp.
+"""Compilation of a door configuration to a MuJoCo model with a settled grasp.
 
 Every scene of one robot and one `Structure` has the same layout. A model is compiled
 once; for another door only the fields in which scenes differ are overwritten. A new
@@ -40,8 +40,8 @@ from gplfd_env.scene.door import (
 from gplfd_env.scene.sensors import add_sensors
 
 GRASP_KEY: Final = 0
-"""Index of the keyframe "grasp": door closed, handle held, everything at rest; or, with
-a standoff, the open hand before it."""
+"""Index of the keyframe "grasp": door closed, handle held, everything at rest; with a
+standoff, the open hand is in front of the handle."""
 
 SCENE_FIELDS: Final = (
     "actuator_acc0", "actuator_length0", "body_inertia", "body_invweight0",
@@ -66,12 +66,12 @@ _WRITTEN: Final = (
     "backcheck_angle", "handle_preload", "handle_stiffness", "bolt_preload",
     "bolt_stiffness", "strut_stiffness", "strut_dead_angle", "roller_friction",
 )  # fmt: skip
-"""Fields of a door that `set_door_physics` writes; all others are its geometry."""
+"""Fields of a door that `set_door_physics` writes; all others define its geometry."""
 
 _NOMINAL: Final[dict[str, Any]] = {
     name: DoorConfig.__dataclass_fields__[name].default for name in _WRITTEN
 } | {"panel_mass": NOMINAL_MASS}
-"""Their values in a compiled scene."""
+"""Values of these fields in a compiled scene."""
 
 
 def build_spec(
@@ -85,8 +85,8 @@ def build_spec(
 ) -> mujoco.MjSpec:
     """Assemble arena, robot, door and sensors without compiling them.
 
-    A ``"weld"`` adds a rigid joint between hand and handle. The structure is by default
-    the door's.
+    A ``"weld"`` adds a rigid joint between hand and handle. By default the structure is
+    that of the door.
     """
     structure = structure_of(door) if structure is None else structure
     placement = Placement() if placement is None else placement
@@ -119,10 +119,10 @@ def build_scene(
     control: Control = "pose",
     robot: RobotConfig = TIAGO_LIKE,
 ) -> mujoco.MjModel:
-    """Return a model of a scene with a settled grasp, which callers may edit.
+    """Return a model of a scene with a settled grasp; callers may edit it.
 
     Its keyframe `GRASP_KEY` is the state after a reset: the hand holds the handle, or
-    is before it by a `standoff`. Raises a ValueError if that is out of reach.
+    is in front of it at the `standoff`. Raises a ValueError if that is out of reach.
     """
     model = _template(structure_of(door), grasp, control, robot).__copy__()
     data = mujoco.MjData(model)
@@ -152,9 +152,9 @@ def load_scene(
 ) -> None:
     """Write another door of the same structure into a scene's model, in place.
 
-    The result depends on the arguments alone, not on the door before: it is that of
-    `build_scene`, bit for bit. Raises a ValueError, and leaves the model unchanged, if
-    the handle is out of reach. Reset `data` to the keyframe afterwards.
+    The result does not depend on the previous door: it equals that of `build_scene` bit
+    for bit. If the handle is out of reach, raises a ValueError and leaves the model
+    unchanged. Reset `data` to the keyframe afterwards.
     """
     check_reach(door, robot, "grasped" if standoff is None else "approach")
     placement = Placement() if placement is None else placement
@@ -216,7 +216,7 @@ def _settled(
     model.key_qvel[GRASP_KEY] = 0.0
     model.key_ctrl[GRASP_KEY] = data.ctrl
     if standoff is not None:
-        # Or let it start with the open hand at a pose in front of the believed handle.
+        # With a standoff: the open hand at a pose in front of the believed handle.
         if any(placement.belief):
             position, axes = task_in_door_frame(geometry, placement, robot)
             frame = model.site("task_frame")

@@ -1,13 +1,14 @@
-"""The closer: springs that fade with the angle and one-way dampers.
+"""Model of a closer: springs that fade with the angle and one-way dampers.
 
 MuJoCo's joint springs and dampers depend on neither direction nor range. Three elements
-do, without a callback:
+provide this without a callback:
 
-* a torque T that fades linearly to nothing at an angle φ₁ is the constant T, the
-  stiffness -T/φ₁, and a tendon's spring T/φ₁ that is slack below φ₁;
-* a damper D that works one way is a tendon's limit without stiffness: its force is
-  D times the velocity towards the limit, and never negative;
-* efficiency is Coulomb friction: opening and closing moment differ by twice of it.
+* A torque T that falls linearly to zero at an angle φ₁ is the sum of the constant T,
+  the stiffness -T/φ₁, and a tendon spring T/φ₁ that is slack below φ₁.
+* A one-way damper D is a tendon limit without stiffness: its force is D times the
+  velocity towards the limit, and never negative.
+* Efficiency is Coulomb friction: opening and closing moment differ by twice the
+  friction.
 
 None of them adds energy.
 """
@@ -25,11 +26,11 @@ _FADING: Final = ("stiction", "seal", "closer_boost")
 _CLOSING: Final = "closing_damper"
 _BACKCHECK: Final = "backcheck"
 _ANYWHERE: Final = 10.0
-"""Greater than every opening angle [rad]."""
+"""An angle greater than every opening angle [rad]."""
 
 _SOFT: Final = 1e-4
-"""Impedance of a limit that acts as a damper, the least that MuJoCo allows: its force
-then does not depend on the other forces on the door."""
+"""Impedance of a limit that acts as a damper: the least that MuJoCo allows, so that its
+force does not depend on the other forces on the door."""
 
 
 def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:
@@ -68,7 +69,7 @@ def add_closer(spec: mujoco.MjSpec, door: DoorConfig, *, tendons: bool) -> None:
 
 
 def set_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
-    """Write a closer's parameters into a compiled scene, after the leaf's mass."""
+    """Write a closer's parameters into a compiled scene whose leaf has its mass."""
     if has_tendons(door):
         for name, (torque, faded) in zip(_FADING, fading_torques(door), strict=True):
             tendon = model.tendon(name).id
@@ -79,7 +80,7 @@ def set_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
             (_BACKCHECK, door.backcheck_damping),
         ):
             tendon = model.tendon(name).id
-            # A limit's force is its reference acceleration over this weight.
+            # The force of a limit is its reference acceleration divided by this weight.
             weight = model.tendon_invweight0[tendon]
             model.tendon_solref_lim[tendon] = 0.0, -damping * weight
         model.tendon_range[model.tendon(_BACKCHECK).id, 1] = door.backcheck_angle
@@ -88,7 +89,7 @@ def set_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
 
 
 def _bias(door: DoorConfig) -> tuple[float, float]:
-    """Return the actuator's bias: constant [N m] and per angle [N m/rad]."""
+    """Return the actuator's bias: constant [N m] and stiffness [N m/rad]."""
     preload, stiffness = door.spring
     for torque, faded in fading_torques(door):
         preload += torque

@@ -1,4 +1,4 @@
-"""The door as MuJoCo bodies: frame, leaf, hinge, and what is mounted on them."""
+"""The door as MuJoCo bodies: frame, leaf, hinge, and mounted parts."""
 
 from typing import Any, Final, NamedTuple
 
@@ -44,7 +44,7 @@ NOMINAL_MASS: Final = 12.0
 
 _JAMB: Final = 0.05
 _GAP: Final = 0.004
-"""Between a leaf and what is beside it [m]."""
+"""Gap between a leaf and the parts beside it [m]."""
 _WOOD: Final = (0.78, 0.63, 0.46, 1.0)
 _FRAME: Final = (0.88, 0.87, 0.85, 1.0)
 
@@ -53,7 +53,7 @@ _CYLINDER: Final = mujoco.mjtGeom.mjGEOM_CYLINDER
 
 
 class Structure(NamedTuple):
-    """Parts of a door. Scenes of one structure differ in numbers only."""
+    """Parts of a door. Scenes with the same structure differ only in numbers."""
 
     handle: Handle
     latched: bool
@@ -82,12 +82,12 @@ def add_door(
 ) -> None:
     """Add a door to a scene.
 
-    Everything hangs on a ``door_frame`` body at the closed handle where the hand holds
-    it, and the numbers below read in its axes (x pull, y up, z left). Adds the site
-    ``task_frame`` (fixed, where the hand takes hold), the joint ``hinge``, the geom
+    All parts are children of a body ``door_frame`` at the grasped point of the closed
+    handle; numbers below are in its axes (x pull, y up, z left). Adds the site
+    ``task_frame`` (fixed, at the grasped point), the joint ``hinge``, the geom
     ``handle_bar`` (the only one that touches the hand), the site ``handle`` that moves
-    with it, beside a handle that turns the site ``leaf_axes`` that does not turn with
-    it, the latch, and the actuator ``door_closer``.
+    with it, for a turning handle the site ``leaf_axes`` that does not turn with it, the
+    latch, and the actuator ``door_closer``.
     """
     frame = spec.worldbody.add_body(
         name="door_frame",
@@ -96,8 +96,8 @@ def add_door(
     )
     grasp, axes = task_in_door_frame(door, placement, robot)
     frame.add_site(name="task_frame", pos=grasp, quat=quaternion(axes), **UNDRAWN)
-    # Where the leaf ends towards hinge and lock: from the handle's axis, and in the
-    # frame's z [m].
+    # Edges of the leaf at hinge and lock: relative to the handle's axis, and in z of
+    # the frame [m].
     edges = -door.radius - door.overhang, door.backset
     hinge_z, lock_z = (door.side * (edge + door.grip) for edge in edges)
     if door.motion == "flap":
@@ -150,9 +150,9 @@ def _add_joints(
 ) -> mujoco.MjsBody:
     """Add the joints between frame and leaf; return the leaf's body.
 
-    The joint ``hinge`` has the coordinate of `gplfd_env.doors.motion`. Where no joint
-    of the leaf has it, it is that of a body without a shape. Equalities tie the other
-    joints to it.
+    The coordinate of the joint ``hinge`` is φ of `gplfd_env.doors.motion`. If no joint
+    of the leaf has this coordinate, ``hinge`` belongs to a body without a shape.
+    Equality constraints couple the other joints to it.
     """
     links = links_of(door)
     origin = np.array([0.0, 0.0, -door.side * door.hand_radius])
@@ -185,7 +185,7 @@ def _add_joints(
         armature=0.01,
     )
     if robot.base == "mobile":
-        # The hinge's own limit, which disturbances move, stays softer.
+        # The limit of the hinge itself, which disturbances move, stays softer.
         hinge.solref_limit = SOFT_STOP
         end = spec.add_tendon(
             name="hinge_end",
@@ -200,7 +200,7 @@ def _add_joints(
 def _add_joint(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, link: Link, origin: Array
 ) -> None:
-    """Add a joint of a body at an origin, door frame [m], and tie it to ``hinge``."""
+    """Add a joint to a body at an origin, door frame [m]; couple it to ``hinge``."""
     kind = mujoco.mjtJoint
     body.add_joint(
         name=link.name,
@@ -230,7 +230,7 @@ def _add_frame(
     middle, out = -door.handle_height + DOOR_HEIGHT / 2, door.side * _JAMB / 2
     behind = -door.handle_standoff
     if door.motion == "sliding":
-        # The leaf runs before the wall.
+        # The leaf slides in front of the wall.
         behind -= upright[0] + door.leaf_thickness / 2 + _GAP
     for name, y, z, size in (
         ("jamb_hinge", middle, hinge_z - out, upright),
@@ -295,7 +295,7 @@ def _add_hinges(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
 def _add_rail(
     frame: mujoco.MjsBody, door: DoorConfig, hinge_z: float, lock_z: float
 ) -> None:
-    """Add the rail above the opening and beside it, on which a leaf hangs."""
+    """Add the rail on which a leaf hangs, above and beside the opening."""
     far = hinge_z - door.side * door.clear_way
     top = DOOR_HEIGHT - door.handle_height
     frame.add_geom(
@@ -312,7 +312,7 @@ def _add_rail(
 def _add_rollers(
     spec: mujoco.MjSpec, frame: mujoco.MjsBody, leaf: mujoco.MjsBody, door: DoorConfig
 ) -> None:
-    """Add the friction of the guided edge along its rail, as a tendon from the jamb."""
+    """Add the friction of the guided edge on its rail, as a tendon from the jamb."""
     for name, body, z in (
         ("jamb_pivot", frame, -door.radius),
         ("rollers", leaf, door.radius + door.backset),
@@ -373,7 +373,7 @@ def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
 def set_door_physics(
     model: mujoco.MjModel, data: mujoco.MjData, door: DoorConfig
 ) -> None:
-    """Give a compiled door, of `NOMINAL_MASS`, its mass, hinge, springs and closer."""
+    """Set mass, hinge, springs and closer of a door compiled with `NOMINAL_MASS`."""
     hinge = int(model.joint("hinge").dofadr[0])
     model.dof_frictionloss[hinge] = door.friction
     model.dof_damping[hinge] = door.hinge_damping + door.closer_damping

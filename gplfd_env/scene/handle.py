@@ -1,4 +1,4 @@
-"""The handle as MuJoCo geoms: a bar on the leaf, or one of the kinds that turn."""
+"""The handle as MuJoCo geoms: a bar on the leaf, or a handle that turns."""
 
 import math
 from collections.abc import Sequence
@@ -13,12 +13,13 @@ from gplfd_env.doors.rocker import handle_axis
 BAR_HALF_LENGTH: Final = 0.10
 
 _ROD: Final = 0.05
-"""From where the hand holds the rod of a paddle or thumb piece to its ends [m]."""
+"""Distance from the grasped point to the ends of the rod of a paddle or thumb piece
+[m]."""
 _TOUCH_BAR: Final = 0.65
 """Length of a touch bar, as a share of the leaf's width."""
 
 _ROCKER_DAMPING: Final = 0.15
-"""About critical for the spring and inertia of a touch bar [N m s/rad]."""
+"""Damping: about critical for the spring and inertia of a touch bar [N m s/rad]."""
 
 STEEL: Final = (0.55, 0.57, 0.60, 1.0)
 
@@ -62,8 +63,8 @@ def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) 
 def add_level_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
     """Add the level bar of a flap: the geom ``handle_bar`` and the site ``handle``.
 
-    The site ``leaf_axes`` has its axes along the motion, along the hinge and away from
-    it.
+    The axes of the site ``leaf_axes`` are along the motion, along the hinge and away
+    from the hinge.
     """
     up = -1.0 if door.hinge_side == "top" else 1.0
     reach = up * door.radius
@@ -128,9 +129,9 @@ def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
     """Add a paddle, a touch bar or a thumb piece on the joint ``handle``.
 
     The hand holds a horizontal rod that turns about an axis parallel to it
-    (`gplfd_env.doors.rocker`). What touches the hand, ``handle_bar``, is a ball: the
-    hand may turn about the vertical, as flat fingers can. The sites are those of a
-    lever.
+    (`gplfd_env.doors.rocker`). The geom that touches the hand, ``handle_bar``, is a
+    sphere, so that the hand may turn about the vertical, as flat fingers can. The sites
+    are those of a lever.
     """
     reach = door.side * door.radius
     spindle, axis = handle_axis(door)
@@ -199,7 +200,7 @@ def _add_rod(
 def set_spring(
     model: mujoco.MjModel, joint: str, preload: float, stiffness: float
 ) -> None:
-    """Set the spring of a joint: preload + stiffness times position, towards zero."""
+    """Set a joint's spring towards zero: preload + stiffness times position."""
     handle = model.joint(joint)
     model.jnt_stiffness[handle.id] = stiffness
     model.qpos_spring[handle.qposadr[0]] = -preload / stiffness

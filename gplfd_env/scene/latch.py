@@ -1,4 +1,4 @@
-"""The latch: a sprung bolt in the leaf and its strike in the frame.
+"""The latch: a spring-loaded bolt in the leaf and its strike in the frame.
 
 The bolt is a slide joint. Its round nose collides only with the strike, a wedge whose
 upright face holds the door and whose bevel pushes the bolt in when the door closes. The
@@ -21,10 +21,11 @@ _NOSE: Final = 0.003
 """Radius of the bolt's nose [m]."""
 
 GAP: Final = 0.003
-"""Gap between leaf and frame: a bolt that protrudes by less holds no door [m]."""
+"""Gap between leaf and frame: a bolt that protrudes by less does not hold the door
+[m]."""
 
 _CLEARANCE: Final = 0.001
-"""Between the bolt of a closed door and the strike [m]."""
+"""Distance between the bolt of a closed door and the strike [m]."""
 
 _BEVEL: Final = 0.018
 """Length and rise of the strike's bevel [m]; more than the longest bolt needs."""
@@ -38,7 +39,7 @@ _CONTACT: Final[dict[Base, list[float]]] = {
     "fixed": [0.9, 0.95, 0.001, 0.5, 2.0],
     "mobile": [0.99, 0.999, 0.001, 0.5, 2.0],
 }
-"""Impedance of bolt and strike (MuJoCo's ``solimp``; its default where the base is
+"""Impedance of bolt and strike (MuJoCo's ``solimp``; its default if the base is
 fixed)."""
 
 _HALF_HEIGHT: Final = 0.03
@@ -49,7 +50,7 @@ _MIRRORED: Final = {
     ("pull", "left"): (0.0, 1.0, 0.0, 0.0),
     ("push", "left"): (0.0, 0.0, 1.0, 0.0),
 }
-"""Half turns that mirror the strike, which is symmetric above and below."""
+"""Rotations by 180° that mirror the strike, which is symmetric above and below."""
 
 _BOLT_MASS: Final = 0.1
 
@@ -58,9 +59,9 @@ _PLAY: Final = math.radians(1.0)
 
 
 def latch_holds(sprung: Flag, throw: Number, angle: Number, bolt: Number) -> Flag:
-    """Return whether a sprung bolt with a throw [m] stands before the strike.
+    """Return whether a bolt with a throw [m] holds the door at the strike.
 
-    At an opening angle [rad] and with the bolt drawn in by `bolt` [m].
+    The door is open by an angle [rad], and the bolt is retracted by `bolt` [m].
     """
     return sprung & (angle < _PLAY) & (bolt < throw - GAP)
 
@@ -75,7 +76,7 @@ def add_latch(
 ) -> None:
     """Add bolt, strike and the tendon that retracts the bolt.
 
-    The joint ``bolt``, the geoms ``bolt_nose`` and ``strike``, and the tendon
+    They are the joint ``bolt``, the geoms ``bolt_nose`` and ``strike``, and the tendon
     ``retraction`` between the joints ``handle`` and ``bolt``. The leaf's free edge is
     at `lock_edge`, task-frame z [m].
     """

@@ -1,4 +1,4 @@
-"""The sensors that let MuJoCo itself compute what observation and info need."""
+"""MuJoCo sensors for all quantities in observation and info."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -46,7 +46,7 @@ def add_sensors(
 
     Poses and twists of the hand are measured in the task frame; wrist force and torque
     in the sensor site's frame (the hand's axes); the leaf's axes and the contact force
-    on the handle in the world frame. Handle and bolt come last, where there are any.
+    on the handle in the world frame. Handle and bolt, if there are any, come last.
     """
 
     def add(
@@ -112,7 +112,7 @@ def add_sensors(
 def _add_contact(
     spec: mujoco.MjSpec, name: str, other: tuple[mujoco.mjtObj, str] | None, fields: int
 ) -> None:
-    """Add a contact sensor of the handle: with a pad or finger, or with all at once."""
+    """Add a contact sensor between the handle and a pad, a finger, or anything."""
     sensor = spec.add_sensor(
         name=name,
         type=_SENSOR.mjSENS_CONTACT,

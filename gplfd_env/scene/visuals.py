@@ -1,7 +1,7 @@
 """Visual-only geoms of a building's door: casing, panels, far handle, closer.
 
-All of them are in the geom group `GROUP` and have neither mass nor contact. They do not
-change the physics by a bit. Doors with a bar have only those of a closer.
+All of them are in the geom group `GROUP` and have neither mass nor contact, so they do
+not change the physics. Doors with a bar have only the visuals of a closer.
 """
 
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ def add_casing(
 
 
 def add_panels(leaf: mujoco.MjsBody, door: DoorConfig, width: float) -> None:
-    """Add two raised panels, seen on both sides of the leaf, and the lock."""
+    """Add two raised panels, visible on both sides of the leaf, and the lock."""
     stile, floor, x = 0.11, -door.handle_height, -door.handle_standoff
     free_edge = door.radius + door.backset
     thick = door.leaf_thickness / 2.0
@@ -111,8 +111,8 @@ def add_closer_visuals(
 ) -> None:
     """Add a closer's box on the leaf, its shoe on the frame, and the arm between.
 
-    The arm is one straight tendon without force; two links would need bodies and joints
-    of their own. Doors without a visible closer have the same parts, transparent.
+    The arm is one straight tendon without force; two links would need additional bodies
+    and joints. Doors without a visible closer have the same parts, but transparent.
     """
     opacity, radius = _looks_of_closer(door)
     colour, side = (*_ALUMINIUM, opacity), door.side
@@ -124,7 +124,7 @@ def add_closer_visuals(
     shoe = [foot, top + 0.03, side * (0.42 - door.hand_radius)]
     _add_box(frame, "closer_shoe", shoe, [0.012, 0.012, 0.03], colour)
     frame.add_site(name="closer_foot", pos=shoe, **UNDRAWN)
-    # Without it the resting length would be that of the compiled door.
+    # Otherwise the resting length would be that of the compiled door.
     arm = spec.add_tendon(
         name=CLOSER_ARM, width=radius, rgba=colour, springlength=[0.0, 0.0]
     )
@@ -142,10 +142,10 @@ def show_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
 
 
 def _looks_of_closer(door: DoorConfig) -> tuple[float, float]:
-    """Return its opacity and its arm's radius [m]; only a hydraulic one is seen."""
+    """Return opacity and arm radius [m]; only a hydraulic closer is visible."""
     if door.closing_damping + door.backcheck_damping > 0.0:
         return 1.0, _ARM_RADIUS
-    # A tendon without colour would still cast a shadow, and MuJoCo refuses zero.
+    # A transparent tendon would still cast a shadow, and MuJoCo rejects a zero radius.
     return 0.0, 1e-5
 
 

@@ -1,4 +1,4 @@
-"""n simulations of one robot before doors of their own, stepped on threads."""
+"""n simulations of one robot, each with its own door, stepped on threads."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -18,11 +18,11 @@ from gplfd_env.simulation.single import BAD_STATE, Robot
 
 Rows = Sequence[int]
 
-_COUNT: Final = 1  # Column of `Batch.warning` that counts.
+_COUNT: Final = 1  # Column of `Batch.warning` with the counts.
 
 
 class Alike:
-    """n simulations before doors of one structure, as `DoorBatch` steps them."""
+    """n simulations with doors of the same structure, a part of a `DoorBatch`."""
 
     def __init__(
         self, n: int, robot: Robot, begin: Variation, num_threads: int
@@ -34,7 +34,7 @@ class Alike:
         self._bind()
 
     def _bind(self) -> None:
-        """Make the batch on the models and take its live views."""
+        """Create the batch of the models and keep its live views."""
         scene = self.models[0].__copy__()
         self._scratch = mujoco.MjData(scene)
         impedance = self._robot.command.control == "impedance"
@@ -53,7 +53,7 @@ class Alike:
         self._substeps = round(CONTROL_PERIOD / scene.opt.timestep)
 
     def load(self, row: int, variation: Variation) -> None:
-        """See `DoorBatch.load`; the door is of this structure."""
+        """See `DoorBatch.load`; the door has this structure."""
         now = self.loaded[row]
         if variation.scene != now.scene:
             self._robot.load(self.models[row], self._scratch, variation)
@@ -68,7 +68,7 @@ class Alike:
             self._gains[row].set(*servo_gains(self._robot.command.rest[6:]))
         self._batch.set_models(self.models)
         self._batch.reset(rows, keyframe=GRASP_KEY)
-        # A reset also sets its simulations' counts back to zero.
+        # A reset also sets the warning counts of these simulations to zero.
         self._seen = self._counts.copy()
 
     def advance(
@@ -116,18 +116,17 @@ class Alike:
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
         self._robot, self._threads, self.loaded, self.models, states = state
-        # Neither the batch nor what is bound to it can be copied.
+        # Neither the batch nor its views can be copied.
         self._bind()
         self._batch.state[:] = states
 
 
 class DoorBatch:
-    """Physics and commands of n simulations; knows no task.
+    """Physics and commands of n simulations, independent of the task.
 
-    Those before doors of one structure are stepped together; there is a batch per
-    structure that has occurred, stepped by `physics` on `num_threads` threads (0 for
-    one per core). A deep or unpickled copy is n simulations of their own in the same
-    states.
+    Simulations with doors of the same structure are stepped together: there is one
+    batch per structure so far, stepped by `physics` on `num_threads` threads (0 for one
+    per core). A deep or unpickled copy has its own n simulations in the same states.
     """
 
     def __init__(
@@ -145,7 +144,7 @@ class DoorBatch:
 
     @property
     def models(self) -> tuple[mujoco.MjModel, ...]:
-        """One per simulation; live."""
+        """The model of each simulation; live."""
         return tuple(
             self._alike[structure].models[row]
             for row, structure in enumerate(self._structure)
@@ -157,9 +156,9 @@ class DoorBatch:
         return positions
 
     def load(self, row: int, variation: Variation) -> None:
-        """Bring one simulation to another door; `restart` it afterwards.
+        """Change the door of one simulation; `restart` it afterwards.
 
-        Raises a ValueError, and changes nothing, if the handle is out of reach.
+        If the handle is out of reach, raises a ValueError and changes nothing.
         """
         structure = structure_of(variation.door)
         if structure not in self._alike:
@@ -170,7 +169,7 @@ class DoorBatch:
         self._structure[row] = structure
 
     def restart(self, rows: Rows) -> None:
-        """Put simulations at rest, door closed and hand where it begins."""
+        """Put simulations at rest, with closed door and initial pose of the hand."""
         for alike, own in self._shares(rows):
             alike.restart(own)
 
@@ -179,8 +178,8 @@ class DoorBatch:
     ) -> Mask | None:
         """Command simulations for one control period.
 
-        Of the `commands` (n, ...) only those of `rows` count, None for all. Returns
-        which ones MuJoCo reports as diverged, (n,); None if none.
+        Only the `commands` (n, ...) of `rows` are used, None for all. Returns which
+        simulations MuJoCo reports as diverged, (n,); None if there are none.
         """
         if len(self._alike) == 1:
             (alike,) = self._alike.values()
@@ -193,9 +192,9 @@ class DoorBatch:
         return diverged
 
     def read(self, rows: Rows | None, values: Array | None = None) -> Array:
-        """Return MuJoCo's sensor arrays, (n, ...), shorter ones filled up with zeros.
+        """Return MuJoCo's sensor arrays, (n, ...), padded with zeros.
 
-        Only `rows` are read, None for all; the others keep their `values`.
+        Only `rows` are read, None for all; the other rows keep their `values`.
         """
         if len(self._alike) == 1 and rows is None:
             (alike,) = self._alike.values()
@@ -212,11 +211,11 @@ class DoorBatch:
         return result
 
     def state_of(self, row: int) -> mujoco.MjData:
-        """Return one simulation's state, e.g. to draw it, until the next call."""
+        """Return one simulation's state, e.g. to render it, until the next call."""
         return self._alike[self._structure[row]].state_of(row)
 
     def _shares(self, rows: Rows | None) -> list[tuple[Alike, list[int]]]:
-        """Return rows, None for all, by what steps them."""
+        """Group rows (None for all) by the batch that steps them."""
         shares: dict[Structure, list[int]] = {}
         for row in range(len(self._structure)) if rows is None else rows:
             shares.setdefault(self._structure[row], []).append(row)

@@ -1,4 +1,4 @@
-"""What an action says to the servo: a pose, or a pose and how stiffly to hold it."""
+"""Meaning of an action: a pose, or a pose and its stiffness, base twist or width."""
 
 import math
 import reprlib
@@ -28,10 +28,10 @@ _DAMPING_OF_ROOT: Final = -np.repeat(SERVO_DAMPING, 3) / np.sqrt(_STIFFEST)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Command:
-    """The meaning of an action: its bounds, and the one that holds the closed handle.
+    """The meaning of an action: its bounds, and `rest`, which holds the closed handle.
 
     If it `drives`, the last three entries are the base's twist; if it `grips`, the last
-    one is the gripper's width. Messages tell the `meaning` of the entries.
+    one is the gripper's width. Error messages contain the `meaning` of the entries.
     """
 
     control: Control
@@ -48,7 +48,7 @@ class Command:
         return spaces.Box(self.low, self.high, dtype=np.float64)
 
     def resting(self, variation: Variation, robot: RobotConfig) -> Array:
-        """Return the action that holds the hand where an episode begins."""
+        """Return the action that keeps the hand at its initial pose."""
         if variation.standoff is None:
             return self.rest
         action = self.rest.copy()
@@ -63,9 +63,9 @@ class Command:
         shape: tuple[int, ...],
         ignored: NDArray[np.bool_] | None = None,
     ) -> Array:
-        """Return an action as an array of its own, `ignored` rows set to `rest`.
+        """Return an action as a new array with `ignored` rows set to `rest`.
 
-        Raises a ValueError if it is not finite numbers of the shape.
+        Raises a ValueError if it is not an array of finite numbers of this shape.
         """
         try:
             command = np.array(action, dtype=np.float64)
@@ -96,7 +96,7 @@ class Command:
 
 
 def _command(control: Control, further: str, extra: ArrayLike, **more: Any) -> Command:
-    """Return the meaning of a pose and further entries with least, greatest, rest."""
+    """Return a command of a pose and further entries (least, greatest, rest)."""
     low, high, rest = np.reshape(extra, (-1, 3)).T
     hand = (
         "commanded position [m] and rotation vector [rad] of the hand in the task frame"
@@ -119,7 +119,7 @@ COMMANDS: Final[dict[Control, Command]] = {
         np.column_stack([_SOFTEST, _STIFFEST, _STIFFEST]),
     ),
 }
-"""By kind of control."""
+"""Commands by kind of control."""
 
 DRIVEN: Final = _command(
     "pose",
@@ -139,11 +139,11 @@ GRIPPING: Final = _command(
 
 
 class ServoGains:
-    """Sets the gains of a model's six servos.
+    """Sets the gains of the six servos of a model.
 
     The force on axis i is k_i (command - pose)_i - d_i velocity_i, with the damping d =
     d₀ √(k/k₀) that keeps the damping ratio of the stiffest servo: 2√(m k) for the 4 kg
-    and 0.15 kg m² that the arm shows at the hand.
+    and 0.15 kg m² of the arm's apparent inertia at the hand.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -152,13 +152,13 @@ class ServoGains:
         self._damper = model.actuator_biasprm[:6, 2]
 
     def set(self, gain: Array, spring: Array, damper: Array) -> None:
-        """Set what `servo_gains` gave, each (6,)."""
+        """Set the gains from `servo_gains`, each (6,)."""
         self._gain[:] = gain
         self._spring[:] = spring
         self._damper[:] = damper
 
 
 def servo_gains(stiffness: Array) -> tuple[Array, Array, Array]:
-    """Return gain, bias per metre and bias per metre a second of a stiffness."""
+    """Return gain, position bias and velocity bias of servos with a stiffness."""
     clamped = np.minimum(np.maximum(stiffness, _SOFTEST), _STIFFEST)
     return clamped, -clamped, np.sqrt(clamped) * _DAMPING_OF_ROOT

@@ -1,4 +1,4 @@
-"""What acts on simulations during one control period, besides the hand's commands."""
+"""External loads, base rates and gripper widths during one control period."""
 
 from collections.abc import Collection
 from typing import Any, Final, NamedTuple
@@ -9,7 +9,7 @@ Vector = tuple[float, float, float]
 
 
 class Loads(NamedTuple):
-    """What acts on the bodies of a simulation from outside."""
+    """External loads on the bodies of a simulation."""
 
     hand: Vector  # Force on the gripper, world frame [N].
     forearm: Vector  # Force on the forearm, world frame [N].
@@ -29,14 +29,14 @@ class Loads(NamedTuple):
 
 
 class Demands(NamedTuple):
-    """What acts on simulations, by row."""
+    """Loads, base rates and gripper widths, by row of the simulation."""
 
-    loads: dict[int, Loads]  # From outside, where there is ever anything.
-    base_rates: dict[int, Planar]  # Commanded, of bases that move.
-    gripper_widths: dict[int, float]  # Commanded, of fingers that move [m].
+    loads: dict[int, Loads]  # External loads, of episodes with a disturbance.
+    base_rates: dict[int, Planar]  # Commanded rates of mobile bases.
+    gripper_widths: dict[int, float]  # Commanded widths of movable fingers [m].
 
     def of(self, rows: Collection[int]) -> "Demands":
-        """Return those of some simulations."""
+        """Return the demands of some simulations."""
         parts: Any = [{row: own[row] for row in rows if row in own} for own in self]
         return Demands(*parts)
 

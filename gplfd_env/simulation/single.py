@@ -1,4 +1,4 @@
-"""Physics and commands of one robot before its door; knows no task."""
+"""Physics and commands of one simulation, independent of the task."""
 
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
@@ -19,11 +19,11 @@ from gplfd_env.simulation.loads import Demands
 BAD_STATE: Final = slice(
     int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
 )
-"""MuJoCo's warnings that it has reset a diverged state."""
+"""MuJoCo's warnings about a diverged state, which MuJoCo resets."""
 
 
 class Robot(NamedTuple):
-    """The robot of a simulation, how it holds the handle, and how it is commanded."""
+    """The robot of a simulation, its hold of the handle, and its kind of command."""
 
     hold: Hold
     command: Command
@@ -36,7 +36,7 @@ class Robot(NamedTuple):
     def load(
         self, model: mujoco.MjModel, data: mujoco.MjData, variation: Variation
     ) -> None:
-        """Write another door into such a scene, see `load_scene`."""
+        """Write another door into a scene with this robot, see `load_scene`."""
         load_scene(model, data, **self._scene(variation))
 
     def _scene(self, variation: Variation) -> dict[str, Any]:
@@ -51,7 +51,7 @@ class Robot(NamedTuple):
         }
 
     def base_rate(self, model: mujoco.MjModel) -> slice:
-        """Return where in the controls the rate of the base is; nowhere if fixed."""
+        """Return the slice of the controls with the base's rate; empty if fixed."""
         return _controls(model, BASE_DRIVES if self.config.base == "mobile" else ())
 
     def loaded_bodies(self, model: mujoco.MjModel) -> tuple[int, ...]:
@@ -60,12 +60,12 @@ class Robot(NamedTuple):
         return tuple(model.body(name).id for name in names)
 
     def fingers(self, model: mujoco.MjModel) -> slice:
-        """Return where in the controls the fingers are; nowhere if they stay."""
+        """Return the slice of the controls with the fingers; empty if they stay."""
         return _controls(model, GRIPS if self.hold == "gripper" else ())
 
 
 def _controls(model: mujoco.MjModel, actuators: Sequence[str]) -> slice:
-    """Return where in the controls successive actuators are."""
+    """Return the slice of the controls of successive actuators."""
     if not actuators:
         return slice(0)
     first = int(model.actuator_ctrladr[model.actuator(actuators[0]).id])
@@ -73,10 +73,10 @@ def _controls(model: mujoco.MjModel, actuators: Sequence[str]) -> slice:
 
 
 class DoorSimulation:
-    """One simulation; `gplfd_env.simulation.batch.DoorBatch` is many.
+    """One simulation; for many see `gplfd_env.simulation.batch.DoorBatch`.
 
     `model` stays the same object for all doors of one structure, `sensordata` is live.
-    A deep or unpickled copy is a simulation of its own in the same state.
+    A deep or unpickled copy is an independent simulation in the same state.
     """
 
     def __init__(self, robot: Robot, begin: Variation) -> None:
@@ -84,13 +84,13 @@ class DoorSimulation:
         self._build(begin)
 
     def _build(self, variation: Variation) -> None:
-        """Take a new model, for a door of another structure."""
+        """Build a new model, for a door of another structure."""
         self.model = self._robot.build(variation)
         self.data = mujoco.MjData(self.model)
         self._bind()
 
     def _bind(self) -> None:
-        """Take the live views of model and data that every step needs."""
+        """Keep the live views of model and data that every step needs."""
         model, data = self.model, self.data
         self.sensordata: Array = data.sensordata
         self._pose: Array = data.ctrl[:6]
@@ -105,9 +105,9 @@ class DoorSimulation:
         self._substeps = round(CONTROL_PERIOD / model.opt.timestep)
 
     def restart(self, variation: Variation) -> None:
-        """Begin at rest before a door, its handle in the hand or the hand before it.
+        """Start at rest with a door; the hand holds the handle or is in front of it.
 
-        Raises a ValueError, and changes nothing, if the hand cannot be there.
+        If the hand cannot reach this pose, raises a ValueError and changes nothing.
         """
         now, door = self.variation, variation.door
         if structure_of(door) != structure_of(now.door):
@@ -124,7 +124,7 @@ class DoorSimulation:
         mujoco.mj_forward(self.model, self.data)
 
     def advance(self, command: Array, demands: Demands) -> bool:
-        """Go on by one control period; return whether MuJoCo reports divergence."""
+        """Simulate one control period; return whether MuJoCo reports divergence."""
         self._apply(command)
         for rate in demands.base_rates.values():
             self._rate[:] = rate
@@ -147,7 +147,7 @@ class DoorSimulation:
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
         self._robot, self.variation, self.model, data = state
-        # A copied MjData brings another model, and views do not survive a copy.
+        # A copied MjData has its own model, and views do not survive a copy.
         self.data = mujoco.MjData(self.model)
         mujoco.mj_copyData(self.data, self.model, data)
         self._bind()

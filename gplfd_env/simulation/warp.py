@@ -1,7 +1,7 @@
-"""n doors of one structure on MuJoCo Warp, which steps them on a GPU: an experiment.
+"""n doors of one structure on MuJoCo Warp, which can run on a GPU (experimental).
 
-Its results are compared with those of MuJoCo on Warp's CPU backend; on a GPU it has not
-been tried. Needs the extra ``warp``; nothing else of this package does.
+Tests compare its results on Warp's CPU backend with MuJoCo; it has not been tried on a
+GPU. Only this module needs the extra ``warp``.
 """
 
 from typing import Any, Final
@@ -36,18 +36,18 @@ WORLD_FIELDS: Final = (
     "tendon_invweight0", "tendon_length0", "tendon_lengthspring", "tendon_range",
     "tendon_solref_lim", "tendon_stiffness",
 )  # fmt: skip
-"""Fields of the model that every simulation has of its own: those in which the physics
-of two doors of one structure can differ."""
+"""Fields of the model that differ between simulations: those in which the physics of
+two doors of the same structure can differ."""
 
 _STATE: Final = ("qpos", "qvel", "qacc_warmstart", "xfrc_applied")
-"""What a simulation carries from one step to the next, besides its controls."""
+"""State that a simulation keeps from one step to the next, besides its controls."""
 
 
 class WarpPhysics(Alike):
-    """n simulations before doors of one structure, stepped by MuJoCo Warp in float32.
+    """n simulations with doors of one structure, stepped by MuJoCo Warp in float32.
 
-    Models, and the state that an episode begins with, are MuJoCo's own. Raises a
-    ValueError for a door with a latch.
+    Models and initial states are computed by MuJoCo itself. Raises a ValueError for a
+    door with a latch.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class WarpPhysics(Alike):
         super().__init__(n, robot, begin, num_threads)
 
     def _bind(self) -> None:
-        """Make model and data on the device, and record what a control period does."""
+        """Create model and data on the device, and capture a control period."""
         scene, n = self.models[0].__copy__(), len(self.models)
         self._scratch = mujoco.MjData(scene)
         self._bodies = self._robot.loaded_bodies(scene)
@@ -119,13 +119,13 @@ class WarpPhysics(Alike):
             values = [getattr(self.models[row], name) for row in changed]
             _put(getattr(self._model, name), changed, np.array(values))
         self._changed.clear()
-        # It also steps those that are to rest. Nobody reads their state, and it is
-        # written anew before they are stepped again.
+        # This also steps simulations that should rest. Their state is not read, and it
+        # is overwritten before they are stepped again.
         wp.capture_launch(self._period)
         for name in ("qpos", "sensordata"):
             now = getattr(self._data, name).numpy()
             getattr(self, name)[stepped] = now[stepped]
-        # MuJoCo Warp does not look for what MuJoCo calls a bad state.
+        # MuJoCo Warp does not detect bad states as MuJoCo does.
         diverged: Mask = ~np.all(np.abs(self.qpos) < mujoco.mjMAXVAL, axis=1)
         if not np.count_nonzero(diverged):
             return None
@@ -148,7 +148,7 @@ class WarpPhysics(Alike):
 
 
 def _put(target: Any, rows: Any, values: NDArray[Any]) -> None:
-    """Write some simulations' values into an array on the device, in place."""
+    """Write the values of some simulations into an array on the device, in place."""
     if target.size == 0:
         return
     of_one = target[:1].numpy().shape[1:]

@@ -1,4 +1,4 @@
-"""Paths of rotations: continuous rotation vectors, and quaternions turned into them.
+"""Paths of rotations: continuous rotation vectors, and conversion of quaternions.
 
 A rotation has many rotation vectors, ``(θ + 2πk) u`` for every integer k, and two unit
 quaternions, q and -q. A recording may switch between them from sample to sample; a
@@ -17,15 +17,15 @@ _IDENTITY_ANGLE = 1e-9
 """Below this angle [rad] the axis of a rotation is rounding error."""
 
 _QUATERNION_NORM_TOLERANCE = 0.05
-"""Two decimals per component give norms within 0.01 of one; this leaves room."""
+"""Tolerance of the norm: two decimals per component give norms within 0.01 of one."""
 
 
 def unwrap_rotvecs(rotvecs: npt.ArrayLike) -> Array:
     """Make a path of rotation vectors (N, 3) [rad] continuous.
 
     The first vector is kept; each later one is replaced by the equivalent ``(θ + 2πk)
-    u`` nearest to its predecessor, so that the path runs through π without a jump and
-    through 2π as long as the axis is the same on both sides.
+    u`` nearest to its predecessor. The path then passes π without a jump, and also 2π
+    if the axis is the same on both sides.
 
     The exponential map is singular at angles 2π, 4π, ...: a path that passes there
     while its axis changes has no continuous rotation vectors at all. Express rotations
@@ -36,14 +36,14 @@ def unwrap_rotvecs(rotvecs: npt.ArrayLike) -> Array:
     angles = np.sqrt(np.einsum("ij,ij->i", rotvecs, rotvecs))
     angle, previous = angles[1:], angles[:-1]
     overlap = np.einsum("ij,ij->i", rotvecs[1:], rotvecs[:-1])
-    # Kept where the predecessor's projection is less than π away (here times the
-    # angle); at the identity, which has no axis, where the predecessor is.
+    # A vector is kept if the predecessor's projection is less than π away (here times
+    # the angle); at the identity, which has no axis, if the predecessor itself is.
     kept = np.abs(overlap - angle**2) < np.pi * angle
     kept = np.where(angle < _IDENTITY_ANGLE, previous < np.pi, kept)
     unwrapped = rotvecs.copy()
     if not kept.all():
-        # From the first jump on each vector depends on the one before it, which no
-        # array operation expresses.
+        # From the first jump on, each vector depends on the one before it: this needs a
+        # loop.
         jump = int(np.argmin(kept)) + 1
         path = rotvecs[jump - 1 :].tolist()
         for index in range(1, len(path)):
@@ -81,7 +81,7 @@ def rotvecs_from_quaternions(
     """Convert a path of quaternions (N, 4) to continuous rotation vectors [rad].
 
     Neither the sign (q and -q are the same rotation) nor the norm matters. `order`
-    tells where the scalar part w stands. Raises a ValueError for another shape or
+    is the position of the scalar part w. Raises a ValueError for another shape or
     order, an entry that is not finite, or a norm further than 0.05 from one.
     """
     if order not in ("wxyz", "xyzw"):
@@ -103,9 +103,10 @@ def rotvecs_from_quaternions(
 
 
 def rotvec_from_quaternion(w: Array, vec: Array) -> Array:
-    """Return the shortest rotation vectors (..., 3) of quaternions of any norm but 0.
+    """Return the shortest rotation vectors (..., 3) of quaternions of nonzero norm.
 
-    From scalar parts (...) and vector parts (..., 3); the angle is at most π.
+    The arguments are scalar parts (...) and vector parts (..., 3); the angle is at most
+    π.
     """
     length = np.sqrt(np.add.reduce(vec * vec, axis=-1))
     angle = 2.0 * np.arctan2(length, np.abs(w))
@@ -118,7 +119,7 @@ def rotvec_from_quaternion(w: Array, vec: Array) -> Array:
 
 
 def checked_rows(values: npt.ArrayLike, width: int, name: str) -> Array:
-    """Return a path (N, width) as float64; raise a ValueError if not finite rows."""
+    """Return a path (N, width) as float64; raise a ValueError if it is not finite."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != width:
         raise ValueError(f"{name} must have shape (N, {width}), got {array.shape}")

@@ -2,10 +2,10 @@
 
 A pose is ``(x, y, z, θu_x, θu_y, θu_z)``: a position [m] and a rotation vector, the
 unit axis u times the angle θ [rad]. A rotation has many rotation vectors,
-``(θ + 2πk) u`` for every integer k. The *canonical* one (θ ≤ π, unique) is made here;
-`gplfd_env.spatial.rotation_paths` makes the *unwrapped* ones, continuous along a path,
-as a regression needs them. Equation numbers refer to Arduengo et al.,
-*Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979.
+``(θ + 2πk) u`` for every integer k. This module computes the *canonical* one (θ ≤ π,
+unique); `gplfd_env.spatial.rotation_paths` computes *unwrapped* ones, which are
+continuous along a path, as needed for regression. Equation numbers refer to Arduengo et
+al., *Gaussian-Process-based Robot Learning from Demonstration*, arXiv:2002.09979.
 """
 
 from math import sqrt
@@ -22,15 +22,15 @@ from gplfd_env.spatial.rotation_paths import (
 Array = npt.NDArray[np.float64]
 
 _ROUNDING = 1e-12
-"""Angles and axis components this near to π or 0 count as equal to it."""
+"""Angles and axis components closer than this to π or 0 count as equal to it."""
 
 
 def canonical_rotvec(rotvec: npt.ArrayLike) -> Array:
     """Return the unique rotation vector (..., 3) of a rotation, Eqs. (8) and (9).
 
-    Its angle lies in [0, π]. At π, where u and -u are the same rotation, the axis whose
-    last non-zero component is positive is taken, in the order z, y, x. Do not feed the
-    result to a regression: it jumps from +π to -π along a path; see
+    Its angle lies in [0, π]. At π, u and -u are the same rotation; the axis is chosen
+    whose first non-zero component in the order z, y, x is positive. Do not use the
+    result for regression: it jumps from +π to -π along a path; see
     `gplfd_env.spatial.rotation_paths.unwrap_rotvecs`.
     """
     rotvec = np.asarray(rotvec, dtype=np.float64)
@@ -51,9 +51,9 @@ def canonical_rotvec(rotvec: npt.ArrayLike) -> Array:
 def rotation_distance(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
     """Return the angle in [0, π] between rotations (..., 3), Eq. (18).
 
-    The printed arccos returns 0 or rounding noise of 3e-8 for angles below 1e-8 rad.
-    The same number is 2 atan2(‖vec‖, |w|) of the relative quaternion, accurate for
-    every angle: `test_eq18_resolves_angles_where_arccos_cannot`.
+    The arccos printed in the paper returns 0 or rounding noise of 3e-8 for angles below
+    1e-8 rad. 2 atan2(‖vec‖, |w|) of the relative quaternion is the same angle and is
+    accurate everywhere: `test_eq18_resolves_angles_where_arccos_cannot`.
     """
     w_a, vec_a = _quaternion(a)
     w_b, vec_b = _quaternion(b)
@@ -84,7 +84,7 @@ def pose_distance(
 def pose_steps(poses: npt.ArrayLike, rotation_weight: float = 0.5) -> Array:
     """Return the distances (N - 1,) between successive poses (N, 6), Eq. (17).
 
-    The same as ``pose_distance(poses[1:], poses[:-1])`` in a quarter of the time.
+    Equals ``pose_distance(poses[1:], poses[:-1])``, but takes a quarter of the time.
     """
     # One coordinate per row, contiguous: arithmetic on rows of 3 numbers is slow.
     columns = np.ascontiguousarray(np.asarray(poses, dtype=np.float64).T)
@@ -97,7 +97,7 @@ def pose_steps(poses: npt.ArrayLike, rotation_weight: float = 0.5) -> Array:
     turn = quaternions[:, 1:] - quaternions[:, :-1]
     squared_chord = np.einsum("ij,ij->j", turn, turn)
     if squared_chord.size == 0 or squared_chord.max() > 1.0:
-        # A chord measures a turn well only up to π, where q and -q are equally near.
+        # The chord measures a rotation only up to π, where q and -q are equally near.
         return pose_distance(columns.T[1:], columns.T[:-1], rotation_weight)
     _check_weight(rotation_weight)
     angle = 4.0 * np.arcsin(0.5 * np.sqrt(squared_chord))
@@ -135,9 +135,9 @@ def relative_poses(poses: npt.ArrayLike, reference: npt.ArrayLike) -> Array:
 
 
 def into_axes(rotvecs: npt.ArrayLike, vectors: npt.ArrayLike) -> Array:
-    """Return vectors in axes that are turned by rotation vectors: R(θu)ᵀ v.
+    """Express vectors in axes that are rotated by rotation vectors: R(θu)ᵀ v.
 
-    Both of shape (..., 3); the inverse turn is ``into_axes(-rotvecs, vectors)``.
+    Both have shape (..., 3); the inverse is ``into_axes(-rotvecs, vectors)``.
     """
     w, axis = _quaternion(rotvecs)
     given = np.asarray(vectors, dtype=np.float64)
@@ -149,7 +149,7 @@ def _quaternion(rotvec: npt.ArrayLike) -> tuple[Array, Array]:
     """Return scalar (...) and vector part (..., 3) of exp(rotvec)."""
     rotvec = np.asarray(rotvec, dtype=np.float64)
     angle = np.sqrt(np.add.reduce(rotvec * rotvec, axis=-1))
-    # sin(θ/2)/θ through sinc, smooth at θ = 0; `numpy.sinc` itself costs twice.
+    # sin(θ/2)/θ through sinc, smooth at θ = 0; `numpy.sinc` takes twice as long.
     half = np.pi * np.maximum(angle / (2 * np.pi), 1e-20)
     scale = 0.5 * (np.sin(half) / half)
     return np.cos(angle / 2), rotvec * scale[..., None]
@@ -165,7 +165,7 @@ def _quaternion_product(
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return the cross product; `numpy.cross` costs five times as much per call."""
+    """Return the cross product; `numpy.cross` takes five times as long per call."""
     product = np.empty(np.broadcast_shapes(a.shape, b.shape))
     product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]

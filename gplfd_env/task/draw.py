@@ -1,4 +1,4 @@
-"""What is drawn for an episode, and what makes its sensor noise and its delay."""
+"""Random draws for an episode, its sensor noise and its command delay."""
 
 import dataclasses
 from collections import deque
@@ -18,8 +18,8 @@ _BLOCK: Final = 128
 class NoiseSource:
     """White Gaussian noise on pose [m, rad] and wrench [N, N m], drawn in blocks.
 
-    Its generator serves one episode alone, so that the number of steps does not change
-    the next episode.
+    Each episode has its own generator, so that the number of steps does not change the
+    next episode.
     """
 
     def __init__(self, noise: SensorNoise, seed: int) -> None:
@@ -41,20 +41,20 @@ class NoiseSource:
 
 
 class DelayLine:
-    """Commands come out some control periods after they went in."""
+    """Delays commands by a number of control periods."""
 
     def __init__(self, delay: int) -> None:
         self._delay = delay
         self._waiting: deque[Array] = deque()
 
     def pass_on(self, command: Array, rest: Array) -> Array:
-        """Put a command in; take out the one that is due, before the first `rest`."""
+        """Put a command in; return the one that is due, or `rest` at the beginning."""
         self._waiting.append(command.copy())
         return self._waiting.popleft() if len(self._waiting) > self._delay else rest
 
 
 class Drawn(NamedTuple):
-    """An episode as drawn, and what makes its noise and its delay, if any."""
+    """A drawn episode with its noise source and its delay line, if any."""
 
     variation: Variation
     noise: NoiseSource | None
@@ -70,9 +70,9 @@ def draw_episode(
 ) -> Drawn:
     """Draw an episode.
 
-    The number of draws depends only on which of randomization and disturbance are idle
-    and on the start, and neither a disturbance nor the start changes anything that is
-    drawn for the rest of the same episode.
+    The number of draws depends only on the start and on whether randomization and
+    disturbance are idle. Neither a disturbance nor the start changes the other values
+    that are drawn for the same episode.
     """
     variation, noise = Variation(door=door), None
     if not randomization.idle:
@@ -87,7 +87,7 @@ def draw_episode(
         if not randomization.idle:
             own = np.random.default_rng(int(rng.integers(2**63)))
             standoff = Standoff.drawn(own)
-            # After the standoff, from its generator: no other draw changes.
+            # Drawn after the standoff from its generator, so no other draw changes.
             position, rotation = randomization.perception
             belief = Perception(position=position, rotation=rotation).drawn(own)
             placement = dataclasses.replace(variation.placement, **belief)

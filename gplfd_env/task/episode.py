@@ -66,7 +66,7 @@ Reward = Literal["dense", "sparse"]
 Thing = TypeVar("Thing")
 
 REWARDS: Final = {"dense": reward_terms, "sparse": sparse_reward_terms}
-"""Terms of the reward, by its name."""
+"""Terms of the reward, by name of the reward."""
 
 _CLOSED: Final = [0.0] * 6
 """Pose of a hand that holds the closed handle."""
@@ -77,21 +77,21 @@ class Constants(NamedTuple):
 
     hand: Hand
     path: LeafPath
-    radius: Number  # Of the `DoorConfig`; likewise the next.
+    radius: Number  # As in `DoorConfig`; likewise `hand_radius`.
     hand_radius: Number
     closer: CloserLaw
-    latched: Flag  # It has a bolt,
-    bolt_throw: Number  # which stands out by this [m].
+    latched: Flag  # The door has a bolt.
+    bolt_throw: Number  # Distance by which the bolt protrudes [m].
     turned: Number  # Angle from which the handle counts as turned [rad].
-    stopped: Flag  # A disturbance stops the door.
+    stopped: Flag  # A disturbance may stop the door.
 
 
 class Readings(NamedTuple):
     """Sensor readings without noise: numbers, or arrays (n,)."""
 
-    time: Number  # Since the reset [s].
-    wrench: Wrench  # On the hand [N, N m].
-    hand: tuple[Number, ...]  # Its pose where a gripper opens and closes [m, rad].
+    time: Number  # Time since the reset [s].
+    wrench: Wrench  # Wrench on the hand [N, N m].
+    hand: tuple[Number, ...]  # Its pose, only for movable grippers [m, rad].
     base: BaseState
     door: DoorReading
     latched: Flag  # The bolt holds the door.
@@ -103,18 +103,18 @@ class Progress:
 
     steps: Number  # Control periods so far.
     opening: OpeningMonitor
-    stage: Number  # The furthest one, a place in `gplfd_env.task.stages.STAGES`.
+    stage: Number  # Furthest stage, an index into `STAGES`.
     diagnosis: Diagnosis
-    grasp_point: Vector  # Where the hand took hold, in the handle's frame [m].
-    terms: dict[str, Number]  # Of the last step's reward.
+    grasp_point: Vector  # Grasped point in the handle's frame [m].
+    terms: dict[str, Number]  # Terms of the last step's reward.
     simulation_error: Flag  # MuJoCo has reset a diverged state.
 
 
 class Companions(NamedTuple):
-    """What only some episodes have; each computes with numbers of one simulation."""
+    """Optional parts of an episode; each computes with numbers of one simulation."""
 
     variation: Variation
-    rest: Array  # The action that holds the hand where it begins.
+    rest: Array  # The action that keeps the hand at its initial pose.
     noise: NoiseSource | None
     delay: DelayLine | None
     intervention: Intervention | None
@@ -123,7 +123,7 @@ class Companions(NamedTuple):
 
 
 class Outside(NamedTuple):
-    """What a disturbance does, see `Intervention`: numbers, or arrays (n,)."""
+    """Effects of a disturbance, see `Intervention`: numbers, or arrays (n,)."""
 
     push_force: Number = 0.0
     person_force: Number = 0.0
@@ -135,8 +135,8 @@ class Outside(NamedTuple):
 class Episode:
     """State of one episode, or of n, besides the state in MuJoCo.
 
-    Of one simulation, 0, numbers are Python's and `n` is None; `together` makes one
-    episode of n whose numbers are arrays (n,). Both compute the same bits.
+    For a single simulation `n` is None and numbers are Python floats. `together` makes
+    one object of n episodes whose numbers are arrays (n,). Both give the same bits.
     """
 
     readings: Readings
@@ -161,7 +161,7 @@ class Episode:
     def begin(
         cls, drawn: Drawn, robot: Robot, reward: Reward, values: Values
     ) -> "Episode":
-        """Return an episode of one simulation at rest, with values of its sensors."""
+        """Return an episode of one simulation at rest, from its sensor values."""
         variation, noise, delay = drawn
         door, disturbance = variation.door, variation.disturbance
         hold, command, config = robot
@@ -191,7 +191,7 @@ class Episode:
             latched=door.latch == "spring",
             bolt_throw=door.bolt_throw,
             turned=turned_angle(door),
-            # A door may also reach the end of its hinge: that is no disturbance.
+            # A door may also reach the end of its hinge; this is not a disturbance.
             stopped=disturbance.stop is not None,
         )
         companions = Companions(
@@ -229,7 +229,7 @@ class Episode:
         return many
 
     def replace(self, begun: Mapping[int, "Episode"]) -> None:
-        """Put new episodes of one simulation in the place of some of n."""
+        """Replace some of n episodes by new single episodes."""
         if self.n is None or not begun:
             return
         for name in ("constants", "readings", "progress"):
@@ -267,7 +267,7 @@ class Episode:
         return tuple(own.variation for own in self._companions)
 
     def demand(self, commands: Array, stepped: Mask | None = None) -> Demands:
-        """Delay commands (n, ...), in place; return what else acts in the period."""
+        """Delay commands (n, ...) in place; return loads, base rates and widths."""
         if self._commands_alone:
             return NO_DEMANDS
         demands, readings, progress = Demands({}, {}, {}), self.readings, self.progress
@@ -281,7 +281,7 @@ class Episode:
         for row, delay in _chosen(self._delays, stepped):
             commands[row] = delay.pass_on(commands[row], self._companions[row].rest)
         for row, intervention in _chosen(self._interventions, stepped):
-            # Commands are relative to the robot's own frame, which a bump has moved.
+            # Commands are relative to the robot's frame, which a bump has moved.
             commands[row, :3] += intervention.base_shift
         if self._drives:
             bases = by_row((*readings.base.pose, progress.stage))
@@ -292,7 +292,7 @@ class Episode:
             elif self._companions[row].variation.standoff is None or stage > 0:
                 drive.follow(hand[:6], (x, y, yaw))
             else:
-                # Only the arm reaches: the base is where it will stand for the grasp.
+                # Only the arm moves: the base is already placed for the grasp.
                 drive.follow(_CLOSED, (x, y, yaw))
             demands.base_rates[row] = drive.rate
         if self._grippers:
@@ -307,14 +307,14 @@ class Episode:
         return demands
 
     def advance(self, values: Values, stepped: Mask | None = None) -> None:
-        """Take in the sensors' values after one control period.
+        """Update the episode from the sensor values after one control period.
 
-        Of one simulation a list, of n an array (number of values, n). Those of n that
-        were not `stepped` earn nothing and stay as they are.
+        The values are a list for one simulation, or an array (number of values, n).
+        Simulations that were not `stepped` get no reward and keep their state.
         """
         progress, opening = self.progress, self.progress.opening
         before = self.readings
-        # No array is ever written into: copies of the records are enough.
+        # Arrays are never modified in place: copies of the records are enough.
         old = None if stepped is None else mapped(lambda entry: entry, progress)
         progress.steps = progress.steps + 1
         self.readings = readings = self._read(values, progress.steps, stepped)
@@ -327,7 +327,7 @@ class Episode:
             blocked = self._each(self._drives, "blocked", False)
         if self._grippers:
             opened = self._each(self._grippers, "opened", False)
-            # A first hold may fail where the handle is not exactly known.
+            # A first grasp may fail if the handle's position is uncertain.
             tried = self._each(self._grippers, "uncertain", False)
             opened = opened | (tried & (door.angle < TRIED_ANGLE))
         took = opening.update(
@@ -363,7 +363,7 @@ class Episode:
             )
 
     def break_off(self, diverged: Flag = True) -> None:
-        """Take in which simulations have diverged; readings stay the last good ones."""
+        """Mark simulations as diverged; their readings stay the last good ones."""
         progress, idle = self.progress, self._terms(0.0, 0.0, False)
         progress.steps = progress.steps + 1 * diverged
         progress.simulation_error = progress.simulation_error | diverged
@@ -373,11 +373,11 @@ class Episode:
         }
 
     def rest(self) -> None:
-        """Take in that an ended episode was not stepped: it earns nothing more."""
+        """Set the reward of an ended episode, which was not stepped, to zero."""
         self.progress.terms = self._terms(0.0, 0.0, False)
 
     def observation(self, sensordata: Array) -> Observation:
-        """Return what is observed, with noise and the error of a moved base."""
+        """Return the observation, with noise and the error of a moved base."""
         readings = self.readings
         wrench = columns(readings.wrench, self.n)
         time = columns((readings.time,), self.n)
@@ -386,9 +386,9 @@ class Episode:
         return observation
 
     def add_errors(self, observation: Observation, place: Any = ...) -> None:
-        """Add noise, and the error of a moved base, to what is observed, in place.
+        """Add noise and the error of a moved base to an observation, in place.
 
-        One simulation is at `place` in the observation.
+        A single simulation is at index `place` of the observation.
         """
         for row, intervention in self._interventions.items():
             at = place if self.n is None else row
@@ -402,7 +402,7 @@ class Episode:
             observation["wrench"][at] += noise[..., 6:]
 
     def _read(self, values: Values, steps: Number, stepped: Mask | None) -> Readings:
-        """Return what the sensors say, and draw the noise of what is observed."""
+        """Return the sensor readings, and draw the noise of the observation."""
         constants, reader = self.constants, self.reader
         if self._noises:
             for _, noise in _chosen(self._noises, stepped):
@@ -422,7 +422,7 @@ class Episode:
         return record if self.n is None else row_of(record, row)
 
     def _each(self, things: Mapping[int, Any], name: str, default: Any) -> Any:
-        """Return an attribute of what only some simulations have, for all of them."""
+        """Return an attribute of optional parts; simulations without get a default."""
         if not things:
             return default
         if self.n is None:
@@ -435,7 +435,7 @@ class Episode:
 
     @property
     def slip(self) -> Number:
-        """Distance of the hand from where it took hold of the handle [m]."""
+        """Distance of the hand from the point at which it grasped the handle [m]."""
         ax, ay, az = self.readings.door.hand_on_handle
         bx, by, bz = self.progress.grasp_point
         x, y, z = ax - bx, ay - by, az - bz
@@ -450,7 +450,7 @@ class Episode:
 
     @property
     def opening(self) -> Number:
-        """Opening angle over that of a success."""
+        """Opening angle divided by the success angle."""
         return self.readings.door.angle / SUCCESS_ANGLE
 
     @property
@@ -470,12 +470,12 @@ class Episode:
 
     @property
     def reward(self) -> Number:
-        """Of the last step: the sum of its terms."""
+        """Reward of the last step: the sum of its terms."""
         return sum(self.progress.terms.values())
 
     @property
     def failure(self) -> Number:
-        """What has gone wrong, a place in `gplfd_env.task.opening.FAILURES`."""
+        """Failure, an index into `gplfd_env.task.opening.FAILURES`."""
         progress = self.progress
         return where(
             progress.simulation_error, SIMULATION_ERROR, progress.opening.failure
@@ -483,12 +483,12 @@ class Episode:
 
     @property
     def reason(self) -> Number:
-        """Why it fails, a place in `gplfd_env.task.stages.REASONS`."""
+        """Reason of the failure, an index into `gplfd_env.task.stages.REASONS`."""
         return self.progress.diagnosis.reason(self.failure)
 
     @property
     def terminated(self) -> Flag:
-        """The task has ended, in success or with the grasp lost."""
+        """Whether the task has ended, by success or a lost grasp."""
         opening = self.progress.opening
         ended = opening.success | (opening.failure == GRASP_LOST)
         return ended & negated(self.progress.simulation_error)
@@ -497,7 +497,7 @@ class Episode:
 def _chosen(
     things: Mapping[int, Thing], stepped: Mask | None
 ) -> Iterable[tuple[int, Thing]]:
-    """Return what belongs to simulations that are stepped, with their numbers."""
+    """Return the entries of simulations that are stepped, with their numbers."""
     if stepped is None or not things:
         return things.items()
     return [(row, thing) for row, thing in things.items() if stepped[row]]

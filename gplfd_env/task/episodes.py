@@ -1,4 +1,4 @@
-"""The episodes of n simulations: a few one by one, many as one of arrays."""
+"""The episodes of n simulations: a few one by one, many in arrays."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -18,7 +18,7 @@ MANY: Final = 12
 
 
 class Episodes:
-    """Episodes of n simulations, each with the bits of an `Episode` of one."""
+    """Episodes of n simulations, each bit for bit equal to a single `Episode`."""
 
     def __init__(self, begun: Sequence[Episode]) -> None:
         self._n = len(begun)
@@ -26,7 +26,7 @@ class Episodes:
         self._many = Episode.together(begun) if self._n >= MANY else None
 
     def replace(self, begun: Mapping[int, Episode]) -> None:
-        """Put new episodes in the place of some."""
+        """Replace some episodes by new ones."""
         if self._many is not None:
             self._many.replace(begun)
             return
@@ -51,10 +51,10 @@ class Episodes:
     def advance(
         self, sensordata: Array, stepped: Mask | None, diverged: Mask | None
     ) -> None:
-        """Take in a control period and the sensor arrays (n, number of values).
+        """Update the episodes from the sensor arrays (n, number of values).
 
-        Simulations that were not `stepped`, or have `diverged`, earn nothing and stay
-        as they are.
+        Simulations that were not `stepped`, or have `diverged`, get no reward and keep
+        their state.
         """
         if self._many is not None:
             self._many.advance(np.ascontiguousarray(sensordata.T), stepped)
@@ -71,7 +71,7 @@ class Episodes:
                 one.rest()
 
     def observation(self, sensordata: Array) -> Observation:
-        """Return what is observed in every simulation, (n, ...)."""
+        """Return the observations of all simulations, (n, ...)."""
         if self._many is not None:
             return self._many.observation(sensordata)
         ones = self._ones
@@ -84,7 +84,7 @@ class Episodes:
         return observation
 
     def infos(self, rows: Mask) -> dict[str, Any]:
-        """Return infos with masks of the `rows` that they are about; arrays are new."""
+        """Return infos as new arrays, with masks of the valid `rows`."""
         episodes = self._ones if self._many is None else [self._many]
         return masked(infos_of(episodes), rows)
 

@@ -1,4 +1,4 @@
-"""What an info says: one declaration of its keys, for one simulation and for many."""
+"""Declaration of the keys of an info, for one simulation and for many."""
 
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
@@ -15,26 +15,26 @@ from gplfd_env.task.stages import REASONS, STAGES
 class Entry(NamedTuple):
     """A key of an info."""
 
-    kind: type  # Of its value: of a vector an array, of text ``str``.
-    source: str  # Attribute of an episode; of text its place in `texts`.
-    meaning: str  # In a few words.
+    kind: type  # Type of its value: array for vectors, ``str`` for text.
+    source: str  # Attribute of an episode; for text the index into `texts`.
+    meaning: str  # Short description.
     unit: str = ""  # Empty if it has none.
-    texts: tuple[str, ...] = ()  # What a text may be.
+    texts: tuple[str, ...] = ()  # Possible values of a text.
 
 
 _ARRAY: Final = np.ndarray
 
 INFO: Final[Mapping[str, Entry]] = {
     "door_angle": Entry(float, "readings.door.angle", "opening angle", "rad"),
-    "opening": Entry(float, "opening", "1 as soon as it is as far as a success needs"),
+    "opening": Entry(float, "opening", "`door_angle` divided by the success angle"),
     "door_velocity": Entry(float, "readings.door.velocity", "its rate", "rad/s"),
     "door_radius": Entry(float, "constants.radius", "R of the present door", "m"),
-    "slip": Entry(float, "slip", "of the hand from where it took hold", "m"),
+    "slip": Entry(float, "slip", "of the hand from the grasped point", "m"),
     "force_tangential": Entry(
         float, "readings.door.forces.tangential", "hand on handle, opening it", "N"
     ),
     "force_radial": Entry(
-        float, "readings.door.forces.radial", "hand on handle, from the hinge", "N"
+        float, "readings.door.forces.radial", "hand on handle, away from the hinge", "N"
     ),
     "force_vertical": Entry(
         float, "readings.door.forces.vertical", "hand on handle, upwards", "N"
@@ -50,7 +50,7 @@ INFO: Final[Mapping[str, Entry]] = {
         float, "outside.base_distance", "how far a bump moved the base", "m"
     ),
     "stop_force": Entry(
-        float, "stop_force", "door on what blocks it, at the handle's radius", "N"
+        float, "stop_force", "door on its stop, at the handle's radius", "N"
     ),
     "handle_angle": Entry(
         float, "readings.door.handle_angle", "of a lever or knob; 0 of a bar", "rad"
@@ -62,9 +62,9 @@ INFO: Final[Mapping[str, Entry]] = {
         float, "closer_torque", "of closer, seal and stiction", "N m"
     ),
     "capability": Entry(int, "progress.stage", "the furthest stage so far, 0 to 10"),
-    "handle_pose": Entry(_ARRAY, "handle_pose", "where the hand took hold", "m, rad"),
+    "handle_pose": Entry(_ARRAY, "handle_pose", "pose of the grasped point", "m, rad"),
     "base_pose": Entry(
-        _ARRAY, "readings.base.pose", "from where it stood at the reset", "m, rad"
+        _ARRAY, "readings.base.pose", "relative to its pose at the reset", "m, rad"
     ),
     "base_velocity": Entry(_ARRAY, "readings.base.velocity", "its rate", "m/s, rad/s"),
     "success": Entry(bool, "progress.opening.success", "opened, and held open"),
@@ -73,15 +73,15 @@ INFO: Final[Mapping[str, Entry]] = {
     "simulation_error": Entry(
         bool, "progress.simulation_error", "the simulation has diverged"
     ),
-    "failure": Entry(str, "failure", "what has gone wrong", texts=FAILURES),
-    "reason": Entry(str, "reason", "what is behind it", texts=REASONS),
+    "failure": Entry(str, "failure", "kind of failure", texts=FAILURES),
+    "reason": Entry(str, "reason", "reason of the failure", texts=REASONS),
     "stage": Entry(str, "progress.stage", "name of `capability`", texts=STAGES),
     "reward_terms": Entry(dict, "progress.terms", "their sum is the reward"),
 }
 """Every key, in the order of the info."""
 
 TEXTS: Final = tuple(name for name, entry in INFO.items() if entry.kind is str)
-"""Keys of texts."""
+"""Keys whose values are text."""
 
 _ALL_OF: Final = attrgetter(*[entry.source for entry in INFO.values()])
 _VECTORS: Final = tuple(name for name, entry in INFO.items() if entry.kind is _ARRAY)
@@ -100,9 +100,9 @@ def info_of(episode: Episode) -> dict[str, Any]:
 
 
 def infos_of(episodes: Sequence[Episode]) -> dict[str, Any]:
-    """Return the infos of n simulations, arrays (n, ...) of the caller's own.
+    """Return the infos of n simulations as new arrays (n, ...).
 
-    From all episodes of one simulation each, or from one of n.
+    The argument holds n single episodes, or one object with n episodes.
     """
     n = episodes[0].n
     if n is None:

@@ -1,7 +1,7 @@
-"""What a disturbance does to one simulation, control period by control period.
+"""Effect of a disturbance on one simulation in each control period.
 
-Forces hold for a control period, like commands; they are computed from the readings at
-its beginning. So one simulation and many are treated by the same arithmetic.
+Forces are constant during a control period, like commands; they are computed from the
+readings at its beginning. Single and many simulations use the same arithmetic.
 """
 
 import math
@@ -16,26 +16,27 @@ from gplfd_env.simulation.loads import Loads, Vector
 from gplfd_env.task.observation import DoorReading
 
 _SUBSTEPS: Final = 50
-"""Steps of the person's hand in a control period: 0.2 ms, a fortieth of the period in
-which the stiffest hand swings."""
+"""Integration steps of the person's hand per control period: 0.2 ms, a fortieth of the
+oscillation period of the stiffest hand."""
 
 _TOUCH: Final = math.radians(0.5)
-"""The door has come to a stop when it is this near [rad], and has broken away when it
-has moved by this."""
+"""The door touches a stop if it is nearer than this [rad], and has broken away after
+moving by this angle."""
 
 _NOTHING: Final = (0.0, 0.0, 0.0)
 
 
 class Intervention:
-    """Carries out the disturbance of an episode.
+    """Executes the disturbance of an episode.
 
     Attributes:
-        push_force: Of the last period's push [N].
-        person_force: Greatest force between person and robot or door in it [N].
+        push_force: Force of the push in the last period [N].
+        person_force: Greatest force between person and robot or door in the last
+            period [N].
         person_energy: Work done on the person since the reset [J].
         base_shift: Displacement of the base so far, task frame [m].
         base_distance: Its magnitude [m].
-        base_velocity: Its rate [m/s].
+        base_velocity: Rate of the displacement [m/s].
     """
 
     def __init__(self, variation: Variation) -> None:
@@ -49,7 +50,7 @@ class Intervention:
             self._stop_start = _Start(max(cause.stop.angle - _TOUCH, 0.0), 0.0)
         if cause.bump:
             self._bump_start = _Start(cause.bump.start_angle, cause.bump.start_time)
-            # The world frame is the base's.
+            # The world frame is the frame of the base.
             shift = (cause.bump.forward, cause.bump.left, 0.0)
             self._whole_shift = tuple((task_rotation_w(door).T @ shift).tolist())
         self.push_force = self.person_force = self.person_energy = 0.0
@@ -58,7 +59,7 @@ class Intervention:
         self.base_velocity: Vector = _NOTHING
 
     def loads(self, time: float, reading: DoorReading, slip: float) -> Loads:
-        """Return what acts in the control period that begins now.
+        """Return the loads in the control period that begins now.
 
         The hand has slipped along the opening motion by `slip` [m].
         """
@@ -108,7 +109,7 @@ class Intervention:
         )
 
     def _move_base(self, since: float | None, duration: float) -> None:
-        """Bring the base's displacement to the end of the period that begins now."""
+        """Update the base's displacement to the end of the period that begins now."""
         if since is None:
             return
         s = min((since + CONTROL_PERIOD) / duration, 1.0)
@@ -121,14 +122,14 @@ class Intervention:
 
 
 class _Start:
-    """Notes when an angle [rad] and a time [s] have both been reached."""
+    """Records when an angle [rad] and a time [s] have both been reached."""
 
     def __init__(self, angle: float, time: float) -> None:
         self._angle, self._time = angle, time
         self._at: float | None = None
 
     def since(self, time: float, angle: float) -> float | None:
-        """Return the time since the start [s]; None before it."""
+        """Return the time since the start [s]; None before the start."""
         if self._at is None and time >= self._time and max(angle, 0.0) >= self._angle:
             self._at = time
         return None if self._at is None else time - self._at
@@ -148,14 +149,14 @@ def _push_forces(push: Push, since: float | None) -> Vector:
 class PersonHand:
     """A person's hand on the handle's circle: a mass between two spring-dampers.
 
-    With the position x of the hand from where it took hold, the arc s of what it
-    touches, m ẍ = f - k_a x - d_a ẋ, where f = k_c (s - x) + d_c (ṡ - ẋ) is the
-    contact force, never negative if the person only stands in the way. Integrated in
-    `_SUBSTEPS` semi-implicit Euler steps per control period, in which s goes on at its
-    last rate. The handle's circle has a `radius` [m].
+    x is the displacement of the person's hand since it took hold, s the arc of the body
+    that it touches. m ẍ = f - k_a x - d_a ẋ, with the contact force
+    f = k_c (s - x) + d_c (ṡ - ẋ), never negative if the person only stands in the way.
+    Integrated in `_SUBSTEPS` semi-implicit Euler steps per control period, during which
+    s continues at its last rate. The handle's circle has a `radius` [m].
 
     Attributes:
-        on: What is touched.
+        on: The touched body.
         peak: Greatest magnitude of f in the last period [N].
         energy: ∫ f ds since the reset [J].
     """
@@ -173,7 +174,7 @@ class PersonHand:
     def resistance(self, time: float, angle: float, slip: float) -> float:
         """Return the mean contact force in the period from now, against opening [N].
 
-        `slip` is that of the hand on the handle, along the motion [m].
+        `slip` is the slip of the hand on the handle, along the motion [m].
         """
         arc = self._radius * angle + (slip if self.on == "hand" else 0.0)
         rate = 0.0 if self._last is None else (arc - self._last) / CONTROL_PERIOD
@@ -187,14 +188,14 @@ class PersonHand:
                 return 0.0
             self._held = time
             if not self._person.one_sided:
-                # The hand begins with the speed of what it takes hold of.
+                # The hand starts with the speed of the body that it takes hold of.
                 self._anchor, self._velocity = arc, rate
         elif time - self._held >= self._person.duration - 1e-9:
             return 0.0
         return self._swing(arc - self._anchor, rate)
 
     def _swing(self, arc: float, rate: float) -> float:
-        """Go on by one control period; return the mean contact force [N]."""
+        """Integrate one control period; return the mean contact force [N]."""
         person, step = self._person, CONTROL_PERIOD / _SUBSTEPS
         stiff, damp = person.contact_stiffness, person.contact_damping
         arm, arm_damp = person.arm_stiffness, person.arm_damping

@@ -1,7 +1,7 @@
-"""From MuJoCo's sensor array to the observation, and to the readings behind the info.
+"""Conversion of MuJoCo's sensor array to the observation and to privileged readings.
 
 Every number is sampled by MuJoCo's sensors in the last physics step, 2 ms before
-``time``, like the readings of a real controller. Readings are numbers of one
+``time``, like the readings of a real controller. Readings are numbers for one
 simulation, or arrays (n,).
 """
 
@@ -39,12 +39,12 @@ Observation = dict[str, Array]
 Vector = tuple[Number, Number, Number]
 Wrench = tuple[Number, Number, Number, Number, Number, Number]
 Values = Any
-"""Values of the sensors: a list of one simulation's, or an array (number, n)."""
+"""Sensor values: a list for one simulation, or an array (number, n)."""
 
 _NOMINAL: Final = LeafPath()
 
 _TOUCHING: Final = slice(17, 19)
-"""Of the readings of a door: whether right and left finger touch the handle."""
+"""Slice of a door's readings: whether right and left finger touch the handle."""
 
 
 def observation_space(
@@ -81,13 +81,13 @@ def observation_space(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Reader:
-    """Turns a sensor array into the observation and into the privileged readings.
+    """Converts a sensor array to the observation and to privileged readings.
 
-    `hand` is what the wrist sensor carries. The slices tell where in the array entries
-    are: `wrist` is force, torque and the sensor's three axes; `door` goes from the
-    hinge's angle to the torque at its stop, followed by handle and bolt where there are
-    any; `odometry` is pose and rate of a base that moves, whose `hinge_end` adds to the
-    torque at the hinge's own limit; `finger` is one that opens and closes.
+    `hand` is the body carried by the wrist sensor. The slices give positions in the
+    array: `wrist` is force, torque and the sensor's three axes; `door` goes from the
+    hinge angle to the torque at its stop, followed by handle and bolt if there are any;
+    `odometry` is pose and rate of a mobile base; `hinge_end` is the index of the torque
+    at the hinge's own limit, which is added; `finger` is a movable finger.
     """
 
     hand: Hand
@@ -116,8 +116,8 @@ class Reader:
     ) -> Reader:
         """Resolve sensor addresses and the hand's weight, once per robot and grasp.
 
-        The hand holds the same handle in every scene, so one scene serves for all; the
-        same for all, since settled fingers differ by a micrometre. The bar of a flap is
+        One scene is used for all doors, because the hand holds the same handle in all
+        of them and settled fingers differ by only a micrometre. The bar of a flap is
         `level`.
         """
         door = DoorConfig(handle=handle, swing=swing)
@@ -156,7 +156,7 @@ class Reader:
     def observation(
         self, sensordata: Array, wrench: Array, time: Array, command: Command
     ) -> Observation:
-        """Return the observation of one simulation or of n, as fresh arrays."""
+        """Return the observation of one or n simulations, as new arrays."""
         observation = {
             "ee_pose": sensordata[..., self.ee_pose].copy(),
             "ee_twist": sensordata[..., self.ee_twist].copy(),
@@ -185,9 +185,9 @@ class Reader:
     def wrench(self, values: Values) -> Wrench:
         """Return the wrench of the environment on the hand [N, N m].
 
-        Task frame, moment about the hand point, gravity compensated. MuJoCo reports
-        what the wrist exerts on the hand, f_s and τ_s; at rest f_s + F + W = 0 and
-        τ_s + τ + c × W = 0, so F = -f_s - W and, about the hand point at o,
+        It is in the task frame, about the hand point, gravity compensated. MuJoCo
+        reports the wrench f_s, τ_s of the wrist on the hand; at rest f_s + F + W = 0
+        and τ_s + τ + c × W = 0, so F = -f_s - W and, about the hand point at o,
         τ = -τ_s - c × W - o × F.
         """
         fx, fy, fz, tx, ty, tz, *axes = values[self.wrist]
@@ -244,9 +244,9 @@ class Reader:
 
 
 class Forces(NamedTuple):
-    """Of the hand on the handle [N]: along the motion, upwards, away from the hinge.
+    """Force of hand on handle [N]: along the motion, upwards, away from the hinge.
 
-    Of a flap, whose hinge is level, the second is along the hinge.
+    For a flap, whose hinge is level, the second component is along the hinge.
     """
 
     tangential: Number
@@ -265,23 +265,24 @@ _AT_REST: Final = BaseState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 class DoorReading(NamedTuple):
-    """What a perfect observer of the door would know."""
+    """Privileged readings of door and grasp."""
 
     angle: Number  # Opening angle [rad].
-    velocity: Number  # Its rate [rad/s].
-    handle_position: Vector  # The handle in the task frame [m].
-    hand_on_handle: Vector  # The hand point in the handle's frame [m].
+    velocity: Number  # Rate of the opening angle [rad/s].
+    handle_position: Vector  # Position of the handle in the task frame [m].
+    hand_on_handle: Vector  # Position of the hand in the handle's frame [m].
     forces: Forces
     grasped: Flag  # Both fingers touch the handle.
-    axes: tuple[Vector, Vector, Vector]  # Of the moving frame, world frame.
-    stop_torque: Number  # Of the leaf against a stop [N m].
-    handle_angle: Number  # How far a lever or knob is turned [rad]; else 0.
-    bolt: Number  # How far the bolt is drawn in [m]; 0 without a latch.
+    axes: tuple[Vector, Vector, Vector]  # Axes of the moving frame, world frame.
+    stop_torque: Number  # Torque of the leaf against a stop [N m].
+    handle_angle: Number  # Angle of a handle that turns [rad]; else 0.
+    bolt: Number  # Retraction of the bolt [m]; 0 without a latch.
 
     def handle_rotation(self, path: LeafPath) -> Vector:
         """Return the handle's rotation vector [rad].
 
-        Turned about its own axis, normal to the closed leaf, and then with the leaf.
+        The handle turns about its own axis, normal to the closed leaf, and then with
+        the leaf.
         """
         about_up = path.upright * self.angle
         turned = self.handle_angle != 0.0
@@ -289,7 +290,7 @@ class DoorReading(NamedTuple):
         if not anywhere(turned):
             return 0.0, about_up, level
         turn = -path.side * self.handle_angle
-        # The quaternion of a turn about y times that of one about x.
+        # Quaternion product: rotation about y times rotation about x.
         cy, sy = cos(0.5 * about_up), sin(0.5 * about_up)
         cx, sx = cos(0.5 * turn), sin(0.5 * turn)
         x, y, z = cy * sx, sy * cx, -sy * sx
@@ -305,9 +306,9 @@ class DoorReading(NamedTuple):
 
 
 class Hand(NamedTuple):
-    """Everything beyond the wrist sensor: weight [N], centre of mass and hand point.
+    """All parts beyond the wrist sensor: weight [N], centre of mass and hand point.
 
-    Both from the sensor, in the hand's axes [m].
+    The two points are relative to the sensor, in the hand's axes [m].
     """
 
     weight: Number
@@ -316,6 +317,6 @@ class Hand(NamedTuple):
 
 
 def _span(model: mujoco.MjModel, first: str, size: int) -> slice:
-    """Return a stretch of the sensor array that begins with a sensor."""
+    """Return a slice of the sensor array that begins with a sensor."""
     start = int(model.sensor(first).adr[0])
     return slice(start, start + size)

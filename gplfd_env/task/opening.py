@@ -1,7 +1,7 @@
-"""The task: the handle's arc, what counts as opened, what counts as failed, reward.
+"""The task: criteria of success and failure, and the rewards.
 
-Pure functions and one small state machine; nothing here knows the simulator. Numbers
-are of one simulation, or arrays (n,).
+Pure functions and one small state machine, independent of the simulator. Numbers are
+for one simulation, or arrays (n,).
 """
 
 import math
@@ -13,50 +13,50 @@ from gplfd_env.conventions.one_and_many import Flag, Number, negated, where
 
 DEMONSTRATED_ANGLE: Final = math.radians(67.0)
 """Opening angle at which demonstrations end [rad]: a little beyond `SUCCESS_ANGLE`, so
-that who follows one with some lag still succeeds."""
+that an agent that follows one with some lag still succeeds."""
 
 HOLD_TIME: Final = 0.5
-"""How long the angle must be held, handle in hand [s]."""
+"""Time for which the angle must be held while the hand holds the handle [s]."""
 
 GRASP_LOST_TIME: Final = 0.25
-"""The handle counts as lost after this long without both pads on it [s]."""
+"""The handle counts as lost after this time without contact of both pads [s]."""
 
 TRIED_ANGLE: Final = math.radians(5.0)
-"""Where the robot does not know exactly where the handle is, a handle that slips from
-its fingers at a smaller angle than this is not lost: it may take hold again [rad]."""
+"""If the handle's position is uncertain, a handle that slips from the fingers at an
+opening angle below this does not count as lost: the robot may grasp it again [rad]."""
 
 STALL_ANGLE: Final = math.radians(0.5)
 STALL_TIME: Final = 3.0
 """A door that gains less than `STALL_ANGLE` [rad] in this time [s] has stalled."""
 
 STALL_TURN: Final = math.radians(5.0)
-"""But not while its handle is turned on by this [rad] in the same time."""
+"""A door has not stalled if its handle turns further by this [rad] in the same time."""
 
 FAILURES: Final = (
     *("", "grasp_lost", "base_blocked", "stalled", "latched", "simulation_error"),
     "not_grasped",
 )
-"""What can go wrong, by number."""
+"""Kinds of failure, by number."""
 
 GRASP_LOST, BASE_BLOCKED, STALLED, LATCHED, SIMULATION_ERROR, NOT_GRASPED = range(1, 7)
 
 
 @dataclass(slots=True)
 class OpeningMonitor:
-    """Decides, step by step, whether the door is opened, lost or stuck.
+    """Decides in each step whether the door is open, lost or stalled.
 
-    A failure is a place in `FAILURES`: ``"grasp_lost"`` is final, the others hold while
-    they last; a door that its latch still holds is ``"latched"`` rather than
-    ``"stalled"``.
+    A failure is an index into `FAILURES`: ``"grasp_lost"`` is final, the others are
+    reset when their cause ends. A stalled door that the latch still holds is
+    ``"latched"``.
     """
 
-    taken: Flag = True  # The hand has taken hold of the handle and not let it go.
+    taken: Flag = True  # The hand has grasped the handle and not released it.
     success: Flag = False  # The success angle has been held, handle in hand.
     failure: Number = 0
-    held: Number = 0.0  # For how long that angle has been held so far [s].
-    released: Number = 0.0  # For how long the fingers have lost the handle [s].
-    best_angle: Number = -math.inf  # Of the last gain [rad].
-    best_turn: Number = -math.inf  # Of the handle at the last gain [rad].
+    held: Number = 0.0  # Time for which that angle has been held so far [s].
+    released: Number = 0.0  # Time since the fingers lost the handle [s].
+    best_angle: Number = -math.inf  # Opening angle at the last gain [rad].
+    best_turn: Number = -math.inf  # Handle angle at the last gain [rad].
     since_gain: Number = 0.0  # Time since the last gain [s].
 
     def update(
@@ -69,13 +69,13 @@ class OpeningMonitor:
         blocked: Flag = False,
         opened: Flag = False,
     ) -> Flag:
-        """Take in the state after one control step; return where the hand took hold.
+        """Update the state after one control step; return whether the hand took hold.
 
-        `turn` is that of the handle [rad]; `opened` means that the gripper is told to
-        be wider than the handle.
+        `turn` is the angle of the handle [rad]; `opened` means that the commanded width
+        of the gripper exceeds the handle.
         """
         took = grasped & negated(self.taken)
-        # A handle that is let go of on purpose is not lost.
+        # A handle that is released on purpose is not lost.
         self.taken = grasped | (self.taken & negated(opened))
         is_open = grasped & (angle >= SUCCESS_ANGLE)
         self.held = where(is_open, self.held + CONTROL_PERIOD, 0.0)

@@ -1,8 +1,7 @@
-"""How far an episode has come, in stages, and the diagnosis of a failure.
+"""Stages of an episode, and the diagnosis of a failure.
 
-The stages are those of a door of a building, as the EUROBENCH benchmark of robots at
-doors counts them: take hold, turn the handle, free the latch, open, let go, close.
-Numbers are of one simulation, or arrays (n,).
+The stages follow the EUROBENCH benchmark for robots that open doors: grasp, turn the
+handle, unlatch, open, release, close. Numbers are for one simulation, or arrays (n,).
 """
 
 import math
@@ -37,7 +36,7 @@ STAGES: Final = (
     "released",
     "closed again",
 )
-"""By number."""
+"""Stages by number."""
 
 _GRASPED, _TURNED, _UNLATCHED = 1, 2, 3
 _OPENED: Final = tuple(math.radians(degrees) for degrees in (15, 30, 60, 90))
@@ -45,33 +44,33 @@ _HELD, _RELEASED, _CLOSED = 8, 9, 10
 _CLOSED_ANGLE: Final = math.radians(1.0)
 
 _TURN: Final = 0.5
-"""Share of its travel from which a handle counts as turned."""
+"""Share of its travel beyond which a handle counts as turned."""
 
 REASONS: Final = (*FAILURES, "blocked", "out_of_reach", "too_heavy", "handle_lost")
-"""Why an episode fails, by number: one of `FAILURES`, or what is behind it."""
+"""Reasons why an episode fails, by number: one of `FAILURES`, or its cause."""
 
 _BLOCKED, _OUT_OF_REACH, _TOO_HEAVY, _HANDLE_LOST = range(len(FAILURES), len(REASONS))
 
 HEAVY_FORCE: Final = 20.0
-"""Force of the hand from which something is too heavy [N]: what the friction grasp
-holds in every direction."""
+"""Force of the hand above which a door counts as too heavy [N]: the friction grasp
+holds this force in every direction."""
 
 _REMEMBERED: Final = 0.5
-"""For this long a cause is remembered as the reason for a lost handle [s]."""
+"""Time for which a cause is remembered as the reason of a lost handle [s]."""
 
 
 def turned_angle(door: DoorConfig) -> float:
-    """Return the angle from which a handle counts as turned [rad]; 0 if unlatched."""
+    """Return the angle beyond which a handle counts as turned [rad]; 0 if unlatched."""
     return _TURN * door.travel if door.latch != "none" else 0.0
 
 
 def stage_after(
     stage: Number, reading: DoorReading, turned: Number, latched: Flag, held: Flag
 ) -> Number:
-    """Return the furthest stage after a control period, a place in `STAGES`.
+    """Return the furthest stage after a control period, an index into `STAGES`.
 
-    Where nothing holds a door, it is unlatched as soon as it is grasped. `turned` is
-    what `turned_angle` gives; `held`: the door has been open and held as the task asks.
+    A door without a latch is unlatched as soon as it is grasped. `turned` is the result
+    of `turned_angle`; `held`: the door has been open and held as the task requires.
     """
     stage = where(reading.grasped & (stage < _GRASPED), _GRASPED, stage)
     if anywhere(stage < _UNLATCHED):
@@ -94,7 +93,7 @@ def stage_after(
 
 @dataclass(slots=True)
 class Diagnosis:
-    """Remembers the cause of a high force or a stall, by its place in `REASONS`."""
+    """Remembers the cause of a high force or a stall, as an index into `REASONS`."""
 
     cause: Number = 0
     age: Number = 0.0  # Time since it was the cause [s].
@@ -106,7 +105,7 @@ class Diagnosis:
         limits: Sequence[tuple[float, float]],
         stalled: Flag,
     ) -> None:
-        """Take in the arm's joints [rad] and whether the door has stalled."""
+        """Update from the arm's joints [rad] and whether the door has stalled."""
         self.age = self.age + CONTROL_PERIOD
         strained = stalled | (hypot(*reading.forces) >= HEAVY_FORCE)
         if not anywhere(strained):
@@ -122,12 +121,12 @@ class Diagnosis:
         self.age = where(found, 0.0, self.age)
 
     def reason(self, failure: Number) -> Number:
-        """Return why a failure happened, a place in `REASONS`.
+        """Return the reason of a failure, an index into `REASONS`.
 
+        If the door stalled or the handle was lost, a recent cause is the reason:
         ``"blocked"`` (something stops the leaf), ``"out_of_reach"`` (a joint is at its
-        limit) or ``"too_heavy"`` where one of these is why the door stalled or the
-        handle was lost, ``"out_of_reach"`` where that is why it was never grasped; else
-        the failure itself.
+        limit) or ``"too_heavy"``. If the handle was never grasped, only
+        ``"out_of_reach"`` can be the reason. Else it is the failure itself.
         """
         if not anywhere(failure != 0):
             return failure

@@ -1,1 +1,1 @@
-"""Units, ranges and names of fields: what a user gives is checked here."""
+"""Checks of values that a user gives: units, ranges and names of fields."""

@@ -1,7 +1,7 @@
 """Numbers of configuration records: each field declares its unit and its range once.
 
-A record declares ``radius: float = quantity(0.5, unit="m", low=0.3, high=0.65)``, says
-in the docstring below what the number means, and calls `check_quantities` in its
+A record declares ``radius: float = quantity(0.5, unit="m", low=0.3, high=0.65)``,
+explains the number in the docstring below, and calls `check_quantities` in its
 ``__post_init__``.
 """
 
@@ -19,14 +19,14 @@ Record = TypeVar("Record", bound=Any)
 _RANGE: Final = "range"
 """Key of a field's metadata."""
 _RANGED: Final = "a number or (low, high)"
-"""What `check_ranges` allows."""
+"""Values that `check_ranges` allows, for messages."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Range:
     """The numbers from `low` to `high`, greater than `above` and less than `below`.
 
-    With their unit (of whole numbers, what they count) and the reason of the limits.
+    Also their unit (for whole numbers, the counted thing) and the reason of the limits.
     """
 
     low: float = -math.inf
@@ -55,7 +55,7 @@ def quantity(default: float | None, **allowed: Any) -> Any:
 
 
 def allowed_range(record: type, field: str) -> Range:
-    """Return what a record's field declared."""
+    """Return the range that a field of a record declares."""
     declared = {one.name: one for one in dataclasses.fields(record)}
     allowed: Range = declared[field].metadata[_RANGE]
     return allowed
@@ -64,7 +64,7 @@ def allowed_range(record: type, field: str) -> Range:
 def check_quantities(record: Any) -> None:
     """Check every declared number of a frozen record and make it a float or an int.
 
-    Raises a TypeError for what is no number, a ValueError for one that is not allowed.
+    Raises a TypeError if a value is not a number, a ValueError if it is not allowed.
     """
     for field in dataclasses.fields(record):
         absent = field.default is None and getattr(record, field.name) is None
@@ -85,10 +85,10 @@ class Quantities:
 
 
 def check_ranges(record: Any) -> None:
-    """Check every declared field of a frozen record: a number, or a pair of them.
+    """Check every declared field of a frozen record: a number, or a pair of numbers.
 
-    A number becomes a float, a pair ``(low, high)`` a tuple of floats. Raises as
-    `check_quantities`, and a ValueError for a reversed pair.
+    A number becomes a float, a pair ``(low, high)`` a tuple of floats. Raises the same
+    errors as `check_quantities`, and a ValueError for a reversed pair.
     """
     for field in dataclasses.fields(record):
         if _RANGE in field.metadata:
@@ -116,7 +116,7 @@ class Ranges:
 def draw_ranges(record: Record, rng: np.random.Generator) -> Record:
     """Return a frozen record with a number drawn from every pair.
 
-    One uniform number per declared field, whether it is a pair or not.
+    One uniform number is drawn per declared field, also for fields without a pair.
     """
     declared = [
         one.name for one in dataclasses.fields(record) if _RANGE in one.metadata
@@ -157,7 +157,7 @@ def checked_count(name: str, value: Any, allowed: Range) -> int:
 
 
 def check_choice(name: str, value: object, allowed: Collection[object]) -> None:
-    """Raise a ValueError that lists what is allowed unless a value is among it."""
+    """Raise a ValueError that lists the allowed values if a value is not among them."""
     if value not in tuple(allowed):
         raise ValueError(
             f"{name} = {value!r} is not one of {', '.join(map(repr, allowed))}"

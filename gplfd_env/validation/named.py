@@ -1,4 +1,4 @@
-"""Records that are given by a preset's name, or by some of their fields."""
+"""Records specified by the name of a preset, or by some of their fields."""
 
 import dataclasses
 import difflib
@@ -16,10 +16,10 @@ def preset(
     otherwise: str = "",
     within: object = "",
 ) -> Record:
-    """Return the record that a name, a mapping of fields or the record itself gives.
+    """Return the record for a name, a mapping of fields, or the record itself.
 
     A mapping starts from its ``"preset"``, by default `start`. Messages call a record
-    `what` and say what else the caller accepts, and its range. Raises a ValueError for
+    `what` and list the other accepted values and their range. Raises a ValueError for
     an unknown name or field, a TypeError for anything else.
     """
     record = type(presets[start])
@@ -65,7 +65,8 @@ def with_fields(
 def nearest_name(name: object, known: Iterable[str]) -> str:
     """Return a hint at the known names that were probably meant; "" if none is near.
 
-    A word of a name, as ``friction`` of ``hinge_friction``, means all that have it.
+    A word of a name, such as ``friction`` in ``hinge_friction``, matches all names that
+    contain it.
     """
     known = list(known)
     meant = [one for one in known if str(name) in one.split("_")]

@@ -1,7 +1,7 @@
-"""Wrappers for those who learn: what the environments say, in other forms.
+"""Wrappers for learning: other forms of actions, observations, rewards and infos.
 
-Each for one environment and, with ``Vector`` before its name, for a vector environment;
-one and many give the same numbers, bit for bit. ``gplfd/DoorOpeningRL-v1`` is
+Each wrapper exists for single environments and, with the prefix ``Vector``, for vector
+environments; both give the same numbers, bit for bit. ``gplfd/DoorOpeningRL-v1`` is
 ``gplfd/DoorOpening-v1`` in three of them: `RelativeAction`, `GentleReward`,
 `FlatObservation`.
 """

@@ -1,4 +1,4 @@
-"""Observations as one vector of float32, as most libraries for learning want them."""
+"""Observations as one vector of float32, as most learning libraries expect them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,21 +15,21 @@ Flat = NDArray[np.float32]
 
 
 def flat_of(observation: Mapping[str, Any]) -> Flat:
-    """Return a dictionary's vectors side by side, (..., m), in order of names.
+    """Concatenate the vectors of a dictionary in order of names, (..., m).
 
-    For whoever learned from vectors and is asked with a dictionary.
+    For a policy that was trained on vectors and receives a dictionary.
     """
     vectors = [observation[name] for name in sorted(observation)]
     return np.concatenate(vectors, axis=-1, dtype=np.float32)
 
 
 class _Flat:
-    """Resets and steps one environment or many, with flat observations."""
+    """Reset and step of single or vector environments with flat observations."""
 
     env: Any
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Flat, Info]:
-        """Begin an episode, or one of each."""
+        """Begin an episode, or one in each environment."""
         observation, info = self.env.reset(seed=seed, options=options)
         return flat_of(observation), info
 
@@ -45,10 +45,10 @@ class _Flat:
 
 
 class FlatObservation(_Flat, gym.Wrapper[Any, Any, Any, Any]):
-    """Put the dictionary's entries one after another, in the order of their names.
+    """Concatenate the entries of the observation in the order of their names.
 
-    The same order as of Gymnasium's `FlattenObservation`; docs/environment.md has the
-    indices.
+    The order is the same as in Gymnasium's `FlattenObservation`; docs/environment.md
+    lists the indices.
 
     Args:
         env: Its observation space is a dictionary of vectors.
@@ -60,7 +60,7 @@ class FlatObservation(_Flat, gym.Wrapper[Any, Any, Any, Any]):
 
 
 class VectorFlatObservation(_Flat, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
-    """The same of a vector environment: (n, m), ``final_obs`` included."""
+    """`FlatObservation` for vector environments: (n, m), ``final_obs`` included."""
 
     def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
         super().__init__(env)
@@ -77,8 +77,8 @@ def _flat_space(space: spaces.Space[Any]) -> spaces.Box:
         not isinstance(box, spaces.Box) or len(box.shape) != 1 for box in boxes
     ):
         raise ValueError(
-            f"the observation must be a dictionary of vectors to be put one after "
-            f"another, got {space}"
+            f"the observation must be a dictionary of vectors to be concatenated, got "
+            f"{space}"
         )
     low, high = (
         np.concatenate([getattr(box, end) for box in boxes]).astype(np.float32)

@@ -1,12 +1,12 @@
-"""A reward that prefers a gentle opening: what the episode has come to, so far.
+"""A reward for gentle opening.
 
-The reward of a step is the gain of a score in that step, so that an episode's return is
-the score at its end:
+The reward of a step is the increase of a score in that step, so that an episode's
+return is the score at its end:
 
     min(φ, 60°)/60° - max |F|/20 N - max s/20 mm + 1 if held
 
-with the opening angle φ, and the greatest force F and slip s so far. Nothing in it
-grows with time; what it derives from stands in docs/environment.md.
+with the opening angle φ, and the greatest force F and slip s so far. The score does not
+grow with time; docs/environment.md explains its derivation.
 """
 
 from collections.abc import Mapping
@@ -20,20 +20,21 @@ from gplfd_env.conventions.constants import SUCCESS_ANGLE, Array, Info, Mask
 from gplfd_env.conventions.resets import masked
 
 FORCE_SCALE: Final = 20.0
-"""Force that costs what the whole progress earns [N]: what the grasp holds."""
+"""Force whose cost equals the reward of the whole progress [N]: the grasp holds it."""
 
 SLIP_SCALE: Final = 0.02
-"""Slip that costs as much [m]: where the handle leaves the fingers."""
+"""Slip with the same cost [m]: here the handle leaves the fingers."""
 
 _HARMFUL: Final = ("force_radial", "person_force", "stop_force")
-"""Forces that no opening needs: across the handle's path, on people, on stops [N]."""
+"""Forces that are not needed to open: across the handle's path, on people, on stops
+[N]."""
 
 
 class GentleReward(gym.Wrapper[Any, Any, Any, Any]):
-    """Reward the opening, and charge for the greatest force and the greatest slip.
+    """Reward the opening, with costs for the greatest force and the greatest slip.
 
-    In ``info``, besides: ``peak_force`` [N] and ``peak_slip`` [m] so far, ``return``,
-    the sum of the rewards so far, and this reward's ``reward_terms``: ``progress``,
+    Adds to ``info``: ``peak_force`` [N] and ``peak_slip`` [m] so far, ``return``, the
+    sum of the rewards so far, and this reward's ``reward_terms``: ``progress``,
     ``force``, ``slip``, ``success``.
     """
 
@@ -57,7 +58,7 @@ class GentleReward(gym.Wrapper[Any, Any, Any, Any]):
 
 
 class VectorGentleReward(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
-    """The same of a vector environment, in every autoreset mode."""
+    """`GentleReward` for vector environments, in every autoreset mode."""
 
     def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
         super().__init__(env)
@@ -78,7 +79,7 @@ class VectorGentleReward(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
     def step(self, actions: Any) -> tuple[Any, Array, Mask, Mask, Info]:
         """Act for one control period."""
         observations, _, terminations, truncations, infos = self.env.step(actions)
-        # A step before the first reset has ended in the environment's error.
+        # Before the first reset, the environment's step has raised an error.
         score, everyone = cast("Score", self._score), np.ones(self.num_envs, bool)
         if self._mode is AutoresetMode.NEXT_STEP:
             score.restart(infos, self._ended)
@@ -95,7 +96,7 @@ class VectorGentleReward(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
 
 
 class Score:
-    """What one episode, or each of many, has come to, given the info of its reset."""
+    """Score of one episode, or of each of many, given the info of its reset."""
 
     def __init__(self, info: Mapping[str, Any]) -> None:
         self.peak_force, self.peak_slip = _harm(info), np.abs(info["slip"])
@@ -105,13 +106,13 @@ class Score:
 
     @property
     def reward(self) -> Any:
-        """Of the last step."""
+        """Reward of the last step."""
         progress, force, slip, success = self.terms.values()
         return progress + force + slip + success
 
     @property
     def info(self) -> Info:
-        """What is told of it; arrays are the caller's own."""
+        """Entries added to the info; arrays are new."""
         return {
             "reward_terms": dict(self.terms),
             "peak_force": self.peak_force + 0.0,
@@ -120,7 +121,7 @@ class Score:
         }
 
     def advance(self, info: Mapping[str, Any]) -> None:
-        """Take in the info of the next step."""
+        """Update from the info of the next step."""
         self.peak_force = np.maximum(self.peak_force, _harm(info))
         self.peak_slip = np.maximum(self.peak_slip, info["slip"])
         before, self._values = self._values, self._now(info)
@@ -128,7 +129,7 @@ class Score:
         self.earned = self.earned + self.reward
 
     def restart(self, info: Mapping[str, Any], rows: Mask) -> None:
-        """Begin anew in some of many."""
+        """Restart the score in some of many environments."""
         if not rows.any():
             return
         fresh = Score(info)
@@ -149,7 +150,7 @@ class Score:
 
 
 def _harm(info: Mapping[str, Any]) -> Any:
-    """Return the greatest of the forces that no opening needs [N]."""
+    """Return the greatest of the forces that are not needed to open [N]."""
     radial, *others = (np.abs(info[name]) for name in _HARMFUL)
     for other in others:
         radial = np.maximum(radial, other)
@@ -157,7 +158,7 @@ def _harm(info: Mapping[str, Any]) -> Any:
 
 
 def _floats(values: Info) -> Info:
-    """Return the numbers of one episode as Python's own."""
+    """Return the numbers of one episode as Python floats."""
     return {
         name: _floats(value) if isinstance(value, dict) else float(value)
         for name, value in values.items()
@@ -165,7 +166,7 @@ def _floats(values: Info) -> Info:
 
 
 def _ended_as(infos: Info, ended: Mask) -> Info:
-    """Return infos in which ended episodes are as they ended, not begun anew."""
+    """Return infos in which ended episodes have the values of their last step."""
     final = infos["final_info"]
     read = (*_HARMFUL, "slip", "door_angle", "success")
     return {name: np.where(ended, final[name], infos[name]) for name in read}

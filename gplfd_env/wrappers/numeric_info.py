@@ -1,4 +1,4 @@
-"""Codes in the place of the strings of an info."""
+"""Integer codes instead of strings in an info."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -15,12 +15,12 @@ _CODES: Final = {"failure": FAILURES, "reason": REASONS, "stage": STAGES}
 
 
 class _Coded:
-    """Resets and steps one environment or many, with codes in their infos."""
+    """Reset and step of single or vector environments with codes in their infos."""
 
     env: Any
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
-        """Begin an episode, or one of each."""
+        """Begin an episode, or one in each environment."""
         observation, info = self.env.reset(seed=seed, options=options)
         return observation, _coded(info)
 
@@ -31,24 +31,24 @@ class _Coded:
 
 
 class NumericInfo(_Coded, gym.Wrapper[Any, Any, Any, Any]):
-    """Put integers in the place of the strings of ``info``.
+    """Replace the strings of ``info`` by integers.
 
-    ``failure_code``, ``reason_code`` and ``stage_code`` are places in `FAILURES`,
-    `REASONS` and `gplfd_env.task.stages.STAGES`. For whatever takes numbers only, such
-    as `gymnasium.wrappers.NumpyToTorch`.
+    ``failure_code``, ``reason_code`` and ``stage_code`` are indices into `FAILURES`,
+    `REASONS` and `gplfd_env.task.stages.STAGES`. For code that accepts only numbers,
+    such as `gymnasium.wrappers.NumpyToTorch`.
     """
 
 
 class VectorNumericInfo(_Coded, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
-    """The same of a vector environment: (n,) int64, with its mask.
+    """`NumericInfo` for vector environments: (n,) int64, with its mask.
 
     With ``autoreset_mode="SameStep"`` ``infos["final_obs"]`` remains an array of
-    objects, as of every vector environment of Gymnasium.
+    objects, as in every vector environment of Gymnasium.
     """
 
 
 def _coded(info: Mapping[str, Any]) -> Info:
-    """Return an info with codes; its mask and that of ended episodes, too."""
+    """Return an info with codes, also in its masks and in ``final_info``."""
     coded = dict(info)
     for name, known in _CODES.items():
         if name in info:
@@ -63,7 +63,7 @@ def _coded(info: Mapping[str, Any]) -> Info:
 
 
 def _code(name: str, known: tuple[str, ...], said: Any) -> int:
-    # A simulation that an info is not about has None, or 0 in Gymnasium's own.
+    # A simulation without a value in this info has None, or 0 from Gymnasium itself.
     if not said:
         return 0
     if said not in known:

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from gplfd_env.conventions.constants import Array, Info
 
 LIMITS: Final = (0.03, 0.1)
-"""How far from the hand the set-point may be: per axis [m], per component [rad].
+"""Greatest distance of the set-point from the hand: per axis [m], per component [rad].
 
-The servo's 2000 N/m and 100 N m/rad make 60 N and 10 N m of them; its damping lets a
-hand that meets nothing move at no more than 0.34 m/s and 1.3 rad/s.
+With the servo's 2000 N/m and 100 N m/rad they correspond to 60 N and 10 N m; its
+damping limits the free hand to 0.34 m/s and 1.3 rad/s.
 """
 
 _SPACE: Final = spaces.Box(-1.0, 1.0, (6,), np.float32)
@@ -24,14 +24,14 @@ _SPACE: Final = spaces.Box(-1.0, 1.0, (6,), np.float32)
 def command_of(
     action: ArrayLike, hand: Array, limits: tuple[float, float] = LIMITS
 ) -> Array:
-    """Return the commanded poses that actions stand for: hand + limits · action.
+    """Return the commanded poses for actions: hand + limits · action.
 
     Position and rotation vector are added component by component, in the task frame.
 
     Args:
-        action: (..., 6), clamped to ±1; what is not finite stays so.
+        action: (..., 6), clamped to ±1; values that are not finite are kept.
         hand: Observed poses of the hand, (..., 6) [m, rad].
-        limits: As `RelativeAction` takes them.
+        limits: As in `RelativeAction`.
     """
     given = np.asarray(action, dtype=np.float64)
     clamped = np.where(np.isfinite(given), np.clip(given, -1.0, 1.0), given)
@@ -42,10 +42,10 @@ def command_of(
 def action_of(
     command: ArrayLike, hand: Array, limits: tuple[float, float] = LIMITS
 ) -> Array:
-    """Return the actions that stand for commanded poses, not clamped, (..., 6).
+    """Return the actions for commanded poses, not clamped, (..., 6).
 
-    The inverse of `command_of`, up to rounding, wherever no entry exceeds ±1: for
-    whoever imitates an agent that commands poses.
+    The inverse of `command_of`, up to rounding, if no entry exceeds ±1. For imitation
+    of an agent that commands poses.
     """
     offset: Array = np.asarray(command, dtype=np.float64) - hand
     action: Array = offset / np.repeat(limits, 3)
@@ -53,12 +53,12 @@ def action_of(
 
 
 class _Relative:
-    """Resets and steps one or many, with set-points relative to the hand."""
+    """Reset and step with set-points relative to the hand, for one or many."""
 
     env: Any
 
     def _begin(self, space: spaces.Space[Any], limits: Any, *n: int) -> None:
-        """Check the space of an action and the limits; take (n, 6) or (6,) numbers."""
+        """Check action space and limits; actions are (n, 6) or (6,) numbers."""
         metres, radians = limits
         if not (0.0 < metres < np.inf and 0.0 < radians < np.inf):
             raise ValueError(
@@ -74,7 +74,7 @@ class _Relative:
         self._hand: Array | None = None
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, Info]:
-        """Begin an episode, or one of each."""
+        """Begin an episode, or one in each environment."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._hand = observation["ee_pose"].copy()
         return observation, info
@@ -82,7 +82,7 @@ class _Relative:
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, Info]:
         """Move the set-points for one control period: (6,) or (n, 6), clamped to ±1.
 
-        Those of simulations that are being reset, or stand still, are ignored. Raises a
+        Actions of simulations that are being reset or stand still are ignored. Raises a
         ValueError for a wrong shape or a number that is not finite.
         """
         if self._hand is None:
@@ -104,19 +104,19 @@ class _Relative:
 
 
 class RelativeAction(_Relative, gym.Wrapper[Any, Any, Any, Any]):
-    """Let an action within ±1 say where the set-point is relative to the hand.
+    """Define the set-point relative to the hand by an action within ±1.
 
-    The command is the observed pose of the hand plus the limits times the action, so
-    that zero lets the hand rest where it is, and no action asks for more than the servo
-    does over that distance. For ``gplfd/DoorOpening-v1`` and whatever else commands
-    poses and observes ``ee_pose``.
+    The command is the observed pose of the hand plus the limits times the action. Thus
+    a zero action keeps the hand where it is, and the limits bound the force of the
+    servo. For ``gplfd/DoorOpening-v1`` and other environments that command poses and
+    observe ``ee_pose``.
 
     Args:
         env: Its observation is a dictionary, its action a pose (6,).
         limits: Distance for an action of 1 per axis [m], angle per component [rad].
 
     Raises:
-        ValueError: The environment's action is no pose, or a limit is not above zero.
+        ValueError: The environment's action is not a pose, or a limit is not positive.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class RelativeAction(_Relative, gym.Wrapper[Any, Any, Any, Any]):
 class VectorRelativeAction(
     _Relative, gym.vector.VectorWrapper[Any, Any, Any, Any, Any]
 ):
-    """The same of a vector environment: actions (n, 6)."""
+    """`RelativeAction` for vector environments: actions (n, 6)."""
 
     def __init__(
         self,

@@ -1,6 +1,6 @@
-"""Many doors at once for Stable-Baselines3: its `VecEnv` around ours.
+"""Vector environment for Stable-Baselines3: its `VecEnv` interface around ours.
 
-Needs the extra ``sb3``; nothing else of this package does.
+Only this module needs the extra ``sb3``.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ _OF_EACH: Final = {
     "door_geometry": "door_geometries",
     "model": "models",
 }
-"""Attributes of single environments, and where the vector environment has n of them."""
+"""Attributes of single environments, and the matching attributes of the vector one."""
 
 
 def make_sb3(
@@ -41,25 +41,25 @@ def make_sb3(
     Args:
         num_envs: Number of simulations n.
         id: One of the ids of `gplfd_env`.
-        arguments: As `gymnasium.make_vec` takes them.
+        arguments: As for `gymnasium.make_vec`.
     """
     arguments["autoreset_mode"] = AutoresetMode.SAME_STEP
     return SB3VecEnv(gym.make_vec(id, num_envs, **arguments))
 
 
 class SB3VecEnv(VecEnv):
-    """A vector environment of Gymnasium as one of Stable-Baselines3.
+    """A Gymnasium vector environment with the interface of Stable-Baselines3.
 
-    Every simulation gives what Stable-Baselines3's `DummyVecEnv` of single environments
-    gives, bit for bit: rewards in float32, one dictionary per info, that of an ended
-    episode with ``terminal_observation`` and, as all, ``TimeLimit.truncated``;
-    `reset_infos` of the resets.
+    The results equal those of Stable-Baselines3's `DummyVecEnv` of single environments
+    bit for bit: rewards in float32; one info dictionary per simulation, with
+    ``TimeLimit.truncated`` and, after the end of an episode, ``terminal_observation``;
+    `reset_infos` from the resets.
 
     Args:
-        envs: With ``autoreset_mode="SameStep"``.
+        envs: A vector environment with ``autoreset_mode="SameStep"``.
 
     Raises:
-        ValueError: It resets ended episodes in another way.
+        ValueError: `envs` has another autoreset mode.
     """
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
@@ -76,7 +76,7 @@ class SB3VecEnv(VecEnv):
         )
 
     def reset(self) -> Any:
-        """Begin episodes, with what `seed` and `set_options` were given, once."""
+        """Begin episodes; values of `seed` and `set_options` are used once."""
         if any(options != self._options[0] for options in self._options):
             raise ValueError(
                 "options must be one for all simulations, with a list of "
@@ -92,7 +92,7 @@ class SB3VecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Take the actions (n, ...) of the next step."""
+        """Store the actions (n, ...) for the next step."""
         self._actions = actions
 
     def step_wait(self) -> Any:
@@ -124,8 +124,8 @@ class SB3VecEnv(VecEnv):
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute of some simulations, by default of all.
 
-        ``"variation"``, ``"door_geometry"`` or ``"model"``, which each has; or what the
-        vector environment has for all.
+        ``"variation"``, ``"door_geometry"`` and ``"model"`` differ between simulations;
+        all other attributes are those of the vector environment.
         """
         rows = list(self._get_indices(indices))
         if attr_name in _OF_EACH:
@@ -151,14 +151,14 @@ class SB3VecEnv(VecEnv):
 
     def _none_alone(self, what: str) -> AttributeError:
         return AttributeError(
-            f"the {self.num_envs} simulations are one environment: none has an own "
-            f"{what}. Give what differs between them to gym.make_vec or to "
-            "set_options, or use Stable-Baselines3's DummyVecEnv"
+            f"the {self.num_envs} simulations are one environment: none has its own "
+            f"{what}. Give differing values to gym.make_vec or to set_options, or use "
+            "Stable-Baselines3's DummyVecEnv"
         )
 
 
 def _each(infos: Info, n: int) -> list[Info]:
-    """Return n infos out of the arrays of one; masks say what is whose."""
+    """Split an info of arrays into n infos, without masks."""
     each: list[Info] = [{} for _ in range(n)]
     for name, values in unmasked(infos).items():
         if name in ("final_obs", "final_info"):

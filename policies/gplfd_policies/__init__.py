@@ -56,7 +56,7 @@ _MODULES = {
     "registry.method": ("Method", "TrainingInput"),
     "registry.policy": ("Policy", "PolicyOrigin"),
 }
-"""Where the public names are."""
+"""Modules of the public names."""
 
 __all__ = [
     "POLICIES",

@@ -147,8 +147,8 @@ def test_each_field_s_choices(field):
                 ({"motion": "sliding", "rise": 0.01}, "rise", "rising-butt"),
                 ({"motion": "flap"}, "hinge_side = 'right'", "bottom or top"),
                 ({"hinge_side": "top"}, "motion = 'hinged'", "bottom or top"),
-                ({"motion": "folding", "handle": "lever"}, "'lever'", "it has a bar"),
-                ({"motion": "folding", "swing": "push"}, "comes to the robot"),
+                ({"motion": "folding", "handle": "lever"}, "'lever'", "choose 'bar'"),
+                ({"motion": "folding", "swing": "push"}, "choose swing = 'pull'"),
                 ({"leaf_width": 0.8}, "= 0.8", "backset = 0.08", "radius = 0.5"),
                 ({"handle_travel": 0.3, "dead_travel": 0.2}, "= 0.2", "travel = 0.3"),
             )

@@ -101,7 +101,7 @@ def test_what_gymnasium_s_make_does_not_pass_on():
     for make in (gym.make, gym.make_vec):
         with pytest.raises(ValueError, match="base = 'fixed' is not one of 'mobile'"):
             make(gplfd_env.MOBILE_ENVIRONMENT_ID, base="fixed")
-        with pytest.raises(ValueError, match=r"has a reward of its own.*reward='d"):
+        with pytest.raises(ValueError, match=r"has its own reward.*reward='d"):
             make(gplfd_env.RL_ENVIRONMENT_ID, reward="dense")
 
 

@@ -229,7 +229,9 @@ def test_a_file_describes_a_robot(tmp_path):
     assert gym.make(ENVIRONMENT_ID, robot=file, door="medium").reset(seed=0)
     file.write_text(json.dumps({"path": "arm.urdf", "hand": "panda_hand"}))
     other = file.rename(tmp_path / "other.json")
-    with pytest.raises(ValueError, match=r"other\.json holds no robot.*hand"):
+    with pytest.raises(
+        ValueError, match=r"other\.json does not describe a robot.*hand"
+    ):
         robot_named(str(other))
 
 
@@ -272,7 +274,7 @@ LIMIT = '<limit lower="-6.28318530718" upper="6.28318530718"'
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (UR5E.read_text(), "", "is no URDF of an arm"),
+        (UR5E.read_text(), "", "is not a URDF of an arm"),
         (UR5E.read_text(), "<robot name='a'><link name='b'/></robot>", "has no joints"),
         ("wrist_2_joint", "wrist_1_joint", "two joints are named 'wrist_1_joint'"),
         ('name="wrist_2_link"', 'name="wrist_1_link"', "two links are named 'wrist_1"),

@@ -157,7 +157,7 @@ def test_what_cannot_teach_reaching_is_refused(gplfd, tmp_path, capsys):
     shown = Teacher().standard_demonstrations(seed=0, like=DoorConfig())
     save_demonstrations(tmp_path / "plain.npz", shown)
     assert gplfd(*RUN, "--demonstrations", "plain.npz", "--out", "no") == 2
-    assert "do not say when the hand takes hold" in capsys.readouterr().err
+    assert "do not record when the hand takes hold" in capsys.readouterr().err
     assert gplfd(*RUN, "--skill", "some.skill", "--out", "no") == 2
     assert "--skill is of opening alone" in capsys.readouterr().err
     assert gplfd("run", "--start", "away") == 2

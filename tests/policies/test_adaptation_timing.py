@@ -190,7 +190,7 @@ def test_without_clocks_phases_are_certain(openings):
     points = [ViaPoint(phase=0.3, pose=unseen[0].poses[60])]
     assert adapt(skill, points).form is OwnClockAdaptation
     assert adapt(bare, points).form is ProcessAdaptation
-    with pytest.raises(ValueError, match=r"clocks, and here are none: .*form=.process"):
+    with pytest.raises(ValueError, match=r"clocks, which are missing: .*form=.process"):
         adapt(bare, points, "own-clock").predict(TIMES)
 
 

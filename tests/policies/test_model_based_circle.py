@@ -125,7 +125,7 @@ def test_what_is_no_circle_gives_a_bounded_door(points):
 
 
 def test_what_is_not_finite_is_refused():
-    with pytest.raises(ValueError, match="leave out what was not seen"):
+    with pytest.raises(ValueError, match="leave out missing points"):
         fit_circle(np.array([[0.0, np.nan, 0.0]]))
 
 

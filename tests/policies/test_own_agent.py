@@ -124,13 +124,15 @@ def test_unknown_control_is_reported_at_once():
     [
         (object(), "an object of <class 'object'>"),
         (None, "an object of <class 'NoneType'>"),
-        (Counting, r"<class '.*Counting'> itself, no object of it,"),
+        (Counting, r"<class '.*Counting'> itself, not an object of it,"),
     ],
 )
 def test_what_cannot_act_is_refused(candidate, what):
-    with pytest.raises(ValueError, match=rf"^{what} is no agent: .*act\(observation\)"):
+    with pytest.raises(
+        ValueError, match=rf"^{what} is not an agent: .*act\(observation\)"
+    ):
         as_agent(candidate)
-    with pytest.raises(ValueError, match="is no agent"):
+    with pytest.raises(ValueError, match="is not an agent"):
         batch_agents([candidate])
 
 

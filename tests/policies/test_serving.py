@@ -736,7 +736,7 @@ def test_localhost_is_this_machine_whatever_its_name_is_resolved_to():
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        ("oracle", "'oracle' must be told the true door"),
+        ("oracle", "'oracle' needs the true door"),
         ("gp", "'gp' learns: give --demonstrations"),
         ("no.npz", "no.npz"),
     ],

@@ -1,12 +1,12 @@
 """Adapting movements to via-points; for a skill, five forms with one interface.
 
 Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979, Section III-D. "product" is the paper's, Eqs. (19)–(21); "exact"
-conditions the same model without the product's approximation; "process" is ours: it
-models the demonstrations' deviations as smooth, so that a via-point also informs the
-rest of the motion. "own-clock" is "process" where timing is unknown, too. "similarity",
-for agents on doors, knows that paths differ in size. Other movements are conditioned by
-their own ``adapt``.
+arXiv:2002.09979, Section III-D. "product" is the form of the paper, Eqs. (19)–(21).
+"exact" conditions the same model without the product's approximation. "process" is
+ours: it models the demonstrations' deviations as smooth, so that a via-point also
+informs the rest of the motion. "own-clock" extends "process" to unknown timing.
+"similarity", for agents at doors, models that paths differ in size. Other movements are
+conditioned by their own ``adapt``.
 """
 
 from gplfd_policies.adaptation.forms import (

@@ -1,21 +1,21 @@
 """Gaussian conditioning of six smooth curves together, one via-point at a time.
 
-A repetition of the task is the mean plus deviations that are few standard-normal
-numbers z_i of each output, and how early or late the repetition is, few numbers z_τ
-that all outputs share, all independent a priori,
+A repetition of the task is the mean, plus deviations given by a few standard-normal
+numbers z_i per output, plus timing (early or late) given by a few numbers z_τ that all
+outputs share. All of them are independent a priori:
 
     y_i(t) = m_i(t) + φ_i(t)ᵀ z_i + ṁ_i(t) ψ(t)ᵀ z_τ + white noise.
 
-A via-point at *any* phase observes all outputs at once, with noise of its own and one
-error that they share (`ViaPoint.along`): covariance diag(σ²) + ρ ρᵀ. With H the 6 × n
-matrix of the curves,
+A via-point at *any* phase observes all outputs at once, each with its own noise and one
+shared error (`ViaPoint.along`): covariance diag(σ²) + ρ ρᵀ. With H the 6 × n matrix of
+the curves,
 
     S = H C Hᵀ + diag(σ²) + ρ ρᵀ = L Lᵀ,  B = C Hᵀ L⁻ᵀ,
     z ← z + B L⁻¹ (y − m − H z),  C ← C − B Bᵀ,
 
-exact for any ρ (``test_shared_error_equals_dense_conditioning``) and ψ
-(``test_timing_equals_dense_conditioning``); the grid of the report has no influence.
-Where ρ = 0 and ψ = 0 the outputs stay independent
+This is exact for any ρ (``test_shared_error_equals_dense_conditioning``) and ψ
+(``test_timing_equals_dense_conditioning``); the grid of the reported distribution has
+no influence. If ρ = 0 and ψ = 0 the outputs stay independent
 (``test_sequential_updates_equal_batch_conditioning``).
 """
 
@@ -32,17 +32,17 @@ from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 _STRONGEST = 1e-8
 """Least via-point variance, relative to the largest variance of the output: 1e-4 of the
-demonstrated spread, so that σ_v = 0, repeated and contradicting via-points have a
-solution, the average."""
+demonstrated spread, so that σ_v = 0 and repeated or contradictory via-points have a
+solution, their average."""
 _LEFT_OUT = 1e-7
-"""Directions of a smooth covariance with less than this share of its largest are left
-out: no via-point can observe them."""
+"""Eigenvectors of a smooth covariance whose eigenvalue is below this share of the
+largest are left out: no via-point can observe them."""
 
 
 def basis_for_grid(
     times: Float[np.ndarray, " N"], grid: Times, shortest_scale: float
 ) -> LegendreBasis:
-    """Return a basis over demonstrations and grid; raise if there is none for it."""
+    """Return a basis over demonstrations and grid; raise if the grid is impossible."""
     if len(grid) == 0 or not np.isfinite(grid).all():
         raise ValueError(f"Adaptation needs finite grid phases, got {grid}.")
     start = float(min(times[0], np.min(grid)))
@@ -67,12 +67,12 @@ class Repetition:
     deviations: Float[np.ndarray, "6 Q R"]
     """Coefficients of the curves φ_i, R of each output."""
     log_white: Float[np.ndarray, "Q 6"]
-    """Coefficients of the logarithm of the variance that is independent from sample to
-    sample, which no via-point reduces."""
+    """Coefficients of the logarithm of the white variance, which is independent from
+    sample to sample and not reduced by via-points."""
     slope: Float[np.ndarray, "Q 6"]
     """Coefficients of ṁ_i, the effect of a delay on each output."""
     timing: Float[np.ndarray, "Q T"]
-    """Coefficients of the curves ψ; T = 0 where phases are registered."""
+    """Coefficients of the curves ψ; T = 0 if phases are registered."""
 
     @classmethod
     def from_covariance(
@@ -82,7 +82,7 @@ class Repetition:
         covariance: Float[np.ndarray, "6 Q Q"],
         log_white: Float[np.ndarray, "Q 6"],
     ) -> "Repetition":
-        """Take the curves φ_i from the covariance of the coefficients, per output."""
+        """Compute the curves φ_i of each output from the covariance of coefficients."""
         return cls(
             basis=basis,
             mean=mean,
@@ -123,7 +123,7 @@ class Repetition:
 def leading_curves(
     covariance: Float[np.ndarray, "*N Q Q"], left_out: float
 ) -> Float[np.ndarray, "*N Q R"]:
-    """Eigenvectors times roots of eigenvalues above a share of the largest, padded."""
+    """Return eigenvectors times roots of eigenvalues above a share of the largest."""
     values, vectors = np.linalg.eigh(covariance)
     values = np.maximum(values, 0.0)
     kept = values > left_out * values[..., -1:]
@@ -137,22 +137,22 @@ class Local:
     """A repetition at one phase, before any via-point."""
 
     mean: Pose
-    """m_i there."""
+    """m_i at this phase."""
     white: Pose
-    """The white variance there."""
+    """The white variance at this phase."""
     curves: Float[np.ndarray, "6 S"]
-    """φ_i and ṁ_i ψ there."""
+    """φ_i and ṁ_i ψ at this phase."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Surprise:
-    """Innovation statistics of an observed pose; zeros for outputs left free."""
+    """Innovation statistics of an observed pose; zeros for unobserved outputs."""
 
     observed: Pose
     """1 where an output was observed, else 0."""
     given_others: Pose
-    """Squared distance over its variance of each output from what was expected *given
-    the other five*."""
+    """Squared innovation of each output over its variance, *given the other five
+    outputs*."""
     joint: float
     """Squared Mahalanobis distance of all outputs together."""
     log_variance: float
@@ -164,7 +164,7 @@ _DIAGONAL = np.diag_indices(6)
 
 
 class ConditionedProcess:
-    """Six curves, reported on a grid of phases, conditioned in place."""
+    """Six curves on a grid of phases, conditioned in place."""
 
     def __init__(self, prior: Repetition, grid: Times) -> None:
         self.grid = grid
@@ -174,7 +174,7 @@ class ConditionedProcess:
         self._curves = prior.curves(self._rows)
         self._variance = np.sum(self._curves**2, axis=2).T
         self._floor = _STRONGEST * np.max(self._variance + self._white, axis=0)
-        # Which entries of the state belong to which output; timing to all of them.
+        # Entries of the state that belong to each output; timing belongs to all.
         shared = prior.timing.shape[1]
         own = 6 * (self._curves.shape[2] - shared)
         common = np.tile(np.arange(own, own + shared), (6, 1))
@@ -221,9 +221,9 @@ class ConditionedProcess:
 
         Args:
             here: the repetition at the pose's phase, from `at`.
-            pose: observed pose; ignored where its noise is infinite.
-            noise_variance: variance of every output's own noise.
-            along: the error that outputs share, see `ViaPoint.along`.
+            pose: observed pose; outputs with infinite noise are ignored.
+            noise_variance: variance of each output's own noise.
+            along: the error that all outputs share, see `ViaPoint.along`.
         """
         observed = np.isfinite(noise_variance)
         curves = here.curves * observed[:, None]
@@ -259,7 +259,7 @@ class ConditionedProcess:
     def distribution(
         self, stretch: Pose, degrees_of_freedom: float | None
     ) -> GaussianTrajectory:
-        """The current distribution with every output's σ stretched, as a copy."""
+        """Return a copy of the current distribution with σ scaled per output."""
         blocks = self._covariance[self._places[:, :, None], self._places[:, None, :]]
         basis = self._prior.basis
         rates = basis.matrix(self.grid) @ basis.differentiate(self._table)
@@ -287,7 +287,7 @@ def _covariance_on_grid(
     variance: Outputs,
     stretch: Pose,
 ) -> Covariances:
-    """Covariance over time of smooth and white part together."""
+    """Return the covariance over time of smooth and white part together."""
     full: np.ndarray = curves @ covariance @ np.swapaxes(curves, 1, 2)
     diagonal = np.arange(full.shape[1])
     full[:, diagonal, diagonal] = variance.T

@@ -1,4 +1,4 @@
-"""Forms of adaptation by name, those of any movement, and how one is chosen."""
+"""Forms of adaptation by name, forms for any movement, and their selection."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -47,7 +47,9 @@ class AdaptedMovement:
 
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The conditioned distribution at ``times``, at which the product multiplies.
+        """Return the conditioned distribution at ``times``.
+
+        The form "product" depends on these phases.
 
         Raises:
             ValueError: if a via-point or a time is outside what the form can handle.
@@ -67,20 +69,19 @@ def adapt(
 
     Args:
         movement: The learned movement.
-        via_points: Poses to be reached, in any order: they are taken in the order of
-            their phases. Without any, the movement is predicted as it was learned.
-        form: Of a skill, "own-clock" (its default where the demonstrations' clocks are
+        via_points: Poses to be reached, in any order; they are sorted by phase. Without
+            via-points, the movement is predicted as learned.
+        form: For a skill: "own-clock" (default if the demonstrations' clocks are
             known), for via-points by the clock of a repetition, whose timing is
-            unknown, too; "process" (its default elsewhere), for phases that are
-            certain; "product" (the paper's Eqs. 19–21) or "exact"; "similarity" (the
-            default of a single demonstration), for positions that follow each other on
-            a path of unknown size in the x-z plane; or a callable
-            (movement, grid) → `Adaptation`, such as
-            ``partial(ProductAdaptation, prior_mean="zero")``. Other movements adapt in
-            one form of their own, which is their default.
+            unknown, too; "process" (default otherwise), for phases that are certain;
+            "product" (the paper's Eqs. 19–21) or "exact"; "similarity" (default for a
+            single demonstration), for successive positions on a path of unknown size in
+            the x-z plane; or a callable (movement, grid) → `Adaptation`, such as
+            ``partial(ProductAdaptation, prior_mean="zero")``. Other movements have only
+            their own form, which is the default.
 
     Returns:
-        Something that predicts like the movement.
+        The adapted movement, which predicts like the movement.
 
     Raises:
         ValueError: if the movement cannot adapt, or not in this form.
@@ -103,17 +104,17 @@ def adapt(
             form = ADAPTATIONS[form]
         elif not isinstance(learned, Adaptable):
             raise ValueError(
-                f"{kind} has no via-points: it is neither a Skill nor has it a method "
-                "adapt(via_points), so what it learned cannot be conditioned"
+                f"{kind} has no via-points: it is not a Skill and has no method "
+                "adapt(via_points), so it cannot be conditioned"
             )
         elif form is not None:
             raise ValueError(
-                f"{kind} adapts in a form of its own: leave form={form!r} out, which "
-                "is for a Skill"
+                f"{kind} has its own form of adaptation: leave form={form!r} out, "
+                "which is for a Skill"
             )
         else:
             form = OwnAdaptation
-    # The scale of σ depends on how surprising each via-point is after those before it.
+    # The scale of σ depends on the innovation of each via-point given the earlier ones.
     ordered = sorted(via_points, key=lambda one: (one.phase, tuple(one.pose)))
     return AdaptedMovement(
         movement=movement,
@@ -128,18 +129,18 @@ def begin_adaptation(
 ) -> Adaptation:
     """Start the adaptation of a movement, around its prior mean if it has one.
 
-    None as form is for a movement without via-points.
+    The form None is for a movement without via-points.
     """
     if form is None:
         return NoAdaptation(movement, grid)
-    # The size of a path is that of the whole motion, its prior mean included.
+    # The size of a path is defined by the whole motion, including its prior mean.
     if isinstance(movement, ResidualMovement) and form is not SimilarityAdaptation:
         return ResidualAdaptation(form, movement, grid)
     return form(movement, grid)
 
 
 class _OfTrajectory:
-    """An adaptation whose mean and deviation are those of its trajectory."""
+    """An adaptation whose mean and standard deviation are taken from its trajectory."""
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid."""
@@ -157,7 +158,7 @@ class _OfTrajectory:
 
 
 class NoAdaptation(_OfTrajectory):
-    """The movement as demonstrated, on a grid of phases: via-points change nothing."""
+    """The learned movement on a grid of phases, without any effect of via-points."""
 
     def __init__(self, movement: Predictor, grid: Times) -> None:
         self._trajectory = movement.predict(grid)
@@ -171,7 +172,7 @@ class NoAdaptation(_OfTrajectory):
 
 
 class OwnAdaptation(_OfTrajectory):
-    """Adapts a movement by its own ``adapt``, anew with all via-points so far."""
+    """Adapts a movement by its own ``adapt``, each time with all via-points so far."""
 
     def __init__(self, movement: Adaptable, grid: Times) -> None:
         self._movement, self._grid = movement, grid
@@ -179,7 +180,7 @@ class OwnAdaptation(_OfTrajectory):
         self._trajectory: GaussianTrajectory | None = None
 
     def observe(self, via_point: ViaPoint) -> None:
-        """Take one more via-point."""
+        """Add a via-point."""
         self._via_points.append(via_point)
         self._trajectory = None
 

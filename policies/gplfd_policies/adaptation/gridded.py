@@ -1,4 +1,4 @@
-"""A movement on a grid of phases: fast look-up at any phase, adapted in place."""
+"""A movement on a grid of phases, with fast look-up and adaptation in place."""
 
 import copy
 from collections.abc import Sequence
@@ -23,13 +23,13 @@ from gplfd_policies.movements.movement import AdaptationForm, Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 LOOK_AHEAD: Final = 0.05
-"""Stretch of the path, in phase, whose chord is its direction."""
+"""Length of the chord that defines the direction of the path, in phase."""
 
 
 def look_ahead(
     phases: Float[Numbers, "*N"], start: Float[Numbers, "*N"]
 ) -> Float[np.ndarray, "*S"]:
-    """Phases, and both ends of chords of the path from ``start``, or the last one."""
+    """Return phases, and both ends of chords from ``start`` or at the path's end."""
     end = np.minimum(start + LOOK_AHEAD, 1.0)
     return np.array([phases, end - LOOK_AHEAD, end])
 
@@ -56,7 +56,7 @@ class GriddedMovement:
     def reset(self) -> None:
         """Forget every via-point."""
         if self._adapted:
-            # A copy takes a tenth of the time in which a new one is computed.
+            # A copy takes a tenth of the time of a new computation.
             self.distribution = copy.deepcopy(self._unadapted)
             self._adapted, self._seen = False, 0.0
 
@@ -86,7 +86,7 @@ class GriddedMovement:
 
     @property
     def drift(self) -> Outputs:
-        """Error of the continuation beyond what was seen, added to σ [m, rad]."""
+        """Error of the extrapolation beyond the seen phases, added to σ [m, rad]."""
         aligned = self.learned.aligned
         grid = np.linspace(0.0, 1.0, self.n_grid)
         unseen = np.maximum(grid - max(aligned.end, self._seen), 0.0)
@@ -94,15 +94,15 @@ class GriddedMovement:
 
 
 def _drifting(known: GaussianTrajectory, drift: Outputs) -> Covariances:
-    """Covariance with a drift, one error at all phases."""
+    """Return the covariance with a drift, which is one error at all phases."""
     return np.asarray(known.covariance + np.einsum("mi,ni->imn", drift, drift))
 
 
 class GriddedMovements:
-    """Movements on grids of equal size in one table, looked up all at once.
+    """Movements on grids of equal size in one table, looked up together.
 
-    A single movement, of which arrays have no leading axis, or one per row; adapted in
-    place.
+    Either a single movement, whose arrays have no leading axis, or one per row; adapted
+    in place.
     """
 
     def __init__(self, movements: GriddedMovement | Sequence[GriddedMovement]) -> None:
@@ -112,16 +112,16 @@ class GriddedMovements:
         self._n_grid, count = self._movements[0].n_grid, len(self._movements)
         shape = () if alone else (count,)
         durations = [movement.learned.duration for movement in self._movements]
-        self.durations = np.reshape(durations, shape)  # of the rows' tasks [s]
+        self.durations = np.reshape(durations, shape)  # duration of each row's task [s]
         self.numbers = np.reshape(np.arange(count), shape)
-        # The last grid point twice, so that it, too, has a right neighbour.
+        # The last grid point is stored twice, so that it also has a right neighbour.
         self._first_row = self.numbers * (self._n_grid + 1)
         self._table = np.empty((count * (self._n_grid + 1), 13))
         for member in range(count):
             self._renew(member)
 
     def demonstrated(self) -> list[Float[np.ndarray, "K M 6"]]:
-        """Return what each movement was learned from."""
+        """Return the poses from which each movement was learned."""
         return [each.learned.aligned.demonstrated.poses for each in self._movements]
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
@@ -169,12 +169,12 @@ class GriddedMovements:
     def ahead(
         self, phases: Float[Numbers, "*N"], rows: Rows = ALL_ROWS
     ) -> tuple[Axes, Axes, Vectors]:
-        """Return mean and σ [m, rad], and the unit vector of the path from there."""
+        """Return mean and σ [m, rad], and the direction of the path ahead."""
         means, stds = self.at(look_ahead(phases, phases), rows)
         return means[0], stds[0], self.direction(means[1:])
 
     def hand_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
-        """Return the hand poses for poses of the movements: the same."""
+        """Return the hand poses for poses of the movements (here identical)."""
         return poses
 
     @staticmethod

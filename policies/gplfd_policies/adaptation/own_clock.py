@@ -1,23 +1,23 @@
-"""Adaptation to via-points by the task's own clock, where timing is unknown, too.
+"""Adaptation to via-points by the clock of a repetition, whose timing is unknown.
 
 This form is ours. A repetition runs early or late: demonstration k reaches phase t at
-its own clock_k(t), which the alignment found, so δτ_k(t) = clock_k(t) − t. A
-repetition's δτ is a process of zero mean with the covariance
+its own clock_k(t), found by the alignment, so δτ_k(t) = clock_k(t) − t. The δτ of a
+repetition is a process of zero mean with the covariance
 
     K_τ(t, t') = (1 + 1/D) [(1 − _STATIONARY) S(t, t') + _STATIONARY s s' k(t, t'; ℓ)],
 
-S the covariance of the demonstrations' own, s² its diagonal and k a unit RBF: a few
-clocks span only a few shapes, and the next may take another of the same size
-(``test_timing_covariance_has_the_size_of_the_clocks``). This one error moves all
+S is the covariance of the demonstrations' δτ, s² its diagonal and k a unit RBF: a few
+clocks span only a few shapes, and the next may have another shape of the same size
+(``test_timing_covariance_has_the_size_of_the_clocks``). The timing error moves all
 outputs together along the path:
 
     y_i(t) = m_i(t) + e_i(t) + λ ṁ_i(t) δτ(t),   δτ ~ N(0, K_τ).
 
-The path bends within the time by which a repetition may be late: mean and slope are the
-best linear ones over N(0, K_τ(t, t)), E m(t + δτ) and E ṁ(t + δτ), and their residual
-joins the deviations (``test_timing_of_a_bend_has_its_moments``). Whether the clock is
-the repetition's own (λ = 1) or the phases are registered after all (λ = 0) is decided
-by the evidence of the via-points: both are conditioned, and weighed by it.
+The path may bend within the range of δτ. Mean and slope are therefore the best linear
+approximation over N(0, K_τ(t, t)), E m(t + δτ) and E ṁ(t + δτ), and the residual is
+added to the deviations (``test_timing_of_a_bend_has_its_moments``). Both cases are
+conditioned, a clock of the repetition's own (λ = 1) and registered phases (λ = 0), and
+weighted by the evidence of the via-points.
 """
 
 from dataclasses import replace
@@ -42,16 +42,16 @@ _STATIONARY: Final = 0.5
 _SCALE: Final = 0.25
 """Length-scale ℓ of these shapes, as a share of the task."""
 _NEGLIGIBLE: Final = 1e-4
-"""Directions of K_τ with less than this share of its largest are left out: a hundredth
-of the timing's spread is less than the hand's wobble."""
+"""Eigenvectors of K_τ whose eigenvalue is below this share of the largest are left out:
+a hundredth of the timing's spread is less than the variability of the hand."""
 _POINTS: Final = 7
-"""Quadrature points of an average over N(0, K_τ(t, t))."""
+"""Quadrature points for averages over N(0, K_τ(t, t))."""
 
 
 def timing_covariance(
     times: Times, clocks: Curves, phases: Float[np.ndarray, " N"]
 ) -> Float[np.ndarray, "N N"]:
-    """K_τ at phases, beyond the ends as at the ends, from D ≥ 2 clocks at ``times``."""
+    """Return K_τ at phases, constant beyond both ends, from D ≥ 2 clocks."""
     count = len(clocks)
     late = np.stack([np.interp(phases, times, clock - times) for clock in clocks])
     sample = late.T @ late / (count - 1)
@@ -63,14 +63,14 @@ def timing_covariance(
 
 
 class OwnClockAdaptation(MixedProcesses):
-    """Conditioning of path and timing together, mixed with that of path alone.
+    """Conditioning of path and timing, mixed with conditioning of the path alone.
 
     Args:
         skill: the demonstrated skill, from at least two demonstrations.
         grid: phases at which the distribution is reported.
 
     Raises:
-        ValueError: if the demonstrations' clocks are not known, and as
+        ValueError: if the demonstrations' clocks are not known, and as for
             `ProcessAdaptation`.
     """
 
@@ -79,7 +79,7 @@ class OwnClockAdaptation(MixedProcesses):
         aligned = skill.aligned
         if aligned.clocks is None:
             raise ValueError(
-                "Timing is learned from the demonstrations' clocks, and here are none: "
+                "Timing is learned from the demonstrations' clocks, which are missing: "
                 "align the demonstrations with gplfd_policies.align, learn without a "
                 'prior mean, or adapt with form="process", for which phases are '
                 "certain."
@@ -98,7 +98,7 @@ class OwnClockAdaptation(MixedProcesses):
 def delayed(
     skill: Skill, registered: Repetition, timing: Float[np.ndarray, "Q Q"]
 ) -> Repetition:
-    """A repetition whose timing is unknown, with K_τ at the nodes of its basis."""
+    """Return a repetition of unknown timing, from K_τ at the nodes of its basis."""
     basis, std = registered.basis, np.sqrt(np.diag(timing))
     points, weights = hermegauss(_POINTS)
     weights /= weights.sum()

@@ -1,9 +1,9 @@
 """Exact Gaussian conditioning on via-points, in two forms.
 
-`ProcessAdaptation` is ours: a repetition of the task deviates from the mean as the
-demonstrations did (`gplfd_policies.gp.deviations`), so that the door's radius, once
-known, is known for the rest of the motion. `ExactAdaptation` conditions the paper's
-model, whose deviations are white.
+`ProcessAdaptation` is ours: a repetition of the task deviates smoothly from the mean,
+like the demonstrations (`gplfd_policies.gp.deviations`), so that the observed radius of
+a door informs the rest of the motion. `ExactAdaptation` conditions the paper's model,
+whose deviations are white.
 """
 
 from collections.abc import Sequence
@@ -28,24 +28,24 @@ from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 _SMOOTHING_GRID = 60
 """Samples of a demonstration from which its smooth curve is computed."""
 _OWN_SHARE = 0.5
-"""Size of a door's own force relative to the demonstrated ones."""
+"""Size of a door's own force relative to the demonstrated forces."""
 _OWN_PRIOR = (0.98, 0.01, 0.01)
-"""Probability that a door has no force of its own, a constant one, or one that varies.
-Chosen on doors: of 50 %, intervals at doors as demonstrated are too wide."""
+"""Probability that a door has no force of its own, a constant one, or a varying one.
+Chosen by experiments: with 50 %, intervals are too wide at doors like the demonstrated
+ones."""
 _OWN_SCALE = 0.1
-"""Length scale of the part of it that varies, in phase."""
+"""Length scale of the varying part of a door's own force, in phase."""
 
 
 class StudentProcess(ConditionedProcess):
-    """A conditioned process whose size is itself learned from few demonstrations.
+    """A conditioned process whose scale is estimated from few demonstrations.
 
     With ν degrees of freedom, n observations and their squared Mahalanobis distance δ²,
-    the scale of a Student-t process grows to (ν + δ²)/(ν + n), by output. Each
-    observation enters by its distance from the prediction given the other outputs, so
-    that an error along the path does not count. The scale is never taken below one:
-    matching via-points with a generous σ_v must not make the robot over-confident, or
-    stiff. Intervals keep ν degrees of freedom, because the via-points of one repetition
-    all observe the same deviation.
+    the scale of a Student-t process grows to (ν + δ²)/(ν + n) per output. The distance
+    of each observation is computed given the other outputs, so that an error along the
+    path does not count. The scale is at least one: via-points that match with a large
+    σ_v must not make the robot over-confident or stiff. Intervals keep ν degrees of
+    freedom, because the via-points of one repetition all observe the same deviation.
     """
 
     def __init__(self, prior: Repetition, free: float, grid: Times) -> None:
@@ -68,9 +68,10 @@ class StudentProcess(ConditionedProcess):
 
     @property
     def log_evidence(self) -> float:
-        """Log Student-t density of all via-points, up to a constant of their number.
+        """Log Student-t density of all via-points, up to a constant for their number.
 
-        One scale for all outputs makes it independent of their order.
+        With one scale for all outputs it does not depend on the order of the
+        via-points.
         """
         power = 0.5 * (self._free + float(np.sum(self._observed)))
         surprise = np.log1p(self._sequential / self._free)
@@ -82,7 +83,7 @@ class StudentProcess(ConditionedProcess):
         return np.asarray(np.sqrt(self.stretched_variance()))
 
     def stretched_variance(self) -> Outputs:
-        """Its square."""
+        """Square of the current standard deviation."""
         return np.asarray(self._scale() * self.variance())
 
     def trajectory(self) -> GaussianTrajectory:
@@ -90,16 +91,16 @@ class StudentProcess(ConditionedProcess):
         return self.distribution(np.sqrt(self._scale()), self._free)
 
     def _scale(self) -> Pose:
-        """Factor on the variances from how surprising the via-points were."""
+        """Factor on the variances, from the innovations of the via-points."""
         scale = (self._free + self._distance) / (self._free + self._observed)
         return np.asarray(np.maximum(scale, 1.0))
 
 
 class MixedProcesses:
-    """Conditioned processes, as probable as they make the via-points."""
+    """Mixture of conditioned processes, weighted by the evidence of the via-points."""
 
     def __init__(self, parts: Sequence[StudentProcess], prior: Sequence[float]) -> None:
-        """Mix processes of which each has a probability before any via-point."""
+        """Mix processes with given prior probabilities."""
         self._parts, self._log_prior = tuple(parts), np.log(prior)
 
     @one_thread
@@ -110,7 +111,7 @@ class MixedProcesses:
 
     @property
     def shares(self) -> Float[np.ndarray, " P"]:
-        """Probability of each."""
+        """Probability of each process."""
         evidence = self._log_prior + [part.log_evidence for part in self._parts]
         likely = np.exp(evidence - evidence.max())
         return np.asarray(likely / likely.sum())
@@ -155,18 +156,18 @@ class MixedProcesses:
 
 
 class ProcessAdaptation(StudentProcess):
-    """Exact Gaussian conditioning of the demonstrated process, phases being registered.
+    """Exact Gaussian conditioning of the demonstrated process at registered phases.
 
-    * Before any via-point it is `Skill.predict`.
+    * Before any via-point it equals `Skill.predict`.
     * A via-point observes the path with its own noise σ_v, an error along the path that
       all outputs share (`ViaPoint.along`), and the white part of the demonstrations'
       spread, which for smooth demonstrations is negligible.
     * The size of the spread is uncertain, see `StudentProcess`.
-    * Mean and covariance do not depend on the grid, and the mean not on the order of
-      the via-points. Where they share an error along the path, the scale of the
-      covariance depends on their order; `gplfd_policies.adapt` takes them by phase.
+    * Mean and covariance do not depend on the grid; the mean does not depend on the
+      order of the via-points. If they share an error along the path, the scale of the
+      covariance depends on their order; `gplfd_policies.adapt` sorts them by phase.
 
-    Phases are those of the alignment, as estimated from the path. For via-points by a
+    Phases must be estimated from the path, as in the alignment. For via-points by a
     clock see `gplfd_policies.adaptation.own_clock`.
     """
 
@@ -192,19 +193,19 @@ class ProcessAdaptation(StudentProcess):
 
 
 class ForceAdaptation(MixedProcesses):
-    """Conditioning of the force, at a door that may be unlike all demonstrated ones.
+    """Conditioning of the force at a door that may differ from all demonstrated doors.
 
-    Beyond the demonstrations' spread a door's force deviates by nothing, by a number b
-    on the whole way, as the weight of a leaf or the pull of a closer has it, or by
-    b + f(s) with f that varies over a tenth of the way, as springs of handle and seal
-    do. The first is probable before any force was measured. The standard deviation of
-    the others is half the root mean square of the demonstrated forces, or moments,
-    along every axis.
+    In addition to the demonstrations' spread, a door's force deviates in one of three
+    ways: not at all; by a constant b on the whole way, like the weight of a leaf or the
+    pull of a closer; or by b + f(s), where f varies over a tenth of the way, like
+    springs of handle and seal. The first is the most probable before any force is
+    measured. The standard deviation of the others is half the root mean square of the
+    demonstrated forces, or moments, along each axis.
     """
 
     @one_thread
     def __init__(self, skill: Skill, grid: Times) -> None:
-        """Start from at least two demonstrations; wrenches take the place of poses."""
+        """Start from at least two demonstrations, with wrenches instead of poses."""
         square = np.mean(skill.aligned.poses.reshape(-1, 2, 3) ** 2, axis=0)
         variance = np.repeat(_OWN_SHARE**2 * square.sum(axis=-1), 3)
         priors = (
@@ -217,11 +218,11 @@ class ForceAdaptation(MixedProcesses):
 
 
 class IndependentPhaseAdaptation(ProcessAdaptation):
-    """The same, with the error along the path as noise of each output's own.
+    """`ProcessAdaptation` with the error along the path as independent noise.
 
-    An error of the phase then weakens every output as if the six errors were
-    independent. For comparison: a via-point then constrains the motion across the path
-    less than it could (``test_shared_error_leaves_what_is_across_the_path_certain``).
+    A phase error is then treated as six independent errors of the outputs. For
+    comparison: a via-point constrains the motion across the path less than possible
+    (``test_shared_error_leaves_what_is_across_the_path_certain``).
     """
 
     @one_thread
@@ -232,17 +233,17 @@ class IndependentPhaseAdaptation(ProcessAdaptation):
 
 
 class ExactAdaptation(ConditionedProcess):
-    """p(f | D ∪ V): the via-points join the demonstrations as data, Eqs. (10)–(11).
+    """p(f | D ∪ V): via-points as data, like demonstrations, Eqs. (10)–(11).
 
     Eq. (19) of Arduengo et al., arXiv:2002.09979, approximates this by a product. The
     spread r(t) stays white, so a via-point only corrects the uncertainty of the *mean*:
-    it bends the policy nearby and does not inform the rest. Independent of the grid
-    (``test_exact_equals_gp_on_demonstrations_and_via_points``).
+    it bends the policy nearby and does not inform the rest. The result does not depend
+    on the grid (``test_exact_equals_gp_on_demonstrations_and_via_points``).
     """
 
     @one_thread
     def __init__(self, skill: Skill, grid: Times) -> None:
-        """Start from the demonstrations; arguments as of `ProcessAdaptation`."""
+        """Start from the demonstrations; arguments as for `ProcessAdaptation`."""
         processes, times = skill.processes, skill.aligned.times
         basis = basis_for_grid(times, grid, processes.shortest_length_scale)
         moments = processes.moments(basis.nodes)
@@ -278,12 +279,12 @@ def demonstrated_repetition(
     empirical_share: float | None = None,
     own_variance: tuple[Pose, Pose] | None = None,
 ) -> Repetition:
-    """The prior of a repetition; arguments as of `ProcessAdaptation`.
+    """Return the prior of a repetition; arguments as for `ProcessAdaptation`.
 
-    The variance is that of `Skill.predict`: r + r/D, or more outside the
-    demonstrations, and more by the two of `own_variance`, a constant's and that of
-    what varies over a tenth of the task. The smooth covariance mixes the model's with
-    that of the demonstrations' own curves, which the model first frees of white noise.
+    The variance is that of `Skill.predict`, r + r/D or more outside the demonstrations,
+    plus the two variances in `own_variance`: of a constant, and of a part that varies
+    over a tenth of the task. The smooth covariance is a mixture of the model's
+    covariance and that of the demonstrations' own curves, smoothed by the model.
     """
     if empirical_share is None:
         empirical_share = conjugate_share(skill.count)
@@ -339,7 +340,7 @@ def demonstrated_repetition(
 def _mixed(
     shares: Float[np.ndarray, " P"], values: Sequence[np.ndarray] | np.ndarray
 ) -> np.ndarray:
-    # No BLAS product: its order of sums depends on the processor.
+    # No BLAS product: its order of summation depends on the processor.
     return np.asarray(
         sum(share * each for share, each in zip(shares, values, strict=True))
     )

@@ -27,7 +27,7 @@ def product_of_gaussians(
         Σ** = Σ^d (Σ^d + Σ^v)⁻¹ Σ^v = Σ^d − Aᵀ A,
         μ** = μ^d + Aᵀ L⁻¹ (μ^v − μ^d),
 
-    which needs no inverse and is symmetric by construction
+    This form needs no inverse and is symmetric by construction
     (``test_product_equals_printed_equations``).
 
     Raises:
@@ -44,9 +44,9 @@ class ProductAdaptation:
 
     Implemented as printed. Two properties matter for its use:
 
-    * The result depends on the number M of predicted phases: each counts as one more
-      independent observation, so σ falls as the grid is refined although nothing was
-      learned (``test_product_depends_on_the_grid``).
+    * The result depends on the number M of predicted phases: each counts as another
+      independent observation, so σ falls when the grid is refined, although no data
+      were added (``test_product_depends_on_the_grid``).
     * Away from its via-points the via-point process returns to its prior mean. With
       the paper's zero mean (``prior_mean="zero"``) that *pulls the policy to zero*; the
       default here, the demonstrations' mean, does not
@@ -86,7 +86,7 @@ class ProductAdaptation:
 
     @one_thread
     def observe(self, via_point: ViaPoint) -> None:
-        """Take one more via-point: refit the via-point process, multiply again."""
+        """Add a via-point: refit the via-point process and multiply again."""
         self._via_points.append(via_point)
         demonstrated, grid = self._demonstrated, self._demonstrated.times
         for output in range(6):
@@ -140,7 +140,7 @@ class ProductAdaptation:
 
     @one_thread
     def trajectory(self) -> GaussianTrajectory:
-        """The current distribution; after a via-point with differences as rates."""
+        """The current distribution; after a via-point, rates are differences."""
         rates = (self._demonstrated.mean_rate, self._demonstrated.std_rate)
         grid = self._demonstrated.times
         if self._via_points and len(grid) > 1:

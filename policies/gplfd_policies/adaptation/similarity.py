@@ -1,15 +1,15 @@
 """Adaptation of the size, heading and deviation of the demonstrated path.
 
 This form is ours. A repetition of the task is the demonstrated path m of mean size,
-enlarged by c, turned by ψ, and deviating smoothly,
+scaled by c, rotated by ψ, and with a smooth deviation f,
 
     p(s) = c exp(i (ψ + σ(s) f(s)/|m(s)|)) m(s)
 
-in the horizontal plane (`gplfd_policies.demonstrations.path_similarity`). All that the
-path so far says about c, ψ and f is the state of a filter at its end, and the forecast
-is the mixture over sizes that follows from it. Height and rotation do not depend on
-size: each deviates by σ_i(s) (√g b_i + √(1 - g) f_i(s)), b_i constant and f_i smooth,
-and has a filter of its own over the phases of the via-points.
+in the horizontal plane (`gplfd_policies.demonstrations.path_similarity`). A filter
+along the path so far estimates c, ψ and f; the forecast is the resulting mixture over
+sizes. Height and rotation do not depend on size: each deviates by σ_i(s) (√g b_i + √(1
+- g) f_i(s)), with b_i constant and f_i smooth, and has its own filter over the phases
+of the via-points.
 """
 
 import math
@@ -31,24 +31,25 @@ from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 _LEVEL: Final = [0, 2]
-"""x and z, which the size changes."""
+"""Indices of x and z, which depend on the size."""
 _OTHERS: Final = [1, 3, 4, 5]
-"""Height and rotation, which it does not."""
+"""Indices of height and rotation, which do not depend on the size."""
 _LEAST_STD: Final = np.array([1e-3, 1e-2, 1e-2, 1e-2])
-"""Least deviation of these [m, rad]."""
+"""Least standard deviation of height and rotation [m, rad]."""
 _CONSTANT: Final = 0.5
-"""g: share of their variance that is one number for a whole repetition."""
+"""g: share of their variance that is constant during a repetition."""
 _STRONGEST: Final = 1e-4
-"""Least noise of a via-point, as a share of the deviation."""
+"""Least noise of a via-point, relative to the deviation."""
 _NOISE: Final = 1e-3
-"""Deviation in any direction that no path explains [m]."""
+"""Standard deviation in every direction that no path explains [m]."""
 
 
 class SimilarityAdaptation:
-    """Conditioning of the path's size, heading and deviation; of all else by output.
+    """Conditioning of size, heading and deviation of the path, and of other outputs.
 
-    A via-point brings what its path says about size and heading
-    (`ViaPoint.sizes`), or else counts as the next position of the path.
+    A via-point may contain an estimate of size and heading (`ViaPoint.sizes`);
+    otherwise it is the next position of the path. Height and rotation are conditioned
+    separately.
     """
 
     @one_thread
@@ -58,7 +59,8 @@ class SimilarityAdaptation:
         self._handle, self._grid = turned_handle(aligned), grid
         self._apart = np.zeros((len(grid), 2))
         if self._handle is not None:
-            # The hand's way about the handle's axis is no part of what has a size.
+            # The motion of the hand about the handle's axis does not scale with the
+            # size.
             aligned = seen_at(aligned, self._handle)
             axes = self._handle.places(predicted.mean)
             self._apart = (predicted.mean - axes)[:, _LEVEL]
@@ -66,7 +68,7 @@ class SimilarityAdaptation:
         self._path = model.unseen()
         self._lag = np.interp(grid, model.phases, model.lag)
         self.sizes = self._path.likely
-        """What the via-points so far say about size, heading and deviation."""
+        """Estimate of size, heading and deviation from the via-points so far."""
         self._rate = model.rate
         self._expected = predicted.mean[:, _OTHERS]
         self._spread = np.maximum(predicted.std[:, _OTHERS], _LEAST_STD)
@@ -90,7 +92,7 @@ class SimilarityAdaptation:
             self._path = self._path.updated(math.hypot(x, z), math.atan2(-z, x))
             self.sizes = self._path.likely
 
-        # Height and rotation: a scalar Kalman filter each.
+        # Height and rotation: one scalar Kalman filter each.
         expected, spread = (
             interpolated(np.array([phase]), self._grid, curves)[0]
             for curves in (self._expected, self._spread)
@@ -122,7 +124,7 @@ class SimilarityAdaptation:
 
     @one_thread
     def trajectory(self) -> GaussianTrajectory:
-        """The current distribution on the grid, whose deviations are smooth."""
+        """The current distribution on the grid, with smooth deviations."""
         std = self._std.copy()
         (x, z), others = self._level, [std[:, [output]] for output in _OTHERS]
         return GaussianTrajectory.from_moments(
@@ -146,7 +148,7 @@ class SimilarityAdaptation:
         tangent = gradient(path)
         along = self._lag * tangent / np.maximum(np.abs(tangent), _NOISE**2)
         tx, tz = along.real, -along.imag
-        # Deviations are independent of each other, and each is one for all phases.
+        # Deviations are independent of each other; each is the same at all phases.
         share, count = np.sqrt(weights), weights.size
         self._level = x, z = np.empty((2, self._grid.size, 2 * count + 1))
         for roots, between, aside, behind in ((x, dx, ax, tx), (z, dz, az, tz)):
@@ -174,9 +176,9 @@ class SimilarityAdaptation:
 
 
 def _over_time(roots: list[Float[np.ndarray, "M _"]], std: Outputs) -> Covariances:
-    """Covariance over time of every output, of deviations that are one for all phases.
+    """Return the covariance over time of deviations that are equal at all phases.
 
-    What these leave of the variance is independent from phase to phase.
+    The remaining variance is independent from phase to phase.
     """
     covariance = np.stack([root @ root.T for root in roots])
     diagonal = np.arange(len(std))

@@ -1,1 +1,1 @@
-"""What acts in an episode: alone, in lockstep, reaching first, or from a model."""
+"""Agents: compliant, in lockstep, reaching first, with several modes, model-based."""

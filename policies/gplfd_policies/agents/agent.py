@@ -1,7 +1,7 @@
-"""The agent interface, a user's agent behind it, and the compliant agent.
+"""The agent interface, an adapter for agents of users, and the compliant agent.
 
-The compliant agent is that of Arduengo et al., *Gaussian-Process-based Robot Learning
-from Demonstration*, arXiv:2002.09979; `gplfd_policies.control.compliance` is its
+The compliant agent follows Arduengo et al., *Gaussian-Process-based Robot Learning from
+Demonstration*, arXiv:2002.09979; `gplfd_policies.control.compliance` implements its
 control step.
 """
 
@@ -25,11 +25,11 @@ from gplfd_policies.phase.phase_rule import PhaseRule
 
 @runtime_checkable
 class Agent(Protocol):
-    """What acts in one episode; `as_agent` makes one of any object with ``act``."""
+    """Acts in one episode; `as_agent` makes an agent from any object with ``act``."""
 
     @property
     def control(self) -> Control:
-        """What it commands, and with it the environment: poses, or stiffness, too."""
+        """Kind of command, and thus of environment: poses, or poses and stiffness."""
 
     def inform(self, door: DoorGeometry) -> None:
         """Receive the door of the next episode; only an oracle uses it."""
@@ -41,21 +41,21 @@ class Agent(Protocol):
         """Return the command for the next control period."""
 
     def forecast(self) -> GaussianTrajectory | None:
-        """Return what the agent now expects of the whole task, or None."""
+        """Return the currently expected trajectory of the whole task, or None."""
 
 
 def as_agent(candidate: object) -> Agent:
-    """Make an agent of an object that can act.
+    """Make an agent from an object that can act.
 
     Args:
-        candidate: Has ``act(observation)``, which returns the commanded pose (6,)
-            [m, rad] or an `AgentStep`; ``inform(door)``, ``reset(observation)`` and
-            ``forecast()`` are called if it has them. With an attribute ``control =
-            "impedance"`` it also commands how stiff the arm is: ``act`` returns pose
-            and stiffness (12,) [m, rad, N/m, N m/rad], or a step with both.
+        candidate: Object with ``act(observation)``, which returns the commanded pose
+            (6,) [m, rad] or an `AgentStep`; ``inform(door)``, ``reset(observation)``
+            and ``forecast()`` are called if they exist. With an attribute ``control =
+            "impedance"`` it also commands the stiffness of the arm: ``act`` returns
+            pose and stiffness (12,) [m, rad, N/m, N m/rad], or a step with both.
 
     Returns:
-        An agent that checks what the object returns, step by step.
+        An agent that checks the values that the object returns in each step.
 
     Raises:
         ValueError: If the object cannot act, or its ``control`` is unknown.
@@ -64,17 +64,17 @@ def as_agent(candidate: object) -> Agent:
         return candidate
     given = f"an object of {type(candidate)}"
     if isinstance(candidate, type):
-        given = f"{candidate} itself, no object of it,"
+        given = f"{candidate} itself, not an object of it,"
     elif callable(getattr(candidate, "act", None)):
         return CheckedAgent(candidate)
     raise ValueError(
-        f"{given} is no agent: an agent is an object with a method act(observation) "
-        "that returns the commanded pose, six numbers [m, rad]"
+        f"{given} is not an agent: an agent is an object with a method "
+        "act(observation) that returns the commanded pose, six numbers [m, rad]"
     )
 
 
 class CheckedAgent:
-    """A user's agent: what it leaves out is filled in, what it returns is checked."""
+    """Adapter for a user's agent: adds missing methods and checks returned values."""
 
     def __init__(self, candidate: Any) -> None:
         self._candidate = candidate
@@ -89,7 +89,7 @@ class CheckedAgent:
 
     @one_thread
     def inform(self, door: DoorGeometry) -> None:
-        """Pass on which door the next episode has."""
+        """Pass on the door of the next episode."""
         if hasattr(self._candidate, "inform"):
             self._candidate.inform(door)
 
@@ -129,7 +129,7 @@ class CheckedAgent:
 
     @one_thread
     def forecast(self) -> GaussianTrajectory | None:
-        """Return what the agent now expects of the whole task, or None."""
+        """Return the currently expected trajectory of the whole task, or None."""
         if not hasattr(self._candidate, "forecast"):
             return None
         forecast = self._candidate.forecast()
@@ -156,17 +156,18 @@ _WANTED: Final = {
 class CompliantAgent:
     """Follows a learned movement with variable-stiffness admittance control.
 
-    The command phase runs by the clock, at the demonstrations' mean speed, unless the
-    load rule makes it wait. `gplfd_policies.agents.lockstep` lets many of them act
-    together.
+    The command phase advances with time, at the demonstrations' mean speed, unless the
+    load rule slows it down. `gplfd_policies.agents.lockstep` computes many of these
+    agents together.
 
     Attributes:
         movement: The movement on a grid of phases, adapted in place.
-        phases: Finds where along the task an observed pose lies.
+        phases: Estimates the phase of an observed pose.
         config: Stiffness, load, timing and via-points.
         handle_config: When and how far a handle is turned beyond the demonstration.
-        forces: The movement of the demonstrated forces, adapted in place; None without.
-        handle: The handle that the demonstrations turn; None of a bar.
+        forces: The movement of the demonstrated forces, adapted in place; None if there
+            are none.
+        handle: The handle that the demonstrations turn; None for a bar.
     """
 
     movement: GriddedMovement
@@ -193,15 +194,15 @@ class CompliantAgent:
 
     @property
     def control(self) -> Control:
-        """Where its stiffness is realised."""
+        """Kind of command, by where the stiffness is realised."""
         return self.config.rendering.control
 
     def inform(self, door: DoorGeometry) -> None:
-        """Ignore the door: the agent learns and observes all that it uses."""
+        """Ignore the door: the agent uses only what it learns and observes."""
 
     @one_thread
     def reset(self, observation: Observation) -> None:
-        """Forget the last door and begin at the closed one."""
+        """Forget the last door and begin at the closed door."""
         self._controller.reset()
 
     @one_thread

@@ -1,4 +1,4 @@
-"""What an agent commands without measurements: set-points and stiffness over time."""
+"""Commanded path of an agent without measurements: set-points and stiffness."""
 
 from dataclasses import dataclass, replace
 
@@ -16,29 +16,30 @@ from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class CommandedPath:
-    """Commands at M equal steps of time, of which the first is 0; immutable.
+    """Commands at M equal time steps, the first at 0; immutable.
 
-    Stiffness and damping are along the axes of the poses, at first those of the task.
+    Stiffness and damping are along the axes of the frame of the poses, by default the
+    task frame.
 
     Raises:
         ValueError: The stiffness rises faster than stable, or a pose is not finite.
     """
 
     times: Float[np.ndarray, " M"]
-    """When a sample is to be commanded [s]."""
+    """Time of each sample [s]."""
     poses: Outputs
-    """Set-points of the hand [m, rad]. They lead the path by d v/k, with which a robot
+    """Set-points of the hand [m, rad]. They lead the path by d v/k, so that a robot
     that damps its own motion with d does not lag behind the path."""
     path: Outputs
-    """The movement's mean: the poses without their lead [m, rad]."""
+    """Mean of the movement: the poses without their lead [m, rad]."""
     std: Outputs
-    """Its standard deviation [m, rad]."""
+    """Standard deviation of the movement [m, rad]."""
     stiffness: Outputs
     """Governed stiffness [N/m, N m/rad]."""
     profile: StiffnessProfile
-    """The law from σ to stiffness, along the axes of the task frame."""
+    """Function from σ to stiffness, along the axes of the task frame."""
     dynamics: VirtualDynamics
-    """Mass and damping for which the stiffness is stable."""
+    """Mass and damping with which the stiffness is stable."""
 
     __repr__ = short_repr
 
@@ -54,26 +55,26 @@ class CommandedPath:
 
     @property
     def damping(self) -> Outputs:
-        """Damping that goes with the stiffness [N s/m, N m s/rad]."""
+        """Damping for the stiffness [N s/m, N m s/rad]."""
         return self.dynamics.damping(self.stiffness)
 
     @property
     def margin(self) -> Outputs:
         """Stability bound minus rate of the stiffness [N/(m s), N m/(rad s)].
 
-        Where it is positive, (k' - k) + γ(d' - d) < 2γhk: see `StiffnessGovernor`.
+        If it is positive, (k' - k) + γ(d' - d) < 2γhk: see `StiffnessGovernor`.
         """
         before = np.vstack([self.stiffness[:1], self.stiffness[:-1]])
         rate = (self.stiffness - before) / self.times[1]
         return np.asarray(rate_bound(before, self.profile.k_min, self.dynamics) - rate)
 
     def seen_from(self, task: Pose, tool: Float[np.ndarray, "3"]) -> "CommandedPath":
-        """Return the same in another frame, in which the task frame has a pose.
+        """Return the path in another frame, given the pose of the task frame in it.
 
-        A diagonal does not stay one: K = R diag(k) Rᵀ. Here k along a new axis becomes
-        the least k of the old axes that it has a part of, above 1e-4. That is in no
-        direction stiffer than K, rises no faster, and between parallel axes is k
-        itself. σ is exact, and the lead is that of the new stiffness.
+        In the new frame K = R diag(k) Rᵀ is not diagonal. Here k along a new axis is
+        the least k of the old axes with a component above 1e-4 along it. This is in no
+        direction stiffer than K, rises no faster, and equals k for parallel axes. σ is
+        exact, and the lead is computed from the new stiffness.
 
         Args:
             task: pose of the task frame in the new frame [m, rad].
@@ -104,10 +105,10 @@ class CommandedPath:
 
 
 def commanded_path(agent: CompliantAgent) -> CommandedPath:
-    """Let an agent command its whole motion to a hand that follows without force.
+    """Compute the commands of an agent for a hand that follows without force.
 
-    It is one of `gplfd_policies.registry.open_loop`, which commands the same whatever
-    the hand does. The samples are its control period apart.
+    The agent must come from `gplfd_policies.registry.open_loop`, whose commands do not
+    depend on the hand. The samples are one control period apart.
     """
     agent.reset({})
     hand, free = agent.movement.at(0.0)[0], np.zeros(6)

@@ -1,7 +1,7 @@
-"""Grasping a handle whose pose is uncertain: contact corrects, tests and repeats.
+"""Grasping a handle of uncertain pose: correct by contact, test the grasp, repeat.
 
-It observes what every agent observes: the hand's pose and the wrench on it. Neither the
-width of the fingers nor a contact of theirs is needed.
+The search uses only the hand's pose and the wrench on it, like every agent. It needs
+neither the width of the fingers nor finger contacts.
 """
 
 import math
@@ -19,8 +19,8 @@ Waves = Float[np.ndarray, "2 ..."]
 Stage = Literal["reach", "back", "in", "close", "shake", "held"]
 
 CLOSING: Final = 0.9
-"""How long the gripper takes to close with all its force [s], for which the hand waits
-at the handle."""
+"""Time that the gripper needs to close with full force [s]; the hand waits at the
+handle meanwhile."""
 
 ATTEMPTS: Final = 3
 """Greatest number of grasps. More would leave no time to open the door."""
@@ -29,52 +29,53 @@ CONTACT_FORCE: Final = 8.0
 """Force on the hand that stops a motion [N]: several times the noise of the sensor."""
 
 DAMPING: Final = 400.0
-"""D: force per speed with which the hand follows what pushes it while the gripper
-closes [N s/m]. With the servo's 2000 N/m the loop closes at 5 rad/s."""
+"""D: damping with which the hand yields to forces while the gripper closes [N s/m].
+With the servo's 2000 N/m the bandwidth of the loop is 5 rad/s."""
 
 SHAKE: Final = (0.006, 0.6)
 """Amplitude [m] and duration [s] of the test of a grasp."""
 
 RESISTANCE: Final = 1.5
-"""Amplitude of the force with which what is held resists the shake, at least [N]. By
-the servo's 2000 N/m a rigid handle has 12 N, a lever's spring 2 to 9 N, an empty hand
-none; noise of 1 N has 0.2 N."""
+"""Least amplitude of the force that resists the shake if the hand holds something [N].
+With the servo's 2000 N/m a rigid handle resists with 12 N, a lever's spring with 2 to
+9 N; an empty hand has no resistance, and noise of 1 N contributes 0.2 N."""
 
 _REST: Final = 0.15
-"""How long the hand rests after the shake [s]."""
+"""Time for which the hand rests after the shake [s]."""
 _SETTLED: Final = 0.2
-"""From this time of a motion on a force is a contact, not the beginning [s]."""
+"""Forces count as contact only after this time since the beginning of a motion [s]."""
 _ARRIVED: Final = 0.005
-"""This near to the goal a force is that of the closing fingers [m]."""
+"""A force nearer than this to the goal is caused by the closing fingers [m]."""
 _FINGER: Final = 0.05
-"""Distance of an open finger from the middle: the greatest one of a contact [m]."""
+"""Distance of an open finger from the middle, and thus the greatest of a contact
+[m]."""
 _BEFORE: Final = np.array([0.12, 0.0, 0.0, 0.0, 0.0, 0.0])
-"""Where the hand turns round, from the goal [m, rad]: far enough for the fingers to
-pass the handle."""
+"""Turning point of the hand relative to the goal [m, rad]: far enough for the fingers
+to pass the handle."""
 _BACK_TIME: Final = 0.9
 _IN_TIME: Final = 1.1
 _DEEPER: Final = (-1.5, -1.0)
-"""Without a contact the handle can only be beyond the finger tips: how much deeper the
-next grasps are, in standard deviations."""
+"""Additional depth of the next grasps, in standard deviations: without a contact the
+handle can only be beyond the finger tips."""
 
 
 class GraspSearch:
     """Commands of one episode, from the standoff until the hand holds the handle.
 
-    1. *Reach*: as learned; the command is given. A contact stops it. Its point r in
-       the hand, of which F × (r × F)/F² is known, says where the handle is.
+    1. *Reach*: as learned. A contact stops the motion. Its point r in the hand, of
+       which F × (r × F)/F² is known, shows where the handle is.
     2. *Close*: while the gripper closes, the hand follows the force, ė = F/D, and
        centres itself on the handle.
-    3. *Shake*: a motion upwards and to the side, whose resistance is the amplitude of
-       the force against it. A hand that holds something is resisted on both axes.
+    3. *Shake*: a motion upwards and to the side. Its resistance is the amplitude of the
+       opposing force. If the hand holds something, there is resistance on both axes.
     4. If not, *back* and *in*: straight to the next place.
 
     Args:
         spread: Standard deviation of the handle's believed position [m].
-        duration: Of the first reach [s].
+        duration: Duration of the first reach [s].
 
     Attributes:
-        stage: What it does now; ``"held"`` also after the last failed attempt.
+        stage: Current stage; ``"held"`` also after the last failed attempt.
         attempt: Number of the present grasp, from 1.
         elapsed: Time since the beginning [s].
     """
@@ -89,11 +90,11 @@ class GraspSearch:
 
     @property
     def gripper_width(self) -> float:
-        """What the gripper is to do [m]: open on every way, else closed."""
+        """Commanded width of the gripper [m]: open during motions, else closed."""
         return GRIPPER_WIDTH if self.stage in ("reach", "back", "in") else 0.0
 
     def command(self, observation: Observation, reached: Pose) -> Pose:
-        """Return the next commanded pose; `reached` is that of the learned reach."""
+        """Return the next commanded pose, given the pose of the learned reach."""
         force, torque = np.split(np.asarray(observation["wrench"]), 2)
         self.elapsed += CONTROL_PERIOD
         self._since += CONTROL_PERIOD
@@ -140,7 +141,7 @@ class GraspSearch:
             self._again(observation, np.array([deeper, 0.0, 0.0]))
 
     def _again(self, observation: Observation, beside: Vector) -> None:
-        """Try the next grasp beside this one, if there is one."""
+        """Start the next grasp, displaced from this one, unless it was the last."""
         self._command = np.array(observation["ee_pose"])
         if self.attempt == ATTEMPTS:
             self._go_on(True, "held")

@@ -1,12 +1,13 @@
-"""Lets a controller for doors with a fixed handle open doors whose handle turns.
+"""Adapters that let a controller for fixed handles open doors whose handle turns.
 
-The controller of `gplfd_policies.control.compliance` knows no handle. `controller_of`
-puts an adapter around each of its parts:
+The controller of `gplfd_policies.control.compliance` does not model a handle.
+`controller_of` puts an adapter around each of its parts:
 
-* the phase is found for the hand as it would hold the handle as it was demonstrated;
+* the phase is estimated from the hand pose that the demonstrated handle turn would
+  give;
 * a via-point is a pose of the handle's axis, not of the hand, and the direction of the
   path is that of the axis;
-* the load is compensated twice, along the turn of the handle and along the door's path.
+* the load is compensated twice: along the turn of the handle and along the door's path.
 """
 
 from collections.abc import Sequence
@@ -35,31 +36,32 @@ from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseRule, Phases, Po
 Amount = Float[Numbers, "*N"]
 
 _SERVO_LAG: Final = 0.012
-"""How far a hand at a handle's spring lags behind its command: 24 N of the servo [m].
-Less than the tuned share of a lever's way, half of that of a thumb piece."""
+"""Distance by which a hand that turns a handle lags behind its command: 24 N of the
+servo [m]. This is less than the tuned share of a lever's travel, and half of the travel
+of a thumb piece."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HandleConfig(Settings):
     """When and how far a handle is turned beyond the demonstrated turn.
 
-    The hand cannot observe whether the bolt is free. It observes that the door does not
-    move under load, and then turns the handle further, up to a stop.
+    The agent cannot observe whether the bolt is free. If the door does not move under
+    load, the agent turns the handle further, up to a stop.
     """
 
     latched_force: float = quantity(10.0, above=0.0, unit="N")
-    """Force along the path from which a door that does not move may be latched [N].
+    """Force along the path above which a door that does not move may be latched [N].
     Tuned, below the least limit for opening a door, 22.2 N (ADA 404.2.9)."""
     closed_distance: float = quantity(0.01, above=0.0, unit="m")
-    """A door whose handle's axis has come less far along its path is closed [m]."""
+    """A door counts as closed while its handle axis has moved less than this [m]."""
     following_share: float = quantity(0.8, low=0.0, high=1.0)
-    """Share of the commanded turn from which a handle counts as following it; one that
-    does not is at its stop. Tuned."""
+    """Share of the commanded turn above which a handle counts as following; otherwise
+    it is at its stop. Tuned."""
     gear_rate: float = quantity(0.5, low=0.0, unit="1/s")
-    """Growth of the gear while the door does not move [1/s]: 0.4 rad/s where 0.8 rad
-    was demonstrated, half of the demonstrated pace."""
+    """Growth rate of the gear ratio while the door does not move [1/s]: 0.4 rad/s if
+    0.8 rad was demonstrated, half of the demonstrated pace."""
     max_gear: float = quantity(1.6, low=1.0)
-    """Greatest gear: no handle turns further than about 75°."""
+    """Greatest gear ratio: no handle turns further than about 75°."""
 
 
 def controller_of(
@@ -70,9 +72,10 @@ def controller_of(
     handle_config: HandleConfig,
     forces: GriddedMovement | Sequence[GriddedMovement] | None = None,
 ) -> ComplianceController:
-    """Return the controller of one hand or many, for bars or for the rows' handles.
+    """Return the controller of one hand or many, for bars or for turning handles.
 
-    Movements are on grids of one size, and adapted in place; without handles, bars.
+    Movements are on grids of equal size and are adapted in place. Without handles, the
+    controller is for bars.
     """
     shape = () if isinstance(movements, GriddedMovement) else (len(movements),)
     forecast = None
@@ -98,15 +101,15 @@ def controller_of(
 class HandleCompensation:
     """Handle compensation for one hand, shape (), or a batch, shape (N,).
 
-    * A door's path is that of the handle's axis
-      (`gplfd_policies.demonstrations.turned_handle`), not the hand's.
-    * The turn of the handle is the policy's own doing, and the hand moves along the way
-      about its axis as the handle's spring has it. Neither is information on the door.
-    * Between the demonstrated turn and the turn of the hand is a gear, 1 at first:
-      observed turns are divided by it, commanded turns multiplied. So the handle also
-      goes back as demonstrated, from further away.
+    * The path of a door is the path of the handle's axis
+      (`gplfd_policies.demonstrations.turned_handle`), not of the hand.
+    * The policy itself causes the turn of the handle, and the handle's spring displaces
+      the hand about the axis. Neither is information about the door.
+    * A gear ratio, initially 1, relates the demonstrated turn to the turn of the hand:
+      observed turns are divided by it, commanded turns multiplied. Thus the handle also
+      returns as demonstrated, from a larger angle.
 
-    All is computed in single numbers, so that one hand and many give the same bits.
+    Each hand is computed with scalars, so that one hand and many give the same bits.
     """
 
     def __init__(
@@ -120,16 +123,16 @@ class HandleCompensation:
         self._gears = [1.0] * len(self._handles)
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Forget how far these rows' handles turn."""
+        """Reset the gear ratios of these rows."""
         for number in self._of(rows):
             self._gears[number] = 1.0
 
     def remove_handle_motion(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
-        """Return the poses that hands would have on handles as demonstrated."""
+        """Return the hand poses that the demonstrated handle turns would give."""
         return self._geared(poses, -1.0, rows)
 
     def add_handle_motion(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
-        """Return poses on handles as demonstrated as poses on these rows' handles."""
+        """Convert hand poses at demonstrated turns to poses at these rows' turns."""
         return self._geared(poses, 1.0, rows)
 
     def _geared(self, poses: Poses, power: float, rows: Rows) -> Poses:
@@ -143,18 +146,18 @@ class HandleCompensation:
         return geared
 
     def axis_pose(self, pose: Pose, mean: Pose, number: int) -> Pose:
-        """Return a row's hand pose [m, rad] with the handle's motion of the mean."""
+        """Return a row's hand pose [m, rad] with the handle motion of the mean."""
         return np.array(self._handles[number].told(pose.tolist(), mean.tolist()))
 
     def opening_phases(self, phases: Amount, rows: Rows = ALL_ROWS) -> Amount:
-        """Return phases, but none before the one at which a row's door opens."""
+        """Return phases, but not less than the phase at which a row's door opens."""
         opens = [self._handles[number].opens for number in self._of(rows)]
         return np.maximum(phases, np.reshape(opens, np.shape(phases)))
 
     def axis_positions(
         self, poses: Float[np.ndarray, "*S 6"], rows: Rows = ALL_ROWS
     ) -> Float[np.ndarray, "*S 6"]:
-        """Return poses (..., *N, 6) with the axes' positions instead of the hands'."""
+        """Return poses (..., *N, 6) with positions of the axes instead of the hands."""
         numbers, positions = self._of(rows), poses.copy()
         if not numbers:
             return positions
@@ -180,10 +183,10 @@ class HandleCompensation:
         period: float,
         rows: Rows = ALL_ROWS,
     ) -> np.ndarray:
-        """Turn handles further whose doors do not move; return which, bool (*N).
+        """Turn handles further if their doors do not move; return which, bool (*N).
 
-        A handle is turned further if the door holds the hand back along its path by a
-        load [N], has not moved, and the handle has come as far as was commanded.
+        A handle is turned further if the door resists along its path with a load [N]
+        and has not moved, and the handle has reached the commanded angle.
         """
         config = self._config
         turned = np.zeros(np.shape(load), dtype=np.bool_)
@@ -211,13 +214,13 @@ class HandleCompensation:
 
 
 class HandlePhases:
-    """A phase rule for hands whose handles are turned further than demonstrated."""
+    """A phase rule for hands that turn handles further than demonstrated."""
 
     def __init__(self, rule: PhaseRule, handles: HandleCompensation) -> None:
         self._rule, self._handles = rule, handles
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Let these rows begin at the start of the task."""
+        """Reset these rows to the start of the task."""
         self._rule.reset(rows)
 
     def update(
@@ -233,7 +236,7 @@ class HandlePhases:
 
 
 class HandleMovements(GriddedMovements):
-    """Movements of hands that turn handles; their paths are those of the axes."""
+    """Movements of hands that turn handles; their paths are the paths of the axes."""
 
     def __init__(
         self,
@@ -244,7 +247,7 @@ class HandleMovements(GriddedMovements):
         self._handles = handles
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Forget the via-points of these rows, and how far their handles turn."""
+        """Forget the via-points and the gear ratios of these rows."""
         super().reset(rows)
         self._handles.reset(rows)
 
@@ -257,24 +260,24 @@ class HandleMovements(GriddedMovements):
     def ahead(
         self, phases: Phases, rows: Rows = ALL_ROWS
     ) -> tuple[Poses, Poses, Vectors]:
-        """Return mean, σ, and the direction of the axis's path where it opens next."""
+        """Return mean, σ, and the direction of the axis's path in the opening ahead."""
         points = look_ahead(phases, self._handles.opening_phases(phases, rows))
         means, stds = self.at(points, rows)
         chord = self._handles.axis_positions(means[1:], rows)
         return means[0], stds[0], self.direction(chord)
 
     def hand_poses(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
-        """Return poses of the movements as hands on these rows' own handles."""
+        """Return hand poses at these rows' handle turns for poses of the movements."""
         return self._handles.add_handle_motion(poses, rows)
 
 
 class HandleLoad:
     """A load rule applied twice: to the spring of the handle, and to the door.
 
-    While the door opens, the force of a lever's spring is across the path. A hand that
-    yields to it lets the handle go back, and the policy would learn to let it. So the
-    load of the handle is compensated along the way about its axis, and that of the door
-    along the path of the axis.
+    While the door opens, the force of a lever's spring is across the path. If the hand
+    yields to it, the handle turns back, and the policy adapts to this motion. Therefore
+    the load of the handle is compensated along the motion about its axis, and the load
+    of the door along the path of the axis.
     """
 
     def __init__(
@@ -295,7 +298,7 @@ class HandleLoad:
         self._handle.reset(rows)
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
-        """Respond along the door's path; turn a handle further that does not open."""
+        """Respond along the door's path; turn handles further if doors do not open."""
         poses = contact.pose
         axes = self._handles.axis_positions(poses, rows)
         turning = replace(
@@ -316,6 +319,6 @@ class HandleLoad:
         turned = self._handles.turn_further(
             poses, contact.direction, response.compensated_load, self._period, rows
         )
-        # A hand that turns the handle further does not pull harder at the same time.
+        # While the hand turns the handle further, it does not pull harder.
         pace = np.where(turned, np.minimum(response.pace, 0.0), response.pace)
         return replace(response, pace=pace)

@@ -1,7 +1,7 @@
-"""Agents that act together: N episodes, one control step at a time.
+"""Agents in lockstep: N episodes, one control step at a time.
 
 A compliant agent spends most of a control step on NumPy's cost per call. Agents with
-one configuration that act in lockstep share it, and decide as they would alone.
+the same configuration in lockstep share this cost, and decide as each would alone.
 """
 
 import dataclasses
@@ -23,11 +23,11 @@ from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 Mask = np.ndarray
-"""Boolean, (N,), which is checked."""
+"""Boolean mask, (N,); it is checked."""
 
 
 class AgentBatch:
-    """N agents in lockstep, one per row with a door of its own, called one by one."""
+    """N agents in lockstep, one per row, each with its own door; called one by one."""
 
     def __init__(self, agents: Sequence[Agent]) -> None:
         self._agents = tuple(agents)
@@ -36,21 +36,21 @@ class AgentBatch:
 
     @one_thread
     def inform(self, doors: Sequence[DoorGeometry]) -> None:
-        """Give every agent the door of its next episode; only oracles use it."""
+        """Pass the door of the next episode to every agent; only oracles use it."""
         for agent, door in zip(self._agents, doors, strict=True):
             agent.inform(door)
 
     @one_thread
     def reset(self, observations: Observation, mask: Mask | None = None) -> None:
-        """Let agents of the mask (N,), or all, begin at the closed, grasped door."""
+        """Reset the agents of the mask (N,), or all, at the closed, grasped door."""
         self._reset(observations, rows_of(mask, len(self._agents)))
 
     @one_thread
     def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
         """Return the next commands of the agents of the mask (N,), or of all.
 
-        The others' rows of the observations (N, ...) are not read, and nothing changes
-        for them.
+        Rows of the observations (N, ...) of the other agents are not read, and these
+        agents do not change.
         """
         rows = rows_of(mask, len(self._agents))
         steps = self._decide(observations, rows).among(rows, self._actions)
@@ -59,7 +59,7 @@ class AgentBatch:
 
     @one_thread
     def forecast(self, row: SupportsIndex) -> GaussianTrajectory | None:
-        """Return what one agent now expects of the whole task, or None."""
+        """Return the trajectory that one agent currently expects, or None."""
         return self._agents[row].forecast()
 
     def _reset(self, observations: Observation, rows: Rows) -> None:
@@ -67,7 +67,7 @@ class AgentBatch:
             agent.reset(observation)
 
     def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
-        """Return the steps of these rows alone."""
+        """Return the steps of these rows only."""
         return AgentStep.stacked(
             [
                 agent.act(observation)
@@ -111,23 +111,22 @@ class _AllAtOnce(AgentBatch):
 
 @one_thread
 def batch_agents(agents: Sequence[object]) -> AgentBatch:
-    """Let agents act together.
+    """Combine agents into a batch.
 
-    The batch takes the agents over: until they are reset, they do not act on their own
-    any more.
+    The batch takes over the agents: they must be reset before they can act alone again.
 
     Args:
-        agents: One per row, each an object of its own, as `make_agent` makes them, or
-            anything else that `gplfd_policies.agents.agent.as_agent` takes.
+        agents: One object per row, from `make_agent`, or any object that
+            `gplfd_policies.agents.agent.as_agent` accepts.
 
     Returns:
-        A batch that computes all rows at once if they are `CompliantAgent`s with one
-        configuration for one kind of handle, as those are that learned from the same
-        demonstrations, and calls one agent after the other if not.
+        A batch that computes all rows together if they are `CompliantAgent`s with the
+        same configuration and kind of handle (e.g. learned from the same
+        demonstrations). Otherwise it calls one agent after the other.
 
     Raises:
-        ValueError: If there is no agent, one is given twice, one cannot act, or some
-            command poses and others stiffness, too.
+        ValueError: If there is no agent, one is given twice, one cannot act, or only
+            some of them command stiffness.
     """
     if not agents:
         raise ValueError("no agents were given; a batch needs at least one")
@@ -151,7 +150,7 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
 
 
 def _shared(agent: CompliantAgent) -> tuple[object, ...]:
-    """Return what the agents of one batch share; records of arrays as their bytes."""
+    """Return the part that the agents of a batch must share; arrays as bytes."""
 
     def comparable(part: object) -> object:
         if isinstance(part, StiffnessProfile):

@@ -1,7 +1,7 @@
-"""An agent for demonstrations of several modes: it tries one, and then another.
+"""An agent for demonstrations of several modes: it tries one mode after another.
 
-A hand that pulls at a door which has to be pushed does not move. The agent weighs that
-against how much force a door may take, backs off, and tries the next mode.
+A hand that pulls a door which must be pushed does not move. The agent compares the
+force with the force that a door may need, moves back, and tries the next mode.
 """
 
 import math
@@ -25,36 +25,37 @@ from gplfd_policies.movements.trajectory import GaussianTrajectory
 _ARM: Final = np.repeat([1.0, 0.1], 3)
 """Lever arm by which a rotation counts as a distance, and a moment as a force [m]."""
 _LASTING: Final = 3
-"""Control steps for which a force lasts that counts: fingers that slip knock."""
+"""Control steps that a force must last to count: slipping fingers cause short peaks."""
 _TURNED: Final = 0.5
-"""Share of the demonstrated turn from which a handle counts as turned."""
+"""Share of the demonstrated turn above which a handle counts as turned."""
 _STRIDE: Final = 1e-3
-"""Largest step while the hand backs off [m]: 10 cm/s."""
+"""Largest step while the hand moves back [m]: 10 cm/s."""
 _SLOWING: Final = 0.05
-"""Such a step relative to the distance from the start: a leaf shuts softly."""
+"""Such a step relative to the distance from the start, so that the leaf shuts
+softly."""
 _REST: Final = 0.4
-"""Rest at the start before another mode begins [s]: a leaf that moved shuts."""
+"""Rest at the start before another mode begins [s], so that the leaf can shut."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ModeConfig(Settings):
-    """When an agent gives a mode up.
+    """Criteria by which an agent abandons a mode.
 
     With shares π_j of the demonstrations, the mode j has the weight
 
         w_j = π_j exp(-F_j²/2b² - D_j²/2).
 
-    F_j is the greatest force that the hand bore since it last came forward along the
-    path of j: in the mode that acts the force on the hand, in another the part against
-    its path. exp(-F_j²/2b²) is the probability that a door of kind j does not open
-    under it, if the force that opens a door has a Rayleigh distribution with the scale
-    b. D_j is the largest Mahalanobis distance of the hand from the path of j so far.
+    F_j is the greatest force on the hand since it last moved forward along the path of
+    j: for the active mode the whole force, for others the component against their path.
+    exp(-F_j²/2b²) is the probability that a door of kind j does not open under this
+    force, if the force that opens a door has a Rayleigh distribution with the scale b.
+    D_j is the largest Mahalanobis distance of the hand from the path of j so far.
 
-    The agent gives its mode i up for the mode j if w_j > `odds` w_i. Of two modes with
-    equal shares the first is given up at F = b √(2 log `odds`), 15 N, the second at
+    The agent changes from its mode i to the mode j if w_j > `odds` w_i. With two modes
+    of equal shares it abandons the first at F = b √(2 log `odds`), 15 N, the second at
     √2 F, the first again at √3 F, and so on: a door that opens in no mode is tried with
-    more force each time, up to what the load rule compensates. A mode that has a share
-    of 5/6 is given up at 20 N.
+    more force each time, up to the limit of the load rule. A mode with a share of 5/6
+    is abandoned at 20 N.
 
     Raises:
         ValueError: A number is outside its range.
@@ -64,32 +65,32 @@ class ModeConfig(Settings):
     """b: most probable force that opens a door [N]. One of 80 doors needs more than the
     22.2 N that ADA 404.2.9 allows."""
     turned_load_scale: float = quantity(20.0, above=0.0, unit="N")
-    """b where the hand has turned a handle, behind which it holds more, and doors with
-    closers stand: the first of two modes is given up at 40 N. A closer of size 2
-    (EN 1154) asks for 37 N."""
+    """b after the hand has turned a handle [N]: the grasp behind it is stronger, and
+    such doors may have closers. The first of two modes is abandoned at 40 N. A closer
+    of size 2 (EN 1154) needs 37 N."""
     odds: float = quantity(math.exp(2.0), above=1.0)
-    """How much more probable another mode must be."""
+    """Ratio of probabilities above which the agent changes to another mode."""
     step: float = quantity(5e-3, above=0.0, unit="m")
-    """Distance along the path from which the hand counts as moved [m]."""
+    """Distance along the path after which the hand counts as moved [m]."""
     position_std: float = quantity(5e-3, above=0.0, unit="m")
     """Error of the hand's position on its path, in addition to the movement's σ [m]."""
     rotation_std: float = quantity(0.5, above=0.0, unit="rad")
-    """Error of its rotation: the hand turns on the bar [rad]."""
+    """Error of the hand's rotation, because the hand turns on the bar [rad]."""
     settling_time: float = quantity(0.2, above=0.0, unit="s")
-    """Time constant with which the set-point settles where the mode changes [s]."""
+    """Time constant with which the set-point settles when the mode changes [s]."""
 
 
 class ModesAgent:
-    """Acts by the agent of the most probable mode, and backs off to try another one.
+    """Acts by the agent of the most probable mode, and moves back to try another one.
 
-    It begins with the mode of most demonstrations; of equally many, with the first. To
-    back off, the hand goes through the poses that it came by, to the start, where the
+    It begins with the mode that has most demonstrations, or with the first of these. To
+    move back, the hand returns through the poses of its path to the start, where the
     agent of the other mode begins. The set-point does not jump at either change.
 
     Args:
         agents: One per mode, the mode of most demonstrations first.
         counts: Number of demonstrations of each mode.
-        config: When a mode is given up.
+        config: When a mode is abandoned.
     """
 
     @one_thread
@@ -114,11 +115,11 @@ class ModesAgent:
 
     @property
     def control(self) -> Control:
-        """What it commands: the same in all modes."""
+        """Kind of command, the same in all modes."""
         return self.agents[0].control
 
     def inform(self, door: DoorGeometry) -> None:
-        """Ignore the door: the agent learns and observes all that it uses."""
+        """Ignore the door: the agent uses only what it learns and observes."""
 
     @one_thread
     def reset(self, observation: Observation) -> None:
@@ -129,16 +130,16 @@ class ModesAgent:
     def _begin(self, pose: Pose) -> None:
         count, pose = len(self.agents), np.array(pose)
         self._last: AgentStep | None = None
-        self._mode, self._next = 0, 0  # They differ while the hand backs off.
-        # Of each mode: where the hand last came forward, F, D² and the latest forces.
+        self._mode, self._next = 0, 0  # They differ while the hand moves back.
+        # Per mode: pose at the last forward motion, F, D² and the latest forces.
         self._marks = np.tile(pose, (count, 1))
         self._loads, self._errors = np.zeros((2, count))
         self._recent = [np.zeros(count)]
         self._log_weights = self._prior
-        # Poses that the hand came by, the one that it is led to, and for how long it
-        # has been at the start [s].
+        # Poses of the hand's path, the next pose on the way back, and time at the start
+        # [s].
         self._trail, self._target, self._rested = [pose], pose, 0.0
-        self._offset = np.zeros(6)  # of the set-point from what the mode commands
+        self._offset = np.zeros(6)  # of the set-point from the mode's command
 
     @property
     def probabilities(self) -> Float[np.ndarray, " J"]:
@@ -175,7 +176,7 @@ class ModesAgent:
         return self._decided(replace(step, action=step.action + self._offset))
 
     def _weigh(self, pose: Pose, wrench: Pose) -> None:
-        """Weigh the modes by a pose of the hand and the wrench on it."""
+        """Update the weights of the modes by the hand's pose and wrench."""
         config = self.config
         errors = ((pose - self._means) ** 2 / self._variances).sum(axis=2)
         modes, nearest = np.arange(len(errors)), errors.argmin(axis=1)
@@ -200,7 +201,7 @@ class ModesAgent:
         )
 
     def _back_off(self, last: AgentStep) -> AgentStep:
-        """Return the next step back through the poses that the hand came by."""
+        """Return the next step back through the poses of the hand's path."""
         if self._trail:
             way = self._trail[-1] - self._target
             left = _length(self._trail[0] - self._target)
@@ -231,11 +232,11 @@ class ModesAgent:
 
     @one_thread
     def forecast(self) -> GaussianTrajectory:
-        """Return the current movement of the mode that acts, over the whole task."""
+        """Return the current movement of the active mode over the whole task."""
         return self.agents[self._mode].forecast()
 
 
 def _length(way: Pose) -> float:
-    """Return the length of a way between poses, rotations by their lever arm [m]."""
+    """Return the length of a displacement, rotations scaled by a lever arm [m]."""
     scaled = _ARM * way
     return math.sqrt(scaled @ scaled)

@@ -1,8 +1,8 @@
-"""Reaching for a handle as it was demonstrated, then opening with another agent.
+"""Reaching for a handle as demonstrated, then opening with another agent.
 
 The reach is a movement like any other: six heteroscedastic Gaussian processes, learned
-from demonstrations that begin at many places and end at the handle. Where a hand begins
-is a via-point at its first phase, and the handle one at its last.
+from demonstrations that begin at many places and end at the handle. The initial pose of
+the hand is a via-point at the first phase, the handle a via-point at the last.
 """
 
 import dataclasses
@@ -39,12 +39,12 @@ _STIFFEST: Final = np.repeat([most for _, most in ArmRendering.stiffness_range],
 def parted(
     demonstration: Demonstration, grasped: Bool[np.ndarray, " N"]
 ) -> tuple[Demonstration, Demonstration]:
-    """Part a demonstration at the sample where its hand takes hold, which both have."""
+    """Split a demonstration where the hand takes hold; both parts have this sample."""
     first = int(np.argmax(grasped))
     if first == 0 or first >= len(grasped) - 1 or not grasped[first:].all():
         raise ValueError(
-            "a demonstration that is to teach reaching must begin without the handle, "
-            "take hold of it and keep it to the end"
+            "to learn reaching, a demonstration must begin without the handle, take "
+            "hold of it and keep it to the end"
         )
     times, poses = demonstration.times, demonstration.poses
     reach = Demonstration(times=times[: first + 1], poses=poses[: first + 1])
@@ -57,7 +57,7 @@ def parted(
 
 
 def joined(reach: Demonstration, opening: Demonstration) -> Demonstration:
-    """Return the demonstration of which `parted` makes these two.
+    """Return the demonstration from its two parts; the inverse of `parted`.
 
     If the opening has wrenches, those of the reach are zero: the hand holds nothing.
     """
@@ -72,22 +72,22 @@ def joined(reach: Demonstration, opening: Demonstration) -> Demonstration:
 
 
 def openings(given: LabelledDemonstrations) -> Sequence[Demonstration]:
-    """Return the demonstrations from where their hands hold the handle."""
+    """Return the part of each demonstration in which the hand holds the handle."""
     return [opening for _, opening in _parts(given)] or given.demonstrations
 
 
 def reaches(given: LabelledDemonstrations) -> Sequence[Demonstration]:
-    """Return how the hands of demonstrations come to the handle.
+    """Return the part of each demonstration before the hand holds the handle.
 
     Raises:
-        ValueError: The demonstrations do not say when a hand takes hold.
+        ValueError: The demonstrations do not record when the hand takes hold.
     """
     parts = _parts(given)
     if not parts:
         raise ValueError(
-            f"these demonstrations do not say when the hand takes hold (signal "
-            f"{GRASPED!r}), so that nobody can learn from them to reach for the "
-            "handle; leave out --start approach, or --demonstrations"
+            f"these demonstrations do not record when the hand takes hold (signal "
+            f"{GRASPED!r}), so reaching cannot be learned from them; leave out --start "
+            "approach, or --demonstrations"
         )
     return [reach for reach, _ in parts]
 
@@ -95,7 +95,7 @@ def reaches(given: LabelledDemonstrations) -> Sequence[Demonstration]:
 def _parts(
     given: LabelledDemonstrations,
 ) -> list[tuple[Demonstration, Demonstration]]:
-    """Return reach and opening of each; nothing if the signal is missing."""
+    """Return reach and opening of each demonstration; empty without the signal."""
     if not given.signals or any(GRASPED not in one for one in given.signals):
         return []
     return [
@@ -106,24 +106,24 @@ def _parts(
 
 @one_thread
 def learn_reach(reaches: Sequence[Demonstration]) -> Movement:
-    """Learn to reach from two demonstrations or more that end at the handle."""
-    # The rest at the end is a part of the task: the hand closes.
+    """Learn the reach from at least two demonstrations that end at the handle."""
+    # The rest at the end belongs to the task: the hand closes.
     return fit_skill(align(reaches, trim_rests=False))
 
 
 class ReachingAgent:
-    """Reaches for the handle, waits until the gripper closed, and lets another act.
+    """Reaches for the handle, waits until the gripper closes, then uses another agent.
 
-    Where the handle's pose is uncertain, a `GraspSearch` corrects the reach by contact.
-    The other agent then sees poses relative to the hand's at the grasp, on the axes of
-    the task frame: it begins at zero, as its demonstrations. An empty hand's is that
-    of the last attempt.
+    If the handle's pose is uncertain, a `GraspSearch` corrects the reach by contact.
+    The other agent then observes poses relative to the hand pose at the grasp, in axes
+    of the task frame, so that it begins at zero, like its demonstrations. If no attempt
+    succeeds, the pose of the last attempt is used.
 
     Args:
-        reach: What `learn_reach` learned.
-        then: Opens the door.
+        reach: The movement from `learn_reach`.
+        then: The agent that opens the door.
         perception: Standard deviations of the handle's believed pose [m, rad], as
-            `gplfd_env.doors.randomization.DoorRandomization.perception`.
+            in `gplfd_env.doors.randomization.DoorRandomization.perception`.
     """
 
     @one_thread
@@ -139,7 +139,7 @@ class ReachingAgent:
 
     @property
     def control(self) -> Control:
-        """What it commands: the same as the agent that opens the door."""
+        """Kind of command, the same as for the agent that opens the door."""
         return self._then.control
 
     def inform(self, door: DoorGeometry) -> None:
@@ -149,7 +149,7 @@ class ReachingAgent:
 
     @one_thread
     def reset(self, observation: Observation) -> None:
-        """Begin where the hand is."""
+        """Begin at the current pose of the hand."""
         self._path, self._elapsed = self._from(observation["ee_pose"]), 0.0
         self._grasp: Pose | None = None
         self._search: GraspSearch | None = None
@@ -172,7 +172,7 @@ class ReachingAgent:
     def _act_uncertain(
         self, observation: Observation, search: GraspSearch
     ) -> AgentStep:
-        """Return a command of the search, or after it of the other agent."""
+        """Return a command of the search, or afterwards of the other agent."""
         if search.stage != "held":
             mean, std = self._reached(search.elapsed + CONTROL_PERIOD)
             return self._step(search.command(observation, mean), std)
@@ -206,13 +206,13 @@ class ReachingAgent:
 
     @property
     def gripper_width(self) -> float:
-        """What goes with the last pose [m]: wide open to the handle, then closed."""
+        """Commanded gripper width [m]: open up to the handle, then closed."""
         if self._search is not None:
             return self._search.gripper_width
         return GRIPPER_WIDTH if self._elapsed < self._reach.duration else 0.0
 
     def forecast(self) -> GaussianTrajectory | None:
-        """Return what is expected of the opening, or None."""
+        """Return the expected trajectory of the opening, or None."""
         forecast, grasp = self._then.forecast(), self._grasp
         if forecast is None or grasp is None:
             return forecast
@@ -220,12 +220,12 @@ class ReachingAgent:
         return dataclasses.replace(forecast, mean=mean)
 
     def _from(self, start: Pose) -> GaussianTrajectory:
-        """Return the reach from a pose to the handle."""
+        """Return the movement from a pose to the handle."""
         ends = ViaPoint(phase=0.0, pose=start), ViaPoint(phase=1.0, pose=np.zeros(6))
         return adapt(self._reach, ends, "process").predict(_GRID)
 
 
 def _moved(pose: Axes, grasp: Pose, way: float) -> Axes:
-    """Return poses with the pose of the grasp added (way 1) or taken off (way -1)."""
+    """Return poses with the grasp pose added (way 1) or subtracted (way -1)."""
     turned = compose_rotvecs(pose[..., 3:], way * grasp[3:])
     return np.concatenate([pose[..., :3] + way * grasp[:3], turned], axis=-1)

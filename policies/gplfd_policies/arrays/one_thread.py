@@ -1,14 +1,14 @@
 """Linear algebra on one thread.
 
-How many threads BLAS uses decides the order in which it adds, and with it the last bits
-of a product. So every entry point of this package computes under `one_thread`: those
-that learn, read, predict, adapt and act. The numbers are then the same whatever the
-caller has set (``test_linear_algebra_runs_on_one_thread``). It is faster as well: the
-policies' matrices have about a hundred rows, and sharing them out among threads costs
-ten times the work itself.
+The number of BLAS threads determines the order of summation, and with it the last bits
+of a product. Therefore every entry point of this package that learns, reads, predicts,
+adapts or acts computes under `one_thread`. The numbers then do not depend on the
+caller's settings (``test_linear_algebra_runs_on_one_thread``). One thread is also
+faster: the policies' matrices have about a hundred rows, and distributing them among
+threads costs ten times the work itself.
 
-The limit needs threadpoolctl. Where that is not installed, as on a robot, BLAS runs on
-as many threads as the process was started with: set ``OPENBLAS_NUM_THREADS=1``.
+The limit needs threadpoolctl. If that is not installed, e.g. on a robot, BLAS uses the
+number of threads with which the process was started: set ``OPENBLAS_NUM_THREADS=1``.
 """
 
 import contextlib
@@ -21,8 +21,8 @@ from typing import Any
 class _OneThread(contextlib.ContextDecorator):
     """The limit of the process; entering it again takes about a microsecond.
 
-    It is lifted when the last computing thread has left. A forked child starts without:
-    the threads that would leave it stay in the parent.
+    It ends when the last computing thread leaves. A forked child starts without a
+    limit, because the threads that would leave it stay in the parent.
     """
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class _OneThread(contextlib.ContextDecorator):
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
-            # It is 0 already where a block that was entered before a fork ends in the
+            # It is already 0 if a block that was entered before a fork ends in the
             # child.
             self._entered = max(0, self._entered - 1)
             if not self._entered:
@@ -60,8 +60,8 @@ class _OneThread(contextlib.ContextDecorator):
     @staticmethod
     def _set(numbers: list[int]) -> None:
         for each, number in zip(_libraries(), numbers, strict=True):
-            # From version 3.8 on, threadpoolctl lets only the thread that came first
-            # set the number, and ignores all others. They are counted here instead.
+            # From version 3.8 on, threadpoolctl lets only the first thread set the
+            # number and ignores all others. Therefore threads are counted here.
             getattr(each, "_real_set_num_threads", each.set_num_threads)(number)
 
 
@@ -71,7 +71,7 @@ def _libraries() -> list[Any]:
 
     None without threadpoolctl.
     """
-    # SciPy has a BLAS of its own, which must be loaded before libraries are listed.
+    # SciPy has its own BLAS, which must be loaded before libraries are listed.
     import scipy.linalg  # noqa: F401
 
     try:

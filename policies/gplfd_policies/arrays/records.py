@@ -1,4 +1,4 @@
-"""Immutable records: of read-only arrays with a repr of one line, and of settings."""
+"""Immutable records: read-only arrays with a short repr, and settings."""
 
 import reprlib
 from dataclasses import fields
@@ -10,7 +10,7 @@ from gplfd_env.validation.fields import check_quantities
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """Return a read-only float64 copy in C order: stored, it gives equal bits."""
+    """Return a read-only float64 copy in C order, so that stored files are equal."""
     copy = np.array(array, dtype=np.float64, order="C")
     copy.setflags(write=False)
     return copy
@@ -43,7 +43,7 @@ _SHAPES.maxother, _SHAPES.maxtuple = 200, 2
 
 
 def short_repr(record: Any) -> str:
-    """Return ``Name(field=value, ...)`` with long arrays by their shape."""
+    """Return ``Name(field=value, ...)``, with only the shape of long arrays."""
     shown = (
         f"{field.name}={_SHAPES.repr(getattr(record, field.name))}"
         for field in fields(record)

@@ -1,4 +1,4 @@
-"""Resolution of poses, fewer samples of a curve, and samples between them."""
+"""Resolution of poses, subsampling of curves, and interpolation."""
 
 import numpy as np
 
@@ -18,5 +18,5 @@ def interpolated(
     given: Float[np.ndarray, " M"],
     curves: Float[np.ndarray, "M C"],
 ) -> Float[np.ndarray, "N C"]:
-    """Return curves at other places than given; constant beyond the ends."""
+    """Return curves interpolated at other places; constant beyond the ends."""
     return np.column_stack([np.interp(wanted, given, curve) for curve in curves.T])

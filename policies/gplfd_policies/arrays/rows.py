@@ -1,4 +1,4 @@
-"""Rows of a batch: which of its episodes a call is about."""
+"""Rows of a batch: the episodes to which a call applies."""
 
 from typing import Final
 
@@ -7,13 +7,13 @@ import numpy as np
 from gplfd_policies.arrays.shapes import Int
 
 Numbers = np.ndarray | np.float64 | np.int64
-"""One number per row; of a batch without a leading axis a scalar of NumPy."""
+"""One number per row; a NumPy scalar for a batch without a leading axis."""
 
 Rows = tuple[()] | Int[np.ndarray, " A"]
-"""Index of the leading axis: numbers of rows, or the empty index for all of them."""
+"""Index of the leading axis: numbers of rows, or the empty index for all rows."""
 
 ALL_ROWS: Final = ()
-"""All rows, also of arrays without a leading axis; it makes views, not copies."""
+"""All rows, also for arrays without a leading axis; gives views, not copies."""
 
 
 def rows_of(mask: np.ndarray | None, count: int) -> Rows:

@@ -16,9 +16,9 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 _LARGEST_EXPANSION: Final = 20
-"""A file may decode to this many times its own size; logs reach 2.1 times."""
+"""Greatest ratio of decoded size to file size; logs reach 2.1."""
 _ALLOWANCE: Final = 2**26
-"""And to so many bytes however small it is: constant arrays compress a thousandfold."""
+"""Bytes that every file may decode to: constant arrays compress a thousandfold."""
 
 _COMPRESSIONS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _FILE_TYPES: Final = (
@@ -33,10 +33,10 @@ RecordT = TypeVar("RecordT")
 
 
 class DecodingBudget:
-    """Bytes of memory that the content of one file may still take when it is decoded.
+    """Bytes of memory that may still be used to decode one file.
 
-    A compressed file of some kilobytes can hold gigabytes, so every reader claims the
-    size of an array, as the float64 that it becomes, before it allocates it.
+    A compressed file of some kilobytes can hold gigabytes. Therefore every reader
+    claims the size of an array, converted to float64, before it allocates the array.
     """
 
     def __init__(self, size: int, *, least: int = _ALLOWANCE) -> None:
@@ -46,7 +46,7 @@ class DecodingBudget:
         """Bytes that may still be claimed."""
 
     def claim(self, amount: int, what: str) -> None:
-        """Take bytes for ``what``, which is about to be allocated, or refuse them."""
+        """Claim bytes for ``what`` before its allocation, or raise."""
         if not 0 <= amount <= self.left:
             raise ValueError(
                 f"it unpacks to more than its size allows: with {what} of {amount:,} "
@@ -58,7 +58,7 @@ class DecodingBudget:
 
 
 class Members:
-    """The members of an archive: called with a name it returns that one, once."""
+    """The members of an archive: a call with a name returns this member, once."""
 
     def __init__(self, archive: zipfile.ZipFile, budget: DecodingBudget) -> None:
         self._archive = archive
@@ -69,7 +69,7 @@ class Members:
             raise ValueError("it holds two members of one name")
 
     def __call__(self, name: str) -> np.ndarray:
-        """Return a member that was not yet returned, or refuse it."""
+        """Return a member that was not yet returned, or raise."""
         if name not in self._infos:
             raise ValueError(f"it lacks {name!r}")
         info = self._infos.pop(name)
@@ -77,7 +77,7 @@ class Members:
             raise ValueError(f"{name!r} is encrypted, or compressed in an unusual way")
         self._budget.claim(info.file_size, f"{name!r:.40}")
         with self._archive.open(info) as stream:
-            # With a size it unpacks no more, even if the compressed bytes hold more.
+            # With a given size it does not unpack more, even if there are more bytes.
             array = array_of(stream.read(info.file_size), name)
         if array.dtype.kind in "biuf":
             # Computation converts it to float64.
@@ -98,7 +98,8 @@ def decompressed(
 ) -> bytes:
     """Decompress frames that follow each other, to no more than a budget allows.
 
-    A decompressor is for one frame, as in `bz2`, `lz4.frame` and `compression.zstd`.
+    Each decompressor handles one frame, as in `bz2`, `lz4.frame` and
+    `compression.zstd`.
     """
     parts = []
     rest: bytes | None = data
@@ -142,12 +143,12 @@ def regular_file(path: str | Path, kind: str = "a file") -> Path:
 def complete_or_absent(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path to write to; it becomes ``path`` when the block succeeds.
 
-    When the block raises, an existing ``path`` stays as it was. The content is on the
-    disk before it gets its name, so that a loss of power leaves no half of it.
+    If the block raises, an existing ``path`` is not changed. The content is written to
+    disk before the file is renamed, so that a power loss leaves no incomplete file.
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    # A file that a killed process leaves matches no search for *.json or *.npz.
+    # A file left by a killed process does not match *.json or *.npz.
     temporary = target.parent / f".{secrets.token_hex(8)}.tmp"
     try:
         temporary.touch(exist_ok=False)
@@ -156,7 +157,7 @@ def complete_or_absent(path: str | Path) -> Iterator[Path]:
             os.fsync(written.fileno())
         temporary.replace(target)
     except OSError as error:
-        # The error of a full disk names no file or the temporary one.
+        # The error for a full disk names no file, or the temporary file.
         if error.errno is not None and error.filename in (None, str(temporary)):
             error.filename = str(target)
         raise
@@ -167,7 +168,7 @@ def complete_or_absent(path: str | Path) -> Iterator[Path]:
 def write_archive(
     path: str | Path, *, kind: str, version: int, arrays: Mapping[str, Any]
 ) -> None:
-    """Write named arrays as one compressed .npz file, complete or not at all."""
+    """Write named arrays as one compressed .npz file, which is complete or absent."""
     with complete_or_absent(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(
             stream, format=np.array(kind), format_version=np.array(version), **arrays
@@ -177,11 +178,11 @@ def write_archive(
 def read_archive(
     path: str | Path, *, kind: str, version: int, build: Callable[[Members], RecordT]
 ) -> RecordT:
-    """Build a record from a file of `write_archive`, which is not trusted.
+    """Build a record from an untrusted file in the format of `write_archive`.
 
     Nothing in it is executed, only members that ``build`` requests are unpacked, and
-    the size of an array is that of its bytes. Whatever ``build`` raises is reported as
-    a fault of the file.
+    the size of an array must match its bytes. Every error of ``build`` is reported as
+    an error of the file.
     """
     path = regular_file(path, f"a file (.npz) that holds {kind}")
     content = path.read_bytes()
@@ -200,7 +201,7 @@ def read_archive(
             record = build(members)
             for name in members.left:
                 raise ValueError(f"it holds {name!r:.80}, which does not belong there")
-    # On damaged files zipfile, zlib, NumPy and json raise two dozen kinds of errors.
+    # On damaged files zipfile, zlib, NumPy and json raise many types of errors.
     except Exception as error:
         reason = str(error) or type(error).__name__
         raise ValueError(
@@ -211,7 +212,7 @@ def read_archive(
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """Return all arrays of numbers or text in an untrusted .npz file, and no others."""
+    """Return all arrays of numbers or text in an untrusted .npz file; skip others."""
     content = regular_file(path).read_bytes()
     arrays = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -223,7 +224,7 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def array_of(content: bytes, name: str) -> np.ndarray:
-    """Return the array of a .npy file: of numbers or text, read-only."""
+    """Return the array of a .npy file, of numbers or text, read-only."""
     stream = io.BytesIO(content)
     if np.lib.format.read_magic(stream) != (1, 0):
         raise ValueError(f"{name!r} is not an array of version 1.0")
@@ -234,7 +235,7 @@ def array_of(content: bytes, name: str) -> np.ndarray:
     if math.prod(shape) * dtype.itemsize != len(content) - start:
         raise ValueError(f"{name!r} is not as large as its header says")
     if dtype.kind == "U":
-        # NumPy would make a str of code points that do not exist.
+        # NumPy would create a str with invalid code points.
         content[start:].decode("utf-32-be" if dtype.str[0] == ">" else "utf-32-le")
     order: Final = "F" if fortran else "C"
     return np.ndarray(shape, dtype, buffer=content, offset=start, order=order)

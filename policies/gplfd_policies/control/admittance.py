@@ -48,11 +48,11 @@ class Admittance:
         rows: Rows = ALL_ROWS,
         frame: Frames | None = None,
     ) -> Axes:
-        """Advance these rows by a period [s]; return e at its end, yours to change.
+        """Advance these rows by a period [s]; return a copy of e at its end.
 
-        With a frame T, translational stiffness k is along its columns, K = T k Tᵀ, and
-        D a function of K. The mass must be the same along x, y and z; then the step
-        decouples along the columns.
+        With a frame T, the translational stiffness k is along its columns, K = T k Tᵀ,
+        and D is a function of K. The mass must be the same along x, y and z; then the
+        step decouples along the columns.
         """
         if not dt > 0.0:
             raise ValueError(f"dt must be positive [s], got {dt}")

@@ -1,11 +1,11 @@
 """Compliance control: movement, adaptation, stiffness and admittance, step by step.
 
 Section IV-B of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979. One implementation serves one hand and many, whose
-arrays have a leading axis of rows. A row's result does not depend on the other rows, to
-the last bit: arithmetic is elementwise, a sum over a direction is taken by NumPy in one
-order, and BLAS products such as ``vecdot``, some of which add in an order that depends
-on the memory address, are not used across rows.
+Demonstration*, arXiv:2002.09979. The same implementation is used for one hand and for
+many hands, whose arrays have a leading axis of rows. The result of a row does not
+depend on the other rows, to the last bit: arithmetic is elementwise, and NumPy sums
+over a direction in a fixed order. BLAS products such as ``vecdot`` are not used across
+rows, because some of them add in an order that depends on the memory address.
 """
 
 import math
@@ -40,27 +40,27 @@ _PULL: Final = np.array([1.0, 0.0, 0.0])
 """Direction of the path before the first step."""
 _UNITS: Final = np.eye(3)
 _HELD: Final = 1e-3
-"""Length of the last direction that is added to the path's chord [m]: where the path
-stands still, the stiffness does not turn."""
+"""Length of the last direction that is added to the path's chord [m], so that the
+stiffness does not turn while the path stands still."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ComplianceConfig:
-    """How an agent moves through the task, yields, and takes via-points."""
+    """How an agent moves through the task, yields, and uses via-points."""
 
     load: LoadRule = field(default_factory=LearnedLoad)
-    """How the load of the door is compensated."""
+    """Rule that compensates the load of the door."""
     profile: StiffnessProfile = DEFAULT_PROFILE
     """Stiffness as a function of uncertainty, Eq. (24)."""
     phase_stiffness: PhaseStiffness | None = None
-    """Stiffness that demonstrated forces give at a phase, in addition to `profile`."""
+    """Stiffness from demonstrated forces at each phase, in addition to `profile`."""
     dynamics: VirtualDynamics = DEFAULT_DYNAMICS
-    """Mass and damping ratio of what the stiffness is rendered with, Eq. (22)."""
+    """Mass and damping ratio of the virtual dynamics, Eq. (22)."""
     rendering: Rendering = field(default_factory=VirtualRendering)
-    """What renders it: virtual dynamics, or the arm itself."""
+    """Where compliance is realised: by virtual dynamics, or by the arm itself."""
     stiffness_frame: Literal["path", "axes"] = "path"
     """Directions of the translational stiffness: along the path, up and across it, or
-    those of the task frame."""
+    the axes of the task frame."""
     control_period: float = quantity(CONTROL_PERIOD, above=0.0, unit="s")
     """Time between two commands [s]."""
     via_spacing: float = quantity(0.01, above=0.0)
@@ -69,16 +69,16 @@ class ComplianceConfig:
     """Noise of an observed via-point: position [m], rotation [rad]."""
     force_std: tuple[float, float] = (1.0, 0.1)
     """Standard deviation of a measured force [N] and moment [N m] as an observation of
-    what this door asks for."""
+    the force that this door needs."""
     settling_time: float = quantity(0.1, low=0.0, unit="s")
-    """Time constant with which the set-point moves onto a path that a via-point has
-    changed [s]; 0 lets it jump. Tuned."""
+    """Time constant with which the set-point moves to a path that a via-point has
+    changed [s]; 0 for a jump. Tuned."""
     max_turn_lead: float = quantity(0.05, above=0.0)
-    """How far the set-point's rotation may run ahead of the hand, in phase. It turns
-    with the handle: turning first would only twist the hand on the bar."""
+    """Greatest lead of the set-point's rotation over the hand, in phase. The hand turns
+    with the handle; if it turned earlier, it would only twist on the bar."""
     phase_drop: float = quantity(0.1, above=0.0)
-    """Fall of the observed phase below the last via-point, in phase, from which that
-    phase counts as wrong and via-points are taken again. Tuned: ten times
+    """If the observed phase falls by more than this below the last via-point, in phase,
+    that phase counts as wrong and via-points are used again. Tuned: ten times
     `via_spacing`, more than a door swings back."""
 
     def __post_init__(self) -> None:
@@ -112,7 +112,7 @@ class ComplianceConfig:
             )
 
     def _check_turning(self) -> None:
-        """Raise unless the stiffness may have other directions than the axes."""
+        """Raise if the stiffness cannot have other directions than the axes."""
         why = 'choose ComplianceConfig(stiffness_frame="axes")'
         if self.rendering.control == "impedance":
             raise ValueError(
@@ -134,7 +134,7 @@ class ComplianceController:
     """Controls one hand, or many with one phase rule and one config.
 
     `gplfd_policies.agents.handles.controller_of` makes one, with adapters around
-    movements, phases and load where handles turn.
+    movements, phases and load if handles turn.
     """
 
     def __init__(
@@ -161,7 +161,7 @@ class ComplianceController:
         self._offset = np.zeros((*shape, 6))  # of the set-point from the mean
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Let these rows begin an episode at the closed door."""
+        """Begin an episode at the closed door in these rows."""
         self._movements.reset(rows)
         self._phases.reset(rows)
         self._load.reset(rows)
@@ -176,7 +176,7 @@ class ComplianceController:
         self._offset[rows] = 0.0
 
     def _set_point(self, phase: Phases, observed_phase: Phases, rows: Rows) -> Axes:
-        """Return the means of these rows' movements, whose turn leads the hand less."""
+        """Return the means of these rows' movements, with limited lead in rotation."""
         turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
         means, _ = self._movements.at(np.array([phase, turn_phase]), rows)
         found: Axes = means[0]
@@ -186,13 +186,13 @@ class ComplianceController:
     def decide(self, poses: Axes, wrenches: Axes, rows: Rows = ALL_ROWS) -> AgentStep:
         """Return the commands of these rows for the next control period.
 
-        Axes [m, rad] and wrenches [N, N m] are those of their hands in the task frame.
+        Axes [m, rad] and wrenches [N, N m] of the hands are in the task frame.
         """
         config, movements = self._config, self._movements
         period = config.control_period
 
-        # 1. Observe: phase of the hand, and what the policy expects there. The copy is
-        # needed because a phase rule may return the command phase, which changes below.
+        # 1. Observe: phase of the hand, and expected pose there. The copy is needed
+        # because a phase rule may return the command phase, which changes below.
         command_phase = self._command_phase[rows].copy()
         seen = self._phases.update(
             poses, self._observed_phase[rows], command_phase, rows
@@ -212,7 +212,7 @@ class ComplianceController:
             forces.measure(wrenches, axes, rows)
 
         # 2. Adapt the movements of rows that have moved on by `via_spacing`, or whose
-        # phase has fallen so far that the last via-point was taken at a wrong one.
+        # phase has fallen so far that the phase of the last via-point was wrong.
         last_via = self._last_via[rows]
         lost = observed_phase < last_via - config.phase_drop
         due = (observed_phase >= last_via + config.via_spacing) | lost
@@ -257,7 +257,7 @@ class ComplianceController:
             jump = before - self._set_point(command_phase, observed_phase, rows)
             self._offset[rows] += np.where(due[..., None], jump, 0.0)
 
-        # 3. Load: what is compensated, what is yielded to, and whether the clock waits.
+        # 3. Load: compensated force, compliant wrench, and pace of the clock.
         response = self._load.update(
             ContactState(
                 expected=expected,
@@ -288,8 +288,8 @@ class ComplianceController:
         offset = self._offset[rows] = remaining * self._offset[rows]
         desired = movements.hand_poses(desired + offset, rows)
 
-        # 5. Stiffness from uncertainty, Eq. (24), as fast as it may rise. A hand that
-        # lags along the path shows that the policy is wrong there: the lag is added.
+        # 5. Stiffness from uncertainty, Eq. (24), with a limited rate of rise. If the
+        # hand lags along the path, the policy is wrong there: the lag is added to σ.
         std = stds[0]
         lag = np.asarray(response.path_lag)[..., None] * direction
         frame, learned = None, config.phase_stiffness
@@ -317,7 +317,7 @@ class ComplianceController:
             force, force_std = expected.along(directions)
             expectation = {"expected_force": force, "expected_force_std": force_std}
 
-        # 6. Render it, Eq. (22).
+        # 6. Render the stiffness, Eq. (22).
         action = self._renderer.step(
             desired,
             velocity,

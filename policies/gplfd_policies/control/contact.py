@@ -1,17 +1,18 @@
-"""Stability of the admittance while something rigid holds the hand.
+"""Stability of the admittance while the hand is rigidly held.
 
-A hand that is held closes a loop around the virtual dynamics: the displacement e of the
-command stretches the servo, whose force comes back as F after a delay τ,
+A held hand closes a loop around the virtual dynamics: the displacement e of the command
+stretches the servo, and the servo's force returns as F after a delay τ,
 
     m ë(t) + d ė(t) + k e(t) = F(t) = -k_s e(t - τ),
 
-k_s the stiffness of the servo in series with what holds the hand. At a control period h
-and integrated as `gplfd_policies.control.admittance.Admittance` does it, this is
+where k_s is the stiffness of the servo in series with the object that holds the hand.
+With the control period h and the integration of
+`gplfd_policies.control.admittance.Admittance`, this is
 
     M (e' - 2e + e⁻) + D (e' - e) + k e' = -k_s e_q,    M = m/h²,  D = d/h,
 
-e⁻, e, e' three displacements in succession and e_q that of q = τ/h periods before e.
-docs/method.md derives what follows from it.
+where e⁻, e, e' are successive displacements and e_q is the displacement q = τ/h periods
+before e. docs/method.md derives the consequences.
 """
 
 import math
@@ -34,7 +35,7 @@ class ContactLoop:
     """k_s: force per displacement of the command [N/m, N m/rad]."""
     delay: float
     """τ: longest time from a command to its effect on the measured force, beyond the
-    period for which it is given [s]."""
+    control period of the command [s]."""
     period: float = quantity(CONTROL_PERIOD, above=0.0, unit="s")
     """h: time between two commands [s]."""
 
@@ -56,21 +57,21 @@ class ContactLoop:
     def sufficient_damping(self) -> SixAxes:
         """k_s τ: damping with which the loop is stable for every m > 0 and k > 0.
 
-        For whole periods τ > 0; no smaller damping will do for every mass.
+        Holds for whole periods τ > 0; no smaller damping is enough for every mass.
         """
         return np.asarray(self.stiffness * self.delay)
 
     def tolerated_delay(self, stiffness: Axes, damping: Axes, mass: SixAxes) -> Axes:
         """Return the delay up to which the loop is stable [s].
 
-        Where k < k_s it is unstable at every longer one. The gain of the loop is one
-        at the frequency θ/h where p = sin²(θ/2) solves
+        If k < k_s, it is unstable at every longer delay. The gain of the loop is one at
+        the frequency θ/h where p = sin²(θ/2) solves
 
             (k - A p)² + B² p (1 - p) = k_s²,    A = 4M + 2D + 2k,  B = 2(D + k),
 
         and its phase reaches -180° there with a delay of
-        h/θ arctan2(B √(p(1 - p)), A p - k). Infinite where the gain is below one at
-        every frequency, zero where it is above.
+        h/θ arctan2(B √(p(1 - p)), A p - k). The result is infinite if the gain is below
+        one at every frequency, and zero if it is above one.
         """
         inertia = mass / (self.period * self.period)
         resistance = damping / self.period + stiffness
@@ -89,17 +90,17 @@ class ContactLoop:
         return np.where(crosses, delay, np.inf)
 
     def margin(self, stiffness: Axes, damping: Axes, mass: SixAxes) -> Axes:
-        """Return the delay tolerated beyond `delay` [s]; negative if it oscillates."""
+        """Return the tolerated delay minus `delay` [s]; negative if unstable."""
         return self.tolerated_delay(stiffness, damping, mass) - self.delay
 
 
 SERVO_LAG: Final = 0.005
-"""Delay of servo, contact and wrist sensor [s]: 4.6 ms are the most that
-benchmarks/contact.py loop finds where the friction grasp holds a locked door."""
+"""Delay of servo, contact and wrist sensor [s]: benchmarks/contact.py loop finds at
+most 4.6 ms when the friction grasp holds a locked door."""
 
 HELD_HAND: Final = ContactLoop(
     stiffness=np.repeat([2000.0, 100.0], 3), delay=3.0 * CONTROL_PERIOD + SERVO_LAG
 )
 """The servo of `gplfd_env.robot.model` with the longest delay that ``"hard"`` draws. It
-is as stiff along x, y and z, so that the loop decouples along any three directions
-along which the virtual dynamics do."""
+is equally stiff along x, y and z, so that the loop decouples along the same directions
+as the virtual dynamics."""

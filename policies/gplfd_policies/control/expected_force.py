@@ -1,11 +1,11 @@
-"""Expected force: what demonstrations, and this door so far, say of the hand's force.
+"""Expected force of the hand, from demonstrations and from this door so far.
 
-The force of demonstrated hands is a movement like that of their poses
-(`gplfd_policies.movements.movement.LearnedMovement.forces`), and the force that a robot
-measures on its way through a door is a via-point of it: the mean since the last one,
-because friction and sensors vary faster than the phase. What a via-point says is first
-used in the control step after it, which is where it is computed: the step of the
-via-point adapts the path already, and two such computations take longer than others.
+The demonstrated force is a movement like that of the poses
+(`gplfd_policies.movements.movement.LearnedMovement.forces`). The force that a robot
+measures on its way through a door is a via-point of it: the mean since the last
+via-point, because friction and sensors vary faster than the phase. The force is
+conditioned one control step after the via-point, because the step of the via-point
+already adapts the path, and two adaptations in one step would take too long.
 """
 
 import math
@@ -24,16 +24,16 @@ Amount = Float[Numbers, "*N"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ExpectedForce:
-    """Force with which some hands are expected to act on what they hold."""
+    """Expected force of some hands on what they hold."""
 
     mean: Vectors
-    """Its mean, in the axes of the hand [N]."""
+    """Mean force, in the axes of the hand [N]."""
     std: Vectors
-    """Its standard deviation along each of these axes [N]."""
+    """Standard deviation along each of these axes [N]."""
     axes: Float[np.ndarray, "... 3 3"]
     """Axes of the hand, as columns in the task frame."""
     largest: Amount | float = math.inf
-    """Largest force that was demonstrated, on the whole way [N]."""
+    """Largest demonstrated force on the whole way [N]."""
 
     def along(
         self, directions: Float[np.ndarray, "... 3 D"]
@@ -46,12 +46,12 @@ class ExpectedForce:
 
 
 class ForceForecast:
-    """Expects the forces of some hands, and learns from those that they measure."""
+    """Predicts the forces of some hands, and learns from measured forces."""
 
     def __init__(
         self, movements: GriddedMovements, measurement_std: tuple[float, float]
     ) -> None:
-        """Take movements of wrenches, and σ of measured ones [N], [N m]."""
+        """Start from movements of wrenches, and σ of measured wrenches [N], [N m]."""
         self._movements = movements
         self._noise = np.repeat(measurement_std, 3)
         self._largest = np.reshape(
@@ -61,7 +61,7 @@ class ForceForecast:
         # Measured since the last via-point: sum and number.
         self._sum = np.zeros((*movements.numbers.shape, 6))
         self._count = np.zeros(movements.numbers.shape)
-        # Rows that learn from it before they expect a force again, and at what phase.
+        # Rows to be conditioned before the next prediction, and their phases.
         self._due = np.zeros(movements.numbers.shape, dtype=bool)
         self._phases = np.zeros(movements.numbers.shape)
 
@@ -78,7 +78,7 @@ class ForceForecast:
         axes: Float[np.ndarray, "... 3 3"],
         rows: Rows = ALL_ROWS,
     ) -> tuple[ExpectedForce, ExpectedForce]:
-        """Return what is expected at phases, and where the path ahead of them ends.
+        """Return the expected forces at phases, and at the end of the path ahead.
 
         The axes of the hands are columns in the task frame.
         """
@@ -99,9 +99,9 @@ class ForceForecast:
         axes: Float[np.ndarray, "... 3 3"],
         rows: Rows = ALL_ROWS,
     ) -> None:
-        """Take wrenches on the hands, task frame [N, N m]."""
+        """Add measured wrenches on the hands, task frame [N, N m]."""
         apart = np.stack([wrenches[..., :3], wrenches[..., 3:]], axis=-1)
-        # Of the hand on what it holds, in the axes of the hand.
+        # Wrench of the hand on what it holds, in the axes of the hand.
         own = product(axes.swapaxes(-1, -2), -apart).swapaxes(-1, -2)
         self._sum[rows] += own.reshape(wrenches.shape)
         self._count[rows] += 1.0
@@ -112,9 +112,10 @@ class ForceForecast:
         phases: Amount,
         rows: Rows = ALL_ROWS,
     ) -> None:
-        """Let the rows that are due learn from what they measured since they last did.
+        """Schedule rows that are due to learn from their measurements since last time.
 
-        The force that is expected next is conditioned on its mean, at these phases.
+        Before the next prediction, the force is conditioned on their mean, at these
+        phases.
         """
         self._due[rows] = due
         self._phases[rows] = phases

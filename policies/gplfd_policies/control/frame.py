@@ -1,8 +1,8 @@
 """The tangent-normal frame of a path, in which stiffness is defined.
 
 Columns of a frame are the directions along the path, up, and across it, so that the
-frame of the pull along x is that of the task. Products are written out: BLAS may add in
-an order that depends on the other rows.
+frame of the pull along x is the task frame. Products are written out, because BLAS may
+add in an order that depends on the other rows.
 """
 
 import numpy as np
@@ -12,12 +12,12 @@ from gplfd_policies.arrays.shapes import Axes, Float, Frames, Vectors
 
 
 def path_frame(tangent: Vectors) -> Frames:
-    """Return the frames whose first columns are unit tangents (..., 3), or opposite.
+    """Return frames whose first columns are unit tangents (..., 3), or their opposites.
 
-    The least rotation of the task's axes onto a tangent t, from x to t or -t, whichever
-    is nearer: I + [u] + [u]²/(1 + x·t) with u = x × t. A push has the frame of a pull.
-    Up stays y for a tangent in the horizontal plane. Where t is across x, the columns
-    of such a tangent only change their sign.
+    A frame is the least rotation of the task's axes from x to the tangent t or to -t,
+    whichever is nearer: I + [u] + [u]²/(1 + x·t) with u = x × t. A push has the same
+    frame as a pull. For a tangent in the horizontal plane, up is y. Where t is across
+    x, the columns for such a tangent only change their sign.
     """
     tangent = np.where(tangent[..., :1] < 0.0, -tangent, tangent)
     x, y, z = tangent[..., 0], tangent[..., 1], tangent[..., 2]
@@ -35,7 +35,7 @@ def product(
     left: Float[np.ndarray, "*#N 3 3"], right: Float[np.ndarray, "*#N 3 J"]
 ) -> Float[np.ndarray, "*M 3 J"]:
     """Return the matrix products of stacks."""
-    # Added in the order of the rows.
+    # Summed in the order of the rows.
     return np.asarray(np.add.reduce(left[..., None] * right[..., None, :, :], axis=-2))
 
 

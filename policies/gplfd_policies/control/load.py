@@ -1,10 +1,10 @@
-"""Load compensation along the path: what the hand does about the door's resistance.
+"""Compensation of the load along the path.
 
 In Eq. (22) of Arduengo et al., arXiv:2002.09979, every external force displaces the
-set-point. A force *across* the path shows that the path is wrong, and yielding is
-right. The force *along* it may be the door's weight, under which a hand that yields
-stalls, or a person who holds the hand. The past distinguishes them: a door was as heavy
-a centimetre ago.
+set-point. A force *across* the path shows that the path is wrong, and the hand should
+yield. A force *along* the path may be the door's weight, under which a yielding hand
+stalls, or a person who holds the hand. The past distinguishes them: the door was
+equally heavy a centimetre ago.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from gplfd_policies.control.stiffness import StiffnessProfile
 Amount = Float[Numbers, "*N"]
 
 _NO_STIFFNESS: Final = 1e-9
-"""Divides where there is none [N/m]."""
+"""Divisor if there is no stiffness [N/m]."""
 
 _NO_LIMIT: Final = "to carry nothing use YieldToAll"
 
@@ -38,15 +38,15 @@ class ContactState:
     pose: Axes
     """Pose of the hand [m, rad]."""
     displacement: Vectors
-    """How far it has been displaced: e of Eq. (22) [m]."""
+    """Displacement of the hand: e of Eq. (22) [m]."""
     expected: ExpectedForce | None = None
-    """What the demonstrations, and this door so far, say of the force; None without
+    """Force expected from the demonstrations and from this door so far; None without
     demonstrated forces."""
     expected_ahead: ExpectedForce | None = None
-    """The same at the end of the chord that `direction` is of."""
+    """The expected force at the end of the chord that defines `direction`."""
     hook_grasp: bool = False
-    """Whether the fingers stand behind a handle that they have turned, and do not hold
-    it by friction alone."""
+    """Whether the fingers are behind a handle that they have turned, and do not hold
+    it only by friction."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -59,27 +59,27 @@ class LoadResponse:
     """Resistance along the path that is compensated, not part of `compliant_wrench`
     [N]."""
     pace: Amount
-    """Pace of the command phase: 1 by the clock, 0 for waiting, down to -1 for going
-    back to the hand."""
+    """Pace of the command phase: 1 is normal, 0 is waiting, down to -1 for returning to
+    the hand."""
     path_lag: Amount
-    """Lag of the hand behind the set-point along the path: a standard deviation along
-    it, in addition to the policy's own [m]."""
+    """Lag of the hand behind the set-point along the path, used as a standard deviation
+    in addition to the policy's own [m]."""
 
 
 @runtime_checkable
 class Load(Protocol):
-    """State of a load rule: what is known of the doors of some rows."""
+    """State of a load rule: what it has learned about the doors of some rows."""
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget these rows' doors."""
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
-        """Update the state by the contact of these rows and return the response."""
+        """Update the state from the contact of these rows and return the response."""
 
 
 @runtime_checkable
 class LoadRule(Protocol):
-    """Decides which forces displace the set-point, and whether it waits.
+    """Decides which forces displace the set-point, and the pace of the clock.
 
     Agents use one rule for all rows of a batch if the rows' rules are equal.
     """
@@ -90,66 +90,67 @@ class LoadRule(Protocol):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LearnedLoad:
-    """Compensates the weight that a door was found to have, and yields to the rest.
+    """Compensates the learned weight of a door, and yields to the rest.
 
-    Of the resistance r along the path, the hand compensates no more than it expects,
-    r̂, and than it could hold with `reach` of the stiffness that is left:
+    Of the resistance r along the path, the hand compensates at most the expected
+    resistance r̂, and at most the force that the remaining stiffness has at `reach`:
 
         compensated = min(r, r̂, k(g) ℓ),        g = max(-uᵀe, 0),
 
-    with u the direction of the path, e the displacement of Eq. (22), g the lag of the
-    hand along the path, and k(g) the stiffness along u that Eq. (24) has for g. The
-    rest, r - compensated, displaces the set-point. The lag is uncertainty: the hand is
-    not where the policy has it, so σ'² = σ² + (g u)² sets the stiffness. A hand that is
-    held becomes soft; a free one becomes stiff again, as fast as the governor lets it.
+    with the direction u of the path, the displacement e of Eq. (22), the lag g of the
+    hand along the path, and the stiffness k(g) along u from Eq. (24) with σ = g. The
+    rest, r - compensated, displaces the set-point. The lag counts as uncertainty,
+    because the hand is not where the policy expects it: σ'² = σ² + (g u)² sets the
+    stiffness. A held hand becomes soft; a released hand becomes stiff again, at the
+    rate that the governor allows.
 
-    r̂ is `limit` at first, and then follows, over `stretch` metres of path, what it
-    took to move the hand on: the maximum in a step of `step` metres, for a leaf that
-    sticks and slips resists less where it moves than where it has to be started. A
-    person who holds the hand, which then stands still, is not the door's weight.
+    r̂ is `limit` at first. Then it follows, over `stretch` metres of path, the force
+    that was needed to move the hand: the maximum in each step of `step` metres, because
+    a leaf with stick-slip friction resists less while it moves than when it starts. A
+    person who holds the hand stops it, so this force does not count as the door's
+    weight.
 
-    Where forces were demonstrated, a resistance within the interval of what they, and
-    this door so far, say is compensated in any case, up to `shown_limit` and
-    `shown_share` of the largest that was demonstrated: a closer holds a hand back as
-    hard as it was expected to, however far the hand lags. While the door is unknown,
-    the interval may also be that at the end of the path ahead, because the phase at
-    which a closer begins to resist is uncertain.
+    If forces were demonstrated, a resistance within the interval expected from them and
+    from this door so far is always compensated, up to `shown_limit` and `shown_share`
+    of the largest demonstrated force: a closer resists with the expected force, no
+    matter how far the hand lags. While the door is unknown, the interval at the end of
+    the path ahead may also be used, because the phase at which a closer begins to
+    resist is uncertain.
 
-    The clock slows down as the hand lags, and waits at `lag`: of the lag itself and, as
-    far as the door is known (from 0 to 1 over the same way as r̂), of that to which the
-    force will lead, (r - compensated)/k_min. What holds the hand finally bears
-    k_min (ℓ + `lag`), 13 N with the default profile
+    The clock slows down with the lag of the hand and waits at `lag`. As the door
+    becomes known (from 0 to 1 over the same distance as r̂), the lag that the force
+    will cause, (r - compensated)/k_min, counts as well. An object that holds the hand
+    finally bears k_min (ℓ + `lag`), 13 N with the default profile
     (``test_what_holds_the_hand_bears_the_least_stiffness``). Behind a handle, where
-    fingers do not slip, h `limit` and h ℓ take the places of `limit` and ℓ: 26 N.
+    fingers do not slip, h `limit` and h ℓ replace `limit` and ℓ: 26 N.
     """
 
     limit: float = quantity(25.0, above=0.0, unit="N", reason=_NO_LIMIT)
-    """Resistance expected before the hand has moved, and the greatest ever compensated
+    """Resistance expected before the hand has moved, and greatest expected resistance
     [N]. A friction grasp of 16 N per finger slips at 37 N."""
     hook_grasp_gain: float = quantity(58.0 / 25.0, above=0.0)
-    """h: load capacity of a hook grasp relative to a friction grasp; factor of `limit`
-    and `reach` where fingers stand behind a handle. There the arm's joints give way
+    """h: load capacity of a hook grasp relative to a friction grasp; factor for `limit`
+    and `reach` when the fingers are behind a handle. There the arm's joints yield
     first, at 58 N along the path (assets/README.md, "What the arm can carry")."""
     shown_limit: float = quantity(33.0, above=0.0, unit="N")
     """Greatest resistance that is compensated because it was demonstrated [N]: nine
     tenths of the force at which a friction grasp slips."""
     interval: float = quantity(2.0, low=0.0)
-    """Standard deviations of the expected force up to which it is compensated."""
+    """Upper end of the interval of the expected force, in standard deviations."""
     shown_share: float = quantity(1.5, low=0.0)
-    """The same relative to the largest force that was demonstrated: a hand that pulls
-    at a locked door expects more force by its own pull."""
+    """Greatest such resistance relative to the largest demonstrated force: at a locked
+    door, the hand's own pull would raise the expected force further and further."""
     least: float = quantity(1.0, above=0.0, unit="N")
-    """Least resistance to be expected of a door [N]: what hinge and sensor add now and
-    take away again."""
+    """Least expected resistance of a door [N]: variations of hinge and sensor."""
     stretch: float = quantity(0.03, above=0.0, unit="m")
-    """Path over which r̂ follows the resistance [m]."""
+    """Length of path over which r̂ follows the resistance [m]."""
     reach: float = quantity(0.1, above=0.0, unit="m")
-    """ℓ: lag at which as much is yielded to as is compensated at most [m]."""
+    """ℓ: distance that limits the compensated load to the force k(g) ℓ [m]."""
     lag: float = quantity(0.03, above=0.0, unit="m")
     """Lag at which the clock waits [m]."""
     step: float = quantity(5e-3, above=0.0, unit="m")
-    """Distance along the path from which the hand counts as moved [m]. Tuned: above a
-    pose sensor's noise and the slack of a grip."""
+    """Distance along the path after which the hand counts as moved [m]. Tuned: above
+    the noise of a pose sensor and the play of a grip."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -179,14 +180,14 @@ class LoadLearner:
         self._most = np.zeros(shape)  # resistance since the mark
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Expect nothing but the limit of these rows' next doors."""
+        """Forget these rows' doors; the limit is expected for the next."""
         self._expected[rows] = np.nan
         self._known[rows] = 0.0
         self._mark[rows] = np.nan
         self._most[rows] = 0.0
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
-        """Learn how heavy the doors of these rows are, and return the response."""
+        """Update the expected resistance of these rows, and return the response."""
         rule, direction = self._rule, contact.direction
         gain = rule.hook_grasp_gain if contact.hook_grasp else 1.0
         resistance = _resistance(contact.wrench, direction)
@@ -205,12 +206,12 @@ class LoadLearner:
         expected = self._expected[rows] = before + weight * (met - before)
         known = self._known[rows]
         known = self._known[rows] = known + weight * (1.0 - known)
-        # A hand that is led back has to come forward again before it learns.
+        # After a motion backwards, the hand must first move forward again to learn.
         away = np.abs(moved) >= rule.step
         self._most[rows] = np.where(away, 0.0, most)
         self._mark[rows] = np.where(away[..., None], position, mark)
 
-        # Compensated: at most r̂, and what the stiffness left by the lag can hold.
+        # Compensated: at most r̂, and the force that the remaining stiffness can hold.
         lag = np.maximum(-_along(direction, contact.displacement), 0.0)
         std = np.repeat(np.asarray(lag)[..., None], 6, axis=-1)
         stiffness = _stretched(self._profile.stiffness(std, rows=rows), direction)
@@ -221,15 +222,15 @@ class LoadLearner:
                 _upper(one, direction, rule.interval)
                 for one in (contact.expected, contact.expected_ahead)
             )
-            # Where a door that has not moved yet begins to resist is uncertain.
+            # Before the door moves, the phase at which it resists is uncertain.
             shown = here + (1.0 - known) * np.maximum(ahead - here, 0.0)
             largest = rule.shown_share * np.asarray(contact.expected.largest)
             shown = np.minimum(shown, np.minimum(largest, gain * rule.shown_limit))
             bound = np.maximum(bound, shown)
         compensated = np.asarray(np.minimum(resistance, bound))
 
-        # Pace: by the lag, and by the lag to which the force leads on a known door. A
-        # path without direction has no stiffness along it, and no resistance.
+        # Pace: from the lag, and from the lag that the force will cause at a known
+        # door. A path without direction has no stiffness along it, and no resistance.
         softest = np.maximum(_stretched(self._profile.k_min, direction), _NO_STIFFNESS)
         coming = known * (resistance - compensated) / softest
         return LoadResponse(
@@ -241,7 +242,7 @@ class LoadLearner:
 
 
 class _Stateless(Load):
-    """Base of rules that are their own state, because they have none."""
+    """Base of rules without state, which are used as their own state."""
 
     def begin(self, profile: StiffnessProfile, shape: tuple[int, ...] = ()) -> Load:
         """Return itself."""
@@ -255,8 +256,8 @@ class _Stateless(Load):
 class CarriedLoad(_Stateless, Settings):
     """Compensates resistance along the path up to a limit; yields to everything else.
 
-    The clock's pace is 1 without load, 0 at the limit, and down to -1 from 1.19 times
-    the limit on, where the set-point comes back to the hand.
+    The pace of the clock is 1 without load, 0 at the limit, and -1 from 1.19 times the
+    limit on, where the set-point returns to the hand.
     """
 
     limit: float = quantity(25.0, above=0.0, unit="N", reason=_NO_LIMIT)
@@ -281,10 +282,10 @@ class CarriedLoad(_Stateless, Settings):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class YieldToAll(_Stateless):
-    """Every force displaces the set-point, which never waits: Eq. (22) as printed."""
+    """Every force displaces the set-point; the clock never waits, as in Eq. (22)."""
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
-        """Return the wrenches as they are, and the clock's pace."""
+        """Return the unchanged wrenches and the normal pace."""
         nothing = np.zeros(contact.wrench.shape[:-1])
         return LoadResponse(
             compliant_wrench=contact.wrench,
@@ -297,7 +298,7 @@ class YieldToAll(_Stateless):
 def _upper(expected: ExpectedForce, direction: Vectors, interval: float) -> Amount:
     """Return the upper end of the interval of the resistance along the path [N]."""
     mean, std = expected.along(direction[..., None])
-    # Of a method without standard deviations the mean.
+    # For a method without standard deviations, use the mean.
     return np.asarray(mean + interval * np.where(np.isnan(std), 0.0, std))[..., 0]
 
 
@@ -325,6 +326,6 @@ def _without(wrench: Axes, load: Amount, direction: Vectors) -> Axes:
 
 
 def _pace(share: Amount) -> Amount:
-    """Return 1 for nothing, 0 for a share of 1, -1 from 1.19 on."""
+    """Return 1 for a share of 0, 0 for a share of 1, -1 from 1.19 on."""
     # Not `**`: for arrays its last bit depends on the processor.
     return np.asarray(1.0 - np.minimum(np.float_power(share, 4.0), 2.0))

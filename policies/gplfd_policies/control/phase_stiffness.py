@@ -1,7 +1,7 @@
-"""Stiffness that demonstrated forces give at a phase of the task.
+"""Stiffness at each phase of the task, from demonstrated forces.
 
-`demonstrated_stiffness` makes a hand soft where those who demonstrated yielded, and
-stiff where they resisted. `stiffness_from_force` is the rule of Hou et al., *Adaptive
+`demonstrated_stiffness` makes a hand soft where the demonstrators yielded, and stiff
+where they resisted. `stiffness_from_force` is the rule of Hou et al., *Adaptive
 Compliance Policy*, 2024, arXiv:2410.09309.
 """
 
@@ -30,12 +30,12 @@ class PhaseStiffness:
     """Stiffness at M equally spaced phases from 0 to 1, and its share; read-only."""
 
     stiffness: Outputs
-    """k_d along the three directions of the frame and about the axes of the task
+    """k_d along the three directions of the frame and about the axes of the task frame
     [N/m, N m/rad]."""
     share: Outputs
-    """w, from 0 for the law of `StiffnessProfile` alone to 1 for k_d alone."""
+    """w, from 0 (only `StiffnessProfile`) to 1 (only k_d)."""
     direction: Float[np.ndarray, "M 3"]
-    """Unit vectors that the frame has in place of the path's tangent; NaN for none."""
+    """Unit vectors that replace the path's tangent in the frame; NaN for none."""
 
     __repr__ = short_repr
 
@@ -61,11 +61,11 @@ class PhaseStiffness:
 def demonstrated_stiffness(
     movement: Movement, profile: StiffnessProfile
 ) -> PhaseStiffness:
-    """Return the stiffness of the hands that demonstrated, where it is known.
+    """Return the stiffness of the demonstrating hands, weighted by its certainty.
 
-    Along each direction of the path's frame, w = 1 - (σ/σ_0)², with the standard
-    deviations of the stiffness after and before the demonstrations: the share of the
-    data in the precision. k_d is limited to the profile's range.
+    Along each direction of the path's frame, w = 1 - (σ/σ_0)², with the posterior and
+    prior standard deviations of the stiffness: the share of the data in the precision.
+    k_d is limited to the profile's range.
 
     Raises:
         ValueError: Fewer than three demonstrations have wrenches.
@@ -79,7 +79,7 @@ def demonstrated_stiffness(
     chord = poses[start + length, :3] - poses[start, :3]
     size = np.linalg.norm(chord, axis=1, keepdims=True)
     tangent = np.where(size > 0.0, chord / np.maximum(size, 1e-12), [1.0, 0.0, 0.0])
-    # Beyond the demonstrations, hands stay as stiff as they were last.
+    # Beyond the demonstrations, the last stiffness is kept.
     phases = np.minimum(_PHASES / aligned.end, 1.0)
     samples = np.rint(phases * (count - 1)).astype(np.intp)
     known = []
@@ -105,10 +105,11 @@ def stiffness_from_force(
     profile: StiffnessProfile,
     forces: tuple[float, float] = (0.5, 5.0),
 ) -> PhaseStiffness:
-    """Return a stiffness that falls along the learned force, the larger the force.
+    """Return a stiffness along the learned force that falls with the force.
 
-    From k_max at the first of two `forces` [N] linearly to k_min at the second; k_max
-    across the force and in rotation. The default is that of the published code.
+    It falls linearly from k_max at the first of two `forces` [N] to k_min at the
+    second; across the force and in rotation it is k_max. The defaults are from the
+    published code.
 
     Raises:
         ValueError: No demonstration has wrenches.

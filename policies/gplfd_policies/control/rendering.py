@@ -23,7 +23,8 @@ from gplfd_policies.control.contact import HELD_HAND
 from gplfd_policies.control.stiffness import VirtualDynamics
 
 ARM_DYNAMICS: Final = VirtualDynamics(mass=np.repeat([4.0, 0.15], 3), damping_ratio=1.0)
-"""What the arm of `gplfd_env` shows at the hand when it renders a stiffness itself."""
+"""Apparent dynamics of the arm of `gplfd_env` at the hand, when it renders a
+stiffness."""
 
 Range = tuple[tuple[float, float], tuple[float, float]]
 
@@ -38,7 +39,7 @@ class VirtualRendering:
     def renderer(
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
     ) -> "VirtualRenderer":
-        """Return what renders for one hand, shape (), or for N hands, (N,)."""
+        """Return the renderer for one hand, shape (), or for N hands, (N,)."""
         return VirtualRenderer(dynamics, period, shape)
 
 
@@ -76,7 +77,7 @@ class VirtualRenderer:
         rows: Rows = ALL_ROWS,
         frame: Frames | None = None,
     ) -> Axes:
-        """Return desired poses [m, rad] that yield to the compliant wrench [N, N m]."""
+        """Return desired poses [m, rad] displaced by the compliant wrench [N, N m]."""
         # The stiff arm exerts the compensated force without a lead.
         offset = self._admittance.step(
             stiffness, compliant_wrench, self._period, rows, frame
@@ -90,38 +91,38 @@ class VirtualRenderer:
 class ArmRendering(Settings):
     """The arm's servo is commanded the stiffness; the set-point is the desired pose.
 
-    But for two leads, without which a soft arm would lag behind the policy:
+    Two leads are added, without which a soft arm would lag behind the policy:
 
-    * A force f that is to be compensated would stretch a spring k by f/k. The set-point
-      leads by f (1/k - 1/K), K the greatest stiffness of the arm: a hand that lags by x
-      pulls along its load with K x, as the stiff arm of the other rendering does. Of a
-      held hand's force the share 1 - k/K < 1 comes back as compensated load, so that it
-      settles at every delay. The loop of `gplfd_policies.control.contact` does not
-      exist.
-    * The servo's damper brakes the hand's own motion, that of the virtual dynamics its
-      deviation. The set-point leads by d v/k where it moves at v, smoothed: load sets
-      the clock's pace, and with it v, which sets the load.
+    * A compensated force f would stretch a spring k by f/k. The set-point leads by
+      f (1/k - 1/K), with the greatest stiffness K of the arm: a hand that lags by x
+      pulls its load with K x, like the stiff arm of the other rendering. For a held
+      hand, the share 1 - k/K < 1 of its force returns as compensated load, so that it
+      settles at every delay. There is no loop as in `gplfd_policies.control.contact`.
+    * The servo's damper opposes the hand's velocity, whereas the virtual damper opposes
+      only the deviation. The set-point therefore leads by d v/k at the velocity v. v is
+      smoothed, because the load sets the pace of the clock, and thus v, which in turn
+      sets the load.
     """
 
     control: ClassVar[Control] = "impedance"
     stiffness_range: ClassVar[Range] = ((20.0, 2000.0), (1.0, 100.0))
 
     smoothing: float = quantity(0.2, low=0.0, unit="s")
-    """Time constant of the velocity by which the set-point leads [s]; 0 for none. As
-    the load comes to its limit, the pace falls by 0.16 per newton, and at 0.2 m/s with
-    it the force of the lead by 2.7 N per newton: unsmoothed, it would alternate from
+    """Time constant of the velocity for the lead [s]; 0 for no smoothing. Near the
+    limit of the load the pace falls by 0.16 per newton. At 0.2 m/s the force of the
+    lead then falls by 2.7 N per newton: without smoothing it would alternate from
     period to period."""
 
     def renderer(
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
     ) -> "ArmRenderer":
-        """Return what renders for one hand, shape (), or for N hands, (N,)."""
+        """Return the renderer for one hand, shape (), or for N hands, (N,)."""
         share = period / (period + self.smoothing)
         return ArmRenderer(dynamics, share, self.stiffness_range[0][1], shape)
 
 
 class ArmRenderer:
-    """What leads the desired poses."""
+    """Computes set-points that lead the desired poses."""
 
     def __init__(
         self,
@@ -160,7 +161,7 @@ class ArmRenderer:
     ) -> Axes:
         """Return desired poses that lead by the compensated force and velocity.
 
-        `ComplianceConfig` allows no frame here.
+        `ComplianceConfig` does not allow a frame with this rendering.
         """
         before = self._velocity[rows]
         smooth = before + self._share * (velocity - before)
@@ -175,4 +176,4 @@ class ArmRenderer:
 
 
 Rendering = VirtualRendering | ArmRendering
-"""A way to render stiffness: settings, of which a renderer is made."""
+"""Settings of a rendering, from which a renderer is made."""

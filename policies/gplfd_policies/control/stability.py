@@ -4,8 +4,8 @@ Kronander & Billard, *Stability Considerations for Variable Impedance Control*, 
 T-RO 32(5), 2016: the system M ë + D(t) ė + K(t) e = 0 is globally asymptotically stable
 if for some γ > 0 the matrices γM - D and K̇ + γḊ - 2γK are negative (semi-) definite.
 With diagonal matrices and d = 2δ√(m k), this bounds the rate of every k while it rises,
-which is while the uncertainty *falls*. The constants of Arduengo et al.,
-arXiv:2002.09979, are on the safe side but larger than needed (``printed=True``).
+that is, while the uncertainty *falls*. The constants of Arduengo et al.,
+arXiv:2002.09979, are safe but larger than needed (``printed=True``).
 """
 
 from dataclasses import dataclass
@@ -39,10 +39,11 @@ def rate_bound(
     """Return the tight bound on dk/dt at a stiffness: 2γ k^{3/2}/(√k + δγ√m).
 
     `test_eq23_tight_bound_follows_from_condition_2` derives it [N/(m s), N m/(rad s)].
-    It rises with k: what it is at k_min, 4δ k_min^{3/2}/((1 + 2δ²)√m), holds at every
-    k, Eq. (27). Where the least damping acts, which does not grow with k, it is
-    sufficient and not tight. ``printed`` gives Eq. (23) as printed, with 2δ for δ, also
-    only sufficient; at k_min that is Eq. (27) as printed, with 1 + 4δ² for 1 + 2δ².
+    It rises with k, so the value at k_min, 4δ k_min^{3/2}/((1 + 2δ²)√m), holds at every
+    k, Eq. (27). Where the least damping acts, which does not grow with k, the bound is
+    sufficient but not tight. ``printed`` gives Eq. (23) as printed, with 2δ instead of
+    δ, which is only sufficient; at k_min this is Eq. (27) as printed, with 1 + 4δ²
+    instead of 1 + 2δ².
     """
     gamma = decay_rate(k_min, dynamics)
     share = 2.0 if printed else 1.0
@@ -56,12 +57,13 @@ def uncertainty_fall_bound(
 ) -> SixAxes:
     """Return the bound on -dσ/dt that keeps the profile stable at every σ, Eq. (28).
 
-    16δ k_min^{3/2}/(α (k_max - k_min)(1 + 2δ²)√m) [m/s, rad/s]: the bound at k_min over
-    the largest slope of the profile, Eq. (26). Infinite for a constant stiffness.
-    ``printed`` gives the right side as printed, with 1 + 4δ² for 1 + 2δ².
+    16δ k_min^{3/2}/(α (k_max - k_min)(1 + 2δ²)√m) [m/s, rad/s]: the bound at k_min
+    divided by the largest slope of the profile, Eq. (26). Infinite for a constant
+    stiffness. ``printed`` gives the right side as printed, with 1 + 4δ² instead of
+    1 + 2δ².
 
     Eq. (28) is printed as a bound on +dσ/dt, and the text concludes that falling
-    uncertainty is always stable. It is rising uncertainty that is:
+    uncertainty is always stable. In fact, rising uncertainty is always stable:
     `test_eq28_bounds_falling_uncertainty`.
     """
     constant = rate_bound(profile.k_min, profile.k_min, dynamics, printed=printed)
@@ -72,23 +74,23 @@ def uncertainty_fall_bound(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GovernedStiffness:
-    """What a `StiffnessGovernor` allows in one control step."""
+    """Result of a `StiffnessGovernor` in one control step."""
 
     stiffness: Axes
     """Stiffness to render [N/m, N m/rad]."""
     rate: Axes
-    """Its rate over the step [N/(m s), N m/(rad s)]."""
+    """Rate of the stiffness over the step [N/(m s), N m/(rad s)]."""
     margin: Axes
-    """The tight pointwise bound minus the rate; positive. Where the frame turned, the
-    bound is the rate that leads to the highest stiffness still safe, over `_USED_SHARE`
-    (negative after a large turn; the margin is zero if only k_min is safe)."""
+    """The tight pointwise bound minus the rate; positive. If the frame turned, the
+    bound is the rate to the highest safe stiffness, divided by `_USED_SHARE` (negative
+    after a large turn; the margin is zero if only k_min is safe)."""
 
 
 class StiffnessGovernor:
-    """Follows a wished stiffness as fast as stability allows, and never below k_min.
+    """Follows a target stiffness as fast as stability allows, never below k_min.
 
-    A rise is limited to the tight pointwise bound at the current stiffness; a fall is
-    free. d(k) grows no faster than 2δ√(m k), which is concave, so a step h that
+    A rise is limited by the tight pointwise bound at the current stiffness; a fall is
+    not limited. d(k) grows no faster than 2δ√(m k), which is concave, so a step h that
     satisfies (k' - k)/h < bound(k) also satisfies the condition in finite differences,
     (k' - k) + γ(d' - d) - 2γ h k < 0, for every h.
     Together with the implicit step of
@@ -150,12 +152,12 @@ class StiffnessGovernor:
         return GovernedStiffness(stiffness=allowed, rate=rate, margin=bound - rate)
 
     def _turned(self, highest: Vectors, frame: Frames, rows: Rows) -> Vectors:
-        """Return stiffness along new frames that is safe where this was along the old.
+        """Return a safe stiffness along new frames, given the safe one along the old.
 
         With φ(K) = K + γD(K), F = φ(highest) in the old frame and any k ≥ k_min along
-        the new one, φ(k) ≤ F is what the condition asks for. F - φ(k_min) has no
-        negative eigenvalue; of a matrix E of that kind, E_ii (1 - Σ_j |E_ij| / √(E_ii
-        E_jj)) on the diagonal is a lower bound by Gershgorin's theorem, and so is zero.
+        the new frame, the condition requires φ(k) ≤ F. F - φ(k_min) has no negative
+        eigenvalue. For such a matrix E, the diagonal matrix of E_ii (1 - Σ_j |E_ij| /
+        √(E_ii E_jj)) is a lower bound by Gershgorin's theorem, and so is zero.
         """
         previous = self._frame[rows]
         previous = np.where(np.isnan(previous), frame, previous)
@@ -169,7 +171,7 @@ class StiffnessGovernor:
         share = 2.0 - np.add.reduce(ratios, axis=-1)
         share *= share.min(axis=-1, keepdims=True) > 0.0
         sound = self._least + diagonal * share
-        # φ inverted: the lesser of its two branches' inverses.
+        # Inverse of φ: the smaller of the inverses of its two branches.
         root = np.sqrt(sound + self._half * self._half) - self._half
         found = np.minimum(sound - self._floor, root * root)
         return np.asarray(np.maximum(found, self._k_min[:3]))

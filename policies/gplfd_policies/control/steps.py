@@ -1,4 +1,4 @@
-"""What agents decide in one control step: the record between policy and robot."""
+"""Decision of an agent in one control step: the record between policy and robot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gplfd_policies.arrays.rows import Numbers, Rows
 from gplfd_policies.arrays.shapes import Bool, Float
 
 Observation = Mapping[str, Float[np.ndarray, "..."]]
-"""Measurements of the robot by name; of a batch, with a leading axis."""
+"""Measurements of the robot by name; with a leading axis for a batch."""
 
 Poses = Float[np.ndarray, "*N 6"]
 Vectors = Float[np.ndarray, "*N 3"]
@@ -27,79 +27,80 @@ _NAN: Final[Any] = math.nan
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AgentStep:
-    """Decision of an agent in one control step, with its reasons; read-only.
+    """Command of an agent in one control step, with the quantities that explain it.
 
-    The steps of N agents are one record whose arrays have a leading axis N. Everything
-    but `action` may be left out: what an agent has no notion of is NaN.
+    Read-only. The steps of N agents are one record whose arrays have a leading axis N.
+    All fields except `action` are optional; quantities that an agent does not have are
+    NaN.
 
     Raises:
-        ValueError: If an array has another shape than the action asks for.
+        ValueError: If the shape of an array does not match the action.
     """
 
     action: Poses
     """Commanded hand pose, task frame [m, rad]."""
     desired: Poses = _NAN
-    """The movement's mean at the command phase [m, rad]."""
+    """Mean of the movement at the command phase [m, rad]."""
     frame: Float[np.ndarray, "... 3 3"] = field(default_factory=lambda: np.eye(3))
     """T: directions along the path, up, and across it, as columns in the task frame, or
-    the task's own axes. The first three numbers of `std`, `stiffness`, their rates and
-    margins are along these columns, and the translational stiffness is T diag(k) Tᵀ;
-    the last three are about the task's axes."""
+    the axes of the task frame. The first three numbers of `std`, `stiffness`, their
+    rates and margins are along these columns, and the translational stiffness is
+    T diag(k) Tᵀ; the last three are about the axes of the task frame."""
     std: Poses = _NAN
-    """Standard deviation at the command phase, and `give` along the path: what sets the
-    stiffness [m, rad]."""
+    """Standard deviation that sets the stiffness: that of the movement at the command
+    phase, plus `give` along the path [m, rad]."""
     std_rate: Poses = _NAN
-    """Rate of the σ the controller really used, jumps included [m/s, rad/s]."""
+    """Rate of the σ that the controller used, including jumps [m/s, rad/s]."""
     stiffness: Poses = _NAN
     """Rendered stiffness, after the governor [N/m, N m/rad]; commanded to the arm by
     agents whose control is ``"impedance"``."""
     stiffness_rate: Poses = _NAN
-    """Its rate over this step [N/(m s), N m/(rad s)]."""
+    """Rate of the stiffness over this step [N/(m s), N m/(rad s)]."""
     stability_margin: Poses = _NAN
     """Pointwise stability bound minus `stiffness_rate` [N/(m s), N m/(rad s)]; see
     `gplfd_policies.control.stability.GovernedStiffness`."""
     contact_margin: Poses = _NAN
-    """Delay that a held hand tolerates beyond the longest expected [s], see
-    `gplfd_policies.control.contact`."""
+    """Delay that a held hand tolerates in addition to the longest expected delay [s],
+    see `gplfd_policies.control.contact`."""
     carried_load: Phases | float = _NAN
     """Compensated load: resistance along the path that the hand bears without yielding
     [N]."""
     give: Phases | float = _NAN
     """Lag of the hand behind the set-point along the path; part of `std` [m]."""
     phase: Phases | float = _NAN
-    """Command phase: where along the task the set-point is, 0..1."""
+    """Command phase: phase of the set-point, 0..1."""
     observed_phase: Phases | float = _NAN
-    """Where along the task the hand is, 0..1."""
+    """Phase of the hand, 0..1."""
     phase_misfit: Phases | float = _NAN
-    """How far the hand is from anything demonstrated near `observed_phase`: root mean
+    """Deviation of the hand from the demonstrations near `observed_phase`: root mean
     square of the errors of distance, direction and rotation over their standard
-    deviations. About 1 or less where all is as expected; from 3 on, the phase is looked
-    for along the whole task."""
+    deviations. About 1 or less is as expected; from 3 on, the phase is searched along
+    the whole task."""
     path_size: Phases | float = _NAN
-    """Median size of the path relative to the demonstrations' geometric mean, inferred
+    """Median size of the path relative to the demonstrations' geometric mean, estimated
     from the path so far."""
     path_size_std: Phases | float = _NAN
-    """Standard deviation of its logarithm."""
+    """Standard deviation of the logarithm of `path_size`."""
     heading: Phases | float = _NAN
-    """Turn of the path about the vertical relative to the demonstrations' [rad]."""
+    """Rotation of the path about the vertical relative to the demonstrations [rad]."""
     heading_std: Phases | float = _NAN
-    """Its standard deviation [rad]."""
+    """Standard deviation of `heading` [rad]."""
     predicted_mean: Poses = _NAN
     """Mean at `observed_phase`, before this observation adapted the movement; the phase
-    itself was found with it [m, rad]."""
+    itself was estimated with this observation [m, rad]."""
     predicted_std: Poses = _NAN
-    """Standard deviation there [m, rad]."""
+    """Standard deviation of `predicted_mean` [m, rad]."""
     expected_force: Vectors = _NAN
-    """Mean of the force of the hand on what it holds, along the columns of `frame`,
-    before this observation, by demonstrated forces and this door so far [N]."""
+    """Mean force of the hand on what it holds, along the columns of `frame`, expected
+    before this observation from demonstrated forces and from this door so far [N]."""
     expected_force_std: Vectors = _NAN
-    """Its standard deviation [N]."""
+    """Standard deviation of `expected_force` [N]."""
     mode: Phases | float = _NAN
-    """Number of the mode that acts, 0 for the first, of an agent that has several."""
+    """Number of the active mode, from 0, for an agent with several modes."""
     mode_probability: Phases | float = _NAN
-    """Its probability, by demonstrations and observations so far."""
+    """Probability of the active mode, from demonstrations and observations so far."""
     via_point: Bool[np.ndarray | np.bool_, "*N"] | bool = False
-    """Whether this observation was taken as a via-point."""
+    """Whether this observation was used as a via-point."""
 
     def __post_init__(self) -> None:
         leading = np.shape(self.action)[:-1]
@@ -118,11 +119,11 @@ class AgentStep:
                     )
                 array = np.full(expected, array)
             array.setflags(write=False)
-            # The empty index: arrays without axes become numbers of NumPy.
+            # The empty index turns arrays without axes into NumPy scalars.
             object.__setattr__(self, name, array[()])
 
     def command(self, control: Control) -> Float[np.ndarray, "*N A"]:
-        """Return the action (6,) for "pose", with stiffness (12,) for "impedance"."""
+        """Return the action (6,), for "impedance" followed by the stiffness (12,)."""
         if control == "pose":
             return self.action
         if not np.array_equal(self.frame, np.broadcast_to(np.eye(3), self.frame.shape)):
@@ -133,12 +134,12 @@ class AgentStep:
         return np.concatenate([self.action, self.stiffness], axis=-1)
 
     def row(self, number: SupportsIndex) -> AgentStep:
-        """Return what one of N agents decided."""
+        """Return the step of one of N agents."""
         return AgentStep(**{name: getattr(self, name)[number] for name in STEP_SHAPES})
 
     @classmethod
     def stacked(cls, steps: Sequence[AgentStep]) -> AgentStep:
-        """Return the decisions of single agents as one record."""
+        """Return the steps of single agents as one record."""
         if not steps:
             return cls(action=np.empty((0, 6)))
         return cls(
@@ -149,9 +150,9 @@ class AgentStep:
         )
 
     def among(self, rows: Rows, last_actions: Poses) -> AgentStep:
-        """Return the steps of a whole batch of which only these rows acted.
+        """Return the steps of a whole batch in which only these rows acted.
 
-        The others keep their last action; all else of them is NaN.
+        The other rows keep their last action; their other fields are NaN.
         """
         if isinstance(rows, tuple):
             return self
@@ -169,4 +170,4 @@ STEP_SHAPES: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
     }
     | {"frame": (3, 3)}
 )
-"""The fields of `AgentStep` with the shape that each has for one agent."""
+"""The fields of `AgentStep` with their shapes for one agent."""

@@ -1,4 +1,4 @@
-"""Stiffness as a function of uncertainty, and the dynamics it is rendered with.
+"""Stiffness as a function of uncertainty, and the virtual dynamics that render it.
 
 The hand is stiff where the policy is certain and compliant where it is not.
 """
@@ -24,11 +24,11 @@ class StiffnessProfile:
     k_max: SixAxes
     """Stiffness where the policy is certain [N/m, N m/rad]."""
     k_min: SixAxes
-    """Stiffness where it is not [N/m, N m/rad]."""
+    """Stiffness where the policy is uncertain [N/m, N m/rad]."""
     alpha: Axes
-    """Steepness of the transition [1/m, 1/rad]; of a batch, with a row per agent."""
+    """Steepness of the transition [1/m, 1/rad]; for a batch, with a row per agent."""
     beta: Axes
-    """Standard deviation at the middle of the transition [m, rad]; in the same way."""
+    """Standard deviation at the middle of the transition [m, rad]; rows as `alpha`."""
     _laws: Float[np.ndarray, "*N 6 4"] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -55,7 +55,7 @@ class StiffnessProfile:
 
     @classmethod
     def stacked(cls, profiles: Sequence["StiffnessProfile"]) -> "StiffnessProfile":
-        """Return the profile of a batch, whose rows have one k_max and one k_min."""
+        """Return the profile of a batch, whose rows share k_max and k_min."""
         return cls(
             k_max=profiles[0].k_max,
             k_min=profiles[0].k_min,
@@ -70,10 +70,11 @@ class StiffnessProfile:
 
         NaN is the σ of a policy without uncertainty, which the hand follows stiffly.
         With a frame, σ[:3] and k[:3] are along its directions. There k_max, k_min, β
-        and 1/α are the axes' means with the weights T_id², which add up to one: on an
-        axis its own, and αβ is kept where it is the same on all axes.
+        and 1/α are means over the axes with the weights T_id², which add up to one.
+        Along an axis they equal its values, and αβ is kept if it is the same on all
+        axes.
         """
-        # One profile may be that of all rows.
+        # One profile may be used for all rows.
         own = rows if self.alpha.ndim > 1 else ALL_ROWS
         if frame is None:
             k_max, k_min, argument = self.k_max, self.k_min, self._argument(std, own)
@@ -86,7 +87,7 @@ class StiffnessProfile:
             k_max, k_min = law[..., 0], law[..., 1]
             argument = (std - law[..., 3]) / law[..., 2]
         softening = (k_max - k_min) * scipy.special.expit(argument)
-        # The lesser of the two, where NaN does not count.
+        # The smaller of the two; NaN is ignored.
         return np.asarray(np.fmin(k_max - softening, k_max))
 
     def rate(self, std: Axes, std_rate: Axes) -> Axes:
@@ -105,7 +106,8 @@ class StiffnessProfile:
     def printed_rate(self, std: Axes, std_rate: Axes) -> Axes:
         """Return α k_p (1 - k_p/(k_max - k_min)) dσ/dt, Eq. (25) as printed.
 
-        Wrong, and here to be compared with `rate`; it divides by zero if k_max = k_min.
+        It is wrong and only for comparison with `rate`; it divides by zero if
+        k_max = k_min.
         """
         if np.any(self.k_max == self.k_min):
             raise ValueError(
@@ -131,7 +133,7 @@ class VirtualDynamics:
     damping_ratio: float = quantity(1.0, above=0.0)
     """δ: 1 is critical damping at every stiffness."""
     least_damping: SixAxes = field(default_factory=lambda: np.zeros(6))
-    """d is never less than this [N s/m, N m s/rad]; zero for none."""
+    """Lower bound of the damping d [N s/m, N m s/rad]; zero for none."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -154,7 +156,7 @@ class VirtualDynamics:
 def _axes(
     name: str, values: Float[np.ndarray, "..."], shape: tuple[int, ...]
 ) -> Float[np.ndarray, "..."]:
-    """Return a read-only float64 copy, or raise unless it has the shape, finite."""
+    """Return a read-only float64 copy; raise if shape or numbers are invalid."""
     array = read_only(np.asarray(values))
     if array.shape != shape or not np.isfinite(array).all():
         each = "" if shape == (6,) else f" in each of {shape[0]} rows"
@@ -166,17 +168,16 @@ def _axes(
 
 
 _STEEPNESS = 6.0
-"""αβ: that of the published values, with which the stiffness at σ = 0 is within 0.25 %
-of its range from k_max."""
+"""αβ of the published values, with which the stiffness at σ = 0 is within 0.25 % of its
+range from k_max."""
 
 
 def spread_profile(spread: SixAxes, resolution: SixAxes) -> StiffnessProfile:
-    """Return Eq. (24) for a task whose demonstrations spread by so much [m, rad].
+    """Return Eq. (24) for a task whose demonstrations have a given spread [m, rad].
 
-    β is where a policy knows half of what there is to know, on the scale of orders of
-    magnitude: the geometric mean of the demonstrations' spread, its σ before it has
-    seen the task at hand, and of the resolution of an observation, which is the least
-    spread. The shape over σ/β is the published one, and so are the stiffnesses.
+    β is the geometric mean of two values: the demonstrations' spread, which is σ before
+    the policy has observed the task, and the resolution of an observation, which is the
+    least σ. The shape over σ/β and the stiffnesses are the published ones.
     """
     beta = np.sqrt(resolution * np.maximum(spread, resolution))
     return StiffnessProfile(
@@ -193,7 +194,7 @@ PAPER_PROFILE = StiffnessProfile(
     alpha=np.repeat([600.0, 600.0], 3),
     beta=np.repeat([0.01, 0.01], 3),
 )
-"""Section IV-B: the same law for all six axes, although metres and radians differ."""
+"""Section IV-B: the same numbers for all six axes, although units differ."""
 
 PAPER_DYNAMICS = VirtualDynamics(mass=np.repeat([1.0, 1.0], 3), damping_ratio=1.0)
 """Section IV-B: m = 1 on all six axes, δ = 1."""
@@ -205,9 +206,10 @@ DEFAULT_PROFILE = StiffnessProfile(
     beta=np.repeat([0.01, 0.05], 3),
 )
 """The published values in translation. In rotation the transition is at 0.05 rad, which
-is 1 cm at a lever of 0.2 m, with the same αβ = 6: both sigmoids have one shape over σ/β
-and are within 0.25 % of their range from k_max at σ = 0. With a tenth of the number in
-N m/rad, an error of 0.05 rad costs 2.5 N m where one of 1 cm costs 5 N."""
+is 1 cm at a lever of 0.2 m, with the same αβ = 6: both sigmoids have the same shape
+over σ/β and are within 0.25 % of their range from k_max at σ = 0. The rotational
+stiffness in N m/rad is a tenth of the number in N/m: an error of 1 cm causes 5 N, an
+error of 0.05 rad causes 2.5 N m."""
 
 DEFAULT_DYNAMICS = VirtualDynamics(
     mass=np.repeat([1.0, 0.1], 3),
@@ -215,5 +217,5 @@ DEFAULT_DYNAMICS = VirtualDynamics(
     least_damping=HELD_HAND.sufficient_damping,
 )
 """1 kg in translation, 0.1 kg m² in rotation. The damping, 70 N s/m and 3.5 N m s/rad,
-is what a held hand asks for with the longest delay of ``"hard"``, whatever mass and
+is what a held hand needs with the longest delay of ``"hard"``, at any mass and
 stiffness; it is more than critical at every stiffness of `DEFAULT_PROFILE`."""

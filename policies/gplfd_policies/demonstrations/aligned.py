@@ -1,4 +1,4 @@
-"""Demonstrations on one clock: the result of alignment and the input of learning."""
+"""Aligned demonstrations: the result of alignment and the input of learning."""
 
 from dataclasses import dataclass, field, replace
 
@@ -21,11 +21,11 @@ class AlignedDemonstrations:
     times: Times
     """Phases within [0, 1], strictly increasing."""
     poses: Float[np.ndarray, "K M 6"]
-    """Poses [m, rad] of K demonstrations, rotation vectors on one branch."""
+    """Poses [m, rad] of K demonstrations, rotation vectors on the same branch."""
     duration: float = 1.0
     """Nominal duration [s] of phases 0 to 1, without rests."""
     rests: tuple[tuple[Rest, ...], ...] = field(default=(), repr=False)
-    """Stretches without motion that were left out of each demonstration; empty if rests
+    """Periods without motion that were left out of each demonstration; empty if rests
     were kept."""
     end: float = 1.0
     """Phase at which the demonstrations end and their continuation begins, see
@@ -33,7 +33,7 @@ class AlignedDemonstrations:
     drift: Pose = field(default_factory=lambda: np.zeros(6))
     """Standard deviation that the continuation gains per phase [m, rad]."""
     clocks: Float[np.ndarray, "K M"] | None = None
-    """Own time of each demonstration at the phases, as a share of its duration; None if
+    """Time of each demonstration at the phases, as a share of its duration; None if
     unknown."""
     wrenches: Float[np.ndarray, "K M 6"] | None = None
     """Forces and moments of the hand on what it holds, in the axes of the hand
@@ -60,9 +60,9 @@ class AlignedDemonstrations:
 
     @property
     def forces(self) -> "AlignedDemonstrations | None":
-        """What movements learn of the forces: the wrenches in the place of the poses.
+        """The wrenches in place of the poses, to learn a movement of forces.
 
-        Of the demonstrations that have them; None if there are none.
+        Only of demonstrations with wrenches; None if there are none.
         """
         if self.wrenches is None:
             return None

@@ -1,6 +1,6 @@
-"""Temporal alignment: one clock for demonstrations of different timing.
+"""Temporal alignment of demonstrations with different timing.
 
-Demonstrations are matched where the same part of the task is done, measured by the task
+Demonstrations are matched where the same share of the task is completed, by the task
 completion index of `gplfd_policies.demonstrations.completion`. Equation numbers refer
 to Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
 arXiv:2002.09979.
@@ -24,18 +24,18 @@ from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warp
 from gplfd_policies.demonstrations.rests import Rest, warn_of_rests, without_rests
 
 _TIME_SHARE: Final = 1e-6
-"""Share of normalised time mixed into the completion: it orders the samples of a rest,
-where completion stands still, and moves no other match by more than this."""
+"""Share of normalised time added to the completion index: it orders the samples of a
+rest, where the index is constant, and shifts other matches by no more than this."""
 _STEPS: Final = 100
-"""Equal steps of completion at which directions of motion are compared."""
+"""Number of equal steps of completion at which directions of motion are compared."""
 _HALF_CHORD: Final = 4
-"""Directions are those of chords over twice this many steps: above a sensor's noise."""
+"""Half of the length of chords that define directions, in steps: above sensor noise."""
 _SLOWEST: Final = 0.1
-"""A chord shorter than this share of the median one, as at a reversal, counts less."""
+"""Chords shorter than this share of the median, as at a reversal, have less weight."""
 _TETHER: Final = 0.5
-"""Cost of a difference of completion by one; opposite directions cost two."""
+"""Cost of a difference of completion by one; opposite directions have the cost two."""
 _BLUR: Final = 2.0
-"""Standard deviation, in steps, of the smoother of the correction's staircase."""
+"""Standard deviation, in steps, of the filter that smooths the stepwise correction."""
 
 AlignmentMethod = Literal["interpolation", "directions", "dtw", "dtw-euclidean"]
 """Ways to match demonstrations, see `align`."""
@@ -46,7 +46,7 @@ Samples = Float[np.ndarray, " N"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Course:
-    """One demonstration on its own normalised clock, with its completion."""
+    """One demonstration on its own normalised time, with its completion index."""
 
     clock: Samples
     """Time from 0 to 1."""
@@ -55,13 +55,13 @@ class _Course:
 
     @property
     def progress(self) -> Samples:
-        """The completion, rising also where nothing moves."""
+        """The completion index, made strictly increasing also during rests."""
         return np.asarray(
             (1.0 - _TIME_SHARE) * self.completion + _TIME_SHARE * self.clock
         )
 
     def at(self, clock: Times) -> Outputs:
-        """Return the poses at other times of the clock."""
+        """Return the poses at given normalised times."""
         last = len(self.clock) - 2
         before = np.clip(np.searchsorted(self.clock, clock) - 1, 0, last)
         start, step = self.clock[before], np.diff(self.clock)[before]
@@ -72,9 +72,9 @@ class _Course:
 
 
 Matched = tuple[Float[np.ndarray, "K M 6"], Float[np.ndarray, "K M"]]
-"""Poses of K courses at M phases, and their clocks there."""
+"""Poses of K demonstrations at M phases, and their clocks there."""
 CostRow = Callable[[_Course, int, _Course], Samples]
-"""Costs of matching a sample of the first course with every sample of the second."""
+"""Costs of matching a sample of the first demonstration with each of the second."""
 
 
 def align(
@@ -86,42 +86,42 @@ def align(
     denoise: bool = True,
     trim_rests: bool = True,
 ) -> AlignedDemonstrations:
-    """Bring demonstrations of different timing onto one phase axis.
+    """Align demonstrations of different timing to common phases.
 
     * ``"interpolation"`` (default) inverts each completion index exactly. The phase at
       a given completion is the mean over the demonstrations of their normalised times
-      there, so that the common timing (starting and stopping gently) survives.
-    * ``"directions"`` does the same after completion was corrected so that the hands
-      move in the same directions, see `corrected_completions`: for demonstrations from
-      different starts, with stretches done twice, or with parts of other sizes.
+      there, so that the common timing (starting and stopping gently) is kept.
+    * ``"directions"`` does the same with a corrected completion index, so that the
+      hands move in the same directions, see `corrected_completions`: for demonstrations
+      from different starts, with repeated parts, or with parts of different sizes.
     * ``"dtw"`` is the published method: dynamic time warping on |ζ_a - ζ_b| against the
-      demonstration with the most samples, matches averaged per sample of it. Where ζ
-      rises strictly, it finds the same matches to within half a sample, as a staircase.
+      demonstration with most samples, matches averaged per sample. If ζ rises strictly,
+      it finds the same matches to within half a sample, but stepwise.
     * ``"dtw-euclidean"`` warps on the distance of poses, Eq. (17). It mistakes
       intermediate points of a long path for the end of a short one (Fig. 3b), and is
-      here for comparison.
+      only for comparison.
 
     Args:
-        demonstrations: At least one; lengths, rates and durations may differ freely.
+        demonstrations: At least one; lengths, sample rates and durations may differ.
         method: One of the above.
         n_samples: Number of equally spaced phases from 0 to 1.
         rotation_weight: ω₁ of Eq. (17), within [0, 1].
         denoise: Whether completion is measured on the denoised paths; the resulting
-            poses are interpolated from the samples as recorded in any case.
-        trim_rests: Whether stretches in which nothing moves are left out first, see
-            `gplfd_policies.demonstrations.rests`. Kept, rests that all demonstrations
-            make become rests of the result.
+            poses are always interpolated from the recorded samples.
+        trim_rests: Whether periods without motion are left out first, see
+            `gplfd_policies.demonstrations.rests`. If they are kept, rests in all
+            demonstrations become rests of the result.
 
     Returns:
-        The aligned demonstrations with the mean duration and each one's clock, and
-        with the wrenches of those that have them.
+        The aligned demonstrations with their mean duration, the clock of each, and the
+        wrenches of those that have them.
 
     Raises:
         ValueError: If an argument is not as described.
 
     Warns:
-        UserWarning: If sensor noise makes a path more than 1.1 times as long, or rests
-            were left out.
+        UserWarning: If sensor noise makes a path more than 1.1 times longer, or if
+            rests were left out.
     """
     methods = get_args(AlignmentMethod)
     if method not in methods:
@@ -147,7 +147,7 @@ def align(
         branch = np.stack([demonstrations[0].poses[0, 3:], poses[0, 3:]])
         first = unwrap_rotvecs(branch)[1]
         if not np.array_equal(first, poses[0, 3:]):
-            # A demonstration is continuous: where its first sample stays, all do.
+            # A demonstration is continuous: its branch is that of its first sample.
             rotvecs = unwrap_rotvecs(np.vstack([first, poses[1:, 3:]]))
             poses = np.hstack([poses[:, :3], rotvecs])
         clock = (times - times[0]) / (times[-1] - times[0])
@@ -190,7 +190,7 @@ def align(
 def _felt(
     demonstrations: Sequence[Demonstration], clocks: Float[np.ndarray, "K M"]
 ) -> Float[np.ndarray, "K M 6"] | None:
-    """Return the wrenches at shares of the durations, in the axes of the hand."""
+    """Return the wrenches at shares of the durations, in the hand's axes."""
     if all(one.wrenches is None for one in demonstrations):
         return None
     felt = np.full((*clocks.shape, 6), np.nan)
@@ -204,10 +204,10 @@ def _felt(
 
 
 def _interpolated(courses: Sequence[_Course], phases: Times) -> Matched:
-    """Match the courses where their completions are equal, on the mean clock."""
+    """Match demonstrations at equal completion, on their mean clock."""
     progress = [course.progress for course in courses]
-    # Between these knots every clock is linear in progress, so their mean is too, and
-    # inverting it by linear interpolation is exact.
+    # Between these knots every clock is linear in progress, and so is their mean. Thus
+    # inversion by linear interpolation is exact.
     knots = np.unique(np.concatenate(progress))
     mean_clock = np.mean(
         [
@@ -226,12 +226,12 @@ def _interpolated(courses: Sequence[_Course], phases: Times) -> Matched:
 
 
 def _warped(courses: Sequence[_Course], phases: Times, cost_row: CostRow) -> Matched:
-    """Warp every course onto the one with the most samples; average its matches."""
+    """Warp demonstrations onto the one with most samples; average the matches."""
     reference = max(courses, key=lambda course: len(course.clock))
     aligned, clocks = [], []
     for course in courses:
         if course is reference:
-            # Matched with itself, every sample meets itself.
+            # The reference itself: every sample is matched with itself.
             aligned.append(course.at(phases))
             clocks.append(phases)
             continue
@@ -255,17 +255,17 @@ def corrected_completions(
     poses: Sequence[Float[np.ndarray, "_ 6"]],
     rotation_weight: float,
 ) -> list[Float[np.ndarray, " _"]]:
-    """Return completions at which demonstrations move in the same directions.
+    """Return completion indices at which demonstrations move in the same directions.
 
-    Completion tells how far a hand is only if the parts of the task are equal shares of
-    every path, which they are not where one came from farther away or did a part twice.
-    So each one's directions at equal steps of completion are matched with their mean,
-    by dynamic time warping with the cost ``|u_a - u_b|² + (ζ_a - ζ_b)² / 4``, and the
-    resulting correction is smoothed.
+    The completion index is comparable only if the parts of the task are equal shares of
+    every path. This fails if a hand starts from farther away or does a part twice.
+    Therefore the directions of each demonstration at equal steps of completion are
+    matched with their mean, by dynamic time warping with the cost
+    ``|u_a - u_b|² + (ζ_a - ζ_b)² / 4``, and the resulting correction is smoothed.
     """
     steps = np.linspace(0.0, 1.0, _STEPS)
     scale = np.repeat(np.sqrt([1.0 - rotation_weight, rotation_weight]), 3)
-    # Unit vectors along each path, shorter ones where it turns back.
+    # Unit vectors along each path, shorter at reversals.
     directions = []
     for index, recorded in zip(completions, poses, strict=True):
         ends = ((_HALF_CHORD, _HALF_CHORD), (0, 0))
@@ -289,7 +289,7 @@ def corrected_completions(
         correction = scipy.ndimage.gaussian_filter1d(
             stairs - steps, _BLUR, mode="nearest"
         )
-        # Ends stay matched with ends.
+        # Ends stay matched to ends.
         correction -= (1.0 - steps) * correction[0] + steps * correction[-1]
         rising = np.clip(np.maximum.accumulate(steps + correction), 0.0, 1.0)
         corrected.append(np.interp(index, steps, rising))

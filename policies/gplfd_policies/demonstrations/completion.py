@@ -1,4 +1,4 @@
-"""How much of a task is done at each sample of a demonstration.
+"""Task completion index: share of a task completed at each sample of a demonstration.
 
 Equation numbers refer to Arduengo et al., *Gaussian-Process-based Robot Learning from
 Demonstration*, arXiv:2002.09979.
@@ -19,12 +19,12 @@ from gplfd_policies.demonstrations.demonstration import Demonstration
 _NOISY_LENGTH_RATIO: Final = 1.1
 """Length of a path over its denoised length above which a warning is issued."""
 _BANDWIDTH: Final = 0.015
-"""Standard deviation of the smoother, as a share of the demonstration. A tenth of a
-second in seven: below what a hand does on purpose, above what a sensor and its filters
-do by accident. It costs 0.1 % of phase on clean minimum-jerk motion, and half a per
-cent where a clean hand stops abruptly."""
+"""Standard deviation of the filter, as a share of the demonstration: 0.1 s in 7 s. This
+is shorter than intended motions of a hand and longer than noise of sensors and their
+filters. It causes a phase error of 0.1 % on clean minimum-jerk motion, and of 0.5 %
+where a clean motion stops abruptly."""
 _REACH: Final = 4.0
-"""Where the smoother's weights are cut off, in standard deviations."""
+"""Half-width at which the filter's weights are cut off, in standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -32,19 +32,19 @@ class Completion:
     """The task completion index of one demonstration, Eq. (16)."""
 
     index: Float[np.ndarray, " N"]
-    """ζ at each sample: 0 at the first, 1 at the last, never falling."""
+    """ζ at each sample: 0 at the first, 1 at the last, never decreasing."""
     length_ratio: float
-    """Length of the recorded path over its length without the noise, about 1 if it is
-    clean."""
+    """Length of the recorded path divided by its length without noise; about 1 for a
+    clean path."""
 
 
 def task_completion_index(
     demonstration: Demonstration, rotation_weight: float = 0.5, denoise: bool = True
 ) -> Float[np.ndarray, " N"]:
-    """Return ζ: the part of the path's length covered up to each sample, Eq. (16).
+    """Return ζ: the share of the path's length covered up to each sample, Eq. (16).
 
-    Cumulated raw, as printed, ζ measures the noise, whose share is therefore removed
-    (`test_phase_error_with_noise_stays_below`).
+    Computed from the raw path, as printed, ζ measures mainly noise; therefore the noise
+    is removed first (`test_phase_error_with_noise_stays_below`).
     """
     completion = measure_completion(demonstration, rotation_weight, denoise)
     warn_of_noise([completion], denoise)
@@ -54,7 +54,7 @@ def task_completion_index(
 def measure_completion(
     demonstration: Demonstration, rotation_weight: float, denoise: bool
 ) -> Completion:
-    """Return ζ with the length ratio that tells how noisy the recording is."""
+    """Return ζ and the length ratio, which measures the noise of the recording."""
     poses = demonstration.poses
     raw = pose_steps(poses, rotation_weight)
     raw_length = float(np.sum(raw))
@@ -67,7 +67,7 @@ def measure_completion(
     clean = denoised_steps(poses, rotation_weight)
     clean_length = float(np.sum(clean))
     if clean_length <= 0.0:
-        # Nothing rises above the noise; the raw path is all there is to go by.
+        # Nothing exceeds the noise: only the raw path can be used.
         clean, clean_length = raw, raw_length
     steps = clean if denoise else raw
     index = np.concatenate([[0.0], np.cumsum(steps)])
@@ -102,9 +102,9 @@ def denoised_steps(
 ) -> Float[np.ndarray, " N-1"]:
     """Return the distances between successive poses, Eq. (17), of the smoothed path.
 
-    The smoother is Gaussian with a fixed share of the demonstration as its width. Rules
-    that estimate the noise from neighbouring samples leave in what motion capture has
-    filtered (`test_phase_error_with_filtered_noise_stays_below`).
+    The filter is Gaussian, and its width is a fixed share of the demonstration. Rules
+    that estimate the noise from neighbouring samples do not remove noise that motion
+    capture has filtered (`test_phase_error_with_filtered_noise_stays_below`).
     """
     size = len(poses)
     bandwidth = _BANDWIDTH * size
@@ -112,12 +112,12 @@ def denoised_steps(
     if reach == 0:
         return pose_steps(poses, rotation_weight)
     path = np.ascontiguousarray(poses.T)
-    # Continued by point reflection at the ends, which keeps them where they are.
+    # Extended by point reflection at the ends, which keeps the ends in place.
     before = 2.0 * path[:, :1] - path[:, reach:0:-1]
     after = 2.0 * path[:, -1:] - path[:, -2 : -reach - 2 : -1]
     extended = np.concatenate([before, path, after], axis=1)
-    # Through the spectrum: the weights reach over an eighth of the demonstration, so
-    # that summing directly would cost O(N²).
+    # By Fourier transform: the weights cover an eighth of the demonstration, so a
+    # direct sum would cost O(N²).
     length = scipy.fft.next_fast_len(extended.shape[1], real=True)
     half = np.exp(-0.5 * (np.arange(reach + 1) / bandwidth) ** 2)
     weights = np.zeros(length)

@@ -1,10 +1,10 @@
 """Continuation of demonstrations beyond their end.
 
-A demonstration that opens a door to 45° ends too early if the door is to be wide open.
-It is continued by the screw motion of its last piece about a fixed axis, such as the
-turn about a hinge or the straight pull of a drawer. The error of this extrapolation is
-measured on the demonstrations themselves: each is cut short, continued, and compared
-with its own rest.
+A demonstration that opens a door to 45° ends too early if the door must open wide. It
+is continued by the screw motion of its last part about a fixed axis, such as the
+rotation about a hinge or the straight pull of a drawer. The error of this extrapolation
+is measured on the demonstrations themselves: each is cut, continued, and compared with
+the part that was cut off.
 """
 
 from dataclasses import replace
@@ -20,15 +20,15 @@ from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 _TAIL: Final = 0.25
-"""Share of the path before its end whose screw motion is continued."""
+"""Share of the path, before its end, that defines the continued screw motion."""
 _TURN: Final = 0.5 * np.pi
-"""Largest turn of that piece [rad]; on a path that turns faster it is shorter."""
+"""Largest rotation of that part [rad]; on a path that turns faster it is shorter."""
 _RAMP: Final = 0.15
-"""Phase within which a motion that has come to rest regains its mean speed."""
+"""Phase within which a motion at rest regains its mean speed."""
 _CUTS: Final = (0.6, 0.7, 0.8)
 """Shares of the path at which it is cut to measure the error of its continuation."""
 _AHEAD: Final = np.array([0.5, 0.75, 1.0])
-"""Where that error is measured, as shares of the piece that was cut off."""
+"""Points at which that error is measured, as shares of the part that was cut off."""
 
 Shares = Float[np.ndarray, " S"]
 
@@ -36,8 +36,9 @@ Shares = Float[np.ndarray, " S"]
 def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstrations:
     """Continue demonstrations on phases 0 to 1 by a share of each path's length.
 
-    The result has as many samples on phases 0 to 1 of the longer task; its `end` is
-    where the demonstrations ended, and `drift` the error of the continuation.
+    The result has the same number of samples on phases 0 to 1 of the longer task. Its
+    `end` is the phase at which the demonstrations end, and `drift` the error of the
+    continuation.
     """
     if not 0.0 <= beyond < np.inf:
         raise ValueError(f"beyond must be finite and >= 0, got {beyond}")
@@ -69,7 +70,7 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
         clocks = np.where(phases * length <= 1.0, demonstrated, phases)
     wrenches = aligned.wrenches
     if wrenches is not None:
-        # What the hand bears last, it goes on to bear.
+        # The last wrench is kept.
         shown = phases * length
         wrenches = np.stack(
             [interpolated(shown, aligned.times, each) for each in wrenches]
@@ -87,10 +88,10 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
 
 
 def drift(aligned: AlignedDemonstrations) -> Pose:
-    """Return the error of a continuation per length of path that it adds [m, rad].
+    """Return the error of a continuation per added length of path [m, rad].
 
-    Root mean square of error/h over demonstrations, cuts and distances h, with which
-    the error of a slightly wrong direction grows.
+    It is the root mean square of error/h over demonstrations, cuts and distances h,
+    because the error of a slightly wrong direction grows with h.
     """
     errors = []
     for poses in aligned.poses:
@@ -98,7 +99,7 @@ def drift(aligned: AlignedDemonstrations) -> Pose:
         for cut in _CUTS:
             rest = (1.0 - cut) * _AHEAD
             guess = _screwed(poses, way, cut, rest)
-            # As a share of the shorter path, which is all that is known at the cut.
+            # Relative to the shorter path, the only one that is known at the cut.
             missed = guess - interpolated(cut + rest, way, poses)
             errors.append(missed / (rest[:, None] / cut))
     return np.asarray(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)))
@@ -112,7 +113,7 @@ def carried_on(poses: Outputs, shares: Shares) -> Float[np.ndarray, "S 6"]:
 def _screwed(
     poses: Outputs, way: Times, cut: float, ahead: Shares
 ) -> Float[np.ndarray, "S 6"]:
-    """Continue a path that is cut at a share of its length, by shares of it."""
+    """Continue a path that is cut at a share of its length, by further shares."""
     turned = np.linalg.norm(
         interpolated(np.array([cut]), way, poses)[0, 3:] - poses[:, 3:], axis=1
     )
@@ -130,7 +131,7 @@ def _screwed(
 
 
 def _way(poses: Outputs) -> Times:
-    """Return the share of the path up to each sample; at rest it progresses evenly."""
+    """Return the share of the path up to each sample; for a path at rest, of time."""
     way = np.concatenate([[0.0], np.cumsum(pose_steps(poses))])
     if way[-1] <= 0.0:
         return np.linspace(0.0, 1.0, len(poses))
@@ -139,6 +140,6 @@ def _way(poses: Outputs) -> Times:
 
 def _rigid(pose: Pose) -> Any:
     transform = scipy.spatial.transform
-    # A copy: SciPy does not take read-only rotation vectors.
+    # A copy, because SciPy rejects read-only rotation vectors.
     rotation = transform.Rotation.from_rotvec(pose[3:].copy())
     return transform.RigidTransform.from_components(pose[:3], rotation)

@@ -1,4 +1,4 @@
-"""A correction: a motion in which somebody led the robot's hand, and its origin."""
+"""A correction: motion of an episode in which somebody led the hand, and its origin."""
 
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -14,22 +14,22 @@ Who = Literal["synthetic", "person"]
 """Who leads the hand."""
 
 _WINDOW: Final = 0.5
-"""Window of the cubic polynomials that a led hand follows but for its own noise [s]."""
+"""Window of cubic polynomials by which the noise of a led hand is measured [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Correction:
-    """The hand's motion in an episode in which somebody led it for some of the time.
+    """Motion of the hand in an episode in which somebody led it for some of the time.
 
     Raises:
         ValueError: If nobody led the hand, or a field is not as described.
     """
 
     motion: Demonstration
-    """Measured motion from the closed, grasped door on: what came before the
-    intervention fixes the phases of what follows."""
+    """Measured motion from the closed, grasped door on: the part before the
+    intervention determines the phases of the rest."""
     led: Bool[np.ndarray, " N"]
-    """At which of its samples somebody led the hand, from intervention to handover."""
+    """Samples at which somebody led the hand, from intervention to handover."""
     door: str = ""
     """Name of the door."""
     seed: int = 0
@@ -37,12 +37,12 @@ class Correction:
     by: Who = "person"
     """Who led the hand."""
     phase: float = 0.0
-    """Where along the task, 0 to 1, the policy believed the hand when it was first
-    taken; 0 of a policy that has no phase."""
+    """Phase, 0 to 1, that the policy estimated when the hand was first led; 0 for a
+    policy without a phase."""
     device: str = ""
-    """With what a person led the simulated hand; "" if unknown."""
+    """Device with which a person led the simulated hand; "" if unknown."""
     inputs: Float[np.ndarray, "N n"] | None = None
-    """What that device said at each sample; the simulated episode follows from it."""
+    """Input of that device at each sample, from which the episode can be reproduced."""
 
     __repr__ = short_repr
 
@@ -70,22 +70,22 @@ class Correction:
 
     @property
     def seconds(self) -> float:
-        """For how long somebody led the hand [s]."""
+        """Time for which somebody led the hand [s]."""
         return float(np.diff(self.motion.times)[self.led[:-1]].sum())
 
     @property
     def std(self) -> tuple[float, float]:
         """Noise of the led hand: standard deviations of position and rotation [m, rad].
 
-        Root mean square distance per axis of the led poses from the cubic polynomial
-        through their neighbours within a quarter of a second.
+        They are the root mean square distances per axis of the led poses from the cubic
+        polynomial through their neighbours within a quarter of a second.
         """
         times, poses = self.motion.times, self.motion.poses
         window = max(2 * round(0.5 * _WINDOW / np.median(np.diff(times))) + 1, 5)
         if window > times.size:
             return 0.0, 0.0
         smooth = scipy.signal.savgol_filter(poses, window, 3, axis=0)
-        # A polynomial of four numbers takes its share of the noise away.
+        # Correct for the noise that a polynomial of four numbers removes.
         square = np.mean((poses - smooth)[self.led] ** 2, axis=0) / (1.0 - 4.0 / window)
         position, rotation = np.sqrt(square.reshape(2, 3).mean(axis=1)).tolist()
         return position, rotation

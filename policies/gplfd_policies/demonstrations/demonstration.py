@@ -13,7 +13,7 @@ from gplfd_policies.arrays.shapes import Float
 _REST = 1e-9
 """A motion that stays within this distance of its first pose [m, rad] is at rest."""
 _SAME_ROTVEC = 1e-6
-"""Unwrapping changes a component by less than this [rad] where nothing jumps."""
+"""Unwrapping changes a component by less than this [rad] if there is no jump."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -34,7 +34,7 @@ class Demonstration:
     wrenches: Float[np.ndarray, "N 6"] | None = None
     """Forces and moments (f_x, f_y, f_z, m_x, m_y, m_z) of the hand on what it holds
     [N, N m], in the axes of the task frame and about the position of the hand; None
-    where they were not recorded."""
+    if they were not recorded."""
 
     __repr__ = short_repr
 
@@ -118,14 +118,14 @@ class Demonstration:
             positions: Hand positions [m], (N, 3).
             quaternions: Hand orientations, (N, 4); their signs may flip and their
                 norms may be slightly off.
-            order: Where the scalar part stands: first ("wxyz") or last ("xyzw").
-            wrenches: Forces and moments as the class has them, (N, 6); or none.
+            order: Position of the scalar part: first ("wxyz") or last ("xyzw").
+            wrenches: Forces and moments as in the class, (N, 6); or None.
 
         Returns:
             The demonstration, its rotation vectors unwrapped along the path.
 
         Raises:
-            ValueError: As the class, and for invalid quaternions.
+            ValueError: As for the class, and for invalid quaternions.
         """
         positions = np.asarray(positions, dtype=np.float64)
         rotvecs = rotvecs_from_quaternions(quaternions, order=order)
@@ -141,7 +141,7 @@ class Demonstration:
     def from_positions(
         cls, times: Float[np.ndarray, "..."], positions: Float[np.ndarray, "..."]
     ) -> "Demonstration":
-        """Build a demonstration of a point that has no orientation.
+        """Build a demonstration of a point without orientation.
 
         Args:
             times: Time stamps [s], (N,).
@@ -151,7 +151,7 @@ class Demonstration:
             The demonstration; its rotation vectors are zero.
 
         Raises:
-            ValueError: As the class.
+            ValueError: As for the class.
         """
         positions = np.asarray(positions, dtype=np.float64)
         if positions.ndim != 2 or positions.shape[1] not in (2, 3):

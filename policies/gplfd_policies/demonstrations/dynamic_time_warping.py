@@ -8,19 +8,19 @@ import numpy as np
 from gplfd_policies.arrays.shapes import Float, Int
 
 LARGEST_TABLE = 10**8
-"""Cells at most: two sequences of 10,000, a few seconds and 100 MB."""
+"""Greatest number of cells: two sequences of 10,000, a few seconds and 100 MB."""
 
 _DIAGONAL, _UP, _LEFT = np.int8(0), np.int8(1), np.int8(2)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WarpingPath:
-    """The cheapest monotone match of two sequences, ends matched to ends."""
+    """The monotone match of two sequences with least cost, ends matched to ends."""
 
     cost: float
     """Sum of the costs along the path."""
     rows: Int[np.ndarray, " P"]
-    """Matched indices of the first sequence, from 0 to its last, never falling."""
+    """Matched indices of the first sequence, from 0 to its last, never decreasing."""
     columns: Int[np.ndarray, " P"]
     """Matched indices of the second sequence."""
 

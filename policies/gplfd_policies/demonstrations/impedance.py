@@ -1,15 +1,15 @@
-"""Stiffness and damping of the hands that demonstrated, from their forces.
+"""Stiffness and damping of the demonstrating hands, from their forces.
 
-Repetitions of a task deviate from their mean by e(s) at a phase s, and their forces do
-from the mean force. A hand that means to move alike every time, with a stiffness K and
-a damping D, pushes back:
+At a phase s, repetitions of a task deviate from their mean by e(s), and their forces f
+deviate from the mean force. A hand with the same intended motion in each repetition, a
+stiffness K and a damping D pushes back:
 
     f - f̄(s) = -(K(s) e + D(s) ė) + noise.
 
-K and D are symmetric 3x3 matrices, of translation and of rotation, in the axes of the
-hand, which turn with the task. They are the mean of a posterior in a window of phases:
-linear regression with a Gaussian prior, on deviations corrected for the noise of the
-pose sensor. docs/method.md, "Stiffness from demonstrated forces", has the derivation.
+K and D are symmetric 3x3 matrices, for translation and for rotation, in the axes of the
+hand, which turn during the task. They are posterior means in a window of phases: linear
+regression with a Gaussian prior, on deviations corrected for the noise of the pose
+sensor. docs/method.md, "Stiffness from demonstrated forces", has the derivation.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from gplfd_policies.arrays.shapes import Float, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 LEAST_DEMONSTRATIONS: Final = 3
-"""Demonstrations with wrenches below which deviations from their mean say nothing."""
+"""Least number of demonstrations with wrenches: fewer give no usable deviations."""
 PRIOR: Final = np.array([[300.0, 30.0], [30.0, 3.0]])
 """Prior mean of K [N/m, N m/rad] (column 0) and D [N s/m, N m s/rad] (column 1), times
 the unit matrix: translation, then rotation. The prior standard deviation of every
@@ -34,9 +34,9 @@ _WINDOW: Final = 0.1
 _FILTER: Final = 2.0
 """Standard deviation of the low-pass filter of deviations and forces, in samples."""
 _SEEN: Final = 2.0
-"""A deviation counts where its variance is this many times that of the noise."""
+"""A deviation counts if its variance is at least this many times that of the noise."""
 _SHARE_LEFT: Final = 1e-6
-"""Least noise of deviations and forces, relative to their size: divides."""
+"""Least noise of deviations and forces, relative to their size, used as a divisor."""
 
 _UNITS: Final = np.eye(9).reshape(3, 3, 3, 3)
 BASIS: Final = np.stack(
@@ -45,7 +45,8 @@ BASIS: Final = np.stack(
         for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
     ]
 )
-"""Orthonormal basis of symmetric matrices, in which a prior is the same in all axes."""
+"""Orthonormal basis of symmetric matrices, in which the prior does not depend on
+axes."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -83,10 +84,10 @@ class Impedance:
 
 
 def estimate_impedance(aligned: AlignedDemonstrations) -> Impedance:
-    """Estimate how stiff the hands were, from the demonstrations that have wrenches.
+    """Estimate the stiffness of the hands from demonstrations with wrenches.
 
     Raises:
-        ValueError: Fewer than three have.
+        ValueError: Fewer than three demonstrations have wrenches.
     """
     aligned = aligned.demonstrated
     wrenches = aligned.wrenches
@@ -130,13 +131,13 @@ def _regress(
     """Return K, D (M, 3, 3) and the covariance of K (M, 6, 6)."""
     count, samples, _ = deviation.shape
 
-    # One linear filter for e, ė and f keeps their relation and removes noise.
+    # The same linear filter for e, ė and f keeps their relation and removes noise.
     smooth = scipy.ndimage.gaussian_filter1d(np.eye(samples), _FILTER, axis=0)
     rate = smooth @ np.gradient(np.eye(samples), seconds, axis=0)
     x = np.concatenate([smooth @ deviation, rate @ deviation], axis=-1)
     y = smooth @ force
 
-    # Noise of the filtered deviations: what is white in them passes the filter.
+    # Noise of the filtered deviations: their white part after the filter.
     white = np.mean(np.diff(deviation, 3, axis=1) ** 2) / 20.0
     white = max(white, _SHARE_LEFT**2 * np.mean(deviation**2), np.finfo(float).tiny)
     passed = np.stack([smooth, rate])
@@ -155,8 +156,8 @@ def _regress(
     yx = within(np.einsum("kna,knb->nab", y, x) / count)
     yy = window @ np.mean(np.sum(y * y, axis=-1), axis=0)
 
-    # Errors in variables: deviations are taken for what is likely behind them,
-    # x̂ = Λ x with Λ = (xx - noise) xx⁻¹, and zero where noise explains them.
+    # Errors in variables: deviations are replaced by their estimates without noise,
+    # x̂ = Λ x with Λ = (xx - noise) xx⁻¹, and by zero if noise explains them.
     factor = np.linalg.cholesky(np.kron(within(noise), np.eye(3)))
     inverse = np.linalg.inv(factor)
     share, axes = np.linalg.eigh(inverse @ xx @ inverse.swapaxes(1, 2))
@@ -165,9 +166,9 @@ def _regress(
     xx = reliable @ xx @ reliable.swapaxes(1, 2)
     yx = yx @ reliable.swapaxes(1, 2)
 
-    # Posterior of the coefficients of [K D] in the basis. The force's noise is what a
-    # fit with next to no prior leaves: what a prior leaves of a stiff hand's force is
-    # not noise.
+    # Posterior of the coefficients of [K D] in the basis. The noise of the force is the
+    # residual of a fit with a very weak prior: with the full prior, the residual of a
+    # stiff hand's force is not only noise.
     design = np.zeros((12, 3, 6))
     design[:6, :, :3] = design[6:, :, 3:] = BASIS
     gram = np.einsum("iab,mbc,jac->mij", design, xx, design)
@@ -191,7 +192,7 @@ def _regress(
 
 
 def _correlation(residual: Float[np.ndarray, "K M 3"]) -> float:
-    """Return how many successive residuals are worth one: 1 + 2 Σ ρ_l while ρ_l > 0."""
+    """Return the number of residuals per independent one: 1 + 2 Σ ρ_l while ρ_l > 0."""
     samples = residual.shape[1]
     power = np.abs(np.fft.rfft(residual, 2 * samples, axis=1)) ** 2
     total = np.fft.irfft(power.sum(axis=(0, 2)))[:samples]

@@ -1,7 +1,7 @@
-"""Modes: which of some unlabelled demonstrations show one kind of motion.
+"""Modes: partition of unlabelled demonstrations by kind of motion.
 
 A door is pulled or pushed, its hinge is on the right or the left, its handle turns up
-or down. The mean of two kinds is none of them, so that each has to be learned alone.
+or down. The mean of two kinds is a motion of neither, so each is learned separately.
 """
 
 from typing import Final
@@ -13,16 +13,16 @@ from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 WITHIN: Final = 0.4
-"""s: expected distance of the shape of a demonstration from the mean of its mode. Those
-of tidy and messy teachers and of the recordings in examples/ are 0.05 to 0.12 away, the
-means of two modes 2.0 to 2.7 from each other."""
+"""s: expected distance of the shape of a demonstration from the mean of its mode. For
+tidy and messy teachers and for the recordings in examples/ it is 0.05 to 0.12; the
+means of two modes are 2.0 to 2.7 apart."""
 
 _LEAST: Final = (0.01, 0.1)
-"""Smallest motion that has a shape, root mean square: position [m], rotation [rad]."""
+"""Least motion with a defined shape, root mean square: position [m], rotation [rad]."""
 
 _ARM: Final = 1.0
-"""Nor has a rotation a shape that moves a point at this distance by less than the hand
-has moved [m]: what the hand turns on a leaf that only slides is chance."""
+"""A rotation also has no defined shape if it moves a point at this distance [m] by less
+than the hand has moved: the rotation of a hand on a sliding leaf is random."""
 
 
 def partition(aligned: AlignedDemonstrations) -> tuple[tuple[int, ...], ...]:
@@ -30,20 +30,20 @@ def partition(aligned: AlignedDemonstrations) -> tuple[tuple[int, ...], ...]:
 
     The shape of a demonstration is its path over the phases, with positions divided by
     their root mean square from the start, and rotations by theirs: doors of different
-    radius have one shape. A rotation that is small against the way of the hand is
-    divided by that way, over a metre. Ward's method merges the two modes whose union
-    adds least to W, the sum of squared distances of K shapes from the mean shape of
-    their mode. Of the partitions into m modes that it passes, the one with the least
+    radius have the same shape. A rotation that is small relative to the motion of the
+    hand is divided by that motion, over a metre. Ward's method merges the two modes
+    whose union adds least to W, the sum of squared distances of K shapes from the mean
+    shape of their mode. Of its partitions into m modes, the one with the least
 
         W_m / s² + m log K
 
-    is taken: the Bayesian information criterion of m Gaussians with the standard
-    deviation s, per number that a shape has. A large W of one mode cannot be explained
-    by a large s, because s is known: `WITHIN`.
+    is selected. This is the Bayesian information criterion of m Gaussians with the
+    standard deviation s, per number in a shape. A large W of one mode cannot be
+    explained by a large s, because s is known: `WITHIN`.
 
     Returns:
-        Numbers of the demonstrations of each mode, the largest mode first, of equally
-        large modes the one whose demonstration was given first.
+        Indices of the demonstrations of each mode. The largest mode is first; modes of
+        equal size are in the order of their first demonstration.
     """
     poses = aligned.demonstrated.poses
     count = len(poses)

@@ -15,14 +15,14 @@ _STILL = 1e-3
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NormalisedDemonstrations:
-    """Demonstrations of one size and one heading, and what was taken from each.
+    """Demonstrations of equal size and heading, and the original sizes and headings.
 
-    Demonstration k is `aligned` enlarged by exp(log_sizes[k]) about the start and
-    turned by headings[k] about the vertical. Both have a mean of zero.
+    Demonstration k is `aligned` scaled by exp(log_sizes[k]) about the start and rotated
+    by headings[k] about the vertical. Both have a mean of zero.
     """
 
     aligned: AlignedDemonstrations
-    """The demonstrations, positions of the same size and heading."""
+    """The demonstrations, with positions of equal size and heading."""
     log_sizes: Float[np.ndarray, " K"]
     """Logarithms of the sizes."""
     headings: Float[np.ndarray, " K"]
@@ -33,18 +33,18 @@ def normalised(aligned: AlignedDemonstrations) -> NormalisedDemonstrations:
     """Return demonstrations without their differences of size and heading.
 
     The size of a demonstration is the root mean square of its displacement from the
-    start, its heading the turn about the vertical that brings the mean onto it with the
-    least squared distance.
+    start. Its heading is the rotation about the vertical that fits the mean to it by
+    least squares.
     """
     positions = aligned.poses[..., :3]
     lengths = np.sqrt((positions**2).sum(axis=2).mean(axis=1))
     log_sizes = np.log(np.maximum(lengths, _STILL))
     log_sizes -= log_sizes.mean()
-    # In the horizontal plane a turn about the vertical is a complex factor.
+    # In the horizontal plane a rotation about the vertical is a complex factor.
     level = (positions[..., 0] - 1j * positions[..., 2]) / np.exp(log_sizes)[:, None]
     mean = level.mean(axis=0)
     headings = np.zeros(len(level))
-    # The mean sharpens as headings are removed; a few rounds settle it.
+    # The mean becomes sharper as headings are removed; a few iterations are enough.
     for _ in range(5):
         headings = np.angle((level * mean.conj()).sum(axis=1))
         headings -= headings.mean()

@@ -1,4 +1,4 @@
-"""Demonstrations in one .npz file with their units, frame and doors inside."""
+"""Files of demonstrations (.npz) with their units, frame and doors."""
 
 import hashlib
 import math
@@ -19,7 +19,7 @@ from gplfd_policies.arrays.storage import (
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 KIND: Final = "gplfd demonstrations"
-"""What the file says it holds."""
+"""Kind of content, as stored in the file."""
 
 VERSION: Final = 2
 """Version of the layout below."""
@@ -28,13 +28,13 @@ UNITS: Final = "s, m, rad"
 """Units of times, positions and rotation vectors."""
 
 FRAME: Final = "task: closed handle, x pull, y up, z = x cross y; relative to 1st pose"
-"""Frame of the poses (x, y, z, θu_x, θu_y, θu_z) of demonstrations on doors."""
+"""Frame of the poses (x, y, z, θu_x, θu_y, θu_z) of demonstrations at doors."""
 
 FIRST_POSE: Final = "the first pose of each demonstration"
-"""Frame of motions that are relative to their own beginning."""
+"""Frame of motions that are relative to their own first pose."""
 
 OTHER: Final = "one frame of all demonstrations"
-"""Frame of motions that keep where they begin."""
+"""Frame of motions that keep their start poses."""
 
 FRAMES: Final = (FRAME, FIRST_POSE, OTHER)
 """All frames that a file may name."""
@@ -45,21 +45,21 @@ FILE: Final = "demonstrations.npz"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LabelledDemonstrations:
-    """Demonstrations and the doors they were given on.
+    """Demonstrations and their doors.
 
     Raises:
-        ValueError: There is none, another number of radii, or a radius that no door
-            has.
+        ValueError: There are no demonstrations, the number of radii differs, or a
+            radius is not positive.
     """
 
     demonstrations: tuple[Demonstration, ...]
     """Demonstrations in the order of the file."""
     radii: tuple[float | None, ...]
-    """Radius of each one's door [m]; None when unknown."""
+    """Radius of the door of each demonstration [m]; None if unknown."""
     frame: str = FRAME
     """Frame of the poses, one of `FRAMES`."""
     signals: tuple[Mapping[str, NDArray[Any]], ...] = ()
-    """What else was recorded with each, (N, d) arrays by name; empty for nothing."""
+    """Other recorded signals of each demonstration, (N, d) arrays by name; or empty."""
 
     def __post_init__(self) -> None:
         number = len(self.demonstrations)
@@ -98,20 +98,21 @@ def save_demonstrations(
     frame: str = FRAME,
     signals: Sequence[Mapping[str, NDArray[Any]]] = (),
 ) -> None:
-    """Write demonstrations and their doors' radii, complete or not at all.
+    """Write demonstrations and their doors' radii to a file, complete or absent.
 
-    Wrenches are written where a demonstration has them, in N and N m.
+    Wrenches are written for demonstrations that have them, in N and N m.
 
     Args:
         path: File to write; an existing one is replaced.
         demonstrations: At least one demonstration, poses in the task frame.
-        radii: Radius of each one's door [m]; None where, or altogether when, unknown.
-            An unknown radius is stored as NaN.
+        radii: Radius of the door of each demonstration [m]; None if unknown, for one or
+            for all. An unknown radius is stored as NaN.
         frame: Frame of the poses, one of `FRAMES`.
-        signals: What else was recorded with each, (N, d) arrays by name; or nothing.
+        signals: Other recorded signals of each demonstration, (N, d) arrays by name; or
+            empty.
 
     Raises:
-        ValueError: As `LabelledDemonstrations`.
+        ValueError: As for `LabelledDemonstrations`.
         OSError: The file cannot be written.
     """
     given = LabelledDemonstrations(
@@ -139,15 +140,15 @@ def save_demonstrations(
 
 
 def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
-    """Read what `save_demonstrations` wrote.
+    """Read a file that `save_demonstrations` wrote.
 
     Args:
-        path: The file, or a folder with `FILE`, such as one of `gplfd demos import`.
+        path: The file, or a folder with `FILE`, e.g. from `gplfd demos import`.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is a recording of another kind, is cut, holds something
-            else, has another version, units or frame, or an invalid demonstration.
+        ValueError: The file has another format, is truncated, contains other data,
+            another version, other units or frame, or an invalid demonstration.
     """
     file = demonstrations_file(path)
     advice = f"gplfd demos import {path} --out SET makes a set of a recording"
@@ -168,13 +169,13 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
 
 
 def demonstrations_file(path: str | Path) -> Path:
-    """Return the file of demonstrations that a path means: itself, or in a folder."""
+    """Return the file of demonstrations for a path to the file or to its folder."""
     path = Path(path)
     return path / FILE if path.is_dir() else path
 
 
 def hash_of(demonstrations: Sequence[Demonstration]) -> str:
-    """Return a hash of demonstrations, coarse enough (1 µm, 1 µN) for all machines."""
+    """Return a hash of demonstrations, rounded (1 µm, 1 µN) to be equal everywhere."""
     digest = hashlib.sha256()
     for one in demonstrations:
         wrenches = () if one.wrenches is None else (one.wrenches,)

@@ -1,9 +1,9 @@
-"""Size and heading of the path that is seen, relative to the demonstrated one.
+"""Size and heading of the observed path, relative to the demonstrated path.
 
-Doors of different radius are paths of different size, and a robot that stands askew
-sees the whole motion turned about the vertical. Both change the direction in which the
-hand is seen from its start, as progress does. The path so far distinguishes them: a
-heading error turns all of it, size says how fast it bends, and progress goes along it.
+Doors of different radius give paths of different size, and a robot with a heading error
+observes the whole motion rotated about the vertical. Both change the direction from the
+start to the hand, as progress does. The path so far distinguishes them: a heading error
+rotates all of it, size determines its curvature, and progress moves along it.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.normalised import normalised
 
 _STEPS: Final = np.linspace(-2.5, 2.5, 31)
-"""Sizes that are compared, in prior standard deviations of the logarithm of size."""
+"""Grid of sizes, in prior standard deviations of the logarithm of size."""
 _SMOOTHING: Final = 20
-"""Samples on either side over which the demonstrations' variance is averaged."""
+"""Samples on each side over which the demonstrations' variance is averaged."""
 _LIKELY: Final = 19
 """Number of likely sizes."""
 _OVERLAP: Final = 0.6
-"""Standard deviation of those that one size stands for, over the distance to the next:
-together they leave no gaps."""
+"""Standard deviation of the sizes that one likely size represents, relative to the
+distance to the next, so that there are no gaps."""
 _REACH: Final = 3.0
-"""How far they reach on either side, in standard deviations."""
+"""Range of likely sizes on each side, in standard deviations."""
 _NEAR: Final = 1e-3
-"""Least distance from the start by which deviations are divided [m]."""
+"""Least distance from the start used as a divisor of deviations [m]."""
 _NEAREST: Final = 1e-6
-"""A distance [m] that divides."""
+"""Least divisor."""
 
 Sizes = Float[np.ndarray, " C"]
 Phases = Float[np.ndarray, " M"]
@@ -46,22 +46,22 @@ class SimilarityConfig(Settings):
     """How size and heading are estimated."""
 
     size_std: float = quantity(0.35, low=0.0)
-    """Standard deviation of the logarithm of size that is expected before any
-    demonstration; they dilute it."""
+    """Standard deviation of the logarithm of size expected before any demonstration;
+    demonstrations reduce the weight of this prior."""
     size_weight: float = quantity(12.0, above=0.0)
-    """Number of demonstrations that this expectation is worth."""
+    """Weight of this prior, in demonstrations."""
     heading_std: float = quantity(math.radians(3.0), low=0.0, unit="rad")
-    """Turn of the whole motion about the vertical [rad]: how askew the robot stands to
-    the door. 0 trusts the heading."""
+    """Rotation of the whole motion about the vertical [rad]: heading error of the robot
+    at the door. 0 for no error."""
     position_std: float = quantity(3e-3, above=0.0, unit="m")
-    """Error of a position across the path that the next does not share [m]."""
+    """Independent error of each position across the path [m]."""
     rotation_std: float = quantity(0.15, above=0.0, unit="rad")
     """Error of an observed rotation [rad]."""
     scale_weight: float = quantity(40.0, above=0.0)
-    """ν: number of positions that the stated errors are worth; more positions decide
-    themselves how large these are. Tuned."""
+    """ν: weight of the stated errors, in positions; with more positions, the data
+    determine the errors. Tuned."""
     spacing: float = quantity(0.004, above=0.0, unit="m")
-    """Distance between two positions that are used [m]."""
+    """Distance between two used positions [m]."""
     least_wobble: float = quantity(1e-3, above=0.0, unit="m")
     """Least smooth deviation across the path of demonstrations of equal size [m]."""
     wobble_scale: float = quantity(0.5, above=0.0)
@@ -70,29 +70,29 @@ class SimilarityConfig(Settings):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SimilarityModel:
-    """The demonstrated path of mean size, and how others deviate from it.
+    """The demonstrated path of mean size, and the deviations of other paths from it.
 
     Positions are complex numbers x - iz in the horizontal plane [m], so that a factor
-    c exp(iψ) enlarges by c and turns about the vertical by ψ.
+    c exp(iψ) scales by c and rotates about the vertical by ψ.
     """
 
     config: SimilarityConfig
     """How size and heading are estimated."""
     phases: Phases
-    """Where the mean path is known."""
+    """Phases of the mean path."""
     path: Complex[np.ndarray, " M"]
-    """Mean path of the demonstrations, of one size and heading, complex [m]."""
+    """Mean path of the demonstrations with equal size and heading, complex [m]."""
     wobble: Phases
-    """σ: standard deviation across it of demonstrations of equal size [m]."""
+    """σ: standard deviation of demonstrations of equal size across the path [m]."""
     lag: Phases
-    """Standard deviation along it of demonstrations of equal size [m]."""
+    """Standard deviation of demonstrations of equal size along the path [m]."""
     log_sizes: Sizes
-    """Logarithms of the sizes that are compared; 0 where the path shows no size."""
+    """Logarithms of the grid of sizes; 0 if the size of the path is not observable."""
     least_scale: float
-    """Share of the stated variances that is the mean path's own error."""
+    """Share of the stated variances caused by the error of the mean path."""
     outward: Float[np.ndarray, "4 F"]
-    """Where the mean path first comes so far from its start: distance [m], phase,
-    direction about the vertical [rad] and `wobble` [m]."""
+    """First point of the mean path at each distance from its start: distance [m],
+    phase, direction about the vertical [rad] and `wobble` [m]."""
 
     @classmethod
     def of(
@@ -100,14 +100,14 @@ class SimilarityModel:
         aligned: AlignedDemonstrations,
         config: SimilarityConfig = SimilarityConfig(),
     ) -> SimilarityModel:
-        """Return the model of demonstrations; of a handle that turns, of its axis."""
+        """Return the model of demonstrations; for a turning handle, of its axis."""
         similar = normalised(aligned)
         poses, count = similar.aligned.poses, len(aligned.poses)
         level = poses[..., 0] - 1j * poses[..., 2]
         path = level.mean(axis=0)
         wobble = lag = np.full(len(path), config.least_wobble)
         if count > 1:
-            # Across is meant as seen from the start.
+            # Across: perpendicular to the direction from the start.
             tangent = np.gradient(path)
             tangent /= np.maximum(np.abs(tangent), _NEAREST)
             along = ((level - path) * tangent.conj()).real
@@ -117,7 +117,7 @@ class SimilarityModel:
         variance = config.size_weight * config.size_std**2 + scatter
         variance *= (1.0 + 1.0 / count) / (config.size_weight + count - 1)
         shown = size_visibility(poses[:, aligned.times <= aligned.end], config)
-        # Where a path comes back nearer to its start, the way out counts.
+        # If a path returns towards its start, only the way out is used.
         furthest, first = np.unique(
             np.maximum.accumulate(np.abs(path)), return_index=True
         )
@@ -142,7 +142,7 @@ class SimilarityModel:
         )
 
     def unseen(self) -> PathSimilarity:
-        """Return what is known before any of the path is seen."""
+        """Return the estimate before any position of the path is observed."""
         variances = [self.config.heading_std**2, 1.0, self.rate**2]
         covariance = np.zeros((3, 3, _STEPS.size))
         covariance += np.diag(variances)[:, :, None]
@@ -162,7 +162,7 @@ class SimilarityModel:
     def at(
         self, phases: Phases
     ) -> tuple[Complex[np.ndarray, " M"], Float[np.ndarray, " M"]]:
-        """Return the mean path at phases, and σ over the distance from its start."""
+        """Return the mean path at phases, and σ over the distance to its start."""
         path: np.ndarray = np.interp(phases, self.phases, self.path)
         wobble = np.interp(phases, self.phases, self.wobble)
         return path, wobble / np.maximum(np.abs(path), _NEAR)
@@ -175,50 +175,50 @@ class SimilarityModel:
 
 @dataclass(frozen=True, kw_only=True)
 class PathSimilarity:
-    """What the path so far says about its size and heading, for a grid of sizes.
+    """Estimate of size and heading from the path so far, for a grid of sizes.
 
-    A path is the demonstrated one of mean size, enlarged by c and turned by ψ. At the
-    distance d from its start, where the demonstrations have the phase s(d/c) and lie in
-    the direction a(d/c), it lies across theirs by
+    A path is the demonstrated one of mean size, scaled by c and rotated by ψ. At the
+    distance d from its start, where the demonstrations have the phase s(d/c) and the
+    direction a(d/c), it has the direction α(d) and deviates across their path by
 
         r(d) = d (α(d) - a(d/c)) = d ψ + c σ(s) f(s) + e,    e ~ N(0, n²),
 
-    σ the demonstrations' own deviation across the path and f a Gaussian process of unit
-    variance with the Matérn kernel of smoothness 3/2. A priori ψ ~ N(0, τ²), and log c
-    is normal with the conjugate mix of `SimilarityConfig.size_std` and the
-    demonstrations' own sizes as its variance. Given c all is linear: (ψ, f, df/ds) has
-    a Kalman filter along the path, whose innovations give p(c | path). The state at the
-    end of what was seen is all that the path says about the rest.
+    with σ the standard deviation of the demonstrations across the path and f a Gaussian
+    process of unit variance with the Matérn kernel of smoothness 3/2. A priori
+    ψ ~ N(0, τ²), and log c is normal; its variance combines `SimilarityConfig.size_std`
+    and the demonstrations' own sizes (conjugate prior). Given c the model is linear:
+    (ψ, f, df/ds) has a Kalman filter along the path, whose innovations give
+    p(c | path). The state at the last observed position determines the forecast.
     """
 
     model: SimilarityModel
     """The demonstrated path."""
     log_variance: Sizes
-    """Sum of the logarithms of the innovations' variances."""
+    """Sum of the logarithms of the innovation variances."""
     surprise: Sizes
-    """δ²: sum of squared innovations over their variances."""
+    """δ²: sum of squared innovations divided by their variances."""
     count: int
     """n: number of positions used."""
     mean: Float[np.ndarray, "3 C"]
-    """Mean of (ψ [rad], f, df/ds) given every size."""
+    """Mean of (ψ [rad], f, df/ds) given each size."""
     covariance: Float[np.ndarray, "3 3 C"]
-    """Its covariance."""
+    """Covariance of (ψ, f, df/ds) given each size."""
     phase: Sizes
     """Phase of the last position for every size."""
     due: float
-    """Distance from which the next position is used [m]."""
+    """Distance after which the next position is used [m]."""
     angle: Sizes
-    """How far the path is seen turned from the demonstrated one of each size at the
-    same distance, by its heading and its deviation [rad]."""
+    """Angle of the path relative to the demonstrated path of each size at the same
+    distance, due to heading and deviation [rad]."""
     angle_variance: Sizes
-    """Variance of that [rad²]."""
+    """Variance of `angle` [rad²]."""
 
     def updated(self, distance: float, angle: float) -> PathSimilarity:
-        """Return the estimate with one more position, if that is far enough on.
+        """Return the estimate with another position, if the position is far enough.
 
         Args:
-            distance: From the start of the path, in the horizontal plane [m].
-            angle: Its direction about the vertical there [rad].
+            distance: Distance from the start of the path, in the horizontal plane [m].
+            angle: Direction from the start, about the vertical [rad].
         """
         if distance < self.due:
             return self
@@ -266,10 +266,10 @@ class PathSimilarity:
 
     @cached_property
     def features(self) -> Float[np.ndarray, "6 K"]:
-        """What the phase of a pose takes of the likely sizes c.
+        """Quantities of the likely sizes c that the estimate of the phase needs.
 
-        The logarithm of the weight, c, the variance of log c, cosine and sine of the
-        angle, and its variance.
+        They are the logarithm of the weight, c, the variance of log c, cosine and sine
+        of the angle, and its variance.
         """
         likely = self.likely
         return np.array(
@@ -285,9 +285,9 @@ class PathSimilarity:
 
     @cached_property
     def likely(self) -> LikelySizes:
-        """The sizes that the path leaves likely, finer than those that are compared."""
+        """The likely sizes given the path, on a finer grid."""
         config, grid = self.model.config, self.model.log_sizes
-        # p(c, path): Student-t, as the scale is learned.
+        # p(c, path) is a Student-t density, because the scale is estimated.
         scale = self.scale
         surprise = (config.scale_weight + self.count) * np.log(scale)
         log_weights = -0.5 * (_STEPS**2 + self.log_variance + surprise)
@@ -302,7 +302,7 @@ class PathSimilarity:
             min(centre + reach, float(grid[-1])),
             _LIKELY,
         )
-        # All is smooth in log c: between the sizes, the cubic through four of them.
+        # All curves are smooth in log c: cubic interpolation through four sizes.
         position = (sizes - grid[0]) / max(spacing, _NEAREST)
         left = np.maximum(np.minimum(position.astype(np.int64) - 1, grid.size - 4), 0)
         u = position - left
@@ -339,7 +339,7 @@ class PathSimilarity:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LikelySizes:
-    """The posterior of a path's size, and of the rest given each of K sizes."""
+    """Posterior of the size of a path, and of the other quantities given K sizes."""
 
     model: SimilarityModel
     """The demonstrated path."""
@@ -350,18 +350,18 @@ class LikelySizes:
     phase: Float[np.ndarray, " K"]
     """Phase of the last position."""
     angle: Float[np.ndarray, " K"]
-    """How far the path is seen turned from the demonstrated one at the same distance,
-    by its heading and its deviation [rad]."""
+    """Angle of the path relative to the demonstrated path at the same distance, due to
+    heading and deviation [rad]."""
     angle_variance: Float[np.ndarray, " K"]
-    """Variance of that, for all that the size stands for [rad²]."""
+    """Variance of `angle` over the sizes that this one represents [rad²]."""
     size_std: float
-    """Standard deviation of log c among those that one size stands for."""
+    """Standard deviation of log c among the sizes that one size represents."""
     mean: Float[np.ndarray, "3 K"]
     """Mean of (ψ [rad], f, df/ds)."""
     covariance: Float[np.ndarray, "3 3 K"]
-    """Its covariance."""
+    """Covariance of (ψ, f, df/ds)."""
     scale: Float[np.ndarray, " K"]
-    """Factor on the variance of f that the innovations show."""
+    """Factor on the variance of f, estimated from the innovations."""
 
     def weighed(self, weights: Float[np.ndarray, " K"]) -> LikelySizes:
         """Return the posterior with other weights, which need not sum to one."""
@@ -385,20 +385,20 @@ class LikelySizes:
     def forecast(
         self, phases: Phases
     ) -> tuple[Complex[np.ndarray, "M K"], Float[np.ndarray, "M K"]]:
-        """Return the paths that are expected of the likely sizes.
+        """Return the expected paths of the likely sizes.
 
         Args:
-            phases: Where along the task, increasing, (M,).
+            phases: Increasing phases, (M,).
 
         Returns:
-            Their means as complex numbers x - iz [m], and the variances of the angles
-            by which they may be turned about the start [rad²].
+            Their means as complex numbers x - iz [m], and the variances of their
+            rotation about the start [rad²].
         """
         model, covariance = self.model, self.covariance
         turn, f, slope = self.mean
         path, turning = model.at(phases)
         turning = turning[:, None]
-        # f at phases s from (f, df/ds) at the last one: a f + b df/ds, and a remainder.
+        # f at phases s from (f, df/ds) at the last phase: a f + b df/ds + remainder.
         step = phases[:, None] - self.phase
         apart = model.rate * np.abs(step)
         decay = np.exp(-apart)
@@ -418,19 +418,19 @@ def size_visibility(
     poses: Float[np.ndarray, "D M 6"],
     config: SimilarityConfig = SimilarityConfig(),
 ) -> float:
-    """Return how far a path distinguishes its size from its phase, 0 to 1.
+    """Return how well size and phase of a path can be distinguished, 0 to 1.
 
-    A change of the size of a path c p(s), θ(s) displaces its poses by (p, 0), a change
-    of its phase by (p', θ'). Where the path is straight from its start and does not
-    turn, the two are parallel everywhere: the enlarged path is the same path, and its
-    size is a matter of convention. Size shows in the mean's distance from a straight
-    line and in its rotation. Each is divided by the deviation that one more repetition
-    has, σ² + n², with σ the demonstrations' own and n the error of observation. A root
-    mean square of one such deviation, along the path, is no more than chance leaves in
-    the mean path, and shows nothing; from two on the size shows entirely.
+    A change of size of a path c p(s), θ(s) displaces its poses by (p, 0), a change of
+    phase by (p', θ'). For a straight path without rotation, the two are parallel
+    everywhere: the scaled path is the same path, and its size is not observable. The
+    size is observable by the distance of the mean from a straight line and by its
+    rotation. Each is divided by the deviation of another repetition, σ² + n², with σ
+    the deviation of the demonstrations and n the error of observation. A root mean
+    square of one such deviation along the path may be random and gives 0; from two on
+    the result is 1.
 
     Args:
-        poses: Demonstrations of one size and heading [m, rad].
+        poses: Demonstrations of equal size and heading [m, rad].
         config: Errors of observation.
     """
     positions, rotations = poses[..., :3], poses[..., 3:]
@@ -451,7 +451,7 @@ def size_visibility(
 
 
 def gradient(values: np.ndarray) -> np.ndarray:
-    """Return `numpy.gradient` of values (N,), in a tenth of its time."""
+    """Return the same as `numpy.gradient` for values (N,), in a tenth of the time."""
     slopes = np.empty_like(values)
     slopes[1:-1] = (values[2:] - values[:-2]) / 2.0
     slopes[0], slopes[-1] = values[1] - values[0], values[-1] - values[-2]
@@ -461,7 +461,7 @@ def gradient(values: np.ndarray) -> np.ndarray:
 def _smooth_std(deviations: Float[np.ndarray, "D M"], least: float) -> Phases:
     """Return the standard deviation of a repetition, averaged along the task [m]."""
     count, width = len(deviations), 2 * _SMOOTHING + 1
-    # The deviations are those from their own mean: one degree of freedom less.
+    # Deviations from their own mean have one degree of freedom less.
     variance = (deviations**2).sum(axis=0) * (1.0 + 1.0 / count) / (count - 1)
     padded = np.pad(variance, _SMOOTHING, mode="edge")
     smooth = np.convolve(padded, np.full(width, 1.0 / width), "valid")
@@ -474,10 +474,10 @@ def advance(
     step: Float[np.ndarray, " C"],
     rate: float,
 ) -> tuple[Float[np.ndarray, "3 C"], Float[np.ndarray, "3 3 C"]]:
-    """Return mean and covariance of C states (b, f, df/ds) further along by steps >= 0.
+    """Propagate mean and covariance of C states (b, f, df/ds) by steps >= 0.
 
-    b is constant and f a process of unit variance with the Matérn kernel of smoothness
-    3/2, (1 + λ|Δ|) exp(-λ|Δ|) with the rate λ.
+    b is constant, and f is a process of unit variance with the Matérn kernel of
+    smoothness 3/2, (1 + λ|Δ|) exp(-λ|Δ|) with the rate λ.
     """
     decay = np.exp(-rate * step)
     move = np.zeros((3, 3, step.size))

@@ -1,8 +1,8 @@
-"""Rests in recordings: where they are, and demonstrations without them.
+"""Detection and removal of rests in recordings.
 
 People start the recording, wait, move, wait, and stop it. A rest is not a part of the
-task: if it is kept, it becomes a stretch of phase in which nothing moves, and the phase
-of a hand that stands still there is ambiguous.
+task: if it is kept, it becomes an interval of phase without motion, and the phase of a
+hand at rest there is ambiguous.
 """
 
 import warnings
@@ -18,20 +18,22 @@ from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 _BLUR: Final = 0.015
-"""Standard deviation of the smoother under which speed is measured, as a share of the
+"""Standard deviation of the filter for the measurement of speed, as a share of the
 demonstration."""
 _HALF_CHORD: Final = 0.02
-"""Speed is that of chords over twice this share of the demonstration."""
+"""Half of the length of chords that define the speed, as a share of the
+demonstration."""
 _FAST: Final = 95.0
 """Percentile of the speed that counts as the motion's fast speed."""
 _SLOW: Final = 0.05
-"""A hand that is slower than this share of the fast speed may be resting."""
+"""A hand slower than this share of the fast speed may be at rest."""
 _UNMOVED: Final = 0.01
-"""Largest share of the path's length that a resting hand covers. A slow hand that
-covers more is unlatching a door, or searching for contact."""
+"""Largest share of the path's length covered during a rest. A slow hand that covers
+more is unlatching a door or searching for contact."""
 _LONGEST: Final = 0.10
-"""Share of the moving time below which a slow hand is only starting, stopping or
-hesitating. A minimum-jerk motion is that slow for 6 % of its time at either end."""
+"""Least duration of a rest, as a share of the moving time: shorter ones are starts,
+stops or hesitation. A minimum-jerk motion is that slow for 6 % of its time at each
+end."""
 _WORTH_SAYING: Final = 0.02
 """Fraction of trimmed time above which a warning is issued."""
 _KEPT: Final = 0.05
@@ -40,32 +42,32 @@ _KEPT: Final = 0.05
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Rest:
-    """A part of a recording that was left out because nothing moved."""
+    """A part of a recording that was left out because there was no motion."""
 
     start: float
-    """When it begins, on the recording's own clock [s]."""
+    """Start of the rest, by the time stamps of the recording [s]."""
     end: float
-    """When it ends [s]."""
+    """End of the rest [s]."""
 
 
 def without_rests(
     demonstration: Demonstration,
 ) -> tuple[Demonstration, tuple[Rest, ...]]:
-    """Return a demonstration whose rests are shortened, and the parts left out.
+    """Return a demonstration with shortened rests, and the parts left out.
 
-    A hand rests where its speed, of chords of the smoothed path, stays below 5 % of the
-    motion's fast speed for longer than 10 % of the moving time, while it covers less
-    than 1 % of the path: a hand that unlatches a door is slow, too. 5 % of that time is
-    kept, next to the motion, so that starting and stopping gently survives.
+    A hand is at rest if its speed, from chords of the smoothed path, stays below 5 % of
+    the motion's fast speed for more than 10 % of the moving time, and if it covers less
+    than 1 % of the path, because a hand that unlatches a door is slow, too. 5 % of the
+    moving time is kept next to the motion, so that gentle starts and stops are kept.
     """
     times, poses = demonstration.times, demonstration.poses
-    # Continued by its mirror image: a path that ends at rest stays there.
+    # Extended by its mirror image, so that a path that ends at rest stays at rest.
     smooth = np.asarray(
         scipy.ndimage.gaussian_filter1d(
             poses, _BLUR * len(poses), axis=0, mode="reflect"
         )
     )
-    # Stretches that are slow, from first to last sample.
+    # Slow intervals, from first to last sample.
     reach = _HALF_CHORD * (times[-1] - times[0])
     ends = [np.clip(times + side, times[0], times[-1]) for side in (-reach, reach)]
     before, after = (interpolated(end, times, smooth) for end in ends)
@@ -107,7 +109,7 @@ def without_rests(
 
 
 def moving_span(demonstration: Demonstration) -> tuple[float, float]:
-    """Return when a demonstration begins and ends without the rests at its ends [s]."""
+    """Return start and end of a demonstration without rests at its ends [s]."""
     start, end = (float(demonstration.times[place]) for place in (0, -1))
     first, last = start, end
     _, rests = without_rests(demonstration)

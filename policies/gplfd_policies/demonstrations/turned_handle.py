@@ -1,8 +1,8 @@
 """Geometry of a handle that is turned before its door opens.
 
 While a lever is turned, the hand moves on an arc about the lever's axis, centimetres
-away. That arc carries no information about the door. The point of the handle's axis
-rests meanwhile and then moves on the door's own circle, whatever the handle does. All
+away. This arc carries no information about the door. A point on the handle's axis rests
+meanwhile and then moves on the door's circle, independently of the handle's turn. All
 poses are in the task frame.
 """
 
@@ -24,27 +24,27 @@ Quaternion = tuple[float, float, float, float]
 """(w, x, y, z)."""
 
 _FIRST_TURNS: Final = (0.4, 0.25)
-"""Turns of the hand before the door moves [rad]: of levers and knobs, which need more
-to unlatch, and, where none is found, of paddles, touch bars and thumb pieces."""
+"""Least turns of the hand before the door moves [rad]: first tried for levers and
+knobs, which turn further to unlatch, then for paddles, touch bars and thumb pieces."""
 _LATER_TURN: Final = 0.2
-"""Below this angle a later turn has no well-defined axis [rad]."""
+"""Least angle of a later turn with a well-defined axis [rad]."""
 _ANOTHER: Final = math.radians(45.0)
 """Two axes differ if the angle between them exceeds this [rad]."""
 _STILL: Final = 0.015
 """Largest root-mean-square motion of the resting point [m]: a sensor beside the handle
-is a centimetre from where the hand holds it."""
+is a centimetre from the grasped point."""
 _LEAST_ARM: Final = 0.03
-"""Below this lever arm the handle is treated as a knob, which is turned by a moment and
-not by a force along the path [m]."""
+"""Below this lever arm [m] the handle is treated as a knob, which is turned by a moment
+and not by a force along the path."""
 _MOVED: Final = 0.01
-"""Displacement of the axis from which on the door counts as moving [m]."""
+"""Displacement of the axis above which the door counts as moving [m]."""
 _FIRM: Final = 1e3
 """Weight of the choice of a point along the axis, relative to that of a sample."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TurnedHandle:
-    """The axis of a handle, fixed to the hand, as it is at the start.
+    """The axis of a handle relative to the hand, at the start.
 
     With the hand at position p and rotation R, the axis's point is displaced by
     p + (R - 1) s. Everything is computed in Python floats, so that one hand and many
@@ -52,16 +52,16 @@ class TurnedHandle:
     """
 
     point: Vector
-    """s: a point of the axis, from the hand [m]."""
+    """s: a point of the axis relative to the hand [m]."""
     axis: Vector
-    """a: its direction, a unit vector; the first turn about it is positive."""
+    """a: direction of the axis, a unit vector; the first turn about it is positive."""
     travel: float = 0.0
     """Mean of the largest demonstrated turns [rad]."""
     opens: float = 0.0
-    """Phase from which on its axis, and with it the door, moves."""
+    """Phase at which the axis, and with it the door, begins to move."""
 
     def held(self, pose: list[float], turn: float) -> list[float]:
-        """Return the hand pose with another turn of the handle, the leaf as it is."""
+        """Return the hand pose for another turn of the handle, with the same leaf."""
         leaf, _ = self.turns(pose[3:])
         ax, ay, az = self.axis
         handle = [turn * ax, turn * ay, turn * az]
@@ -74,8 +74,8 @@ class TurnedHandle:
     def told(self, pose: list[float], mean: list[float]) -> list[float]:
         """Return the hand pose with the handle's own motion removed.
 
-        The handle is turned, and the hand moved along its path, as far as expected of
-        it.
+        It is replaced by the expected turn of the handle and the expected motion of the
+        hand along the handle's path.
         """
         _, turn = self.turns(mean[3:])
         x, y, z, *rotation = self.held(pose, turn)
@@ -93,7 +93,10 @@ class TurnedHandle:
         return x + (rx - sx), y + (ry - sy), z + (rz - sz)
 
     def way(self, pose: list[float]) -> Vector:
-        """Return the hand's way while the handle turns, R (s × a); zero for a knob."""
+        """Return the hand's direction while the handle turns, R (s × a) / arm.
+
+        Zero for a knob.
+        """
         lever, arm = self._lever()
         if arm < _LEAST_ARM:
             return 0.0, 0.0, 0.0
@@ -107,10 +110,10 @@ class TurnedHandle:
         return 0.0 if arm < _LEAST_ARM else arm
 
     def turned(self, pose: list[float]) -> float:
-        """Return the turn of a closed door's handle [rad].
+        """Return the turn of the handle of a closed door [rad].
 
-        The hand may turn on a lever, so its displacement along the handle's path counts
-        as well: an axis that rests contributes nothing.
+        The hand may rotate relative to a lever, so the apparent displacement of the
+        axis along the handle's path is added; it is zero if the axis is at rest.
         """
         _, turn = self.turns(pose[3:])
         _, arm = self._lever()
@@ -185,7 +188,7 @@ def _turned_first(
     if abs(float(first @ np.mean(lasts, axis=0))) > math.cos(_ANOTHER):
         return None
     matrix, side = np.vstack(rows), np.concatenate(sides)
-    # Every point along the axis is a solution: the nearest one is taken.
+    # Every point along the axis is a solution; the nearest one is used.
     firm = np.vstack([matrix, _FIRM * np.outer(first, first)])
     point, *_ = np.linalg.lstsq(firm, np.concatenate([side, np.zeros(3)]))
     left = matrix @ point - side
@@ -210,7 +213,7 @@ def _turned_first(
 def seen_at(
     aligned: AlignedDemonstrations, handle: TurnedHandle
 ) -> AlignedDemonstrations:
-    """Return the demonstrations with the handle's axis in place of the hand."""
+    """Return the demonstrations with positions of the handle's axis, not the hand."""
     return replace(aligned, poses=handle.places(aligned.poses))
 
 

@@ -1,17 +1,17 @@
-"""How demonstrations deviate from their mean: smoothly.
+"""Model of the smooth deviations of demonstrations from their mean.
 
 The paper puts the spread of the demonstrations into Eq. (11) as diag(R), white noise,
-so that knowing the door's radius at one phase says nothing about any other. Here, and
-this is not in the paper, a deviation of one output is a process of the same variance
+so that the door's radius observed at one phase has no effect at other phases. Here,
+different from the paper, a deviation of one output is a process of the same variance
 r(t) with covariance
 
     √(u(t) u(t')) [g k(t, t'; L) + (1 − g)]          variation with the task
   + √(v(t) v(t')) [(1 − w) k(t, t'; S) + w 1(t = t')]    the hand's wobble, white noise
 
 where v = (r⁻ᵖ + c⁻ᵖ)^(−1/p), p = _SHARPNESS, is a wobble of constant variance c that
-never exceeds the spread, u = r − v is the rest, and k is a unit RBF. Were the wobble a
-constant *share* of r, late centimetres of radius would make early millimetres
-unpredictable.
+never exceeds the spread, u = r − v is the rest, and k is a unit RBF. If the wobble were
+a constant *share* of r, centimetres of spread at late phases, due to the radius, would
+make the millimetres at early phases unpredictable.
 
 The five parameters maximise the likelihood of the deviations e_k = y_k − ȳ. These sum
 to zero, which leaves D − 1 independent ones
@@ -19,11 +19,11 @@ to zero, which leaves D − 1 independent ones
 
     log p = −½ [(D − 1) log |C| + tr(C⁻¹ Σ_k e_k e_kᵀ)] + const.
 
-That mainly determines how curves vary between neighbouring samples; a forecast needs
-their variation over half a task. So one factor on the wobbles' variances c of all
-outputs is chosen by `forecast_score`: every demonstration in turn is compared to the
-mean of the others, e_k D/(D − 1), its start is conditioned on, and the rest is scored
-by its Student-t density, ν = D − 1, sample by sample
+This likelihood mainly depends on the variation between neighbouring samples; a forecast
+needs the variation over half a task. Therefore one factor on the wobble variances c of
+all outputs is selected by `forecast_score`: each demonstration in turn is compared to
+the mean of the others, e_k D/(D − 1), its start is conditioned on, and the rest is
+scored by its Student-t density, ν = D − 1, sample by sample
 (``test_wobble_is_what_forecasts_left_out_demonstrations_best``).
 """
 
@@ -55,33 +55,34 @@ _GRID = 60
 _NEGLIGIBLE = 1e-4
 """Where r is below this fraction of its average, deviations are negligible."""
 _LONG = (0.3, 5.0)
-"""Range of L, as a fraction of the time span: from longer than a wobble to as good as
+"""Range of L, as a fraction of the time span: from longer than a wobble to practically
 constant. Forecasts hardly depend on it (docs/method.md)."""
 _SHORT = (0.1, 0.5)
 """Range of S. A shorter correlation cannot be distinguished from white noise, and an
 agent would attribute the noise of its own hand to the door (docs/method.md)."""
 _SHARPNESS = 2.0
-"""p, how sharply the wobble turns from the spread's size to its own."""
+"""p, sharpness of the transition of the wobble from the spread's size to its own."""
 _WOBBLE = (1e-6, 1e1)
 """Range of c, relative to the average of r."""
 MODEL_WORTH = Fraction(35, 3)
-"""Weight of the model's covariance, in independent deviations: with as many of the
-demonstrations, both have equal weight. Its influence is small (docs/method.md)."""
+"""Weight of the model's covariance, in independent deviations: with this number of
+deviations from demonstrations, both have equal weight. Its influence is small
+(docs/method.md)."""
 _RELATIVE_JITTER = 1e-6
 """White variance relative to r that keeps C positive definite."""
 _FACTORS = 2.0 ** np.arange(-2.0, 8.0)
-"""Factors on c among which is chosen; beyond them all or nothing of r is wobble."""
+"""Factors on c to choose from; beyond them all or nothing of r is wobble."""
 _FORECAST_GRID = 30
 """Samples of a demonstration used to score forecasts."""
 _STARTS = (0.2, 0.35, 0.5)
-"""Shares of the demonstration that are seen when the rest is forecast."""
+"""Observed shares of the demonstration when the rest is forecast."""
 
 
 def conjugate_share(count: int) -> float:
-    """The demonstrations' own share (D − 1)/(w + D − 1) of a deviation's covariance.
+    """Return the demonstrations' share (D − 1)/(w + D − 1) of a deviation's covariance.
 
-    A process's covariance C that is inverse-Wishart a priori, around the model's and
-    with the weight of w independent deviations, has the posterior mean
+    With an inverse-Wishart prior around the model's covariance, of the weight of w
+    independent deviations, the posterior mean of the covariance is
     (w C_model + S)/(w + D − 1), S = Σ_k e_k e_kᵀ
     (``test_mixed_covariance_is_the_mean_of_the_inverse_wishart_posterior``).
     """
@@ -132,11 +133,11 @@ class DeviationLikelihood:
     times: Times
     """Some of the common times."""
     noise: Curve
-    """r(t) there."""
+    """r(t) at these times."""
     scatter: Gram
     """The sum of products Σ_k e_k e_kᵀ."""
     free: int
-    """Its degrees of freedom, D − 1."""
+    """Degrees of freedom, D − 1."""
 
     @classmethod
     def of(
@@ -154,7 +155,7 @@ class DeviationLikelihood:
         )
 
     def process(self, theta: Parameters) -> DeviationProcess:
-        """The covariance that θ stands for."""
+        """Return the covariance for θ."""
         return DeviationProcess(
             wobble=float(np.exp(theta[0])),
             white=float(scipy.special.expit(theta[1])),
@@ -164,7 +165,7 @@ class DeviationLikelihood:
         )
 
     def __call__(self, theta: Parameters) -> tuple[float, Parameters]:
-        """Its value at θ, and its gradient, (5,)."""
+        """Return the log-likelihood at θ, and its gradient, (5,)."""
         process = self.process(theta)
         covariance = process.smooth_covariance(self.times, self.noise)
         covariance[np.diag_indices_from(covariance)] += (
@@ -201,7 +202,7 @@ class DeviationLikelihood:
 
 
 def fit_deviations(times: Times, deviations: Curves, noise: Curve) -> DeviationProcess:
-    """The most likely covariance of one output's deviations e_k = y_k − ȳ, D ≥ 2."""
+    """Fit the covariance of one output's deviations e_k = y_k − ȳ, D ≥ 2."""
     likelihood = DeviationLikelihood.of(times, deviations, noise)
     average = float(np.mean(noise))
     span = float(times[-1] - times[0])
@@ -238,9 +239,9 @@ def wobbling(
     deviations: OutputCurves,
     noise: Outputs,
 ) -> tuple[DeviationProcess, ...]:
-    """The processes with the wobble that forecasts left-out demonstrations best.
+    """Return the processes with the wobble that best forecasts left-out demonstrations.
 
-    Two demonstrations have one deviation between them, none to leave out.
+    Two demonstrations have only one deviation, so none can be left out.
     """
     if len(deviations) < 3:
         return tuple(processes)

@@ -1,4 +1,4 @@
-"""Heteroscedastic Gaussian processes: of one output, and of all, independent a priori.
+"""Heteroscedastic Gaussian processes for one output, and for independent outputs.
 
 Eqs. (10)–(13) and (15), which is Eq. (6) with a diagonal B.
 """
@@ -24,7 +24,7 @@ Moment = Float[np.ndarray, "M d"]
 
 
 def offset_and_scale(samples: Curves, centred: bool) -> tuple[float, float]:
-    """Average of an output, or zero if it is not centred, and its size around that."""
+    """Return the average of an output, or zero if not centred, and its scale."""
     if centred:
         offset, size = float(np.mean(samples)), float(np.std(samples))
     else:
@@ -38,8 +38,8 @@ class HeteroscedasticGP:
 
     Internally the output is centred, unless it is the residual of a given prior mean
     (`gplfd_policies.movements.prior_mean`), and scaled to order one; `offset` and
-    `scale` map back. So the prior mean is the demonstrations' average, where the
-    paper's is zero; this only matters outside the demonstrated interval.
+    `scale` map back. So the prior mean is the demonstrations' average; in the paper it
+    is zero. This only matters outside the demonstrated interval.
     """
 
     offset: float
@@ -121,7 +121,7 @@ class MultiOutputGP:
         *,
         centred: bool = True,
     ) -> "MultiOutputGP":
-        """Learn every output by itself; arguments as of `HeteroscedasticGP.fit`."""
+        """Learn each output independently; arguments as for `HeteroscedasticGP.fit`."""
         outputs = (
             HeteroscedasticGP.fit(times, samples, noise, centred=centred)
             for samples in np.moveaxis(poses, 2, 0)
@@ -135,7 +135,7 @@ class MultiOutputGP:
 
     @cached_property
     def _basis(self) -> LegendreBasis | None:
-        """The common basis; None if some length-scale is too short for any."""
+        """The common basis; None if a length-scale is too short for every basis."""
         times = self.outputs[0].replicates.times
         return LegendreBasis.for_length_scale(
             float(times[0]), float(times[-1]), self.shortest_length_scale
@@ -149,7 +149,7 @@ class MultiOutputGP:
 
     @cached_property
     def _tables(self) -> tuple[LegendreBasis, Float[np.ndarray, "Q C"]] | None:
-        """A basis, and every curve of every output and its slope in it, or None."""
+        """The basis, and all curves of all outputs and their slopes in it, or None."""
         coarse = self._basis
         if coarse is None:
             return None

@@ -1,7 +1,8 @@
 """Maximum-likelihood length-scales, signal and noise levels.
 
-Replicated demonstrations pin the noise: screening three length-scales and polishing the
-best one reaches the same optimum of Eq. (7) as thirty random starts.
+Repeated demonstrations determine the noise well. Trying three length-scales and
+refining the best one therefore reaches the same optimum of Eq. (7) as thirty random
+starts.
 """
 
 from collections.abc import Callable
@@ -82,7 +83,7 @@ def _search(
     shortest: float,
     remainder: Remainder | None,
 ) -> tuple[RBF, float]:
-    """Search with the smallest basis first; widen it if the length-scale is short."""
+    """Search with the smallest basis first; enlarge it if the length-scale is short."""
     span = float(times[-1] - times[0])
     size, comfortable = next(iter(SIZES.items()))
     if len(times) > size:

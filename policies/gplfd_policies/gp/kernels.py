@@ -1,7 +1,7 @@
 """The radial basis function kernel of Eq. (13), and its derivatives.
 
 Eq. (14), the multi-output kernel, is printed without the minus sign and the ½: it grows
-with distance, and is no covariance
+with distance and is not a covariance
 (``test_printed_multi_output_kernel_is_not_a_covariance``). Outputs use Eq. (13).
 """
 

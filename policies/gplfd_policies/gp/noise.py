@@ -105,8 +105,9 @@ class NoiseModel(Protocol):
 class HomoscedasticNoise:
     """One noise variance σ_n² for the whole task, Eq. (3), by maximum likelihood.
 
-    It under-states the spread where demonstrations differ and over-states it where they
-    agree (the paper's Fig. 2). With one demonstration it is that of its samples only.
+    It underestimates the spread where demonstrations differ and overestimates it where
+    they agree (the paper's Fig. 2). With one demonstration it is the scatter of its
+    samples.
     """
 
     def fit(self, times: Times, samples: Curves) -> NoiseProfile:
@@ -126,8 +127,8 @@ class MapNoise(Settings):
     3. With these fixed, Newton's method for the mode of the exact likelihood of the
        sums of squares, SS_i ~ r_i χ²_k:
        Σ_i [k/2 z_i + ½ SS_i exp(−z_i)] + ½ (z − m)ᵀ K_z⁻¹ (z − m), which is convex.
-    4. r(t) = exp z(t) + `least_spread`²: where demonstrations agree by chance, the
-       next one need not (``test_agreement_by_chance_does_not_ruin_the_likelihood``).
+    4. r(t) = exp z(t) + `least_spread`²: where demonstrations agree by chance, the next
+       one may differ (``test_agreement_by_chance_does_not_ruin_the_likelihood``).
     """
 
     shortest_scale: float = quantity(_SHORTEST_SCALE, low=_LEAST_SCALE, high=1.0)

@@ -9,7 +9,7 @@ sums of squares:
              + Σ_i [ −(D−1)/2 log(2π r_i) − ½ log D − SS_i/(2 r_i) ]
 
 so an O((D M)³) problem is an O(M³) one, exactly; the posterior of f is that of a
-Gaussian process on ȳ with noise r/D. ``test_collapse_equals_naive_gp`` settles it.
+Gaussian process on ȳ with noise r/D (``test_collapse_equals_naive_gp``).
 """
 
 from dataclasses import dataclass

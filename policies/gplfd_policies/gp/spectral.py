@@ -113,7 +113,7 @@ class SpectralPosterior:
     weights: Float[np.ndarray, " Q"]
     """Their posterior mean E w."""
     factor: Float[np.ndarray, "Q R"]
-    """F, of which F Fᵀ is their covariance."""
+    """F, a root of their covariance F Fᵀ."""
 
     @classmethod
     def condition(cls, evidence: SpectralEvidence, kernel: RBF) -> "SpectralPosterior":

@@ -1,7 +1,7 @@
-"""The interface of learned movements, and the base of their implementations.
+"""The interface of learned movements, and base classes for implementations.
 
-Movements, `gplfd_policies.movements.skill.Skill` and the baselines, predict a
-distribution over poses at any phase, and adapt to via-points if they can.
+Movements are `gplfd_policies.movements.skill.Skill` and the baselines. They predict a
+distribution over poses at any phase; most of them adapt to via-points.
 """
 
 from abc import ABC, abstractmethod
@@ -31,7 +31,7 @@ class Predictor(Protocol):
     """Something that predicts a distribution over poses."""
 
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution at phases ``times``; NaN std for a method without any."""
+        """The distribution at phases ``times``; std is NaN if the method has none."""
 
 
 @runtime_checkable
@@ -52,23 +52,23 @@ class Adaptable(Movement, Protocol):
     """A movement with its own conditioning on via-points."""
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> Predictor:
-        """The movement conditioned on ``via_points``, all of them at once."""
+        """Return the movement conditioned on all ``via_points``."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class LearnedMovement:
-    """Base of movements: their demonstrations."""
+    """Base class of movements, with their demonstrations."""
 
     aligned: AlignedDemonstrations
     """The demonstrations it was learned from."""
     forces: Movement | None = None
-    """What was learned of the demonstrated forces, in the same way: a movement over the
-    same phases whose six outputs are force and moment of the hand on what it holds, in
-    the axes of the hand [N, N m]. None without forces."""
+    """Movement learned from the demonstrated forces, over the same phases. Its six
+    outputs are force and moment of the hand on what it holds, in the axes of the hand
+    [N, N m]. None without forces."""
 
     @property
     def duration(self) -> float:
-        """Nominal duration of phases 0 to 1 [s]; rates per second are rates / it."""
+        """Nominal duration of phases 0 to 1 [s]; divide rates by it for rates per s."""
         return self.aligned.duration
 
     def __post_init__(self) -> None:
@@ -87,7 +87,7 @@ class LearnedMovement:
 
 
 class MomentMovement(LearnedMovement, ABC):
-    """A movement whose rates are differences of its moments."""
+    """A movement whose rates are finite differences of its moments."""
 
     @abstractmethod
     def _moments(self, times: Times) -> Moments:
@@ -109,8 +109,8 @@ class MomentMovement(LearnedMovement, ABC):
 class EmpiricalDistribution:
     """Sample mean and sample standard deviation of aligned demonstrations, by phase.
 
-    For methods that predict no uncertainty. Between the phases of the alignment the
-    demonstrations are interpolated linearly; a single one has σ = 0.
+    For methods without uncertainty. Between the phases of the alignment the
+    demonstrations are interpolated linearly; for a single demonstration σ = 0.
     """
 
     def __init__(self, aligned: AlignedDemonstrations) -> None:
@@ -140,7 +140,7 @@ class Adaptation(Protocol):
     """A distribution over poses on a fixed grid of M phases, updated online."""
 
     def observe(self, via_point: ViaPoint) -> None:
-        """Take one more via-point, in place."""
+        """Condition on another via-point, in place."""
 
     @property
     def mean(self) -> Outputs:

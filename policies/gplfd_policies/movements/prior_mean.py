@@ -24,27 +24,28 @@ from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 @runtime_checkable
 class PriorMean(Protocol):
-    """Poses that are expected where nothing was demonstrated.
+    """Expected poses far from demonstrations.
 
     Phases are those of the aligned demonstrations, 0 at their start and 1 at their end;
-    methods that continue beyond it (`gplfd_policies.registry.method.Method.beyond`)
-    also use later ones. Rotation vectors are on the same branch as theirs.
+    methods that continue beyond the end
+    (`gplfd_policies.registry.method.Method.beyond`) also use later phases. Rotation
+    vectors are on the same branch as those of the demonstrations.
     """
 
     def mean(self, times: Times) -> Outputs:
         """Poses [m, rad] at phases, task frame."""
 
     def rate(self, times: Times) -> Outputs:
-        """Their derivative, per unit phase."""
+        """Derivative of these poses, per unit phase."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PosePath:
     """A prior mean through given poses; read-only.
 
-    Between them each output follows a cubic without overshoot: it never leaves the
-    range of its two neighbours. Before the first and after the last it stays there.
-    The mean of other demonstrations is one with ``PosePath(phases=aligned.times,
+    Between the poses each output follows a cubic without overshoot: it stays within the
+    range of its two neighbours. Before the first and after the last pose it is
+    constant. For the mean of other demonstrations use ``PosePath(phases=aligned.times,
     poses=aligned.poses.mean(axis=0))``.
 
     Raises:
@@ -55,7 +56,7 @@ class PosePath:
     phases: Float[np.ndarray, " N"]
     """At least two phases, strictly increasing; may lie outside [0, 1]."""
     poses: Float[np.ndarray, "N 6"]
-    """Pose at each of them [m, rad], task frame."""
+    """Pose at each phase [m, rad], task frame."""
 
     __repr__ = short_repr
 
@@ -91,7 +92,7 @@ class PosePath:
 
 @dataclass(frozen=True, kw_only=True)
 class Stretched:
-    """A prior mean of a task that is longer by a factor: phase s is its s × factor."""
+    """A prior mean for a task longer by a factor: phase s maps to s × factor."""
 
     of: PriorMean
     """The prior mean of the shorter task."""
@@ -109,15 +110,16 @@ class Stretched:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class ResidualMovement(LearnedMovement):
-    """A prior mean and a movement learned from the rest; made by `fit_residual`."""
+    """A prior mean and a movement learned from the residual; made by `fit_residual`."""
 
     prior_mean: PriorMean
     """m(t)."""
     residual: Movement
-    """Learned from the demonstrations less m(t), with a prior mean of zero."""
+    """Movement learned from the demonstrations minus m(t), with a prior mean of
+    zero."""
 
     def save(self, path: str | Path) -> None:
-        """Raise: a prior mean may be any code, which no file of arrays holds."""
+        """Raise an error: a prior mean may be any code, so it cannot be saved."""
         raise ValueError(
             f"a movement around a prior mean cannot be saved to {path}: the prior mean "
             "may be any code. Save the demonstrations, and learn from them again"
@@ -135,7 +137,7 @@ def fit_residual(
 ) -> ResidualMovement:
     """Learn a movement around a prior mean.
 
-    The fit has a prior mean of zero, such as ``partial(fit_skill, centred=False)``.
+    The fit must use a prior mean of zero: ``partial(fit_skill, centred=False)``.
     """
     expected = np.asarray(prior_mean.mean(aligned.times))
     if expected.shape != aligned.poses.shape[1:] or not np.isfinite(expected).all():
@@ -143,8 +145,8 @@ def fit_residual(
             f"a prior mean must give a finite pose at each of {len(aligned.times)} "
             f"phases, an array of shape {aligned.poses.shape[1:]}; got {expected}"
         )
-    # Phases are certain here: a repetition that runs late is late on m(t), too, which
-    # the residual cannot express.
+    # Phases are treated as certain: a late repetition is late on m(t), too, which the
+    # residual cannot express.
     rest = replace(aligned, poses=aligned.poses - expected, clocks=None)
     return ResidualMovement(aligned=aligned, prior_mean=prior_mean, residual=fit(rest))
 
@@ -160,8 +162,8 @@ class ResidualAdaptation:
         self._residual = form(movement.residual, grid)
 
     def observe(self, via_point: ViaPoint) -> None:
-        """Take one more via-point, in place."""
-        # Outputs left free stay so.
+        """Condition on another via-point, in place."""
+        # Unconstrained outputs stay unconstrained.
         expected = self._prior_mean.mean(np.array([via_point.phase]))[0]
         self._residual.observe(replace(via_point, pose=via_point.pose - expected))
 

@@ -49,25 +49,25 @@ NOISE_MODELS: dict[str, NoiseModel] = {
 _FEW: Final = 3
 """Up to this many demonstrations, `fit_skill` warns."""
 _WINDOW: Final = 0.1
-"""Share of the task over which the spread counts as one number: the shortest
-length-scale that the noise models allow."""
+"""Share of the task over which the spread counts as constant: the shortest length-scale
+that the noise models allow."""
 
 SIZE_STD: Final = 0.25
-"""γ: how much larger or smaller than a single demonstration the next one may be, as a
-share of the displacement from its start."""
+"""γ: standard deviation of the size of the next repetition relative to a single
+demonstration, as a share of the displacement from its start."""
 
 _KIND: Final = "a gplfd skill"
 """Content of the file of a skill."""
 _VERSION: Final = 3
 """Version of its layout."""
 _FORCES: Final = "forces_"
-"""Begins the names of what was learned of forces."""
+"""Prefix of the names of arrays learned from forces."""
 _CORRECTIONS: Final = "corrections"
-"""Begins the names of what a skill was corrected by."""
+"""Prefix of the names of arrays of corrections."""
 _ORIGIN: Final = ("door", "seed", "by", "phase", "device")
 _MOTION: Final = ("times", "poses", "wrenches")
 _NO_CLOCKS: Final = np.zeros((0, 0))
-"""In place of the clocks where they are unknown."""
+"""Stored instead of unknown clocks."""
 _DEVIATION: Final = tuple(field.name for field in fields(DeviationProcess))
 
 
@@ -78,7 +78,7 @@ class Skill(LearnedMovement):
     processes: MultiOutputGP
     """The six processes (x, y, z, θu_x, θu_y, θu_z)."""
     corrections: tuple[Correction, ...] = ()
-    """What it was corrected by, in order: its last demonstrations, completed."""
+    """Corrections in order; completed, they are the last demonstrations."""
 
     @property
     def count(self) -> int:
@@ -100,7 +100,7 @@ class Skill(LearnedMovement):
 
     @cached_property
     def degrees_of_freedom(self) -> float | None:
-        """Degrees of freedom behind the spread; None for a single demonstration.
+        """Degrees of freedom of the spread; None for a single demonstration.
 
         Real demonstrations deviate smoothly: M samples of a deviation are not M
         independent observations of the spread, which leaves D − 1. If they deviate
@@ -117,7 +117,7 @@ class Skill(LearnedMovement):
     @cached_property
     @one_thread
     def deviations(self) -> tuple[DeviationProcess, ...]:
-        """How the demonstrations deviate from their mean, per output; on first use.
+        """Model of the deviations from the mean, per output; computed on first use.
 
         Raises:
             ValueError: for a single demonstration.
@@ -140,10 +140,10 @@ class Skill(LearnedMovement):
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, Eqs. (10)–(11).
 
-        The variance is r(t) plus that of the mean, and of a single demonstration plus
-        that of its size, (γ (m(t) - m(0)))². For the latter the model's own
-        value assumes that samples of one demonstration deviate independently; it is
-        never taken below ρ r/D, which is what demonstrations as smooth as these allow
+        The variance is r(t) plus the variance of the mean; for a single demonstration
+        plus the variance of its size, (γ (m(t) - m(0)))². The model's variance of the
+        mean assumes that samples of a demonstration deviate independently. It is
+        therefore at least ρ r/D, because the demonstrations are smooth
         (``test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread``).
 
         Args:
@@ -180,7 +180,7 @@ class Skill(LearnedMovement):
         )
 
     def _covariance(self, times: Times, moments: OutputMoments) -> Covariances:
-        """Eq. (11), the posterior of f stretched to the variance of `predict`."""
+        """Eq. (11), the posterior of f scaled to the variance of `predict`."""
         covariance = self.processes.latent_covariance(times)
         floor = self.smoothness / self.count * moments.noise
         latent = np.maximum(moments.latent, np.finfo(np.float64).tiny)
@@ -195,17 +195,17 @@ class Skill(LearnedMovement):
         return covariance
 
     def _unknown_size(self, moments: OutputMoments) -> Outputs:
-        """γ (m(t) - m(0)): what its size leaves unknown of a single demonstration."""
+        """γ (m(t) - m(0)): deviation by the unknown size of a single demonstration."""
         start = self.processes.moments(self.aligned.times[:1]).mean
         return np.asarray(SIZE_STD * (moments.mean - start))
 
     @one_thread
     def save(self, path: str | Path) -> None:
-        """Keep the skill in a file, complete or not at all; `load_skill` reads it.
+        """Save the skill to a file, complete or absent; `load_skill` reads it.
 
-        An archive of arrays (.npz): the aligned demonstrations, the parameters of the
-        six processes, and those of the deviations; and the same of demonstrated forces,
-        where there are any. Nothing in it is code.
+        The file is an archive of arrays (.npz): the aligned demonstrations and the
+        parameters of the six processes and of the deviations; the same for demonstrated
+        forces, if there are any. It contains no code.
 
         Args:
             path: file to write; an existing one is replaced.
@@ -225,7 +225,7 @@ class Skill(LearnedMovement):
         write_archive(path, kind=_KIND, version=_VERSION, arrays=arrays)
 
     def _arrays(self) -> dict[str, np.ndarray]:
-        """Return the arrays of its file, without those of its forces."""
+        """Return the arrays of the file, without those of the forces."""
         aligned, outputs = self.aligned, self.processes.outputs
         basis = NoiseProfile.basis_over(aligned.times)
         if any(output.noise.basis != basis for output in outputs):
@@ -260,19 +260,19 @@ class Skill(LearnedMovement):
 def load_skill(path: str | Path) -> Skill:
     """Read a skill that `Skill.save` wrote.
 
-    It predicts and adapts as the one that was saved, bit for bit on the same machine
+    It predicts and adapts like the saved skill, bit for bit on the same machine
     (``test_a_loaded_skill_is_the_saved_one_bit_for_bit``).
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if the file is damaged, holds something else, or has the layout of
+        ValueError: if the file is damaged, contains other data, or has the layout of
             another version.
     """
     return read_archive(path, kind=_KIND, version=_VERSION, build=_skill_of)
 
 
 def _skill_of(members: Members) -> Skill:
-    """Build a skill from the members of its archive; raise for any that is wrong."""
+    """Build a skill from the members of its archive; raise if one is wrong."""
     others: dict[str, Any] = {}
     if _CORRECTIONS in members:
         others["corrections"] = _corrections_of(members)
@@ -287,7 +287,7 @@ def _kept(corrections: Sequence[Correction]) -> dict[str, np.ndarray]:
     origins, arrays = [], {}
     for number, one in enumerate(corrections):
         origin = {name: getattr(one, name) for name in _ORIGIN}
-        # Older programs read the corrections that no person made.
+        # Older versions can read corrections that were not made by a person.
         origins.append({name: given for name, given in origin.items() if given != ""})
         kept = {name: getattr(one.motion, name) for name in _MOTION}
         kept |= {"led": one.led, "inputs": one.inputs}
@@ -312,7 +312,7 @@ def _corrections_of(members: Members) -> tuple[Correction, ...]:
 
 
 def _part_of(members: Members, prefix: str, **others: Any) -> Skill:
-    """Build the skill of the motion, or that of the forces, by the prefix of names."""
+    """Build the skill of the motion or of the forces, given the prefix of names."""
 
     def finite(name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
         array = members(prefix + name)
@@ -394,13 +394,13 @@ def fit_skill(
     Args:
         aligned: D demonstrations on common phases.
         noise: how the spread r(t) is estimated: a name in `NOISE_MODELS` or a noise
-            model object, such as ``KerstingNoise(n_iterations=30)``. "map" of one
-            demonstration is "homoscedastic".
+            model object, such as ``KerstingNoise(n_iterations=30)``. For a single
+            demonstration, "map" is replaced by "homoscedastic".
         centred: whether the prior mean is the demonstrations' average, or zero; for
             any other see `gplfd_policies.movements.prior_mean.fit_residual`.
 
     Raises:
-        TypeError: for anything else than aligned demonstrations.
+        TypeError: if the argument is not aligned demonstrations.
         ValueError: for an unknown name, or too few demonstrations for the noise model.
 
     Warns:
@@ -418,22 +418,22 @@ def fit_skill(
                 f"Unknown noise model {noise!r}; choose from {sorted(NOISE_MODELS)} "
                 f"or pass a noise model object."
             )
-        # Of one demonstration there is no spread that a noise model could learn.
+        # A single demonstration has no spread from which a noise model could learn.
         alone = noise == "map" and len(aligned.poses) == 1
         noise = NOISE_MODELS["homoscedastic" if alone else noise]
     times, poses = aligned.times, aligned.poses
     processes = MultiOutputGP.fit(times, poses, noise, centred=centred)
     if len(poses) <= _FEW:
         said = (
-            "One demonstration says nothing about how repetitions differ: they are "
-            f"assumed to be larger or smaller by {SIZE_STD:.0%}, with the scatter of "
-            "its samples around a smooth curve. Give 4 or more."
+            "One demonstration does not show how repetitions differ: they are assumed "
+            f"to be larger or smaller by {SIZE_STD:.0%}, with the scatter of its "
+            "samples around a smooth curve. Give 4 or more."
         )
         if len(poses) > 1:
             said = (
                 f"{len(poses)} demonstrations leave {len(poses) - 1} degree(s) of "
-                "freedom for the spread: where they happen to cross, the uncertainty "
-                "is far too small, and the robot stiff there. Intervals use Student-t "
+                "freedom for the spread: where they cross by chance, the uncertainty "
+                "is far too small and the robot is stiff. Intervals use Student-t "
                 "quantiles; the standard deviation itself stays uncertain. Give 4 or "
                 "more."
             )

@@ -44,7 +44,7 @@ _CSV_HEADER: Final = """\
 
 
 def checked_times(times: np.ndarray) -> Times:
-    """Return the phases of a prediction as floats; raise unless some, all finite."""
+    """Return the phases of a prediction as floats; raise if empty or not finite."""
     times = np.asarray(times, dtype=np.float64)
     if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
         raise ValueError(
@@ -73,9 +73,9 @@ class GaussianTrajectory:
     std_rate: Outputs
     """Derivative of the standard deviation."""
     covariance_function: Callable[[], np.ndarray] = field(repr=False)
-    """Computes `covariance`, which few callers need."""
+    """Function that computes `covariance`, which few callers need."""
     degrees_of_freedom: float | None = None
-    """Degrees of freedom behind `std`, for Student-t quantiles; None means normal."""
+    """Degrees of freedom of `std`, for Student-t quantiles; None means normal."""
 
     __repr__ = short_repr
 
@@ -90,10 +90,10 @@ class GaussianTrajectory:
         std: Outputs,
         covariance_function: Callable[[], np.ndarray],
     ) -> "GaussianTrajectory":
-        """A distribution whose rates are central differences of its moments.
+        """Return a distribution whose rates are central differences of its moments.
 
-        For methods that state no derivatives, at increasing times; NaN std for a method
-        without any. A single time has rate zero.
+        For methods without derivatives, at increasing times; std is NaN for a method
+        without standard deviations. A single time has rate zero.
         """
         if (np.diff(times) <= 0.0).any():
             raise ValueError(
@@ -119,13 +119,13 @@ class GaussianTrajectory:
     @cached_property
     @one_thread
     def covariance(self) -> Covariances:
-        """Covariance over time of every output; on first use."""
+        """Covariance over time of every output; computed on first use."""
         return read_only(self.covariance_function())
 
     def __getitem__(
         self, rows: slice | Int[np.ndarray, " N"] | Bool[np.ndarray, " M"]
     ) -> "GaussianTrajectory":
-        """The same distribution at some of its times."""
+        """Return the same distribution at some of its times."""
         return replace(
             self,
             **{name: getattr(self, name)[rows] for name in _ARRAYS},
@@ -151,13 +151,13 @@ class GaussianTrajectory:
         *,
         normal: bool = False,
     ) -> Bool[np.ndarray, "*K M 6"]:
-        """Which numbers of ``poses`` are inside their central intervals.
+        """Return which numbers of ``poses`` are inside their central intervals.
 
         Args:
-            poses: observed at `times`, shape (..., M, 6).
-            level: share of repetitions that an interval is to hold.
-            normal: whether the quantiles are those of a normal distribution for every
-                method, or those of `interval`, which allow for few demonstrations.
+            poses: poses observed at `times`, shape (..., M, 6).
+            level: share of repetitions that an interval should contain.
+            normal: whether to use normal quantiles for every method, instead of those
+                of `interval`, which account for few demonstrations.
 
         Returns:
             One truth value per number; false where the standard deviation is NaN.
@@ -175,10 +175,10 @@ class GaussianTrajectory:
         *,
         normal: bool = False,
     ) -> float:
-        """Share of the numbers of ``poses`` that are `inside`; arguments as there.
+        """Return the share of the numbers of ``poses`` that are `inside`.
 
-        It is ``level`` if the distribution is right, and NaN for a method without
-        standard deviations. Numbers that are NaN do not count.
+        Arguments are as for `inside`. The share equals ``level`` if the distribution is
+        right, and is NaN for a method without standard deviations. NaN is ignored.
         """
         if np.isnan(self.std).any():
             return np.nan
@@ -187,15 +187,14 @@ class GaussianTrajectory:
         )
 
     def nlpd(self, poses: Float[np.ndarray, "*K M 6"]) -> float:
-        """Negative log predictive density per number: less is better.
+        """Return the negative log predictive density per number: less is better.
 
-        Mean of ½ log 2π + log σ + ½ ((y − μ)/σ)² over all numbers y of ``poses``, each
-        by itself and as of a normal distribution, in metres and radians. NaN for a
-        method without standard deviations.
+        It is the mean of ½ log 2π + log σ + ½ ((y − μ)/σ)² over all numbers y of
+        ``poses``, each with its own normal distribution, in metres and radians. NaN for
+        a method without standard deviations.
 
         Args:
-            poses: observed at `times`, shape (..., M, 6). Numbers that are NaN do not
-                count.
+            poses: poses observed at `times`, shape (..., M, 6). NaN is ignored.
         """
         std = np.maximum(self.std, FINEST)
         error = (poses - self.mean) / std
@@ -203,7 +202,7 @@ class GaussianTrajectory:
         return float(np.mean(terms[~np.isnan(poses)]))
 
     def _quantile(self, level: float, normal: bool = False) -> float:
-        """Half the width of an interval, in standard deviations."""
+        """Return half of the width of an interval, in standard deviations."""
         if not 0.0 < level < 1.0:
             raise ValueError(f"level must be in (0, 1), got {level}.")
         upper = 0.5 * (1.0 + level)
@@ -226,18 +225,18 @@ class GaussianTrajectory:
         return draws
 
     def to_csv(self, path: str | Path, *, duration: float) -> None:
-        """Write the trajectory as a table for a robot, complete or not at all.
+        """Write the trajectory to a table for a robot, complete or absent.
 
         Columns with their units: time, position, quaternion (scalar last, continuous
         sign), and the standard deviations; the lines before the table state the frame.
-        One row per time of this trajectory, so predict at those that the robot needs::
+        There is one row per time, so predict at the times that the robot needs::
 
             times = np.arange(0.0, duration, 0.01)
             skill.predict(times / duration).to_csv("opening.csv", duration=duration)
 
         Args:
             path: file to write; an existing one is replaced.
-            duration: time that phases 0 to 1 take [s], such as ``skill.duration``.
+            duration: duration of phases 0 to 1 [s], such as ``skill.duration``.
 
         Raises:
             ValueError: if the duration is not positive and finite, the times do not
@@ -258,7 +257,7 @@ class GaussianTrajectory:
                 "the poses of a table must be finite; found NaN or infinity"
             )
         rotvecs = poses[:, 3:]
-        # As continuous as the rotation vectors, without a look at neighbouring samples.
+        # As continuous as the rotation vectors, without comparing neighbouring samples.
         half = 0.5 * np.linalg.norm(rotvecs, axis=1, keepdims=True)
         quaternions = np.hstack([0.5 * np.sinc(half / math.pi) * rotvecs, np.cos(half)])
         table = np.hstack([times[:, None], poses[:, :3], quaternions, self.std])
@@ -298,17 +297,17 @@ class ViaPoint:
     phase: float
     """Phase; the task runs from 0 to 1."""
     pose: Pose
-    """Pose (x, y, z, θu_x, θu_y, θu_z) in the task frame [m, rad]. NaN leaves an output
-    free."""
+    """Pose (x, y, z, θu_x, θu_y, θu_z) in the task frame [m, rad]; NaN for
+    unconstrained outputs."""
     std: float | Pose = 1e-3
-    """Standard deviation of the via-point [m, rad], one number or one per output: small
-    is strong. Infinity leaves an output free."""
+    """Standard deviation of the via-point [m, rad], one number or one per output: a
+    small one is strong. Infinity for unconstrained outputs."""
     along: float | Pose = 0.0
     """Signed effect on each output [m, rad] of one standard deviation of an error that
-    all outputs share. If the phase of an observation is uncertain by σ_s, it is dμ/ds
-    σ_s: the pose may lie further along the path."""
+    all outputs share. If the phase of an observation has the standard deviation σ_s, it
+    is dμ/ds σ_s: the pose may be displaced along the path."""
     sizes: LikelySizes | None = None
-    """What the path up to here says about its size and heading, if that is known."""
+    """Estimate of size and heading from the path so far, if known."""
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.phase):
@@ -338,12 +337,12 @@ class ViaPoint:
 
     @property
     def own_variance(self) -> Pose:
-        """σ_v² of every output; infinite where the output is left free."""
+        """σ_v² of every output; infinite for unconstrained outputs."""
         std = np.asarray(self.std)
         variance: np.ndarray = np.where(np.isnan(self.pose), np.inf, std) ** 2
         return variance
 
     @property
     def noise_variance(self) -> Pose:
-        """Whole variance of every output's error, for methods that take each alone."""
+        """Total variance of each output's error, if outputs are treated separately."""
         return np.asarray(self.own_variance + np.asarray(self.along) ** 2)

@@ -1,1 +1,1 @@
-"""Which phase of the task an observed pose belongs to."""
+"""Estimation of the phase of an observed pose."""

@@ -1,9 +1,9 @@
 """The phase of an observed pose, estimated from the path.
 
 The agent of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979, dates its observations by the clock; here the phase of
-an observation is the one at which the *demonstrations* come nearest to it, corrected
-for the heading error that the path so far shows.
+Demonstration*, arXiv:2002.09979, takes the phase of its observations from the clock.
+Here the phase of an observation is the one at which the *demonstrations* are nearest to
+it, corrected for the heading error estimated from the path so far.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _GRID: Final = np.linspace(0.0, 1.0, 201)
 _POINTS: Final = _GRID.tolist()
 _SPACING: Final = float(_GRID[1])
 _FAR: Final = 1e100
-"""Deviation of the direction, and less than the cost, outside the grid."""
+"""Standard deviation of the direction outside the grid; the cost there is greater."""
 
 _FEATURES: Final = 6
 """Number of features of a pose."""
@@ -46,7 +46,7 @@ _FEATURES: Final = 6
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PathPhaseConfig:
-    """How the phase is estimated from the path.
+    """Settings of the estimation of the phase from the path.
 
     Raises:
         ValueError: If a number is outside its range, or the window is not two finite
@@ -56,21 +56,22 @@ class PathPhaseConfig:
     noise: PhaseNoise = field(default_factory=PhaseNoise)
     """Errors of the observed pose beyond the demonstrations' spread."""
     similarity: SimilarityConfig = field(default_factory=SimilarityConfig)
-    """How size and heading error are estimated."""
+    """Settings of the estimation of size and heading error."""
     distance_share: float = quantity(0.03, low=0.0)
-    """Standard deviation of the distance from the start beyond that of a position, as
-    a share of it. Tuned."""
+    """Standard deviation of the distance from the start in addition to that of a
+    position, as a share of the distance. Tuned."""
     window: tuple[float, float] = (0.02, 0.05)
-    """How far the phase may move per observation: backward, forward."""
+    """Greatest change of the phase per observation: backward, forward."""
     least_std: float = quantity(0.003, above=0.0)
     """Least standard deviation of a phase. Tuned."""
     largest_std: float = quantity(0.1, above=0.0)
     """Greatest standard deviation of a phase. Tuned."""
     lost_misfit: float = quantity(3.0, low=0.0)
-    """Misfit from which the phase is searched along the whole task, in standard
+    """Misfit above which the phase is searched along the whole task, in standard
     deviations. Tuned."""
     clearer_share: float = quantity(0.5, low=0.0, high=1.0)
-    """Share of that misfit at most that a phase elsewhere must leave to be taken."""
+    """A phase elsewhere is used if its misfit is less than this share of the nearby
+    misfit."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -85,37 +86,41 @@ class PathPhase:
     """The phase at which the demonstrated distribution is nearest to a pose.
 
     The features of a pose are the distance ρ = |v| of the hand from the closed handle,
-    the direction u = v/|v| of that displacement, and the hand's rotation θ. Where a
-    handle is turned first, v is the displacement of the handle's axis and θ the leaf's
-    turn with the handle's greatest so far
-    (`gplfd_policies.demonstrations.turned_handle`): the hand's way about the axis does
-    not depend on the door, and the handle goes back because the policy has it go. A
-    path that is enlarged by c and seen turned by α_c is at Mahalanobis distance
+    the direction u = v/|v| of that displacement, and the hand's rotation θ. If a handle
+    is turned first, v is the displacement of the handle's axis, and θ is the rotation
+    of the leaf plus the greatest turn of the handle so far
+    (`gplfd_policies.demonstrations.turned_handle`): the motion of the hand about the
+    axis does not depend on the door, and the handle turns back because the policy
+    commands it. A path that is scaled by c and observed with a rotation α_c has the
+    Mahalanobis distance
 
         d²(s, c) = (ρ - c ρ̄)²/(n_v² + (κ ρ̄)² + σ_ρ²) + Σ_i (θ_i - θ̄_i)²/(σ_i² + n_θ²)
                    + |R(-α_c) u - û|²/(ς² + n_v²/ρ² + v_c),
 
-    with the demonstrations' means ρ̄(s), û(s), θ̄(s), ρ̄ and û of demonstrations that
-    were brought to one size and heading, variances σ(s)², ς(s)², the errors n of
-    `PhaseNoise` and κ, `PathPhaseConfig.distance_share`. The phase has the least cost
-    -2 log Σ_c w_c exp(-d²(s, c)/2): sizes have the weights w_c, angles α_c and
-    variances v_c of `gplfd_policies.demonstrations.path_similarity.PathSimilarity`.
-    (ρ, u) is the position in other coordinates, so that nothing counts twice. The
-    logarithms that would make it a likelihood are left out: they favour early phases,
-    where the demonstrations agree, over the hand's progress.
+    with the demonstrations' means ρ̄(s), û(s), θ̄(s) (ρ̄ and û after normalisation to
+    equal size and heading), their variances σ(s)², ς(s)², the errors n of `PhaseNoise`
+    and κ, `PathPhaseConfig.distance_share`. The phase has the least cost
+    -2 log Σ_c w_c exp(-d²(s, c)/2). The weights w_c, angles α_c and variances v_c of
+    the sizes are those of
+    `gplfd_policies.demonstrations.path_similarity.PathSimilarity`. (ρ, u) is the
+    position in other coordinates, so that nothing counts twice. The logarithms that
+    would make it a likelihood are left out, because they favour early phases, where the
+    demonstrations agree, over the hand's progress.
 
-    From the curvature of the cost the phase has a standard deviation. The misfit
-    √(E d²/6) at the best phase is about 1 or less where errors are as expected. Where
-    it is more, the standard deviation grows with it (Birge's ratio); from
-    `lost_misfit` on, the phase is searched along the whole task and not only near the
-    last one.
+    The standard deviation of the phase follows from the curvature of the cost. The
+    misfit √(E d²/6) at the best phase is about 1 or less if errors are as expected. If
+    it is larger, the standard deviation grows with it (Birge's ratio); above
+    `lost_misfit` the phase is searched along the whole task and not only near the last
+    phase.
 
-    The distribution is the one before adaptation, so that the estimate cannot follow
-    the policy's belief in the robot's own errors. The search stays near the last phase.
+    The distribution before adaptation is used, so that the policy's adaptation to the
+    robot's own errors does not affect the estimate. The search stays near the last
+    phase.
 
     Args:
-        demonstrated: Predicts μ and σ: the learned movement, or for a method without
-            uncertainty `gplfd_policies.movements.movement.EmpiricalDistribution`.
+        demonstrated: Predictor of μ and σ: the learned movement, or for a method
+            without uncertainty
+            `gplfd_policies.movements.movement.EmpiricalDistribution`.
         aligned: The demonstrations, for û and ς.
         config: Noise, window and thresholds of the search.
 
@@ -146,10 +151,10 @@ class PathPhase:
             most = np.maximum.accumulate(np.maximum(turns, 0.0))
             means[:, 3:] = np.array(leaves) + np.outer(most, handle.axis)
         direction, others = _directions(normalised(aligned).aligned, _GRID)
-        # Long enough for any window, of which rounding may cut a point more or less.
+        # Long enough for any window; rounding may change its size by a point.
         self._stretch = np.arange(math.ceil(sum(config.window) / _SPACING) + 5)
-        # Features first, so that a search takes the same stretch of every one; and as
-        # much on either side of the grid as a stretch may stick out, far from any pose.
+        # Features first, so that a search reads the same range of each. The grid is
+        # padded on both sides, far from any pose, for ranges that extend beyond it.
         features = np.zeros((13, _GRID.size + 2 * self._stretch.size))
         features[4:7] = _FAR
         features[11] = 1.0
@@ -195,7 +200,7 @@ class PathPhase:
         return together
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Let these rows forget their paths and begin at the start of the task."""
+        """Forget the paths of these rows and begin at the start of the task."""
         for number in np.ravel(self._numbers[rows]).tolist():
             similarity = self._similarities[number]
             self._similarities[number] = similarity.model.unseen()
@@ -204,20 +209,20 @@ class PathPhase:
     def update(
         self, poses: Poses, previous: Phases, command: Phases, rows: Rows = ALL_ROWS
     ) -> PhaseEstimate:
-        """Return the phases of observed poses, and how sure they are.
+        """Return the phases of observed poses, and their uncertainty.
 
         Args:
             poses: Hand poses of these rows, task frame [m, rad].
             previous: Phases of their last observations: where the search begins.
             command: Not used: the path is compared, not the clock.
-            rows: The rows that are meant.
+            rows: The rows of these poses.
         """
         numbers = np.ravel(self._numbers[rows]).tolist()
         if not numbers:
             return PhaseEstimate(previous, previous, previous)
 
-        # Features (7, *N): ρ, θ, u, and the sizes (6, *N, K) by what the path so far
-        # says of them. A few numbers per row: Python's floats are as fast as NumPy.
+        # Features (7, *N): ρ, θ, u, and the likely sizes (6, *N, K) given the path so
+        # far. For a few numbers per row, Python's floats are as fast as NumPy.
         observed, similarities = [], []
         for number, pose in zip(numbers, poses.reshape(-1, 6).tolist(), strict=True):
             x, y, z, *rotation = pose
@@ -260,7 +265,7 @@ class PathPhase:
             for each in self._cost(near, features, similar)
         ]
 
-        # Search the whole task where nothing near fits.
+        # Search the whole task if no phase near the last one fits.
         found, sizes = [], []
         for index, (number, cost, error, near_by, (first, size)) in enumerate(
             zip(numbers, *costs, windows, strict=True)
@@ -288,11 +293,12 @@ class PathPhase:
     def _nearest(
         self, cost: Float[np.ndarray, " W"], error: Float[np.ndarray, " _"], first: int
     ) -> tuple[float, float, float]:
-        """Return the phase of least cost, between points of the grid, std and misfit.
+        """Return the phase of least cost, between grid points, its std and misfit.
 
-        That is the vertex of a parabola through the least cost and its neighbours, and
-        what its curvature says; the point itself and the largest standard deviation if
-        a neighbour lies outside the search, whose first point on the grid is `first`.
+        Phase and standard deviation follow from vertex and curvature of a parabola
+        through the least cost and its neighbours. If a neighbour lies outside the
+        search, they are the grid point and the largest standard deviation. `first` is
+        the first grid point of the search.
         """
         largest = self._config.largest_std
         best = int(cost.argmin())
@@ -316,18 +322,18 @@ class PathPhase:
     ) -> tuple[
         Float[np.ndarray, "*N W"], Float[np.ndarray, "*N W"], Float[np.ndarray, "*N C"]
     ]:
-        """Return what observed features (7, *N) cost along stretches of the grid.
+        """Return the cost of observed features (7, *N) along ranges of the grid.
 
-        That is -2 log Σ_c w_c exp(-d²(s, c)/2), the expectation of d² over sizes, and
-        the weights max_s w_c exp(-d²(s, c)/2) of the sizes, up to a factor: how far a
-        size fits at its best phase, not how many phases of the grid it fits at.
+        The result is -2 log Σ_c w_c exp(-d²(s, c)/2), the expectation of d² over sizes,
+        and the weights max_s w_c exp(-d²(s, c)/2) of the sizes, up to a factor: the fit
+        of a size at its best phase, not the number of grid points where it fits.
         """
         each, along = observed[..., None], features[:, ..., None, :]
         log_weight, size, size_variance, cosine, sine, variance = sizes[..., None]
         turning = np.add.reduce(
             (features[1:4] - each[1:4]) ** 2 * features[8:11], axis=0
         )
-        # One term per size c: of ρ - c ρ̄, and of u turned back by its angle.
+        # One term per size c: from ρ - c ρ̄, and from u rotated back by its angle.
         radial = (observed[0][..., None, None] - size * along[0]) ** 2
         radial /= (
             self._config.noise.position**2
@@ -357,12 +363,13 @@ def _directions(
     """Return the mean direction along the task, and features of the displacement.
 
     Args:
-        aligned: The demonstrations, of one size and heading.
-        phases: Where along the task.
+        aligned: The demonstrations, normalised to equal size and heading.
+        phases: Phases of the result.
 
     Returns:
-        The direction, and the mean distance's square [m²], the variance of direction
-        off the plane [rad²] and that of the distance [m²].
+        The direction, and features of the displacement: the square of the mean distance
+        [m²], the variance of the direction out of the plane [rad²] and the variance of
+        the distance [m²].
     """
     positions = np.stack(
         [

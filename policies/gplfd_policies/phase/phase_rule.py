@@ -1,10 +1,10 @@
-"""Phase rules: which phase of the task an observed pose belongs to.
+"""Phase rules: estimation of the phase of an observed pose.
 
 The policy of Arduengo et al., *Gaussian-Process-based Robot Learning from
 Demonstration*, arXiv:2002.09979, is a function of time, but a compliant robot lags
 behind the clock. Conditioning on "at clock time t the hand is here" makes the policy
 learn its own lag. Progress is therefore estimated from the path: the phase of an
-observation is the one at which the *demonstrations* come nearest to it.
+observation is the one at which the *demonstrations* are nearest to it.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ class PhaseNoise:
     """Phase observation noise: standard deviations."""
 
     position: float = quantity(POSE_ERROR[0], low=0.0, unit="m")
-    """Of an observed position [m]."""
+    """Standard deviation of an observed position [m]."""
 
     rotation: float = quantity(POSE_ERROR[1], low=0.0, unit="rad")
-    """Of an observed rotation [rad]."""
+    """Standard deviation of an observed rotation [rad]."""
 
     heading: float = quantity(math.radians(3.0), low=0.0, unit="rad")
-    """Turn of the whole motion about the vertical [rad]: how askew the robot stands to
-    the door. 0 trusts the heading."""
+    """Rotation of the whole motion about the vertical [rad]: heading error of the robot
+    at the door. 0 for no error."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -55,16 +55,16 @@ class PhaseEstimate:
     """Estimated phases of observed poses, one number of each kind per pose."""
 
     phase: Phases
-    """Where along the task they are, 0..1."""
+    """Phases of the poses, 0..1."""
     std: Phases
     """Standard deviations of the phases."""
     misfit: Phases
-    """How far they are from anything demonstrated near there: root mean square of the
-    features' errors over their standard deviations. About 1 or less where all is as
-    expected; NaN of a rule that does not compare."""
+    """Deviation of the poses from the demonstrations near these phases: root mean
+    square of the features' errors over their standard deviations. About 1 or less is as
+    expected; NaN for a rule without comparison."""
     sizes: Sequence[LikelySizes] = ()
-    """What the paths so far say about size and heading, one per pose; none of a rule
-    that does not infer them."""
+    """Estimates of size and heading from the paths so far, one per pose; empty for a
+    rule that does not estimate them."""
 
 
 @runtime_checkable
@@ -72,18 +72,18 @@ class PhaseObserver(Protocol):
     """Estimates the phases of the observed poses of N rows."""
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Let these rows forget their paths and begin at the start of the task."""
+        """Forget the paths of these rows and begin at the start of the task."""
 
     def update(
         self, poses: Poses, previous: Phases, command: Phases, rows: Rows = ALL_ROWS
     ) -> PhaseEstimate:
-        """Return the phases of observed poses, and how sure they are.
+        """Return the phases of observed poses, and their uncertainty.
 
         Args:
             poses: Hand poses of these rows, task frame [m, rad].
             previous: Phases of their last observations, 0 at the start of the task.
             command: Phases of their set-points.
-            rows: The rows that are meant.
+            rows: The rows of these poses.
         """
 
     def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
@@ -92,19 +92,19 @@ class PhaseObserver(Protocol):
 
 @runtime_checkable
 class PhaseRule(PhaseObserver, Protocol):
-    """A phase observer of which those of several rows can be made one."""
+    """A phase observer that can be stacked with those of other rows."""
 
     @property
     def settings(self) -> object:
-        """What rules of different rows must share to be stacked."""
+        """Settings that must be equal for rules to be stacked."""
 
     @classmethod
     def stacked(cls, rules: Sequence[Any]) -> PhaseRule:
-        """Return the rule of all rows of rules with equal settings."""
+        """Return one rule for the rows of several rules with equal settings."""
 
 
 class ClockPhase:
-    """The phase of an observation is that of the command: the paper's time.
+    """The phase of an observation is that of the command, i.e. time, as in the paper.
 
     Note:
         A hand that lags behind its command teaches the policy its lag; see
@@ -113,7 +113,7 @@ class ClockPhase:
 
     @property
     def settings(self) -> object:
-        """Nothing: all clocks are alike."""
+        """No settings: all clocks are equal."""
         return ()
 
     @classmethod
@@ -127,10 +127,10 @@ class ClockPhase:
     def update(
         self, poses: Poses, previous: Phases, command: Phases, rows: Rows = ALL_ROWS
     ) -> PhaseEstimate:
-        """Return the command phases, as if they were certain."""
+        """Return the command phases, treated as certain."""
         certain = np.zeros_like(command)
         return PhaseEstimate(command, certain, np.full_like(command, np.nan))
 
     def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
-        """Return zero: a certain phase makes no via-point weaker."""
+        """Return zero: the phase is treated as certain."""
         return np.zeros((*phases.shape, 6))

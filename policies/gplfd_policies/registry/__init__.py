@@ -1,1 +1,1 @@
-"""Policies by name: built-in ones, the user's, and their tuning spaces."""
+"""Policies by name: built-in policies, policies of users, and tuning spaces."""

@@ -1,4 +1,4 @@
-"""The policies of this project by name, with the settings that their entries say."""
+"""The policies of this project by name, with the settings in their entries."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -71,7 +71,7 @@ from gplfd_policies.registry.policy import Policy
 
 
 def _positions_alone(demonstrations: Sequence[Demonstration]) -> AlignedDemonstrations:
-    """Align demonstrations as if their hands had not turned."""
+    """Align demonstrations without their rotations."""
     still = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
     return align([replace(one, poses=one.poses * still) for one in demonstrations])
 
@@ -86,7 +86,7 @@ GP: Final = Method(
     modes=ModeConfig(),
     correct=add_correction,
 )
-"""The method of this project, of which the ablations differ in one field each."""
+"""The method of this project; each ablation differs from it in one field."""
 
 PAPER: Final = Method(
     fit=partial(fit_skill, noise="kersting"),
@@ -94,10 +94,10 @@ PAPER: Final = Method(
     # DTW on the raw completion index of the whole recording.
     align=partial(align, method="dtw", denoise=False, trim_rests=False),
     adaptation=partial(ProductAdaptation, prior_mean="zero"),
-    # One stiffness law for all axes, the whole wrench in Eq. (22), no limit to the
-    # lead. Ours where the paper is silent: the phase of an observation and the
-    # via-point noise that comes with it (read as clock time, no door opens:
-    # `gp-clock`), and the governor in place of hand tuning.
+    # The same stiffness function for all axes, the whole wrench in Eq. (22), no limit
+    # of the lead. Where the paper gives no details, ours are used: the phase of an
+    # observation and its via-point noise (with the clock time, no door opens, see
+    # `gp-clock`), and the governor instead of hand tuning.
     profile=FixedProfile(profile=PAPER_PROFILE),
     config=ComplianceConfig(
         load=YieldToAll(),
@@ -106,26 +106,27 @@ PAPER: Final = Method(
         max_turn_lead=1.0,
     ),
 )
-"""What the paper states."""
+"""The method as the paper states it."""
 
 KMP: Final = Method(fit=fit_kmp, adaptation=OwnAdaptation)
 """The kernelised movement primitive as published."""
 
 UNDAMPED: Final = replace(DEFAULT_DYNAMICS, least_damping=np.zeros(6))
-"""Critical damping and no more: stable alone, not in contact with a delay."""
+"""Only critical damping: stable in free motion, but not in contact with a delay."""
 
 DOOR_KMP: Final = KMPConfig(mean_regularisation=1.0, covariance_regularisation=400.0)
-"""λ as published, and λ_c = N, which makes the prior variance the demonstrations' own.
-The published λ_c of 60 belongs to letters in centimetres; translated to standardised
-outputs both published values under-cover here and pull the mean 5 cm inwards."""
+"""λ as published, and λ_c = N, with which the prior variance is that of the
+demonstrations. The published λ_c of 60 is for letters in centimetres. Converted to
+standardised outputs, both published values give too narrow intervals here and pull the
+mean 5 cm inwards."""
 
 HEADING_TRUSTING: Final = PathPhaseConfig(noise=PhaseNoise(heading=0.0))
-"""As if the robot stood exactly straight to the door."""
+"""Assumes that the robot has no heading error."""
 
 ONE_SIZE: Final = PathPhaseConfig(
     similarity=SimilarityConfig(size_std=0.0, size_weight=1e9)
 )
-"""As if every door had the demonstrations' mean size."""
+"""Assumes that every door has the demonstrations' mean size."""
 
 TABLE_1: Final = (
     "dmp",
@@ -152,7 +153,7 @@ def _ablation(summary: str, **changes: Any) -> Policy:
 
 
 def _constant(translation: int) -> Policy:
-    """Return `GP` with one stiffness [N/m]; in rotation a tenth of it [N m/rad]."""
+    """Return `GP` with constant stiffness [N/m], in rotation a tenth [N m/rad]."""
     constant = np.repeat([float(translation), 0.1 * translation], 3)
     profile = replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
     end = {100: " (its minimum)", 500: " (its maximum)"}.get(translation, "")
@@ -238,7 +239,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             phases=partial(path_phase, config=HEADING_TRUSTING),
         ),
         "gp-one-size": _ablation(
-            "gp that takes every path for one of the demonstrations' mean size",
+            "gp that assumes the demonstrations' mean size for every path",
             phases=partial(path_phase, config=ONE_SIZE),
         ),
         "gp-position-only": _ablation(
@@ -258,7 +259,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             config=ComplianceConfig(stiffness_frame="axes"),
         ),
         "gp-without-forces": _ablation(
-            "gp that learns nothing of the demonstrated forces", align=_motion_only
+            "gp without learning of the demonstrated forces", align=_motion_only
         ),
         "gp-one-mode": _ablation(
             "gp that learns demonstrations of all kinds as one", modes=None
@@ -359,4 +360,4 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         ),
     }
 )
-"""Policies with the settings that their entries say."""
+"""Policies with the settings in their entries."""

@@ -1,4 +1,4 @@
-"""Every policy by name, and how an agent is made from demonstrations."""
+"""All policies by name, and making of agents from demonstrations."""
 
 import difflib
 from collections.abc import Mapping, Sequence
@@ -33,16 +33,16 @@ def make_agent(
     """Learn a policy by name and return an agent that follows it.
 
     Args:
-        name: What `policy_named` takes: a key of `POLICIES`, a package's policy, or
-            ``module:function`` for one of your own.
-        demonstrations: What to learn from, task frame.
-        seed: Seeds whatever is random in the learning.
-        prior_mean: What is expected where nothing was demonstrated.
+        name: As for `policy_named`: a key of `POLICIES`, a policy of a package, or
+            ``module:function`` for your own policy.
+        demonstrations: Demonstrations in the task frame.
+        seed: Seed for random numbers in learning.
+        prior_mean: Expected poses far from demonstrations.
 
     Raises:
-        TypeError: Something else than a sequence of demonstrations.
+        TypeError: The demonstrations are not a sequence of demonstrations.
         ValueError: An unknown name, no demonstrations, a prior mean for a method that
-            cannot be given one, or a policy of one's own whose agent cannot act.
+            does not accept one, or your own policy whose agent cannot act.
     """
     training = TrainingInput(
         demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
@@ -55,8 +55,8 @@ def make_agent(
             if one.kind == "method" and _takes_prior_mean(one)
         ]
         raise ValueError(
-            f"{name} has no prior mean that could be given; leave it out, or choose "
-            f"one of {', '.join(sorted(takers))}"
+            f"{name} does not accept a prior mean; leave it out, or choose one of "
+            f"{', '.join(sorted(takers))}"
         )
     return as_agent(policy.make(training))
 
@@ -72,11 +72,11 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
         name: A key of `POLICIES`; a name that an installed package offers in the
             entry-point group ``gplfd_policies``; or ``module:attribute`` or
             ``path/to/file.py:attribute``, see `gplfd_policies.registry.user_policies`.
-        folder: Where modules and files are looked for first; the working folder by
-            default.
+        folder: Folder in which modules and files are searched first; by default the
+            working folder.
 
     Raises:
-        ValueError: An unknown name (the message lists what exists), or a module or
+        ValueError: An unknown name (the message lists the known names), or a module or
             package whose policy cannot be used.
     """
     if name in POLICIES:
@@ -98,10 +98,10 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
 
 
 def load_policy(origin: PolicyOrigin) -> Policy:
-    """Find a policy again: in another process, or on another day.
+    """Find the policy of an origin again, in another process or on another day.
 
     Raises:
-        ValueError: It is not there any more, or not the same.
+        ValueError: The policy does not exist any more, or has changed.
     """
     policy = policy_named(origin.name, origin.folder or None)
     found = policy.origin

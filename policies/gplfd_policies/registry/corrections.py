@@ -1,8 +1,8 @@
-"""How a policy of skills learns from a correction.
+"""Learning of a skill from a correction.
 
-A correction shows one door. A via-point that was kept for good would bend the movement
-at all doors towards that one. The via-points therefore complete the correction to a
-whole motion at its door, and that is added to the demonstrations.
+A correction shows one door. A permanent via-point would bend the movement at all doors
+towards this door. Therefore via-points are used to complete the correction to a whole
+motion at its door, which is added to the demonstrations.
 """
 
 import warnings
@@ -24,14 +24,14 @@ from gplfd_policies.registry.method import Method, TrainingInput
 
 @one_thread
 def add_correction(method: Method, movement: Movement, correction: Correction) -> Skill:
-    """Learn again from a skill's demonstrations and a correction, made whole."""
+    """Learn again from a skill's demonstrations and a completed correction."""
     if not isinstance(movement, Skill):
         raise ValueError(
             f"corrections are added to a Skill, got a {type(movement).__name__}"
         )
     shown = (*demonstrated(movement.aligned), completed(method, movement, correction))
     with warnings.catch_warnings():
-        # Of the demonstrations the first learning has warned.
+        # The first learning has already warned about the demonstrations.
         warnings.simplefilter("ignore", UserWarning)
         learned = method.learn(TrainingInput(demonstrations=shown))
     if not isinstance(learned, Skill):
@@ -40,12 +40,12 @@ def add_correction(method: Method, movement: Movement, correction: Correction) -
 
 
 def completed(method: Method, skill: Skill, correction: Correction) -> Demonstration:
-    """Return the motion of a correction, and what the skill expects to follow it.
+    """Return the motion of a correction, continued by the expectation of the skill.
 
     The skill observes the motion as in an episode: it is conditioned on via-points at
-    the phases at which it finds the hand, with the noise of the led hand. Where the
-    motion ends before the demonstrations do, the conditioned mean follows, displaced so
-    that it begins at the last pose, under the last wrench.
+    the estimated phases of the hand, with the noise of the led hand. If the motion ends
+    before the demonstrations, the conditioned mean follows, displaced so that it begins
+    at the last pose, with the last wrench.
     """
     config = replace(method.config, via_std=correction.std)
     agent = replace(method, config=config).follow(skill)
@@ -69,7 +69,7 @@ def completed(method: Method, skill: Skill, correction: Correction) -> Demonstra
 
 
 def demonstrated(aligned: AlignedDemonstrations) -> tuple[Demonstration, ...]:
-    """Return aligned demonstrations as demonstrations on their common clock."""
+    """Return aligned demonstrations as demonstrations with common time stamps."""
     phases = np.linspace(0.0, aligned.end, len(aligned.times))
     found = []
     for number, curves in enumerate(aligned.poses):

@@ -1,4 +1,4 @@
-"""A method: how a movement is learned from demonstrations, adapted and followed."""
+"""Record that defines how a movement is learned, adapted and followed."""
 
 import textwrap
 import warnings
@@ -39,28 +39,28 @@ from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseRule
 
 _GRID: Final = 100
-"""Phases at which an agent knows its movement."""
+"""Number of grid phases of an agent's movement."""
 _START_TOLERANCE: Final = (0.05, 0.2)
-"""How far from the closed handle a demonstration may start [m, rad]."""
+"""Greatest distance of a demonstration's start from the closed handle [m, rad]."""
 _LARGEST_REACH: Final = 3.0
-"""How far from it a demonstration may ever be [m]."""
+"""Greatest distance of a demonstration from the closed handle [m]."""
 _PATH_PHASE: Final = PathPhaseConfig()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TrainingInput:
-    """What a policy may learn from.
+    """Input from which a policy learns.
 
     Raises:
         TypeError: If the demonstrations are not a sequence of demonstrations.
     """
 
     demonstrations: Sequence[Demonstration]
-    """At least one; in the task frame where doors are to be opened."""
+    """At least one demonstration; in the task frame if the policy opens doors."""
     seed: int = 0
-    """Seeds whatever is random in the learning."""
+    """Seed for random numbers in learning."""
     prior_mean: PriorMean | None = None
-    """What is expected where nothing was demonstrated, or None; some methods only."""
+    """Expected poses far from demonstrations, or None; only for some methods."""
 
     def __post_init__(self) -> None:
         given = self.demonstrations
@@ -75,28 +75,28 @@ class TrainingInput:
 
 
 def path_phase(movement: Movement, config: PathPhaseConfig = _PATH_PHASE) -> PhaseRule:
-    """Find the phase of a pose on the path, by the movement's own mean and spread."""
+    """Return a rule that estimates phases by the movement's mean and spread."""
     return PathPhase(movement, movement.aligned, config)
 
 
 def demonstrated_phase(movement: Movement) -> PhaseRule:
-    """Find it by the demonstrations' mean and spread: for movements without any."""
+    """Return a rule that uses the demonstrations' mean and spread instead."""
     demonstrated = EmpiricalDistribution(movement.aligned)
     return PathPhase(demonstrated, movement.aligned, _PATH_PHASE)
 
 
 def clock_phase(movement: Movement) -> PhaseRule:
-    """Take the phase of the command: the paper's time."""
+    """Return a rule that uses the phase of the command, i.e. time, as in the paper."""
     return ClockPhase()
 
 
 def profile_of_spread(
     aligned: AlignedDemonstrations, resolution: tuple[float, float] = (1e-4, 3e-2)
 ) -> StiffnessProfile:
-    """Scale the stiffness profile by the demonstrations' spread, root mean square.
+    """Scale the stiffness profile by the demonstrations' root mean square spread.
 
     ``resolution`` is the residual pose uncertainty after a long observation [m, rad].
-    Tuned; another one by ``functools.partial``.
+    The default is tuned; change it with ``functools.partial``.
     """
     poses = aligned.demonstrated.poses
     if len(poses) < 2:
@@ -107,65 +107,66 @@ def profile_of_spread(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FixedProfile:
-    """One stiffness law for every task."""
+    """The same stiffness profile for every task."""
 
     profile: StiffnessProfile
-    """The law."""
+    """The profile."""
 
     def __call__(self, aligned: AlignedDemonstrations) -> StiffnessProfile:
-        """Return the law."""
+        """Return the profile."""
         return self.profile
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Method:
-    """Everything that makes a method what it is; called, it learns and follows.
+    """Definition of a method; calling it learns from demonstrations and makes an agent.
 
-    A method can be pickled if its functions can: make variants with
+    A method can be pickled if its functions can be pickled: make variants with
     `dataclasses.replace` and `functools.partial`.
     """
 
     fit: Callable[..., Movement]
-    """Learns a movement from `AlignedDemonstrations`."""
+    """Function that learns a movement from `AlignedDemonstrations`."""
     fit_forces: Callable[..., Movement] | None = None
-    """Learns forces where `fit` takes outputs for poses; None for `fit`."""
+    """Function that learns forces, if `fit` is only for poses; None to use `fit`."""
     seeded: bool = False
     """Whether learning draws random numbers: `fit` then also takes ``seed=``."""
     accepts_prior_mean: bool = False
-    """Whether it can learn around a prior mean: `fit` then also takes
+    """Whether the method accepts a prior mean: `fit` then also takes
     ``centred=False``, for a prior mean of zero."""
     align: Callable[[Sequence[Demonstration]], AlignedDemonstrations] = align
-    """Brings demonstrations onto common phases."""
+    """Function that aligns demonstrations to common phases."""
     beyond: float = 0.0
-    """Share of the demonstrated path by which the motion goes on where demonstrations
-    end, ever less certain; 0 for none."""
+    """Length of the continuation beyond the end of the demonstrations, as a share of
+    their path, with increasing uncertainty; 0 for none."""
     adaptation: AdaptationForm | None = None
-    """In which form via-points adapt the movement; None for a method without."""
+    """Form of adaptation to via-points; None for a method without adaptation."""
     door_adaptation: AdaptationForm | None = None
-    """In which form they do while an agent follows it on doors, whose paths differ in
-    size; None for `adaptation`."""
+    """Form of adaptation of agents at doors, whose paths differ in size; None for
+    `adaptation`."""
     force_adaptation: AdaptationForm | None = None
-    """In which form forces measured on a door adapt what is expected of them; None for
+    """Form of adaptation of the expected force to measured forces; None for
     `adaptation`."""
     phases: Callable[[Movement], PhaseRule] = path_phase
-    """How an agent finds where along the task the hand is."""
+    """Function that makes the rule by which an agent estimates the phase of the
+    hand."""
     profile: Callable[[AlignedDemonstrations], StiffnessProfile] = profile_of_spread
-    """Which stiffness has which uncertainty; it takes the place of the config's."""
+    """Function that gives the stiffness profile, which replaces that of `config`."""
     phase_stiffness: Callable[[Movement, StiffnessProfile], PhaseStiffness] | None = (
         None
     )
-    """Which stiffness demonstrated forces give in addition, such as
+    """Function that gives an additional stiffness from demonstrated forces, such as
     `gplfd_policies.control.phase_stiffness.demonstrated_stiffness`; None for none."""
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
-    """How it follows the movement otherwise: load, timing, via-points."""
+    """Other settings for following the movement: load, timing, via-points."""
     handle_config: HandleConfig = field(default_factory=HandleConfig)
     """When and how far a handle is turned beyond the demonstrated turn."""
     modes: ModeConfig | None = None
-    """When a mode is given up where the demonstrations have several, which are found
-    and learned one by one; None learns all demonstrations as one."""
+    """Criteria by which an agent abandons a mode. Modes of the demonstrations are found
+    and learned separately; None to learn all demonstrations as one mode."""
     correct: Callable[["Method", Movement, Correction], Movement] | None = None
-    """Learns from a correction: takes this method, a movement and the correction, and
-    returns another movement, such as
+    """Function that learns from a correction: takes this method, a movement and the
+    correction, and returns another movement, such as
     `gplfd_policies.registry.corrections.add_correction`; None for a method that cannot
     be corrected."""
 
@@ -180,15 +181,15 @@ class Method:
     def learn(self, training: TrainingInput) -> Movement:
         """Learn a movement, around the prior mean if one is given.
 
-        The demonstrations may be of any task and in any frame that they share.
+        The demonstrations may be of any task, in any common frame.
 
         Raises:
-            ValueError: There is no demonstration, or the method takes no prior mean
-                and one is given.
+            ValueError: There are no demonstrations, or a prior mean is given and the
+                method does not accept one.
         """
         prior_mean = training.prior_mean
         if prior_mean is not None and not self.accepts_prior_mean:
-            raise ValueError("this method has no prior mean that could be given")
+            raise ValueError("this method does not accept a prior mean")
         if not training.demonstrations:
             raise ValueError(
                 "no demonstrations were given; a policy needs at least one"
@@ -205,7 +206,7 @@ class Method:
         if forces is None or not isinstance(movement, LearnedMovement):
             return movement
         with warnings.catch_warnings():
-            # Of too few demonstrations: the motion has warned already.
+            # Learning of the motion has already warned about too few demonstrations.
             warnings.simplefilter("ignore", UserWarning)
             return replace(movement, forces=(self.fit_forces or fit)(forces))
 
@@ -213,13 +214,13 @@ class Method:
     def learn_modes(self, training: TrainingInput) -> "tuple[LearnedMode, ...]":
         """Learn a movement of every mode of the demonstrations, the largest mode first.
 
-        Raises what `learn` does.
+        Raises the same errors as `learn`.
         """
         given = training.demonstrations
         modes: tuple[tuple[int, ...], ...] = (tuple(range(len(given))),)
         if self.modes is not None and len(given) > 1:
             with warnings.catch_warnings():
-                # Learning aligns them again, and warns.
+                # Learning aligns them again and then warns.
                 warnings.simplefilter("ignore", UserWarning)
                 modes = partition(self.align(given))
         each = [replace(training, demonstrations=[given[n] for n in m]) for m in modes]
@@ -229,7 +230,7 @@ class Method:
         )
 
     def update(self, movement: Movement, correction: Correction) -> Movement:
-        """Return a movement that has learned from a correction; the given one stays.
+        """Return a movement that has learned from a correction; the old is unchanged.
 
         Raises:
             ValueError: The method cannot be corrected.
@@ -243,11 +244,13 @@ class Method:
 
     @one_thread
     def follow(self, movement: Movement) -> CompliantAgent:
-        """Return an agent that follows a movement on doors; any number from one.
+        """Return an agent that follows a movement at doors.
+
+        Several agents may follow the same movement.
 
         Raises:
-            ValueError: The demonstrations that it was learned from do not begin at the
-                closed handle, are not in metres, or lack wrenches that it needs.
+            ValueError: The demonstrations of the movement do not begin at the closed
+                handle, are not in metres, or lack necessary wrenches.
         """
         _check_starts(movement.aligned.demonstrated.poses)
         profile, learned = self.profile(movement.aligned), self.phase_stiffness
@@ -268,7 +271,7 @@ class Method:
     ) -> CompliantAgent | ModesAgent:
         """Return an agent that follows the movement, or tries those of several modes.
 
-        Raises what `follow` does.
+        Raises the same errors as `follow`.
         """
         agents = [self.follow(mode.movement) for mode in modes]
         if self.modes is None or len(agents) == 1:
@@ -279,25 +282,25 @@ class Method:
         learned = movement.forces if isinstance(movement, LearnedMovement) else None
         if learned is None:
             return None
-        # How repetitions differ is unknown of a single one.
+        # A single demonstration does not show how repetitions differ.
         alone = len(learned.aligned.poses) < 2
         form = None if alone else self.force_adaptation or self.adaptation
         return GriddedMovement(learned, form, _GRID)
 
     def __call__(self, training: TrainingInput) -> CompliantAgent | ModesAgent:
-        """Learn a movement and follow it on doors; raises what both do."""
+        """Learn a movement and return an agent that follows it at doors."""
         _check_starts(one.poses for one in training.demonstrations)
         return self.follow_modes(self.learn_modes(training))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LearnedMode:
-    """What was learned of one mode."""
+    """The movement of one mode, and its demonstrations."""
 
     numbers: tuple[int, ...]
-    """Numbers of the demonstrations that show it."""
+    """Indices of the demonstrations of this mode."""
     movement: Movement
-    """What was learned of those."""
+    """Movement learned from these demonstrations."""
 
 
 def _check_starts(demonstrated: Iterable[Float[np.ndarray, "_ 6"]]) -> None:

@@ -1,8 +1,8 @@
-"""The files that a module of the user's consists of, and a hash of what is in them.
+"""The files of a user's module, and a hash of their content.
 
-A module consists of its own file and of those in its folder that it imports, and so on.
-They are found by reading, not by importing: every process finds the same, whatever it
-has imported before.
+A module consists of its own file and of the files in its folder that it imports, and so
+on. They are found by reading, not by importing, so that the result does not depend on
+earlier imports of the process.
 """
 
 import ast
@@ -15,14 +15,15 @@ from pathlib import Path
 from typing import Final
 
 _OURS: Final = frozenset({"experiments", "gplfd_env", "policies"})
-"""Packages that lie in the working folder of a checkout and are nobody's helpers."""
+"""Packages in the working folder of a checkout that do not belong to a user's
+module."""
 
 _FIRST_SEEN: Final[dict[Path, str]] = {}
-"""Hashes of files when this process first looked: it imports a file only once."""
+"""Hashes of files when this process first read them: it imports a file only once."""
 
 
 def module_file(name: str, folder: Path) -> Path | None:
-    """Return the source file that a folder has for a dotted name, or None."""
+    """Return the source file in a folder for a dotted name, or None."""
     path = folder.joinpath(*name.split("."))
     files = (path / "__init__.py", path.with_name(f"{path.name}.py"))
     return next((file for file in files if file.is_file()), None)
@@ -60,7 +61,7 @@ def content_hash(files: Sequence[Path], folder: Path) -> str:
 
 
 def place_in(files: Collection[str], error: BaseException) -> str:
-    """Return file, line and function where an error arose in some files, or ""."""
+    """Return file, line and function of an error in one of some files, or ""."""
     places = traceback.extract_tb(error.__traceback__)
     own = [place for place in places if place.filename in files]
     if not own:
@@ -69,10 +70,10 @@ def place_in(files: Collection[str], error: BaseException) -> str:
 
 
 def _imports(file: Path, package: str) -> Iterator[str]:
-    """Yield what a file may import: ``from a import b`` imports a, and perhaps a.b."""
+    """Yield the names that a file may import: ``from a import b`` may import a.b."""
     try:
         tree = ast.parse(file.read_bytes())
-    except (SyntaxError, ValueError):  # importing it says so better
+    except (SyntaxError, ValueError):  # the error of the import is clearer
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

@@ -1,4 +1,4 @@
-"""A method without measurements: what a robot can execute from a file."""
+"""A method without measurements, whose commands a robot can execute from a file."""
 
 from dataclasses import replace
 
@@ -8,10 +8,10 @@ from gplfd_policies.registry.method import Method, clock_phase
 
 
 def open_loop(method: Method, period: float) -> Method:
-    """Return the method without adaptation and load compensation, by the clock.
+    """Return the method without adaptation and load compensation, driven by time.
 
-    The arm itself renders the stiffness, along the axes of the task frame. Whatever the
-    agent observes, it commands the same, every period [s]. A method with stiffness
+    The arm itself renders the stiffness, along the axes of the task frame. The commands
+    do not depend on observations; there is one per period [s]. A method with stiffness
     along the path raises ValueError.
     """
     if method.phase_stiffness is not None:

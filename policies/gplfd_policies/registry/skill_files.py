@@ -1,4 +1,4 @@
-"""The skill of a file, and the method that follows it."""
+"""Skills from files, and the methods that follow them."""
 
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ def skill_method(policy: str) -> Method:
     """Return the method of a policy that learns and follows skills.
 
     Raises:
-        ValueError: The policy learns something else; the message lists those that do.
+        ValueError: The policy does not learn skills; the message lists those that do.
     """
 
     def fits(method: Method | None) -> bool:
@@ -24,20 +24,20 @@ def skill_method(policy: str) -> Method:
         return method
     able = ", ".join(sorted(name for name in POLICIES if fits(POLICIES[name].method)))
     raise ValueError(
-        f"policy {policy!r} learns no skill that a file could hold; choose one of "
-        f"{able}"
+        f"policy {policy!r} does not learn a skill that a file can contain; choose "
+        f"one of {able}"
     )
 
 
 def method_and_skill(policy: str, file: Path) -> tuple[Method, Skill]:
-    """Return the method of a policy and the skill of a file, which it can follow.
+    """Return the method of a policy, and the skill of a file that it can follow.
 
     Raises:
-        ValueError: The file holds no skill, or the policy follows no such skill.
+        ValueError: The file does not contain a skill, or the policy cannot follow it.
     """
     method, skill = skill_method(policy), load_skill(file)
     if (method.beyond > 0.0) != (skill.aligned.end < 1.0):
-        goes = "goes on where demonstrations end"
+        goes = "continues beyond the end of demonstrations"
         raise ValueError(
             f"policy {policy!r} {goes if method.beyond > 0.0 else 'ends there'}, and "
             f"the skill in {file} was learned by one that does not; learn it again "

@@ -1,9 +1,9 @@
-"""What may be set in each method, and how: the spaces that `gplfd tune` searches.
+"""The settings of each method that `gplfd tune` searches, and their limits.
 
-A method must not win by its settings. For each there is a space of what its authors
-would tune, with the limits within which they would; the controller, the same for all,
-is in none of them. The best of a space, found as `gplfd_experiments.studies.tuning`
-says, is in ``tuned.json`` and registered as ``<name>-tuned``.
+No method should win only by its settings. Each method has a space of the settings that
+its authors would tune, with plausible limits; the controller is the same for all and
+not included. The best settings, found by `gplfd_experiments.studies.tuning`, are stored
+in ``tuned.json`` and registered as ``<name>-tuned``.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from gplfd_policies.movements.baselines.wishart_gp import WishartGPConfig
 from gplfd_policies.registry.method import Method
 
 TUNED_FILE: Final = Path(__file__).with_name("tuned.json")
-"""What tuning found, and how."""
+"""Results of tuning, with their origin."""
 
 Value = bool | int | float
 Values = Mapping[str, Value]
@@ -41,16 +41,16 @@ class Setting:
     """One number or choice of a method; its type is that of its values."""
 
     published: Value
-    """As in the row that has the method's plain name."""
+    """Value in the policy with the method's plain name."""
     low: Value
-    """Least value that is tried."""
+    """Least value."""
     high: Value
-    """Greatest value that is tried."""
+    """Greatest value."""
     logarithmic: bool = False
-    """Whether ratios of it are what matters, not differences."""
+    """Whether the scale is logarithmic."""
 
     def at(self, share: float) -> Value:
-        """Return the value at a share of the way from low to high, in three digits."""
+        """Return the value at a share of the way from low to high, to three digits."""
         if isinstance(self.published, bool | int):
             count = int(self.high) - int(self.low) + 1
             whole = int(self.low) + min(int(share * count), count - 1)
@@ -73,18 +73,18 @@ def _linear(published: Value, low: Value, high: Value) -> Setting:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Space:
-    """What may be set in a method.
+    """The settings of a method.
 
-    Two settings are not of the fit: ``via_std_factor`` multiplies the standard
+    Two settings do not belong to the fit: ``via_std_factor`` multiplies the standard
     deviation of via-points, and ``empirical_share`` belongs to `ProcessAdaptation`.
     """
 
     settings: Mapping[str, Setting]
-    """By name."""
+    """Settings by name."""
     config: Callable[..., object]
-    """Makes the configuration of the fit from the values of its settings."""
+    """Function that makes the configuration of the fit from the settings."""
     argument: str = "config"
-    """Name under which the fit takes it."""
+    """Name of the fit's argument for this configuration."""
 
     @property
     def published(self) -> Values:
@@ -133,7 +133,7 @@ def _space(
 
 
 _VIA_STD_FACTOR: Final = _log(1.0, 0.2, 10.0)
-"""Of every method with via-points: how much less exact they are than 1 mm, 0.03 rad."""
+"""Factor on the via-point noise of 1 mm, 0.03 rad, for every method with via-points."""
 
 _COMPONENTS: Final = _linear(10, 3, 20)
 _REGULARISATION: Final = _log(4e-6, 1e-7, 1e-2)
@@ -220,10 +220,10 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
         ),
     }
 )
-"""The space of every method of Table 1 and of those beside it, by policy."""
+"""The spaces of the methods of Table 1 and of the additional ones, by policy."""
 
 
 def tuned_settings(file: Path = TUNED_FILE) -> Mapping[str, Values]:
-    """Return the settings that tuning found, by the name of the tuned policy."""
+    """Return the settings found by tuning, by the name of the tuned policy."""
     found = json.loads(file.read_text(encoding="utf-8"))["policies"]
     return {name: found[name]["tuned"]["settings"] for name in SPACES if name in found}

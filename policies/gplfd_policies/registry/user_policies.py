@@ -1,12 +1,12 @@
-"""Policies from outside: a module of the user's, or an installed package.
+"""Policies from a user's module or an installed package.
 
-* ``module:attribute`` or ``path/to/file.py:attribute`` names something in a file of the
-  user's. Its folder comes first on Python's path while the module is imported, as if
-  the file were run as a script, and not longer.
+* ``module:attribute`` or ``path/to/file.py:attribute`` names an attribute in a user's
+  file. Only during the import, the file's folder is first on Python's path, as if the
+  file were run as a script.
 * A package offers policies by name in the entry-point group ``gplfd_policies``.
 
-Either way the attribute is a function from `gplfd_policies.TrainingInput` to an agent,
-a `gplfd_policies.Method` or a `gplfd_policies.Policy`.
+In both cases the attribute is a function from `gplfd_policies.TrainingInput` to an
+agent, a `gplfd_policies.Method` or a `gplfd_policies.Policy`.
 """
 
 import contextlib
@@ -35,7 +35,7 @@ GROUP: Final = "gplfd_policies"
 
 
 def module_policy(name: str, folder: Path) -> Policy:
-    """Import a policy from a module of the user's."""
+    """Import a policy from a user's module."""
     module_name, first, attribute = _place(name, folder)
     if not module_name:
         raise ValueError(
@@ -68,7 +68,7 @@ def module_policy(name: str, folder: Path) -> Policy:
 
 
 def source_files(origin: PolicyOrigin) -> tuple[str, ...]:
-    """Return the files of a policy's module and of those beside it that it imports."""
+    """Return the files of a policy's module and of its imports from the same folder."""
     beside: tuple[Path, ...] = ()
     if origin.kind == "module":
         module, folder, _ = _place(origin.name, Path(origin.folder))
@@ -82,7 +82,7 @@ def packaged_names() -> tuple[str, ...]:
 
 
 def packaged_policy(name: str) -> Policy | None:
-    """Import the policy that an installed package offers under a name, if one does."""
+    """Import the policy that an installed package offers by a name, if there is one."""
     offers = [entry for entry in _offers() if entry.name == name]
     if not offers:
         return None
@@ -106,9 +106,10 @@ def packaged_policy(name: str) -> Policy | None:
 
 
 def packaged_summaries(taken: Collection[str]) -> dict[str, str]:
-    """Import all that installed packages offer; say by name what it is and whose.
+    """Import all policies of installed packages; return summary and package by name.
 
-    What cannot be used, as for a name that is taken, has the reason as its summary.
+    If a policy cannot be used, e.g. because its name is taken, the summary is the
+    reason.
     """
     said = {}
     for entry in sorted(_offers(), key=operator.attrgetter("name")):
@@ -125,7 +126,7 @@ def packaged_summaries(taken: Collection[str]) -> dict[str, str]:
 
 def _offers() -> list[Any]:
     # Their class is not `importlib.metadata.EntryPoint` once something has imported the
-    # backport, as Dask does: that takes the finding over.
+    # backport, as Dask does: the backport then replaces the search.
     return list(entry_points(group=GROUP))
 
 
@@ -134,7 +135,7 @@ def _package(entry: Any) -> str:
 
 
 def _place(name: str, folder: Path) -> tuple[str, Path, str]:
-    """Return a policy's module, where that is looked for first, and the attribute."""
+    """Return a policy's module, the folder to search first, and the attribute."""
     where, _, attribute = name.rpartition(":")
     if not where.endswith(".py"):
         return where, folder, attribute
@@ -143,10 +144,10 @@ def _place(name: str, folder: Path) -> tuple[str, Path, str]:
 
 
 def _imported(name: str, folder: Path | None = None) -> ModuleType:
-    """Import a module, perhaps of a folder, or say in one sentence why it cannot be."""
+    """Import a module, possibly from a folder, or raise with a one-sentence reason."""
     try:
         return importlib.import_module(name)
-    # Anything: it is the user's code that runs here.
+    # Any exception: the user's code runs here.
     except (Exception, SystemExit) as error:
         missing = error.name if isinstance(error, ModuleNotFoundError) else None
         if missing is not None and f"{name}.".startswith(f"{missing}."):
@@ -163,7 +164,7 @@ def _imported(name: str, folder: Path | None = None) -> ModuleType:
 
 
 def _policy(module: ModuleType, attribute: str) -> Policy:
-    """Return what a module has under a name as a policy."""
+    """Return an attribute of a module as a policy."""
     where = f"{module.__name__} ({_file(module)})"
     try:
         found = operator.attrgetter(attribute)(module)
@@ -193,7 +194,7 @@ def _policy(module: ModuleType, attribute: str) -> Policy:
             "one argument, the TrainingInput that an agent is made from"
         ) from None
     except ValueError:
-        pass  # Written in C: it does not say what it takes.
+        pass  # Written in C: no signature is available.
     named = inspect.isroutine(found) or inspect.isclass(found)
     text = (inspect.getdoc(found) if named else None) or f"{attribute} of {where}"
     return Policy(summary=text.splitlines()[0], make=found)

@@ -1,1 +1,1 @@
-"""A policy as a process of its own: observations in, commands out, line by line."""
+"""A policy in its own process: receives observations, sends commands, line by line."""

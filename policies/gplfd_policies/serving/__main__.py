@@ -1,6 +1,6 @@
-"""``python -m gplfd_policies.serving``: serve where the command line is not installed.
+"""``python -m gplfd_policies.serving``: serve without the command line `gplfd`.
 
-Its options are the fields of `ServeSettings`, as those of `gplfd serve`.
+Its options are the fields of `ServeSettings`, like those of `gplfd serve`.
 """
 
 import argparse
@@ -18,7 +18,7 @@ INTERRUPTED = 130
 
 
 def parsed(arguments: Sequence[str] | None = None) -> ServeSettings:
-    """Return the settings that arguments give; exits with status 2 if they cannot."""
+    """Return the settings from arguments; exits with status 2 if they are invalid."""
     parser = argparse.ArgumentParser("python -m gplfd_policies.serving")
     for field in dataclasses.fields(ServeSettings):
         kinds = [one for one in get_args(field.type) or [field.type] if one != NoneType]
@@ -45,7 +45,7 @@ def parsed(arguments: Sequence[str] | None = None) -> ServeSettings:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serve and return the exit status: 0, 2 for what cannot be served, or 130."""
+    """Serve and return the exit status: 0, 2 if serving is impossible, or 130."""
     settings = parsed(arguments)
     from gplfd_policies.serving.server import serve
 

@@ -1,6 +1,7 @@
-"""The other end: a served agent as an agent of this process.
+"""The client: uses a served agent as an agent in this process.
 
-For users' robots and for the simulator: NumPy, the standard library and this package.
+For robots and for the simulator. Needs only NumPy, the standard library and this
+package.
 """
 
 import socket
@@ -19,11 +20,11 @@ from gplfd_policies.serving.protocol import VERSION, array, decode, encode, numb
 
 
 class ServerLostError(ConnectionError):
-    """The server has gone, or does not answer in time: hold the robot yourself."""
+    """The server is gone or does not answer in time: the client must hold the robot."""
 
 
 class RefusedError(ValueError):
-    """The server answered with an error; `code` is one of docs/serving.md."""
+    """The server answered with an error; docs/serving.md lists the values of `code`."""
 
     def __init__(self, reply: Mapping[str, Any]) -> None:
         super().__init__(f"{reply['code']}: {reply['message']}")
@@ -37,10 +38,10 @@ class RemoteAgent:
         address: ``unix:PATH``, ``tcp:HOST:PORT``, or a command that serves on its
             standard input and output, as a list of words.
         timeout: Longest wait for a reply [s].
-        explain: Ask for all fields of `AgentStep`, not only for the command.
+        explain: Request all fields of `AgentStep`, not only the command.
 
     Raises:
-        ServerLostError: Nobody answers.
+        ServerLostError: There is no answer.
         RefusedError: The server speaks another version, or has another client.
     """
 
@@ -79,18 +80,18 @@ class RemoteAgent:
         self.control: Control = self.greeting["control"]
 
     def inform(self, door: DoorGeometry) -> None:
-        """Ignore the door: only an oracle uses it, and none is served."""
+        """Ignore the door: only an oracle uses it, and oracles are not served."""
 
     def reset(self, observation: Observation) -> None:
-        """Begin an episode, also after a stop: the hand is at the start."""
+        """Begin an episode, also after a stop; the hand must be at the start."""
         self._ask("reset", observation, "ready")
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period; see `last` for its state.
 
         Raises:
-            RefusedError: The server did not take this observation.
-            ServerLostError: It has gone or does not answer.
+            RefusedError: The server did not accept this observation.
+            ServerLostError: The server is gone or does not answer.
         """
         command = self.last = self._ask("observe", observation, "command")
         names = ("stiffness", "frame", "phase")
@@ -101,16 +102,16 @@ class RemoteAgent:
         return AgentStep(**known, via_point=via_point)
 
     def stop(self) -> None:
-        """Let the server soften and stop."""
+        """Request the server to soften and stop."""
         self._link.send(encode({"type": "stop"}))
 
     @property
     def gripper_width(self) -> float | None:
-        """Width that goes with the last command [m], of an agent that has fingers."""
+        """Gripper width of the last command [m]; None if the agent commands none."""
         return self.last.get("gripper_width")
 
     def close(self) -> None:
-        """Leave; a server that was started as a command ends."""
+        """Disconnect; a server that was started as a command ends."""
         self._link.send(encode({"type": "bye"}))
         if self._socket is not None:
             self._socket.close()
@@ -122,7 +123,7 @@ class RemoteAgent:
                 self._process.communicate()
 
     def _ask(self, kind: str, observation: Observation, reply: str) -> dict[str, Any]:
-        """Send an observation, every measurement as numbers, and return the reply."""
+        """Send an observation as numbers, and return the reply."""
         self._seq += 1
         values = {
             name: float(value[0]) if name == "time" else numbers(np.ravel(value))
@@ -133,7 +134,7 @@ class RemoteAgent:
     def _reply(
         self, message: Mapping[str, Any], kind: str, seq: int | None
     ) -> dict[str, Any]:
-        """Send a message; return the reply, past what the server says by itself."""
+        """Send a message; return the reply, skipping unsolicited messages."""
         self._link.send(encode(message))
         until = time.monotonic() + self._timeout
         while True:
@@ -155,7 +156,7 @@ class RemoteAgent:
 
 
 def _connected(address: str) -> socket.socket:
-    """Return a socket that is connected to ``unix:PATH`` or ``tcp:HOST:PORT``."""
+    """Return a socket connected to ``unix:PATH`` or ``tcp:HOST:PORT``."""
     kind, _, place = address.partition(":")
     if kind == "unix":
         own = socket.socket(socket.AF_UNIX)

@@ -1,7 +1,7 @@
-"""The journal of a served agent: every message and its replies, a line of JSON each.
+"""The journal of a served agent: each message with its replies is a line of JSON.
 
-A line is one write, so that a killed process loses no more than the line that it was
-writing. Several runs may follow each other in one file.
+Each line is written at once, so that a killed process loses at most its last line. A
+file may contain several runs.
 """
 
 import json
@@ -14,11 +14,11 @@ from typing import Any, Final
 from gplfd_policies.serving.protocol import encode
 
 BEGINNING: Final = b'{"journal":1'
-"""How the first line of every run begins."""
+"""Beginning of the first line of every run."""
 
 
 class Journal:
-    """Appends to a file; to none without a path."""
+    """Appends to a file; does nothing without a path."""
 
     def __init__(self, path: Path | None, about: Mapping[str, Any]) -> None:
         self._file: int | None = None
@@ -27,7 +27,7 @@ class Journal:
             self._file = os.open(path, flags, 0o600)
             size = os.fstat(self._file).st_size
             if size and os.pread(self._file, 1, size - 1) != b"\n":
-                os.write(self._file, b"\n")  # after the line that a kill cut short
+                os.write(self._file, b"\n")  # after a line that a kill truncated
             os.write(self._file, encode({"journal": 1, **about}))
 
     def write(
@@ -40,7 +40,7 @@ class Journal:
         """Add a message with its replies, time and duration [s].
 
         `came` is a line of JSON, which is copied, other text, or None for no message.
-        A disk that is full ends the journal, but not the robot's motion.
+        If the disk is full, the journal ends, but the robot continues.
         """
         if self._file is None:
             return
@@ -53,17 +53,17 @@ class Journal:
             self.close()
 
     def close(self) -> None:
-        """Close the file; what follows is not written."""
+        """Close the file; later messages are not written."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
 
 
 def read_journal(path: Path) -> list[dict[str, Any]]:
-    """Return the lines of a journal; one that was cut short is left out.
+    """Return the lines of a journal, without truncated lines.
 
     Raises:
-        ValueError: It is no journal, or a line in the middle of a run is damaged.
+        ValueError: The file is not a journal, or a line within a run is damaged.
     """
     lines = path.read_bytes().split(b"\n")
     if not lines[0].startswith(BEGINNING):

@@ -1,4 +1,4 @@
-"""The operator's limits, enforced on every command and watched in every observation."""
+"""The operator limits, enforced on every command and checked in every observation."""
 
 import math
 from typing import NamedTuple
@@ -13,19 +13,19 @@ from gplfd_policies.serving.settings import ServeSettings
 class Limited(NamedTuple):
     """A command within the limits."""
 
-    pose: np.ndarray  # (6,) [m, rad]; the same object where no limit acted.
-    stiffness: np.ndarray  # (6,) [N/m, N m/rad]; NaN where it is unknown.
-    acted: tuple[str, ...]  # Which limits changed it.
+    pose: np.ndarray  # (6,) [m, rad]; the same object if no limit acted.
+    stiffness: np.ndarray  # (6,) [N/m, N m/rad]; NaN if unknown.
+    acted: tuple[str, ...]  # Names of the limits that changed it.
 
 
 def limited(
     settings: ServeSettings, pose: np.ndarray, stiffness: np.ndarray, last: np.ndarray
 ) -> Limited:
-    """Return a command within the limits, from the last commanded pose on.
+    """Return a command within the limits, given the last commanded pose.
 
-    The position is moved to the nearest point of the workspace. A step that is faster
-    than the speed limits is shortened on the straight line, and on the shortest
-    rotation, from the last pose (6,) [m, rad].
+    The position is moved to the nearest point of the workspace. A step that exceeds the
+    speed limits is shortened along the straight line and the shortest rotation from the
+    last pose (6,) [m, rad].
     """
     acted = []
     low, high = np.reshape(settings.workspace, (2, 3))
@@ -56,7 +56,7 @@ def limited(
 
 
 def exceeded(settings: ServeSettings, pose: np.ndarray, wrench: np.ndarray) -> str:
-    """Return which limit a measured pose and wrench exceed, or ""."""
+    """Return the limit that a measured pose or wrench exceeds, or ""."""
     low, high = np.reshape(settings.workspace, (2, 3))
     if (pose[:3] < low).any() or (pose[:3] > high).any():
         return "hand outside the workspace"

@@ -1,4 +1,4 @@
-"""A line at a time over a pair of file descriptors, without blocking."""
+"""Transfer of lines over a pair of file descriptors, without blocking."""
 
 import os
 import select
@@ -6,11 +6,11 @@ import select
 from gplfd_policies.serving.protocol import MAX_LINE
 
 _MOST_UNSENT = 2**20
-_PIECE = 4096  # what a pipe that can be written to takes at once
+_PIECE = 4096  # what a writable pipe accepts at once
 
 
 class Link:
-    """One end of a connection: a socket twice, or the two ends of pipes.
+    """One end of a connection: a socket (given twice), or the ends of two pipes.
 
     Args:
         reader: Descriptor to read from.
@@ -23,9 +23,9 @@ class Link:
         self.closed = False
 
     def lines(self, timeout: float = 0.0) -> list[bytes]:
-        """Return the complete lines that come within a time [s].
+        """Return the complete lines that arrive within a time [s].
 
-        A line that is too long, and the end of the stream, set `closed`.
+        A line that is too long, or the end of the stream, sets `closed`.
         """
         try:
             if not select.select([self._reader], [], [], timeout)[0]:
@@ -38,9 +38,9 @@ class Link:
         return whole
 
     def send(self, data: bytes = b"") -> None:
-        """Send what can be sent at once, and keep the rest for the next time.
+        """Send as much as possible without blocking, and keep the rest.
 
-        A peer that has gone, or does not read for a megabyte, sets `closed`.
+        If the peer is gone, or a megabyte is waiting, `closed` is set.
         """
         self._unsent += data
         try:

@@ -1,7 +1,7 @@
 """Messages of the line protocol: one JSON object per line, strictly checked.
 
-Numbers are written with the shortest decimal that reads back as the same float64, so
-that values survive bit for bit. docs/serving.md has the tables of all messages.
+Numbers are written as the shortest decimal that is read as the same float64, so that
+values are transferred bit for bit. docs/serving.md has the tables of all messages.
 """
 
 import json
@@ -14,7 +14,7 @@ import numpy as np
 from gplfd_env.validation.fields import Range
 
 VERSION: Final = 1
-"""Version of the protocol; a client of another one is refused."""
+"""Version of the protocol; clients with another version are refused."""
 
 MAX_LINE: Final = 65536
 """Longest line [bytes]."""
@@ -42,7 +42,7 @@ _COUNT: Final = 2**53
 
 
 class ProtocolError(ValueError):
-    """A message that is not acted on; the reply names what is wrong."""
+    """A rejected message; the reply contains the reason."""
 
     def __init__(self, code: str, text: str, seq: int | None = None) -> None:
         super().__init__(text)
@@ -50,7 +50,7 @@ class ProtocolError(ValueError):
 
 
 class Observed(NamedTuple):
-    """A checked observation, `time` by the robot's clock [s]."""
+    """A checked observation, with `time` by the robot's clock [s]."""
 
     seq: int
     time: float
@@ -65,7 +65,7 @@ def encode(message: Mapping[str, Any]) -> bytes:
 
 
 def decode(line: bytes) -> dict[str, Any]:
-    """Return the object of a line; raises `ProtocolError` unless it has a type."""
+    """Return the object of a line; raises `ProtocolError` if it has no type."""
     try:
         text = line.decode()  # json.loads would guess UTF-16 or UTF-32
         message = json.loads(text, object_pairs_hook=_once, parse_constant=_refuse)
@@ -134,7 +134,7 @@ def numbers(array: Any) -> Any:
 
 
 def array(given: Any) -> np.ndarray:
-    """Return what `numbers` wrote as float64."""
+    """Return the float64 array from the output of `numbers`."""
     if isinstance(given, list):
         return np.array([array(one) for one in given])
     return np.array(math.nan if given is None else float(given))

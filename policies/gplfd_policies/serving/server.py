@@ -1,4 +1,4 @@
-"""The loop of a served agent: transports, one client at a time, journal, memory."""
+"""The loop of a served agent: transport, one client at a time, journal, memory."""
 
 import contextlib
 import gc
@@ -31,33 +31,33 @@ from gplfd_policies.serving.session import HEARTBEAT, Message, Session
 from gplfd_policies.serving.settings import ServeSettings
 
 SILENCE: Final = 30.0
-"""A client that says nothing for so long is taken for gone [s]."""
+"""A client that is silent for this time counts as gone [s]."""
 
 _COLLECT_EVERY: Final = 100
-"""Messages between two collections of garbage, each in the time after a reply."""
+"""Number of messages between garbage collections, which run after a reply."""
 
 
 def served_agent(
     settings: ServeSettings, given: LabelledDemonstrations | None = None
 ) -> Agent:
-    """Make the agent of a skill file or a policy, from its file of demonstrations.
+    """Make the agent of a skill file, or of a policy and a file of demonstrations.
 
-    `given` takes the place of that file. Raises a ValueError for what cannot be served.
+    `given` replaces that file. Raises a ValueError if the agent cannot be served.
     """
     file = Path(settings.source)
     if file.suffix == ".npz":
         if settings.demonstrations is not None or settings.start != "grasped":
             raise ValueError(
-                f"{file} is a skill: it is learned already, and of opening alone; "
-                "leave out --demonstrations and --start"
+                f"{file} is a skill, already learned and only for opening; leave out "
+                "--demonstrations and --start"
             )
         method, skill = method_and_skill(settings.policy, file)
         return method.follow(skill)
     policy = policy_named(settings.source)
     if policy.told:
         raise ValueError(
-            f"policy {settings.source!r} must be told the true door, which no message "
-            "has: it cannot be served"
+            f"policy {settings.source!r} needs the true door, which no message "
+            "contains: it cannot be served"
         )
     if settings.demonstrations is not None:
         given = load_demonstrations(settings.demonstrations)
@@ -75,12 +75,12 @@ def served_agent(
 
 
 class Server:
-    """Serves one client at a time; all time comes from a clock.
+    """Serves one client at a time; all times come from `clock`.
 
     Args:
-        session: What answers.
-        journal: What is written down.
-        listener: Listening socket; None if there is only the one link.
+        session: Session that computes the replies.
+        journal: Journal of all messages.
+        listener: Listening socket; None if there is only `link`.
         link: Link to the only client.
         clock: Monotonic time [s].
     """
@@ -101,7 +101,7 @@ class Server:
         session.connect(self._heard)
 
     def run(self) -> None:
-        """Serve until the only client has gone, or for ever where others may come."""
+        """Serve until the only client is gone, or forever if others may connect."""
         gc.collect()
         gc.freeze()
         gc.disable()
@@ -116,7 +116,7 @@ class Server:
                 self._leave("the server ends")
 
     def step(self) -> bool:
-        """Wait for something to do and do it; return whether there may be more."""
+        """Wait for an event and handle it; return whether to continue."""
         link, session = self._link, self._session
         if link is None:
             return self._accept(None)
@@ -142,7 +142,7 @@ class Server:
     def _say(
         self, began: float, came: bytes | str | None, replies: list[Message]
     ) -> None:
-        """Send replies; then, while the client has its answer, all that takes time."""
+        """Send replies first; then do the slower work (journal, garbage collection)."""
         if self._link is None or (came is None and not replies):
             return
         self._link.send(b"".join(map(encode, replies)))
@@ -152,7 +152,7 @@ class Server:
             gc.collect()
 
     def _accept(self, timeout: float | None) -> bool:
-        """Take a client, or refuse it while there is another."""
+        """Accept a client, or refuse it while another is connected."""
         if self._listener is None:
             return False
         self._listener.settimeout(timeout)
@@ -186,7 +186,7 @@ class Server:
 def handle(
     session: Session, line: bytes, now: float
 ) -> tuple[bytes | str, list[Message]]:
-    """Return a line, as text if it is no message, and the replies to it."""
+    """Return a line, as text if it is not a message, and the replies to it."""
     try:
         message = decode(line)
     except ProtocolError as error:
@@ -195,12 +195,12 @@ def handle(
 
 
 def serve(settings: ServeSettings, given: LabelledDemonstrations | None = None) -> None:
-    """Serve an agent as the settings say, until the client or an interruption ends it.
+    """Serve an agent by settings, until the client or an interruption ends it.
 
-    With standard input and output, what a policy prints goes to standard error.
+    With standard input and output, prints of a policy go to standard error.
 
     Raises:
-        ValueError: What is asked for cannot be served.
+        ValueError: The agent cannot be served.
         OSError: The address or the journal cannot be used.
     """
     with contextlib.ExitStack() as stack:
@@ -225,7 +225,7 @@ def serve(settings: ServeSettings, given: LabelledDemonstrations | None = None) 
 
 @contextlib.contextmanager
 def _own_output() -> Iterator[int]:
-    """Keep standard output for the protocol; what else is printed goes to stderr."""
+    """Keep standard output for the protocol; redirect all other prints to stderr."""
     sys.stdout.flush()
     own = os.dup(1)
     os.dup2(2, 1)
@@ -238,7 +238,7 @@ def _own_output() -> Iterator[int]:
 
 
 def _listening(settings: ServeSettings) -> tuple[socket.socket, str]:
-    """Return a listening socket and its address as a client gives it."""
+    """Return a listening socket and its address for clients."""
     if settings.socket is None:
         place = settings.host, settings.port
         version = socket.AF_INET6 if ":" in settings.host else socket.AF_INET

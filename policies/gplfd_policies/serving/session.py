@@ -1,7 +1,7 @@
-"""State of a served agent: which message is an observation, and what is commanded.
+"""State of a served agent: checks of messages, watchdog and commands.
 
-No input or output happens here, and time comes as an argument, so that every fault can
-be tested without waiting. docs/serving.md defines the states.
+There is no input or output here, and time is an argument, so that every fault can be
+tested without waiting. docs/serving.md defines the states.
 """
 
 import math
@@ -29,22 +29,22 @@ from gplfd_policies.serving.settings import LIMITS, WATCHDOG, ServeSettings, Sta
 Message = dict[str, Any]
 
 HEARTBEAT: Final = 0.25
-"""Longest silence of the server while somebody is connected [s]."""
+"""Longest silence of the server while a client is connected [s]."""
 
 _DRIFT: Final = 1e-3
-"""Greatest difference in speed of the two clocks [s/s]."""
+"""Greatest relative drift of the two clocks [s/s]."""
 
 _BURST: Final = 1.5
-"""Periods by which an observation may come before its time: the robot's jitter."""
+"""Number of periods by which an observation may be early, because of jitter."""
 
 
 class Session:
-    """One connection after another of one agent.
+    """Successive connections to one agent.
 
     Args:
-        agent: Acts once per control period of the robot's clock.
+        agent: Agent that acts once per control period of the robot's clock.
         settings: Watchdog and limits.
-        address: Where clients come from, for the greeting.
+        address: Address of clients, for the greeting.
     """
 
     def __init__(self, agent: Agent, settings: ServeSettings, address: str) -> None:
@@ -71,7 +71,7 @@ class Session:
         self.connect(0.0)
 
     def connect(self, now: float) -> None:
-        """Begin with a client that has said nothing yet; also ends the last session."""
+        """Begin with a new client; also ends the last session."""
         self.state: State = "idle"
         self.reason = ""
         self.greeted = self.closed = self._explain = False
@@ -79,7 +79,7 @@ class Session:
 
     @property
     def due(self) -> float:
-        """When `tick` has something to say, unless a message comes before [s]."""
+        """Time of the next message of `tick`, unless a message arrives before [s]."""
         if self._commands_by_itself:
             return self._spoke + CONTROL_PERIOD
         beat = self._spoke + HEARTBEAT if self.greeted else math.inf
@@ -92,7 +92,7 @@ class Session:
         return self.state == "holding" or (self.state == "stopped" and not self._soft)
 
     def receive(self, message: Message, now: float) -> list[Message]:
-        """Return the replies to a decoded message that came now [s]."""
+        """Return the replies to a decoded message that arrived now [s]."""
         replies = self.tick(now)  # it may have come too late
         try:
             replies.append(self._reply(message, now))
@@ -102,10 +102,10 @@ class Session:
         return replies
 
     def tick(self, now: float) -> list[Message]:
-        """Return what the server says by itself now [s]: holding, softening, alive."""
+        """Return unsolicited messages due now [s]: holding, softening, heartbeat."""
         settings = self._settings
         if self.state in ("active", "holding"):
-            # The sums of `due`, not differences, which round differently.
+            # The same sums as in `due`: differences would round differently.
             if now >= self._heard + settings.stop_after:
                 self._stop("no valid observation", now)
             elif now >= self._heard + settings.hold_after:
@@ -165,7 +165,7 @@ class Session:
         self.state, self.reason = "active", ""
         self._soft, self._heard = False, now
         self._seq, self._offset, self._offset_at = seen.seq, now - seen.time, now
-        # The first observation may be that of the reset.
+        # The first observation may be the same as in the reset.
         self._time = math.nextafter(seen.time, -math.inf)
         self._next = seen.time - _BURST * CONTROL_PERIOD
         self._fault_since = self._astray_since = math.inf
@@ -195,10 +195,10 @@ class Session:
         return {**reply, "missed": missed} if missed else reply
 
     def _check_order(self, seen: Observed, now: float) -> int:
-        """Raise unless an observation is the next; return how many were lost before.
+        """Raise if an observation is not the next; return the number of lost ones.
 
-        An observation is late if it took `hold_after` longer than the fastest one,
-        whose delay is forgotten as fast as the clocks may drift.
+        An observation is late if its delay exceeds the shortest delay by `hold_after`.
+        The shortest delay is increased with the greatest drift of the clocks.
         """
         if seen.seq <= self._seq or seen.time <= self._time:
             code = "duplicate" if seen.seq == self._seq else "order"
@@ -224,7 +224,7 @@ class Session:
         return missed
 
     def _fault(self, seen: Observed) -> str:
-        """Return why the robot must not move on, or ""."""
+        """Return the reason why the robot must stop, or ""."""
         pose, away = seen.values["ee_pose"], 0.0
         if astray(self._settings, pose, self._pose):
             self._astray_since = min(self._astray_since, seen.time)
@@ -237,7 +237,7 @@ class Session:
         return "the robot does not follow" if lost else ""
 
     def _decision(self, seen: Observed, now: float) -> AgentStep | None:
-        """Return what the agent decides, or stop because it must not be commanded."""
+        """Return the step of the agent, or stop if it must not be commanded."""
         try:
             step = self._agent.act(seen.values)
             finite = np.isfinite(step.command(self._agent.control)).all()
@@ -263,7 +263,7 @@ class Session:
     def _command(
         self, now: float, step: AgentStep | None = None, *, unsolicited: bool = False
     ) -> Message:
-        """Return the command of a step, or the last pose; all pass the limits here."""
+        """Return the command of a step, or the last pose, within the limits."""
         pose, stiffness = self._pose, self._stiffness
         if step is not None:
             pose, stiffness = step.action, step.stiffness

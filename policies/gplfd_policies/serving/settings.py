@@ -1,7 +1,7 @@
-"""Settings of a served agent: what acts, where it listens, and the operator's limits.
+"""Settings of a served agent: agent, address, watchdog and operator limits.
 
-Two command lines are made of this record: that of `gplfd serve` and that of
-``python -m gplfd_policies.serving``. Each option has its help and range in its field.
+This record defines two command lines: `gplfd serve` and
+``python -m gplfd_policies.serving``. Each field contains help and range of its option.
 """
 
 import dataclasses
@@ -16,32 +16,32 @@ Box = tuple[float, float, float, float, float, float]
 
 
 def _option(default: Any, text: str, **allowed: Any) -> Any:
-    """Declare an option with its help, and of a number what is `low` or `above`."""
+    """Declare an option with its help; for a number, with `low` or `above`."""
     return dataclasses.field(default=default, metadata={**allowed, "help": text})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ServeSettings:
-    """What is served, where, and within which limits; checked when it is made.
+    """Served agent, address and limits; checked on creation.
 
     Raises:
-        ValueError: A number is out of range, two addresses, an address beyond this
-            machine without `beyond_loopback`, or limits that contradict each other.
+        ValueError: A number out of range, two addresses, an address beyond this machine
+            without `beyond_loopback`, or contradictory limits.
     """
 
     source: str = dataclasses.field(
         metadata={"help": "Skill file (.npz of `gplfd learn`), or name of a policy."}
     )
-    policy: str = _option("gp", "Of a skill file: the policy whose agent follows it.")
+    policy: str = _option("gp", "For a skill file: the policy whose agent follows it.")
     demonstrations: Path | None = _option(
-        None, "Of a policy that learns: .npz file of the demonstrations."
+        None, "For a policy that learns: .npz file of the demonstrations."
     )
     start: Literal["grasped", "approach"] = _option(
         "grasped",
-        "What an episode begins with: the handle in the hand, or the open hand before "
-        "it (demonstrations must then have the signal 'grasped').",
+        "Start of an episode: the hand holds the handle, or the open hand is in front "
+        "of it (demonstrations must then have the signal 'grasped').",
     )
-    seed: int = _option(0, "Seeds whatever is random in the learning.", low=0)
+    seed: int = _option(0, "Seed for random numbers in learning.", low=0)
     socket: Path | None = _option(
         None, "Listen on this Unix socket, mode 0600, instead of standard input."
     )
@@ -59,7 +59,7 @@ class ServeSettings:
         0.05, "Hold after this time without a valid observation [s].", low=0.02
     )
     stop_after: float = _option(
-        0.5, "Soften and stop after this time of holding [s].", low=0.02
+        0.5, "Soften and stop after this time without valid observation [s].", low=0.02
     )
     soften_time: float = _option(0.5, "Duration of softening [s].", above=0.0)
     workspace: Box = _option(
@@ -83,7 +83,7 @@ class ServeSettings:
         1.5, "Greatest rotation between hand and command [rad].", above=0.0
     )
     follow_time: float = _option(
-        0.2, "How long the hand may be farther away [s].", low=0.0
+        0.2, "Time for which the hand may be farther away [s].", low=0.0
     )
 
     def __post_init__(self) -> None:
@@ -135,7 +135,7 @@ class ServeSettings:
             )
 
     def described(self) -> dict[str, Any]:
-        """Return all settings as JSON-able values."""
+        """Return all settings as JSON-compatible values."""
         given = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
         return {n: str(v) if isinstance(v, Path) else v for n, v in given.items()}
 
@@ -145,10 +145,10 @@ LIMITS: Final = (
     *("least_stiffness", "greatest_stiffness"),
     *("follow_distance", "follow_angle", "follow_time"),
 )
-"""Fields that limit what a robot does."""
+"""Fields that limit the robot."""
 
 WATCHDOG: Final = ("hold_after", "stop_after", "soften_time")
-"""Fields that say what follows on silence."""
+"""Fields of the watchdog."""
 
 State = Literal["idle", "active", "holding", "stopped"]
-"""Of a session; docs/serving.md says what leads from one to another."""
+"""State of a session; docs/serving.md describes the transitions."""

@@ -1,20 +1,20 @@
-"""The circle that a hand's path lies on: where the hinge is, from a few centimetres on.
+"""Circle fit to a hand's path, which locates the hinge after a few centimetres.
 
-The hand starts at the origin. In axes E = [t, a, n] (columns: the direction in which
-the door is pulled, the hinge axis, and away from the hinge) a point p of its path has
-coordinates q = Eᵀ p, and lies on the circle of curvature κ about the hinge -n/κ if
+The hand starts at the origin. In axes E = [t, a, n] (columns: pulling direction, hinge
+axis, and direction away from the hinge) a point p of its path has coordinates q = Eᵀ p.
+It lies on the circle of curvature κ about the hinge -n/κ if
 
     radial:  r = (|u| - 1)/κ = 0,  u = (κ q_t, κ q_n + 1),
     across:  q_a = 0.
 
 These are geometric distances [m]: the noise of a short arc does not shrink the circle
-(as in Kåsa's fit), and a straight line is the ordinary case κ = 0: r = (κ(q_t² + q_n²)
-+ 2 q_n)/(|u| + 1). With E = E₀ exp(ω), the estimate is the most probable one,
+(as it does in Kåsa's fit), and a straight line is the regular case κ = 0: r = (κ(q_t² +
+q_n²) + 2 q_n)/(|u| + 1). With E = E₀ exp(ω), the estimate is the most probable one,
 
     min over ω, κ:  Σ_i ρ(‖(r_i, q_a,i)‖/σ) + Σ_j (ω_j/σ_j)² + ((κ - κ₀)/σ_κ)²,
 
-with ρ(e) = c² log(1 + e²/c²), by Gauss-Newton with weights 1/(1 + e²/c²); a fit that is
-continued with every new point needs one step.
+with ρ(e) = c² log(1 + e²/c²), by Gauss-Newton with weights 1/(1 + e²/c²). If the fit is
+continued with every new point, one step is enough.
 
 N. Chernov, *Circular and Linear Regression*, 2010, ch. 4-6; P. J. Huber, *Robust
 Statistics*, 1981.
@@ -36,43 +36,43 @@ Parameters = Float[np.ndarray, " 4"]
 
 _LOWEST: Final = np.array([-0.5, -0.5, -0.5, 0.2])
 _HIGHEST: Final = np.array([0.5, 0.5, 0.5, 10.0])
-"""Bounds of (ω, κ) [rad, 1/m]: small angles, of which the prior speaks; and a straight
-line is a door of five metres."""
+"""Bounds of (ω, κ) [rad, 1/m]: the angles are small, as the prior assumes; a radius of
+five metres represents a straight line."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CirclePrior:
-    """What is known of the circle before the hand moves: means and deviations."""
+    """Prior of the circle before the hand moves: means and standard deviations."""
 
     axes: Float[np.ndarray, "3 3"]
-    """E₀: columns pull, hinge axis, away from the hinge."""
+    """E₀: columns are pulling direction, hinge axis, and away from the hinge."""
     radius: float = 0.5
     """1/κ₀ [m]."""
     curvature_std: float = 1.0
-    """σ_κ [1/m]: within one of it lie radii from a third of a metre to one."""
+    """σ_κ [1/m]: radii from a third of a metre to one metre lie within one σ_κ."""
     heading_std: float = 0.05
-    """Deviation of the heading ω_a [rad]."""
+    """Standard deviation of the heading ω_a [rad]."""
     tilt_std: float = 0.01
-    """Deviation of the hinge axis from upright, ω_t and ω_n [rad]."""
+    """Standard deviation of the tilt of the hinge axis, ω_t and ω_n [rad]."""
     noise: float = 1e-3
-    """σ: of a point of the path [m]."""
+    """σ: standard deviation of a point of the path [m]."""
     far: float = 3.0
-    """c: residual, in standard deviations, of which half the weight is left. Tuned."""
+    """c: residual, in standard deviations, with half of the weight. Tuned."""
 
     @property
     def mean(self) -> Parameters:
-        """(ω, κ) as expected."""
+        """Prior mean of (ω, κ)."""
         return np.array([0.0, 0.0, 0.0, 1.0 / self.radius])
 
     @property
     def information(self) -> Parameters:
-        """Inverse variances of (ω, κ)."""
+        """Inverse prior variances of (ω, κ)."""
         tilt, heading = self.tilt_std**-2.0, self.heading_std**-2.0
         return np.array([tilt, heading, tilt, self.curvature_std**-2.0])
 
 
 UPRIGHT: Final = CirclePrior(axes=np.eye(3))
-"""A door as a robot that stands before it finds it, in the task frame."""
+"""Prior for an upright door in front of the robot, in the task frame."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -80,13 +80,13 @@ class Circle:
     """An estimate of the circle."""
 
     prior: CirclePrior
-    """What it was estimated with."""
+    """The prior of this estimate."""
     parameters: Parameters
     """(ω, κ) [rad, 1/m]."""
 
     @classmethod
     def expected(cls, prior: CirclePrior) -> Circle:
-        """Return what is expected before the hand moves."""
+        """Return the estimate before the hand moves."""
         return cls(prior=prior, parameters=prior.mean)
 
     @property
@@ -116,7 +116,7 @@ class Circle:
             gradient = information * (circle.parameters - prior.mean)
             gradient += weighted @ distances.ravel()
             step = np.linalg.solve(np.diag(information) + weighted @ flat.T, gradient)
-            # Turns are small: that of a step may be added.
+            # Rotations are small: the rotation of a step may be added.
             parameters = circle.parameters - step
             bounded = np.minimum(np.maximum(parameters, _LOWEST), _HIGHEST)
             circle = Circle(prior=prior, parameters=bounded)
@@ -126,7 +126,7 @@ class Circle:
 def fit_circle(points: Points, prior: CirclePrior = UPRIGHT) -> Circle:
     """Return the most probable circle through the origin and along points."""
     if not np.isfinite(points).all():
-        raise ValueError("points of a path must be finite; leave out what was not seen")
+        raise ValueError("points of a path must be finite; leave out missing points")
     return Circle.expected(prior).updated(points, steps=15)
 
 
@@ -135,11 +135,12 @@ def _distances(
 ) -> tuple[Float[np.ndarray, "2 N"], Float[np.ndarray, "4 2 N"]]:
     """Return r and q_a of points (q_t, q_a, q_n), and their derivatives.
 
-    Derivatives by a small turn δ, of E exp(δ), which moves q by -δ × q, and by κ.
+    The derivatives are by a small rotation δ, E exp(δ), which moves q by -δ × q, and by
+    κ.
     """
     t, a, n = points
     square, across = t * t + n * n, kappa * n + 1.0
-    # At the hinge itself there is no direction away from it.
+    # At the hinge itself, the direction away from it is not defined.
     length = np.maximum(np.hypot(kappa * t, across), 1e-9)
     radial = (kappa * square + 2.0 * n) / (length + 1.0)
     by_t, by_n = kappa * t / length, across / length
@@ -153,7 +154,7 @@ def _distances(
 
 
 def _rotation(x: float, y: float, z: float) -> Float[np.ndarray, "3 3"]:
-    """Return exp of a rotation vector; SciPy's costs as much as the rest of a step."""
+    """Return exp of a rotation vector; SciPy's takes as long as the rest of a step."""
     angle = max(math.sqrt(x * x + y * y + z * z), 1e-12)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     bend = (math.sin(angle / 2.0) / (angle / 2.0)) ** 2 / 2.0

@@ -1,11 +1,11 @@
-"""What agents share that find the path on the way: the hand's path, and compliance.
+"""Common parts of agents that find the path during the motion: path and compliance.
 
-The admittance is that of the learned agents, Eq. (22) of Arduengo et al.,
-arXiv:2002.09979, M ë + D ė + K e = F. Those follow a path that they have learned; an
-agent that finds the path on the way needs a very soft spring: with D² ≫ 4 M K the
-displacement follows ė = F/D for some twenty seconds, an integral of the force, and a
-lasting lateral force is nulled instead of balanced. With the robot's servo of 2000 N/m
-the loop closes at 2000/D = 20 rad/s, whose margin of delay is 80 ms.
+The admittance is the same as in the learned agents, Eq. (22) of Arduengo et al.,
+arXiv:2002.09979, M ë + D ė + K e = F. Learned agents follow a learned path. An agent
+that finds the path during the motion needs a very soft spring: with D² ≫ 4 M K the
+displacement follows ė = F/D for some twenty seconds. It integrates the force, so that a
+lasting lateral force becomes zero instead of being balanced. With the robot's servo of
+2000 N/m the bandwidth of the loop is 2000/D = 20 rad/s, with a delay margin of 80 ms.
 """
 
 import math
@@ -23,20 +23,20 @@ from gplfd_policies.control.stiffness import VirtualDynamics
 Point = Float[np.ndarray, " 3"]
 
 _PULL: Final = np.array([1.0, 0.0, 0.0])
-"""The direction in which a closed door is pulled, task frame."""
+"""Pulling direction of a closed door, task frame."""
 _SPACING: Final = 0.005
-"""Length of a stretch of the path [m]: several times the noise of a position, so that a
-hand that stands still adds nothing. Tuned."""
+"""Length of a segment of the path [m]: several times the noise of a position, so that a
+hand at rest adds no segment. Tuned."""
 _CHORD: Final = 12
-"""Number of stretches that the last displacement spans. Tuned."""
+"""Number of segments that the last displacement spans. Tuned."""
 _STIFFNESS: Final = np.repeat([5.0, 0.5], 3)
 """K, translation [N/m] and rotation [N m/rad]. Tuned."""
 _NEARLY_FREE: Final = VirtualDynamics(mass=np.repeat([1.0, 0.1], 3), damping_ratio=22.4)
-"""M, and δ, which makes D = 2 δ √(M K) 100 N s/m and 10 N m s/rad. Tuned."""
+"""M, and δ, with which D = 2 δ √(M K) is 100 N s/m and 10 N m s/rad. Tuned."""
 
 
 class HandPath:
-    """The hand's path since the closed door in stretches, a mean point of each.
+    """The hand's path since the closed door, as the mean points of its segments.
 
     Points are positions [m], size 3, or poses [m, rad], size 6.
     """
@@ -48,7 +48,7 @@ class HandPath:
         self._sum, self._count = np.zeros(size), 0
 
     def add(self, point: Float[np.ndarray, " size"]) -> bool:
-        """Add a point of the hand; return whether it ends a stretch."""
+        """Add a point of the hand; return whether it ends a segment."""
         self._sum += point
         self._count += 1
         if math.dist(point[:3], self._last) < _SPACING:
@@ -59,7 +59,7 @@ class HandPath:
         return True
 
     def direction(self) -> Point:
-        """Return the direction of the last displacement; at first that of the pull."""
+        """Return the direction of the last displacement; at first the pull."""
         missing = _CHORD - len(self.points)
         if missing == _CHORD:
             return _PULL
@@ -71,7 +71,7 @@ class HandPath:
 
 
 def turned_towards(direction: Point) -> Point:
-    """Return the shortest turn from the pull onto a unit vector, a rotation vector."""
+    """Return the shortest rotation vector from the pull to a unit vector."""
     _, up, left = direction
     across = np.array([0.0, -left, up])
     sine = math.hypot(up, left)
@@ -80,7 +80,7 @@ def turned_towards(direction: Point) -> Point:
 
 
 class Yielding:
-    """Set-points that forces displace; at first they are at rest, not displaced."""
+    """Set-points that forces displace; initially at rest and not displaced."""
 
     def __init__(self) -> None:
         self._admittance = Admittance(_NEARLY_FREE)

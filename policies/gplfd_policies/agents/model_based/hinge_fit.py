@@ -1,8 +1,8 @@
-"""Opens a door by a circle fit: the model of an engineer, without demonstrations.
+"""Opens a door by a circle fit: an engineered model without demonstrations.
 
-The hand is pulled along the circle that its path shows so far, turns with the angle,
-and yields to every force but the door's resistance along the path: a lasting radial
-force, which shows that the circle is wrong, moves the command.
+The hand moves along the circle estimated from its path so far and turns with the angle.
+It yields to every force except the door's resistance along the path: a lasting radial
+force, which shows that the circle is wrong, displaces the command.
 """
 
 import math
@@ -22,9 +22,9 @@ class HingeFitAgent:
 
     Args:
         speed: Angular speed of the opening [rad/s]. Tuned.
-        acceleration: With which it is reached and left [rad/s²]. Tuned.
+        acceleration: Angular acceleration and deceleration [rad/s²]. Tuned.
         fading: Share of a jump between two estimates left after a period, 0..1. Tuned.
-        prior: What is known of the circle beforehand.
+        prior: Prior of the circle.
     """
 
     def __init__(
@@ -41,11 +41,11 @@ class HingeFitAgent:
         self.reset({})
 
     def reset(self, observation: Observation) -> None:
-        """Forget the last door and begin at the closed one."""
+        """Forget the last door and begin at the closed door."""
         self._path, self._yielding = HandPath(), Yielding()
         self._circle = Circle.expected(self._prior)
         self._door = self._circle.door()
-        # A length, no angle: another radius then moves the set-point sideways only.
+        # A length, not an angle: a change of radius moves the set-point only sideways.
         self._travelled = self._speed = 0.0
         self._fading = np.zeros(6)
         self.observed_angle = 0.0
@@ -54,13 +54,13 @@ class HingeFitAgent:
         """Return the command for the next control period."""
         hand = observation["ee_pose"]
         if self._path.add(hand[:3]):
-            # Another estimate: the command goes over to it without a jump.
+            # A new estimate: the command changes to it without a jump.
             before = self._door.hand_poses(self._angle)
             self._circle = self._circle.updated(self._path.points)
             self._door = self._circle.door()
             self._fading += before - self._door.hand_poses(self._angle)
 
-        # The set-point moves on; it comes to rest where demonstrations end.
+        # The set-point advances; it stops at the angle at which demonstrations end.
         direction = self._door.direction(self._angle)
         load = self._load.compensate(observation["wrench"], direction)
         left = max(DEMONSTRATED_ANGLE - self._angle, 0.0)
@@ -83,5 +83,5 @@ class HingeFitAgent:
 
     @property
     def _angle(self) -> float:
-        """Angle of the set-point on the present circle [rad]."""
+        """Angle of the set-point on the current circle [rad]."""
         return self._travelled / self._door.radius

@@ -1,9 +1,9 @@
-"""Models of a mechanism that guides a hand, and the choice among them.
+"""Models of a mechanism that guides a hand, and model selection.
 
-The models of J. Sturm, C. Stachniss and W. Burgard, *A Probabilistic Framework for
-Learning Kinematic Models of Articulated Objects*, JAIR 41 (2011) 477-526. Each maps a
-latent coordinate q to a pose f(q) and back; d is its number of degrees of freedom, k
-that of its parameters:
+The models are from J. Sturm, C. Stachniss and W. Burgard, *A Probabilistic Framework
+for Learning Kinematic Models of Articulated Objects*, JAIR 41 (2011) 477-526. Each maps
+a latent coordinate q to a pose f(q) and back; d is its number of degrees of freedom, k
+the number of its parameters:
 
 | model | d | k | q |
 |---|---|---|---|
@@ -12,14 +12,15 @@ that of its parameters:
 | rotational | 1 | 9 | length of arc about an axis |
 | Gaussian process | 1 | 1 + d + 6 m | length of the path; m training poses |
 
-Δ_i is the error of the i-th of n poses from its projection f(q_i), γ the share of
-outliers, and q uniform over the n places that were seen; the least BIC wins:
+Δ_i is the error of the i-th of n poses relative to its projection f(q_i), γ the share
+of outliers, and q is uniform over the n observed places. The model with the least BIC
+is selected:
 
     BIC = -2 (Σ_i log p(Δ_i) - d n log n) + k log n,
     p(Δ) = (1 - γ) N(Δ; 0, Σ) + γ U.
 
-Different from the paper: all q are lengths [m], every model but the rigid one begins at
-the origin, the known pose of the closed door, and the fits have priors.
+Differences to the paper: all q are lengths [m]; every model except the rigid one begins
+at the origin, the known pose of the closed door; and the fits have priors.
 """
 
 from __future__ import annotations
@@ -41,17 +42,18 @@ Poses = Float[np.ndarray, "*N 6"]
 Vector = Float[np.ndarray, " 3"]
 
 _STD: Final = np.repeat([1e-3, 0.2], 3)
-"""Square root of Σ [m, rad]. A grip slips, so that orientation says little. Tuned."""
+"""Square root of Σ [m, rad]. The grip slips, so orientation is uncertain. Tuned."""
 _OUTLIERS: Final = 0.01
-"""γ; U is that of positions in a cubic metre and all orientations."""
+"""γ; U is uniform over positions in a cubic metre and all orientations."""
 _EVERY, _MOST = 4, 20
-"""Points of a path for a training pose, tuned; and greatest m, as the authors have."""
+"""Points of a path per training pose, tuned; and greatest m, as in the paper."""
 _SLOPE, _BEND = 1e6, 2e5
-"""a and b of the Gaussian process, over the noise's variance [1/m², 1/m³]. Tuned."""
+"""a and b of the Gaussian process, relative to the noise variance [1/m², 1/m³].
+Tuned."""
 
 
 class Mechanism:
-    """A model of how a hand can move; this one is rigid: it cannot."""
+    """A model of the motion of a hand; the base class is rigid: no motion."""
 
     degrees, parameters = 0, 6
 
@@ -59,7 +61,7 @@ class Mechanism:
         self._pose = pose
 
     def updated(self, path: Path) -> Mechanism:
-        """Return the model fitted to a path, from this one on."""
+        """Return the model fitted to a path, starting from this one."""
         return Mechanism(path.mean(axis=0))
 
     def coordinates(self, positions: Points) -> Lengths:
@@ -71,12 +73,12 @@ class Mechanism:
         return np.broadcast_to(self._pose, (*np.shape(coordinates), 6))
 
     def direction(self, coordinate: float) -> Vector:
-        """Return the unit vector in which the hand moves at q; not if it is rigid."""
+        """Return the unit vector of the motion at q; not for the rigid model."""
         back, on = self.poses(coordinate + np.array([-1e-4, 1e-4]))[:, :3]
         return np.asarray((on - back) / math.dist(on, back))
 
     def bic(self, path: Path) -> float:
-        """Return the Bayesian information criterion of this model of a path."""
+        """Return the Bayesian information criterion of this model for a path."""
         errors = (path - self.poses(self.coordinates(path[:, :3]))) / _STD
         density = (1.0 - _OUTLIERS) / np.prod(math.sqrt(2.0 * math.pi) * _STD)
         inliers = math.log(density) - 0.5 * np.add.reduce(errors**2, axis=1)
@@ -109,7 +111,7 @@ class Prismatic(Mechanism):
         return np.asarray(positions @ self._line)
 
     def poses(self, coordinates: Lengths | float) -> Poses:
-        """Return places on the line, not turned."""
+        """Return poses on the line, without rotation."""
         lengths = np.asarray(coordinates)[..., None]
         return np.asarray(lengths * np.append(self._line, np.zeros(3)))
 
@@ -125,12 +127,12 @@ class Rotational(Mechanism):
 
     @classmethod
     def expected(cls, pull: Vector, hinge: Vector) -> Rotational:
-        """Return what is expected if the hinge is in a direction from the hand."""
+        """Return the prior estimate for a hinge in a direction from the hand."""
         axes = np.stack([pull, np.cross(pull, hinge), -hinge], axis=1)
         return cls(Circle.expected(CirclePrior(axes=axes)))
 
     def updated(self, path: Path) -> Rotational:
-        """Return the circle after one more step of its fit."""
+        """Return the circle after another step of its fit."""
         return Rotational(self._circle.updated(path[:, :3]))
 
     def coordinates(self, positions: Points) -> Lengths:
@@ -147,7 +149,7 @@ class GaussianProcess(Mechanism):
 
     Each component of f is a Gaussian process over the length of the path, with kernel
     a q q' + b (3 M - m) m²/6, m = min(q, q'), M = max(q, q'), an integrated Wiener
-    process: its mean, a cubic spline, goes straight on beyond the path.
+    process: its mean, a cubic spline, continues straight beyond the path.
     """
 
     degrees = 1
@@ -163,11 +165,11 @@ class GaussianProcess(Mechanism):
         self.parameters = 1 + self.degrees + 6 * count
 
     def updated(self, path: Path) -> GaussianProcess:
-        """Return the process of the path."""
+        """Return the process fitted to the path."""
         return GaussianProcess(path)
 
     def coordinates(self, positions: Points) -> Lengths:
-        """Return the nearest lengths, by Newton's method from those of training."""
+        """Return the nearest lengths, by Newton's method from training lengths."""
         apart = positions[..., None, :] - self.poses(self._places)[:, :3]
         lengths = self._places[np.argmin((apart**2).sum(axis=-1), axis=-1)]
         for _ in range(3):
@@ -183,7 +185,7 @@ class GaussianProcess(Mechanism):
 
 
 def _kernel(here: Array, there: Array) -> Array:
-    """Return the kernel; the path is straight before the closed door, too."""
+    """Return the kernel; the path is also straight before the closed door."""
     least, most = np.minimum(np.maximum(here, 0.0), there), np.maximum(here, there)
     bend = _BEND * least**2 * (3.0 * most - least) / 6.0
     return np.asarray(_SLOPE * here * there + bend)

@@ -1,13 +1,13 @@
-"""Opens a door of which nothing is known, along the mechanism that its path shows.
+"""Opens an unknown door along the mechanism estimated from the hand's path.
 
-As in `hinge_fit`, the hand yields to every force but the door's resistance along the
+As in `hinge_fit`, the hand yields to every force except the door's resistance along the
 path; the mechanism is the most probable of those in `mechanism`.
 
-It begins by pulling straight back. If the hand then stays within two centimetres for
-1.5 seconds, the next direction is tried: along the wall, into it, along it the other
-way. It ends, if the mechanism is rotational, where demonstrations end, 67° from the
-closed door. Of the other mechanisms no end is known. The set-point goes on until the
-door stops, and waits where it pulls as hard as the load rule allows.
+The agent begins by pulling straight back. If the hand stays within two centimetres for
+1.5 seconds, it tries the next direction: along the wall, into the wall, along the wall
+the other way. If the mechanism is rotational, the motion ends at 67° from the closed
+door, like the demonstrations. For other mechanisms the end is unknown: the set-point
+moves on until the door stops, and waits at the greatest load that the load rule allows.
 """
 
 import math
@@ -28,19 +28,21 @@ from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.steps import AgentStep, Observation
 
 _GUESSES: Final = np.array([[1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 0, 1]], float)
-"""Directions that are tried, task frame."""
+"""Directions to try, task frame."""
 _PATIENCE, _PLAY = 1.5, 4
-"""Time for each [s], and stretches that the hand may move nevertheless. Tuned."""
+"""Time for each direction [s], and number of segments within which the hand counts as
+not moving. Tuned."""
 _LEAST_RADIUS: Final = 0.25
-"""Of a hinged leaf [m]: a smaller circle is no reason to stop."""
+"""Least radius of a hinged leaf [m]: the end on a smaller circle is computed with
+it."""
 
 
 class MechanismFitAgent:
     """Finds the mechanism while it opens the door, and follows it.
 
     Args:
-        speed: Of the set-point [m/s]. Tuned.
-        acceleration: With which it is reached and left [m/s²]. Tuned.
+        speed: Speed of the set-point [m/s]. Tuned.
+        acceleration: Acceleration and deceleration of the set-point [m/s²]. Tuned.
         fading: Share of a jump between two estimates left after a period, 0..1. Tuned.
     """
 
@@ -65,7 +67,7 @@ class MechanismFitAgent:
         ]
 
     def reset(self, observation: Observation) -> None:
-        """Forget the last door and begin at the closed one."""
+        """Forget the last door and begin at the closed door."""
         self._yielding = Yielding()
         self._begin(0)
 
@@ -78,10 +80,10 @@ class MechanismFitAgent:
             if best.degrees > 0:
                 self.model = best
                 self._travelled = max(float(best.coordinates(before[:3])), 0.0)
-                # The command goes over to another estimate without a jump.
+                # The command changes to a new estimate without a jump.
                 self._fading += before - best.poses(self._travelled)
 
-        # Where nothing moves, the set-point comes back before another direction.
+        # If nothing moves, the set-point returns before the next direction.
         self._tried += CONTROL_PERIOD
         stuck = self._tried > _PATIENCE and len(self._path.points) <= _PLAY
         if stuck and self._travelled == 0.0:

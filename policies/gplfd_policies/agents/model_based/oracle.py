@@ -1,4 +1,4 @@
-"""Agents that are told the door, or how its handle turns: privileged information."""
+"""Agents with privileged information: the door, or the motion of its handle."""
 
 import math
 from dataclasses import replace
@@ -16,16 +16,16 @@ from gplfd_policies.control.steps import AgentStep, Observation
 
 _KNOB: Final = 0.03
 _SHORT: Final = 0.065
-"""Distances of the hand from a handle's axis, of a knob at most and of a lever at least
-[m]; a lever's servo error is small beside its motion."""
+"""Distance of the hand from the handle's axis [m]: at most `_KNOB` for a knob, at least
+`_SHORT` for a lever, whose servo error is small relative to its motion."""
 _FIRMLY: Final = 0.01
-"""How far beyond the stop the hand is commanded: 20 N of its servo [m]."""
+"""Distance of the command beyond the stop: 20 N of the servo [m]."""
 _LET_BACK: Final = math.radians(8.0), math.radians(25.0)
-"""Opening angles between which a handle is let go back [rad]."""
+"""Opening angles between which the handle turns back [rad]."""
 
 
 class _HandleTurner:
-    """Turns a handle before the door opens, and lets it go back while it opens."""
+    """Turns a handle before the door opens, and back while the door opens."""
 
     _door: DoorGeometry | None = None
     _turned = 0.0
@@ -37,7 +37,7 @@ class _HandleTurner:
         self._door = door
 
     def _told(self) -> DoorGeometry:
-        """Return the door, or raise because nobody told it."""
+        """Return the door, or raise if `inform` was not called."""
         if self._door is None:
             raise ValueError(
                 f"{type(self).__name__} must be told the door before the episode: "
@@ -47,17 +47,18 @@ class _HandleTurner:
         return self._door
 
     def _turns_handle(self, door: DoorGeometry) -> bool:
-        """Turn the handle on for a period; return whether it was still to be turned."""
+        """Turn the handle for a period; return whether the turn was unfinished."""
         if door.travel > 0.0 and self._turned < 1.0:
             self._turned = min(1.0, self._turned + CONTROL_PERIOD / self._turning)
             return True
         return False
 
     def _travel(self, door: DoorGeometry) -> float:
-        """Return how far to command a handle to turn [rad].
+        """Return the commanded turn of the handle [rad].
 
-        To its stop; where the hand holds it near its axis, as a thumb piece, beyond it,
-        as the servo gives way to the spring by a good part of so short a motion.
+        It ends at the stop. If the hand holds the handle near its axis, like a thumb
+        piece, it ends beyond the stop, because the servo yields to the spring by a
+        large part of such a short motion.
         """
         if door.spindle is None or door.turn is None:
             return door.travel
@@ -67,13 +68,13 @@ class _HandleTurner:
         return door.travel + (_FIRMLY / arm if _KNOB < arm < _SHORT and across else 0.0)
 
     def _kept(self, angle: float) -> float:
-        """Return the share of the turn that is kept at an opening angle [rad]."""
+        """Return the share of the turn that remains at an opening angle [rad]."""
         begins, ends = _LET_BACK
         return 1.0 - _minimum_jerk((angle - begins) / (ends - begins))
 
 
 class OracleAgent(_HandleTurner):
-    """Turns the handle and follows the true arc with minimum-jerk timing, not yielding.
+    """Turns the handle and follows the true arc stiffly, with minimum-jerk timing.
 
     Args:
         duration: Time from the closed door to `DEMONSTRATED_ANGLE` [s].
@@ -101,10 +102,10 @@ class OracleAgent(_HandleTurner):
 
 
 class ToldHandleAgent(_HandleTurner):
-    """Turns the handle as it was told, then opens the door by a circle fit.
+    """Turns the known handle, then opens the door by a circle fit.
 
-    While the handle is turned by θ, the leaf's own motion is seen and commanded through
-    the handle's known displacement: of poses as rigid motions, hand = leaf ∘ handle(θ).
+    While the handle is turned by θ, the motion of the leaf is observed and commanded
+    through the handle's known displacement, as rigid motions: hand = leaf ∘ handle(θ).
     """
 
     _turning = 1.0
@@ -124,7 +125,7 @@ class ToldHandleAgent(_HandleTurner):
             turn = _minimum_jerk(self._turned) * self._travel(door)
             pose = door.hand_poses(0.0, turn)
             return AgentStep(action=pose, desired=pose, phase=0.0, observed_phase=0.0)
-        # The opener sees and commands the leaf: the hand without the handle's turn.
+        # The opener observes and commands the leaf: the hand without the handle's turn.
         kept = self._kept(self._opener.observed_angle)
         handle = door.hand_poses(0.0, kept * self._travel(door))
         back = scipy.spatial.transform.Rotation.from_rotvec(-handle[3:])
@@ -140,7 +141,7 @@ class ToldHandleAgent(_HandleTurner):
 
 def _composed(first: Pose, second: Pose) -> Pose:
     """Return first ∘ second."""
-    # Copies: SciPy refuses what is read-only.
+    # Copies, because SciPy rejects read-only arrays.
     turn = scipy.spatial.transform.Rotation.from_rotvec(first[3:].copy())
     rotation = (
         turn * scipy.spatial.transform.Rotation.from_rotvec(second[3:].copy())

@@ -1,6 +1,6 @@
-"""The simplest agents that open doors: they pull, back or where the hand just went.
+"""The simplest agents: they pull back, or in the direction of the last displacement.
 
-The last few centimetres of a handle's path are nearly the tangent of its circle.
+The last few centimetres of a handle's path are nearly tangent to its circle.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ class CompliantPullAgent:
     """Pulls straight back with a constant force and yields to everything else.
 
     Args:
-        force: Force with which the set-point is drawn away from the door [N]. Tuned.
+        force: Force that pulls the set-point away from the door [N]. Tuned.
     """
 
     def __init__(self, *, force: float = 16.0) -> None:
@@ -40,8 +40,9 @@ class ChordAgent:
     """Commands a point ahead of the hand, in the direction of its last displacement.
 
     Args:
-        lead: How far the set-point is ahead of the hand [m]: 30 N of the robot's servo.
-        lead_rate: How fast it gets there [m/s]. Tuned.
+        lead: Distance of the set-point ahead of the hand [m]: 30 N of the robot's
+            servo.
+        lead_rate: Rate at which the lead grows at first [m/s]. Tuned.
     """
 
     def __init__(self, *, lead: float = 0.015, lead_rate: float = 0.015) -> None:
@@ -67,10 +68,10 @@ class ChordAgent:
 
 
 class ReflexAgent:
-    """Moves on in the direction of the last displacement; yields to what is across.
+    """Moves in the direction of the last displacement; yields to forces across it.
 
     Args:
-        speed: Of the set-point [m/s]. Tuned.
+        speed: Speed of the set-point [m/s]. Tuned.
     """
 
     def __init__(self, *, speed: float = 0.12) -> None:

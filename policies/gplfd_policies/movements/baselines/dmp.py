@@ -11,10 +11,11 @@ With τ the phase from start to end, x the phase variable (τ ẋ = -α_x x, 1 a
     f(x) = x Σ_i ψ_i(x) W_i: it fades with x, so the goal always attracts
 
 e = 2 log(q_g q*) is the rotation vector from q to the goal q_g, so that every component
-is a damped oscillator of its own. With the angular velocity in the place of -ė (Ude et
-al., ICRA 2014) they are coupled, and motions that do not head straight for the goal are
+is a separate damped oscillator. With the angular velocity instead of -ė (Ude et al.,
+ICRA 2014) they are coupled, and motions that do not go straight to the goal are
 distorted (``test_forcing_superposes_in_the_error_and_not_in_the_angular_velocity``).
-f(x) is not scaled by goal minus start, which is noise where a handle ends as it began.
+f(x) is not scaled by goal minus start, which is mostly noise for a component that ends
+where it began.
 """
 
 from dataclasses import dataclass, replace
@@ -58,7 +59,7 @@ class DMPConfig(Settings):
     overlap: float = quantity(0.8, above=0.0, below=1.0)
     """Height of a basis function at the centre of the next."""
     spread: bool = False
-    """Whether the demonstrations' own spread serves as an uncertainty, which the method
+    """Whether the demonstrations' spread is used as uncertainty, which the method
     itself does not have."""
 
 
@@ -75,7 +76,7 @@ class DynamicMovementPrimitive(LearnedMovement):
     start: Pose
     """Pose at the first demonstrated phase [m, rad]."""
     goal: Pose
-    """The pose that attracts [m, rad]."""
+    """Pose of the attractor [m, rad]."""
     start_error: Float[np.ndarray, " 3"]
     """e_0, the rotation vector from start to goal [rad]."""
     weights: Float[np.ndarray, "N 6"]
@@ -116,7 +117,7 @@ class DynamicMovementPrimitive(LearnedMovement):
         tau = float(phases[-1] - phases[0])
         state_0 = np.concatenate([self.start[:3], self.start_error])
         state_g = np.concatenate([self.goal[:3], np.zeros(3)])
-        # Learned up to the last demonstrated phase: the attractor goes on alone.
+        # Learned up to the last demonstrated phase; then only the attractor acts.
         forcing = np.where(
             clock[:, None] <= 1.0, forcing_basis(clock, config) @ self.weights, 0.0
         )
@@ -132,7 +133,7 @@ class DynamicMovementPrimitive(LearnedMovement):
         start = np.append(state_0, np.zeros(6))
         _, solved, _ = scipy.signal.lsim(system, drive, clock, X0=start)
         states = np.array(solved)
-        states[-1] = state_g  # the remainder of x does not count after the rollout
+        states[-1] = state_g  # the remainder of x is ignored after the rollout
         rotvecs = compose_rotvecs(-states[:, 3:], self.goal[3:])
         rotvecs = unwrap_rotvecs(np.vstack([self.start[3:], rotvecs]))[1:]
         return scipy.interpolate.CubicSpline(
@@ -146,14 +147,14 @@ def fit_dmp(
 ) -> DynamicMovementPrimitive:
     """Learn a dynamic movement primitive from the mean of the demonstrations.
 
-    The forcing term that would reproduce it exactly follows from its derivatives and
-    the transformation system; the weights fit that by least squares. Start and end are
-    taken to be at rest.
+    The forcing term that reproduces it exactly follows from its derivatives and the
+    transformation system; the weights fit this term by least squares. Start and end are
+    assumed to be at rest.
     """
     config = DMPConfig() if config is None else config
     phases, mean = aligned.times, aligned.poses.mean(axis=0)
     errors = compose_rotvecs(mean[-1, 3:], -mean[:, 3:])
-    # The error is zero at the end: from there it is followed back.
+    # The error is zero at the end; it is computed backwards from there.
     states = np.hstack([mean[:, :3], unwrap_rotvecs(errors[::-1])[::-1]])
     clock = (phases - phases[0]) / (phases[-1] - phases[0])
     path = scipy.interpolate.CubicSpline(clock, states, bc_type="clamped")

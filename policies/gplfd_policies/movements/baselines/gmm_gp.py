@@ -6,12 +6,13 @@ regression, the prior covariance between two phases
 
     K(t, t') = Σ_l h_l(t) h_l(t') Σ̂_l k_l(t, t'),
 
-with the responsibilities h_l and conditional covariances Σ̂_l (6 × 6) of the mixture and
-a Matérn-5/2 correlation k_l per component. Demonstrations teach the mixture and the
-length-scales; only via-points are conditioned on.
+with the responsibilities h_l and conditional covariances Σ̂_l (6 × 6) of the mixture
+and a Matérn-5/2 correlation k_l per component. The mixture and the length-scales are
+learned from demonstrations; the process is conditioned only on via-points.
 
-As published, K(t, t) = Σ_l h_l² Σ̂_l is less than the covariance of the regression where
-components overlap, and over-confident there. ``weight_power = 0.5`` gives Σ_l h_l Σ̂_l.
+As published, K(t, t) = Σ_l h_l² Σ̂_l is less than the covariance of the regression
+where components overlap, so it is over-confident there. ``weight_power = 0.5`` gives
+Σ_l h_l Σ̂_l.
 """
 
 from collections.abc import Sequence
@@ -38,17 +39,17 @@ from gplfd_policies.movements.trajectory import ViaPoint
 # Published values are for letters, which were written over 2 s and vary by 25 cm²:
 # seconds are halved and variances divided by 25.
 FIRST_LENGTH_SCALE = 2.5
-"""Where the search for length-scales starts [phase]; published 5 s."""
+"""Length-scale at which the search starts [phase]; published 5 s."""
 LONGEST_LENGTH_SCALE = 5.0
-"""Where it ends [phase]; published 10 s."""
+"""Greatest length-scale of the search [phase]; published 10 s."""
 NOISE_RANGE = (4e-5, 2e-3)
 """Allowed variance of the demonstrations' noise, standardised; published [0.001, 0.05]
-cm². Demonstrations that differ by more than its upper end, as all here do, keep the
-noise there, and the length-scales follow from it: without the bound the mean's misfit
-is noise too and most length-scales run to their limit."""
+cm². Demonstrations that differ by more than the upper limit, as all here do, keep the
+noise at this limit, which determines the length-scales. Without the limit the misfit of
+the mean is also treated as noise, and most length-scales reach their limit."""
 _STRONGEST = 1e-4
-"""Least standard deviation of a via-point, standardised, so that via-points without
-tolerance, repeated and contradicting ones have a solution: the average."""
+"""Least standard deviation of a via-point, standardised, so that via-points with zero
+tolerance and repeated or contradictory via-points have a solution: the average."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -72,7 +73,7 @@ class MixtureKernel:
     """K(t, t') = Σ_l h_l(t)^p h_l(t')^p Σ̂_l k_l(t, t'), standardised outputs."""
 
     regression: GaussianMixtureRegression
-    """Where h_l and Σ̂_l come from."""
+    """The regression with h_l and Σ̂_l."""
     length_scales: Float[np.ndarray, " C"]
     """ℓ_l of the Matérn-5/2 correlation k_l [phase]."""
     weight_power: float = 1.0
@@ -104,16 +105,16 @@ class MixtureKernel:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Evidence:
-    """How well a kernel explains the demonstrations, as one function seen with noise.
+    """Likelihood of the demonstrations as noisy observations of one function.
 
-    As published, they are D noisy views of one function with prior mean m(t) and
-    covariance K. Their average, seen with noise σ²/D, and their scatter, which only
-    bears on σ², are sufficient.
+    As published, they are D noisy observations of one function with prior mean m(t) and
+    covariance K. Their average, with noise σ²/D, and their scatter, which depends only
+    on σ², are sufficient.
     """
 
     regression: GaussianMixtureRegression
     times: Float[np.ndarray, " T"]
-    """Phases of the demonstrations that enter."""
+    """Phases of the demonstrations that enter the likelihood."""
     residual: Float[np.ndarray, " P"]
     """Average demonstration minus m(t), standardised, output by output; P = 6 T."""
     scatter: float
@@ -126,7 +127,7 @@ class Evidence:
     def of(
         cls, regression: GaussianMixtureRegression, phases: int, weight_power: float
     ) -> "Evidence":
-        """The evidence of the regression's own demonstrations at ``phases`` of them."""
+        """The evidence of the regression's demonstrations at a number of ``phases``."""
         aligned = regression.aligned
         chosen = thinned(len(aligned.times), phases)
         times = aligned.times[chosen]
@@ -266,7 +267,8 @@ def fit_gmm_gp(
         jac=True,
         method="L-BFGS-B",
         bounds=[tuple(scales)] * count + [tuple(np.log(NOISE_RANGE))],
-        # The scatter makes the value large and almost constant: no stop for its sake.
+        # The scatter makes the value large and almost constant: do not stop because of
+        # it.
         options={"ftol": 1e-15, "gtol": 1e-5},
     )
     kernel = MixtureKernel(

@@ -25,7 +25,7 @@ from gplfd_policies.movements.trajectory import white_covariance
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GMRConfig(Settings):
-    """How the mixture is fitted; from equal bins of time, so that nothing is random."""
+    """Settings of the fit; it starts from equal bins of time, so nothing is random."""
 
     components: int = quantity(10, low=1)
     """Number of Gaussians C, at most the number of phases of the demonstrations."""
@@ -37,7 +37,7 @@ class GMRConfig(Settings):
     """Expectation maximisation stops when the mean log-likelihood of a sample gains
     less than this; as published."""
     max_iterations: int = quantity(300, low=1)
-    """It warns if it has not stopped by then."""
+    """Greatest number of iterations; a warning is issued if it is reached."""
 
     def check_phases(self, count: int) -> None:
         """Raise a ValueError if demonstrations have fewer phases than components."""
@@ -52,7 +52,7 @@ class GMRConfig(Settings):
 def warn_of_early_stop(config: GMRConfig, stacklevel: int) -> None:
     """Warn that expectation maximisation did not converge.
 
-    Of ``stacklevel``, every decorator between this function and the caller counts one.
+    In ``stacklevel``, every decorator between this function and the caller counts one.
     """
     warnings.warn(
         f"Expectation maximisation did not converge in {config.max_iterations} "
@@ -81,21 +81,21 @@ class Standardisation:
         return cls(offset=poses.mean(axis=(0, 1)), scale=scale)
 
     def apply(self, poses: Float[np.ndarray, "... 6"]) -> Float[np.ndarray, "... 6"]:
-        """Poses in standard deviations from their average."""
+        """Convert poses to standard deviations from their average."""
         return np.asarray((poses - self.offset) / self.scale)
 
     def undo(
         self, standardised: Float[np.ndarray, "... 6"]
     ) -> Float[np.ndarray, "... 6"]:
-        """Poses [m, rad] of standardised ones."""
+        """Convert standardised poses to poses [m, rad]."""
         return np.asarray(self.offset + self.scale * standardised)
 
     def moments(self, mean: Outputs, variance: Outputs) -> tuple[Outputs, Outputs]:
-        """Mean and standard deviation [m, rad] of standardised mean and variance."""
+        """Convert standardised mean and variance to mean and deviation [m, rad]."""
         return self.undo(mean), self.scale * np.sqrt(variance)
 
     def covariance(self, standardised: Covariances) -> Covariances:
-        """Covariance over time [m², rad²] of a standardised one."""
+        """Convert a standardised covariance over time to [m², rad²]."""
         return np.asarray(self.scale[:, None, None] ** 2 * standardised)
 
 
@@ -109,7 +109,7 @@ class GaussianMixtureRegression(MomentMovement):
     """
 
     standardisation: Standardisation
-    """Between poses and the outputs of the mixture."""
+    """Conversion between poses and the outputs of the mixture."""
     weights: Float[np.ndarray, " C"]
     """Prior π_l of every component."""
     means: Float[np.ndarray, "C 7"]
@@ -176,7 +176,7 @@ def fit_gmr(
     count = len(aligned.poses)
     phases = np.broadcast_to(aligned.times[:, None], (count, len(aligned.times), 1))
     samples = np.concatenate([phases, standardisation.apply(aligned.poses)], axis=2)
-    # Its import takes half a second.
+    # The import takes half a second.
     from sklearn.mixture import GaussianMixture
 
     # Expectation maximisation from one component for each of C equal bins of time.
@@ -196,7 +196,7 @@ def fit_gmr(
         precisions_init=np.array([0.5 * (each + each.T) for each in precisions]),
     )
     with warnings.catch_warnings():
-        # Its advice speaks of settings that are not ours.
+        # Its advice is about settings that do not exist here.
         warnings.filterwarnings("ignore", "Best performing init")
         mixture.fit(samples.reshape(-1, 7))
     if not mixture.converged_:

@@ -1,4 +1,4 @@
-"""Kernelized movement primitives: a reference trajectory, kernel-smoothed, adaptable.
+"""Kernelized movement primitives: a kernel-smoothed, adaptable reference trajectory.
 
 Equation numbers refer to Huang, Rozo, Silvério, Caldwell, *Kernelized movement
 primitives*, IJRR 2019: a mixture regression gives a reference of means and covariances,
@@ -12,14 +12,14 @@ reference is
     mean(t) = k* (K + λ Σ)⁻¹ μ                                              Eq. (21)
     cov(t, t') = (N/λ_c) [k(t, t') I_D − k* (K + λ_c Σ)⁻¹ k*'ᵀ]             Eq. (26)
 
-K smooths so strongly that k(t, t_i) = φ(t) φ(t_i)ᵀ with a few tens of features. With
+K is so smooth that k(t, t_i) = φ(t) φ(t_i)ᵀ with a few tens of features. With
 Λ = Σ_i φ_i φ_iᵀ ⊗ Σ_i⁻¹, A = I + Λ/λ and A_c = I + Λ/λ_c the same equations read
 
     mean(t) = φ(t) A⁻¹ Σ_i (φ_i ⊗ Σ_i⁻¹ μ_i) / λ
     cov(t, t') = (N/λ_c) [k(t, t') − φ(t) φ(t')ᵀ + φ(t) A_c⁻¹ φ(t')ᵀ]
 
 (``test_prediction_is_the_published_dense_formula``). The cost hardly depends on N, and
-an output left free is a precision of zero.
+an unconstrained output has zero precision.
 """
 
 from collections.abc import Sequence
@@ -44,10 +44,10 @@ from gplfd_policies.movements.movement import MomentMovement, Moments
 from gplfd_policies.movements.trajectory import ViaPoint
 
 _STRONGEST = 1e-4
-"""Least standard deviation of a via-point, standardised: zero would have infinite
-weight. The error is less than a thousandth of an output's spread."""
+"""Least standard deviation of a via-point, standardised: zero would give infinite
+weight. The resulting error is less than a thousandth of an output's spread."""
 _NODES_PER_SCALE = 4
-"""Nodes per length-scale that carry the kernel, besides `_MORE_NODES`."""
+"""Nodes per length-scale that represent the kernel, in addition to `_MORE_NODES`."""
 _MORE_NODES = 16
 _SMALLEST_EIGENVALUE = 1e-15
 """Directions of the kernel below this share of the largest are rounding."""
@@ -55,7 +55,7 @@ _SMALLEST_EIGENVALUE = 1e-15
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class KMPConfig(Settings):
-    """How the reference is made and smoothed; only the ratios λ/N and λ_c/N matter."""
+    """Settings of the reference and its smoothing; only λ/N and λ_c/N matter."""
 
     components: int = quantity(8, low=1)
     """Gaussians of the mixture behind the reference; as published."""
@@ -70,10 +70,10 @@ class KMPConfig(Settings):
     the mean towards the average pose where demonstrations differ much: doors of 0.35
     to 0.65 m by 5 cm at the end of the motion, which a λ of 1 does not."""
     covariance_regularisation: float = quantity(1500.0, above=0.0)
-    """λ_c. Published is 60, times 25 for the same reason. Nothing ties the resulting
-    spread to that of the demonstrations, so λ_c is what calibrates it: N/λ_c is the
-    variance far from the reference. The published value is over-confident; λ_c = N
-    makes that variance the demonstrations' own."""
+    """λ_c. Published is 60, times 25 for the same reason. The resulting spread is not
+    related to that of the demonstrations; it is calibrated only by λ_c: N/λ_c is the
+    variance far from the reference. The published value is over-confident; with λ_c = N
+    this variance equals that of the demonstrations."""
     same_phase: float = quantity(0.1, low=0.0, high=1.0)
     """Phases closer than this share of the reference's spacing coincide; as
     published."""
@@ -88,7 +88,7 @@ class Reference:
     means: Float[np.ndarray, "N 6"]
     """μ_i."""
     precisions: Float[np.ndarray, "N 6 6"]
-    """Σ_i⁻¹; rows and columns of zeros where an output is left free."""
+    """Σ_i⁻¹; rows and columns of unconstrained outputs are zero."""
 
     def __post_init__(self) -> None:
         for array in (self.phases, self.means, self.precisions):
@@ -101,7 +101,7 @@ class Reference:
         precision: Float[np.ndarray, "6 6"],
         tolerance: float,
     ) -> "Reference":
-        """The reference with one more entry in place of those within ``tolerance``."""
+        """Return the reference with an entry in place of those within ``tolerance``."""
         kept = np.abs(self.phases - phase) >= tolerance
         return Reference(
             phases=np.append(self.phases[kept], phase),
@@ -137,7 +137,7 @@ class SmoothedReference:
         middle, half = 0.5 * (nodes[0] + nodes[-1]), 0.5 * (nodes[-1] - nodes[0])
         enough = _MORE_NODES + _NODES_PER_SCALE * 2.0 * half / kernel.length_scale
         if enough < len(nodes):
-            # Fewer phases span as much if they lie denser towards the ends.
+            # Fewer phases are enough if they are denser towards the ends.
             nodes = middle + half * np.cos(np.linspace(0.0, np.pi, int(enough)))
         values, vectors = scipy.linalg.eigh(kernel(nodes, nodes), check_finite=False)
         kept = values > _SMALLEST_EIGENVALUE * values[-1]
@@ -192,7 +192,7 @@ class KernelizedMovementPrimitive(MomentMovement):
     """A learned movement that via-points adapt; made by `fit_kmp`, immutable.
 
     Far outside the reference the mean is the demonstrations' average and the variance
-    N/λ_c times their own; via-points count in this N.
+    is N/λ_c times theirs; this N includes via-points.
     """
 
     regression: GaussianMixtureRegression
@@ -203,12 +203,12 @@ class KernelizedMovementPrimitive(MomentMovement):
     """The reference with via-points, standardised."""
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "KernelizedMovementPrimitive":
-        """The primitive with via-points, which replace references at their phase.
+        """Return the primitive with via-points that replace references at their phase.
 
-        A standard deviation σ is given the covariance σ²/N: in Eqs. (21) and (26) every
-        entry counts for one N-th, and only so is σ what the primitive predicts at a
-        via-point that dominates its surroundings. An error that outputs share counts as
-        one of each: as a covariance, the primitive followed it into the sensors' noise.
+        A standard deviation σ enters as the covariance σ²/N, because in Eqs. (21) and
+        (26) every entry has the weight 1/N. Only then does the primitive predict σ at a
+        via-point that dominates its neighbourhood. An error that outputs share counts
+        as independent errors: as a covariance, the primitive followed the sensor noise.
         """
         standardisation = self.regression.standardisation
         count = self.config.references

@@ -1,26 +1,26 @@
 """A product of local Gaussian processes: variability through locality.
 
 The method of Schneider and Ertel (*Robot Learning by Demonstration with Local Gaussian
-Process Regression*, IROS 2010). A process with one noise level cannot represent
-where demonstrations agree and where they differ. Many processes can, each with its own
-noise level and its own stretch of the task.
+Process Regression*, IROS 2010). A process with a single noise level cannot represent
+that demonstrations agree at some phases and differ at others. Many processes can, each
+with its own noise level and its own interval of the task.
 
-This is a **reconstruction**: it was written without access to the original, from how
-others describe it. Assumed here:
+This is a **reconstruction** from descriptions by others, written without access to the
+original. Assumptions:
 
-* The phase is cut into clusters by k-means. Demonstrations that share their phases and
-  sample them evenly give stretches of equal length.
+* The phase is divided into clusters by k-means. For demonstrations on the same, evenly
+  spaced phases these are intervals of equal length.
 * A cluster has one process per output with a radial basis function kernel, Eq. (13),
   and all three hyper-parameters (l, σ_f, σ_n) by maximum likelihood, Eq. (7). It learns
-  from the samples of its own cluster only, and σ_n is where variability lives.
-* Local predictions N(μ_k, v_k), σ_n,k² included in v_k, are multiplied as densities to
-  the powers w_k(t) ∝ exp(−(t − c_k)² / (2 W²)), Σ_k w_k = 1, with the centres c_k of
-  the clusters (the weights of Nguyen-Tuong's local Gaussian processes):
+  only from the samples of its cluster, and σ_n represents the variability.
+* Local predictions N(μ_k, v_k), with σ_n,k² included in v_k, are multiplied as
+  densities with the exponents w_k(t) ∝ exp(−(t − c_k)² / (2 W²)), Σ_k w_k = 1, with the
+  centres c_k of the clusters (the weights of Nguyen-Tuong's local Gaussian processes):
 
       1/v = Σ_k w_k/v_k,   μ = v Σ_k w_k μ_k/v_k.
 
-  Without the powers, C processes without data would agree on a variance C times
-  too small (``test_plain_product_is_over_confident``).
+  Without the exponents, C processes without data would give a variance C times too
+  small (``test_plain_product_is_over_confident``).
 * Outputs are independent and rotations are rotation vectors.
 
 The method has no via-points.
@@ -43,27 +43,28 @@ from gplfd_policies.gp.replicates import Replicates
 from gplfd_policies.movements.movement import MomentMovement, Moments
 
 _FEWEST_SAMPLES = 4
-"""A cluster needs more samples than its process has hyper-parameters."""
+"""Least number of samples of a cluster: more than the hyper-parameters of a process."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LocalGPConfig(Settings):
-    """How the task is cut and the local predictions are joined."""
+    """Settings of the division of the task and the combination of predictions."""
 
     clusters: int = quantity(8, low=1)
     """Number of clusters C; one is a single Gaussian process."""
     width: float = quantity(0.35, low=0.1, high=10.0)
     """Standard deviation W of a cluster's weight, in distances between neighbouring
     centres. Small values switch abruptly from process to process; large
-    ones trust a process far from its own samples, where it errs with confidence."""
+    ones trust a process far from its own samples, where it is over-confident."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class LocalGaussianProcesses(MomentMovement):
     """A movement of local Gaussian processes; made by `fit_local_gp`, immutable.
 
-    Its standard deviation includes σ_n,k, so it is that of a repetition. Outside the
-    demonstrated range the processes of the outermost clusters return to their priors.
+    The standard deviation includes σ_n,k, so it is the deviation of a repetition.
+    Outside the demonstrated range the processes of the outermost clusters return to
+    their priors.
     """
 
     centres: Float[np.ndarray, " C"]
@@ -82,7 +83,7 @@ class LocalGaussianProcesses(MomentMovement):
     def _product(
         self, times: Times
     ) -> tuple[Outputs, Outputs, Float[np.ndarray, "C M 6"]]:
-        """The weighted product: μ, v, and √w_k v / v_k, how local errors add up."""
+        """The weighted product: μ, v, and the weights √w_k v / v_k of local errors."""
         means = np.empty((len(self.centres), len(times), 6))
         variances = np.empty_like(means)
         for cluster, outputs in enumerate(self.processes):
@@ -106,8 +107,8 @@ class LocalGaussianProcesses(MomentMovement):
     def _covariance(self, times: Times) -> Covariances:
         """Covariance over time of the product, whose mean is Σ_k (w_k v/v_k) μ_k.
 
-        Errors independent between clusters with covariances C_k(t, t')/√(w_k w_k'), the
-        power's effect on a Gaussian, give Σ_k s_k(t) s_k(t') C_k(t, t') with the shares
+        The exponents give independent errors of the clusters with the covariances
+        C_k(t, t')/√(w_k w_k'), and thus Σ_k s_k(t) s_k(t') C_k(t, t') with the shares
         s_k.
         """
         total = np.zeros((6, len(times), len(times)))
@@ -125,9 +126,9 @@ class LocalGaussianProcesses(MomentMovement):
 def fit_local_gp(
     aligned: AlignedDemonstrations, config: LocalGPConfig, *, centred: bool = True
 ) -> LocalGaussianProcesses:
-    """Learn local Gaussian processes; of one demonstration, its samples' scatter."""
+    """Learn local Gaussian processes; for one demonstration, the scatter of samples."""
     times, poses = aligned.times, aligned.poses
-    # Lloyd's k-means on sorted phases, from clusters of equally many.
+    # Lloyd's k-means on sorted phases, starting from clusters of equal size.
     count = config.clusters
     labels = np.arange(len(times)) * count // len(times)
     for _ in range(len(times)):
@@ -151,7 +152,7 @@ def fit_local_gp(
     centres = np.array([times[member].mean() for member in members])
     spacing = float(np.median(np.diff(centres))) if count > 1 else 1.0
 
-    # One process per cluster and output: (l, σ_f, σ_n) most likely together.
+    # One process per cluster and output, with maximum-likelihood (l, σ_f, σ_n).
     processes = []
     for member in members:
         own, outputs = times[member], []

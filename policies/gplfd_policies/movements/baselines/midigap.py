@@ -1,24 +1,26 @@
 """Mixture of discrete-time Gaussian processes: a reconstruction; not in Table 1.
 
 Von Hartz et al., *The Unreasonable Effectiveness of Discrete-Time Gaussian Process
-Mixtures for Robot Policy Learning*, arXiv:2505.03296. Of the paper only the abstract
-and summaries were at hand. They say: a mode is a sequence of Gaussians on R³ × SO(3),
-independent from step to step, with Fréchet mean and tangent covariance. Trajectories
-are partitioned into modes without labels; a mode weighs its share of them; evidence
-(there: constraints) updates Gaussians and weights.
-With deviations e_i, Log(R_i R_μᵀ) beside the position, of a mode's K demonstrations,
+Mixtures for Robot Policy Learning*, arXiv:2505.03296. Only the abstract and summaries
+of the paper were available. According to them, a mode is a sequence of Gaussians on
+R³ × SO(3), independent from step to step, with Fréchet mean and tangent covariance.
+Trajectories are partitioned into modes without labels; the weight of a mode is its
+share of them; evidence (in the paper: constraints) updates Gaussians and weights.
+With the deviations e_i (position and Log(R_i R_μᵀ)) of K demonstrations of a mode,
 
     Cov[e(t), e(t')] = exp(-(t - t')²/(2 ℓ²)) Σ_i e_i(t) e_i(t')ᵀ / (K - 1).
 
-Assumptions, where the paper is silent or the benchmark needs more:
+Assumptions where the sources give no information or the benchmark needs more:
 
-* Published steps are independent, ℓ → 0: one says nothing about the next. A greater ℓ
-  tapers the sample covariance between steps; that of a step stays as it is.
-* Evidence is via-points, for which conditioning in the tangent space is exact. Bounds
-  (reach, collision), optimised paths and further task frames are left out.
-* The number of modes: demonstrations are joined by average linkage of the chords
-  between their displacements from the start, of unit norm, 1 m and 1 rad alike. So a
-  door's size makes no mode; pushing or pulling and the side of the hinge do.
+* Published steps are independent, ℓ → 0: one step has no effect on the next. A greater
+  ℓ tapers the sample covariance between steps; the covariance of each step is
+  unchanged.
+* Evidence consists of via-points, for which conditioning in the tangent space is exact.
+  Bounds (reach, collision), optimised paths and further task frames are left out.
+* Number of modes: demonstrations are clustered by average linkage of the chords between
+  their displacements from the start, of unit norm, with 1 m equal to 1 rad. Thus doors
+  of different size belong to the same mode; pushing or pulling and the side of the
+  hinge make different modes.
 * A mode of one demonstration has the spread of the largest mode.
 """
 
@@ -48,7 +50,8 @@ from gplfd_policies.movements.movement import LearnedMovement, MomentMovement, M
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 _LEAST: Final = 1e-4
-"""Least standard deviation of steps and via-points, of the greatest of the output."""
+"""Least standard deviation of steps and via-points, relative to the output's
+greatest."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -56,15 +59,15 @@ class MiDiGaPConfig(Settings):
     """Constants of a mixture of discrete-time Gaussian processes."""
 
     mode_angle: float = quantity(0.7, above=0.0, high=np.pi)
-    """Mean angle between the displacements of two modes at least [rad]. Doors of 0.35
-    and 0.9 m differ by 0.4, a lever pressed and lifted by 1."""
+    """Least mean angle between the displacements of two modes [rad]. Doors of 0.35 and
+    0.9 m differ by 0.4, a lever that is pressed or lifted by 1."""
     length_scale: float = quantity(1.0, above=0.0)
     """ℓ, the phase over which steps are correlated."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class DiscreteTimeGP(MomentMovement):
-    """One mode, a movement of its own demonstrations; immutable.
+    """One mode, a movement learned from its demonstrations; immutable.
 
     Predicted deviations are those of the rotation vector, to first order.
     """
@@ -79,7 +82,7 @@ class DiscreteTimeGP(MomentMovement):
     """Evidence so far."""
 
     def _at(self, times: Times) -> tuple[Outputs, Float[np.ndarray, "M 6 K"]]:
-        """Mean and roots, those of the rotation vector; constant outside the task."""
+        """Mean, and roots for the rotation vector; constant outside the task."""
         steps, both = self.aligned.times, np.concatenate([self.mean[None], self.roots])
         interpolated = scipy.interpolate.make_interp_spline(steps, both, k=1, axis=1)
         curves = interpolated(np.clip(times, steps[0], steps[-1]))
@@ -102,7 +105,7 @@ class DiscreteTimeGP(MomentMovement):
 
     @cached_property
     def _evidence(self) -> tuple[Times, np.ndarray, np.ndarray, np.ndarray]:
-        """Phases, indices of demanded outputs, S = L Lᵀ as L, and L⁻¹ times misses."""
+        """Phases, indices of constrained outputs, S = L Lᵀ as L, L⁻¹ times errors."""
         phases = np.array([float(one.phase) for one in self.via_points])
         noise = np.array([one.own_variance for one in self.via_points]).reshape(-1, 6)
         along = np.array([one.along for one in self.via_points]).reshape(-1, 6)
@@ -124,13 +127,13 @@ class DiscreteTimeGP(MomentMovement):
 
     @property
     def log_evidence(self) -> float:
-        """Log density of the via-points under the mode; 0 without any."""
+        """Log density of the via-points under the mode; 0 without via-points."""
         _, _, root, white = self._evidence
         log_root = np.sum(np.log(np.sqrt(2.0 * np.pi) * np.diag(root)))
         return float(-0.5 * white @ white - log_root)
 
     def _gain(self, times: Times) -> tuple[Outputs, Float[np.ndarray, "P M 6"]]:
-        """Change of the mean, and the root of what evidence explains."""
+        """Change of the mean, and the root of the explained covariance."""
         phases, seen, root, white = self._evidence
         across = self.prior_covariance(phases, times).reshape(-1, 6 * len(times))
         half = scipy.linalg.solve_triangular(root, across[seen], lower=True)
@@ -154,10 +157,11 @@ class DiscreteTimeGP(MomentMovement):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class MixtureOfDiscreteTimeGPs(LearnedMovement):
-    """Modes, of which the most probable is predicted; made by `fit_midigap`, immutable.
+    """A mixture that predicts its most probable mode; made by `fit_midigap`, immutable.
 
-    An agent's phase rule compares a pose with all demonstrations. One that tries modes
-    itself finds each as a movement in `modes`, and what is believed in `weights`.
+    An agent's phase rule compares a pose with all demonstrations. For agents that try
+    modes themselves, each mode is a movement in `modes`, with probabilities in
+    `weights`.
     """
 
     modes: tuple[DiscreteTimeGP, ...]
@@ -177,7 +181,7 @@ class MixtureOfDiscreteTimeGPs(LearnedMovement):
 
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution of the most probable mode; of equal ones the largest."""
+        """The distribution of the most probable mode; the largest if there is a tie."""
         return self.modes[int(np.argmax(self.weights))].predict(times)
 
 

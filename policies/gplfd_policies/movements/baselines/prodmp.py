@@ -13,13 +13,14 @@ is linear. From the state (y_b, y_b') at z = 0 it has the solution
     Φ_i = y_2 ∫_0^z x ψ_i / y_1 ds - y_1 ∫_0^z s x ψ_i / y_1 ds.
 
 (w, g) is Gaussian across all outputs, y_b and y_b' are known: all are weights as in
-`gplfd_policies.movements.baselines.promp`. Choices, beside leaving out the network:
+`gplfd_policies.movements.baselines.promp`. Choices, apart from leaving out the network:
 
-* Outputs are position and rotation vector. The start is the mean of all starts, but a
-  demonstration is fitted from its own.
-* Responses Φ are scaled to a maximum of 1 within the task, as by the authors. They
-  overlap so much that shrinking Σ to its diagonal would let them deviate by more than
-  demonstrated: it is shrunk to white deviations of the demonstrated variance.
+* Outputs are position and rotation vector. The start is the mean of all starts, but
+  each demonstration is fitted from its own start.
+* Responses Φ are scaled to a maximum of 1 within the task, as in the paper. They
+  overlap so much that shrinking Σ to its diagonal would increase the deviations beyond
+  the demonstrated ones. Therefore Σ is shrunk to white deviations of the demonstrated
+  variance.
 """
 
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ from gplfd_policies.movements.baselines.promp import (
 )
 
 _LONGEST: Final = 5.0
-"""Time in τ at which the response ends, as the authors': x = exp(-15)."""
+"""Time in τ at which the response ends, as in the paper: x = exp(-15)."""
 _STEPS: Final = 1000
 """Steps of the quadrature per τ."""
 

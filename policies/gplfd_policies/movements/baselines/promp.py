@@ -5,10 +5,10 @@ Probabilistic Movement Primitives in Robotics*, Autonomous Robots 42, 2018.
 
 A movement is y(t) = φ(t)ᵀ w + ε with B normalised Gaussian basis functions φ, weights
 w ~ N(μ, Σ), output by output (6 B,), and observation noise ε ~ N(0, R) per output. Σ is
-a full matrix over all outputs: where x is known, z is known better.
+a full matrix over all outputs: observing x also reduces the uncertainty of z.
 
 The covariance of D weight vectors has rank D - 1. Via-points outside the span of the
-demonstrations are missed, or met by bending the rest of the movement, unless
+demonstrations are missed, or reached by distorting the rest of the movement, unless
 `ProMPConfig.shrinkage` is raised (``test_few_demonstrations_span_few_movements``).
 """
 
@@ -37,8 +37,8 @@ Basis = tuple[Float[np.ndarray, "M B"], Float[np.ndarray, "M B"]]
 """Basis functions at M phases and their derivatives, per unit phase."""
 
 _SINGULAR = 1e-9
-"""Share of a demand's whole variance that must be its own tolerance, so that rounding
-leaves the demands' covariance positive definite."""
+"""Least tolerance of a demand, as a share of its whole variance, so that the demands'
+covariance stays positive definite despite rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -50,8 +50,8 @@ class ProMPConfig(Settings):
     overlap: float = quantity(0.7, above=0.0, below=1.0)
     """Height of a basis function at the distance 1/(2 B) from its centre."""
     ridge: float = quantity(1e-8, above=0.0)
-    """Penalty on the squared weights of a demonstration: it decides only what the data
-    leave open."""
+    """Penalty on the squared weights of a demonstration; it has an effect only where
+    the data are not sufficient."""
     shrinkage: float = quantity(1e-6, low=0.0, high=1.0)
     """λ in Σ = (1 - λ) S + λ diag(S), with S the sample covariance. The default only
     makes Σ invertible: a floor of a thousandth of the spread. At 1, weights are
@@ -79,7 +79,7 @@ class WeightMovement(LearnedMovement, ABC):
         times = checked_times(times)
         basis, slope = self.basis(times)
         size, mean = basis.shape[1], self.weight_mean.reshape(6, -1)
-        # Covariance of the weights of every output by itself.
+        # Covariance of the weights of each output.
         blocks = np.einsum(
             "didj->dij", self.weight_covariance.reshape(6, size, 6, size)
         )
@@ -87,7 +87,7 @@ class WeightMovement(LearnedMovement, ABC):
         variance = np.einsum("dmj,mj->md", spread, basis)
         half_rate = np.einsum("dmj,mj->md", spread, slope)
         std = np.sqrt(np.maximum(variance, 0.0) + self.noise_variance)
-        moving = std > 0.0  # an output that never varies has no rate either
+        moving = std > 0.0  # an output that never varies also has no rate
         return GaussianTrajectory(
             times=times,
             mean=basis @ mean.T,
@@ -100,7 +100,7 @@ class WeightMovement(LearnedMovement, ABC):
     def _covariance(
         self, spread: Float[np.ndarray, "6 M B"], basis: Float[np.ndarray, "M B"]
     ) -> Covariances:
-        """Covariance over time; ``spread`` is that of movement and weights."""
+        """Covariance over time, given the covariance of movement and weights."""
         noise = self.noise_variance[:, None, None] * np.eye(len(basis))
         between: np.ndarray = np.einsum("dmj,nj->dmn", spread, basis)
         return between + noise
@@ -109,14 +109,13 @@ class WeightMovement(LearnedMovement, ABC):
     def adapt(self, via_points: Sequence[ViaPoint]) -> "WeightMovement":
         """The movement conditioned on ``via_points``, all of them at once.
 
-        With y_v the demanded numbers, V their covariance (own variances, and the error
-        that the outputs of a via-point share) and K the gain,
+        With the demanded values y_v, their covariance V (own variances, and the error
+        that the outputs of a via-point share) and the gain K,
 
             K = Σ Hᵀ (H Σ Hᵀ + V)⁻¹,  μ' = μ + K (y_v - H μ),  Σ' = (I - K H) Σ.
 
-        A demand is on the movement φᵀ w itself, without observation noise. Demands
-        that contradict each other without any tolerance are met in the least-squares
-        sense.
+        Demands are on the movement φᵀ w itself, without observation noise.
+        Contradictory demands without tolerance are met in the least-squares sense.
         """
         phases = np.array([float(point.phase) for point in via_points])
         variances = np.array([point.own_variance for point in via_points])
@@ -133,8 +132,8 @@ class WeightMovement(LearnedMovement, ABC):
         rows[np.arange(which.size), outputs] = basis[which]
         demand = rows.reshape(which.size, -1)
         cross = self.weight_covariance @ demand.T
-        # K, by the pseudo-inverse where V leaves the sum singular. Demands are scaled
-        # first, so that the choice of units changes nothing.
+        # K, by the pseudo-inverse if the sum is singular. Demands are scaled first, so
+        # that the choice of units has no effect.
         whole = demand @ cross
         scale = np.sqrt(np.diag(whole) + np.diag(variance))
         scale = np.where(scale > 0.0, scale, 1.0)
@@ -146,7 +145,7 @@ class WeightMovement(LearnedMovement, ABC):
             gain = cross / scale @ scipy.linalg.pinvh(matrix) / scale
         mean = self.weight_mean + gain @ (demanded - demand @ self.weight_mean)
         keep = np.eye(len(mean)) - gain @ demand
-        # Joseph's form: never negative, however strong the demand.
+        # Joseph's form: never negative, even for strong demands.
         covariance = keep @ self.weight_covariance @ keep.T
         covariance += gain @ variance @ gain.T
         return replace(self, weight_mean=mean, weight_covariance=covariance)
@@ -189,7 +188,7 @@ def fit_promp(
 def learn_weights(
     poses: OutputCurves, basis: Float[np.ndarray, "M B"], ridge: float
 ) -> dict[str, Any]:
-    """Learn μ, S in the place of Σ, and R of a `WeightMovement` from curves."""
+    """Learn μ, Σ = S, and R of a `WeightMovement` from curves."""
     count, n_phases, _ = poses.shape
     size = basis.shape[1]
     if count < 2:

@@ -1,9 +1,9 @@
 """Task-parameterised Gaussian mixture: frames at the closed handle and at the hinge.
 
 Calinon, *A tutorial on task-parameterized movement learning and retrieval*, Intelligent
-Service Robotics 9, 2016. A demonstration ξ is seen from P frames {A_j, b_j}, as
-A_j⁻¹ (ξ − b_j), and one mixture is learned of all views together, with common weights
-π_i. In a new situation the Gaussians of all frames are brought there and multiplied,
+Service Robotics 9, 2016. A demonstration ξ is expressed in P frames {A_j, b_j}, as
+A_j⁻¹ (ξ − b_j), and one mixture of all these views is learned, with common weights π_i.
+In a new situation the Gaussians of all frames are transformed to it and multiplied,
 
     Σ_i⁻¹ = Σ_j Σ̂_ij⁻¹,   μ_i = Σ_i Σ_j Σ̂_ij⁻¹ μ̂_ij,                            Eq. (6)
 
@@ -12,16 +12,16 @@ Frames that agree count as independent (``test_two_equal_frames_halve_the_varian
 
 Choices that the tutorial leaves to the user:
 
-* One frame is the task frame. The other has its origin at the hinge c and the vector
-  from there to the closed handle for its third axis, with its length; the first axis is
-  as long. In it all doors are one door of unit radius.
+* One frame is the task frame. The other has its origin at the hinge c. Its third axis
+  is the vector from there to the closed handle, including its length; the first axis
+  has the same length. In this frame every door has unit radius.
 * The hinge of a demonstration is the centre of a circle through the hand's path (Kåsa's
   fit: |p|² = 2 pᵀc + k is linear in c and k). Without a circle there is one frame.
-* The phase is shared: as an output of each frame it would be witnessed twice, and the
-  mean would miss the demonstrations' by 4 cm.
+* The phase is shared: as an output of each frame it would be counted twice, and the
+  mean would deviate by 4 cm from that of the demonstrations.
 * In a new situation (c, k) is Gaussian as demonstrated, and via-points are further
   points of the circle. An uncertain c adds G C Gᵀ to a Gaussian of this frame, to first
-  order. A via-point need not be met, and rotations learn nothing from it.
+  order. Via-points are not necessarily reached, and have no effect on rotations.
 """
 
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ _ROUNDNESS = 0.5
 """A path is a circle if its root-mean-square distance from the circle is less than this
 share of that from the nearest straight line."""
 _STRONGEST = 1e-4
-"""Least standard deviation of a point of a circle [m], so that contradicting via-points
+"""Least standard deviation of a point of a circle [m], so that contradictory via-points
 without tolerance have a solution."""
 
 
@@ -102,10 +102,10 @@ class Circle:
         freeze(self, "mean", "covariance")
 
     def through(self, via_points: Sequence[ViaPoint]) -> "Circle":
-        """The circle conditioned on the further points of it that know x and z.
+        """Return the circle conditioned on further points with known x and z.
 
-        An error e of a point is one of 2 (p − c)ᵀe in its equation, zero along the
-        path.
+        An error e of a point is an error 2 (p − c)ᵀe of its equation, which is zero for
+        e along the path.
         """
         poses = np.array([point.pose for point in via_points])[:, PLANE]
         noise = np.array([point.noise_variance for point in via_points])[:, PLANE]
@@ -132,7 +132,7 @@ def _equations(
 
 
 def fit_circle(points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, " 3"] | None:
-    """θ of the circle through points [m] after Kåsa; None if they are on none."""
+    """Return θ of Kåsa's circle through points [m]; None if there is no circle."""
     theta: np.ndarray = np.linalg.lstsq(*_equations(points), rcond=None)[0]
     radius = np.sqrt(max(theta @ (*theta[:2], 1.0), 0.0))
     misses = np.linalg.norm(points - theta[:2], axis=1) - radius
@@ -142,16 +142,16 @@ def fit_circle(points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, " 3"] | No
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class TaskParameterisedMixture(LearnedMovement):
-    """A mixture seen from several frames; made by `fit_tp_gmm`, immutable."""
+    """A mixture expressed in several frames; made by `fit_tp_gmm`, immutable."""
 
     weights: Float[np.ndarray, " C"]
     """π_i."""
     means: Float[np.ndarray, "P C 7"]
-    """μ_ij; of the handle's frame, and the hinge's if there is one."""
+    """μ_ij in the handle's frame, and in the hinge's frame if there is one."""
     covariances: Float[np.ndarray, "P C 7 7"]
     """Σ_ij."""
     circle: Circle | None
-    """The estimate of the hinge; None without any."""
+    """The estimate of the hinge; None if there is none."""
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "TaskParameterisedMixture":
         """The movement around the hinge that follows from ``via_points``."""
@@ -166,7 +166,7 @@ class TaskParameterisedMixture(LearnedMovement):
         slopes = self.covariances[:, :, 1:, 0] / variance[:, None]
         explained = slopes[..., None] * self.covariances[:, :, :1, 1:]
         spreads = self.covariances[:, :, 1:, 1:] - explained
-        # Every component's pose in its middle, and one phase later.
+        # Pose of every component at its centre, and one unit of phase later.
         middles, later = self.means[..., 1:].copy(), self.means[..., 1:] + slopes
         frames = [HANDLE]
         if self.circle is not None:
@@ -229,7 +229,7 @@ def fit_mixture_of_views(
     """Fit C components of phase and pose by expectation maximisation.
 
     It starts from equal bins of time. The views of a sample are independent given its
-    component; with one view it is that of `fit_gmr`
+    component; with one view the result equals that of `fit_gmr`
     (``test_one_frame_is_gaussian_mixture_regression``).
     """
     standardisations = [Standardisation.of(view) for view in views]
@@ -245,7 +245,7 @@ def fit_mixture_of_views(
     bound = -np.inf
     weights, means, covariances = _maximised(samples, shares, config)
     for _ in range(config.max_iterations):
-        # Log π_i Π_j N(X_nj; μ_ij, Σ_ij), without its constant.
+        # Logarithm of π_i Π_j N(X_nj; μ_ij, Σ_ij), without its constant.
         lower = np.linalg.cholesky(covariances)
         white = np.linalg.solve(lower, (samples[:, None] - means[:, :, None]).mT)
         log_root = np.log(np.diagonal(lower, axis1=2, axis2=3)).sum(axis=2)
@@ -257,7 +257,7 @@ def fit_mixture_of_views(
         if abs(bound - previous) < config.tolerance:
             break
     else:
-        # Points at the caller of `fit_tp_gmm`.
+        # The caller of `fit_tp_gmm`.
         warn_of_early_stop(config, stacklevel=5)
     scales = np.stack([np.append(1.0, each.scale) for each in standardisations])
     offsets = np.stack([np.append(0.0, each.offset) for each in standardisations])
@@ -272,7 +272,7 @@ def _maximised(
 ) -> tuple[
     Float[np.ndarray, " C"], Float[np.ndarray, "P C 7"], Float[np.ndarray, "P C 7 7"]
 ]:
-    """The most likely components for the samples' shares in them."""
+    """Maximum-likelihood components for given shares of the samples."""
     # A component that has lost all its samples keeps a weight.
     counts = shares.sum(axis=0) + 10.0 * np.finfo(np.float64).eps
     means = shares.T @ samples / counts[:, None]

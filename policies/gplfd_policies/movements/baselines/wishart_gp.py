@@ -6,19 +6,19 @@ demonstrations are learned separately: the former is the variance of a Gaussian 
 the latter a covariance matrix of all outputs that changes with time, inferred as a
 generalised Wishart process (`gplfd_policies.movements.baselines.wishart_process`).
 
-This is a **reconstruction**: it was written without access to the original, from its
-abstract and how others describe it. Assumed here:
+This is a **reconstruction** from the abstract and descriptions by others, written
+without access to the original. Assumptions:
 
 * The mean of every output is a Gaussian process over the phase, Eqs. (10)–(11), with
-  one noise variance by maximum likelihood. The original is said to drive a dynamic
-  movement primitive by such a process. That is again a Gaussian process over poses,
-  its kernel filtered by a linear system, and while the goal stays it predicts nearly
-  the same movement. But it learns from accelerations: six demonstrations with 2 cm of
-  white noise, differenced twice, left errors of 25 cm where this mean errs by 3 mm.
-* The Wishart process learns from the deviations of the demonstrations from their
-  average, at some of the phases, as if they were independent in time. Its scale L is
-  fixed so that the prior mean is their covariance over all phases. Length-scale and
-  degrees of freedom are given, not learned.
+  one noise variance by maximum likelihood. The original reportedly drives a dynamic
+  movement primitive by such a process. This is again a Gaussian process over poses with
+  a kernel filtered by a linear system, and for a fixed goal it predicts nearly the same
+  movement. But it learns from accelerations: for six demonstrations with 2 cm of white
+  noise, differenced twice, its error was 25 cm; the error of this mean is 3 mm.
+* The Wishart process is learned from the deviations of the demonstrations from their
+  average at some of the phases, which are treated as independent in time. Its scale L
+  is set so that the prior mean is their covariance over all phases. Length-scale and
+  degrees of freedom are not learned.
 * The posterior is sampled by elliptical slice sampling, and its mean is used.
 * Rotations are rotation vectors; a repetition's deviations are white in time.
 
@@ -48,7 +48,7 @@ from gplfd_policies.movements.movement import MomentMovement, Moments
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WishartGPConfig(Settings):
-    """Prior of the variability and effort of its inference."""
+    """Prior of the variability, and settings of its inference."""
 
     degrees: int = quantity(7, low=6)
     """Degrees of freedom ν of the Wishart process, at least as many as outputs."""
@@ -62,11 +62,13 @@ class WishartGPConfig(Settings):
     steps: int = quantity(1500, low=1)
     """Steps of the elliptical slice sampler."""
     discarded: int = quantity(500, low=0)
-    """Steps at the beginning that are left out, fewer than ``steps``."""
+    """Number of first steps that are discarded, less than ``steps``."""
     mode_iterations: int = quantity(50, low=1)
-    """Iterations, at most, of the search for the mode at which the sampler starts."""
+    """Greatest number of iterations of the search for the mode where sampling
+    starts."""
     shrinkage: float = quantity(1e-6, above=0.0, below=1.0)
-    """Share of independence in the pooled correlations: outputs may be proportional."""
+    """Shrinkage of the pooled correlations to zero, because outputs may be
+    proportional."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -85,12 +87,12 @@ class WishartProcessMovement(MomentMovement):
     """
 
     processes: MultiOutputGP
-    """The mean, and how uncertain it is."""
+    """The mean and its uncertainty."""
     variability: WishartPosterior
-    """How repetitions of the task vary."""
+    """Variability of repetitions of the task."""
 
     def aleatoric(self, times: Times) -> Float[np.ndarray, "M 6 6"]:
-        """Covariance between repetitions; outside the task that of its nearer end."""
+        """Covariance between repetitions; constant outside the task."""
         return self.variability.covariance(times)
 
     def _moments(self, times: Times) -> Moments:
@@ -101,7 +103,7 @@ class WishartProcessMovement(MomentMovement):
         return np.diagonal(self.aleatoric(times), axis1=1, axis2=2)
 
     def _covariance(self, times: Times) -> Covariances:
-        """Covariance over time: of the mean, and white between repetitions."""
+        """Covariance over time: that of the mean plus white deviations."""
         total = self.processes.latent_covariance(times)
         diagonal = np.arange(len(times))
         total[:, diagonal, diagonal] += self._spread(times).T

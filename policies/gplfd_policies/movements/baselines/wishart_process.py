@@ -19,8 +19,8 @@ S_t               (d, d)       Σ_i e_i(t) e_i(t)ᵀ, scatter of D curves about 
                                average at time t, with D − 1 degrees of freedom
 ================  ===========  =====================================================
 
-Curves are assumed to deviate independently from time to time, e_i(t) ~ N(0, Σ(t)).
-With the average taken out, the likelihood is that of D − 1 deviations:
+Curves are assumed to deviate independently at each time, e_i(t) ~ N(0, Σ(t)). After
+subtraction of the average, the likelihood is that of D − 1 deviations:
 
     log p = −½ Σ_t [(D − 1) log |Σ(t)| + tr(Σ(t)⁻¹ S_t)] + constant.
 
@@ -47,11 +47,11 @@ class WishartPrior:
     """The prior of Σ(t) over an interval; made by `over`."""
 
     degrees: int
-    """Degrees of freedom ν ≥ d: more of them vary less."""
+    """Degrees of freedom ν ≥ d; Σ(t) varies less with more of them."""
     lower: Float[np.ndarray, "d d"]
     """The scale L, lower triangular."""
     floor: float
-    """ε in (0, 1), the part of E Σ(t) that does not vary."""
+    """ε in (0, 1), the constant share of E Σ(t)."""
     basis: LegendreBasis
     """Basis of the processes u over the interval."""
     root: Float[np.ndarray, "Q R"]
@@ -93,12 +93,12 @@ class WishartPrior:
         return self.degrees, len(self.lower), self.root.shape[1]
 
     def features(self, times: Times) -> Float[np.ndarray, "M R"]:
-        """φ(t); outside the interval that of its nearer end."""
+        """φ(t), constant outside the interval."""
         inside = np.clip(times, self.basis.start, self.basis.stop)
         return np.asarray(self.basis.matrix(inside) @ self.root)
 
     def scaled(self, unit: Float[np.ndarray, "M d d"]) -> Float[np.ndarray, "M d d"]:
-        """Σ(t) of U(t) U(t)ᵀ."""
+        """Σ(t) for U(t) U(t)ᵀ."""
         inner = (1.0 - self.floor) * unit
         inner += self.floor * self.degrees * np.eye(len(self.lower))
         return np.asarray(self.lower @ inner @ self.lower.T)
@@ -106,14 +106,14 @@ class WishartPrior:
     def covariance(
         self, weights: Float[np.ndarray, "nu d R"], times: Times
     ) -> Float[np.ndarray, "M d d"]:
-        """Σ(t) of the weights."""
+        """Σ(t) for the weights."""
         unit = np.einsum("kdr,mr->mdk", weights, self.features(times))
         return self.scaled(unit @ unit.swapaxes(1, 2))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WishartLikelihood:
-    """log p of deviations given the weights, where L is the identity."""
+    """log p of deviations given the weights, in coordinates where L is the identity."""
 
     features: Float[np.ndarray, "T R"]
     """φ at the times of the deviations."""
@@ -186,7 +186,7 @@ class WishartPosterior:
     """Average of Σ_k w_k w_kᵀ over the samples, with w_k = (w_k1, …, w_kd)."""
 
     def covariance(self, times: Times) -> Float[np.ndarray, "M d d"]:
-        """E[Σ(t)]; outside the interval that of its nearer end."""
+        """E[Σ(t)], constant outside the interval."""
         _, outputs, rank = self.prior.shape
         tensor = self.moment.reshape(outputs, rank, outputs, rank)
         features = self.prior.features(times)
@@ -204,9 +204,9 @@ def elliptical_slice_chain(
 
     Murray, Adams and MacKay, *Elliptical slice sampling*, AISTATS 2010, their Figure 2.
     For a prior N(0, I) and any likelihood p(y | x), a step moves x along an ellipse
-    through x and a draw from the prior, to a point that is uniform on the part of the
-    ellipse where the likelihood exceeds a random level below its present one. It leaves
-    the posterior invariant (``test_sampler_meets_a_gaussian_posterior``).
+    through x and a draw from the prior, to a point drawn uniformly from the part of the
+    ellipse where the likelihood exceeds a random level below the current one. This
+    leaves the posterior invariant (``test_sampler_meets_a_gaussian_posterior``).
     """
     state, value = start, log_likelihood(start)
     if not np.isfinite(value):
@@ -243,7 +243,7 @@ def sample_posterior(
 ) -> WishartPosterior:
     """Average over an elliptical slice chain that starts at a mode of the posterior.
 
-    From a draw of the prior it would still be on its way after 5000 steps: the
+    From a draw of the prior, the chain would not have converged after 5000 steps: the
     likelihood of hundreds of weights is narrow, so steps are short.
     """
 
