@@ -267,9 +267,9 @@ REFUSED = [
     ("view folder", "folder is a folder; recordings in it: a.rrd"),
     ("view taken", "taken is neither a Rerun recording"),
     ("view folder/a.rrd", "rerun --serve-web --bind 127.0.0.1 folder/a.rrd"),
-    ("view a.rrd --seed 1", "--seed goes with --live, not with a file"),
-    ("view a.rrd --serve", "--serve goes with --live, not with a file"),
-    ("view --live a.rrd", "it does not go with a.rrd"),
+    ("view a.rrd --seed 1", "--seed needs --live and cannot be combined"),
+    ("view a.rrd --serve", "--serve needs --live and cannot be combined"),
+    ("view --live a.rrd", "cannot be combined with a.rrd"),
     ("view --live", "`gplfd view --live --serve` serves the episode to a browser"),
     ("view --live --speed 0", "--speed 0 must be positive and finite"),
     ("view --live --speed nan", "--speed nan must be positive"),
@@ -334,7 +334,7 @@ def test_a_disk_that_cannot_be_written_to_is_said_before_any_work(
 ):
     monkeypatch.setattr(os, "access", lambda *_: False)
     said = refused(*command.split(), "--out", "new/data-v0")
-    assert said.startswith(f"{tmp_path}: cannot be written to")
+    assert said.startswith(f"{tmp_path}: is not writable")
 
 
 def test_debug_prints_the_traceback_of_an_error(gplfd, capsys):
