@@ -194,7 +194,7 @@ REFUSED = [
     ("run --skill none.npz", "there is no file none.npz"),
     ("run --skill demos.npz", "demos.npz cannot be read as a gplfd skill"),
     ("run --skill demos.npz --policy kmp", "'kmp' learns no skill"),
-    ("run --skill a --demonstrations b", "leave out --demonstrations"),
+    ("run --skill a --demonstrations b", "omit --demonstrations"),
     ("run --skill a --demonstrated-forces", "leave it out, or leave out --skill"),
     ("run --video op.gif", "--video writes .mp4 files, got 'op.gif'"),
     ("run --doors small --video folder.mp4", "--video folder.mp4 is a folder"),

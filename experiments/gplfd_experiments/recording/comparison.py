@@ -95,10 +95,11 @@ RADIAL: Final = "force_radial_peak"
 MEASURED: Final[Mapping[str, Measured]] = {
     RADIAL: Measured(
         "radial",
-        "Radial force [N]: fights the hinge",
+        "Radial force [N]: against the hinge",
         lambda log: np.abs(log.force_radial),
         ("radial peak", "N"),
-        "**Radial force** does no work: it tells that the path does not fit the door.",
+        "**Radial force** does no work; a large value means that the path does not "
+        "fit the door.",
     ),
     "force_handle_peak": Measured(
         "handle",
@@ -107,14 +108,14 @@ MEASURED: Final[Mapping[str, Measured]] = {
             (log.force_tangential, log.force_radial, log.force_vertical), axis=0
         ),
         ("peak at the handle", "N"),
-        "**Force at the handle** is what the hand must hold.",
+        "**Force at the handle** is the load of the grasp.",
     ),
     "person_force_peak": Measured(
         "person",
         "Force on the person [N]",
         lambda log: log.person_force,
         ("on the person", "N"),
-        "**Force on the person:** ISO/TS 15066 allows a hand 140 N, and 280 N for "
+        "**Force on the person:** ISO/TS 15066 allows 140 N on a hand, and 280 N for "
         "an instant.",
     ),
     "stop_force_sustained": Measured(
@@ -122,22 +123,22 @@ MEASURED: Final[Mapping[str, Measured]] = {
         "Force on the stop [N]",
         lambda log: log.stop_force,
         ("on the stop", "N"),
-        "**Force on the stop** is that of the door, as if at the handle.",
+        "**Force on the stop** is the force of the door, converted to the handle.",
     ),
     "grasp_kept": Measured(
         "slip",
         "Slip of the hand on the handle [mm]",
         lambda log: 1e3 * log.slip,
         ("slip", "mm"),
-        "**Slip** is how far the hand is from where it took hold.",
+        "**Slip** is the distance of the hand from where it grasped the handle.",
     ),
     "push_displacement_mm": Measured(
         "beside",
-        "Hand beside its path [mm]",
+        "Hand off its path [mm]",
         _beside_path,
         ("beside its path", "mm"),
-        "**Beside its path** is how far the hand is from where the policy wants "
-        "it, or from the command if it has no path.",
+        "**Off its path** is the distance of the hand from the policy's path, or "
+        "from the command if the policy has no path.",
     ),
 }
 """By the name of the metric that an episode's number becomes."""
@@ -186,10 +187,10 @@ def record_comparison(
 |---|---|---|---|
 {rows}
 
-All learned from the same demonstrations and are at the same door (handle at \
+All policies learned from the same demonstrations and open the same door (handle at \
 {first.radius:g} m, seed {first.seed}), on one clock. {measured.meaning} The tube is \
-what a policy believes the rest of the motion to be, ±1.96 σ; green is the handle's \
-true arc.
+the policy's forecast of the rest of the motion, ±1.96 σ; green is the true arc of \
+the handle.
 """
     page = rr.TextDocument(text, media_type="text/markdown")
     with recording_file(path, _layout(logs, model, measured)) as stream:
@@ -273,20 +274,20 @@ def _layout(
     back = np.array([-math.cos(_TURN), math.sin(_TURN), 0.45])
     plans = [f"- {_below('/robots', log.policy)}{motion.PLAN}/**" for log in logs]
     robots = view_3d(
-        "One door each, the same door",
+        "Each policy at a copy of the same door",
         "/",
         ["/robots/**", *plans],
         Eye(middle + away * back, middle, (0.0, 0.0, 1.0)),
     )
     above, target = np.multiply(logs[0].radius, [[-0.5, -0.55, 1.45], [-0.5, -0.55, 0]])
     paths = view_3d(
-        "All paths on one door, from above",
+        "All paths at one door, from above",
         f"{_OVERLAY}{motion.VIEW}",
         [f"{_OVERLAY}/**"],
         Eye(above, target, (1.0, 0.0, 0.0)),
     )
     angle = series_view(Plot("angle", "Door angle [deg]", "LeftTop"), _PLOTS)
     curves = series_view(Plot(measured.panel, measured.title), _PLOTS)
-    about = rrb.TextDocumentView(origin=TEXT, name="What is seen")
+    about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     panels = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
     return only(rrb.Vertical(robots, panels, row_shares=[5, 4]))

@@ -61,8 +61,8 @@ KINDS: Final[Mapping[str, Kind]] = {
     "bump": Kind(
         lambda log: 1e3 * log.base_shift,
         "mm",
-        "the base is moved",
-        "the base stands again",
+        "the base moves",
+        "the base stops",
     ),
 }
 """What a log tells, by the names of `gplfd_env.doors.disturbance.Disturbance`."""

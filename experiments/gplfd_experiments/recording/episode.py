@@ -114,32 +114,33 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
     notes = ""
     if np.isfinite(log.expected_force).any():
         notes += (
-            "- **panel 4**: what the policy expected of the force before it measured "
-            "it; outside the band the door is not what was demonstrated and felt so "
-            "far, or somebody is in the way\n"
+            "- **panel 4**: force that the policy expected before it measured the "
+            "force; outside the band the door differs from the demonstrations and the "
+            "forces so far, or somebody is in the way\n"
         )
     if np.isfinite(log.mode).any():
         notes += (
             "- **modes** (tab *Unsmoothed, rates*, last panel): the demonstrations "
-            "show several kinds of motion; which one acts, and its probability\n"
+            "contain several kinds of motion; shows the active one and its "
+            "probability\n"
         )
     if outside := ", ".join(kinds_of(log)):
         notes += f"- **from outside** (white, a ball above the hand): {outside}\n"
     text = f"""\
 ### {log.door} door, policy `{log.policy}`: {end if ended else "being opened"}
 
-**Sure is stiff, unsure is soft.** Where the policy's σ is small, the hand is stiff \
-(**yellow**, 500 N/m); where σ is large, it is soft (**violet**, 100 N/m) and lets the \
-door lead. The ball above the hand, its trail, the tube and the lane *stiffness* have \
-this colour: violet 100, pink 300, yellow 500 N/m, mean of \
-along and across the path.
+**Small σ means stiff, large σ means soft.** Where the policy's σ is small, the hand \
+is stiff (**yellow**, 500 N/m); where σ is large, it is soft (**violet**, 100 N/m) and \
+follows the door. The ball above the hand, its trail, the tube and the lane \
+*stiffness* have this colour: violet 100, pink 300, yellow 500 N/m, mean of along and \
+across the path.
 
-- **tube**: what the policy believes now, ±1.96 σ per axis (normal quantile; with few \
-demonstrations less than 95 %); **grey-blue tube**: before it felt the door; **grey \
-lines**: demonstrations; **green**: the handle's true arc
+- **tube**: the policy's present forecast, ±1.96 σ per axis (normal quantile; with few \
+demonstrations less than 95 %); **grey-blue tube**: forecast before the door moved; \
+**grey lines**: demonstrations; **green**: true arc of the handle
 - **red arrow**: force of the door on the hand, 10 cm per 10 N
 - σ, stiffness and colours are means of the last 0.25 s; the tab *Unsmoothed, rates* \
-has what the controller used, which is stable below 100 % of the bound
+has the controller's values; it is stable below 100 % of the bound
 - **door**: {door} (SI)
 - **demonstrations**: {n_demonstrations}; **seed**: {log.seed}; **control period**: \
 {1e3 * log.dt:g} ms

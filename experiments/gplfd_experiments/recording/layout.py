@@ -49,7 +49,7 @@ _PLAN_EYE: Final = Eye((-0.3, -0.3, 1.0), (-0.3, -0.3, 0.0), (1.0, 0.0, 0.0))
 _WIDE_PLAN_EYE: Final = Eye((-0.45, -0.4, 1.5), (-0.45, -0.4, 0.0), (1.0, 0.0, 0.0))
 
 PLOTS: Final = {
-    "Why stiff, why soft": (
+    "Uncertainty and stiffness": (
         Plot("angle", "Door angle [deg], lines at 15, 30, 60", limits=(-3.0, 75.0)),
         Plot("uncertainty", "1. Uncertainty σ of the policy [mm]", "LeftTop", True),
         Plot(
@@ -57,7 +57,7 @@ PLOTS: Final = {
         ),
         Plot(
             "force",
-            "3. Force [N]: green opens, red against hinge, violet compensated",
+            "3. Force [N]: green along the path, red radial, violet compensated",
             from_zero=True,
         ),
     ),
@@ -65,7 +65,7 @@ PLOTS: Final = {
         # The hand is pulled from zero up: this corner stays empty.
         Plot("x", "x, along the pull [m], ±1.96 σ", "LeftTop"),
         Plot("z", "z, across it [m], ±1.96 σ"),
-        Plot("turn", "θu_y, turn of the hand [deg], ±1.96 σ"),
+        Plot("turn", "θu_y, rotation of the hand [deg], ±1.96 σ"),
         Plot("size", "Size [% of demonstrated], ±1.96 σ", "RightTop", limits=(40, 200)),
     ),
     # What the control loop used in every period: σ falls at every via-point.
@@ -75,7 +75,7 @@ PLOTS: Final = {
         Plot("stiffness_raw", "Stiffness k [N/m]", from_zero=True),
         # Negative while softening.
         Plot("stability", "dk/dt [% of its stability bound]", limits=(-40.0, 110.0)),
-        Plot("misfit", "Misfit of the phase: 1 as expected, 3 lost", from_zero=True),
+        Plot("misfit", "Misfit of the phase: 1 expected, 3 lost", from_zero=True),
     ),
 }
 """Panels of every recording, by tab."""

@@ -27,8 +27,8 @@ class Import:
     """Make a set of demonstrations from recorded motions, with a report.
 
     Formats: CSV and TSV, .npz and .npy, MATLAB's .mat, Xsens' .mvnx, .bvh, .c3d, ROS
-    bags (.mcap, .db3, .bag, folders), LeRobot v3, robomimic's .hdf5, and data sets of
-    `gplfd demos record`. SET contains demonstrations.npz, a report, a picture of the
+    bags (.mcap, .db3, .bag, folders), LeRobot v3, robomimic's .hdf5, and data sets
+    of `gplfd demos record`. SET contains demonstrations.npz, a report, a picture of the
     motions before and after the preparation, and the origin of the data. Lines of the
     report with ! need attention. See docs/recordings.md.
     """

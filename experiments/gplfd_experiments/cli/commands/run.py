@@ -27,8 +27,9 @@ class Run:
     """Learn from demonstrations, open doors, and store metrics and recordings.
 
     Writes DIR/metrics.json (one object per door), DIR/<door>.rrd (Rerun recording),
-    DIR/<door>.npz (the complete log), DIR/demonstrations.npz and DIR/run.json
-    (versions, command, settings); removes files of an earlier run in this folder.
+    DIR/<door>.npz (the complete log), DIR/demonstrations.npz and
+    DIR/run.json (versions, command, settings); removes files of an earlier run in this
+    folder.
     """
 
     doors: tuple[str, ...] = ("small", "medium", "large")
@@ -221,8 +222,8 @@ class View:
 class Learn:
     """Learn a skill from demonstrations and store it in a file.
 
-    The file contains arrays only, no code; `gplfd run --skill FILE` and
-    `gplfd_policies.load_skill` read it.
+    The file contains arrays only, no code; `gplfd run --skill FILE`
+    and `gplfd_policies.load_skill` read it.
     """
 
     demonstrations: Annotated[

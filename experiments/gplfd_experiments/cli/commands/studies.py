@@ -29,9 +29,9 @@ class Benchmark:
     """Compare policies on doors and seeds and print a table; resumable.
 
     Writes DIR/tasks/<hash>.json (one file per episode or prediction test),
-    DIR/study.json (versions, command, settings), DIR/study.toml (the settings, for
-    --config) and DIR/table.md. Run with an existing folder, it skips finished tasks and
-    repeats failed ones. More seeds, doors or policies extend the study.
+    DIR/study.json (versions, command, settings), DIR/study.toml (the settings,
+    for --config) and DIR/table.md. Run with an existing folder, it skips finished tasks
+    and repeats failed ones. More seeds, doors or policies extend the study.
     """
 
     config: Annotated[str, tyro.conf.arg(metavar="{table-1,small}|FILE.toml")] = (
@@ -113,8 +113,8 @@ class Trials:
     """Test each idea of the method in conditions where it matters; resumable.
 
     Writes the same files as `gplfd benchmark`. The whole protocol has 25,000 episodes,
-    which take two to four hours on two cores; `--part ideas` takes a quarter of that,
-    `--part small` two minutes.
+    which take two to four hours on two cores; `--part ideas` takes a quarter of
+    that, `--part small` two minutes.
     """
 
     trials: tuple[str, ...] = ()
