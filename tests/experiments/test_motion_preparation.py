@@ -232,14 +232,12 @@ def test_samples_that_would_be_made_are_counted_first():
     slow = replace(door(), times=3e4 * np.linspace(0.0, 1.0, 401))
     settings = replace(AS_RECORDED, rate=100.0, largest_gap=1e4)
     assert len(only(slow, replace(settings, rate=1.0)).demonstration.times) == 30001
-    with pytest.raises(
-        ValueError, match="3,000,001 samples, but at most 1,000,000 more"
-    ):
+    with pytest.raises(ValueError, match="3,000,001 samples, but at most 1,000,000"):
         only(slow, settings)
     with pytest.raises(ValueError, match="300,001 samples, but at most 99,997 more"):
         prepare([slow] * 4, replace(settings, rate=10.0))
     parts = tuple((1e4 * k, 1e4 * (k + 1)) for k in range(3))
-    with pytest.raises(ValueError, match="#3: .* but at most 204,998 more"):
+    with pytest.raises(ValueError, match=r"#3: .* but at most 204,998 more"):
         only(slow, replace(settings, rate=40.0, segments=parts))
 
 

@@ -1,8 +1,7 @@
 """Several policies at the same door, side by side in one recording.
 
-Every robot stands at a door of its own, in a row, and all move on the same clock. Each
-policy has a colour, the same for its robot's label, the path of its hand and its
-curves.
+Every robot stands at its own door, in a row, and all move on the same clock. Each
+policy has a colour for its robot's label, the path of its hand and its curves.
 """
 
 import math
@@ -49,48 +48,48 @@ COLOURS: Final[tuple[Colour, ...]] = (
     (150, 140, 255),
     (190, 150, 110),
 )
-"""A colour per policy, in order; no more policies than these."""
+"""Colours of policies, in order; their number limits the number of policies."""
 
 SPACING: Final = 1.5
 """Distance between neighbouring robots [m]."""
 
 _TURN: Final = math.radians(35.0)
-"""How far the view is turned from the robots' heading, about the world's z axis. From
-there no robot hides its own hand, and the row stands across it."""
+"""Angle between the view and the robots' heading, about the world's z axis. From this
+direction no robot hides its hand, and the row is across the view."""
 ROW: Final = np.array([-math.sin(_TURN), -math.cos(_TURN), 0.0])
-"""Direction of the row in the world; each robot stands a little behind the last."""
+"""Direction of the row in the world; each robot stands slightly behind the last."""
 
 _PLOTS: Final = "/plots"
 _ANGLE: Final = f"{_PLOTS}/angle"
 _OVERLAY: Final = "/overlay"
-"""Entity of the one door on which all paths are laid over each other."""
+"""Entity of the common door with the paths of all policies."""
 _TRAIL: Final = f"{motion.ROOT}/hand/trail"
 _LABEL: Final = (1.15, -0.8, -0.2)
-"""Where a robot's name stands, behind it, in its task frame [m]."""
+"""Position of a robot's name, behind the robot, in its task frame [m]."""
 
 
 class Measured(NamedTuple):
-    """The curve behind a metric, by which policies are compared."""
+    """The curve of a metric by which policies are compared."""
 
     panel: str
     """Name of the panel's entity."""
     title: str
     values: Callable[[EpisodeLog], FloatArray]
     greatest: tuple[str, str]
-    """What its greatest value is called, and its unit."""
+    """Name of its greatest value, and its unit."""
     meaning: str
-    """A sentence or two for who sees it the first time."""
+    """Explanation for new users."""
 
 
 def _beside_path(log: EpisodeLog) -> FloatArray:
-    """How far the hand is from the policy's path, or from its command [mm]."""
+    """Distance of the hand from the policy's path, or from its command [mm]."""
     path = np.where(np.isfinite(log.desired), log.desired, log.action)
     beside: FloatArray = np.linalg.norm((log.ee_pose - path)[:, :3], axis=1)
     return 1e3 * beside
 
 
 RADIAL: Final = "force_radial_peak"
-"""What policies are compared by if nothing else is said."""
+"""Default measure of comparisons."""
 
 MEASURED: Final[Mapping[str, Measured]] = {
     RADIAL: Measured(
@@ -141,7 +140,7 @@ MEASURED: Final[Mapping[str, Measured]] = {
         "from the command if the policy has no path.",
     ),
 }
-"""By the name of the metric that an episode's number becomes."""
+"""Measures by the name of the metric of an episode."""
 
 
 def record_comparison(
@@ -154,7 +153,7 @@ def record_comparison(
 ) -> None:
     """Write an .rrd in which policies open the same door, complete or not at all.
 
-    The first log stands leftmost; ``measure`` is one of `MEASURED`. Raises ValueError
+    The first log is leftmost; ``measure`` is one of `MEASURED`. Raises ValueError
     for logs that cannot be compared, and OSError if the file cannot be written.
     """
     if not 1 <= len(logs) <= len(COLOURS):
@@ -198,7 +197,7 @@ the handle.
         stream.send_chunks(static(TEXT, page))
         door = motion.door_frame(model, first.config, demonstrations)
         stream.send_chunks(_moved_to(_OVERLAY, door))
-        # The angle from which on a door counts as opened.
+        # The angle from which a door counts as opened.
         angle = math.degrees(SUCCESS_ANGLE)
         line = Line(f"opened: {angle:.0f}", colours.MARK, 1.0)
         ends = np.array([0.0, max(log.times[-1] for log in logs)])
@@ -223,7 +222,7 @@ def _curve(
 def _robot(
     number: int, log: EpisodeLog, colour: Colour, model: mujoco.MjModel
 ) -> Iterator[Chunk]:
-    """A robot at its door, and its path again on the common door."""
+    """A robot at its door, and its path at the common door."""
     root, part = _below("/robots", log.policy), Part(log=log)
     overlay = _below(f"{_OVERLAY}{motion.ROOT}/paths", log.policy)
     hand = motion.hand_motion(part)
@@ -255,7 +254,7 @@ def _moved_to(root: str, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
 
 
 def _below(entity: str, policy: str) -> str:
-    """The entity of a policy below another, whatever the policy is called."""
+    """The entity of a policy below another, valid for any policy name."""
     return f"{entity}/{rr.escape_entity_path_part(policy)}"
 
 
@@ -267,7 +266,7 @@ def _widest(log: EpisodeLog) -> float:
 def _layout(
     logs: Sequence[EpisodeLog], model: mujoco.MjModel, measured: Measured
 ) -> rrb.Blueprint:
-    """All robots, from behind and above; their curves and their paths below."""
+    """All robots, from behind and above; their curves and paths are below."""
     handle, _ = task_frame(model)
     middle = handle + 0.5 * SPACING * (len(logs) - 1) * ROW + [-0.2, 0.0, -0.2]
     away = max(2.2, 0.35 * SPACING * len(logs))
