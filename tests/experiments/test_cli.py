@@ -93,7 +93,7 @@ def test_run_keeps_out_of_a_folder_whose_content_is_not_known(
     refused, tmp_path, content
 ):
     (tmp_path / "run.json").write_text(content)
-    assert "run.json does not say what was wr" in refused(*ORACLE, "--out", ".")
+    assert "run.json does not list the files" in refused(*ORACLE, "--out", ".")
     assert (tmp_path / "run.json").read_text() == content
 
 
@@ -195,7 +195,7 @@ REFUSED = [
     ("run --skill demos.npz", "demos.npz cannot be read as a gplfd skill"),
     ("run --skill demos.npz --policy kmp", "'kmp' learns no skill"),
     ("run --skill a --demonstrations b", "omit --demonstrations"),
-    ("run --skill a --demonstrated-forces", "leave it out, or leave out --skill"),
+    ("run --skill a --demonstrated-forces", "omit it, or omit --skill"),
     ("run --video op.gif", "--video writes .mp4 files, got 'op.gif'"),
     ("run --doors small --video folder.mp4", "--video folder.mp4 is a folder"),
     ("run --doors far.json", "far.json holds no door: DoorConfig.radius"),

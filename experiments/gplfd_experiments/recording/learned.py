@@ -104,7 +104,9 @@ Playing takes {movement.duration:.1f} s, the recordings' mean duration.
     # The view is from the side and above, towards the middle of the motion.
     middle = 0.5 * (low + high)
     eye = Eye(middle + size * np.array([1.2, 1.0, 1.2]), middle, (0.0, 1.0, 0.0))
-    scene = view_3d("What was shown and learned", _SCENE, [f"{_SCENE}/**"], eye)
+    scene = view_3d(
+        "Demonstrations and learned movement", _SCENE, [f"{_SCENE}/**"], eye
+    )
     about = rrb.TextDocumentView(origin=TEXT, name="About")
     plots = [series_view(Plot(*each[:2]), _PLOTS) for each in _OUTPUTS]
     views = rrb.Horizontal(

@@ -61,7 +61,7 @@ PANELS: Final[Mapping[str, Panel]] = {
         "Handle [deg]", {"handle": (Line("handle", colours.HAND), 180.0 / np.pi)}
     ),
     "latch": Panel(
-        "Bolt, held back by [mm]",
+        "Bolt, retracted by [mm]",
         {"bolt": (Line("bolt held back", colours.HAND), 1e3)},
     ),
     "closer": Panel("Closing torque [N m]: closer, seal, stiction", {}),

@@ -49,13 +49,13 @@ def panels(part: Part) -> list[Chunk]:
     curves = {
         "angle/door": {Line("door", colours.TRUTH, 2.5): np.degrees(log.door_angle)},
         "force/parts": {
-            Line("along the motion: opens", colours.TRUTH): log.force_tangential,
+            Line("along the path", colours.TRUTH): log.force_tangential,
             Line("radial: against the hinge", colours.FORCE): log.force_radial,
             Line("load compensated", colours.ADAPTED, 1.0): log.carried_load,
         },
         "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.phase_misfit},
         "misfit/mode": {
-            Line("mode that acts", colours.OUTSIDE): log.mode,
+            Line("active mode", colours.OUTSIDE): log.mode,
             Line("its probability", colours.ADAPTED): log.mode_probability,
         },
     }

@@ -97,8 +97,7 @@ def _learning_result(
     method = policy.method
     if method is None:
         raise ValueError(
-            f"policy {task.policy!r} learns no movement, so that there is nothing to "
-            "measure"
+            f"policy {task.policy!r} learns no movement, so there is nothing to measure"
         )
     metrics = (
         method_metrics(

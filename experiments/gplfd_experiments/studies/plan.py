@@ -162,8 +162,8 @@ def recorded_tasks(
     for name in names:
         if chosen(name).method is None:
             raise ValueError(
-                f"policy {name!r} learns no movement, so that there is nothing to "
-                "judge; `gplfd list` says which do"
+                f"policy {name!r} learns no movement, so there is nothing to test; see "
+                "`gplfd list`"
             )
     identity = hash_of(recordings)
     return tuple(

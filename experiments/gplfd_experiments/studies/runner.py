@@ -78,7 +78,7 @@ def run_or_resume(
     if elsewhere := stored.from_other_machines:
         LOG.warning(
             f"warning: {elsewhere} of {total} results were made on another machine: "
-            "they equal those made here to a tolerance only, see "
+            "they equal results of this machine only up to a tolerance, see "
             "docs/reproducibility.md"
         )
     if errors := len(stored.failed):

@@ -40,7 +40,7 @@ class CorrectionLesson(Lesson):
 
     longest, control = 3000, "pose"
     invitation = "Press Start: the policy opens the door."
-    request = "Lead the hand where the policy fails; let go, and it goes on."
+    request = "Lead the hand where the policy fails; then the policy continues."
 
     def __init__(
         self, task: EpisodeTask, store: CorrectedSkill, device: str, *, drawn: bool
@@ -72,9 +72,11 @@ class CorrectionLesson(Lesson):
         """Return the correction; raise a ValueError if there is none."""
         found = self._agent.correction(door=self.task.door, seed=self.task.seed)
         if found is None:
-            raise ValueError(f"{self._ended}. Nobody led the hand: nothing to keep")
+            raise ValueError(
+                f"{self._ended}. The hand was not led: there is nothing to keep"
+            )
         if self._info["failure"] in (LOST, "simulation_error"):
-            raise ValueError(f"{self._ended}. No correction is kept of this")
+            raise ValueError(f"{self._ended}. This gives no correction")
         return replace(found, device=self._device, inputs=np.array(self._inputs))
 
     def result(self) -> str:

@@ -132,7 +132,9 @@ class Lesson(ABC):
             recorded = self.motion
             rests, times = without_rests(recorded)[1], recorded.times
         except ValueError:
-            raise ValueError("Nothing was shown: the hand did not move") from None
+            raise ValueError(
+                "There is no demonstration: the hand did not move"
+            ) from None
         paused = [(times >= rest.start) & (times < rest.end) for rest in rests]
         return np.flatnonzero(~np.any([times < 0.0, *paused], axis=0)).tolist()
 
@@ -178,7 +180,7 @@ class DemonstrationLesson(Lesson):
     def result(self) -> str:
         """Return a text about the result, with the reason of an automatic end."""
         over = self.over and f"It ended: {self.over}. "
-        return f"{over}This is what you showed."
+        return f"{over}This is your demonstration."
 
 
 def replay(taught: Taught) -> Taught:

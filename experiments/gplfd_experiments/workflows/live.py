@@ -62,7 +62,7 @@ def watched_rollout(
         elapsed = time.perf_counter() - started
         if elapsed - updated >= _PERIOD:
             if not wanted():
-                raise InterruptedError("nobody watches the episode any more")
+                raise InterruptedError("the viewer was closed")
             # A running episode has not failed.
             live.show(dataclasses.replace(progress.log(), success=True, failure=""))
             updated = elapsed

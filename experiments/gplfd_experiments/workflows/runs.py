@@ -130,16 +130,16 @@ def open_doors(
         shapes = tiago_looks([scene.body(index).name for index in range(scene.nbody)])
     if skill is not None and start == "approach":
         raise ValueError(
-            "--skill is of opening alone: leave it out to learn reaching, too, or "
-            "leave out --start approach"
+            "--skill contains no reaching: omit it to learn reaching as well, or omit "
+            "--start approach"
         )
     if skill is not None or isinstance(demonstrations, Path):
         # There is only one set of demonstrations or skill.
         option = "--skill" if skill is not None else "--demonstrations"
         if demonstrated_forces:
             raise ValueError(
-                "--demonstrated-forces is about the synthetic human's demonstrations: "
-                f"leave it out, or leave out {option}"
+                "--demonstrated-forces applies to demonstrations of the synthetic "
+                f"human: omit it, or omit {option}"
             )
         first, *others = (
             (task.door, {"motion": "hinged"} | DoorConfig(**task.door_config).kind)
@@ -149,8 +149,8 @@ def open_doors(
             if differ := [name for name in kind if kind[name] != first[1][name]]:
                 raise ValueError(
                     f"doors {first[0]} and {door} are of two kinds (they differ in "
-                    f"{', '.join(differ)}), and {option} holds one; give them to two "
-                    f"runs, or leave out {option}"
+                    f"{', '.join(differ)}), but {option} contains one kind; use two "
+                    f"runs, or omit {option}"
                 )
 
     started = time.perf_counter()
@@ -227,7 +227,7 @@ def _files_of_earlier_run(folder: Path) -> list[Path]:
         doors = entry(config, "door_configs", dict[str, Any])
     except ValueError as error:
         raise ValueError(
-            f"{configuration} does not say what was written beside it ({error}); "
+            f"{configuration} does not list the files of its run ({error}); "
             "choose another --out"
         ) from error
     names = [f"{door}{end}" for door in doors for end in (".npz", ".rrd")]

@@ -70,7 +70,7 @@ def run_until_separated(
         text = (
             f"{state.seeds} seeds, {measured.title}: {having} {state.first:.2f}, "
             f"{lacking} {state.second:.2f}; e-value {state.e_value:.3g}: "
-            f"{verdict if better else 'not separated, which takes 20'}"
+            f"{verdict if better else 'not separated (requires 20)'}"
         )
         if errors or better:
             break

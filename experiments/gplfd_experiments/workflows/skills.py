@@ -100,14 +100,15 @@ def judge(
     names = list(dict.fromkeys(task.policy for task in tasks))
     if reference not in names:
         raise ValueError(
-            f"--reference {reference} is not among the judged: {', '.join(names)}"
+            f"--reference {reference} is not among the tested methods: "
+            f"{', '.join(names)}"
         )
     found, _ = read_files((folder / TASKS).glob("[!.]*.json"))
     own = tasks[0].recordings
     if any(getattr(one.task, "recordings", "") != own for one in found):
         raise ValueError(
-            f"{folder} has results of something else than these recordings, which one "
-            "page would mix; choose another --out"
+            f"{folder} has results of other recordings, which one report cannot mix; "
+            "choose another --out"
         )
     errors = run_or_resume(tasks, options, folder, engine, given)
     results = read_results(folder)

@@ -160,7 +160,7 @@ def _from_names(name: str, arrays: _Arrays, selection: Selection) -> RawRecordin
         if key.lower() in _QUATERNIONS:
             if selection.quaternions is None:
                 raise ValueError(
-                    f"it does not say where the scalar part of {key!r} stands: say "
+                    f"the place of the scalar part of {key!r} is unknown: give "
                     "--quaternions wxyz or --quaternions xyzw"
                 )
             names = _ORDERS[selection.quaternions]
@@ -274,5 +274,5 @@ def _side_by_side(arrays: list[FloatArray]) -> FloatArray:
         tables.append(table.T if table.ndim == 2 and len(table) != rows else table)
     if len({table.shape[:-1] for table in tables}) > 1:
         shapes = ", ".join(str(array.shape) for array in arrays)
-        raise ValueError(f"arrays of shapes {shapes} have not the same samples")
+        raise ValueError(f"arrays of shapes {shapes} differ in the number of samples")
     return np.concatenate(tables, axis=-1)

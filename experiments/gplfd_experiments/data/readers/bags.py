@@ -25,7 +25,7 @@ from gplfd_experiments.files.arrays import FloatArray, interpolated
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.arrays.storage import DecodingBudget, decompressed, regular_file
 
-with optional_libraries("bags of ROS need rosbags", "ros"):
+with optional_libraries("ROS bags need rosbags", "ros"):
     import apsw
     import lz4.frame  # type: ignore[import-untyped]
     import rosbags.rosbag1.reader as rosbag1

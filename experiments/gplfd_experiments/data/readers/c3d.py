@@ -188,7 +188,7 @@ def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, Floa
     if rigid < _MOSTLY * complete:
         raise ValueError(
             f"the markers {', '.join(names)} keep their distances to {_RIGID:.0%} in "
-            f"{rigid} of {complete} frames that have them all: they are on no rigid "
-            "body; choose others, or one for positions alone"
+            f"{rigid} of {complete} frames that have them all: they are not on a rigid "
+            "body; choose other markers, or one for positions alone"
         )
     return means, quaternions

@@ -43,8 +43,8 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     version = entry(info, "codebase_version", str)
     if not version.startswith(_VERSION):
         raise ValueError(
-            f"it is of version {version:.20}, read is {_VERSION}x; convert it with "
-            "LeRobot's own script convert_dataset_v21_to_v30"
+            f"it has version {version:.20}, but only {_VERSION}x can be read; convert "
+            "it with LeRobot's own script convert_dataset_v21_to_v30"
         )
     vectors = {
         name: one

@@ -120,7 +120,7 @@ def _arrays(
     if not len(data):
         return
     if depth > _DEEPEST:
-        raise ValueError("cells and structures stand in each other too deeply")
+        raise ValueError("cells and structures are nested too deeply")
     parts = _elements(data, order)
     flags = int(_header_numbers(next(parts, _MISSING), order)[0])
     kind = flags & 0xFF
@@ -153,7 +153,7 @@ def _arrays(
             raise ValueError(f"{name:.40} has numbers of unknown kind {element.kind}")
         dtype = np.dtype(order + _TYPES[element.kind])
         if math.prod(shape) * dtype.itemsize != len(element.data):
-            raise ValueError(f"{name:.40} has not as many numbers as it claims")
+            raise ValueError(f"{name:.40} does not have as many numbers as it claims")
         yield name, np.frombuffer(element.data, dtype).reshape(shape, order="F")
 
 

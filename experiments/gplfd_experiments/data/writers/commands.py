@@ -71,7 +71,7 @@ def write_everything(file: Path, path: CommandedPath, about: Mapping[str, Any]) 
 
 def write_bag(folder: Path, path: CommandedPath, about: Mapping[str, Any]) -> None:
     """Write a ROS 2 bag in SQLite; raise ModuleNotFoundError without rosbags."""
-    with optional_libraries("bags of ROS need rosbags", "ros"):
+    with optional_libraries("ROS bags need rosbags", "ros"):
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
 

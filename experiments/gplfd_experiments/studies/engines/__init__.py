@@ -94,8 +94,8 @@ def engine_named(
     """
     if workers is not None and name != "loky":
         raise ValueError(
-            f"--workers {workers} is for --engine loky; --engine {name} has workers of "
-            "its own" + (" or none" if name == "serial" else "")
+            f"--workers {workers} is for --engine loky; --engine {name} has its own "
+            "workers" + (" or none" if name == "serial" else "")
         )
     if workers is not None and workers < 1:
         raise ValueError(f"--workers {workers} must be 1 or more")

@@ -61,7 +61,7 @@ class Cluster:
             asyncio.run(connect())
         # Another server at the address may cause any error in Dask.
         except Exception as error:
-            reason = str(error) or f"nobody answered within {_PATIENCE:g} s"
+            reason = str(error) or f"no answer within {_PATIENCE:g} s"
             raise ConnectionError(
                 f"no Dask scheduler answers at {self.address} ({reason}); `dask "
                 "scheduler` prints its address"
@@ -82,7 +82,8 @@ class Cluster:
             for future in _dask.as_completed(list(running), loop=client.loop):
                 if future.cancelled():
                     raise ConnectionError(
-                        f"the Dask scheduler at {self.address} went away"
+                        f"the connection to the Dask scheduler at {self.address} was "
+                        "lost"
                     )
                 item = running.pop(future)
                 try:

@@ -142,7 +142,7 @@ def _end_of_worker(error: loky.BrokenProcessPool) -> tuple[str, bool]:
     if end >= 0:
         return f"it left Python with exit status {end}", True
     crashed = -end in _CRASHES
-    kind = "crashed" if crashed else "killed, perhaps for want of memory"
+    kind = "crashed" if crashed else "killed, possibly out of memory"
     # Most real-time signals have no name.
     names = {one.value: one.name for one in signal.Signals}
     return f"{kind} ({names.get(-end, f'signal {-end}')})", crashed
