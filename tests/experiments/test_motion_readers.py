@@ -616,9 +616,7 @@ def test_c3d_agrees_with_ezc3d_on_lost_markers_and_integers(tmp_path):
     points[0, 2] += np.linspace(0.0, 50.0, N)
     file["data"]["points"] = points
     file.write(str(path))
-    with pytest.raises(
-        ValueError, match=r"A, B, C keep .* of 60 frames .* not on a rigid"
-    ):
+    with pytest.raises(ValueError, match=r"A, B, C keep .* of 60 .* not on a rigid"):
         only(path, body="A,B,C")
 
 
