@@ -35,7 +35,7 @@ FORECAST_PERIOD: Final = 0.2
 """Simulated time between the forecasts of a live view [s]."""
 
 _PERIOD: Final = 0.05
-"""Time between two updates [s]; more frequent updates are not visible."""
+"""Time between two updates [s]; more frequent updates are not worth their cost."""
 
 
 def watched_rollout(

@@ -15,7 +15,7 @@ DEMONSTRATED_RADII: Final = (0.35, 0.50, 0.65)
 """Radii of the demonstrated doors with a bar [m]."""
 
 ROOM_RADII: Final = (0.53, 0.65, 0.78)
-"""Radii of doors with a lever or knob: DIN leaves of 0.584, 0.709, 0.834 m [m]."""
+"""Radii of doors with a lever or knob, for DIN leaves of 0.584, 0.709, 0.834 m [m]."""
 
 _RADII: Final[Mapping[str, tuple[float, float, float]]] = {
     "sliding": (0.55, 0.70, 0.85),
