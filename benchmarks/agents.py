@@ -1,4 +1,4 @@
-"""Agents in the loop, and what recording them costs: python benchmarks/agents.py."""
+"""Times of agents in closed loop and of recording them: python benchmarks/agents.py."""
 
 import copy
 import statistics
@@ -28,10 +28,10 @@ TOGETHER: Final = "{} agents in lockstep, gym.make_vec on 2 threads"
 
 
 def loop(envs: Any, agents: Any, count: int, periods: int) -> tuple[Timed, list[float]]:
-    """Return a closed loop of agents and simulations, to be timed.
+    """Return a closed loop of agents and simulations for timing.
 
-    With it, a list of the CPU seconds that the agents took per control step, which
-    grows run by run. Runs begin at closed doors, and no episode ends.
+    Also returns a list of the agents' CPU seconds per control step; every run appends
+    one entry. Runs begin at closed doors, and no episode ends.
     """
     deciding: list[float] = []
 
@@ -53,7 +53,7 @@ def loop(envs: Any, agents: Any, count: int, periods: int) -> tuple[Timed, list[
 
 
 def measure_loops(repeats: int, counts: tuple[int, ...], periods: int) -> Measurement:
-    """Let agents open doors, one alone and rising numbers together, in turns."""
+    """Time one agent alone and increasing numbers of agents in lockstep, in turns."""
     agent = make_agent("gp", Teacher().standard_demonstrations(seed=0))
     alone = gym.make(ENVIRONMENT_ID, door="medium")
     loops = {ALONE: loop(alone, agent, 1, periods)}
@@ -67,7 +67,7 @@ def measure_loops(repeats: int, counts: tuple[int, ...], periods: int) -> Measur
             num_threads=2,
             autoreset_mode="Disabled",
         )
-        # One learning serves all: a copy is an agent of its own.
+        # The policy learns once; each copy is an independent agent.
         agents = batch_agents([copy.deepcopy(agent) for _ in range(count)])
         loops[TOGETHER.format(count)] = loop(envs, agents, count, periods)
     times = measure({name: timed for name, (timed, _) in loops.items()}, repeats)
@@ -89,7 +89,7 @@ def measure_loops(repeats: int, counts: tuple[int, ...], periods: int) -> Measur
 
 
 def measure_recording(repeats: int) -> Measurement:
-    """Open the medium door and record it, in turns; all threads' CPU time."""
+    """Open the medium door and record it, in turns; CPU time of all threads."""
     given = Teacher().standard_demonstrations(seed=0)
     agent = make_agent("gp", given)
     env: Any = gym.make(ENVIRONMENT_ID, door="medium")
@@ -116,12 +116,12 @@ def measure_recording(repeats: int) -> Measurement:
 def main(
     repeats: int = 5, counts: tuple[int, ...] = (2, 16, 64), periods: int = 250
 ) -> None:
-    """Measure the policy ``gp`` in the loop, and what recording an episode costs.
+    """Measure the policy ``gp`` in closed loop, and the time of recording an episode.
 
     Args:
         repeats: Measurements of every time.
-        counts: How many agents open doors together, rising.
-        periods: Control periods of a run; 250 are half an opening.
+        counts: Numbers of agents in lockstep, increasing.
+        periods: Control periods of a run; 250 periods are half an opening.
     """
     measures: dict[str, Callable[[], Measurement]] = {
         "loops": partial(measure_loops, repeats, counts, periods),

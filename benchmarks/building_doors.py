@@ -1,7 +1,7 @@
-"""Doors of buildings and a robot that drives: python benchmarks/building_doors.py.
+"""Doors of buildings and a mobile robot: python benchmarks/building_doors.py.
 
-Policies learn from six demonstrations of three doors of a door's kind, beside the
-oracle, which is told the door.
+Policies learn from six demonstrations of three doors of the same kind. They are
+compared with the oracle, which knows the door.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ from gplfd_experiments.speed.report import Measurement, Value, at_least
 
 
 def standard_doors(first: int, draws: int) -> Mapping[str, Sequence[DoorConfig]]:
-    """Draw doors of buildings with seeds from the first; return them by kind."""
+    """Draw doors of buildings with consecutive seeds; return them by kind."""
     env: Any = gym.make(
         ENVIRONMENT_IDS["pose"], base="mobile", randomization="standard"
     )
@@ -42,7 +42,7 @@ def standard_doors(first: int, draws: int) -> Mapping[str, Sequence[DoorConfig]]
 
 
 def standard(policies: Sequence[str], first: int, draws: int) -> Measurement:
-    """Let policies, and the oracle, open draws of ``randomization="standard"``."""
+    """Let policies and the oracle open doors drawn by ``randomization="standard"``."""
     doors = standard_doors(first, draws)
     rows: dict[str, dict[str, Value]] = {}
     everything: dict[str, list[EpisodeMetrics]] = {}
@@ -96,12 +96,12 @@ def main(
     draws: int = 200,
     first: int = 0,
 ) -> None:
-    """Open doors of buildings, and say with which force; a minute per policy.
+    """Report success and force on doors of buildings; takes a minute per policy.
 
     Args:
-        policies: Which, beside the oracle.
+        policies: Policies to compare with the oracle.
         draws: Number of standard doors.
-        first: Seed of the first of them.
+        first: Seed of the first door.
     """
     report({"standard": partial(standard, policies, first, draws)})
 

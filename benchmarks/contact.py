@@ -1,13 +1,13 @@
-"""Hands in contact: python benchmarks/contact.py {loop,person}.
+"""Stability and force in contact: python benchmarks/contact.py {loop,person}.
 
-``loop`` holds the hand at a locked door, or takes the bar away from it, knocks the
-set-point of the admittance once, and looks whether the force at the wrist dies out, for
+``loop`` holds the hand at a locked door, or removes the bar from it. It disturbs the
+set-point of the admittance once and checks whether the force at the wrist decays, for
 every delay of the command that ``"hard"`` draws.
 
-``person`` asks how little somebody can feel who holds the hand. The hand comes along
-with a speed that the demonstrations have, and arm and door with it. What is left of the
-force on the person if the hand is commanded to be where it is, from the first touch on,
-is what no controller of poses takes away.
+``person`` measures the smallest possible force on a person who holds the hand. Hand,
+arm and door arrive with the speed of the demonstrations. From the first touch on, the
+measured pose of the hand is commanded. The remaining force on the person is one that no
+pose controller can remove.
 """
 
 import contextlib
@@ -36,7 +36,7 @@ from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.contact import HELD_HAND, SERVO_LAG
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
 
-# --- A knocked hand ----------------------------------------------------------
+# --- Disturbed set-point ----------------------------------------------------------
 
 PERIODS: Final = (0, 1, 2, 3)
 """Delays [control periods]."""
@@ -45,13 +45,13 @@ STIFFNESSES: Final = (100.0, 200.0, 330.0, 500.0)
 DAMPINGS: Final = (0.0, 60.0)
 """Least damping [N s/m]: none, and k_s times 30 ms."""
 AXIS: Final = 0
-"""The hand is knocked along x, at the closed door the direction of opening."""
+"""The set-point is disturbed along x, the direction of opening of a closed door."""
 
 _KNOCK, _KNOCK_BEGINS, _KNOCK_ENDS = 0.001, 0.5, 0.6
 _DIED_OUT: Final = 0.5
-"""What is left of the knock's force after it has died out: less than this share."""
+"""The force has decayed if less than this share of the initial force remains."""
 _NEAR: Final = 0.0005
-"""Margins smaller than this say nothing about a simulation [s]."""
+"""Smaller margins do not predict the simulation [s]."""
 
 
 def dynamics(least: float) -> VirtualDynamics:
@@ -62,10 +62,10 @@ def dynamics(least: float) -> VirtualDynamics:
 def rest_of_a_knock(
     stiffness: float, least: float, periods: int, *, held: bool, seconds: float
 ) -> float:
-    """Knock a hand in simulation that a locked door holds, or nothing.
+    """Disturb the set-point of a simulated hand, held by a locked door or free.
 
-    Returns the standard deviation of the force in the last of some seconds over that in
-    the first, infinite if the grasp is lost.
+    Returns the ratio of the standard deviations of the force in the last and in the
+    first second, infinite if the grasp is lost.
     """
     env: Any = gym.make(
         ENVIRONMENT_ID,
@@ -95,14 +95,14 @@ def rest_of_a_knock(
 
 
 def model_margin(stiffness: float, least: float, periods: int) -> float:
-    """Return the further delay that the model allows a held hand, x axis [s]."""
+    """Return the additional delay that the model allows for a held hand, x axis [s]."""
     gains, virtual = np.full(6, stiffness), dynamics(least)
     limit = HELD_HAND.tolerated_delay(gains, virtual.damping(gains), virtual.mass)
     return float(limit[AXIS]) - (periods * CONTROL_PERIOD + SERVO_LAG)
 
 
 def measure_verdicts(seconds: int) -> Measurement:
-    """Compare the model's verdicts with those of the simulation."""
+    """Compare the model's stability predictions with the simulation."""
     rows: dict[str, dict[str, str]] = {}
     wrong = {True: 0, False: 0}
     for least, held, delay in itertools.product(DAMPINGS, (True, False), PERIODS):
@@ -111,24 +111,24 @@ def measure_verdicts(seconds: int) -> Measurement:
         rows[name] = {}
         for k in STIFFNESSES:
             rest = rest_of_a_knock(k, least, delay, held=held, seconds=seconds)
-            # Nothing holds a free hand: there is no loop that could oscillate.
+            # A free hand has no contact loop that could oscillate.
             margin = model_margin(k, least, delay) if held else math.inf
             calm = rest < _DIED_OUT
             wrong[held] += calm != (margin > 0.0) and abs(margin) > _NEAR
             said = f" ({1e3 * margin:+.1f} ms)" if held else ""
             rows[name][f"k = {k:g}"] = ("calm" if calm else "OSCILLATES") + said
     return Measurement(
-        title="a knocked hand in simulation (and the model's contact margin)",
+        title="force after a disturbance, simulated (and the model's contact margin)",
         rows=rows,
         targets=tuple(
-            at_most(f"verdicts that differ, {name}", wrong[held], 0)
+            at_most(f"different predictions, {name}", wrong[held], 0)
             for name, held in (("held", True), ("free", False))
         ),
     )
 
 
 def threshold(oscillates: Callable[[float], bool], low: float, high: float) -> float:
-    """Return the k between two at which oscillations stop, to 1 % [N/m]."""
+    """Return the k between two bounds at which oscillations stop, to 1 % [N/m]."""
     while high > 1.01 * low:
         middle = math.sqrt(low * high)
         low, high = (middle, high) if oscillates(middle) else (low, middle)
@@ -136,7 +136,7 @@ def threshold(oscillates: Callable[[float], bool], low: float, high: float) -> f
 
 
 def measure_lag(seconds: int) -> Measurement:
-    """Find the softest calm admittance at each delay, and the lag that explains it."""
+    """Find the softest stable admittance per delay, and the lag that explains it."""
     rows, targets = {}, list[Target]()
     for delay in PERIODS[1:]:
 
@@ -157,7 +157,7 @@ def measure_lag(seconds: int) -> Measurement:
         name = f"lag at {delay} periods [ms]"
         targets.append(at_most(name, lag, 1e3 * SERVO_LAG))
     return Measurement(
-        title="the softest admittance with d = 2√(m k) that stays calm when held",
+        title="the softest admittance with d = 2√(m k) that is stable when held",
         rows=rows,
         targets=tuple(targets),
     )
@@ -166,7 +166,7 @@ def measure_lag(seconds: int) -> Measurement:
 # --- A held hand -------------------------------------------------------------
 
 _WATCHED: Final = 100
-"""Steps after the first touch; the peak comes within twenty."""
+"""Steps after the first touch; the peak occurs within twenty steps."""
 
 
 def held_by_a_person(
@@ -174,7 +174,7 @@ def held_by_a_person(
 ) -> tuple[float, float]:
     """Let a person hold the hand; return the peak force [N] and the speed [m/s].
 
-    If it ``follows``, the hand's own pose is commanded from the first touch on.
+    If ``follows``, the measured pose of the hand is commanded from the first touch on.
     """
     env: Any = make_environment(task, agent.control)
     with contextlib.closing(env):
@@ -196,7 +196,7 @@ def held_by_a_person(
 
 
 def measure_persons(seeds: int) -> Measurement:
-    """Hold the hand of the agent, and of one that follows the hand."""
+    """Hold the hand under the agent, and under commands that follow the hand."""
     found: dict[str, list[tuple[float, float]]] = {}
     for seed in range(seeds):
         task = episode_task(
@@ -225,14 +225,14 @@ def loop(seconds: int = 3) -> None:
     """Compare the model of the contact loop with the simulation.
 
     Args:
-        seconds: Simulated time after each knock [s], at least two.
+        seconds: Simulated time after each disturbance [s], at least two.
     """
     verdicts, lag = (partial(one, seconds) for one in (measure_verdicts, measure_lag))
     report({"verdicts": verdicts, "lag": lag})
 
 
 def person(seeds: int = 5) -> None:
-    """Compare the agent with the limit, on seeds from 0."""
+    """Compare the agent with the smallest possible force, on seeds from 0."""
     report({"person": partial(measure_persons, seeds)})
 
 

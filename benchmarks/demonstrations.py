@@ -1,17 +1,17 @@
-"""How demonstrations are recorded.
+"""Effect of recording conditions on alignment and learning.
 
 python benchmarks/demonstrations.py {alignments,rests}
 
-``alignments``: three tasks, an opening, a letter and wiping, are recorded in ways that
-people record: with rests, pauses, from other starts, with stretches done twice, with
-parts of other sizes. How far each recording has come in the task is known at every
-sample; the error of an alignment is by how much the recordings differ in it at one
-phase. Of sets made by ``gplfd demos import`` spread and left-out likelihood are
-measured, too.
+``alignments``: three tasks, an opening, a letter and wiping, are recorded with
+deviations that are common in recordings of people: rests, pauses, other start poses,
+repeated parts, and parts of other sizes. The true progress in the task is known at
+every sample. The error of an alignment is the difference of the true progress between
+recordings at equal phase. For sets made by ``gplfd demos import``, spread and left-out
+likelihood are measured.
 
 ``rests``: six clean arcs, two of each of three doors, are recorded with rests, at a
-sampling rate and with white noise; each method learns from them and opens the three
-doors. A set with rests is compared with the same motions recorded without.
+sampling rate and with white noise. Each method learns from them and opens the three
+doors. A set with rests is compared with the same motions without rests.
 """
 
 import itertools
@@ -59,20 +59,20 @@ _PHASES: Final = 200
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Habit:
-    """What a recording has that a clean one has not."""
+    """Deviations of a recording from a clean one."""
 
     rest: float = 0.0
-    """At both ends, at most [s]."""
+    """Longest rest at both ends [s]."""
     pauses: int = 0
-    """In the middle, half a second to two each."""
+    """Number of pauses in the middle, 0.5 to 2 s each."""
     start: float = 0.0
-    """How far from the others' it starts (standard deviation) [m]."""
+    """Deviation of the start position (standard deviation) [m]."""
     again: bool = False
-    """A fifth of the task is gone back and done again, in every other recording."""
+    """Every other recording goes back by a fifth of the task and repeats it."""
     sizes: float = 0.0
-    """By how much each third of the path is longer or shorter (standard deviation)."""
+    """Relative deviation of the length of a third of the path (standard deviation)."""
     noise: float = 0.0
-    """Of positions, low-passed as motion capture's is (standard deviation) [m]."""
+    """Position noise, low-passed as in motion capture (standard deviation) [m]."""
 
 
 HABITS: Final[Mapping[str, Habit]] = {
@@ -89,18 +89,18 @@ HABITS: Final[Mapping[str, Habit]] = {
 _TURNS: Final = np.linspace(0.0, 1.2, 13)[1:]
 TASKS: Final[Mapping[str, FloatArray]] = {
     "opening": 0.5 * np.column_stack([np.cos(_TURNS), np.sin(_TURNS)]) * 0.1,
-    # An N: up, down across, and up.
+    # The letter N: up, diagonally down, and up.
     "letter": np.array([[0.0, 0.3], [0.2, -0.3], [0.0, 0.3]]),
-    # Forth and back three times on one line.
+    # Three times back and forth on a line.
     "wiping": np.tile([[0.4, 0.01], [-0.4, 0.01]], (3, 1)),
 }
 """Steps from each corner of the path to the next, in thirds, (N, 2) [m]."""
 
 
 class Recorded(NamedTuple):
-    """A recording, and the share of the task that is done at each sample, (N,).
+    """A recording, and the true progress in the task at each sample, (N,).
 
-    The share falls where a part is gone back.
+    The progress decreases where the hand goes back.
     """
 
     demonstration: Demonstration
@@ -117,16 +117,16 @@ def recordings(task: str, habit: Habit, seed: int) -> list[Recorded]:
 def recording(
     steps: FloatArray, habit: Habit, again: bool, rng: np.random.Generator
 ) -> Recorded:
-    """Record a task; ``again`` is whether a part is done again if it is the habit."""
+    """Record a task; ``again`` repeats a part if the habit includes repetitions."""
     duration = rng.uniform(3.0, 6.0)
     moving = np.arange(round(duration * _RATE)) / (duration * _RATE)
-    # Nobody keeps one pace: slower and faster parts, and gentle ends.
+    # The pace varies, and the ends are gentle.
     pace = np.sin(np.pi * moving) ** 0.5 * np.exp(
         0.5 * gaussian_filter1d(rng.standard_normal(moving.size), 20) * 20**0.5
     )
     done = np.cumsum(pace) / np.sum(pace)
     if habit.again and again:
-        # Go back by a fifth of the task at a place, and on again.
+        # Go back by a fifth of the task at one point, and forward again.
         turn = rng.uniform(0.35, 0.75)
         place = int(np.searchsorted(done, turn))
         count = place - int(np.searchsorted(done, turn - 0.2))
@@ -145,7 +145,7 @@ def recording(
     corners = np.vstack([np.zeros(2), np.cumsum(thirds * steps, axis=0)])
     shares = np.linspace(0.0, 1.0, len(corners))
     fine = np.linspace(0.0, 1.0, 1001)
-    # Corners are rounded: a hand does not stop there.
+    # Corners are rounded because a hand does not stop there.
     way = gaussian_filter1d(
         np.column_stack([np.interp(fine, shares, column) for column in corners.T]),
         15.0,
@@ -155,7 +155,7 @@ def recording(
     positions = np.zeros((done.size, 3))
     for axis in range(2):
         positions[:, axis] = np.interp(done, fine, way[:, axis])
-    # From another start the usual way is reached after a quarter of the task.
+    # From another start, the usual path is reached after a quarter of the task.
     positions += (
         habit.start
         * rng.standard_normal(3)
@@ -168,15 +168,16 @@ def recording(
 
 
 def phase_error(recorded: Sequence[Recorded], form: AlignmentMethod) -> float:
-    """Return by how much recordings differ in the task at one phase (rms), a share.
+    """Return the rms difference of true progress at equal phase, as a share.
 
-    Stretches that are gone back are no error of whoever goes on.
+    The progress at a sample is the largest so far, so that going back adds no error.
     """
     aligned = align([one.demonstration for one in recorded], method=form)
     assert aligned.clocks is not None
     each = []
     for one, clock, rests in zip(recorded, aligned.clocks, aligned.rests, strict=True):
-        # When the recording was at its own clock, which rests do not count.
+        # Times of the recording at which its clock, which excludes rests, had this
+        # value.
         times = one.demonstration.times
         left_out = sum(rest.end - rest.start for rest in rests)
         found = times[0] + clock * (times[-1] - times[0] - left_out)
@@ -188,7 +189,7 @@ def phase_error(recorded: Sequence[Recorded], form: AlignmentMethod) -> float:
 
 
 def compare_forms(habits: Sequence[str], seeds: int) -> Measurement:
-    """Measure every form's phase error on some habits, over all tasks."""
+    """Measure the phase error of every form of alignment, by habit, over all tasks."""
     rows: dict[str, dict[str, float]] = {}
     for name in habits:
         sets = [
@@ -211,8 +212,8 @@ def compare_forms(habits: Sequence[str], seeds: int) -> Measurement:
 def compare_sets(sets: Sequence[Path]) -> Measurement:
     """Measure spread and left-out likelihood of real recordings.
 
-    Every alignment sees the recording that is left out: a form that bends clocks more
-    gains by it.
+    Every alignment includes the left-out recording, which favours forms that warp time
+    more.
     """
     rows: dict[str, dict[str, Value]] = {}
     for path in sets:
@@ -235,7 +236,7 @@ def compare_sets(sets: Sequence[Path]) -> Measurement:
 
 
 def draw_letter(file: Path) -> None:
-    """Draw one letter after every form, for the habits that tell forms apart."""
+    """Draw a letter aligned by every form, for the habits that differ most."""
     habits = ("other starts", "parts done again", "parts of other sizes")
     figure, grid = plt.subplots(
         len(habits), len(FORMS), figsize=(9, 5), sharex=True, layout="constrained"
@@ -258,15 +259,15 @@ def draw_letter(file: Path) -> None:
 
 METHODS: Final = ("gp", "kmp", "promp")
 RESTS: Final = (0.0, 1.0, 2.0)
-"""At both ends [s]."""
+"""Rests at both ends [s]."""
 _DOORS: Final = ("small", "medium", "large")
 _WORST_RATIO: Final = 1.5
-"""Of the radial force with rests to that without."""
+"""Largest accepted ratio of the radial forces with and without rests."""
 _WITHIN: Final = f"sets within {_WORST_RATIO:g} x the same without rests"
 
 
 class Case(NamedTuple):
-    """What one set of recordings is like, and who learns from it."""
+    """Properties of a set of recordings, and the policy that learns from it."""
 
     method: str
     rest: float
@@ -278,7 +279,7 @@ class Case(NamedTuple):
 def opened_after(case: Case) -> list[EpisodeMetrics]:
     """Learn from two recordings of each door, and open the three doors.
 
-    Rests change nothing else of a seed's recordings.
+    Recordings of a seed differ by the rests only.
     """
     paces = np.random.default_rng(case.seed).uniform(4.0, 7.0, 2 * len(_DOORS))
     rng = np.random.default_rng((case.seed, 1))
@@ -304,7 +305,7 @@ def opened_after(case: Case) -> list[EpisodeMetrics]:
 def compare_rests(
     rates: Sequence[float], noises: Sequence[float], sets: int
 ) -> Measurement:
-    """Open doors after every kind of recording."""
+    """Open doors after learning from every kind of recording."""
     found: dict[Case, list[EpisodeMetrics]] = {}
     kinds = itertools.product(range(sets), METHODS, rates, noises, RESTS)
     for seed, method, rate, noise, rest in kinds:
@@ -312,7 +313,7 @@ def compare_rests(
         found[case] = opened_after(case)
         if len(found) % 27 == 0:
             LOG.info("%d sets of recordings", len(found))
-    # The radial peak of a set, the mean of its doors [N].
+    # Peak radial force of a set, mean over its doors [N].
     radial = {
         case: float(np.mean([one.force_radial_peak for one in metrics]))
         for case, metrics in found.items()
@@ -352,13 +353,13 @@ def alignments(
     habits: tuple[str, ...] = tuple(HABITS),
     figure: Path | None = None,
 ) -> None:
-    """Measure every form of alignment; some minutes.
+    """Measure every form of alignment; takes some minutes.
 
     Args:
         sets: Folders made by ``gplfd demos import``.
         seeds: Sets of recordings of each kind.
-        habits: Of people who record.
-        figure: Where to draw how a letter is aligned.
+        habits: Deviations of the recordings from clean ones.
+        figure: File for a picture of an aligned letter.
     """
     measures: dict[str, Callable[[], Measurement]] = {
         "messy": partial(compare_forms, habits, seeds)
@@ -366,7 +367,7 @@ def alignments(
     if sets:
         measures["real"] = partial(compare_sets, sets)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of noise and rests
+        warnings.simplefilter("ignore", UserWarning)  # about noise and rests
         report(measures)
         if figure is not None:
             draw_letter(figure)
@@ -377,12 +378,12 @@ def rests(
     rates: tuple[float, ...] = (60.0, 120.0, 240.0),
     noises: tuple[float, ...] = (0.0, 3e-4, 1e-3),
 ) -> None:
-    """Measure what rests do; a quarter of an hour.
+    """Measure the effect of rests; takes a quarter of an hour.
 
     Args:
         sets: Sets of recordings of each kind.
         rates: Samples per second.
-        noises: Of positions [m]; rotations have four times the number [rad].
+        noises: Position noise [m]; rotation noise is four times this number [rad].
     """
     report({"rests": partial(compare_rests, rates, noises, sets)})
 

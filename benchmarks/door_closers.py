@@ -1,8 +1,9 @@
 """Levers with closers, forces demonstrated: python benchmarks/door_closers.py.
 
-Two thirds of the doors have a closer of 8 to 47 N m at rest, as the doors of DoorBench.
-Policies learn from six other doors, drawn from the same ranges, once with and once
-without the forces of the demonstrations, beside the oracle, which is told the door.
+Two thirds of the doors have a closer with 8 to 47 N m at rest, like the doors of
+DoorBench. Policies learn from six other doors, drawn from the same ranges, with and
+without the forces of the demonstrations. They are compared with the oracle, which knows
+the door.
 """
 
 from collections.abc import Sequence
@@ -23,11 +24,11 @@ from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 _SHOWN = 6
 """Demonstrated doors, each opened once."""
 _FELT = 0.05
-"""Opened angle from which a hand has felt what the door asks for [rad]."""
+"""Door angle from which the hand has measured the load of the door [rad]."""
 
 
 def levers(count: int, seed: int) -> list[DoorConfig]:
-    """Draw doors that are pulled, 0.70 to 0.97 m wide."""
+    """Draw pulled doors, 0.70 to 0.97 m wide."""
     rng = np.random.default_rng(seed)
     doors = []
     for number in range(count):
@@ -59,7 +60,7 @@ def levers(count: int, seed: int) -> list[DoorConfig]:
 
 
 def demonstrated(seed: int, *, forces: bool) -> LabelledDemonstrations:
-    """Let the synthetic human open six other levers; the motion is the same."""
+    """Record demonstrations at six other doors with levers; the motion is the same."""
     doors = levers(_SHOWN, seed=50 + seed)
     teacher = Teacher(forces=ForceConfig() if forces else None)
     given = teacher.demonstrate_doors(doors, 1, rng=np.random.default_rng(100 + seed))
@@ -68,7 +69,7 @@ def demonstrated(seed: int, *, forces: bool) -> LabelledDemonstrations:
 
 
 def closers(policies: Sequence[str], seeds: int, count: int) -> Measurement:
-    """Let policies, and the oracle, open levers with closers."""
+    """Let policies and the oracle open doors with levers and closers."""
     doors = levers(count, seed=1)
 
     def logs_of(policy: str, seed: int, forces: bool | None) -> list[EpisodeLog]:
@@ -119,7 +120,7 @@ def closers(policies: Sequence[str], seeds: int, count: int) -> Measurement:
 
 
 def _coverage(logs: Sequence[EpisodeLog]) -> float | None:
-    """Share of forces along the path within the interval that was expected."""
+    """Share of measured forces along the path inside the expected interval."""
     inside = []
     for log in logs:
         felt = np.isfinite(log.expected_force[:, 0]) & (log.door_angle > _FELT)
@@ -131,12 +132,12 @@ def _coverage(logs: Sequence[EpisodeLog]) -> float | None:
 
 
 def main(policies: tuple[str, ...] = ("gp",), seeds: int = 2, doors: int = 24) -> None:
-    """Open levers with closers; a minute per policy.
+    """Open doors with levers and closers; takes a minute per policy.
 
     Args:
-        policies: Which, beside the oracle.
+        policies: Policies to compare with the oracle.
         seeds: Sets of demonstrations.
-        doors: Number of levers.
+        doors: Number of doors.
     """
     report({"closers": partial(closers, policies, seeds, doors)})
 

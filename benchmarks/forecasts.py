@@ -3,29 +3,28 @@
 python benchmarks/forecasts.py {doors,unseen,worth,inference}
 
 ``doors`` leaves every radius out of the demonstrations once, streams the left-out
-opening as via-points, and predicts the rest of it after each.
+opening as via-points, and predicts the rest after each via-point.
 
-``unseen`` streams motions by generators that nothing was tuned to until 20, 35 and 50 %
-of them are seen, and predicts what follows. In its own time the phase of an observation
-is its share of the motion's duration, and so are these cuts. Online the running agent
-watches, finds the phase itself, and the cuts are shares of the path. The phases of the
-truth follow from its whole path, and only serve to judge: by axis, along and across the
-forecast path in the plane of the motion, and as a path whose timing is not judged. A
-circle fitted to the same observations is the limit of the path's error for somebody who
-knows that it is one.
+``unseen`` streams motions from generators that were not used for tuning. After 20, 35
+and 50 % of a motion it predicts the rest. "Own time": the phase of an observation is
+its share of the motion's duration, and the cuts are shares of the duration. "Online":
+the running agent estimates the phase, and the cuts are shares of the path. The true
+phases, computed from the whole path, are used for scores only. Errors are scored by
+axis, along and across the forecast path in the plane of the motion, and as a path
+without timing. The limit of the path error is that of a circle fitted to the same
+observations, by an observer who knows that the path is a circle.
 
-``worth`` repeats ``unseen`` with one to eight demonstrations of each door and a model
-of deviations that is worth fewer and more independent deviations than
-`gplfd_policies.gp.deviations.MODEL_WORTH`, and with the share that forecasts left-out
+``worth`` repeats ``unseen`` with one to eight demonstrations of each door. The model of
+deviations counts as fewer or more independent deviations than
+`gplfd_policies.gp.deviations.MODEL_WORTH`, or has the share that forecasts left-out
 demonstrations best (`gplfd_policies.gp.deviations.forecast_score`).
 
-``inference`` opens 60 doors under the errors of ``hard``, and compares the phase with
-the door's true angle and the set-point with the true arc. An observer who knows that
-the hand moves on a circle is the limit of the phase's error. How far the stated
-deviation of the size ranks doors by their later radial force has a limit, too: the
-rank correlation that errors with exactly these deviations have. The same holds for the
-stiffness and the set-point's error across the path, of which the angle is partialled
-out.
+``inference`` opens 60 doors with the errors of ``hard``. It compares the phase with the
+true door angle, and the set-point with the true arc. The limit of the phase error is
+that of an observer who knows that the hand moves on a circle. It also measures the rank
+correlation of the stated deviation of the size with the later radial force, and that of
+the stiffness with the error across the path, given the door angle. The limit of these
+correlations is the one for errors with exactly the stated deviations.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -83,7 +82,7 @@ from gplfd_policies.registry.catalogue import policy_named
 
 _SAMPLES: Final = 200
 _SOON: Final = 20
-"""Samples that come next."""
+"""Number of next samples that are scored."""
 _STD: Final = 1e-3
 """Noise of a via-point [m, rad]."""
 
@@ -97,8 +96,9 @@ def wobbling_arc(
 ) -> FloatArray:
     """Open a door in minimum-jerk time while the hand wobbles smoothly, (M, 6).
 
-    The clock (M,) and the progress of the motion run from 0 to 1; the wobble has a
-    standard deviation in m, and four times as much in rad, and is zero at the start.
+    The clock (M,) and the progress of the motion run from 0 to 1. The wobble has a
+    standard deviation in m for positions and four times this number in rad for
+    rotations; it is zero at the start.
     """
     arc = handle_pose_on_arc(radius, DEMONSTRATED_ANGLE * minimum_jerk(progress))
     rising = np.minimum(1.0, 10.0 * clock)[:, None]
@@ -110,15 +110,15 @@ def wobbling_arc(
 # --- Left-out radii ----------------------------------------------------------
 
 Openings = tuple[AlignedDemonstrations, FloatArray]
-"""Demonstrations on one clock, and the radius of the door of each [m]."""
+"""Demonstrations on one clock, and the door radius of each [m]."""
 
 _PER_RADIUS: Final = 2
 _PLANE: Final = [0, 2]
-"""x and z, which a door moves [m]."""
+"""x and z, in which the handle moves [m]."""
 _FEW: Final = (0.30, 0.42, 0.53, 0.65)
 _MANY: Final = tuple(np.linspace(0.30, 0.65, 8).round(2))
 _EXACT_FORMS: Final = ("process", "product", "exact")
-"""Those for phases that are certain, as these are."""
+"""Forms of adaptation for known phases."""
 SOON_ERROR, SOON_HOLDS = f"next {_SOON}: rmse mm", f"next {_SOON}: stated 95 % holds"
 REST_ERROR, REST_HOLDS = "rest: rmse mm", "rest: stated 95 % holds"
 
@@ -162,7 +162,7 @@ def left_out_radii(draws: int, every: int) -> Measurement:
 
 
 def door_targets(doors: str, found: Mapping[str, Mapping[str, float]]) -> list[Target]:
-    """What is wanted of the default form on one set of doors."""
+    """Return the targets of the default form on one set of doors."""
     process, product = found["process"], found["product"]
     name, ratio = f"accuracy, {doors}:", process[REST_ERROR] / product[REST_ERROR]
     return [
@@ -176,10 +176,10 @@ def door_targets(doors: str, found: Mapping[str, Mapping[str, float]]) -> list[T
 def judge_exact(
     forms: Sequence[str], draws: Sequence[Openings], every: int
 ) -> dict[str, dict[str, float]]:
-    """Leave every radius out of every draw and judge forms of adaptation.
+    """Leave every radius out of every draw and score forms of adaptation.
 
-    Averages are over stages of the openings, so that early ones, with a longer rest, do
-    not dominate.
+    Averages are over stages of the openings, so that early stages, which predict more
+    samples, do not dominate.
     """
     stages: dict[str, list[tuple[float, ...]]] = {form: [] for form in forms}
     for seed, (aligned, radii) in enumerate(draws):
@@ -210,8 +210,8 @@ def _stages(
     every: int,
     rng: np.random.Generator,
 ) -> Iterator[tuple[float, ...]]:
-    """Yield at every stage: squared error and share inside, of what is next and all."""
-    # From the second via-point, as long as there are samples enough after it.
+    """Yield squared errors and shares inside per stage, of the next and all samples."""
+    # From the second via-point on, while enough samples remain.
     for stage, place in enumerate(range(0, len(times) - _SOON - every, every)):
         seen = opening[place] + _STD * rng.standard_normal(6)
         adaptation.observe(ViaPoint(phase=float(times[place]), pose=seen, std=_STD))
@@ -243,7 +243,7 @@ HELD: Final = {
     for cut in _CUTS
     for side in ("along", "across")
 }
-"""Columns: share of the rest inside the stated intervals along or across the path."""
+"""Names of the columns: share of the rest inside intervals along or across the path."""
 _OWN_TIME_LIMITS: Final = {
     "clean arcs": {SOON: 4.0, REST: 25.0},
     "synthetic human": {SOON: 6.5, REST: 42.0},
@@ -255,7 +255,7 @@ _ONLINE_LIMITS: Final = {
 
 
 class Task(NamedTuple):
-    """What is learned, what is predicted, and the positions that the task moves."""
+    """Demonstrations, motions to predict, and the position axes that move."""
 
     given: Sequence[Demonstration]
     unseen: Sequence[Demonstration]
@@ -263,7 +263,7 @@ class Task(NamedTuple):
 
 
 def paced_arc(radius: float, rng: np.random.Generator) -> Demonstration:
-    """Open a door on a clean arc, with 3 mm of wobble, at a pace of one parameter."""
+    """Open a door on a clean arc with 3 mm of wobble; one parameter sets the pace."""
     clock = np.linspace(0.0, 1.0, 241)
     hurry = float(np.clip(rng.normal(0.0, 0.25), -0.6, 0.6))
     paced = clock + hurry * clock * (1.0 - clock)
@@ -282,7 +282,7 @@ def drawn_task(
     per_radius: int = _PER_RADIUS,
     unseen: Sequence[float] = _UNSEEN,
 ) -> Task:
-    """Draw doors of three radii to learn from, and of others to predict."""
+    """Draw doors of three radii to learn from, and doors of other radii to predict."""
     rng, demonstrate = np.random.default_rng(seed), GENERATORS[generator]
     given = [demonstrate(radius, rng) for radius in _LEARNED for _ in range(per_radius)]
     return Task(given, [demonstrate(radius, rng) for radius in unseen], (0, 2))
@@ -319,13 +319,13 @@ def in_own_time(
 def online(
     skill: Skill, form: AdaptationForm, task: Task, seed: int
 ) -> Iterator[dict[str, float]]:
-    """Let the running agent watch every unseen motion.
+    """Show every unseen motion to the running agent.
 
-    Yields at every cut mean squared errors per moving axis [m²], mean squared distances
-    [m²] of the true path from the forecast one and from the circle through what was
-    seen, and shares inside.
+    Yields at every cut: mean squared errors per moving axis [m²], mean squared
+    distances [m²] of the true path from the forecast path and from the circle fitted to
+    the observations, and shares inside.
     """
-    # The hand holds no bar: its rotation has no error of a grasp.
+    # The hand holds no bar, so that its rotation has no grasp error.
     config = ComplianceConfig(via_std=(_STD, 3e-2))
     method = replace(GP, adaptation=form, config=config)
     rng, moving = np.random.default_rng(seed), list(task.moving)
@@ -364,7 +364,7 @@ def online(
 
 
 def path_axes(path: GaussianTrajectory) -> tuple[FloatArray, FloatArray]:
-    """Return unit vectors (M, 3) along and across a path, in the plane of its motion.
+    """Return unit vectors (M, 3) along and across a path, in the plane of the motion.
 
     The plane is that of the first two principal directions of its positions.
     """
@@ -379,8 +379,8 @@ def path_axes(path: GaussianTrajectory) -> tuple[FloatArray, FloatArray]:
 def std_along(forecast: Forecast, axes: FloatArray) -> FloatArray:
     """Return the standard deviation [m] of positions along unit vectors d (M, 3).
 
-    σ_d² = Σ_i d_i² σ_i² + 2 d_x d_z σ_xz, where the covariance is zero of forms whose
-    coordinates deviate independently, (M,).
+    σ_d² = Σ_i d_i² σ_i² + 2 d_x d_z σ_xz, (M,). The covariance is zero for forms with
+    independent coordinates.
     """
     own = np.sum((axes * forecast.trajectory.std[:, :3]) ** 2, axis=1)
     shared = 2.0 * axes[:, 0] * axes[:, 2] * forecast.level_covariance
@@ -390,7 +390,7 @@ def std_along(forecast: Forecast, axes: FloatArray) -> FloatArray:
 def judge(
     forms: Mapping[str, AdaptationForm], tasks: Sequence[Task]
 ) -> dict[str, dict[str, float]]:
-    """Root mean squares and shares by form, averaged over all cuts of all tasks."""
+    """Return rms errors and shares by form, averaged over all cuts of all tasks."""
     found: dict[str, dict[str, list[float]]] = {name: {} for name in forms}
     for seed, task in enumerate(tasks):
         skill = fit_skill(align(task.given))
@@ -417,7 +417,7 @@ UNSEEN_FORMS: Final[Mapping[str, AdaptationForm]] = {
 def unseen_motions(
     draws: int, recording: Path | None, unseen: Sequence[float]
 ) -> Measurement:
-    """Predict motions of every generator, and of a recording if there is one."""
+    """Predict motions of every generator, and of a recording if one is given."""
     sets = {
         name: [drawn_task(name, seed, unseen=unseen) for seed in range(draws)]
         for name in GENERATORS
@@ -451,22 +451,22 @@ def unseen_motions(
     )
 
 
-# --- Worth of the model of deviations ----------------------------------------
+# --- Weight of the model of deviations ----------------------------------------
 
 _SHARES: Final = np.linspace(0.0, 0.9, 10)
 _SCORED: Final = 7
-"""Samples of the common times from one that leaving out looks at to the next."""
+"""Leaving out uses every n-th sample of the common times."""
 
 
 def worth(deviations: float, skill: Skill, grid: FloatArray) -> ProcessAdaptation:
-    """Adapt with a model that is worth so many independent deviations."""
+    """Adapt with a model that counts as a number of independent deviations."""
     free = skill.count - 1
     share = free / (deviations + free)
     return ProcessAdaptation(skill, grid, empirical_share=share)
 
 
 def best_left_out(skill: Skill, grid: FloatArray) -> ProcessAdaptation:
-    """Adapt with the share that forecasts left-out demonstrations best."""
+    """Adapt with the share of the model that forecasts left-out demonstrations best."""
     times = skill.aligned.times[::_SCORED]
     poses = skill.aligned.poses[:, ::_SCORED]
     noise = skill.processes.moments(times).noise
@@ -493,7 +493,7 @@ WORTH_FORMS: Final[Mapping[str, AdaptationForm]] = {
 
 
 def worth_of_the_model(draws: int, per_radius: int) -> Measurement:
-    """Forecast after some demonstrations of every learned door."""
+    """Forecast with a number of demonstrations of every learned door."""
     return Measurement(
         title=f"{per_radius} of each door",
         rows={
@@ -524,10 +524,10 @@ PHASE, ALONG, BIAS, WORST, HARD_RADIAL, ALL_RADIAL, ACROSS, RANK, ATTAINABLE = (
     "were the std exact",
 )
 _POSITION_STD: Final = 1.5e-3
-"""Error of a position that the observer of circles expects [m]. The hand is 1.0 mm from
-its circle; of 1, 1.5 and 2 mm this one gives the least error."""
+"""Position error that the observer of circles assumes [m]. The hand is 1.0 mm from its
+circle; among 1, 1.5 and 2 mm this value gives the least phase error."""
 _SEEN: Final = (0.35, 0.50)
-"""Shares of the opening after which the deviation of the size is compared."""
+"""Shares of the opening at which the deviation of the size is evaluated."""
 
 
 def inferences(policies: Sequence[str]) -> Measurement:
@@ -573,7 +573,7 @@ def inferences(policies: Sequence[str]) -> Measurement:
 
 
 def circle_angle(poses: FloatArray, radii: FloatArray) -> FloatArray:
-    """Infer how far a door is open from the hand's path, knowing that it is a circle.
+    """Estimate the door angle from the path of the hand, which is known to be a circle.
 
     A circle through the start of radius R, with its centre to the side by a heading ψ,
     has the probability exp(-½ Σ_i (|p_i - c(R, ψ)| - R)²/n² - ½ ψ²/τ²): R is uniform
@@ -581,11 +581,11 @@ def circle_angle(poses: FloatArray, radii: FloatArray) -> FloatArray:
     posterior mean of the angle about c.
 
     Args:
-        poses: Of the hand, task frame, (T, 6) [m, rad].
-        radii: That are possible, (K,) [m].
+        poses: Poses of the hand, task frame, (T, 6) [m, rad].
+        radii: Possible radii, (K,) [m].
 
     Returns:
-        The door's angle by all poses up to each, (T,) [rad].
+        Door angle estimated from all poses up to each, (T,) [rad].
     """
     heading_std = np.radians(3.0)
     heading = np.linspace(-3.0, 3.0, 91) * heading_std
@@ -612,7 +612,7 @@ def _phase_errors(
     grid: FloatArray,
     turn: FloatArray,
 ) -> dict[str, float]:
-    """Errors of the phases of every opening; the grid's phases turn doors by `turn`."""
+    """Return phase errors of every opening; `turn` is the angle on the phase grid."""
     squares, mean, worst = [], [], []
     radius = np.array([log.radius for log in logs])
     for log, phase in zip(logs, phases, strict=True):
@@ -631,12 +631,12 @@ def _phase_errors(
 
 
 def _forces(logs: Sequence[EpisodeLog]) -> dict[str, float]:
-    """Radial peaks, error of the set-point, and whether a larger std means force."""
+    """Return radial peaks, set-point error, rank correlation of std and force."""
     peak = np.array([np.abs(log.force_radial).max() for log in logs])
     across, partials, attainable = [], [], []
     rng = np.random.default_rng(0)
     for log in logs:
-        # The hand is on the true arc, but for the noise of its sensors.
+        # The hand is on the true arc, except for sensor noise.
         moving = _moving(log)
         circle = fit_circle(log.ee_pose[moving, :3])
         pull, _, away = (log.desired[moving, :3] @ circle.axes).T
@@ -687,7 +687,7 @@ def partial_rank_correlation(a: FloatArray, b: FloatArray, given: FloatArray) ->
 
 
 def _moving(log: EpisodeLog) -> Bool[np.ndarray, " T"]:
-    """Whether the door turns, and not yet beyond what was demonstrated."""
+    """Return where the door turns within the demonstrated range."""
     angle = log.door_angle
     moving: np.ndarray = (angle > np.radians(2.0)) & (angle < np.radians(62.0))
     return moving
@@ -697,11 +697,11 @@ def _moving(log: EpisodeLog) -> Bool[np.ndarray, " T"]:
 
 
 def doors(draws: int = 2, every: int = 4) -> None:
-    """Forecast doors that were not demonstrated; about half a minute per draw.
+    """Forecast doors that were not demonstrated; takes about half a minute per draw.
 
     Args:
-        draws: Draws of every set of doors.
-        every: Samples between via-points.
+        draws: Number of draws of every set of doors.
+        every: Number of samples between via-points.
     """
     report({"doors": partial(left_out_radii, draws, every)})
 
@@ -711,22 +711,22 @@ def unseen(
     recording: Path | None = None,
     unseen: tuple[float, ...] = _UNSEEN,
 ) -> None:
-    """Forecast motions by generators that nothing was tuned to.
+    """Forecast motions from generators that were not used for tuning.
 
     Args:
         draws: Draws of every generator.
-        recording: Also recordings, a file of `gplfd demos import`.
-        unseen: Radii of the doors that are predicted [m].
+        recording: File of `gplfd demos import` with recordings to forecast in addition.
+        unseen: Radii of the doors to predict [m].
     """
     report({"unseen": partial(unseen_motions, draws, recording, unseen)})
 
 
 def model_worth(draws: int = 12, per_radius: tuple[int, ...] = (1, 2, 4, 8)) -> None:
-    """Compare what the model of deviations may be worth.
+    """Compare weights of the model of deviations.
 
     Args:
         draws: Draws of every generator.
-        per_radius: Demonstrations of every door.
+        per_radius: Numbers of demonstrations of every door.
     """
     report(
         {
@@ -739,10 +739,10 @@ def model_worth(draws: int = 12, per_radius: tuple[int, ...] = (1, 2, 4, 8)) -> 
 def inference(
     policies: tuple[str, ...] = ("gp", "gp-process", "gp-one-size"),
 ) -> None:
-    """Judge phase and set-point while doors open; a quarter of a minute per policy.
+    """Score phase and set-point while doors open; takes 15 s per policy.
 
     Args:
-        policies: Policies that open the doors; targets are those of the first.
+        policies: Policies that open the doors; the targets are for the first one.
     """
     report({"inference": partial(inferences, policies)})
 

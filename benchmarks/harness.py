@@ -1,8 +1,7 @@
-"""What the scripts of this folder share: doors that policies open, and how they report.
+"""Shared functions of the scripts in this folder: opening doors, and reporting.
 
-A script has functions that return a `Measurement`; `report` calls one after the other
-and prints which code and machine they were measured with, a table of each, and whether
-the targets are met.
+A script has functions that return a `Measurement`. `report` calls them in turn and
+prints the code version, the machine, a table of each, and whether the targets are met.
 """
 
 import warnings
@@ -20,13 +19,13 @@ from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.registry.catalogue import policy_named
 
 _TOGETHER: Final = 16
-"""Doors that are opened in lockstep."""
+"""Number of doors that are opened in lockstep."""
 
 
 def tasks_of(
     doors: Iterable[DoorConfig], policy: str, **circumstances: Any
 ) -> list[EpisodeTask]:
-    """Return the task to open each of some doors; `circumstances` are fields of all."""
+    """Return a task for each door; `circumstances` are fields of all tasks."""
     return [
         episode_task(f"{door.radius:g}", door, policy=policy, **circumstances)
         for door in doors
@@ -38,12 +37,12 @@ def opened(
 ) -> list[EpisodeLog]:
     """Let a policy open doors; it learns once from each set of demonstrations.
 
-    Tasks are of one policy, base and start. Demonstrations that are ``given`` replace
-    theirs. A log does not depend on the other tasks.
+    All tasks have the same policy, base and start. Demonstrations that are ``given``
+    replace those of the tasks. A log does not depend on the other tasks.
     """
     make: dict[str, Callable[[], Any]] = {}
     with warnings.catch_warnings():
-        # About rests and noise of the demonstrations.
+        # Warnings about rests and noise of the demonstrations.
         warnings.simplefilter("ignore")
         for task in tasks:
             if task.training not in make:
@@ -57,7 +56,7 @@ def opened(
 
 
 def report(measures: Mapping[str, Callable[[], Measurement]]) -> dict[str, Measurement]:
-    """Measure one after the other, and print what was found and with what."""
+    """Run the measurements in turn; print results, code version and machine."""
     state = code_state()
     versions = ", ".join(f"{name} {one}" for name, one in state["versions"].items())
     git = state["git"] or {"commit": "unknown", "dirty": False}

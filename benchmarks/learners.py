@@ -1,10 +1,10 @@
-"""What adapters cost, and what a slam earns: python benchmarks/learners.py.
+"""Speed of adapters, and returns of scripts: python benchmarks/learners.py.
 
-Steps per second of many doors, as Gymnasium's vector environment, in the learners'
-wrappers, and as Stable-Baselines3's; and the return of a gentle and of a violent script
-under the dense reward and under that of ``gplfd/DoorOpeningRL-v1``; and what policies
-reach that learned from six demonstrations, beside curves of one that learned by
-reinforcement. Needs the extra sb3.
+Measures steps per second of many doors as a Gymnasium vector environment, in the
+wrappers for learners, and as a Stable-Baselines3 environment. Measures the returns of a
+gentle and of a violent script under the dense reward and under the reward of
+``gplfd/DoorOpeningRL-v1``. Compares policies that learned from six demonstrations with
+the learning curves of a policy that learned by reinforcement. Needs the extra sb3.
 """
 
 import copy
@@ -36,15 +36,15 @@ from gplfd_policies.registry.catalogue import policy_named
 from gplfd_policies.registry.method import TrainingInput
 
 JUDGED: Final = (0.35, 0.42, 0.50, 0.58, 0.65)
-"""Radii of the doors on which learners are judged [m]."""
+"""Radii of the doors on which learners are evaluated [m]."""
 CLONE: Final = f"{Path(__file__).parents[1] / 'examples' / 'cloned_policy.py'}:make"
-"""A network that imitates gp."""
+"""Policy of a network that imitates gp."""
 
 _PERIODS: Final = 30
 
 
 def resting(envs: Any, n: int, **seed: int) -> Timed:
-    """Return n doors whose hands rest for some periods, to be timed."""
+    """Return a run of n doors whose hands rest for a number of periods, for timing."""
     actions = np.zeros((n, 6), np.float32)
 
     def action() -> None:
@@ -55,7 +55,7 @@ def resting(envs: Any, n: int, **seed: int) -> Timed:
 
 
 def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
-    """Let hands rest in every form of n doors, in turns, 800 steps or more each."""
+    """Time resting hands in every form of n doors, in turns, 800 steps or more each."""
     forms: dict[str, Timed] = {}
     for n in counts:
         for id in (ENVIRONMENT_ID, RL_ENVIRONMENT_ID):
@@ -83,9 +83,9 @@ def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
 
 
 def measure_scripts() -> Measurement:
-    """Open doors along their true arc in 6 s, and by pulling with all that is allowed.
+    """Open doors along their true arc in 6 s, and by pulling as fast as allowed.
 
-    Both rewards are of the same episode.
+    Both rewards are computed for the same episode.
     """
     rows: dict[str, dict[str, Value]] = {}
     behind = []
@@ -132,12 +132,12 @@ def gentle(step: int, hand: np.ndarray, radius: float) -> np.ndarray:
 
 
 def slam(step: int, hand: np.ndarray, radius: float) -> np.ndarray:
-    """Return the action that pulls as far as it may, turning with the hand."""
+    """Return the largest allowed pull; the rotation follows the hand."""
     return np.array([math.cos(hand[4]), 0.0, -math.sin(hand[4]), 0.0, 0.5, 0.0])
 
 
 def measure_policies(policies: tuple[str, ...]) -> Measurement:
-    """Let policies that learned from six demonstrations open the judged doors."""
+    """Let policies that learned from six demonstrations open the doors `JUDGED`."""
     training = TrainingInput(demonstrations=Teacher().standard_demonstrations(seed=0))
     rows: dict[str, dict[str, Value]] = {}
     for name in policies:
@@ -147,7 +147,7 @@ def measure_policies(policies: tuple[str, ...]) -> Measurement:
 
 
 def judged(alone: Sequence[object]) -> dict[str, Value]:
-    """Return what came of one episode per door, as a learner's curve has it."""
+    """Return the results of one episode per door, in the format of a learning curve."""
     agents = batch_agents(alone)
     made = gym.make_vec(
         ENVIRONMENT_ID, len(JUDGED), door=list(JUDGED), autoreset_mode="Disabled"
@@ -172,7 +172,7 @@ def judged(alone: Sequence[object]) -> dict[str, Value]:
 
 
 def summarize_curves(curves: tuple[Path, ...]) -> Measurement:
-    """Say what runs of ``examples/learned_policy.py`` came to, by their curves."""
+    """Return the final results of runs of ``examples/learned_policy.py``."""
     ends: dict[str, dict[str, Value]] = {}
     for curve in curves:
         rows = json.loads(curve.read_text())
@@ -196,7 +196,7 @@ def summarize_curves(curves: tuple[Path, ...]) -> Measurement:
 def draw(
     curves: Sequence[Path], rows: Mapping[str, Mapping[str, Value]], figure: Path
 ) -> None:
-    """Draw a learner's curves beside what policies reach from six demonstrations."""
+    """Draw learning curves and the results of policies with six demonstrations."""
     panels = (
         ("opened", f"doors opened, of {len(JUDGED)}"),
         ("return", "return, mean"),
@@ -230,15 +230,14 @@ def main(
     curves: tuple[Path, ...] = (),
     figure: Path = Path("learners.png"),
 ) -> None:
-    """Measure what adapters cost, what scripts earn, and what policies reach.
+    """Measure the speed of adapters, the returns of scripts, and results of policies.
 
     Args:
         repeats: Measurements of every time.
         counts: Numbers of doors.
-        policies: That learn from six demonstrations.
-        curves: The curve.json of runs of examples/learned_policy.py, to be drawn beside
-            them.
-        figure: Picture to write if there are curves.
+        policies: Policies that learn from six demonstrations.
+        curves: Files curve.json of runs of examples/learned_policy.py to compare with.
+        figure: Picture to write if curves are given.
     """
     measures: dict[str, Callable[[], Measurement]] = {
         "steps": partial(measure_steps, repeats, counts),

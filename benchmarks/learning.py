@@ -2,8 +2,8 @@
 
 python benchmarks/learning.py {calibration,scaling}
 
-``calibration`` asks how honest the stated uncertainty is, ``scaling`` how long learning
-takes from more and longer demonstrations.
+``calibration`` measures the coverage of the stated uncertainty. ``scaling`` measures
+the learning time with more and longer demonstrations.
 """
 
 import itertools
@@ -33,7 +33,7 @@ CASES: Final = tuple(itertools.product(get_args(Deviations), (6, 20)))
 def measure_calibration(
     draws: int, cases: Sequence[tuple[Deviations, int]] = CASES
 ) -> Measurement:
-    """Score what was learned from some draws of each case."""
+    """Score the skills learned from a number of draws of each case."""
     process = KnownProcess.on_grid(200)
     rows, targets = {}, []
     for kind, count in cases:
@@ -48,8 +48,8 @@ def measure_calibration(
             scores.append({"NLPD above the truth's": gap, **ours})
         name = f"{count} {kind}"
         rows[name] = own = mean_scores(scores)
-        # Where the model is right, so is its standard deviation; elsewhere what it
-        # states must hold.
+        # Where the model is correct, its standard deviation must be correct. Elsewhere,
+        # the stated intervals must have their coverage.
         column = "within 1.96 std" if kind == "independent" else "in stated 95 %"
         what = f"accuracy, {name}: {column}", own[column]
         targets.append(
@@ -67,7 +67,7 @@ def measure_calibration(
 def log_log_slopes(
     sizes: Sequence[tuple[int, int]], seconds: Sequence[float]
 ) -> tuple[float, float]:
-    """Exponents a and b of seconds ≈ c · D^a · M^b, by least squares of logarithms."""
+    """Return a and b of seconds ≈ c · D^a · M^b, by least squares of logarithms."""
     logs = np.log(np.asarray(sizes, dtype=np.float64))
     design = np.column_stack([logs, np.ones(len(logs))])
     (a, b, _), *_ = np.linalg.lstsq(design, np.log(seconds), rcond=None)
@@ -77,7 +77,7 @@ def log_log_slopes(
 def measure_scaling(
     repeats: int, counts: Sequence[int], samples: Sequence[int]
 ) -> Measurement:
-    """Time learning from D demonstrations of M samples, both rising."""
+    """Time learning from D demonstrations of M samples, both increasing."""
     rng = np.random.default_rng(0)
     sizes = list(itertools.product(counts, samples))
     fits = {}
@@ -85,7 +85,7 @@ def measure_scaling(
         given = KnownProcess.on_grid(size).demonstrations(count, "independent", rng)
         fits[count, size] = repeated(partial(fit_skill, given))
     with warnings.catch_warnings():
-        # Two demonstrations are few, and `fit_skill` says so.
+        # `fit_skill` warns that two demonstrations are few.
         warnings.simplefilter("ignore", UserWarning)
         times = measure(fits, repeats)
     medians = [time.cpu_median for time in times.values()]
@@ -109,10 +109,10 @@ def measure_scaling(
 
 
 def calibration(draws: int = 5) -> None:
-    """Score predictions of known distributions, in seconds.
+    """Score predictions of known distributions; takes seconds.
 
     Args:
-        draws: Draws of every known distribution.
+        draws: Number of draws of every known distribution.
     """
     report({"calibration": partial(measure_calibration, draws)})
 
@@ -126,8 +126,8 @@ def scaling(
 
     Args:
         repeats: Measurements of each size.
-        counts: Numbers of demonstrations, two or more, rising.
-        samples: Numbers of samples of each demonstration, two or more, rising.
+        counts: Two or more numbers of demonstrations, increasing.
+        samples: Two or more numbers of samples per demonstration, increasing.
     """
     report({"scaling": partial(measure_scaling, repeats, counts, samples)})
 

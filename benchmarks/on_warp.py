@@ -1,7 +1,8 @@
-"""Doors on MuJoCo Warp, beside MuJoCo's: python benchmarks/on_warp.py.
+"""Doors on MuJoCo Warp compared with MuJoCo: python benchmarks/on_warp.py.
 
-Agreement of the same actions in the same doors, and control steps per second of many
-doors, beside MuJoCo on threads. Needs the extra warp; ``--device cuda:0`` is for a GPU.
+Measures the agreement for the same actions in the same doors, and control steps per
+second of many doors, compared with MuJoCo on threads. Needs the extra warp; ``--device
+cuda:0`` selects a GPU.
 """
 
 import itertools
@@ -39,14 +40,14 @@ DOORS: Final = (
 
 Array = np.ndarray
 Script = Callable[[int, Array], Array]
-"""From step and poses of the hands (n, 6) to actions (n, 6)."""
+"""Maps the step and the poses of the hands (n, 6) to actions (n, 6)."""
 
 _POSE, _WRENCH = slice(0, 6), slice(27, 33)
 _PERIODS: Final = 30
 
 
 class StiffestImpedance(DoorOpeningImpedanceVectorEnv):
-    """MuJoCo's simulations of the model that Warp has: commands without stiffness."""
+    """MuJoCo simulations of the model for Warp: commands without stiffness."""
 
     def __init__(self, num_envs: int = 1, *args: Any, **arguments: Any) -> None:
         super().__init__(num_envs, *args, **arguments)
@@ -59,7 +60,7 @@ class StiffestImpedance(DoorOpeningImpedanceVectorEnv):
 
 
 class Rounded(StiffestImpedance):
-    """The same, its joint positions rounded to float32 once per control period."""
+    """The same with joint positions rounded to float32 once per control period."""
 
     def step(self, poses: Array) -> Any:
         """Command every hand for one control period."""
@@ -70,13 +71,13 @@ class Rounded(StiffestImpedance):
 
 
 def mujoco(envs: type = StiffestImpedance, **arguments: Any) -> Any:
-    """Return MuJoCo's simulations of `DOORS`."""
+    """Return MuJoCo simulations of `DOORS`."""
     made = envs(len(DOORS), door=DOORS, max_episode_steps=TIME_LIMIT, **arguments)
     return for_learners(made)
 
 
 def arcs(envs: Any, rng: np.random.Generator) -> Script:
-    """Follow doors' true arcs to drawn angles within 3 s."""
+    """Follow the true arcs of the doors to random angles within 3 s."""
     doors = [one.door for one in envs.unwrapped.variations]
     angles = np.radians(rng.uniform(20.0, 66.0, len(doors)))
     mirrored = np.array([(1, 1, 1, 1, 1, 1)] * len(doors))
@@ -94,7 +95,7 @@ def arcs(envs: Any, rng: np.random.Generator) -> Script:
 
 
 def shoves(envs: Any, rng: np.random.Generator) -> Script:
-    """Jerk hands about, anew every 0.1 s, by up to 12 mm and 0.04 rad."""
+    """Move hands in a new random direction every 0.1 s, by up to 12 mm and 0.04 rad."""
     drawn = rng.uniform(-0.4, 0.4, (1000, envs.num_envs, 6)).astype(np.float32)
     return lambda step, hands: drawn[step // 10]
 
@@ -102,9 +103,9 @@ def shoves(envs: Any, rng: np.random.Generator) -> Script:
 def differences(
     first: Any, second: Any, script: Any, periods: int, seed: int = 0
 ) -> dict[str, Array]:
-    """Let two vector environments do the same, and return how they differ.
+    """Run a script in two vector environments, and return how they differ.
 
-    What the second observes decides about the actions of the script. There is one
+    The actions of the script depend on the observations of the second one. There is one
     number per period and simulation, until an episode of either ends: absolute
     differences of ``door`` [rad], ``hand`` [m, rad], ``wrench`` [N, N m],
     ``peak_force`` [N] and ``return``.
@@ -155,7 +156,7 @@ def measure_agreement(seeds: int, periods: int) -> Measurement:
         apart = {
             what: np.concatenate([one[what] for one in found]) for what in found[0]
         }
-        # Medians, what 95 % are within, and what all are within.
+        # Median, 95 % quantile and maximum.
         rows[f"{script.__name__}, {randomization}: {name}"] = {
             f"{what} {share} [{unit}]".removesuffix(" []"): float(
                 np.quantile(scale * apart[what], level)
@@ -173,7 +174,7 @@ def measure_agreement(seeds: int, periods: int) -> Measurement:
 
 
 def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
-    """Let hands rest before n doors, on Warp and on MuJoCo's threads, in turns."""
+    """Time resting hands at n doors, on Warp and on MuJoCo's threads, in turns."""
     rows: dict[str, Mapping[str, Value]] = {}
     for n in counts:
         still, rest = np.zeros((n, 6), np.float32), np.zeros((n, 6))
@@ -188,7 +189,7 @@ def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
             ways[f"{name}, physics"] = _periods(envs, physics, n)
         times = measure(ways, repeats, least_operations=2 * n * _PERIODS)
         for name, time in times.items():
-            # What a step of one door takes besides its physics [µs].
+            # Time of a step of one door without its physics [µs].
             alone = times.get(f"{name}, physics")
             beside = alone and 1e6 * (1.0 / time.rate - 1.0 / alone.rate)
             rows[f"{name}, {n}"] = {
@@ -222,9 +223,9 @@ def main(
     Args:
         repeats: Measurements of every time.
         counts: Numbers of doors; thousands are for a GPU.
-        seeds: Episodes of every door that is compared; 0 to compare none.
+        seeds: Episodes per compared door; 0 disables the comparison.
         periods: Control periods of each.
-        device: Such as cpu or cuda:0; by default Warp's own choice.
+        device: For example cpu or cuda:0; by default Warp chooses.
     """
     warp.config.log_level = warp.LOG_WARNING
     if device is not None:

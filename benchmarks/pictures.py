@@ -1,14 +1,14 @@
-"""Pictures and films of the documents.
+"""Pictures and films for the documents.
 
 MUJOCO_GL=egl python benchmarks/pictures.py {gallery,films}
 
-``gallery`` opens doors by the oracle, which is told the door, and pictures them on the
-way, side by side; the moving picture is of `gp`, which was shown three other doors of
+``gallery`` opens doors with the oracle, which knows the door, and draws them during the
+opening, side by side. The animation shows `gp`, which learned from three other doors of
 that kind.
 
 ``films`` shows `gp` in every trial: an episode of the protocol's first seed, from its
-log, twice as fast as it was. Blue lines are the demonstrations that it learned from,
-the red one is the hand's way, and a ball at the hand is what acts from outside.
+log, at twice the speed. Blue lines are the demonstrations, the red line is the path of
+the hand, and a ball at the hand marks an external force.
 
 Without a screen MUJOCO_GL must be set before Python starts.
 """
@@ -49,18 +49,18 @@ Picture = NDArray[np.uint8]
 Points = NDArray[np.float64]
 
 _PAUSE: Final = 1000
-"""How long the end of a moving picture is seen [ms]."""
+"""Duration of the last frame of an animation [ms]."""
 
 
 def write_gif(
     path: Path, frames: Sequence[Image.Image], period: float, colours: int
 ) -> None:
-    """Write frames, each seen for a period [s], as a moving picture in few colours."""
-    # The last, too: light falls on an open door as on none before.
+    """Write frames of a period [s] as an animation with few colours."""
+    # The last frame is included, because an open door is lit differently.
     chosen = [*frames[:: max(1, len(frames) // 4)], frames[-1]]
     several = np.hstack([np.asarray(one) for one in chosen])
-    # Median cut alone gives large areas of nearly one colour, as walls, few shades,
-    # which are seen as blotches.
+    # Median cut alone gives large areas of similar colour, such as walls, few shades,
+    # which is visible as blotches.
     palette = Image.fromarray(several).quantize(colours, kmeans=4)
     pictures = [
         frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
@@ -82,7 +82,7 @@ def write_gif(
 
 
 class Scene(NamedTuple):
-    """A door, its title, and the opening angle at which it is pictured [deg]."""
+    """A door, its title, and the door angle at which it is drawn [deg]."""
 
     title: str
     door: DoorSpec
@@ -111,11 +111,11 @@ SCENES: Final = (
 )
 _COLUMNS: Final = 3
 _MOVING: Final = {"opening.gif": "room-834", "folding.gif": "bifold-closet"}
-"""The doors of the moving pictures."""
+"""The doors of the animations."""
 _FRAME: Final = 12
-"""Control periods from one frame of it to the next."""
+"""Control periods between frames of an animation."""
 _SHADES: Final = 256
-"""Colours of it."""
+"""Number of colours of an animation."""
 
 
 def pictured(scene: Scene, width: int) -> Picture:
@@ -129,7 +129,7 @@ def pictured(scene: Scene, width: int) -> Picture:
 
 
 def opening(env: gym.Env[Any, Any], agent: Agent) -> Iterator[dict[str, Any]]:
-    """Let an agent open a door and yield what is known after every control period."""
+    """Let an agent open a door; yield the state after every control period."""
     inner: Any = env.unwrapped
     observation, info = env.reset(seed=0)
     agent.inform(inner.door_geometry)
@@ -144,9 +144,9 @@ def opening(env: gym.Env[Any, Any], agent: Agent) -> Iterator[dict[str, Any]]:
 
 
 def overview(env: gym.Env[Any, Any], width: int) -> contextlib.closing[Camera]:
-    """Return the camera "overview" for pictures (3/4 width, width), closed at the end.
+    """Yield a renderer of the camera "overview" for pictures (3/4 width, width).
 
-    It draws twice as many pixels in each direction, which smooths edges.
+    It draws twice as many pixels in each direction for smooth edges.
     """
     model = env.unwrapped.model  # type: ignore[attr-defined]
     camera = Camera(model, 2 * width, 3 * width // 2, "overview", effects=True)
@@ -160,7 +160,7 @@ def drawn(env: gym.Env[Any, Any], camera: Camera) -> Picture:
 
 
 def film_opening(path: Path, door: str, width: int) -> None:
-    """Let `gp` open a door that it was not shown, and write a GIF of it."""
+    """Let `gp` open a door that was not demonstrated, and write a GIF of it."""
     shown = Teacher().standard_demonstrations(seed=0, like=DOORS[door])
     env = gym.make(ENVIRONMENT_IDS["pose"], door=door, base="mobile")
     inner: Any = env.unwrapped
@@ -175,7 +175,7 @@ def film_opening(path: Path, door: str, width: int) -> None:
 
 
 def side_by_side(pictures: Mapping[str, Picture], columns: int) -> Figure:
-    """Return a figure of pictures of one size, a pixel each, with their titles."""
+    """Return a figure of pictures of equal size, unscaled, with their titles."""
     height, width, _ = next(iter(pictures.values())).shape
     title, rows = 26, -(-len(pictures) // columns)
     whole = rows * (height + title)
@@ -196,11 +196,11 @@ def gallery(
     out: Path = Path("docs/images/gallery.png"),
     width: int = 400,
 ) -> None:
-    """Draw the gallery and, beside it, the moving pictures; two minutes.
+    """Draw the gallery, and the animations in the same folder; takes two minutes.
 
     Args:
         out: File of the gallery.
-        width: Of a picture [px].
+        width: Width of a picture [px].
     """
     pictures = {scene.title: pictured(scene, width) for scene in SCENES}
     figure = side_by_side(pictures, min(_COLUMNS, len(SCENES)))
@@ -214,14 +214,14 @@ def gallery(
 
 
 class Shot(NamedTuple):
-    """What of a trial is shown: a door and a level of the protocol."""
+    """Episode of a trial that is shown: a door and a level of the protocol."""
 
     door: str
     level: str
     said: str
-    """In the picture, above."""
+    """Text above the picture."""
     curve: str = "force_radial"
-    """Of the log, the number that is shown below [N]."""
+    """Array of the log whose value is shown below the picture [N]."""
 
 
 SHOTS: Final = {
@@ -272,7 +272,7 @@ SHOTS: Final = {
         "medium", "breakaway", "the hinge sticks at first", "force_tangential"
     ),
 }
-"""By the name of the trial."""
+"""Scenes by the name of the trial."""
 
 _NAMES: Final = {
     "force_radial": "across",
@@ -281,11 +281,10 @@ _NAMES: Final = {
     "push_force": "push",
     "stop_force": "on the stop",
 }
-"""Of the curves, in a picture."""
+"""Colours of lines in a picture."""
 
 _EVERY, _PERIOD, _LONGEST = 0.2, 0.1, 9.4
-"""Simulated and seen time of a frame, and the longest simulated time that is shown [s].
-"""
+"""Simulated and displayed time of a frame, and the longest simulated time [s]."""
 _COLOURS: Final = 128
 _BAR: Final = 20
 """Height of a line of text [px]."""
@@ -293,13 +292,13 @@ _INK, _PAPER = (30, 32, 38), (244, 244, 240)
 _SHOWN, _HAND = (0.15, 0.35, 0.85, 1.0), (0.90, 0.10, 0.10, 1.0)
 _OUTSIDE: Final = (0.98, 0.60, 0.05, 1.0)
 _ABOVE: Final = np.array([0.0, 0.0, 1.6])
-"""How far above the hand lines are drawn, so that nothing hides them [m]."""
+"""Height of lines above the hand, so that nothing hides them [m]."""
 _BALL: Final = 0.012
-"""Its radius at 1 N, which grows with the root of the force [m]."""
+"""Radius of the ball at 1 N; it grows with the root of the force [m]."""
 
 
 def task_of(name: str) -> EpisodeTask:
-    """Return the episode of `gp` that is shown of a trial."""
+    """Return the episode of `gp` that is shown for a trial."""
     shot = SHOTS[name]
     (task,) = (
         task
@@ -316,7 +315,7 @@ def film_frames(
     demonstrations: Sequence[Demonstration],
     size: tuple[int, int],
 ) -> Iterator[tuple[int, Picture]]:
-    """Yield rows of a log and the pictures (H, W, 3) of the scene in them."""
+    """Yield rows of a log and pictures (H, W, 3) of the scene at these rows."""
     data = mujoco.MjData(model)
     model.vis.global_.fovy = 1.0
     last = min(log.times.size - 1, round(_LONGEST / log.dt))
@@ -328,7 +327,7 @@ def film_frames(
             mujoco.mj_forward(model, data)
             site = data.site("task_frame")
             axes, origin = site.xmat.reshape(3, 3), site.xpos
-            # A plan: from above, without perspective, the robot below the door.
+            # A top view without perspective, the robot below the door.
             camera = mujoco.MjvCamera()
             camera.orthographic = 1
             camera.azimuth = np.degrees(np.arctan2(-axes[1, 0], -axes[0, 0]))
@@ -336,9 +335,9 @@ def film_frames(
             camera.lookat[:] = origin + axes @ np.array([0.36, 0.0, -0.22])
             renderer.update_scene(data, camera)
             scene = renderer.scene
-            # Shadows on upright walls are speckled.
+            # Shadows on vertical walls would be speckled.
             scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
-            # Ways and forces, above everything in the scene.
+            # Paths and forces, above everything in the scene.
             above = origin + _ABOVE
             for one in demonstrations:
                 _line(scene, above + one.poses[::10, :3] @ axes.T, _SHOWN, 0.007)
@@ -354,7 +353,7 @@ def film_frames(
 def _line(
     scene: mujoco.MjvScene, points: Points, colour: tuple[float, ...], width: float
 ) -> None:
-    """Draw a line of a width [m] through points of the world [m]."""
+    """Draw a line of a width [m] through points in world coordinates [m]."""
     kind = mujoco.mjtGeom.mjGEOM_CAPSULE
     for start, end in itertools.pairwise(points):
         geom = _next_geom(scene, kind, colour)
@@ -364,7 +363,7 @@ def _line(
 def _next_geom(
     scene: mujoco.MjvScene, kind: mujoco.mjtGeom, colour: tuple[float, ...]
 ) -> mujoco.MjvGeom:
-    """Add a shape that shines by itself to a scene."""
+    """Add a self-luminous shape to a scene."""
     geom = scene.geoms[scene.ngeom]
     place, turn = np.zeros(3), np.eye(3).ravel()
     rgba = np.array(colour, dtype=np.float32)
@@ -402,11 +401,11 @@ def films(
     trials: tuple[str, ...] = tuple(TRIALS),
     size: tuple[int, int] = (320, 240),
 ) -> None:
-    """Film the trials; a minute.
+    """Film the trials; takes a minute.
 
     Args:
         out: Folder of the films, one <trial>.gif each.
-        trials: Which.
+        trials: Trials to film.
         size: Width and height of the scene in a picture [px].
     """
     out.mkdir(parents=True, exist_ok=True)

@@ -1,11 +1,11 @@
-"""Decisions in real time: python benchmarks/realtime.py.
+"""Decision times in real time: python benchmarks/realtime.py.
 
-The policy ``gp`` decides every 10 ms, as the controller of a robot asks for, in a
-process that can import neither MuJoCo nor threadpoolctl. The process has one core, on
-which another process multiplies matrices all the time; so does one on a second core.
-The observations are those of a simulated opening, again and again, and with each
-opening the agent begins anew. Times are those of whole decisions, of those that begin
-an opening and of those that other processes interrupt, too.
+The policy ``gp`` decides every 10 ms, the period of a robot's controller, in a process
+that can import neither MuJoCo nor threadpoolctl. The process has one core, on which
+another process multiplies matrices continuously; a third process does so on a second
+core. The observations are those of a simulated opening, repeated; the agent is reset
+before each opening. Times are of whole decisions, including those that begin an opening
+and those that other processes interrupt.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ PERIOD: Final = 10_000_000
 """Time between two decisions [ns]."""
 
 Agent = Literal["skill", "forces"]
-"""What is learned: a skill, or one of which demonstrated forces are a part."""
+"""What is learned: a skill without or with demonstrated forces."""
 Priority = Literal["ordinary", "nice", "fifo"]
 """Linux's ordinary scheduling, a niceness of -10, or its real-time scheduler."""
 
@@ -38,7 +38,7 @@ _SPAWN: Final = multiprocessing.get_context("spawn")
 
 
 def record(folder: Path, agents: tuple[Agent, ...]) -> None:
-    """Open a door with each agent; keep its skill, and what it saw and did."""
+    """Open a door with each agent; save its skill, observations and actions."""
     from harness import opened, tasks_of
 
     from gplfd_env.doors.config import DOORS
@@ -62,7 +62,7 @@ def record(folder: Path, agents: tuple[Agent, ...]) -> None:
 
 
 def compute(core: int) -> None:
-    """Multiply matrices on a core until the process is ended."""
+    """Multiply matrices on a core until the process is terminated."""
     os.sched_setaffinity(0, {core})
     factor = np.full((256, 256), 1.0 / 256)
     while True:
@@ -71,7 +71,7 @@ def compute(core: int) -> None:
 
 @contextlib.contextmanager
 def loaded(cores: list[int]) -> Iterator[None]:
-    """Let a process compute on each of some cores."""
+    """Run a computing process on each of the cores."""
     processes = [_SPAWN.Process(target=compute, args=(core,)) for core in cores]
     for process in processes:
         process.start()
@@ -85,12 +85,12 @@ def loaded(cores: list[int]) -> Iterator[None]:
 def decide(
     folder: Path, name: Agent, priority: Priority, core: int, count: int
 ) -> dict[str, float]:
-    """Decide again and again on a core, and return what that took.
+    """Decide repeatedly on a core, and return the times.
 
-    Raises a PermissionError where the process may not have the priority.
+    Raises a PermissionError if the process may not use the priority.
     """
     assert "mujoco" not in sys.modules
-    for missing in ("mujoco", "threadpoolctl"):  # Their import raises from here on.
+    for missing in ("mujoco", "threadpoolctl"):  # Importing these raises.
         sys.modules[missing] = None  # type: ignore[assignment]
     from gplfd_policies import POLICIES, load_skill
 
@@ -166,12 +166,12 @@ def main(
     agents: tuple[Agent, ...] = ("skill",),
     priorities: tuple[Priority, ...] = ("ordinary",),
 ) -> None:
-    """Measure how long the decisions of ``gp`` take a process without MuJoCo.
+    """Measure the decision times of ``gp`` in a process without MuJoCo.
 
     Args:
-        minutes: How long each agent decides at each priority.
-        agents: What it has learned: motions alone, or forces, too.
-        priorities: Ordinary scheduling; of root, a niceness of -10 or real time, too.
+        minutes: Duration of the measurement per agent and priority.
+        agents: What the agents have learned: motions alone, or motions and forces.
+        priorities: Ordinary scheduling; as root also a niceness of -10 or real time.
     """
     from harness import report
 

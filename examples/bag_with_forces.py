@@ -1,12 +1,13 @@
-"""Bags with poses and forces, as a robot with a sensor in its wrist records them.
+"""Write bags with poses and forces, as from a robot with a wrist sensor.
 
     pip install '.[ros]'
     python examples/bag_with_forces.py
 
-Opens six doors and writes bags/door_0 to bags/door_5 (ROS 2, MCAP): the topic /ee_pose,
-poses of the hand in the frame of the robot's base, z up, and /wrist_ft, a WrenchStamped
-of the environment on the hand in the axes of the hand. docs/recordings.md goes on from
-here: to demonstrations, to what they teach, and to a door.
+Opens six doors and writes bags/door_0 to bags/door_5 (ROS 2, MCAP). The topic /ee_pose
+has poses of the hand in the frame of the robot's base, z up. The topic /wrist_ft is a
+WrenchStamped of the environment on the hand, in the axes of the hand.
+docs/recordings.md shows the next steps: import the bags, learn from them, and open a
+door.
 """
 
 from pathlib import Path
@@ -30,7 +31,7 @@ DOORS = tuple(
 )
 """Doors of several radii [m], with closers [N m]."""
 BASE = Rotation.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
-"""The task frame, x towards the robot and y up, seen from its base, x ahead, z up."""
+"""Axes of the task frame (x towards the robot, y up) in the base (x ahead, z up)."""
 HANDLE = np.array([0.8, 0.0, 1.0])
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 
@@ -40,7 +41,7 @@ def message(kind, *parts):
 
 
 def opened(door):
-    """Yield time, pose and wrench of every control period of an opening."""
+    """Yield time, pose and wrench at every control period of an opening."""
     env = gym.make(ENVIRONMENT_ID, door=door)
     agent = make_agent("oracle", ())
     observation, _ = env.reset(seed=0)

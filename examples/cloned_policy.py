@@ -1,8 +1,8 @@
-"""A small network that imitates the policy `gp`, measured like the policies.
+"""A small network that imitates the policy `gp`, evaluated like the policies.
 
-The network sees what ``gplfd/DoorOpeningRL-v1`` shows, one vector, and says what that
-takes, a set-point relative to the hand. It learns from episodes in which `gp`, which
-itself learned from a few demonstrations, opens doors that differ a little every time.
+The network has the observation of ``gplfd/DoorOpeningRL-v1``, one vector, and its
+action, a set-point relative to the hand. It learns from episodes in which `gp`, which
+learned from a few demonstrations, opens doors with small random differences.
 
     gplfd run --policy examples/cloned_policy.py:make
     gplfd benchmark --config small --policies gp examples/cloned_policy.py:make
@@ -20,13 +20,13 @@ from gplfd_env.wrappers import action_of, command_of, flat_of
 from gplfd_policies import make_agent
 from gplfd_policies.agents.lockstep import batch_agents
 
-RADII = np.linspace(0.30, 0.65, 16)  # [m]; the doors in which `gp` teaches
-EPISODES = 2  # of every door
+RADII = np.linspace(0.30, 0.65, 16)  # [m]; doors that `gp` opens for training
+EPISODES = 2  # per door
 EPOCHS = 30
 
 
 class Clone:
-    """An agent: the network's action for what is observed, as a pose."""
+    """An agent: the action of the network for the observation, as a pose."""
 
     def __init__(self, seen, said, seed):
         self.inputs, self.outputs = StandardScaler().fit(seen), StandardScaler()
@@ -47,7 +47,7 @@ class Clone:
 
 
 def lessons(teacher, seed):
-    """Return what `gp` sees and does on the way, (N, 33) and (N, 6) in units of ±1."""
+    """Return observations (N, 33) and actions (N, 6) of `gp` in units of ±1."""
     envs = gym.make_vec(
         ENVIRONMENT_ID,
         num_envs=len(RADII),
@@ -81,7 +81,7 @@ def make(training):
 
 if __name__ == "__main__":
     from gplfd_experiments.cli.main import (
-        main,  # the command line: only to run this file
+        main,  # the command line is only needed to run this file
     )
 
     chosen = ["--policy", f"{__file__}:make", "--doors", "medium"]

@@ -5,22 +5,21 @@
     gplfd benchmark --config small --policies gp examples/diffusion_policy.py:make
 
 The first command trains networks and writes them into `results/diffusion`. The others
-load the one that belongs to their demonstrations and seed, or train it.
+load the network of their demonstrations and seed, or train it.
 
 Model: Chi et al., *Diffusion Policy: Visuomotor Policy Learning via Action Diffusion*,
 RSS 2023, arXiv:2303.04137. A network predicts the noise in a chunk of future poses,
-given the present pose. Noise schedule: Nichol and Dhariwal, arXiv:2102.09672. From
-drawn noise the chunk follows: Song et al., arXiv:2010.02502 (DDIM). Assumptions and
-deviations:
+given the present pose. Noise schedule: Nichol and Dhariwal, arXiv:2102.09672. Sampling:
+Song et al., arXiv:2010.02502 (DDIM). Assumptions and deviations:
 
-* Demonstrations have poses only, so the demonstrated pose 0.1 s later is the command
-  that is learned. The state is the pose: no time, no phase, no force, no radius.
+* Demonstrations have poses only, so the learned command is the demonstrated pose 0.1 s
+  later. The state is the pose: no time, no phase, no force, no radius.
 * Poses of a chunk are relative to the present pose of the hand, in its axes: Chi et
   al., *Universal Manipulation Interface*, RSS 2024, arXiv:2402.10329.
 * The network is a residual MLP instead of a U-Net over time: the state has six numbers.
 * One pose of every chunk is executed, and commands are continuous. Chunks are not
-  averaged over time (Zhao et al., *ACT*, RSS 2023, arXiv:2304.13705): what was
-  predicted earlier knew less about the door.
+  averaged over time (Zhao et al., *ACT*, RSS 2023, arXiv:2304.13705), because earlier
+  predictions had less information about the door.
 """
 
 import argparse
@@ -41,10 +40,10 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies.demonstrations.npz import hash_of
 
 FOLDER = Path("results/diffusion")
-PERIOD = 0.1  # [s]; between the poses of a chunk
-CHUNK, EXECUTED = 16, 1  # poses that are predicted, and executed of them
-WIDTH, BLOCKS = 256, 3  # of the network
-LEVELS, DENOISED = 50, 10  # levels of noise in training, and denoising steps
+PERIOD = 0.1  # [s]; time between the poses of a chunk
+CHUNK, EXECUTED = 16, 1  # predicted poses, and executed poses
+WIDTH, BLOCKS = 256, 3  # size of the network
+LEVELS, DENOISED = 50, 10  # noise levels in training, and denoising steps
 STEPS, BATCH, RATE, AVERAGE = 3000, 128, 1e-3, 0.995  # of training
 
 torch.set_num_threads(1)
@@ -69,7 +68,7 @@ class Block(nn.Module):
 class Denoiser(nn.Module):
     """Predicts the noise in chunks (B, 96), for states (B, 6) and levels (B,).
 
-    Chunks and states are scaled to ±1 by the least and the greatest in the training.
+    Chunks and states are scaled to ±1 by their range in the training data.
     """
 
     def __init__(self):
@@ -106,7 +105,7 @@ class Denoiser(nn.Module):
 
     @torch.no_grad()
     def sample(self, pose, noise):
-        """Return the chunk (16, 6) that follows from noise (1, 96) at a pose (6,)."""
+        """Return the chunk (16, 6) denoised from noise (1, 96) at a pose (6,)."""
         state = self.scaled("state", torch.tensor(pose, dtype=torch.float32)[None])
         chunk = noise
         levels = torch.linspace(LEVELS - 1, 0, DENOISED).round().long()
@@ -123,12 +122,12 @@ class Denoiser(nn.Module):
 
 
 def lessons(demonstrations):
-    """Return states (N, 6) and what followed each, (N, 96), of every sample."""
+    """Return states (N, 6) and the chunk after each, (N, 96), for every sample."""
     states, chunks = [], []
     for one in demonstrations:
         poses = np.array(one.poses)
         times = one.times[:, None] + PERIOD * np.arange(1, CHUNK + 1)
-        # After its end a demonstration rests.
+        # After its end, a demonstration stays at the last pose.
         ahead = np.stack([np.interp(times, one.times, each) for each in poses.T], -1)
         here = np.repeat(poses, CHUNK, axis=0)
         ahead, axes = ahead.reshape(-1, 6), Rotation.from_rotvec(here[:, 3:]).inv()
@@ -143,7 +142,7 @@ def lessons(demonstrations):
 
 
 def learn(demonstrations, seed):
-    """Train a network, whose weights are averaged over the last few hundred steps."""
+    """Train a network; its weights are averaged over the last few hundred steps."""
     torch.manual_seed(seed)
     states, chunks = lessons(demonstrations)
     network = Denoiser()
@@ -171,7 +170,7 @@ def learn(demonstrations, seed):
 
 
 def learned(demonstrations, seed):
-    """Return the trained network, from its file if there is one."""
+    """Return the trained network, from its file if it exists."""
     source = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
     path = FOLDER / f"{hash_of(demonstrations)[:12]}-{seed}-{source[:12]}.pt"
     if not path.exists():
@@ -186,9 +185,9 @@ def learned(demonstrations, seed):
 
 
 class Diffusion:
-    """An agent: the network's next poses, from the pose of the hand ten times a second.
+    """An agent: the network predicts poses from the pose of the hand at 10 Hz.
 
-    Between them the command moves evenly, from the last command.
+    The command is interpolated linearly between them, from the last command.
     """
 
     def __init__(self, network, seed):

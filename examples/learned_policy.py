@@ -1,4 +1,4 @@
-"""PPO on `gplfd/DoorOpeningRL-v1`, measured like the policies; needs the extra sb3.
+"""PPO on `gplfd/DoorOpeningRL-v1`, evaluated like the policies; needs the extra sb3.
 
     python examples/learned_policy.py --steps 700000 --out results/ppo
     gplfd run --policy examples/learned_policy.py:make
@@ -8,11 +8,11 @@ The first command learns and writes `results/ppo/model.zip` and `curve.json`: ho
 doors the policy opened, and with what force, after how many steps. The others read the
 model from there, or from the folder that the environment variable GPLFD_LEARNED names.
 
-How it explores decides, since the greatest force so far is what costs. Decisions are
-made ten times a second and held, and the noise is a function of what is observed,
-drawn anew for every rollout (gSDE, Raffin et al. 2022): noise that changes from one
-decision to the next is felt as force, but moves no door. It is small, and no update may
-move the policy by much in units of it.
+Exploration is decisive, because the reward penalises the greatest force so far.
+Decisions are made at 10 Hz and held. The exploration noise is a function of the
+observation, drawn once per rollout (gSDE, Raffin et al. 2022): noise that changes
+between decisions causes force, but does not move the door. The noise is small, and no
+update may change the policy by much relative to the noise.
 """
 
 import argparse
@@ -37,9 +37,9 @@ HELD = 10  # control periods
 
 
 class HeldActions(VecEnvWrapper):
-    """Holds every action for `HELD` control periods; rewards are summed.
+    """Holds every action for `HELD` control periods and sums the rewards.
 
-    A simulation whose episode ends meanwhile rests in the next one until all go on.
+    A simulation whose episode ends meanwhile waits in the next one for the others.
     """
 
     def reset(self):
@@ -65,7 +65,7 @@ class HeldActions(VecEnvWrapper):
 
 
 class Learned:
-    """An agent: the network's mean action for what is observed, as a pose."""
+    """An agent: the mean action of the network for the observation, as a pose."""
 
     def __init__(self, model, normal):
         self.model, self.normal = model, normal
@@ -82,7 +82,7 @@ class Learned:
 
 
 class Curve(BaseCallback):
-    """Judges the policy every now and then, and at the end, without noise."""
+    """Evaluates the policy without noise, at intervals and at the end."""
 
     def __init__(self, normal, every, out):
         super().__init__()
@@ -114,7 +114,7 @@ class Curve(BaseCallback):
         (self.out / "curve.json").write_text(json.dumps(self.rows, indent=1) + "\n")
 
     def judged(self):
-        """Return what came of one episode per door."""
+        """Return the results of one episode per door."""
         envs = HeldActions(make_sb3(len(JUDGED), door=JUDGED))
         seen, ended = envs.reset(), {}
         while len(ended) < len(JUDGED):
@@ -136,7 +136,7 @@ class Curve(BaseCallback):
 
 
 def learn(steps, out, seed=0):
-    """Learn, and write model and curve into a folder."""
+    """Learn, and write the model and its learning curve into a folder."""
     torch.set_num_threads(1)
     out.mkdir(parents=True, exist_ok=True)
     doors = 2 * RADII
@@ -162,7 +162,7 @@ def learn(steps, out, seed=0):
 
 
 def make(training):
-    """What PPO learned, from the folder that it was written to."""
+    """The policy that PPO learned, from its folder."""
     envs = make_sb3(1)
     normal = VecNormalize.load(str(FOLDER / "normal.pkl"), envs)
     normal.training = False

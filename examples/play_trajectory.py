@@ -1,12 +1,12 @@
-"""From a learned movement to a table for any robot, and from the table to a door.
+"""Write a learned movement as a table for any robot, and play the table at a door.
 
     python examples/play_trajectory.py [TABLE.csv]
 
-Plays a table on the simulated arm, as a program of a robot's maker would: without this
-project's policies, adaptation or compliance. That is enough for a door like the
-demonstrated ones. Without an argument it first writes such a table, movement.csv: a row
-per control period with time, position, quaternion and standard deviations, its frame
-and units inside.
+Plays a table on the simulated arm, like the software of a robot manufacturer: without
+this project's policies, adaptation or compliance. This is sufficient for a door like
+the demonstrated ones. Without an argument it first writes such a table, movement.csv: a
+row per control period with time, position, quaternion and standard deviations. The file
+states its frame and units.
 """
 
 import csv
@@ -29,7 +29,7 @@ def write_table(path):
         [0.5], per_door=4, rng=np.random.default_rng(0)
     )
     skill = fit_skill(align(demonstrations))
-    # Any times will do: the movement is asked at exactly these.
+    # Any times are possible: the movement is evaluated at exactly these times.
     duration = SLOW_DOWN * skill.duration
     times = np.arange(0.0, duration, PERIOD)
     skill.predict(times / duration).to_csv(path, duration=duration)
@@ -55,7 +55,7 @@ env = gym.make(ENVIRONMENT_ID, door="medium")  # 0.5 m from hinge to handle
 observation, info = env.reset(seed=0)
 ended, step = False, 0
 while not ended:
-    # One row per control period; at the end the hand stays where it is.
+    # One row per control period; at the end the hand keeps its last pose.
     pose = poses[min(step, len(poses) - 1)]
     observation, reward, terminated, truncated, info = env.step(pose)
     ended, step = terminated or truncated, step + 1

@@ -1,6 +1,6 @@
-"""From a log to a picture: door angle, forces and stiffness of one episode.
+"""Plot door angle, forces and stiffness of one episode from its log.
 
-Makes a log first, as `gplfd run` does; to plot one of yours, load that instead.
+Runs an episode first, as `gplfd run` does; to plot another log, load it instead.
 """
 
 import tempfile
@@ -27,7 +27,7 @@ env.close()
 with tempfile.TemporaryDirectory() as folder:
     path = Path(folder) / "large.npz"
     made.save(path)
-    log = EpisodeLog.load(path)  # everything of every control step, as arrays
+    log = EpisodeLog.load(path)  # all values of every control step, as arrays
 
 figure, (angle, force, stiffness) = plt.subplots(
     3, sharex=True, figsize=(7, 7), layout="constrained"

@@ -1,4 +1,4 @@
-"""Random commands near the hand's pose: the loop of any Gymnasium environment."""
+"""Random commands near the pose of the hand: the loop of any Gymnasium environment."""
 
 import gymnasium as gym
 

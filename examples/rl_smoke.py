@@ -1,10 +1,9 @@
-"""Reinforcement learning against one door: spaces, wrappers, and a learner that learns.
+"""Reinforcement learning at one door: spaces, wrappers, and a small learner.
 
-The learner is a cross-entropy method over two numbers, the radius of the arc that the
-hand follows and the time that it takes: the smallest search that finds the door. The
-environment around it is what any library sees: a flat observation, actions within ±1,
-and a reward in which the greatest force costs. A network instead of two numbers, with
-Stable-Baselines3: learned_policy.py.
+The learner is a cross-entropy method with two parameters: radius and duration of the
+arc that the hand follows. The environment is the same for any library: a flat
+observation, actions within ±1, and a reward that penalises the greatest force. The file
+learned_policy.py trains a network with Stable-Baselines3 instead.
 """
 
 import gymnasium as gym
@@ -33,7 +32,7 @@ def evaluate(candidates):
     total, acting = np.zeros(POPULATION), np.ones(POPULATION, dtype=bool)
     for step in range(STEPS):
         share = np.minimum(0.01 * step / candidates[:, 1], 1.0)
-        # Five degrees more than the task asks for: the servo gives way a little.
+        # Five degrees more than the task requires, because the servo is compliant.
         angles = np.radians(65.0) * (0.5 - 0.5 * np.cos(np.pi * share))
         poses = map(handle_pose_on_arc, candidates[:, 0], angles)
         actions = action_of(list(poses), observations[:, :6])

@@ -1,13 +1,13 @@
-"""The simulator as the robot: another process decides, this one only moves the arm.
+"""The simulator replaces a robot: another process decides, this one moves the arm.
 
-    python examples/robot_client.py                       # starts a server of its own
+    python examples/robot_client.py                       # starts its own server
     gplfd serve gp --port 5005 --hold-after 60 --stop-after 60
-    python examples/robot_client.py tcp:127.0.0.1:5005    # or uses one that is there
+    python examples/robot_client.py tcp:127.0.0.1:5005    # uses a running server
 
 The agent learns from the synthetic human. The same door is then opened by an agent in
 this process, and both motions are compared: they are equal to the last bit. A
-simulation does not keep real time, hence the patience of the server's watchdog; on a
-robot leave it out.
+simulation does not run in real time, so the server's watchdog has long timeouts; on a
+robot, omit these options.
 """
 
 import sys
@@ -50,6 +50,6 @@ print(f"served agent: {len(poses)} steps, opened: {success}, {state} {reason}".r
 served = remote.greeting["source"]
 remote.close()
 
-if served == "gp":  # A skill, or another policy, moves in another way.
+if served == "gp":  # Another skill or policy moves differently.
     here, _ = opened(make_agent("gp", Teacher().standard_demonstrations(seed=0)))
     print(f"equal to one process: {np.array_equal(poses, here)}")

@@ -3,14 +3,14 @@
     gplfd export skill.npz --out opening.json --frame=X,Y,Z,QW,QX,QY,QZ --tool ...
     python examples/ros2_node.py opening.json
 
-NOT TRIED ON HARDWARE: it was only tested with stand-ins for rclpy. Read
+NOT TRIED ON HARDWARE: it was only tested with a mock of rclpy. Read
 docs/skill-to-robot.md and its checklist first.
 
-The node publishes what the Cartesian controller of crisp_controllers reads: set-points
-on target_pose (geometry_msgs/PoseStamped), stiffnesses on target_stiffness
-(std_msgs/Float64MultiArray, six numbers). It begins when current_pose says that the
-hand is at the first set-point, and plays one sample per tick up to where demonstrations
-end. It stops for good where the hand leaves the path or its pose no longer comes. The
+The node publishes the inputs of the Cartesian controller of crisp_controllers:
+set-points on target_pose (geometry_msgs/PoseStamped) and stiffnesses on
+target_stiffness (std_msgs/Float64MultiArray, six numbers). It begins when current_pose
+is at the first set-point, and plays one sample per tick until the demonstrations end.
+It stops permanently if the hand leaves the path or its pose is no longer received. The
 controller then holds the last set-point with the last stiffness.
 """
 
@@ -24,9 +24,9 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 START = 0.01, 0.05
-"""Distance and angle between hand and first set-point at which it begins [m, rad]."""
+"""Largest distance and angle between hand and first set-point at the start [m, rad]."""
 LARGEST_ERROR, LONGEST_SILENCE = 0.10, 0.05
-"""Distance between hand and path [m], and age of its pose [s], at which it stops."""
+"""Distance of hand and path [m], and age of the pose [s], at which the node stops."""
 
 
 class Player(Node):

@@ -1,7 +1,7 @@
-"""Success rate per radius: twenty doors at once, each before a robot that stands askew.
+"""Success rate per radius: twenty doors at once, with placement errors of the robot.
 
-The simulations step on all cores and the agents decide in lockstep, so this takes a
-few seconds. Every episode is bit for bit the one that its seed gives alone.
+The simulations step on all cores and the agents decide in lockstep, so this takes a few
+seconds. Every episode equals, bit for bit, a single episode with its seed.
 """
 
 import copy
@@ -30,9 +30,9 @@ envs = gym.make_vec(
     door=doors.tolist(),
     randomization="mild",  # friction, mass, placement, grasp, noise, delay
     max_episode_steps=900,
-    autoreset_mode="Disabled",  # an ended episode stands still and keeps its info
+    autoreset_mode="Disabled",  # an ended episode stops and keeps its info
 )
-# An agent remembers the door it is opening: every door needs a copy of its own.
+# An agent stores information about its door, so every door needs its own copy.
 agents = batch_agents([copy.deepcopy(agent) for _ in doors])
 
 started = time.perf_counter()

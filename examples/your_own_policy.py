@@ -1,7 +1,7 @@
-"""A policy of your own against the same doors, logged and measured like the others.
+"""Your own policy at the same doors, logged and evaluated like the others.
 
-It imitates: it moves on as the demonstrations did where they were nearest to the hand.
-Run it by itself, or by name:
+The policy follows the demonstrations from the demonstrated pose nearest to the hand.
+Run it as a script, or by name:
 
     gplfd run --policy examples/your_own_policy.py:make
 """
@@ -10,7 +10,7 @@ import numpy as np
 
 
 class Imitate:
-    """Move on as the demonstrations did where they were nearest to the hand."""
+    """Follows the demonstrations from the demonstrated pose nearest to the hand."""
 
     def __init__(self, demonstrations):
         paths = [each.poses for each in demonstrations]  # (N, 6), 60 samples per second

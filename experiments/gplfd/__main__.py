@@ -1,9 +1,9 @@
 """The command ``gplfd``: the process around `gplfd_experiments.cli.main`.
 
-Users' folders have files called ``random.py``, ``json.py`` or ``numpy.py``. Where such
-a folder is searched first, as with ``PYTHONPATH=.``, only a module whose name nobody
-else uses is found for certain: this one. Run as the command, it puts the search for all
-others in order.
+Users' folders may contain files called ``random.py``, ``json.py`` or ``numpy.py``. If
+such a folder is searched first, as with ``PYTHONPATH=.``, only a module with a unique
+name is found reliably: this one. Run as the command, it corrects the search path for
+all other modules.
 """
 
 import io
@@ -14,20 +14,21 @@ INTERRUPTED = 130
 """Exit status after Ctrl-C: 128 and the number of the signal."""
 
 BAD_INPUT = 2
-"""Exit status where a requirement of the commands is not installed."""
+"""Exit status if a requirement of the commands is not installed."""
 
 PIPE_CLOSED = 141
-"""Exit status when the reader of the output has gone, as in ``gplfd list | head``."""
+"""Exit status if the reader of the output closed the pipe, as in ``gplfd list |
+head``."""
 
 
 def _search_installed_first() -> None:
     """Search the standard library, our packages and installed ones before the rest.
 
-    What stands before the standard library in ``sys.path`` is the user's:
+    Entries before the standard library in ``sys.path`` come from the user:
     ``PYTHONPATH`` and the folder of the script or, after ``python -m``, the working
     folder. The working folder is not searched at all: dependencies look for optional
     modules, such as ``org`` and ``uarray``, and would run a user's file of that name.
-    A policy's own folder is searched while the policy is imported
+    The folder of a policy is searched while the policy is imported
     (`gplfd_policies.registry.user_policies`).
     """
     library = os.path.dirname(os.__file__)
@@ -49,15 +50,15 @@ def _search_installed_first() -> None:
 
 
 def _replace(name: str) -> None:
-    """Put a standard module in the place of a user's, for those who have it already.
+    """Replace a user's module by the standard one in modules that imported it already.
 
-    The script that pip writes imports ``re`` before this module, and uses it after.
+    The script that pip writes imports ``re`` before this module and uses it afterwards.
     """
     impostor = sys.modules.pop(name)
     vars(impostor).update(vars(__import__(name)))
 
 
-# Not in `main`, for the sake of that script.
+# Not in `main`, because that script uses ``re`` before it calls `main`.
 _search_installed_first()
 
 
@@ -68,12 +69,12 @@ def main() -> int:
         The status of `gplfd_experiments.cli.main.main`, `BAD_INPUT`, `INTERRUPTED` or
         `PIPE_CLOSED`.
     """
-    # After the search was put in order: a user's folder may have a ``signal.py``.
+    # After the search path is corrected: a user's folder may have a ``signal.py``.
     import faulthandler
     import signal
     from typing import Any
 
-    # A crash in C, perhaps of a user's policy, says in which line of Python it was.
+    # After a crash in C, for example in a user's policy, print the Python line.
     faulthandler.enable(all_threads=False)
 
     interrupted = False
@@ -81,11 +82,11 @@ def main() -> int:
     exit_at_once = os._exit
 
     def interrupt(*_: Any) -> None:
-        """Raise; the second Ctrl-C ends a policy that catches every exception."""
+        """Raise; the second Ctrl-C also ends a policy that catches every exception."""
         nonlocal interrupted
         if interrupted:
             try:
-                # `sys.stderr` may be amid a write, and cannot be entered again.
+                # A write to `sys.stderr` may be in progress; it is not reentrant.
                 os.write(2, f"{message}\n".encode())
             finally:
                 exit_at_once(INTERRUPTED)
@@ -96,7 +97,7 @@ def main() -> int:
         raise KeyboardInterrupt
 
     def interrupt_again(lost: Any) -> None:
-        """Repeat an interruption that hit a callback from C, which cannot raise."""
+        """Repeat an interruption in a callback from C, which cannot raise."""
         if issubclass(lost.exc_type, KeyboardInterrupt):
             signal.setitimer(signal.ITIMER_REAL, 0.1)
         else:
@@ -108,8 +109,8 @@ def main() -> int:
         sys.unraisablehook = interrupt_again
     try:
         status = _run()
-    # Whatever comes after an interruption comes of it: libraries in C report it in ways
-    # of their own.
+    # Any error after an interruption is caused by it: libraries in C report
+    # interruptions in different ways.
     except BaseException:
         if not interrupted:
             raise
@@ -125,8 +126,8 @@ def _run() -> int:
         if isinstance(stream, io.TextIOWrapper):
             # A terminal that knows only ASCII shows a question mark for a degree sign.
             stream.reconfigure(errors="replace")
-    # For workers and all other children: they search as this process does, without the
-    # working folder.
+    # Workers and other child processes use the same search path, without the working
+    # folder.
     os.environ |= {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
     from gplfd_experiments.console.interruption import postponed_interruption
 
@@ -150,7 +151,7 @@ def _run() -> int:
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        # What is left in the buffer goes nowhere, or Python would complain at its end.
+        # Discard the rest of the buffer, or Python reports an error at its exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return PIPE_CLOSED
 

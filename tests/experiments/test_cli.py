@@ -93,7 +93,7 @@ def test_run_keeps_out_of_a_folder_whose_content_is_not_known(
     refused, tmp_path, content
 ):
     (tmp_path / "run.json").write_text(content)
-    assert "run.json does not say what was wr" in refused(*ORACLE, "--out", ".")
+    assert "run.json does not list the files" in refused(*ORACLE, "--out", ".")
     assert (tmp_path / "run.json").read_text() == content
 
 
@@ -194,8 +194,8 @@ REFUSED = [
     ("run --skill none.npz", "there is no file none.npz"),
     ("run --skill demos.npz", "demos.npz cannot be read as a gplfd skill"),
     ("run --skill demos.npz --policy kmp", "'kmp' does not learn a skill"),
-    ("run --skill a --demonstrations b", "leave out --demonstrations"),
-    ("run --skill a --demonstrated-forces", "leave it out, or leave out --skill"),
+    ("run --skill a --demonstrations b", "omit --demonstrations"),
+    ("run --skill a --demonstrated-forces", "omit it, or omit --skill"),
     ("run --video op.gif", "--video writes .mp4 files, got 'op.gif'"),
     ("run --doors small --video folder.mp4", "--video folder.mp4 is a folder"),
     ("run --doors far.json", "far.json holds no door: DoorConfig.radius"),
@@ -267,9 +267,9 @@ REFUSED = [
     ("view folder", "folder is a folder; recordings in it: a.rrd"),
     ("view taken", "taken is neither a Rerun recording"),
     ("view folder/a.rrd", "rerun --serve-web --bind 127.0.0.1 folder/a.rrd"),
-    ("view a.rrd --seed 1", "--seed goes with --live, not with a file"),
-    ("view a.rrd --serve", "--serve goes with --live, not with a file"),
-    ("view --live a.rrd", "it does not go with a.rrd"),
+    ("view a.rrd --seed 1", "--seed needs --live and cannot be combined"),
+    ("view a.rrd --serve", "--serve needs --live and cannot be combined"),
+    ("view --live a.rrd", "cannot be combined with a.rrd"),
     ("view --live", "`gplfd view --live --serve` serves the episode to a browser"),
     ("view --live --speed 0", "--speed 0 must be positive and finite"),
     ("view --live --speed nan", "--speed nan must be positive"),
@@ -334,7 +334,7 @@ def test_a_disk_that_cannot_be_written_to_is_said_before_any_work(
 ):
     monkeypatch.setattr(os, "access", lambda *_: False)
     said = refused(*command.split(), "--out", "new/data-v0")
-    assert said.startswith(f"{tmp_path}: cannot be written to")
+    assert said.startswith(f"{tmp_path}: is not writable")
 
 
 def test_debug_prints_the_traceback_of_an_error(gplfd, capsys):

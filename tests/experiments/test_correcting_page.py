@@ -193,7 +193,8 @@ def test_the_policy_begins_at_start_is_led_and_goes_on_corrected(
     told = somebody("stop")
     assert told["phase"] == "ready"
     assert re.match(
-        r"The door is not open, at \d+°: you stopped. Nobody", told["message"]
+        r"The door is not open, at \d+°: you stopped. The hand was not led",
+        told["message"],
     )
     somebody("start")
     assert somebody(sample=PULL, times=40)["phase"] == "leading"
@@ -226,7 +227,7 @@ def test_of_a_lost_handle_no_correction_is_kept(bars: Skill) -> None:
     while not lesson.over and lesson.state["time"] < 10.0:
         lesson.step(twist)
     assert lesson.over == "the hand has lost the handle"
-    with pytest.raises(ValueError, match="No correction is kept of this"):
+    with pytest.raises(ValueError, match="This gives no correction"):
         lesson.result()
 
 

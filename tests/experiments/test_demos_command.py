@@ -238,7 +238,10 @@ def specification(**changes: Any) -> Callable[[Path], None]:
         ),
         (metadata(lambda m: m.pop("gplfd")), "was not recorded by `gplfd de"),
         (metadata(lambda m: m["gplfd"].update(layout=9)), "layout 9, this"),
-        (metadata(lambda m: m["gplfd"]["versions"].pop("numpy")), "with which numpy"),
+        (
+            metadata(lambda m: m["gplfd"]["versions"].pop("numpy")),
+            "does not state its numpy",
+        ),
         (metadata(lambda m: m.pop("env_spec")), "it lacks env_spec, which must"),
         (metadata(lambda m: m.update(env_spec="[]")), "holds [], not an obj"),
         (metadata(lambda m: m["gplfd"].update(git=[])), "git = [] must be an object"),

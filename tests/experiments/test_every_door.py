@@ -98,7 +98,7 @@ def test_one_set_of_demonstrations_or_data_is_for_one_kind_of_doors(
     assert gplfd("run", *doors, "--demonstrations", "shown.npz", "--out", "two") == 2
     message = capsys.readouterr().err
     assert "differ in handle, latch" in message
-    assert "leave out --demonstrations" in message
+    assert "omit --demonstrations" in message
     assert not (tmp_path / "two").exists()
     given = ("--demonstrations", "shown.npz", "--out", "two")
     for mixed in (("small", "oven"), ("oven", "small")):

@@ -103,7 +103,7 @@ def test_an_episode_is_watched_in_its_own_time(watch, door_env, arc_agent):
 
 def test_an_episode_that_nobody_watches_is_given_up(watch, door_env, arc_agent):
     env = door_env()
-    with pytest.raises(InterruptedError, match="nobody watches"):
+    with pytest.raises(InterruptedError, match="the viewer was closed"):
         watch(env, arc_agent(), speed=np.inf, wanted=lambda: False)
     assert len(env.actions) < env.n_steps
 

@@ -112,7 +112,7 @@ def test_units_become_metres(unit, per_metre):
     poses = only(scaled).demonstration.poses
     assert_allclose(poses[:, :3], POSITIONS, rtol=0, atol=1e-12)
     other = only(scaled, units="m")
-    assert f"taken in m, the file says {unit}" in texts(other, warnings=True)
+    assert f"read in m, although the file states {unit}" in texts(other, warnings=True)
 
 
 # ------------------------------------------------------------------ samples are mended
@@ -128,7 +128,7 @@ def test_samples_out_of_order_repeated_and_missing():
     said = texts(motion)
     assert "2 of 404 samples missing" in said
     assert "time stamps went back 1 times: sorted" in said
-    assert "3 samples with the time of another left out" in said
+    assert "3 samples with a repeated time stamp left out" in said
 
 
 def test_signs_of_quaternions_do_not_matter():
@@ -148,7 +148,7 @@ def test_signs_of_quaternions_do_not_matter():
         ({"times": FAR}, {"segments": "rests"}, r"door.csv: .* span 1e\+09 s in steps"),
         ({"times": 0.0 * TIMES}, {}, "door.csv: all samples have the same time"),
         ({"positions": 1e10 + POSITIONS}, {}, "csv: only 0 of 401 samples have time"),
-        ({"positions": STILL}, {"segments": "turns"}, "door.csv: positions stay where"),
+        ({"positions": STILL}, {"segments": "turns"}, "door.csv: positions are const"),
         ({"quaternions": None}, {"offset": (0, 0, 0, 1, 0, 0, 0)}, "an offset needs"),
     ],
 )
@@ -166,7 +166,12 @@ def moved(first: int, last: int, by: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("given", "kept", "warning", "note"),
     [
-        (moved(100, 103, [0.23, 0, 0]), 398, True, "3 samples where the tracker saw"),
+        (
+            moved(100, 103, [0.23, 0, 0]),
+            398,
+            True,
+            "3 samples of short jumps",
+        ),
         (moved(200, 401, [0, 0.3, 0]), 401, True, "1 jumps of the tracker, at 0.99 s"),
         (moved(7, 9, [[1e300], [np.inf]]), 399, False, "2 of 401 samples missing"),
         ({"unit": None}, 401, False, "no unit given: taken as metres"),
@@ -227,19 +232,19 @@ def test_samples_that_would_be_made_are_counted_first():
     slow = replace(door(), times=3e4 * np.linspace(0.0, 1.0, 401))
     settings = replace(AS_RECORDED, rate=100.0, largest_gap=1e4)
     assert len(only(slow, replace(settings, rate=1.0)).demonstration.times) == 30001
-    with pytest.raises(ValueError, match=r"makes 3,000,001, and 1,000,000 are left"):
+    with pytest.raises(ValueError, match="3,000,001 samples, but at most 1,000,000"):
         only(slow, settings)
-    with pytest.raises(ValueError, match=r"makes 300,001, and 99,997 are left"):
+    with pytest.raises(ValueError, match="300,001 samples, but at most 99,997 more"):
         prepare([slow] * 4, replace(settings, rate=10.0))
     parts = tuple((1e4 * k, 1e4 * (k + 1)) for k in range(3))
-    with pytest.raises(ValueError, match=r"#3: .* and 204,998 are left"):
+    with pytest.raises(ValueError, match=r"#3: .* but at most 204,998 more"):
         only(slow, replace(settings, rate=40.0, segments=parts))
 
 
 @pytest.mark.parametrize("shift", [-1, 1])
 def test_a_wrong_order_of_quaternions_is_noticed_on_a_door(shift):
     wrong = replace(RAW, quaternions=np.roll(RAW.quaternions, shift, axis=1))
-    assert "is their order right?" in texts(only(wrong), warnings=True)
+    assert "is the order correct?" in texts(only(wrong), warnings=True)
 
 
 def free_motion(rng: np.random.Generator) -> RawRecording:
@@ -442,7 +447,7 @@ def test_a_hinge_is_found_and_gives_the_doors_task_frame(angle, radius):
         assert motion.radius == pytest.approx(radius, abs=1e-9)
         assert_allclose(motion.demonstration.poses, expected, atol=1e-7)
         assert f"hinge at {radius:.3f} m, opened to" in texts(motion)
-    assert "the hand is taken to turn with the door" in texts(without)
+    assert "the hand is assumed to rotate with the door" in texts(without)
 
 
 def test_a_hinge_is_found_in_noise():
@@ -472,7 +477,7 @@ def test_what_is_about_no_hinge_is_refused():
     with pytest.raises(ValueError, match="no hinge can be found from an arc of"):
         find_hinge(straight)
     bent = np.column_stack([np.sin(9.0 * line), line, np.cos(4.0 * line)])
-    with pytest.raises(ValueError, match=r"off a circle .* so it is about no hinge"):
+    with pytest.raises(ValueError, match=r"off a circle .* so it has no hinge"):
         find_hinge(bent)
 
 
@@ -555,8 +560,8 @@ def test_weight_and_bias_are_removed_exactly(axes, sign):
     )
     motion = only(replace(raw, wrenches=sign * felt), sensor=settings)
     assert_allclose(motion.demonstration.wrenches, -applied, rtol=0, atol=1e-12)
-    assert "weight of 7 N taken from the forces" in texts(motion)
-    assert "bias of 3.74 N and 0.374 N m taken" in texts(motion)
+    assert "weight of 7 N subtracted from the forces" in texts(motion)
+    assert "bias of 3.74 N and 0.374 N m subtr" in texts(motion)
 
 
 HELD = WrenchSensor(axes="recorded", acts_on="object")
@@ -607,7 +612,9 @@ def test_forces_that_cannot_be_converted_are_left_out():
     late = np.where(TIMES[:, None] < 0.5, np.nan, felt)
     motion = only(replace(RAW, wrenches=late), sensor=WrenchSensor(rest=0.3))
     assert motion.demonstration.wrenches is None
-    assert "forces left out: none in the first 0.3 s" in texts(motion, warnings=True)
+    assert "forces left out: no sample in the first 0.3 s" in texts(
+        motion, warnings=True
+    )
 
 
 @pytest.mark.parametrize(

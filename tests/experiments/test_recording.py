@@ -194,7 +194,7 @@ def test_expected_force_is_shown_with_its_interval_and_what_is_measured(
     _, measured = recording["/plots/expected/force", "Scalars:scalars"]
     np.testing.assert_allclose(np.ravel(measured), -2.0)
     (page,) = recording["/about", "TextDocument:text"][1][0]
-    assert "**panel 4**: what the policy expected of the force" in page
+    assert "**panel 4**: force that the policy expected" in page
 
 
 def test_the_mode_that_acts_is_shown_with_its_probability(record, make_log):

@@ -78,7 +78,7 @@ def test_beginning_and_end_are_told(make_log, shown):
         "the person lets go: 33 N at most"
     ]
     (_, _), (row, text) = events(make_log(base_shift=SHIFT), "bump")
-    assert (row, text) == (220, "the base stands again: 12 mm at most")
+    assert (row, text) == (220, "the base stops: 12 mm at most")
 
 
 @pytest.mark.parametrize(

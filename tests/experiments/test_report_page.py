@@ -475,10 +475,10 @@ def test_every_number_comes_from_the_results_and_is_explained(page):
     [
         ("git", "dirty", True, "not all made by the same code"),
         ("git", "dirty", True, "1 results: commit 0123456789ab with edits"),
-        ("arithmetic", "machine", "z80", "2 kinds of machine: they are comparable to "),
+        ("arithmetic", "machine", "z80", "2 kinds of machine: they are equal only up "),
         ("metrics", WALL_TIME, 50.0, "longer than the control period of 10 ms in 8 of"),
         ("metrics", WALL_TIME, None, "| CPU time per decision [ms] | above"),
-        ("task", "policy_source", {"file": "a.py"}, "`gp` were made by more than one"),
+        ("task", "policy_source", {"file": "a.py"}, "`gp` come from more than one"),
     ],
 )
 def test_what_differs_in_results_is_said(

@@ -124,7 +124,7 @@ def test_the_command_stops_when_separated_and_goes_on_after_its_limit(study):
     assert sorted(ran) == [(name, n) for name in ("gp", "promp") for n in range(10)]
     assert said.out == (
         "10 seeds, doors opened and held, share: gp 1.00, promp 0.30; e-value 16: not "
-        "separated, which takes 20\n"
+        "separated (requires 20)\n"
     )
     said, ran = study(outcome, "--json")
     assert sorted(ran) == [(name, n) for name in ("gp", "promp") for n in (10, 11)]

@@ -246,7 +246,7 @@ def test_the_command_reports_and_goes_on(folder, capsys):
     assert "6 recordings left out of 2 policies" in page
     assert "3 recordings)" in page
     assert "What to make of it" in page
-    assert page.count("**Online** means that the method watches the recording") == 1
+    assert page.count("**Online** means that the method reads the recording") == 1
     assert "Doors opened" not in page
     # Another method is added; what is there is kept.
     before = {path: path.stat().st_mtime_ns for path in Path("out/tasks").iterdir()}
@@ -312,9 +312,9 @@ ALIKE = (-2.0, -2.1, -1.9, -2.05, -1.95)
 @pytest.mark.parametrize(
     ("coverage", "missed", "nlpd", "said"),
     [
-        (0.95, 1e-3, ALIKE, "Nothing of `gp` stands out"),
-        (0.80, 1e-3, ALIKE, "too sure: its 95 % intervals hold 0.80"),
-        (1.00, 1e-3, ALIKE, "too unsure"),
+        (0.95, 1e-3, ALIKE, "Nothing is conspicuous for `gp`"),
+        (0.80, 1e-3, ALIKE, "overconfident: its 95 % intervals hold 0.80"),
+        (1.00, 1e-3, ALIKE, "underconfident"),
         (0.95, 9e-3, ALIKE, "by 9.0 mm"),
         (0.95, 1e-3, (*ALIKE, 3.0), "Recording 5 is unlike the others"),
     ],

@@ -107,7 +107,7 @@ def test_a_trial_is_recorded_and_linked(tmp_path):
     ) in page(tmp_path)
     for damaged in ("{", '{"comparisons": [], "episodes": []}'):
         file.write_text(damaged)
-        assert f"Side by side: {link}, what it shows is not known" in page(tmp_path)
+        assert f"Side by side: {link}, its description cannot be read" in page(tmp_path)
 
 
 def test_the_command_records_when_asked(tmp_path, monkeypatch):

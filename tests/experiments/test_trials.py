@@ -455,7 +455,7 @@ def test_a_whole_trial_follows_the_protocol(write_study, whole, capsys):
         (lambda r: r[1]["task"].update(disturbance="push"), "1 are not the protocol"),
         (
             lambda r: r[1].update(demonstrations="0"),
-            "1 episodes were learned from other demonstrations, or do not say from "
+            "1 episodes used other demonstrations, or do not state "
             "which: stop, stop, medium, seed 1",
         ),
         (lambda r: r[1]["git"].update(dirty=True), "made by code with edits"),

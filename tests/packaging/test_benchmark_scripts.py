@@ -126,7 +126,7 @@ def test_contact_model_agrees_with_the_simulation(capsys, monkeypatch):
     assert [row.count("OSCILLATES") for row in held] == [3, 4]
     assert not any("OSCILLATES" in row for row in rows if "d >= 60" in row)
     for name in ("held", "free"):
-        assert re.search(rf"verdicts that differ, {name} +0 +at most 0 +met", printed)
+        assert re.search(rf"different predictions, {name} +0 +at most 0 +met", printed)
 
 
 # --- Doors that were not demonstrated ----------------------------------------

@@ -18,7 +18,7 @@ from gplfd_policies.registry.user_policies import packaged_summaries
 
 
 def catalogue() -> str:
-    """Return doors, policies, environments, and what can happen, a line about each."""
+    """Return doors, policies, environments, randomizations and disturbances as text."""
     return "\n\n".join(
         "\n".join(
             [title, *(f"  {name:<{width}}  {text}" for name, text in lines.items())]
@@ -29,7 +29,7 @@ def catalogue() -> str:
 
 
 def catalogue_json() -> dict[str, dict[str, str]]:
-    """Return the same as names and lines; a section goes by its title's first word."""
+    """Return the same as data; the key of a section is the first word of its title."""
     return {
         re.split(r"\W", title, maxsplit=1)[0]: dict(lines)
         for title, lines in _sections().items()
@@ -37,12 +37,12 @@ def catalogue_json() -> dict[str, dict[str, str]]:
 
 
 def _sections() -> Mapping[str, Mapping[str, str]]:
-    """Return a line about each name, by the titles of the sections."""
+    """Return a description of each name, by the titles of the sections."""
     radius = allowed_range(DoorConfig, "radius")
     standing = TIAGO_LIKE.stance(DoorConfig()).radius
     return {
         f"doors (or any radius from {radius.low:g} to {radius.high:g} m, beyond "
-        f"{standing:g} m with a driving base; or a .json file)": {
+        f"{standing:g} m with a mobile base; or a .json file)": {
             name: ("" if one.motion == "hinged" else f"{one.motion}, ")
             + f"radius {one.radius:.2f} m, hinge friction {one.hinge_friction:.2g} N m"
             + (f", closer {one.closer_preload:.3g} N m" if one.closer_preload else "")
@@ -66,10 +66,10 @@ def _sections() -> Mapping[str, Mapping[str, str]]:
         },
         "randomizations (drawn at every reset)": {
             "none": "nothing: every episode has the given door",
-            "mild": "small errors of placement, grasp, sensors, delay; friction, mass",
+            "mild": "small errors of placement, grasp, sensors; delay, friction, mass",
             "hard": "larger errors and delays; radius, friction, closer, mass, height",
             "standard": "a door of a building: handle, swing, hinge side, closer",
-            "detector": "where the handle is believed to be; with --start approach",
+            "detector": "error of the detected handle pose; with --start approach",
         },
         "disturbances (during the opening)": {
             "none": "no disturbance",

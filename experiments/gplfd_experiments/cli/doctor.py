@@ -1,7 +1,7 @@
-"""What is installed on this machine, and what is missing for optional parts.
+"""Checks what is installed on this machine, and what is missing for optional parts.
 
 MuJoCo is imported in a child process only: the import fails with a ``MUJOCO_GL`` that
-this machine does not support, and a rendering that fails may end its process.
+this machine does not support, and a failed rendering may end the process.
 """
 
 import importlib.metadata
@@ -24,19 +24,19 @@ from gplfd_experiments.speed.machine import processor
 EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
     {
         "dask": "studies on a cluster",
-        "ros": "bags of ROS",
-        "lerobot": "data sets of LeRobot",
-        "robomimic": "files of robomimic",
-        "minari": "data sets of episodes",
-        "sb3": "learners of Stable-Baselines3",
+        "ros": "ROS bags",
+        "lerobot": "LeRobot data sets",
+        "robomimic": "robomimic files",
+        "minari": "episode data sets",
+        "sb3": "Stable-Baselines3 learners",
         "learners": "the diffusion policy of the examples",
-        "warp": "doors on a GPU, an experiment",
+        "warp": "doors on a GPU (experimental)",
         "video": "videos of `gplfd run --video`",
         "tiago": "the manufacturer's meshes in recordings",
-        "bench": "the libraries that are compared with",
+        "bench": "libraries for comparison",
     }
 )
-"""Extras of this package, and what they are for; those of developers left out."""
+"""Extras of this package and their purpose, without those for developers."""
 
 _DRAW: Final = (
     "import mujoco\n"
@@ -47,21 +47,21 @@ _DRAW: Final = (
     "print(GL.glGetString(GL.GL_RENDERER).decode())\n"
 )
 _PATIENCE: Final = 120.0
-"""Longest time for a drawing [s]."""
+"""Longest time for a rendering [s]."""
 
 
 def examined() -> dict[str, Any]:
-    """Look at this machine, its packages, and parts that are optional.
+    """Check this machine, its packages, and optional parts.
 
-    Takes as long as a rendering or two. Of each part it says what it is for, whether it
-    is present, and what was found or how to get it.
+    Takes as long as one or two renderings. Returns for each part its purpose, whether
+    it is present, and what was found or how to install it.
     """
     parts: dict[str, dict[str, Any]] = {}
 
     def part(name: str, purpose: str, present: bool, remark: str) -> None:
         parts[name] = {"purpose": purpose, "present": present, "remark": remark}
 
-    # Try the ways in which MuJoCo may render here.
+    # Try the backends with which MuJoCo may render here.
     given = os.environ.get("MUJOCO_GL")
     remark = f"MUJOCO_GL={given} does not work here; unset it, or " if given else ""
     remark += (
@@ -88,7 +88,7 @@ def examined() -> dict[str, Any]:
     except FileNotFoundError as error:
         part("viewer", "gplfd view", False, str(error))
 
-    # Every distribution that an extra asks for.
+    # Every distribution that an extra requires.
     for name, purpose in EXTRAS.items():
         found, missing = [], []
         for requirement in importlib.metadata.requires("gplfd") or ():
@@ -108,7 +108,7 @@ def examined() -> dict[str, Any]:
         "system": platform.platform(),
         "processor": processor(),
         "cores": os.cpu_count(),
-        # Less in a container, or with an affinity.
+        # Fewer in a container, or with a CPU affinity.
         "default_workers": loky.cpu_count(),
         "installed_in": str(Path(__file__).parents[1]),
     }
@@ -116,7 +116,7 @@ def examined() -> dict[str, Any]:
 
 
 def text(found: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return what was found, for people."""
+    """Return the results as text."""
     parts = {
         name: f"{'yes' if one['present'] else 'NO '}  {one['purpose']}: {one['remark']}"
         for name, one in found["parts"].items()
@@ -130,7 +130,7 @@ def text(found: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def ways(system: str, environment: Mapping[str, str]) -> tuple[str, ...]:
-    """Return values of MUJOCO_GL that may work, "" for none; first what is set."""
+    """Return values of MUJOCO_GL to try, "" for unset; a present value alone."""
     if environment.get("MUJOCO_GL"):
         return (environment["MUJOCO_GL"],)
     if not system.startswith("linux"):
@@ -139,7 +139,7 @@ def ways(system: str, environment: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def drawn_by(way: str) -> str:
-    """Draw in a child process and return what OpenGL calls itself; "" if it fails."""
+    """Render in a child process and return the name of the renderer; "" if it fails."""
     try:
         drawn = subprocess.run(
             [sys.executable, "-c", _DRAW],

@@ -1,8 +1,9 @@
-"""The subcommands of ``gplfd``, and how each of them ends.
+"""The subcommands of ``gplfd`` and their exit status.
 
-Exit status: 0 when the command did its work (a door left closed is a result), 1 when a
-replay departs from its recording, a task of a study ended in an error or a report is
-about errors only, 2 for bad arguments or files. `gplfd` adds 130 for an interruption.
+Exit status: 0 if the command finished (a door that stays closed is a result), 1 if a
+replay differs from its recording, a task of a study ended in an error or a report
+contains only errors, 2 for bad arguments or files. `gplfd` adds 130 for an
+interruption.
 """
 
 import dataclasses
@@ -47,12 +48,12 @@ BAD_INPUT: Final = 2
 
 
 class Command(Protocol):
-    """A subcommand: its fields are the options."""
+    """A subcommand; its fields are the options."""
 
     def execute(self) -> int:
         """Do the work and return the exit status.
 
-        Bad input is a ValueError, OSError or ModuleNotFoundError.
+        Bad input raises a ValueError, OSError or ModuleNotFoundError.
         """
 
 
@@ -84,8 +85,9 @@ _HELP: Final = frozenset({"-h", "--help"})
 def main(arguments: Sequence[str] | None = None) -> int:
     """Parse ``arguments`` (default: the process's own) and run the command.
 
-    Every command takes ``--debug``: errors come with their tracebacks. Returns the exit
-    status; the parser raises SystemExit for ``--help`` (0) and wrong arguments (2).
+    Every command accepts ``--debug``, which prints errors with tracebacks. Returns the
+    exit status; the parser raises SystemExit for ``--help`` (0) and wrong arguments
+    (2).
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given == ["--version"]:
@@ -94,14 +96,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = [one for one in given if one != "--debug"]
     debug, quiet = arguments != given, "--quiet" in arguments
 
-    # Messages go to stderr, and warnings among them as one line each.
+    # Messages go to stderr, each warning in one line.
     handler = MessageHandler()
     handler.setFormatter(logging.Formatter("gplfd: %(message)s"))
     LOG.setLevel(logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO)
     LOG.addHandler(handler)
     try:
         with warnings.catch_warnings(), os_exit_raises():
-            # Without the file and the source line that raised it.
+            # Without the file and the source line of the warning.
             warnings.showwarning = lambda message, *_, **__: LOG.warning(
                 "warning: %s", " ".join(str(message).split())
             )
@@ -110,7 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise
     except (ValueError, OSError, ModuleNotFoundError) as error:
         text = " ".join(str(error).split())
-        # The text of OSError leads with a number that says nothing to a person.
+        # The text of an OSError begins with an error number.
         if isinstance(error, OSError) and error.strerror and error.filename:
             text = f"{error.filename}: {error.strerror}"
         LOG.error(text, exc_info=debug)
@@ -122,7 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parsed(arguments: Sequence[str]) -> Command:
     """Return the command that the arguments name, with its options."""
-    # tyro does not suggest another name for a wrong one.
+    # tyro suggests no correction for a wrong name.
     first, second = (*arguments, "", "")[:2]
     inner = SUBCOMMANDS if first == "demos" else {}
     for before, name, known in (("", first, COMMANDS), (f"{first} ", second, inner)):
@@ -138,7 +140,7 @@ def _parsed(arguments: Sequence[str]) -> Command:
             _join_help(chosen)
     options = []
     for name, make in (COMMANDS | {"benchmark": benchmark_from(arguments)}).items():
-        # Without the line breaks of the source. The overview of all commands has the
+        # Without the line breaks of the source. The overview of all commands shows the
         # first paragraph of each.
         paragraphs = re.split(r"\n\s*\n", COMMANDS[name].__doc__ or "")
         shown = paragraphs[:1] if first in _HELP else paragraphs
@@ -158,8 +160,8 @@ def _parsed(arguments: Sequence[str]) -> Command:
             "here. Every command takes --debug: errors come with their tracebacks.",
             args=arguments,
         )
-    # Before NumPy is loaded, unless the user says otherwise. The policies' matrices
-    # have about a hundred rows: sharing them out costs ten times the work.
+    # Before NumPy is loaded, unless the user sets it. The policies' matrices have about
+    # a hundred rows: with several threads they take ten times as long.
     for variable, number in ONE_THREAD.items():
         os.environ.setdefault(variable, number)
     return command
@@ -168,7 +170,7 @@ def _parsed(arguments: Sequence[str]) -> Command:
 def _join_help(command: Any) -> None:
     """Let tyro show the docstrings of options without the line breaks of the source.
 
-    It takes the help of a field from its metadata, if there is any.
+    tyro prefers the help in the metadata of a field.
     """
     documented = docstring_parser.parse_from_object(command).params
     texts = {one.arg_name: one.description or "" for one in documented}
@@ -176,7 +178,7 @@ def _join_help(command: Any) -> None:
         if field.name in texts:
             text = " ".join(texts[field.name].split())
             field.metadata = MappingProxyType({"help": text})
-        # Options that several commands share are a field.
+        # Options that several commands share are fields of a field.
         for part in typing.get_args(field.type)[:1]:
             if dataclasses.is_dataclass(part):
                 _join_help(part)
@@ -197,7 +199,7 @@ class _WrappedLines:
         )
 
     def write(self, text: str) -> int:
-        """Write a text; what has colours is wrapped already, and longer by codes."""
+        """Write a text; coloured text is wrapped already, and contains colour codes."""
         if "\x1b" not in text:
             text = "\n".join(map(self._wrapper.fill, text.split("\n")))
         return self._stream.write(text)

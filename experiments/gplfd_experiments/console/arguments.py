@@ -1,4 +1,4 @@
-"""Checks of what a person gave on the command line, before anything slow."""
+"""Checks of command-line arguments before slow computations."""
 
 import errno
 import os
@@ -11,7 +11,7 @@ from gplfd_env.validation.named import nearest_name
 
 
 def check_least(option: str, value: float | None, least: float) -> None:
-    """Raise ValueError for a number below the least; None is an option not given."""
+    """Raise ValueError for a number below the limit; None is an option not given."""
     if value is not None and not value >= least:
         raise ValueError(f"{option} {value:g} must be {least:g} or more")
 
@@ -19,9 +19,9 @@ def check_least(option: str, value: float | None, least: float) -> None:
 def check_circumstances(
     randomization: str, disturbance: str = "none", start: Start = "grasped"
 ) -> None:
-    """Raise ValueError for an unknown name, or a start that does not go with it.
+    """Raise ValueError for an unknown name, or for an incompatible start.
 
-    Python takes more than names.
+    The Python interface accepts more than names.
     """
     for what, name, known in (
         ("randomization", randomization, RANDOMIZATIONS),
@@ -35,15 +35,19 @@ def check_circumstances(
 
 
 def check_folder(folder: Path) -> None:
-    """Raise ValueError or OSError unless such a folder can be written to."""
+    """Raise ValueError or OSError if a folder cannot be written to."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"--out {folder} is a file; give a folder")
     nearest = next(one for one in (folder, *folder.absolute().parents) if one.exists())
     if not nearest.is_dir():
         raise NotADirectoryError(
-            errno.ENOTDIR, f"is a file, so that --out {folder} cannot be", str(nearest)
+            errno.ENOTDIR,
+            f"is a file, so --out {folder} cannot be created",
+            str(nearest),
         )
     if not os.access(nearest, os.W_OK):
         raise PermissionError(
-            errno.EACCES, f"cannot be written to, which --out {folder} needs", nearest
+            errno.EACCES,
+            f"is not writable, so --out {folder} cannot be created",
+            nearest,
         )

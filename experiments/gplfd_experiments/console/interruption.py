@@ -1,4 +1,4 @@
-"""Ends of the process: when Ctrl-C may come, and `os._exit` in a policy."""
+"""Ends of the process: delayed Ctrl-C, and `os._exit` in a policy."""
 
 import contextlib
 import os
@@ -10,11 +10,11 @@ from typing import NoReturn
 
 @contextlib.contextmanager
 def postponed_interruption() -> Iterator[None]:
-    """Let Ctrl-C wait until the block ends, and never reach what the block starts.
+    """Delay Ctrl-C until the block ends, and block it in processes that it starts.
 
-    An import that is interrupted fails in ways of its own, and some imports run another
-    Python. The terminal sends Ctrl-C to all processes, but it is for this one: those
-    that start in the block, and threads, inherit that it is blocked.
+    Interrupted imports fail in different ways, and some imports run another Python. The
+    terminal sends Ctrl-C to all processes, but only this one should handle it:
+    processes and threads that start in the block inherit the blocked signal.
     """
     if sys.platform == "win32":
         yield
@@ -28,14 +28,14 @@ def postponed_interruption() -> Iterator[None]:
 
 @contextlib.contextmanager
 def os_exit_raises() -> Iterator[None]:
-    """Make `os._exit` in a user's policy an error, which is reported with its place.
+    """Turn `os._exit` in a user's policy into an error with a traceback.
 
-    It would end the process at once, without a word and with the policy's status.
+    Otherwise it would end the process without a message, with the policy's status.
     """
     process, exit_at_once = os.getpid(), os._exit
 
     def refuse(status: int) -> NoReturn:
-        if os.getpid() != process:  # A child of the policy, which may end so.
+        if os.getpid() != process:  # A child process of the policy may call it.
             exit_at_once(status)
         raise RuntimeError(f"os._exit({status}) was called")
 

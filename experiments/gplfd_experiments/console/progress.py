@@ -1,4 +1,4 @@
-"""Progress on stderr, and messages above its bars; only warnings when quiet."""
+"""Progress on stderr, and messages above the bars; only warnings if quiet."""
 
 import logging
 import sys
@@ -8,11 +8,11 @@ from typing import Any, Final
 from tqdm import tqdm
 
 LOG: Final = logging.getLogger("gplfd")
-"""Progress has level INFO, so that it is hidden when gplfd is used as a library."""
+"""Progress has the level INFO, so that it is hidden if gplfd is used as a library."""
 
 
 class MessageHandler(logging.Handler):
-    """Prints messages on stderr, each on a line of its own above progress bars."""
+    """Prints messages on stderr, each on a separate line above progress bars."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a message."""
@@ -23,11 +23,11 @@ class MessageHandler(logging.Handler):
 
 
 def progress_bar(items: Iterable[Any] | None = None, **options: Any) -> "tqdm[Any]":
-    """Return tqdm's bar over some items, or one that is moved by hand.
+    """Return tqdm's bar over items, or a bar that is updated manually.
 
-    It is shown where progress is wanted and stderr is a terminal.
+    It is shown if progress is enabled and stderr is a terminal.
     """
-    # To tqdm None means: where stderr is a terminal.
+    # For tqdm, None means: only if stderr is a terminal.
     disable = None if LOG.isEnabledFor(logging.INFO) else True
     return tqdm(items, leave=False, disable=disable, **options)
 
@@ -38,11 +38,11 @@ of the workers and the size of the first jobs dominate."""
 
 
 class _Counter(tqdm):  # type: ignore[type-arg]
-    """A bar that estimates the time left once enough of the work is done."""
+    """A bar that estimates the remaining time after enough of the work is done."""
 
     @property
     def format_dict(self) -> Any:
-        """What the bar is written from, see tqdm."""
+        """Values for the format of the bar, see tqdm."""
         known = super().format_dict
         new, left = known["n"] - known["initial"], known["total"] - known["initial"]
         if new < _ESTIMATED * left:
@@ -51,9 +51,9 @@ class _Counter(tqdm):  # type: ignore[type-arg]
 
 
 def counter(unit: str, total: int, done: int) -> "tqdm[Any]":
-    """Say how much of a long work is done, and return a bar that counts the rest.
+    """Log how much of a long work is done, and return a bar for the rest.
 
-    Where stderr is no terminal, it writes a line every half a minute.
+    If stderr is not a terminal, it writes a line every half minute.
     """
     LOG.info("%d %ss, %d of them done already", total, unit, done)
     pause = 0.5 if sys.stderr.isatty() else 30.0
@@ -63,7 +63,7 @@ def counter(unit: str, total: int, done: int) -> "tqdm[Any]":
         unit=unit,
         mininterval=pause,
         maxinterval=pause,
-        # Policies differ by the time they take: the mean says most.
+        # Times differ by policy, so the mean is used.
         smoothing=0.0,
         disable=not LOG.isEnabledFor(logging.INFO),
     )

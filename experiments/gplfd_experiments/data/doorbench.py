@@ -1,7 +1,8 @@
 """Doors of DoorBench (github.com/adamraudonis/DoorBench, MIT) as `DoorConfig`.
 
-Read are hinged, sliding and folding doors of schema 1.0 whose handle a gripper can work
-from the robot's side: levers, knobs, fixed pulls, paddles, exit devices, thumb latches.
+Reads hinged, sliding and folding doors of schema 1.0 with a handle that a gripper can
+operate from the robot's side: levers, knobs, fixed pulls, paddles, exit devices, thumb
+latches.
 """
 
 import math
@@ -20,7 +21,7 @@ SCHEMA: Final = "1.0"
 _BACKSET: Final = 0.06  # Of a handle for which none is given, as without a latch [m].
 _BEYOND_GRIP: Final = 0.03  # A lever ends so far beyond the point where it is held [m].
 _BESIDE_EDGE: Final = 0.15
-"""Where a touch bar is held: its lock case ends so far from the edge [m]."""
+"""A touch bar is held where its lock case ends, at this distance from the edge [m]."""
 _REACHED: Final = 1.0
 """Radius at which the robot opens doors of both swings and sides [m]."""
 _TOUCH_BAR_ARM: Final = 0.05  # Turns a touch bar's straight travel into an angle [m].
@@ -63,22 +64,22 @@ _KINDS: Final[Mapping[str, Handle]] = {
 }
 """Handles by the first word of an operator's model."""
 _NO_BARS: Final = ("pull_ring", "pull_flush_recessed", "pull_finger_cup")
-"""Pulls that a gripper holds otherwise than a bar."""
+"""Pulls that a gripper does not hold like a bar."""
 _LATCH: Final = {
     "bolt_throw": "physics/latch/throw_m",
     "bolt_preload": "physics/latch/bolt_spring_preload_N",
     "bolt_stiffness": "physics/latch/bolt_spring_rate_N_per_m",
 }
-"""Fields of `DoorConfig`, and where a specification has their numbers."""
+"""Fields of `DoorConfig`, and their places in a specification."""
 
 
 class ImportedDoor(NamedTuple):
-    """A door of another collection, by its name there."""
+    """A door of another collection, with its name there."""
 
     name: str
     door: DoorConfig
     lost: tuple[str, ...]
-    """What could not be represented, a line each."""
+    """Properties that cannot be represented, a line each."""
 
 
 def read_doorbench(path: str | Path) -> ImportedDoor:
@@ -96,12 +97,12 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
         name = _at(spec, "id", str)
         door = DoorConfig(**_within(fields, lost))
     except ValueError as error:
-        raise ValueError(f"{path} is no door that can be imported: {error}") from error
+        raise ValueError(f"{path} cannot be imported as a door: {error}") from error
     return ImportedDoor(name, door, tuple(lost))
 
 
 def _at(spec: Mapping[str, Any], place: str, kind: Any = float) -> Any:
-    """Return what stands at a path of names, as the type that it must have."""
+    """Return the entry at a path of names, as the required type."""
     *tables, name = place.split("/")
     for table in tables:
         spec = entry(spec, table, dict[str, Any])
@@ -166,7 +167,7 @@ def _hinged(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
 
 
 def _rolling(spec: Mapping[str, Any], way: float, lost: list[str]) -> dict[str, Any]:
-    """Return the fields of rollers that go a way [m] when the door opens fully."""
+    """Return the fields of rollers with a travel [m] of the fully open door."""
     if "soft_close_damper" in _at(spec, "extras", tuple[str, ...]):
         lost.append("its soft-close damper, for which no force is given")
     if (closer := _at(spec, "closer/model", str)) != "none":
@@ -183,7 +184,7 @@ def _sliding(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
     way = _at(spec, "kinematics/travel_m")
     if _at(spec, "leaf/count") > 1:
         lost.append("its other leaves, behind which it slides")
-    # The force is that of the rollers also where the way is cut to its range.
+    # The force is that of the rollers also if the travel is limited to its range.
     within = min(way, allowed_range(DoorConfig, "clear_width").high)
     return {"motion": "sliding", "clear_width": way, **_rolling(spec, within, lost)}
 
@@ -191,8 +192,8 @@ def _sliding(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
 def _folding(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
     """Return the fields of the leaves that fold to one jamb.
 
-    The guided edge, which has the handle, moves as that of two leaves of half the width
-    however many there are.
+    The guided edge, which has the handle, moves like that of two leaves of half the
+    width, for any number of leaves.
     """
     panels, motion = _at(spec, "leaf/count"), _at(spec, "kinematics", dict[str, Any])
     stacks = 1 if panels == 2 or motion.get("accordion") else 2
@@ -221,7 +222,7 @@ _FAMILIES: Final[
     **dict.fromkeys(("sliding_single", "sliding_bypass", "gate_sliding"), _sliding),
     **dict.fromkeys(("bifold", "accordion"), _folding),
 }
-"""How the leaf of each family moves: what reads the fields of `DoorConfig` for it."""
+"""Functions that read the fields of the motion of each family."""
 
 _OTHERS: Final = {
     **dict.fromkeys(("automatic", "elevator"), "a motor opens it"),
@@ -229,11 +230,11 @@ _OTHERS: Final = {
     **dict.fromkeys(("garage", "rollup"), "it is lifted"),
     **dict.fromkeys(("revolving", "turnstile"), "a rotor"),
     "baby": "its latch is lifted",
-    "hatch": "it lies in floor or ceiling",
+    "hatch": "it is horizontal, in a floor or ceiling",
     "pet": "a flap without a handle",
-    "strip": "strips that hang",
+    "strip": "hanging strips",
 }
-"""Why a `DoorConfig` represents no door of a family, by the first word of its name."""
+"""Why a family cannot be represented, by the first word of its name."""
 
 
 def _operated(
@@ -248,7 +249,7 @@ def _operated(
     if far:
         model = str(operator.get("far_side", "none"))
         if model == "none":
-            raise ValueError("on the side that is pulled there is nothing to hold")
+            raise ValueError("the pull side has no handle")
     handle = _KINDS.get(model.partition("_")[0])
     if model == "push_button_screen":
         raise ValueError(
@@ -258,7 +259,7 @@ def _operated(
     if handle is None:
         known = ", ".join(_KINDS)
         raise ValueError(f"its handle is {model!r}, none that begins with {known}")
-    # Where no backset is given, the handle is where the robot can hold it.
+    # Without a backset, the handle is where the robot can hold it.
     nearest = min(width - _REACHED, allowed_range(DoorConfig, "backset").high)
     if fields.get("motion") == "folding":  # Its path depends on where it is.
         nearest = 0.0
@@ -273,13 +274,13 @@ def _operated(
         if not model.startswith("pull") or model in _NO_BARS:
             lost.append(f"its handle {model!r}; here a fixed bar is held")
         if latched:
-            lost.append("its latch, which its fixed handle does not draw")
+            lost.append("its latch, which its fixed handle does not release")
         return found
     if latched:
         found["latch"] = "spring"
         found |= {name: _at(spec, place) for name, place in _LATCH.items()}
     if far:
-        lost.append(f"the spring of {model!r} on this side, which is not given")
+        lost.append(f"the spring of {model!r} on this side, whose value is not given")
         return found
     found |= {name: _at(spec, place) for name, place in _HANDLE.items()}
     grip = _at(spec, "physics/latch/operator_grip_offset_m")
@@ -300,9 +301,10 @@ def _operated(
 
 
 def _within(fields: dict[str, Any], lost: list[str]) -> dict[str, Any]:
-    """Return fields within their ranges, and add to `lost` which were not.
+    """Return fields limited to their ranges; add the limited ones to `lost`.
 
-    A radius out of range is left to `DoorConfig` to refuse: it would be another door.
+    A radius out of range is not limited: it would be another door, and `DoorConfig`
+    raises.
     """
     result = dict(fields)
     for name, value in fields.items():

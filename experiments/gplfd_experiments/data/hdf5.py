@@ -1,8 +1,8 @@
-"""Members of an HDF5 file from anywhere: in the file itself, and of bounded size.
+"""Safe access to members of an HDF5 file: inside the file, and of bounded size.
 
 HDF5 follows links to other files and named pipes, fills a dataset without data with
-zeros, and unpacks a chunk to whatever its compressed stream holds. So links, shapes and
-chunks are checked here before HDF5 reads.
+zeros, and unpacks a chunk to whatever its compressed stream holds. Therefore links,
+shapes and chunks are checked before HDF5 reads.
 """
 
 import math
@@ -20,7 +20,7 @@ _CHECKSUM: Final = h5py.h5z.FILTER_FLETCHER32
 _CHECKSUM_SIZE: Final = 4  # Bytes that it adds to a chunk.
 _FILTERS: Final = frozenset({h5py.h5z.FILTER_SHUFFLE, _CHECKSUM, _DEFLATE})
 _REFERENCE: Final = 16
-"""Bytes of a text of any length, of which a dataset holds length and place only."""
+"""Bytes per variable-length text in a dataset: only its length and address."""
 
 
 def member(group: Any, name: str) -> Any:
@@ -57,7 +57,7 @@ def numbers(dataset: Any, budget: DecodingBudget) -> FloatArray:
 
 
 def check_readable(dataset: Any, budget: DecodingBudget) -> None:
-    """Claim what a dataset takes in memory, and check how it is stored.
+    """Claim the memory of a dataset, and check its storage.
 
     Raises:
         ValueError: Its values lie in other files, it is compressed in an unusual way,
@@ -87,7 +87,7 @@ def check_readable(dataset: Any, budget: DecodingBudget) -> None:
         )
     if deflate is None:
         return
-    # No chunk may hold more than a chunk's numbers.
+    # A chunk may not contain more numbers than its shape allows.
     item = _REFERENCE if dataset.dtype.hasobject else dataset.dtype.itemsize
     size = math.prod(dataset.chunks) * item + _CHECKSUM_SIZE
     for number in range(dataset.id.get_num_chunks()):

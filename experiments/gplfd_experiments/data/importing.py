@@ -1,4 +1,4 @@
-"""Motion files made into a set of demonstrations, with a report and a picture."""
+"""Makes a set of demonstrations from motion files, with a report and a picture."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -40,8 +40,8 @@ def import_recordings(
     """Read motion files, prepare the motions, and write a complete set or nothing.
 
     The set holds the demonstrations (`gplfd_policies.demonstrations.npz`), the report,
-    a picture of before and after, and where everything came from, with the options of
-    the command.
+    a picture of the motions before and after, and their origin, with the options of the
+    command.
 
     Returns:
         The motions in the set, and the report.
@@ -79,7 +79,7 @@ def import_recordings(
 
 
 def report(motions: Sequence[Motion], settings: Preparation) -> str:
-    """Return the settings in words, a row per motion, and every note."""
+    """Return the settings as text, a row per motion, and every note."""
     frame, cutoff, rate = settings.frame, settings.cutoff, settings.rate
     done = [
         f"frame: {frame if isinstance(frame, str) else 'relative to a given pose'}",
@@ -123,7 +123,7 @@ def report(motions: Sequence[Motion], settings: Preparation) -> str:
 
 
 def warnings_in(motions: Sequence[Motion]) -> int:
-    """Return how many notes a person should look at."""
+    """Return the number of notes that need attention."""
     return sum(note.warning for motion in motions for note in motion.notes)
 
 
@@ -131,9 +131,9 @@ def draw(motions: Sequence[Motion], path: Path) -> None:
     """Write a picture: recorded motions on the left, prepared ones on the right.
 
     Positions are in the upper row, orientations below: the components of the recorded
-    quaternions, and of the rotation vectors that were made of them. If a motion has
-    forces, a third row shows those of the hand on what it holds, in the axes of the
-    recorded and of the prepared poses.
+    quaternions, and of the resulting rotation vectors. If a motion has forces, a third
+    row shows those of the hand on what it holds, in the axes of the recorded and of the
+    prepared poses.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

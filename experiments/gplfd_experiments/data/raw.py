@@ -1,4 +1,4 @@
-"""A motion as its file has it, and what a person says about the file."""
+"""A motion as read from its file, and the user's settings for the file."""
 
 import math
 from collections.abc import Mapping
@@ -18,11 +18,11 @@ RADIANS: Final[Mapping[str, float]] = {"rad": 1.0, "deg": math.pi / 180.0}
 _USUAL_STEP: Final = (9e-4, 0.9)
 """Time between two samples of a hand [s]: 1.1 Hz to 1.1 kHz. The range spans a factor
 of 1,000, as units of time do, so that at most one unit fits."""
-_LISTED: Final = 30  # Names at most in a message.
+_LISTED: Final = 30  # Largest number of names in a message.
 
 
 def likely_time_unit(step: float) -> str | None:
-    """Return the unit in which a step between time stamps is usual for a hand."""
+    """Return the unit in which a step between time stamps is plausible for a hand."""
     shortest, longest = _USUAL_STEP
     fits = (unit for unit, s in SECONDS.items() if shortest <= step * s < longest)
     return next(fits, None)
@@ -51,11 +51,11 @@ def unit_transform(name: str, pose: Transform) -> tuple[float, ...]:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WrenchSensor:
-    """How recorded forces and moments are to be understood.
+    """Properties of recorded forces and moments.
 
-    The defaults are those of a sensor between the arm and the hand of a robot, as ROS
-    has it in a WrenchStamped: the wrench of the environment on the hand, in the axes of
-    the hand and about its origin, without bias and without the weight of the hand.
+    The defaults describe a sensor between the arm and the hand of a robot, published as
+    a ROS WrenchStamped: the wrench of the environment on the hand, in the axes of the
+    hand and about its origin, without bias and without the weight of the hand.
 
     Raises:
         ValueError: A value is outside its range.
@@ -63,7 +63,7 @@ class WrenchSensor:
 
     acts_on: Literal["hand", "object"] = "hand"
     """Whether the wrench is that of the environment on the hand, or the opposite one,
-    of the hand on what it holds."""
+    of the hand on the object."""
     axes: Literal["hand", "recorded"] = "hand"
     """Axes of force and moment: of the sensor, which moves with the hand, or of the
     frame in which the poses were recorded."""
@@ -71,12 +71,12 @@ class WrenchSensor:
     """Pose of the sensor in the frame of the recorded hand; moments are about its
     origin."""
     rest: float = 0.0
-    """Time at the start of a recording in which nothing touches the hand [s]. The mean
-    wrench in it, less the tool's weight, is the sensor's bias; 0 for no bias."""
+    """Time at the start of a recording without contact of the hand [s]. The mean wrench
+    in this time minus the tool's weight is the sensor's bias; 0 for no bias."""
     tool_weight: float = 0.0
-    """Weight of what the sensor carries [N]."""
+    """Weight of the tool on the sensor [N]."""
     tool_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Its centre of mass, in the frame of the sensor [m]."""
+    """Centre of mass of the tool, in the frame of the sensor [m]."""
     gravity: tuple[float, float, float] = (0.0, 0.0, -1.0)
     """Direction of gravity in the frame in which the poses were recorded."""
 
@@ -107,15 +107,15 @@ WRIST: Final = WrenchSensor()
 OBSERVED: Final = WrenchSensor(axes="recorded")
 """Wrenches as the environment observes them: on the hand, in the frame of the poses."""
 DEMONSTRATED: Final = WrenchSensor(axes="recorded", acts_on="object")
-"""Wrenches as a `Demonstration` has them."""
+"""Wrenches as in a `Demonstration`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RawRecording:
-    """One motion of a hand: what a file says, whether or not it can be used.
+    """One motion of a hand as read from a file, before any check of its usability.
 
-    Samples may be missing (NaN), repeated, out of order and in any unit; that is what
-    `gplfd_experiments.data.preparation` mends, and reports.
+    Samples may be missing (NaN), repeated, out of order and in any unit;
+    `gplfd_experiments.data.preparation` repairs and reports this.
 
     Raises:
         ValueError: The shapes do not belong together, there are fewer than two
@@ -123,25 +123,25 @@ class RawRecording:
     """
 
     name: str
-    """Where it comes from: the file, and what in it."""
+    """Origin: the file, and the part of it."""
     positions: FloatArray
     """Positions of the hand, (N, 3), in `unit`."""
     unit: str | None
-    """One of `METRES`; None where the file does not say."""
+    """One of `METRES`; None if the file states none."""
     times: FloatArray | None = None
-    """Time stamps [s], (N,); None where the file has none."""
+    """Time stamps [s], (N,); None if the file has none."""
     quaternions: FloatArray | None = None
-    """Orientations, the scalar first, of any sign and norm, (N, 4); or none."""
+    """Quaternions, scalar first, of any sign and norm, (N, 4); or none."""
     wrenches: FloatArray | None = None
     """Forces and moments [N, N m], (N, 6); or none."""
     sensor: WrenchSensor | None = None
-    """How the wrenches were recorded; None where the file does not say."""
+    """How the wrenches were recorded; None if the file does not state it."""
     signals: Mapping[str, FloatArray] = field(default_factory=dict)
     """Other arrays, (N, d), such as "gripper"."""
     untimed: str = ""
-    """What may be the times of a file without any; continues a message."""
+    """Hint at possible times in a file without times; continues a message."""
     notes: tuple[str, ...] = ()
-    """What the reader of the file found remarkable."""
+    """Notes of the reader of the file."""
 
     def __post_init__(self) -> None:
         for name in ("positions", "times", "quaternions", "wrenches"):
@@ -175,32 +175,32 @@ class RawRecording:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Selection:
-    """What to read of a file, and how to understand it.
+    """What to read from a file, and how to interpret it.
 
     Raises:
-        ValueError: A unit or an order is unknown, or a rate no positive number.
+        ValueError: A unit or an order is unknown, or a rate is not positive.
     """
 
     body: str | None = None
-    """What moves: a segment, joint, marker, topic or array of the file."""
+    """Moving object: a segment, joint, marker, topic or array of the file."""
     columns: tuple[str, ...] = ()
     """Names of the columns of a table, in order, see `readers.tables`."""
     units: str | None = None
-    """Unit of the positions, one of `METRES`; before what the file says."""
+    """Unit of the positions, one of `METRES`; overrides the unit in the file."""
     time_unit: str | None = None
-    """Unit of time stamps, one of `SECONDS`; before what the file says."""
+    """Unit of time stamps, one of `SECONDS`; overrides the unit in the file."""
     angles: str = "rad"
     """Unit of rotation vectors without one, one of `RADIANS`."""
     wrench: str | None = None
-    """What holds the forces: a topic, feature or observation of the file."""
+    """Source of the forces: a topic, feature or observation of the file."""
     quaternions: Literal["wxyz", "xyzw"] | None = None
-    """Order of quaternions whose components have no names."""
+    """Order of quaternion components without names."""
     recorded_rate: float | None = None
     """Samples per second of a file without time stamps [Hz]."""
     urdf: Path | None = None
     """Description of the robot whose joints were recorded."""
     link: str | None = None
-    """Link of that robot which is the hand."""
+    """Link of this robot that is the hand."""
 
     def __post_init__(self) -> None:
         for option, value, known in (
@@ -221,7 +221,7 @@ class Selection:
 FrameName = Literal["first-pose", "recorded", "hinge"]
 Segments = Literal["none", "rests", "turns"] | tuple[tuple[float, float], ...]
 
-_GREATEST: Final = 1e5  # Of a rate or a cut-off [Hz], and of a gap [s].
+_GREATEST: Final = 1e5  # Largest rate or cut-off [Hz], and largest gap [s].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -233,27 +233,27 @@ class Preparation:
     """
 
     units: str | None = None
-    """Unit of the recorded positions; None for what the file says, else metres."""
+    """Unit of the recorded positions; None for the unit in the file, else metres."""
     offset: Transform | None = None
-    """Pose of the moved object in the recorded frame, such as from a glove's tracker
-    to the handle in the hand."""
+    """Pose of the moved object in the recorded frame, for example of the handle in the
+    frame of a glove's tracker."""
     sensor: WrenchSensor = WRIST
-    """How forces were recorded, where the file does not say."""
+    """How forces were recorded, if the file does not state it."""
     frame: FrameName | Transform = "first-pose"
-    """Frame of the result: each motion's first pose, the recorded frame, that of a
-    door whose hinge is found from the motion, or a pose in the recorded frame."""
+    """Frame of the result: each motion's first pose, the recorded frame, the frame of a
+    door with a hinge estimated from the motion, or a pose in the recorded frame."""
     segments: Segments = "none"
-    """Repetitions in a motion: the whole, or what lies between rests or turns without
-    motions back, or start and end of each since the first sample [s]."""
+    """Repetitions in a motion: the whole motion, the motions between rests or turns
+    without motions back, or start and end of each since the first sample [s]."""
     trim_rests: bool = True
     """Whether rests at both ends are cut to those of a gentle motion."""
     cutoff: float | None = 10.0
-    """Cut-off of the low-pass filter [Hz], forwards and backwards, so without delay;
-    None for none. People move their hands at less than 5 Hz."""
+    """Cut-off of the low-pass filter [Hz], which runs forwards and backwards, without
+    delay; None for no filter. People move their hands at less than 5 Hz."""
     rate: float | None = 100.0
     """Samples per second of the result [Hz]; None for the samples as recorded."""
     largest_gap: float = 0.5
-    """Longest time without a sample that is bridged by a straight line [s]."""
+    """Longest gap between samples that is interpolated linearly [s]."""
 
     def __post_init__(self) -> None:
         for name in ("cutoff", "rate", "largest_gap"):
@@ -287,10 +287,10 @@ class Preparation:
 def chosen(
     wanted: str | None, known: dict[str, Any], what: str, *, file: str
 ) -> tuple[str, Any]:
-    """Return the wanted one of several things in a file, or the only one.
+    """Return the selected item of a file, or the only one.
 
     Raises:
-        ValueError: There is none, none of that name, or several to choose from.
+        ValueError: There is none, none of that name, or several without a selection.
     """
     if not known:
         raise ValueError(f"{file} has no {what}")

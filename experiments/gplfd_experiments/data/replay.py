@@ -1,6 +1,6 @@
-"""Running a recorded episode again, and comparing bit for bit.
+"""Repeats a recorded episode, and compares it bit for bit.
 
-Compared are the physics state, what the agent saw, and how the episode went.
+Compares the physics state, the observations, and the course of the episode.
 """
 
 import contextlib
@@ -20,40 +20,40 @@ from gplfd_experiments.files.provenance import arithmetic, versions
 
 
 class Departure(NamedTuple):
-    """Where a replay leaves the recording.
+    """Difference between a replay and the recording.
 
     Distances are the largest absolute difference of a number, in the unit of the field;
-    infinite where only one of the two is a number.
+    infinite if only one of the two is a number.
     """
 
     step: int
-    """First step whose result differs, in any bit; 0 is the reset itself."""
+    """First step with a result that differs in any bit; 0 is the reset."""
     fields: Mapping[str, float]
-    """What differs at that step, and by how much: parts of the physics state first."""
+    """Differences at this step: parts of the physics state first."""
     largest: Mapping[str, float]
-    """What differs anywhere in the episode, and by how much at most."""
+    """Largest differences in the whole episode."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Comparison:
-    """A recorded episode beside its replay."""
+    """Comparison of a recorded episode with its replay."""
 
     steps: int
     """Steps of the recording."""
     replayed_steps: int
     """Steps until the replay ended or the actions were used up."""
     departure: Departure | None
-    """None when the replay is the recording, bit for bit."""
+    """None if the replay equals the recording, bit for bit."""
     model_parts: tuple[str, ...]
     """Parts of the model that differ, by what they describe; see `model_digests`."""
 
     @property
     def exact(self) -> bool:
-        """Whether every compared bit is the same and the replay is as long."""
+        """Whether every compared bit and the number of steps are equal."""
         return self.departure is None and self.steps == self.replayed_steps
 
     def __str__(self) -> str:
-        """The comparison in words."""
+        """The comparison as text."""
         text = []
         if self.model_parts:
             text.append(f"the model differs in {', '.join(self.model_parts)}")
@@ -82,7 +82,7 @@ def replay(recorded: RecordedEpisode, env: gym.Env[Any, Any]) -> RecordedEpisode
 def replays(
     dataset: Dataset, numbers: Sequence[int]
 ) -> Iterator[tuple[int, Comparison]]:
-    """Run episodes again; yield the number of each, and how it compares."""
+    """Repeat episodes; yield the number of each, and its comparison."""
     for number in progress_bar(numbers, desc="replaying", unit="episode"):
         recorded = dataset.episode(number)
         with contextlib.closing(dataset.make_environment()) as env:
@@ -96,10 +96,10 @@ def replays(
 
 
 def compare(recorded: RecordedEpisode, again: RecordedEpisode) -> Comparison:
-    """Find the first bit that differs, and how far the episodes part."""
+    """Return the first difference, and the largest ones."""
     first, second = _signals(recorded), _signals(again)
     rows = min(len(recorded), len(again)) + 1
-    # The largest difference in every row, NaN where all bits are the same.
+    # The largest difference in every row, NaN if all bits are equal.
     gaps = {}
     for name in first | second:
         a, b = first.get(name), second.get(name)
@@ -136,7 +136,7 @@ def compare(recorded: RecordedEpisode, again: RecordedEpisode) -> Comparison:
 
 
 def _signals(episode: RecordedEpisode) -> dict[str, FloatArray]:
-    """Everything that is compared: one row per step, the reset first."""
+    """All compared arrays: one row per step, the reset first."""
     signals: dict[str, NDArray[Any]] = {}
     start = 0
     for name, size in episode.state_layout.items():
@@ -153,7 +153,7 @@ def _signals(episode: RecordedEpisode) -> dict[str, FloatArray]:
 
 
 def changes_since(origin: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
-    """Return what differs of what may change the last bits: as recorded, and here."""
+    """Return differences in the versions and machine that determine the last bits."""
     recorded = {**origin["versions"], **origin["arithmetic"]}
     here = {**{name: versions()[name] for name in REPRODUCING}, **arithmetic()}
     return {

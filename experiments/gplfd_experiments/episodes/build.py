@@ -1,8 +1,7 @@
-"""Demonstrations, agents and environment of an episode, made from its task.
+"""Makes demonstrations, agents and environment of an episode from its task.
 
-This is the only place that makes them: a run, a study, its repetition, a figure and a
-live view of one task therefore have the same numbers. It also reports errors that arise
-in a user's policy.
+Only this module makes them, so that a run, a study, its repetition, a figure and a live
+view of one task have the same numbers. It also reports errors in a user's policy.
 """
 
 import contextlib
@@ -49,8 +48,9 @@ from gplfd_policies.registry.user_policies import source_files
 def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
     """Return the synthetic human's demonstrations for a task.
 
-    An episode that starts before the handle has demonstrations that reach for it first.
-    Their openings are those of the same task with the handle in the hand.
+    If the episode starts with the hand in front of the handle, the demonstrations also
+    reach for the handle. Their openings are those of the same task with the handle in
+    the hand.
     """
     return _demonstrated(task.shown)
 
@@ -91,9 +91,9 @@ def demonstrations_hash(task: EpisodeTask) -> str:
 
 
 def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
-    """Learn a policy's movement, if it follows one, and return what makes agents.
+    """Learn a policy's movement, if it follows one, and return a factory of agents.
 
-    Policies that follow no learned movement begin anew for every agent.
+    Policies without a learned movement make every agent independently.
     """
     method = policy.method
     with one_thread:
@@ -114,12 +114,12 @@ def learned_agents(
     """Let the policy learn for all tasks with the same `EpisodeTask.training`.
 
     It learns from the task's own demonstrations unless others are given. The agents
-    that are made reach for the handle first if the episode starts before it.
+    first reach for the handle if the episode starts in front of it.
     """
     shown = demonstrations_of(task) if given is None else given
     prior_mean = None
     if task.prior_radius is not None:
-        # The whole arc, by the phase of demonstrations that end earlier.
+        # The whole arc on the phase of demonstrations that end earlier.
         angles = np.linspace(0.0, DEMONSTRATED_ANGLE, 50)
         prior_mean = PosePath(
             phases=angles / task.teacher["angle_mean"],
@@ -140,7 +140,7 @@ def learned_agents(
 def _practised(
     task: EpisodeTask, policy: Policy, training: TrainingInput
 ) -> Callable[[], Agent]:
-    """Learn, be corrected at other doors, and return what makes agents."""
+    """Learn, collect corrections at other doors, and return a factory of agents."""
     method, practice = policy.method, Practice(**(task.practice or {}))
     if method is None:
         raise ValueError(f"policy {task.policy!r} learns no movement to be corrected")
@@ -155,7 +155,7 @@ def _practised(
 
 
 def open_watched(task: EpisodeTask, agent: Agent) -> EpisodeLog:
-    """Open a door once, in twice the usual time, for somebody to lead the hand."""
+    """Open a door once with a leader of the hand, in twice the usual time."""
     with contextlib.closing(
         make_environment(task, agent.control, max_episode_steps=3000)
     ) as env:
@@ -172,7 +172,7 @@ def open_watched(task: EpisodeTask, agent: Agent) -> EpisodeLog:
 def make_environment(task: EpisodeTask, control: Control, **arguments: Any) -> gym.Env:
     """Return the environment of a task; reset it with `EpisodeTask.reset_seed`.
 
-    More arguments are those of `gymnasium.make`, such as ``max_episode_steps``.
+    Other arguments are those of `gymnasium.make`, such as ``max_episode_steps``.
     """
     return gym.make(
         ENVIRONMENT_IDS[control],
@@ -192,7 +192,7 @@ def open_together(
 ) -> tuple[EpisodeLog, ...]:
     """Open the doors of tasks of one policy, robot, base and start in lockstep.
 
-    There is an agent and a log per task, and a forecast every so many seconds.
+    There is an agent and a log per task; forecasts have the given period [s].
     """
     each = [_circumstances(task) for task in tasks]
     varied: dict[str, Any] = {name: [one[name] for one in each] for name in each[0]}
@@ -233,7 +233,7 @@ def _circumstances(task: EpisodeTask) -> dict[str, Any]:
 
 
 def where(error: BaseException, policy: Policy) -> str:
-    """Return file, line and function of the user's in which an error arose, or ""."""
+    """Return file, line and function of the user's code that raised an error, or ""."""
     return place_in(source_files(policy.origin), error) if policy.origin else ""
 
 
@@ -243,10 +243,10 @@ class PolicyError(ValueError):
 
 @contextlib.contextmanager
 def reported_errors(name: str, policy: Policy) -> Iterator[None]:
-    """Replace an error of the user's policy by one that states where it arose."""
+    """Replace an error of the user's policy by one that states its location."""
     try:
         yield
-    # Anything: the user's code runs here, and may leave by `sys.exit`.
+    # BaseException: the user's code runs here and may call `sys.exit`.
     except (Exception, SystemExit) as error:
         place = where(error, policy)
         built_in = policy.origin is None or policy.origin.kind == "built-in"

@@ -42,7 +42,7 @@ def record_dataset(
     overwrite: bool,
     options: Mapping[str, Any],
 ) -> int:
-    """Open every door some times and write the data set."""
+    """Open every door several times and write the data set."""
     check_least("--episodes", episodes, 1)
     check_least("--seed", seed, 0)
     check_least("--demonstrations-per-door", demonstrations_per_door, 1)
@@ -74,7 +74,8 @@ def record_dataset(
                 "record two data sets"
             )
     limit = {} if max_steps is None else {"max_episode_steps": max_steps}
-    # The first agent determines the environment of all. Resets change its door.
+    # The first agent determines the environment of all episodes. Resets change the
+    # door.
     with reported_errors(policy, chosen):
         control = learned_agents(first, chosen)().control
     with contextlib.closing(make_environment(first, control, **limit)) as env:
@@ -95,7 +96,7 @@ def _recorded(
     """Run and yield the episode of every task."""
     recorder, inner = Recorder(env), env.unwrapped
     for task in progress_bar(tasks, desc="recording", unit="episode"):
-        # Small matrices: more threads only cost time, and change the order of sums.
+        # Small matrices: more threads take more time and change the order of sums.
         with reported_errors(task.policy, policy), one_thread:
             agent = learned_agents(task, policy)()
             observation, _ = recorder.reset(

@@ -1,4 +1,4 @@
-"""Words for the environment's ``failure`` and ``reason`` of an episode."""
+"""Texts for the environment's ``failure`` and ``reason`` of an episode."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -11,19 +11,19 @@ SHORT: Final[Mapping[str, str]] = {
     "not_grasped": "not grasped",
     "grasp_lost": "let go",
 }
-"""For labels with little room; others are named by `failure_name`."""
+"""Short labels; other failures are named by `failure_name`."""
 
 MEANINGS: Final[Mapping[str, str]] = {
     "stalled": "the hand held on and the door gained no more angle",
-    "latched": "the latch held the door, whose handle was not turned far enough",
-    "not grasped": "the hand did not take hold of the handle",
+    "latched": "the latch held the door, because the handle was not turned far enough",
+    "not grasped": "the hand did not grasp the handle",
     "grasp lost": "the handle left the hand",
-    "base blocked": "the base was stopped although it was commanded to move",
+    "base blocked": "the base was blocked although it was commanded to move",
     "simulation error": "the simulation diverged",
-    "time limit": "the time of the episode was over",
+    "time limit": "the time limit of the episode was reached",
     "policy error": "the policy raised an error, in learning or acting",
 }
-"""In a sentence, by `failure_name`."""
+"""Explanations by `failure_name`."""
 
 
 _WORDS: Final = {
@@ -43,13 +43,13 @@ _WORDS: Final = {
 
 
 def failure_name(failure: str, unknown: str) -> str:
-    """Return a failure as words, or a text where the environment gives none."""
+    """Return a failure as text, or another text if the environment gives none."""
     return failure.replace("_", " ") or unknown
 
 
 def why_closed(failure: str, reason: str) -> str:
     """Return in plain words why a door was not opened; "" if it was."""
     words = _WORDS.get(failure, failure.replace("_", " "))
-    # Without a cause behind it, the reason repeats the failure.
+    # Without a separate cause, the reason repeats the failure.
     cause = "" if reason in (failure, "handle_lost") else _WORDS.get(reason, reason)
     return f"{words}: {cause}" if cause else words

@@ -1,4 +1,4 @@
-"""Error of a policy's forecast of the handle's path, while it opens a door."""
+"""Error of a policy's forecast of the handle's path during an opening."""
 
 import math
 from typing import Final
@@ -11,10 +11,10 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 
 PROGRESS: Final = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
-"""Door angles at which forecasts are judged, as shares of the demonstrated angle."""
+"""Door angles at which forecasts are scored, as shares of the demonstrated angle."""
 
 _LATEST: Final = 0.1
-"""Delay after which a forecast does not count, as a share of the demonstrated angle."""
+"""Largest delay of a valid forecast, as a share of the demonstrated angle."""
 
 _ARC_POINTS: Final = 100
 
@@ -24,9 +24,9 @@ def forecast_errors(
 ) -> tuple[float | None, ...]:
     """Return the error of the forecast made at each progress of `PROGRESS`.
 
-    The truth is the handle's arc from its present angle to the demonstrated one, also
-    where the episode ended before. The error is the root mean square distance of points
-    on this arc from the path of the forecast's mean; timing is not judged.
+    The truth is the handle's arc from its present angle to the demonstrated angle, even
+    if the episode ended before. The error is the rms distance of points on this arc
+    from the path of the forecast's mean; timing is ignored.
     """
     shares = [progress * demonstrated_angle for progress in PROGRESS]
     return tuple(_error(log, angle, demonstrated_angle) for angle in shares)
@@ -36,7 +36,7 @@ def _error(log: EpisodeLog, angle: float, demonstrated_angle: float) -> float | 
     reached = log.door_angle >= angle
     if not reached.any():
         return None
-    # Half a microsecond: both times are sums of steps.
+    # Half a microsecond of tolerance, because both times are sums of steps.
     asked = log.forecast_times >= log.times[np.argmax(reached)] - 5e-7
     if not asked.any():
         return None
@@ -52,8 +52,8 @@ def _error(log: EpisodeLog, angle: float, demonstrated_angle: float) -> float | 
 def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
     """Return the handle's positions (N, 3) [m] at opening angles (N,) [rad].
 
-    The arc is turned and shifted to fit the logged handle, because the robot may stand
-    a little askew.
+    The arc is rotated and shifted to fit the logged handle, because the robot may have
+    a placement error.
     """
     door = DoorGeometry.of(log.config)
     logged = _plane(door.hand_poses(log.door_angle, log.handle_angle))

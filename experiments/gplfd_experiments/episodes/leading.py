@@ -1,7 +1,7 @@
-"""Somebody leads the robot's hand while its policy acts, and the motion is recorded.
+"""A leader moves the robot's hand while its policy acts; the motion is recorded.
 
-`LedAgent` puts a leader beside an agent: the synthetic corrector here, or anything else
-with the methods of `Leader`, such as a person with a mouse.
+`LedAgent` combines an agent with a leader: the synthetic corrector of this module, or
+any object with the methods of `Leader`, such as a person with a mouse.
 """
 
 import math
@@ -25,13 +25,13 @@ from gplfd_policies.movements.trajectory import GaussianTrajectory
 _PATH: Final = np.radians(np.linspace(-2.0, 90.0, 185))
 """Door angles of the true path with which a command is compared [rad]."""
 _LONGEST: Final = 120.0
-"""Time for which the tremor of the leading hand is drawn [s]."""
+"""Duration of the random tremor of the leading hand [s]."""
 _SERVO: Final = 2000.0
-"""Stiffness of the arm that is commanded a pose [N/m]."""
+"""Stiffness of the arm under pose commands [N/m]."""
 
 
 class Leader(Protocol):
-    """Somebody who may take the robot's hand."""
+    """A person or program that may lead the robot's hand."""
 
     by: Who
 
@@ -41,14 +41,14 @@ class Leader(Protocol):
     def lead(self, observation: Observation, step: AgentStep) -> FloatArray | None:
         """Return the commanded hand pose (6,) [m, rad], or None to let the agent act.
 
-        The observation is the agent's, and the step what it decided.
+        Observation and step are those of the agent.
         """
 
 
 class LedAgent:
-    """An agent whose hand somebody may lead.
+    """An agent with a leader.
 
-    The agent acts on while it is led, and so observes what it is shown; only its
+    The agent continues to act while it is led, and so observes the led motion; only its
     command is replaced.
     """
 
@@ -64,17 +64,17 @@ class LedAgent:
         self._rows: list[tuple[float, FloatArray, FloatArray, bool, float]] = []
 
     def inform(self, door: DoorGeometry) -> None:
-        """Tell both which door the next episode has."""
+        """Give both the door of the next episode."""
         self._agent.inform(door)
         self._leader.begin(door)
 
     def reset(self, observation: Observation) -> None:
-        """Begin an episode and a recording."""
+        """Start an episode and its recording."""
         self._agent.reset(observation)
         self._rows = []
 
     def act(self, observation: Observation) -> AgentStep:
-        """Return the agent's step, with the command of the one who leads, if any."""
+        """Return the agent's step, with the leader's command if the hand is led."""
         step = self._agent.act(observation)
         command = self._leader.lead(observation, step)
         time, pose = float(observation["time"][0]), np.array(observation["ee_pose"])
@@ -87,7 +87,7 @@ class LedAgent:
         return self._agent.forecast()
 
     def correction(self, *, door: str, seed: int) -> Correction | None:
-        """Return the correction of the episode so far; None if nobody led."""
+        """Return the correction of the episode so far; None if the hand was not led."""
         if not any(led for *_, led, _ in self._rows):
             return None
         times, poses, wrenches, led, phases = map(
@@ -108,29 +108,29 @@ class LedAgent:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CorrectorConfig:
-    """When the synthetic corrector takes the hand, and how it leads it."""
+    """Parameters of the synthetic corrector."""
 
     deviation: float = 0.02
-    """Distance of the command from the handle's path from which the hand is taken, and
-    from the leading command below which it is handed over [m]: 40 N of the servo, at
-    which a friction grasp slips."""
+    """Distance of the command from the handle's path at which the corrector takes the
+    hand, and distance from the leading command below which it hands over [m]: 40 N of
+    the servo, at which a friction grasp slips."""
     stall_time: float = 3.0
-    """Time without `progress` after which the hand is taken [s]."""
+    """Time without `progress` after which the corrector takes the hand [s]."""
     progress: float = math.radians(2.0)
     """Opening that counts as progress [rad]."""
     goal: float = math.radians(64.0)
-    """Opening to which the hand is led at most, and at which it is held [rad]."""
+    """Largest opening angle to which the hand is led and at which it is held [rad]."""
     lead_time: float = 1.5
-    """For how long the hand is led at least [s]."""
+    """Shortest time of leading [s]."""
     speed: float = 0.25
     """Speed of the point that pulls the hand along the path [rad/s]."""
     blend_time: float = 0.4
-    """Time of taking the hand and of handing it over [s]."""
+    """Duration of taking the hand and of handing over [s]."""
     forces: tuple[float, float] = (34.0, 58.0)
-    """Greatest force along the path at a bar, where fingers slip at 37 N, and behind a
+    """Largest force along the path at a bar, where fingers slip at 37 N, and at a
     turned handle [N]."""
     press_time: float = 0.8
-    """Time in which a handle is turned [s]."""
+    """Duration of turning a handle [s]."""
     tremor: tuple[float, float] = (0.001, math.radians(0.5))
     """Standard deviation per axis of the leading hand [m, rad]."""
     tremor_time: float = 0.15
@@ -138,11 +138,11 @@ class CorrectorConfig:
 
 
 class SyntheticCorrector:
-    """Leads the hand along the handle's true path when the policy leaves it or stalls.
+    """Leads the hand along the handle's true path if the policy deviates or stalls.
 
-    The hand is pulled by the arm's own servo, a spring, towards a point that moves on
-    the path ahead of it, by no more than a force. Taking over and handing over are
-    minimum-jerk blends of two commands. The leading hand trembles, by `rng`.
+    The arm's servo, a spring, pulls the hand with a limited force towards a point that
+    moves on the path ahead of it. Taking over and handing over are minimum-jerk blends
+    of two commands. The leading hand has a random tremor, drawn from `rng`.
     """
 
     by: Who = "synthetic"
@@ -195,7 +195,7 @@ class SyntheticCorrector:
         return np.asarray((1.0 - share) * command + share * step.action)
 
     def _pull(self, now: float, since: float, angle: float) -> FloatArray:
-        """Return the pose that pulls the hand on, (6,)."""
+        """Return the pose that pulls the hand along the path, (6,)."""
         config, door = self.config, self._door
         turns = door.travel > 0.0
         ends = door.hand_poses([angle, angle + 1e-3])[:, :3]

@@ -32,11 +32,11 @@ VERSION: Final = 4
 class EpisodeLog:
     """One episode of one policy on one door.
 
-    Row t of every per-step array is the state at ``times[t]`` and what the agent
-    decided in it. The last row is the state in which the episode ended; its action
-    was computed and not executed. Poses are in the task frame [m, rad], T is the
-    number of rows, S of forecasts, M of phases in a forecast, nq of joint positions.
-    What a policy has no notion of (uncertainty, stiffness, prediction) is NaN.
+    Row t of every per-step array is the state at ``times[t]`` and the agent's decision
+    in this state. The last row is the state in which the episode ended; its action was
+    computed but not executed. Poses are in the task frame [m, rad], T is the number of
+    rows, S of forecasts, M of phases in a forecast, nq of joint positions. Quantities
+    that a policy does not compute (uncertainty, stiffness, prediction) are NaN.
 
     Raises:
         ValueError: An array has the wrong shape.
@@ -55,10 +55,10 @@ class EpisodeLog:
     success: bool
     """Whether the task was solved."""
     failure: str
-    """Why not: "" | "grasp_lost" | "base_blocked" | "stalled" | "latched" |
+    """Failure: "" | "grasp_lost" | "base_blocked" | "stalled" | "latched" |
     "not_grasped" | "simulation_error" | "time_limit"."""
     reason: str
-    """The cause of that: "" | "handle_lost" | "blocked" | "out_of_reach" |
+    """Cause of the failure: "" | "handle_lost" | "blocked" | "out_of_reach" |
     "too_heavy", or the same (`gplfd_env.task.stages`)."""
 
     times: Number
@@ -79,9 +79,9 @@ class EpisodeLog:
     door_angle: Number
     """Opening angle of the door [rad]."""
     handle_angle: Number
-    """How far a lever or knob is turned [rad]."""
+    """Rotation angle of a lever or knob [rad]."""
     capability: Number
-    """The furthest stage so far, a place in `gplfd_env.task.stages.STAGES`."""
+    """The furthest stage so far, an index of `gplfd_env.task.stages.STAGES`."""
     handle_pose: Pose
     """True pose of the handle."""
     solved: Flag
@@ -97,19 +97,19 @@ class EpisodeLog:
     force_vertical: Number
     """Force of the hand on the handle upwards [N]."""
     push_force: Number
-    """Force that pushes from outside [N]."""
+    """External pushing force [N]."""
     person_force: Number
     """Greatest force between a person and hand or door since the last step [N]."""
     person_energy: Number
     """Work done on the person so far [J]."""
     stop_force: Number
-    """Force of the door on a stop, as if at the handle [N]."""
+    """Force of the door on a stop, converted to the handle [N]."""
     base_shift: Number
-    """How far the base has been moved [m]."""
+    """Displacement of the base [m]."""
     closer_torque: Number
     """Closing torque of closer, seal and stiction [N m]."""
 
-    # What the agent decided, with the meanings of
+    # The agent's decision, with the meanings of
     # `gplfd_policies.control.steps.AgentStep`.
     action: Pose
     desired: Pose
@@ -139,12 +139,11 @@ class EpisodeLog:
     latency_s: Number
     """CPU time of the agent's decision [s]."""
     latency_wall_s: Number
-    """Wall time of the agent's decision [s]; NaN in files from before it was
-    measured."""
+    """Wall time of the agent's decision [s]; NaN in older files without it."""
 
     forecast_times: Float[np.ndarray, " S"]
-    """When the agent was asked for its forecast [s]; the first was asked before
-    the agent had seen the door move. Empty in policies without forecasts."""
+    """Times of the agent's forecasts [s]; the first is before the door has moved. Empty
+    for policies without forecasts."""
     forecast_phase: Float[np.ndarray, " M"]
     """Phases of every forecast."""
     forecast_mean: Float[np.ndarray, "S M 6"]
@@ -175,7 +174,7 @@ class EpisodeLog:
             object.__setattr__(self, name, array)
 
     def __repr__(self) -> str:
-        """Return which episode it is, and how it ended, in one line."""
+        """Return the episode and its end in one line."""
         ended = "opened" if self.success else self.failure or "not opened"
         return (
             f"EpisodeLog({self.policy} on {self.door}, seed {self.seed}, "
@@ -195,7 +194,7 @@ class EpisodeLog:
     def first_forecast(
         self, phases: Number
     ) -> tuple[Float[np.ndarray, "T 6"], Float[np.ndarray, "T 6"]]:
-        """Mean and standard deviation that the agent first expected at some phases.
+        """Mean and standard deviation of the agent's first forecast at some phases.
 
         Raises:
             IndexError: The policy makes no forecasts.
@@ -222,7 +221,8 @@ class EpisodeLog:
 
         Raises:
             FileNotFoundError: There is no such file.
-            ValueError: The file is cut, holds something else or another version.
+            ValueError: The file is truncated, contains something else or has another
+                version.
         """
         return read_archive(path, kind=KIND, version=VERSION, build=cls._of)
 
@@ -264,7 +264,7 @@ _LATER: Final[Mapping[str, Any]] = {
     **dict.fromkeys(("mode", "mode_probability"), np.nan),
     **dict.fromkeys(("expected_force", "expected_force_std"), np.full(3, np.nan)),
 }
-"""Arrays that older files of this version lack, with what is meant there."""
+"""Arrays that older files of this version lack, with their values there."""
 
 _HEADER: Final[Mapping[str, Any]] = {
     field.name: get_origin(field.type) or field.type

@@ -1,13 +1,13 @@
-"""One episode in numbers, computed from its log.
+"""Metrics of an episode, computed from its log.
 
 The prediction error is that of Arduengo et al., *Gaussian-Process-based Robot Learning
 from Demonstration*, arXiv:2002.09979, Section IV-B; smoothness is the log
 dimensionless jerk of Balasubramanian et al., *On the analysis of movement smoothness*,
 Journal of NeuroEngineering and Rehabilitation 12:112, 2015. Acceleration and smoothness
 of the door are those of the EUROBENCH project's benchmark of robots at doors. Forces on
-people are compared with ISO/TS 15066, which limits the force that is borne for more
-than half a second and, at twice that, the force of an instant. Errors of forecasts are
-in `gplfd_experiments.episodes.forecast_error`.
+people are compared with ISO/TS 15066, which limits the quasi-static force of more than
+half a second and, at twice that value, the transient force. Errors of forecasts are in
+`gplfd_experiments.episodes.forecast_error`.
 """
 
 import dataclasses
@@ -30,14 +30,14 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 
 _MOVED: Final = math.radians(1.0)
-"""Angle from which on the door has moved [rad]; the opening motion ends when the door
-is first within this angle of its largest one."""
+"""Angle from which the door counts as moved [rad]; the opening motion ends when the
+door is first within this angle of its largest angle."""
 
 _SMOOTHING_TIME: Final = 0.2
-"""Window of the local polynomials from which jerk and acceleration are taken [s]."""
+"""Window of the local polynomials for jerk and acceleration [s]."""
 
 SUSTAINED: Final = 0.5
-"""A force that is borne for this long is sustained, and not that of an instant [s]."""
+"""A force of this duration counts as sustained [s]."""
 
 _RECOVERED: Final = math.radians(5.0)
 """Further opening after a disturbance that counts as recovery [rad]."""
@@ -64,9 +64,9 @@ class EpisodeMetrics:
     success: bool
     """Whether the task was solved."""
     failure: str
-    """Why not; empty on success."""
+    """Failure; empty on success."""
     reason: str
-    """The cause of that, see `gplfd_env.task.stages`; empty on success."""
+    """Cause of the failure, see `gplfd_env.task.stages`; empty on success."""
     capability: int
     """Furthest stage that was reached: index into `gplfd_env.task.stages.STAGES`."""
     stage: str
@@ -76,11 +76,11 @@ class EpisodeMetrics:
     final_angle_deg: float
     """Door angle at the end [deg]."""
     time_to_15_deg: float | None
-    """Time until the door was first open by 15 degrees [s]; None if never."""
+    """Time until the door first reached 15 degrees [s]; None if never."""
     time_to_30_deg: float | None
-    """Time until the door was first open by 30 degrees [s]; None if never."""
+    """Time until the door first reached 30 degrees [s]; None if never."""
     time_to_60_deg: float | None
-    """Time until the door was first open by 60 degrees [s]; None if never."""
+    """Time until the door first reached 60 degrees [s]; None if never."""
     force_tangential_peak: float
     """Largest magnitude of the force along the handle's motion [N]."""
     force_tangential_p95: float
@@ -94,12 +94,12 @@ class EpisodeMetrics:
     slip_max_mm: float
     """Largest distance of the hand from where it grasped the handle [mm]."""
     prediction_error_position: float | None
-    """Mean of E[ε²] summed over x, y, z during the opening motion [m²]; None in
-    policies that do not predict."""
+    """Mean of E[ε²] summed over x, y, z during the opening motion [m²]; None for
+    policies without predictions."""
     prediction_error_rotation: float | None
     """The same over the rotation vector [rad²]."""
     log_dimensionless_jerk: float | None
-    """Smoothness of the hand's path; less negative is smoother. None when the opening
+    """Smoothness of the hand's path; less negative is smoother. None if the opening
     motion is too short to differentiate."""
     stiffness_min: tuple[float, float, float] | None
     """Smallest stiffness along the columns of the log's `frame` [N/m]; None in policies
@@ -107,19 +107,19 @@ class EpisodeMetrics:
     stiffness_max: tuple[float, float, float] | None
     """Largest stiffness along them [N/m]; None in policies without stiffness."""
     stability_margin_translation: float | None
-    """Smallest distance to the stability bound over them [N/(m s)]; None in policies
-    without stiffness."""
+    """Smallest distance to the stability bound over translations [N/(m s)]; None in
+    policies without stiffness."""
     stability_margin_rotation: float | None
     """The same over the rotations [N m/(rad s)]."""
     governed_share: float | None
     """Share of the decisions in which the stability bound limited the stiffness; None
     in policies without stiffness."""
     forecast_progress: tuple[float, ...]
-    """Door angles at which forecasts are judged, as shares of the angle to which the
+    """Door angles at which forecasts are scored, as shares of the angle to which the
     demonstrated doors were opened."""
     forecast_error_mm: tuple[float | None, ...]
-    """Root mean square distance of the handle's remaining path from the path forecast
-    at each progress [mm]; None where there is no forecast."""
+    """Root mean square distance of the handle's remaining path from the forecast path
+    at each progress [mm]; None without a forecast."""
     force_handle_peak: float
     """Largest force of the hand on the handle in any direction [N]."""
     door_acceleration_peak: float | None
@@ -130,20 +130,20 @@ class EpisodeMetrics:
     time_to_move: float | None
     """Time until the door has moved by a degree [s]; None if it never did."""
     person_force_peak: float
-    """Largest force on the person [N]; 0 without one. ISO/TS 15066 allows 280 N for an
-    instant at hands and fingers."""
+    """Largest force on the person [N]; 0 without one. ISO/TS 15066 allows a transient
+    force of 280 N at hands and fingers."""
     person_force_sustained: float
-    """Largest force that the person bore for half a second [N]; ISO/TS 15066 allows
+    """Largest force on the person sustained for half a second [N]; ISO/TS 15066 allows
     140 N."""
     person_energy: float
     """Work done on the person [J]."""
     stop_force_peak: float
     """Largest force of the door on what stops it [N]."""
     stop_force_sustained: float
-    """Largest force that it bore for half a second [N]."""
+    """Largest force on it sustained for half a second [N]."""
     push_displacement_mm: float | None
-    """How far the hand went from where it was on the policy's path when a push began
-    [mm], at most; None without a push."""
+    """Largest change of the hand's distance from the policy's path since a push began
+    [mm]; None without a push."""
     release_speed: float | None
     """Largest speed of the door in the second after a disturbance ended [rad/s]; None
     if none did."""
@@ -155,8 +155,8 @@ class EpisodeMetrics:
     latency_p95_ms: float
     """95th percentile of the CPU time of a decision [ms]."""
     latency_wall_median_ms: float | None
-    """Median wall time of a decision [ms]; like the next None in logs from before it
-    was measured."""
+    """Median wall time of a decision [ms]; like the next one, None in older logs
+    without it."""
     latency_wall_p95_ms: float | None
     """95th percentile of the wall time of a decision [ms]."""
 
@@ -251,7 +251,7 @@ class FailedEpisode:
     """Distance from hinge to handle [m]."""
     seed: int
     error: str
-    """What the policy raised, and where."""
+    """Error of the policy, and its location."""
     success: bool = field(default=False, init=False)
     failure: str = field(default="policy_error", init=False)
 
@@ -261,12 +261,12 @@ class FailedEpisode:
 
 
 def late_decisions(metrics: Sequence[Mapping[str, Any]]) -> str:
-    """Say in how many episodes decisions exceeded the control period; "" if in none.
+    """State in how many episodes decisions exceeded the control period; "" if in none.
 
-    The median decides: on a busy machine other processes make single decisions late.
+    The median counts, because other processes on a busy machine delay single decisions.
 
     Args:
-        metrics: Of episodes of one policy, as of `EpisodeMetrics.as_json`.
+        metrics: Metrics of episodes of one policy, from `EpisodeMetrics.as_json`.
     """
     period = 1e3 * CONTROL_PERIOD
     medians = [m.get("latency_wall_median_ms") or 0.0 for m in metrics]
@@ -293,8 +293,8 @@ def opening_motion(log: EpisodeLog) -> slice:
 def work_on_door(log: EpisodeLog) -> float:
     """Work of the hand on the door, ∫ F_t ds, by the trapezoidal rule [J].
 
-    Of a leaf that turns about a hinge ds = r dφ, where r is the hand's own distance
-    from the hinge: on a lever less than the handle's.
+    For a leaf on a hinge, ds = r dφ, where r is the distance of the hand from the
+    hinge; on a lever it is smaller than that of the handle.
     """
     if log.config.motion not in ("hinged", "flap"):
         path = DoorGeometry.of(log.config).hand_poses(log.door_angle)[:, :3]
@@ -310,7 +310,8 @@ def work_on_door(log: EpisodeLog) -> float:
 def share_of_bound(log: EpisodeLog) -> FloatArray:
     """Rate of the stiffness over its stability bound, (T, 6); NaN without stiffness.
 
-    It is 1 where the bound is not positive: the frame turned, and stiffness must fall.
+    It is 1 if the bound is not positive: the frame rotated, and the stiffness must
+    decrease.
     """
     bound = log.stability_margin + log.stiffness_rate
     share: FloatArray = np.ones_like(bound)
@@ -332,8 +333,8 @@ def prediction_errors(log: EpisodeLog) -> FloatArray:
     """Squared prediction error per step and output, bias and variance together.
 
     E[ε²] = (E[f*(t)] - f(t))² + var f*(t) of Section IV-B (unnumbered there), with the
-    prediction at the phase the agent observed, made before it used the observation,
-    and the handle's true pose as f.
+    prediction at the observed phase, made before the agent used the observation, and
+    the handle's true pose as f.
 
     Returns:
         (T, 6) [m², rad²]; NaN where the policy made no prediction.
@@ -375,7 +376,7 @@ def log_dimensionless_jerk(positions: FloatArray, dt: float) -> float | None:
 def door_acceleration(angle: FloatArray, dt: float) -> FloatArray | None:
     """Second derivative of the door's angle by local parabolas over 0.2 s [rad/s²].
 
-    From angles (N,) [rad] at steps of ``dt`` [s]; None for fewer than a window has.
+    From angles (N,) [rad] at steps of ``dt`` [s]; None for fewer samples than a window.
     """
     window = 2 * round(0.5 * _SMOOTHING_TIME / dt) + 1
     if angle.size < window:
@@ -393,7 +394,7 @@ def sustained(force: FloatArray, dt: float) -> float:
 def push_displacement_mm(log: EpisodeLog) -> float | None:
     """Greatest change of the hand's distance from the policy's path under a push [mm].
 
-    The path is the policy's mean; of policies without one, their command.
+    The path is the policy's mean, or its command if it has no mean.
     """
     pushed = np.flatnonzero(log.push_force > 0)
     if pushed.size == 0:
@@ -424,14 +425,14 @@ def recovery(log: EpisodeLog) -> tuple[float | None, float | None]:
 
 
 def _first(log: EpisodeLog, holds: NDArray[np.bool_]) -> float | None:
-    """Time since reset of the first row in which something holds [s]."""
+    """Time since reset of the first row in which a condition is true [s]."""
     return float(log.times[np.argmax(holds)]) if holds.any() else None
 
 
 def _known_rows(values: FloatArray) -> FloatArray:
-    """Return the steps, (N, 6), in which the policy has values; all steps if in none.
+    """Return the steps, (N, 6), in which the policy has values; all steps without any.
 
-    An agent that reaches for the handle first has no stiffness until it holds it.
+    An agent that reaches first has no stiffness until it holds the handle.
     """
     known = np.isfinite(values).all(axis=1)
     return values[known] if known.any() else values

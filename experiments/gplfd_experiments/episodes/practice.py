@@ -17,31 +17,31 @@ from gplfd_policies.movements.movement import Movement
 from gplfd_policies.registry.method import Method, TrainingInput
 
 LOST: Final = "grasp_lost"
-"""Failure of an episode of which no correction is taken: the hand left the door."""
+"""Episodes with this failure give no correction: the hand lost the handle."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Practice:
-    """Doors that a policy opens one by one until it has been corrected N times.
+    """Doors that a policy opens in turn until it has N corrections.
 
-    It ends earlier after a round in which no correction was taken.
+    It ends earlier after a round without a correction.
     """
 
     corrections: int
-    """N."""
+    """Number N of corrections."""
     doors: Sequence[Mapping[str, Any]]
     """The doors of a round, as `DoorConfig.as_dict` gives them."""
     randomization: str | Mapping[str, Any] = "none"
-    """What is drawn for every opening."""
+    """Randomization of every opening."""
     demonstrated: bool = False
     """Whether the policy learns from new demonstrations at the corrected doors instead:
-    as many as were begun in the seconds of the corrections, and with forces, too."""
+    as many as were begun in the seconds of the corrections, also with forces."""
 
 
 def corrected(
     agent: Agent, seed: int, name: str, open_door: Callable[[Agent], EpisodeLog]
 ) -> tuple[EpisodeLog, Correction | None]:
-    """Open a door under the corrector's eyes; return the log and the correction."""
+    """Open a door with the corrector; return the log and the correction."""
     led = LedAgent(agent, SyntheticCorrector(np.random.default_rng(seed)))
     log = open_door(led)
     taken = None if log.failure == LOST else led.correction(door=name, seed=seed)

@@ -1,4 +1,4 @@
-"""Let agents act until their episodes end, and log everything that happens.
+"""Let agents act until their episodes end, and log all quantities.
 
 `rollout` runs one agent in the single environment, `rollouts` many in lockstep in the
 vector environment. Both give the same logs, bit for bit.
@@ -27,7 +27,7 @@ StepT = TypeVar("StepT")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Progress:
-    """An episode while it happens."""
+    """A running episode."""
 
     time: float
     """Simulated time since reset [s]."""
@@ -36,8 +36,8 @@ class Progress:
     steps: int
     """Number of control steps so far."""
     log: Callable[[], EpisodeLog]
-    """Makes the log of the episode so far; two steps or more. Before the end of the
-    episode it counts neither as solved nor as failed by the time limit."""
+    """Returns the log of the episode so far; needs two steps or more. A running episode
+    counts neither as solved nor as failed by the time limit."""
 
 
 def rollout(
@@ -55,7 +55,7 @@ def rollout(
     Args:
         env: Door environment of the agent's control, see `gplfd_env.ENVIRONMENT_IDS`;
             its ``unwrapped`` has the MuJoCo state and the variation.
-        agent: Anything that `gplfd_policies.agents.agent.as_agent` takes.
+        agent: Any object that `gplfd_policies.agents.agent.as_agent` accepts.
         policy: Name of the policy, for the log.
         door: Name of the door, for the log.
         seed: Seed of the environment's reset.
@@ -69,7 +69,7 @@ def rollout(
     """
     agent = as_agent(agent)
     inner: Any = env.unwrapped
-    # Matrices of a hundred rows: several threads would cost ten times the work itself.
+    # Matrices have a hundred rows: several threads would take ten times as long.
     with one_thread:
         observation, info = env.reset(seed=seed)
         agent.inform(inner.door_geometry)
@@ -139,7 +139,7 @@ def rollouts(
         forecast_period: Simulated time between forecasts [s]; None for none.
 
     Raises:
-        ValueError: The simulations reset by themselves, or N differs.
+        ValueError: The simulations reset automatically, or N differs.
     """
     if envs.autoreset_mode.value != "Disabled":
         raise ValueError(
@@ -225,7 +225,7 @@ class StepRecorder:
         step: object,
         **known: Any,
     ) -> None:
-        """Add a control step: observation, info, decision, and all else by its name.
+        """Add a control step: observation, info, decision, and other values by name.
 
         Raises:
             ValueError: The information lacks an entry.
@@ -246,7 +246,7 @@ class StepRecorder:
 
 
 class ForecastRecorder:
-    """Asks for a forecast before the first decision and then regularly.
+    """Takes a forecast before the first decision and then periodically.
 
     Args:
         ask: Returns the agent's forecast, or None.
@@ -266,10 +266,10 @@ class ForecastRecorder:
         """Take a forecast if one is due at the simulated time `now` [s], or forced."""
         if self._period is None:
             return
-        # Half a microsecond: times are sums of steps and miss the multiple by rounding.
+        # Half a microsecond of tolerance, because times are rounded sums of steps.
         due = not self._times or now >= self._times[-1] + self._period - 5e-7
         if (due or force) and (forecast := self._ask()) is not None:
-            # Not the trajectory: it refers to what it was computed from, up to 1 MB.
+            # Not the trajectory, because it refers to its input, up to 1 MB.
             self._times.append(now)
             self._phase = forecast.times
             self._moments.append((forecast.mean, forecast.std))
@@ -289,8 +289,8 @@ class ForecastRecorder:
 def _timed(decide: Callable[[], StepT]) -> tuple[StepT, float, float]:
     """Return a decision, its CPU time and its wall time [s].
 
-    CPU time is that of this thread: another process that takes the core away does not
-    count. Wall time is what a robot waits, for other threads and input as well.
+    CPU time is that of this thread, without other processes on the core. Wall time is
+    the delay for a robot, including other threads and input.
     """
     started, cpu_started = time.perf_counter_ns(), time.thread_time_ns()
     decision = decide()

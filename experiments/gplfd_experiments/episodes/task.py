@@ -1,7 +1,7 @@
 """Tasks: policy, demonstrations, door, circumstances and seed of an episode.
 
 A task is named by the hash of its definition, so that a study can be interrupted,
-resumed and extended without repeating a task. The code is no part of the name.
+resumed and extended without repeating a task. The name does not depend on the code.
 `gplfd_experiments.episodes.build` makes environment and agents from a task.
 """
 
@@ -31,15 +31,15 @@ and ``sha256`` of the ``file``."""
 
 
 def omit_default(default: Any) -> Any:
-    """Return a field that is left out of a task's definition at its default.
+    """Return a field that a task's definition omits if it has its default.
 
-    Later fields must be of this kind, so that earlier tasks keep their hash.
+    New fields must be of this kind, so that earlier tasks keep their hash.
     """
     return field(default=default, metadata={"omitted": default})
 
 
 def definition_hash(definition: Mapping[str, Any]) -> str:
-    """Return the hash by which a definition's results are found."""
+    """Return the hash of a definition, which names its result file."""
     text = json.dumps(definition, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -55,7 +55,7 @@ _IN_LOCKSTEP: Final = (
     *("policy", "policy_source", "base", "robot", "environment_version"),
     *("demonstrated_kind", "demonstrated_forces"),
 )
-"""Fields of an episode by which simulations and agents are of one kind."""
+"""Fields that simulations and agents of one lockstep have in common."""
 
 _OF_THE_DOOR: Final = (
     *("door", "door_config", "trial", "level"),
@@ -70,14 +70,14 @@ class Task:
 
     policy: str
     seed: int
-    """Seed of everything that is drawn."""
+    """Seed of all random numbers."""
     policy_source: PolicySource | None = omit_default(None)
-    """What names the content of a policy that is not this project's; else None."""
+    """Identification of the source of a policy from outside this project; else None."""
 
     @property
     def definition(self) -> dict[str, Any]:
         """Everything that defines the task, as in a result file."""
-        # Not `asdict`, whose copies of plain data take most of a study's start.
+        # Not `asdict`, because its copies take most of the start time of a study.
         values = {
             one: getattr(self, one.name) for one in dataclasses.fields(type(self))
         }
@@ -89,7 +89,7 @@ class Task:
 
     @property
     def training(self) -> str:
-        """Policy and what it learns from, as JSON: equal texts, equal learning."""
+        """Policy and its demonstrations as JSON; equal texts mean equal learning."""
         fields = self.definition
         learned = {name: fields[name] for name in fields if name not in _OF_THE_DOOR}
         return json.dumps(learned, sort_keys=True)
@@ -105,12 +105,12 @@ class TaughtTask(Task):
     """A task whose policy learns from the synthetic human."""
 
     demonstrations_per_door: int = 2
-    """How often the teacher opens each of the three demonstrated doors."""
+    """Number of demonstrations at each of the three demonstrated doors."""
     teacher: Mapping[str, float] = field(default_factory=standard_teacher)
     """Fields of `gplfd_experiments.data.teacher.TeacherConfig`."""
     demonstrated_forces: bool = omit_default(False)
-    """Whether the demonstrations have wrenches, as the standard
-    `gplfd_experiments.data.teacher.ForceConfig` gives them."""
+    """Whether the demonstrations have wrenches by the standard
+    `gplfd_experiments.data.teacher.ForceConfig`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -121,27 +121,27 @@ class EpisodeTask(TaughtTask):
     door_config: Mapping[str, Any]
     """The door, as `gplfd_env.doors.config.DoorConfig.as_dict` gives it."""
     randomization: str | Mapping[str, Any] = "none"
-    """What `gplfd_env.doors.randomization.door_randomization` takes."""
+    """Argument of `gplfd_env.doors.randomization.door_randomization`."""
     disturbance: str | Mapping[str, Any] = omit_default("none")
-    """What `gplfd_env.doors.disturbance.disturbance_named` takes."""
+    """Argument of `gplfd_env.doors.disturbance.disturbance_named`."""
     demonstrated_radii: Sequence[float] = omit_default(DEMONSTRATED_RADII)
     """Radii of the doors that the teacher opens [m]."""
     demonstrated_kind: Mapping[str, str] | None = omit_default(None)
-    """`DoorConfig.kind` of those; None for furniture doors with a bar."""
+    """`DoorConfig.kind` of these doors; None for furniture doors with a bar."""
     demonstrated_hardware: Sequence[Mapping[str, float | str]] = omit_default(())
-    """For each of those the fields of its `DoorConfig` that are not the default, such
-    as the closer's, or that are not as in `demonstrated_kind`, such as the swing of
-    doors that are demonstrated without a label; () for none."""
+    """For each of these doors, the fields of its `DoorConfig` that differ from the
+    default, such as the closer, or from `demonstrated_kind`, such as the swing of doors
+    that are demonstrated without a label; () for none."""
     base: Base = omit_default("fixed")
     robot: str = omit_default("tiago-like")
     """Name of a robot, or path of the URDF of an arm."""
     environment_version: int = omit_default(0)
-    """Version of the environment's physics; 0 for a fixed base, whose physics are the
-    same in all versions."""
+    """Version of the environment's physics; 0 for a fixed base, because its physics are
+    equal in all versions."""
     start: Start = omit_default("grasped")
     """Whether the hand holds the handle at the start or has to reach for it."""
     habits: Mapping[str, Any] | None = omit_default(None)
-    """Fields of `gplfd_experiments.data.teacher.Habits`; None for a tidy teacher."""
+    """Fields of `gplfd_experiments.data.teacher.Habits`; None for a regular teacher."""
     prior_radius: float | None = omit_default(None)
     """Radius of the arc that is given as a prior mean [m]; None for none."""
     practice: Mapping[str, Any] | None = omit_default(None)
@@ -153,7 +153,7 @@ class EpisodeTask(TaughtTask):
     kind: Literal["episode"] = field(default="episode", init=False)
 
     def __post_init__(self) -> None:
-        # A file has a list.
+        # A file contains a list.
         for name in ("demonstrated_radii", "demonstrated_hardware"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         doors, given = len(self.demonstrated_radii), len(self.demonstrated_hardware)
@@ -165,16 +165,16 @@ class EpisodeTask(TaughtTask):
 
     @property
     def training(self) -> str:
-        """As of every task, and how well the agents are told the handle's pose."""
+        """As for every task, and the error of the handle pose that agents are given."""
         told = door_randomization(self.randomization).perception
         learned = super(EpisodeTask, self).training
         return f"{learned} {told}" if any(told) else learned
 
     @property
     def together(self) -> str | None:
-        """What agents have in common that act in lockstep after different trainings.
+        """Key of tasks whose agents act in lockstep after different trainings.
 
-        None if they do not gain by it: agents that reach first act one by one, and
+        None if lockstep saves no time: agents that reach first act individually, and
         practice takes longer than the episode.
         """
         if self.start != "grasped" or self.practice is not None:
@@ -184,7 +184,7 @@ class EpisodeTask(TaughtTask):
 
     @property
     def shown(self) -> str:
-        """What determines the demonstrations, as JSON; equal texts, equal ones."""
+        """Key of the demonstrations as JSON; equal texts mean equal demonstrations."""
         fields = {name: getattr(self, name) for name in _DEMONSTRATED_BY}
         return json.dumps(fields, sort_keys=True)
 
@@ -192,7 +192,7 @@ class EpisodeTask(TaughtTask):
     def reset_seed(self) -> int:
         """Seed of the environment's reset.
 
-        If it draws anything, each door of a seed has its own draws, the same for all
+        With random draws, each door of a seed has its own draws, equal for all
         policies.
         """
         if self.randomization == self.disturbance == "none":
@@ -204,8 +204,9 @@ class EpisodeTask(TaughtTask):
 def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
     """Return the task to open a door with the robot and the demonstrations it needs.
 
-    The base drives where a fixed one does not reach, and three doors of the same kind
-    (handle, latch, swing, hinge side) are demonstrated, unless other fields are given.
+    Unless other fields are given, the base is mobile if a fixed base does not reach,
+    and three doors of the same kind (handle, latch, swing, hinge side) are
+    demonstrated.
     """
     robot = robot_named(fields.get("robot", "tiago-like"))
     fields = {"base": base_for(config, robot)} | fields
@@ -235,7 +236,7 @@ def named_doors(
 ) -> dict[str, DoorConfig]:
     """Return the configurations of doors by name.
 
-    A door is a preset, a radius [m], or FILE.json with what `gym.make` takes.
+    A door is a preset, a radius [m], or FILE.json with the door argument of `gym.make`.
     """
     if not doors:
         raise ValueError(

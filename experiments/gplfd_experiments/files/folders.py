@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def check_replaceable(folder: Path, mark: str, kind: str, *, overwrite: bool) -> None:
-    """Raise ValueError unless a folder is absent, or of a kind that is overwritten."""
+    """Raise ValueError unless a folder is absent, or of a kind that may be replaced."""
     if folder.exists() and not (folder / mark).is_file():
         raise ValueError(f"{folder} exists and is no {kind}; give another folder")
     if folder.exists() and not overwrite:
@@ -18,11 +18,11 @@ def check_replaceable(folder: Path, mark: str, kind: str, *, overwrite: bool) ->
 
 @contextlib.contextmanager
 def complete_folder(path: str | Path) -> Iterator[Path]:
-    """Give a folder to write to; it becomes ``path`` when the block succeeds.
+    """Yield a folder to write to; it becomes ``path`` if the block succeeds.
 
-    Folders above ``path`` are created, and a folder that stood there is replaced. When
-    the block raises, everything stays as it was. It yields a path of the same name at
-    which the folder, not there yet, is to be made.
+    Parent folders of ``path`` are created, and an existing folder is replaced. If the
+    block raises, nothing changes. The yielded path has the same name and does not
+    exist; the block creates it.
     """
     target = Path(path).absolute()
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -32,7 +32,8 @@ def complete_folder(path: str | Path) -> Iterator[Path]:
         try:
             yield written
         except OSError as error:
-            # A full disk does not say where, and the temporary folder says nothing.
+            # The error of a full disk has no path, and the temporary one is not
+            # informative.
             file = error.filename
             if error.errno is not None and (file is None or str(root) in str(file)):
                 error.filename = str(path)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def optional_libraries(need: str, extra: str) -> Iterator[None]:
-    """Say what needs which library and the extra that brings it, if imports fail."""
+    """If imports in the block fail, state what needs the library, and its extra."""
     try:
         yield
     except ImportError as error:

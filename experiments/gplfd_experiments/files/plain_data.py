@@ -1,8 +1,8 @@
-"""Plain data in text files: JSON and TOML from anywhere, with one error for all damage.
+"""Plain data in untrusted text files, JSON and TOML, with one error for all damage.
 
-A file may be cut, edited by hand, or made to harm. What is read here has a bounded
-size and depth, finite numbers, and text that can be written again; anything else about
-it is open until `entry` takes a value out as the type that it must have.
+A file may be truncated, edited by hand, or malicious. Data that is read has a limited
+size and depth, finite numbers, and text that can be written again. Other properties are
+checked when `entry` returns a value as the required type.
 """
 
 import contextlib
@@ -19,9 +19,9 @@ from typing import Any, Final
 
 from gplfd_policies.arrays.storage import complete_or_absent, regular_file
 
-_LARGEST: Final = 2**24  # Size of a file [bytes]; a result has a few thousand.
-_DEEPEST: Final = 32  # Lists and tables within each other; a study's have four.
-_SHOWN: Final = 60  # Characters of a wrong value that an error shows.
+_LARGEST: Final = 2**24  # Largest size of a file [bytes]; a result has a few thousand.
+_DEEPEST: Final = 32  # Largest nesting of lists and tables; a study has four levels.
+_SHOWN: Final = 60  # Largest number of characters of an invalid value in an error.
 _KINDS: Final[Mapping[Any, str]] = types.MappingProxyType(
     {
         str: "a text",
@@ -38,7 +38,7 @@ class NewerFormatError(ValueError):
 
 
 def stamp(kind: str, version: int) -> dict[str, Any]:
-    """Return the entries that say what a file holds, as in archives of arrays."""
+    """Return the entries that state the kind of a file, as in archives of arrays."""
     return {"format": kind, "format_version": version}
 
 
@@ -64,7 +64,7 @@ def check_stamp(entries: Mapping[str, Any], kind: str, version: int) -> int:
 
 
 def refuse_newer(read: Callable[[Path], object], path: Path) -> None:
-    """Raise NewerFormatError if a later version wrote a file, about to be written."""
+    """Raise NewerFormatError if a later version wrote the file to be replaced."""
     try:
         read(path)
     except NewerFormatError:
@@ -87,7 +87,7 @@ def naming(path: Path) -> Iterator[None]:
 def write_json(path: str | Path, value: Any, *, indent: int | None = 2) -> None:
     """Write ``value`` as JSON, complete or not at all.
 
-    Raises ValueError for NaN or infinity, TypeError for what else JSON cannot express.
+    Raises ValueError for NaN or infinity, TypeError for other values that JSON lacks.
     """
     text = json_text(value, indent=indent) + "\n"
     with complete_or_absent(path) as temporary:
@@ -102,8 +102,8 @@ def json_text(value: Any, *, indent: int | None = 2) -> str:
 def read_json(path: str | Path) -> dict[str, Any]:
     """Read a file that holds one JSON object.
 
-    Raises ValueError if it is none, or holds what no file of this package does: a key
-    twice, NaN, numbers without end, deep nesting, many megabytes.
+    Raises ValueError if it is not an object, or has a repeated key, NaN, infinite
+    numbers, deep nesting, or many megabytes.
     """
     return _read(Path(path), "JSON", parsed_json)
 
@@ -117,7 +117,7 @@ def parsed_json(text: str) -> dict[str, Any]:
     """Parse one JSON object; raises the ValueError that `read_json` raises."""
 
     def once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        # Of a name that is there twice, the last value would win.
+        # Otherwise the last value of a repeated name would be used.
         values = dict(pairs)
         if len(values) < len(pairs):
             twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
@@ -128,7 +128,7 @@ def parsed_json(text: str) -> dict[str, Any]:
 
 
 def entry(entries: Mapping[str, Any], name: str, kind: Any) -> Any:
-    """Return an entry of plain data as the type that it must have, or ValueError.
+    """Return an entry of plain data as the required type, or raise ValueError.
 
     The type is str, int, float, bool, Any, None, a Literal of strings, or of these
     ``tuple[kind, ...]`` or Sequence for a list, ``dict[str, kind]`` or Mapping, or a

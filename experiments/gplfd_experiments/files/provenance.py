@@ -1,4 +1,4 @@
-"""Where a result came from: versions, source state, machine, command, settings."""
+"""Provenance of a result: versions, source state, machine, command, settings."""
 
 import functools
 import hashlib
@@ -24,7 +24,7 @@ _GIT_TIMEOUT: Final = 5.0
 
 
 def provenance(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Collect everything that a reader needs to repeat a run with some settings."""
+    """Collect the data that is needed to repeat a run with some settings."""
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
@@ -40,16 +40,16 @@ def provenance(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def content_hash(path: Path) -> str:
-    """Return the SHA-256 of a file's content, by which it is known again."""
+    """Return the SHA-256 of a file's content, which identifies it."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 @functools.cache
 def code_state() -> Mapping[str, Any]:
-    """What this process runs: package ``versions``, ``git`` state and ``arithmetic``.
+    """Code of this process: package ``versions``, ``git`` state and ``arithmetic``.
 
-    Looked up once: what is edited or committed later is not what was loaded.
+    Determined once, because later edits or commits are not the loaded code.
     """
     state = {
         "versions": dict(versions()),
@@ -73,12 +73,12 @@ def versions() -> Mapping[str, str]:
 
 @functools.cache
 def arithmetic() -> Mapping[str, str]:
-    """What on this machine determines the last bits of a result, as texts by name.
+    """Properties of this machine that determine the last bits of a result, by name.
 
     MuJoCo, the C library's sine, NumPy's vectors and the linear algebra library choose
     their code by the processor, and round differently; see docs/reproducibility.md.
     """
-    # Libraries show once they are loaded, and SciPy brings its own.
+    # Libraries are visible after they are loaded, and SciPy has its own.
     importlib.import_module("scipy.linalg")
     kernels = {
         f"{pool['internal_api']} {pool['version']} {pool.get('architecture', '')}"

@@ -1,4 +1,4 @@
-"""A table of texts, and how it is written for a terminal and in Markdown."""
+"""A table of texts, and its formats for a terminal and in Markdown."""
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -10,18 +10,18 @@ class Table:
     """Texts in rows; the first cell of each row names it."""
 
     columns: tuple[str, ...]
-    """Heads with units."""
+    """Headings with units."""
     rows: tuple[tuple[str, ...], ...]
-    """Cells, as many as there are heads; what stands after a line break is small. A row
-    with nothing after its first cell is the heading of those below it."""
+    """Cells, one per heading; text after a line break is small. A row with only its
+    first cell is the heading of the rows below."""
     note: str = ""
-    """What a reader has to know to read it."""
+    """Explanation of the table."""
     left: bool = False
-    """Whether all cells are text, flush left, rather than numbers after a name."""
+    """Whether all cells are left-aligned text, instead of numbers after a name."""
 
     @classmethod
     def of(cls, rows: Sequence[Mapping[str, str]]) -> "Table":
-        """Return the table of rows with the same heads."""
+        """Return the table of rows with the same keys."""
         return cls(columns=tuple(rows[0]), rows=tuple(tuple(r.values()) for r in rows))
 
 

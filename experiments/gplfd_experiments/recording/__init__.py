@@ -1,4 +1,4 @@
-"""One episode as a Rerun recording: the scene, the policy and why it was stiff."""
+"""One episode as a Rerun recording: scene, policy, and reasons for the stiffness."""
 
 from gplfd_experiments.recording.episode import record_episode
 

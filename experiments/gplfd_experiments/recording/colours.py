@@ -1,4 +1,4 @@
-"""What each colour means, the same in the scene and in every panel."""
+"""Colours and their meanings, equal in the scene and in every panel."""
 
 from typing import Final
 
@@ -6,9 +6,9 @@ Colour = tuple[int, int, int]
 
 DEMONSTRATION: Final[Colour] = (205, 210, 222)
 BEFORE: Final[Colour] = (122, 140, 178)
-"""The policy before it has felt the door."""
+"""The policy before the first force of the door."""
 ADAPTED: Final[Colour] = (214, 120, 255)
-"""The policy as adapted by what the hand has felt."""
+"""The policy after adaptation to the observed motion."""
 TRUTH: Final[Colour] = (80, 220, 140)
 """The handle's true motion."""
 HAND: Final[Colour] = (250, 220, 90)
@@ -16,11 +16,11 @@ HAND: Final[Colour] = (250, 220, 90)
 LEAF: Final[Colour] = (200, 165, 120)
 FORCE: Final[Colour] = (255, 92, 92)
 OUTSIDE: Final[Colour] = (245, 245, 245)
-"""What neither robot nor door does."""
+"""Events from outside."""
 AXIS_X: Final[Colour] = (255, 159, 67)
 """Along the path or pull, in the panels of uncertainty and stiffness."""
 AXIS_Z: Final[Colour] = (84, 190, 255)
-"""Across it, towards or away from the hinge."""
+"""Across the path, towards or away from the hinge."""
 LIMIT: Final[Colour] = (255, 92, 92)
 MARK: Final[Colour] = (128, 134, 148)
 BACKGROUND: Final[Colour] = (24, 27, 33)

@@ -1,8 +1,7 @@
 """Several policies at the same door, side by side in one recording.
 
-Every robot stands at a door of its own, in a row, and all move on the same clock. Each
-policy has a colour, the same for its robot's label, the path of its hand and its
-curves.
+Every robot stands at its own door, in a row, and all move on the same clock. Each
+policy has a colour for its robot's label, the path of its hand and its curves.
 """
 
 import math
@@ -49,56 +48,57 @@ COLOURS: Final[tuple[Colour, ...]] = (
     (150, 140, 255),
     (190, 150, 110),
 )
-"""A colour per policy, in order; no more policies than these."""
+"""Colours of policies, in order; their number limits the number of policies."""
 
 SPACING: Final = 1.5
 """Distance between neighbouring robots [m]."""
 
 _TURN: Final = math.radians(35.0)
-"""How far the view is turned from the robots' heading, about the world's z axis. From
-there no robot hides its own hand, and the row stands across it."""
+"""Angle between the view and the robots' heading, about the world's z axis. From this
+direction no robot hides its hand, and the row is across the view."""
 ROW: Final = np.array([-math.sin(_TURN), -math.cos(_TURN), 0.0])
-"""Direction of the row in the world; each robot stands a little behind the last."""
+"""Direction of the row in the world; each robot stands slightly behind the last."""
 
 _PLOTS: Final = "/plots"
 _ANGLE: Final = f"{_PLOTS}/angle"
 _OVERLAY: Final = "/overlay"
-"""Entity of the one door on which all paths are laid over each other."""
+"""Entity of the common door with the paths of all policies."""
 _TRAIL: Final = f"{motion.ROOT}/hand/trail"
 _LABEL: Final = (1.15, -0.8, -0.2)
-"""Where a robot's name stands, behind it, in its task frame [m]."""
+"""Position of a robot's name, behind the robot, in its task frame [m]."""
 
 
 class Measured(NamedTuple):
-    """The curve behind a metric, by which policies are compared."""
+    """The curve of a metric by which policies are compared."""
 
     panel: str
     """Name of the panel's entity."""
     title: str
     values: Callable[[EpisodeLog], FloatArray]
     greatest: tuple[str, str]
-    """What its greatest value is called, and its unit."""
+    """Name of its greatest value, and its unit."""
     meaning: str
-    """A sentence or two for who sees it the first time."""
+    """Explanation for new users."""
 
 
 def _beside_path(log: EpisodeLog) -> FloatArray:
-    """How far the hand is from the policy's path, or from its command [mm]."""
+    """Distance of the hand from the policy's path, or from its command [mm]."""
     path = np.where(np.isfinite(log.desired), log.desired, log.action)
     beside: FloatArray = np.linalg.norm((log.ee_pose - path)[:, :3], axis=1)
     return 1e3 * beside
 
 
 RADIAL: Final = "force_radial_peak"
-"""What policies are compared by if nothing else is said."""
+"""Default measure of comparisons."""
 
 MEASURED: Final[Mapping[str, Measured]] = {
     RADIAL: Measured(
         "radial",
-        "Radial force [N]: fights the hinge",
+        "Radial force [N]: against the hinge",
         lambda log: np.abs(log.force_radial),
         ("radial peak", "N"),
-        "**Radial force** does no work: it tells that the path does not fit the door.",
+        "**Radial force** does no work; a large value means that the path does not "
+        "fit the door.",
     ),
     "force_handle_peak": Measured(
         "handle",
@@ -107,14 +107,14 @@ MEASURED: Final[Mapping[str, Measured]] = {
             (log.force_tangential, log.force_radial, log.force_vertical), axis=0
         ),
         ("peak at the handle", "N"),
-        "**Force at the handle** is what the hand must hold.",
+        "**Force at the handle** is the load of the grasp.",
     ),
     "person_force_peak": Measured(
         "person",
         "Force on the person [N]",
         lambda log: log.person_force,
         ("on the person", "N"),
-        "**Force on the person:** ISO/TS 15066 allows a hand 140 N, and 280 N for "
+        "**Force on the person:** ISO/TS 15066 allows 140 N on a hand, and 280 N for "
         "an instant.",
     ),
     "stop_force_sustained": Measured(
@@ -122,25 +122,25 @@ MEASURED: Final[Mapping[str, Measured]] = {
         "Force on the stop [N]",
         lambda log: log.stop_force,
         ("on the stop", "N"),
-        "**Force on the stop** is that of the door, as if at the handle.",
+        "**Force on the stop** is the force of the door, converted to the handle.",
     ),
     "grasp_kept": Measured(
         "slip",
         "Slip of the hand on the handle [mm]",
         lambda log: 1e3 * log.slip,
         ("slip", "mm"),
-        "**Slip** is how far the hand is from where it took hold.",
+        "**Slip** is the distance of the hand from where it grasped the handle.",
     ),
     "push_displacement_mm": Measured(
         "beside",
-        "Hand beside its path [mm]",
+        "Hand off its path [mm]",
         _beside_path,
         ("beside its path", "mm"),
-        "**Beside its path** is how far the hand is from where the policy wants "
-        "it, or from the command if it has no path.",
+        "**Off its path** is the distance of the hand from the policy's path, or "
+        "from the command if the policy has no path.",
     ),
 }
-"""By the name of the metric that an episode's number becomes."""
+"""Measures by the name of the metric of an episode."""
 
 
 def record_comparison(
@@ -153,7 +153,7 @@ def record_comparison(
 ) -> None:
     """Write an .rrd in which policies open the same door, complete or not at all.
 
-    The first log stands leftmost; ``measure`` is one of `MEASURED`. Raises ValueError
+    The first log is leftmost; ``measure`` is one of `MEASURED`. Raises ValueError
     for logs that cannot be compared, and OSError if the file cannot be written.
     """
     if not 1 <= len(logs) <= len(COLOURS):
@@ -186,10 +186,10 @@ def record_comparison(
 |---|---|---|---|
 {rows}
 
-All learned from the same demonstrations and are at the same door (handle at \
+All policies learned from the same demonstrations and open the same door (handle at \
 {first.radius:g} m, seed {first.seed}), on one clock. {measured.meaning} The tube is \
-what a policy believes the rest of the motion to be, ±1.96 σ; green is the handle's \
-true arc.
+the policy's forecast of the rest of the motion, ±1.96 σ; green is the true arc of \
+the handle.
 """
     page = rr.TextDocument(text, media_type="text/markdown")
     with recording_file(path, _layout(logs, model, measured)) as stream:
@@ -197,7 +197,7 @@ true arc.
         stream.send_chunks(static(TEXT, page))
         door = motion.door_frame(model, first.config, demonstrations)
         stream.send_chunks(_moved_to(_OVERLAY, door))
-        # The angle from which on a door counts as opened.
+        # The angle from which a door counts as opened.
         angle = math.degrees(SUCCESS_ANGLE)
         line = Line(f"opened: {angle:.0f}", colours.MARK, 1.0)
         ends = np.array([0.0, max(log.times[-1] for log in logs)])
@@ -222,7 +222,7 @@ def _curve(
 def _robot(
     number: int, log: EpisodeLog, colour: Colour, model: mujoco.MjModel
 ) -> Iterator[Chunk]:
-    """A robot at its door, and its path again on the common door."""
+    """A robot at its door, and its path at the common door."""
     root, part = _below("/robots", log.policy), Part(log=log)
     overlay = _below(f"{_OVERLAY}{motion.ROOT}/paths", log.policy)
     hand = motion.hand_motion(part)
@@ -254,7 +254,7 @@ def _moved_to(root: str, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
 
 
 def _below(entity: str, policy: str) -> str:
-    """The entity of a policy below another, whatever the policy is called."""
+    """The entity of a policy below another, valid for any policy name."""
     return f"{entity}/{rr.escape_entity_path_part(policy)}"
 
 
@@ -266,27 +266,27 @@ def _widest(log: EpisodeLog) -> float:
 def _layout(
     logs: Sequence[EpisodeLog], model: mujoco.MjModel, measured: Measured
 ) -> rrb.Blueprint:
-    """All robots, from behind and above; their curves and their paths below."""
+    """All robots, from behind and above; their curves and paths are below."""
     handle, _ = task_frame(model)
     middle = handle + 0.5 * SPACING * (len(logs) - 1) * ROW + [-0.2, 0.0, -0.2]
     away = max(2.2, 0.35 * SPACING * len(logs))
     back = np.array([-math.cos(_TURN), math.sin(_TURN), 0.45])
     plans = [f"- {_below('/robots', log.policy)}{motion.PLAN}/**" for log in logs]
     robots = view_3d(
-        "One door each, the same door",
+        "Each policy at a copy of the same door",
         "/",
         ["/robots/**", *plans],
         Eye(middle + away * back, middle, (0.0, 0.0, 1.0)),
     )
     above, target = np.multiply(logs[0].radius, [[-0.5, -0.55, 1.45], [-0.5, -0.55, 0]])
     paths = view_3d(
-        "All paths on one door, from above",
+        "All paths at one door, from above",
         f"{_OVERLAY}{motion.VIEW}",
         [f"{_OVERLAY}/**"],
         Eye(above, target, (1.0, 0.0, 0.0)),
     )
     angle = series_view(Plot("angle", "Door angle [deg]", "LeftTop"), _PLOTS)
     curves = series_view(Plot(measured.panel, measured.title), _PLOTS)
-    about = rrb.TextDocumentView(origin=TEXT, name="What is seen")
+    about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     panels = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
     return only(rrb.Vertical(robots, panels, row_shares=[5, 4]))

@@ -1,8 +1,8 @@
-"""Disturbances from outside: how strong they are, and when they begin and end.
+"""Disturbances: strength, beginning and end.
 
-The log tells how strong a force is, not where it points: a ball above the hand, whose
-area grows with the force, and its label say what acts. Of an undisturbed episode
-nothing is made.
+The log has the magnitude of a force, but not its direction. A ball above the hand, with
+an area proportional to the force, and its label show the disturbance. Undisturbed
+episodes have neither.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -19,20 +19,20 @@ from gplfd_experiments.recording import colours, motion, panels
 from gplfd_experiments.recording.stream import Part, moving, static
 
 LOG: Final = "/outside/log"
-"""Entity of the text that says what begins and ends."""
+"""Entity of the text about beginnings and ends."""
 PANEL: Final = "outside"
-"""Of the time series, below `gplfd_experiments.recording.panels.ROOT`."""
+"""Entity of the time series, below `gplfd_experiments.recording.panels.ROOT`."""
 LIMITS: Final = (140.0, 280.0)
-"""Force on a hand that ISO/TS 15066 allows, and for an instant [N]."""
+"""Quasi-static and transient force on a hand allowed by ISO/TS 15066 [N]."""
 
 _ABOVE: Final = (0.0, 0.30, 0.0)
-"""Where the ball is from the hand, task frame [m]: above that of the stiffness."""
+"""Position of the ball above the hand and the ball of the stiffness, task frame [m]."""
 _BALL: Final = 0.008
-"""Its radius at 1 N [m]; it grows with the force's square root."""
+"""Radius of the ball at 1 N [m]; it grows with the square root of the force."""
 
 
 class Kind(NamedTuple):
-    """A kind of disturbance: its strength (T,) and unit, and what to say about it."""
+    """A kind of disturbance: its strength (T,), unit and texts."""
 
     curve: Callable[[EpisodeLog], FloatArray]
     unit: str
@@ -40,7 +40,7 @@ class Kind(NamedTuple):
     ends: str
 
     def acts(self, log: EpisodeLog) -> NDArray[np.bool_]:
-        """Whether it acts, (T,): a force that there is, a displacement that grows."""
+        """Whether it acts, (T,): a non-zero force, or an increasing displacement."""
         curve = self.curve(log)
         growth = np.diff(curve, prepend=0.0)
         acts: NDArray[np.bool_] = (growth if self.unit == "mm" else curve) > 0.0
@@ -61,20 +61,20 @@ KINDS: Final[Mapping[str, Kind]] = {
     "bump": Kind(
         lambda log: 1e3 * log.base_shift,
         "mm",
-        "the base is moved",
-        "the base stands again",
+        "the base moves",
+        "the base stops",
     ),
 }
-"""What a log tells, by the names of `gplfd_env.doors.disturbance.Disturbance`."""
+"""Disturbances in a log, by the names of `gplfd_env.doors.disturbance.Disturbance`."""
 
 
 def kinds_of(log: EpisodeLog) -> tuple[str, ...]:
-    """Return the names of what happened from outside."""
+    """Return the names of the disturbances in an episode."""
     return tuple(name for name, kind in KINDS.items() if kind.acts(log).any())
 
 
 def disturbance_chunks(part: Part) -> Iterator[Chunk]:
-    """Balls, curves, limits and texts of disturbances in a part of an episode."""
+    """Return balls, curves, limits and texts of disturbances in part of an episode."""
     yield from balls(part)
     log, root = part.log, f"{panels.ROOT}/{PANEL}"
     for name, kind in KINDS.items():
@@ -94,7 +94,7 @@ def disturbance_chunks(part: Part) -> Iterator[Chunk]:
 
 
 def balls(part: Part) -> Iterator[Chunk]:
-    """A ball above the hand while something acts, with its name and strength."""
+    """Return a ball above the hand during a disturbance, with its name and strength."""
     log = part.log
     for name, kind in KINDS.items():
         if (unsent := _unsent(part, kind.acts(log))) is None:
@@ -113,7 +113,7 @@ def balls(part: Part) -> Iterator[Chunk]:
 
 
 def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
-    """Rows in which something begins or ends, and what to say of it."""
+    """Rows in which a disturbance begins or ends, and the text."""
     kind = KINDS[name]
     edges = np.diff(kind.acts(log), prepend=False, append=False).nonzero()[0]
     said = []
@@ -126,7 +126,7 @@ def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
 
 
 def _unsent(part: Part, happened: NDArray[np.bool_]) -> Part | None:
-    """Part to send of something: none before it happens, then all that has passed."""
+    """Part to send of a disturbance: none before it happens, then all of the past."""
     if not happened.any():
         return None
     return part if happened[: part.first_row].any() else Part(log=part.log)

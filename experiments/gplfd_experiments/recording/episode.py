@@ -1,4 +1,4 @@
-"""Write one episode as a recording that opens on the right view."""
+"""Write one episode as a recording with its view."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -39,9 +39,9 @@ def record_episode(
 ) -> None:
     """Write an .rrd with scene, policy, panels and layout, complete or not at all.
 
-    The episode ran in the model; ``looks`` are drawn in place of the robot's own
-    shapes. Raises ValueError for a log that does not fit the model, and OSError if the
-    file cannot be written.
+    The episode ran in the model; ``looks`` replace the robot's shapes. Raises
+    ValueError for a log that does not fit the model, and OSError if the file cannot be
+    written.
     """
     check_model(log, model)
     there = mechanism_of(model, log.door_config)
@@ -49,7 +49,7 @@ def record_episode(
     arrangement = layout(kinds_of(log), there, log.config.hinge_side, forces=forces)
     with recording_file(path, arrangement) as stream:
         stream.send_recording_name(recording_name(log))
-        # One by one: while one is written the next is made.
+        # Chunks are made one by one while the previous one is written.
         stream.send_chunks(static_chunks(log, model, demonstrations, looks))
         whole = Part(log=log, demonstrated_radius=mean_radius(demonstrations))
         stream.send_chunks(part_chunks(whole, model))
@@ -58,7 +58,7 @@ def record_episode(
 
 
 def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:
-    """Raise ValueError unless an episode can have run in a model."""
+    """Raise ValueError if an episode cannot have run in a model."""
     if log.qpos.shape[1] != model.nq:
         raise ValueError(
             f"the log of {log.policy} has {log.qpos.shape[1]} generalised positions "
@@ -68,7 +68,7 @@ def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:
 
 
 def recording_name(log: EpisodeLog) -> str:
-    """Return what the viewer calls the episode."""
+    """Return the name of the episode in the viewer."""
     return f"{log.door} door, {log.policy}, seed {log.seed}"
 
 
@@ -86,7 +86,7 @@ def static_chunks(
     demonstrations: Sequence[Demonstration],
     looks: TiagoLooks | None = None,
 ) -> Iterator[Chunk]:
-    """What is there before anything moves: robot, door, demonstrations."""
+    """Return the static chunks: robot, door, demonstrations."""
     yield from drawn_scene(model if looks is None else looks.undressed(model))
     if looks is not None:
         yield from looks.drawn(model)
@@ -94,7 +94,7 @@ def static_chunks(
 
 
 def part_chunks(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
-    """What happens in a part of an episode: motion, forecasts and time series."""
+    """Return the chunks of a part of an episode: motion, forecasts and time series."""
     yield from moved_scene(model, part)
     for show in (policy_motion, hand_motion, hand_stiffness, stiffness_lane, panels):
         yield from show(part)
@@ -103,7 +103,7 @@ def part_chunks(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
 
 
 def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk:
-    """Write the page beside the scene: what was run and how to read the view."""
+    """Return the page beside the scene: the run and how to read the view."""
     opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
     angle = math.degrees(log.door_angle[-1])
     end = f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s"
@@ -114,32 +114,33 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
     notes = ""
     if np.isfinite(log.expected_force).any():
         notes += (
-            "- **panel 4**: what the policy expected of the force before it measured "
-            "it; outside the band the door is not what was demonstrated and felt so "
-            "far, or somebody is in the way\n"
+            "- **panel 4**: force that the policy expected before it measured the "
+            "force; outside the band the door differs from the demonstrations and the "
+            "forces so far, or somebody is in the way\n"
         )
     if np.isfinite(log.mode).any():
         notes += (
             "- **modes** (tab *Unsmoothed, rates*, last panel): the demonstrations "
-            "show several kinds of motion; which one acts, and its probability\n"
+            "contain several kinds of motion; shows the active one and its "
+            "probability\n"
         )
     if outside := ", ".join(kinds_of(log)):
         notes += f"- **from outside** (white, a ball above the hand): {outside}\n"
     text = f"""\
 ### {log.door} door, policy `{log.policy}`: {end if ended else "being opened"}
 
-**Sure is stiff, unsure is soft.** Where the policy's σ is small, the hand is stiff \
-(**yellow**, 500 N/m); where σ is large, it is soft (**violet**, 100 N/m) and lets the \
-door lead. The ball above the hand, its trail, the tube and the lane *stiffness* have \
-this colour: violet 100, pink 300, yellow 500 N/m, mean of \
-along and across the path.
+**Small σ means stiff, large σ means soft.** Where the policy's σ is small, the hand \
+is stiff (**yellow**, 500 N/m); where σ is large, it is soft (**violet**, 100 N/m) and \
+follows the door. The ball above the hand, its trail, the tube and the lane \
+*stiffness* have this colour: violet 100, pink 300, yellow 500 N/m, mean of along and \
+across the path.
 
-- **tube**: what the policy believes now, ±1.96 σ per axis (normal quantile; with few \
-demonstrations less than 95 %); **grey-blue tube**: before it felt the door; **grey \
-lines**: demonstrations; **green**: the handle's true arc
+- **tube**: the policy's present forecast, ±1.96 σ per axis (normal quantile; with few \
+demonstrations less than 95 %); **grey-blue tube**: forecast before the door moved; \
+**grey lines**: demonstrations; **green**: true arc of the handle
 - **red arrow**: force of the door on the hand, 10 cm per 10 N
 - σ, stiffness and colours are means of the last 0.25 s; the tab *Unsmoothed, rates* \
-has what the controller used, which is stable below 100 % of the bound
+has the controller's values; it is stable below 100 % of the bound
 - **door**: {door} (SI)
 - **demonstrations**: {n_demonstrations}; **seed**: {log.seed}; **control period**: \
 {1e3 * log.dt:g} ms

@@ -1,7 +1,7 @@
-"""Coloured lanes over time: the stages of the task, and how stiff the hand is.
+"""Coloured lanes over time: stages of the task, and stiffness of the hand.
 
 Doors vary in two horizontal directions, along the pull (x) and across it (z). Colours
-of the stiffness show its mean in both, in the lane and in the scene.
+of the stiffness, in the lane and in the scene, show its mean over both directions.
 """
 
 import math
@@ -28,7 +28,7 @@ SCALE: Final[Mapping[float, Colour]] = {
     300.0: (235, 85, 160),
     500.0: (255, 236, 120),
 }
-"""Colour by stiffness [N/m], linear between these: violet is soft, yellow is stiff."""
+"""Colour by stiffness [N/m], interpolated linearly: violet is soft, yellow is stiff."""
 LEVELS: Final[Mapping[str, Colour]] = {
     "soft, < 200 N/m": SCALE[100.0],
     "medium": SCALE[300.0],
@@ -36,14 +36,14 @@ LEVELS: Final[Mapping[str, Colour]] = {
 }
 """States of the lane of the stiffness, and their colours."""
 AVERAGED: Final = 0.25
-"""Over how long what is shown is averaged [s]. σ grows from one via-point to the next
-and falls there, three to ten times per second."""
+"""Averaging time of displayed values [s]. σ grows between via-points and drops at each,
+three to ten times per second."""
 
 _EDGES: Final = (200.0, 400.0)
-"""Between the states of the stiffness [N/m]."""
+"""Thresholds between the states of the stiffness [N/m]."""
 _MOVED: Final = math.radians(1.0)
 _ROOM: Final = 1.02
-"""Where the lane of the stages ends, in durations of the episode."""
+"""End of the lane of stages, in durations of the episode."""
 _STAGES: Final = {
     "reach": (150, 140, 255),
     "grasp": BEFORE,
@@ -56,7 +56,7 @@ _STAGES: Final = {
 
 
 def lane_style(entity: str, states: Mapping[str, Colour], failure: str = "") -> Chunk:
-    """Return the colours of a lane's states; the failure is said in its label."""
+    """Return the colours of a lane's states; the label contains the failure."""
     labels = [f"failure: {failure}" if one == "failure" else one for one in states]
     colours = np.array([*states.values()], dtype=np.uint8)
     style = rr.StateConfiguration(values=[*states], labels=labels, colors=colours)
@@ -66,11 +66,11 @@ def lane_style(entity: str, states: Mapping[str, Colour], failure: str = "") -> 
 def stage_lane(
     log: EpisodeLog, shown: Collection[str] = (), *, ended: bool = True
 ) -> list[Chunk]:
-    """When each stage of `stages` began that is not shown yet, in a log so far."""
+    """Return the beginnings of stages in the log so far that are not shown yet."""
     began = [(log.times[row], name) for row, name in stages(log)]
     new = [stage for stage in began if stage[1] not in shown]
     if ended:
-        # The last stage is given some width.
+        # The last stage gets a visible width.
         new.append((_ROOM * log.times[-1], began[-1][1]))
     if not new:
         return []
@@ -81,12 +81,12 @@ def stage_lane(
 
 
 def stages(log: EpisodeLog) -> list[tuple[int, str]]:
-    """Row in which each stage began, in order, with its name.
+    """Return the row in which each stage began, in order, with its name.
 
-    ``reach`` until the hand has taken hold, ``grasp`` until the door has moved by a
-    degree, then ``open``, ``hold`` once the door is open by the task's angle, ``stuck``
-    from where a stalled door gained no more, ``success`` from the first solved step or
-    ``failure`` in the last.
+    ``reach`` until the hand holds the handle, ``grasp`` until the door has moved by a
+    degree, then ``open``, ``hold`` after the door has reached the task's angle,
+    ``stuck`` after the last progress of a stalled door, ``success`` from the first
+    solved step or ``failure`` in the last.
     """
     angle, last, taken = log.door_angle, log.times.size - 1, log.capability > 0
     stalled = log.failure in ("stalled", "latched") and angle.max() < SUCCESS_ANGLE
@@ -103,7 +103,7 @@ def stages(log: EpisodeLog) -> list[tuple[int, str]]:
     ]
     if not log.solved.any() and not log.success:
         began.append((last, "failure"))
-    # A stage that began no earlier than its successor did not happen.
+    # A stage that did not begin before its successor did not happen.
     return [
         stage
         for stage, following in zip(began, [*began[1:], (last + 1, "")], strict=True)
@@ -112,7 +112,7 @@ def stages(log: EpisodeLog) -> list[tuple[int, str]]:
 
 
 def stiffness_lane(part: Part) -> Iterator[Chunk]:
-    """When the hand became soft or stiff; nothing for policies without σ."""
+    """Return when the hand became soft or stiff; empty for policies without σ."""
     shown = shown_stiffness(part.log)
     if not part.shows(shown):
         return
@@ -138,9 +138,9 @@ def new_states(
 
 
 def recent_mean(values: FloatArray, dt: float) -> FloatArray:
-    """Mean of the last `AVERAGED` seconds up to every row of (T, ...), none later.
+    """Mean over the last `AVERAGED` seconds up to every row of (T, ...).
 
-    Rows that are not finite do not count, and have no mean.
+    Rows that are not finite are ignored, and have no mean.
     """
     window = max(1, round(AVERAGED / dt))
     finite = np.isfinite(values)

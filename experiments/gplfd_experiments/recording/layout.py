@@ -1,4 +1,4 @@
-"""The view a recording opens with: scene, policy and the reasons side by side."""
+"""The view of a recording: scene, policy, and reasons for the stiffness."""
 
 import functools
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ TEXT: Final = "/about"
 
 
 class Eye(NamedTuple):
-    """Where a 3-D view looks from, at what, and which way is up [m]."""
+    """Position, target and up direction of a 3-D view [m]."""
 
     position: ArrayLike
     target: ArrayLike
@@ -31,25 +31,25 @@ class Plot(NamedTuple):
     """A panel of all time series below an entity."""
 
     entity: str
-    """Of `PLOTS` without `gplfd_experiments.recording.panels.ROOT`."""
+    """Entity below `gplfd_experiments.recording.panels.ROOT`."""
     title: str
     legend: Corner | None = None
-    """Where no curve comes; None for no legend."""
+    """Corner of the legend, without curves; None for no legend."""
     from_zero: bool = False
-    """Whether zero is in sight, so that half as much looks half as high."""
+    """Whether the axis includes zero, so that heights are proportional."""
     limits: tuple[float, float] | None = None
-    """Of the axis; None for what there is."""
+    """Limits of the axis; None for automatic limits."""
 
 
-# From the hinge side the hand stays before the leaf however far the door is open.
+# Seen from the hinge side, the hand is in front of the leaf at any door angle.
 _SCENE_EYE: Final = Eye((-0.62, -1.95, 0.85), (-0.46, -0.2, -0.07), (0.0, 0.0, 1.0))
-# A robot that drives needs room, and its doors are higher.
+# A mobile robot needs space, and its doors are higher.
 _WIDE_EYE: Final = Eye((-0.8, -3.2, 1.3), (-0.7, -0.3, -0.15), (0.0, 0.0, 1.0))
 _PLAN_EYE: Final = Eye((-0.3, -0.3, 1.0), (-0.3, -0.3, 0.0), (1.0, 0.0, 0.0))
 _WIDE_PLAN_EYE: Final = Eye((-0.45, -0.4, 1.5), (-0.45, -0.4, 0.0), (1.0, 0.0, 0.0))
 
 PLOTS: Final = {
-    "Why stiff, why soft": (
+    "Uncertainty and stiffness": (
         Plot("angle", "Door angle [deg], lines at 15, 30, 60", limits=(-3.0, 75.0)),
         Plot("uncertainty", "1. Uncertainty σ of the policy [mm]", "LeftTop", True),
         Plot(
@@ -57,25 +57,25 @@ PLOTS: Final = {
         ),
         Plot(
             "force",
-            "3. Force [N]: green opens, red against hinge, violet compensated",
+            "3. Force [N]: green along the path, red radial, violet compensated",
             from_zero=True,
         ),
     ),
     "Motion and policy": (
-        # The hand is pulled from zero up: this corner stays empty.
+        # The hand moves from zero upwards, so this corner is empty.
         Plot("x", "x, along the pull [m], ±1.96 σ", "LeftTop"),
         Plot("z", "z, across it [m], ±1.96 σ"),
-        Plot("turn", "θu_y, turn of the hand [deg], ±1.96 σ"),
+        Plot("turn", "θu_y, rotation of the hand [deg], ±1.96 σ"),
         Plot("size", "Size [% of demonstrated], ±1.96 σ", "RightTop", limits=(40, 200)),
     ),
-    # What the control loop used in every period: σ falls at every via-point.
+    # Values of the control loop in every period: σ drops at every via-point.
     "Unsmoothed, rates": (
         Plot("uncertainty_raw", "σ [mm]", "LeftTop", True),
         Plot("uncertainty_rate", "dσ/dt [mm/s]: falling σ stiffens"),
         Plot("stiffness_raw", "Stiffness k [N/m]", from_zero=True),
-        # Negative while softening.
+        # Negative during softening.
         Plot("stability", "dk/dt [% of its stability bound]", limits=(-40.0, 110.0)),
-        Plot("misfit", "Misfit of the phase: 1 as expected, 3 lost", from_zero=True),
+        Plot("misfit", "Misfit of the phase: 1 expected, 3 lost", from_zero=True),
     ),
 }
 """Panels of every recording, by tab."""
@@ -83,10 +83,10 @@ PLOTS: Final = {
 EXPECTED_FORCE: Final = Plot(
     "expected", "4. Force along the path [N]: expected ±1.96 σ, measured", "LeftTop"
 )
-"""Panel of the first tab where the policy expects forces."""
+"""Additional panel of the first tab if the policy expects forces."""
 
 
-# A layout has identifiers of its own: the same one for the same arguments.
+# A layout has its own identifiers, so it is cached by its arguments.
 @functools.cache
 def layout(
     kinds: tuple[str, ...],
@@ -96,20 +96,20 @@ def layout(
     forces: bool = False,
     live: bool = False,
 ) -> rrb.Blueprint:
-    """Arrange the views, the same for every episode in which the same can happen.
+    """Return the layout, equal for all episodes with the same kinds of content.
 
-    Both 3-D views look from points fixed in the task frame, so that every door is seen
-    alike, one with its hinge on the left in the mirror; the axes of the panels fit
-    themselves to what there is. ``kinds`` are names of disturbances, ``there`` of what
-    `gplfd_experiments.recording.mechanism` shows, and ``forces`` says whether the
-    policy expects any. A live view follows the time of what comes in.
+    Both 3-D views are fixed in the task frame, so that every door has the same view,
+    mirrored for a hinge on the left. The axes of the panels scale automatically.
+    ``kinds`` are names of disturbances, ``there`` names of panels of
+    `gplfd_experiments.recording.mechanism`, and ``forces`` is whether the policy
+    expects forces. A live view follows the latest time.
     """
     scene_eye, plan_eye = _SCENE_EYE, _PLAN_EYE
     if "base" in there:
         scene_eye, plan_eye = _WIDE_EYE, _WIDE_PLAN_EYE
     everything = ["/world/**", f"- {motion.PLAN}/**"]
     scene = view_3d("Scene", motion.VIEW, everything, _seen_from(hinge, scene_eye))
-    # From above its number would lie on that of a disturbance.
+    # From above, its number would overlap that of a disturbance.
     hidden = [f"- {motion.STIFFNESS}"] if kinds else []
     plan = view_3d(
         f"From above: door at the top, hinge {hinge}",
@@ -159,7 +159,7 @@ def layout(
 def only(
     views: rrb.Container, play_state: Literal["playing", "following"] = "playing"
 ) -> rrb.Blueprint:
-    """Arrange some views in a window that shows little beside them."""
+    """Arrange views in a window without other panels."""
     return rrb.Blueprint(
         views,
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state=play_state),
@@ -174,7 +174,7 @@ def only(
 def view_3d(
     name: str, origin: str, contents: Sequence[str], eye: Eye
 ) -> rrb.Spatial3DView:
-    """Return a 3-D view in the frame of ``origin`` of entities, given by queries."""
+    """Return a 3-D view of entities, given by queries, in the frame of ``origin``."""
     return rrb.Spatial3DView(
         origin=origin,
         name=name,
@@ -188,7 +188,7 @@ def view_3d(
 
 
 def _seen_from(hinge: HingeSide, eye: Eye) -> Eye:
-    """Mirror an eye at the task frame's x-y plane where the hinge is on the left."""
+    """Mirror an eye at the task frame's x-y plane if the hinge is on the left."""
     sides = np.array([1.0, -1.0 if hinge == "left" else 1.0, 1.0])
     return Eye(sides * eye.position, sides * eye.target, eye.up)
 

@@ -1,4 +1,4 @@
-"""What a method learned, as a recording: demonstrations, mean and tube, and σ."""
+"""A learned movement as a recording: demonstrations, mean, tube and σ."""
 
 import math
 from pathlib import Path
@@ -32,15 +32,15 @@ _OUTPUTS: Final = (
 """Entity, title and scale of each output."""
 _PHASES: Final = np.linspace(0.0, 1.0, 200)
 _LINE: Final = 0.002
-"""Of the scene's size: half the width of a line."""
+"""Half the width of a line, as a share of the scene's size."""
 _OPACITY: Final = 90
 
 
 def record_learned(path: str | Path, movement: Movement, name: str) -> None:
-    """Write an .rrd of a movement and what it was learned from, complete or not at all.
+    """Write an .rrd of a movement and its demonstrations, complete or not at all.
 
-    The movement plays at its own duration; the six outputs are beside it, with the
-    demonstrations as they were aligned. ``name`` is the method's.
+    The movement plays in its own duration, beside the six outputs with the aligned
+    demonstrations. ``name`` is the method's.
     """
     aligned, learned = movement.aligned, movement.predict(_PHASES)
     times, mean = movement.duration * _PHASES, learned.mean[:, :3]
@@ -65,7 +65,7 @@ def record_learned(path: str | Path, movement: Movement, name: str) -> None:
         "hand": rr.TransformAxes3D(0.12 * size),
     }
     chunks = [static(f"{_SCENE}/{entity}", look) for entity, look in looks.items()]
-    # Copied: scipy takes no array that is read-only.
+    # Copied, because scipy does not accept read-only arrays.
     turns = Rotation.from_rotvec(learned.mean[:, 3:].copy()).as_quat()
     hand = rr.Transform3D.columns(translation=mean, quaternion=turns)
     chunks.append(moving(f"{_SCENE}/hand", times, hand))
@@ -101,10 +101,12 @@ narrow, and a robot that follows it is stiff; where they differ it is wide and s
 Playing takes {movement.duration:.1f} s, the recordings' mean duration.
 """
     page = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
-    # Look at the middle of the motion from beside and above it.
+    # The view is from the side and above, towards the middle of the motion.
     middle = 0.5 * (low + high)
     eye = Eye(middle + size * np.array([1.2, 1.0, 1.2]), middle, (0.0, 1.0, 0.0))
-    scene = view_3d("What was shown and learned", _SCENE, [f"{_SCENE}/**"], eye)
+    scene = view_3d(
+        "Demonstrations and learned movement", _SCENE, [f"{_SCENE}/**"], eye
+    )
     about = rrb.TextDocumentView(origin=TEXT, name="About")
     plots = [series_view(Plot(*each[:2]), _PLOTS) for each in _OUTPUTS]
     views = rrb.Horizontal(

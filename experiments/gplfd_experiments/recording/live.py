@@ -1,6 +1,6 @@
-"""Send an episode to a viewer while it happens.
+"""Send a running episode to a viewer.
 
-What a viewer has been sent in the end is what a recording of the episode holds.
+At the end, the viewer has the same data as a recording of the episode.
 """
 
 import contextlib
@@ -42,7 +42,7 @@ class LiveRecording:
         self._stages: set[str] = set()
 
     def show(self, log: EpisodeLog, *, ended: bool = False) -> None:
-        """Send what is new in the episode so far, of two rows or more."""
+        """Send the new part of the episode so far, which has two rows or more."""
         stream = self._stream
         if self._rows == 0:
             stream.send_recording_name(recording_name(log))
@@ -64,7 +64,7 @@ class LiveRecording:
 
 @contextlib.contextmanager
 def stream_to(url: str, arrangement: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
-    """Connect a stream to a viewer; what was sent has arrived when the block ends."""
+    """Connect a stream to a viewer; all data has arrived when the block ends."""
     stream = open_stream()
     try:
         stream.connect_grpc(url, default_blueprint=arrangement)

@@ -1,7 +1,8 @@
-"""What handle, latch, closer and a base that drives do; of what is not there, nothing.
+"""Motion of handle, latch, closer and mobile base; nothing for missing parts.
 
-Handle, bolt and base are joints of the model, so the log's generalised positions tell
-them. What there is follows from model and door alone, before anything has happened.
+Handle, bolt and base are joints of the model, so their motion is in the log's
+generalised positions. The existing parts follow from model and door alone, before the
+episode.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,7 +24,7 @@ from gplfd_experiments.recording.scene import kinematics
 from gplfd_experiments.recording.stream import Part, moving, static
 
 LATCH: Final = f"{lanes.ROOT}/latch"
-"""Entity of the lane that says whether the bolt is out."""
+"""Entity of the lane with the state of the bolt."""
 
 ARM: Final = "/world/scene/closer_arm"
 """Entity of a closer's arm, in the world's axes."""
@@ -37,7 +38,7 @@ _CLOSING: Final = (
     "closer_preload", "closer_stiffness", "closer_boost", "closer_friction",
     "closer_damping", "closing_damping", "backcheck_damping", "seal", "stiction",
 )  # fmt: skip
-"""Fields of a door of which any makes a closing torque."""
+"""Fields of a door that cause a closing torque."""
 
 
 class Panel(NamedTuple):
@@ -60,7 +61,7 @@ PANELS: Final[Mapping[str, Panel]] = {
         "Handle [deg]", {"handle": (Line("handle", colours.HAND), 180.0 / np.pi)}
     ),
     "latch": Panel(
-        "Bolt, held back by [mm]",
+        "Bolt, retracted by [mm]",
         {"bolt": (Line("bolt held back", colours.HAND), 1e3)},
     ),
     "closer": Panel("Closing torque [N m]: closer, seal, stiction", {}),
@@ -69,13 +70,13 @@ PANELS: Final[Mapping[str, Panel]] = {
         dict(zip(BASE_JOINTS, _BASE_CURVES, strict=True)),
     ),
 }
-"""By the entity below `gplfd_experiments.recording.panels.ROOT`."""
+"""Panels by the entity below `gplfd_experiments.recording.panels.ROOT`."""
 
 
 def mechanism_of(
     model: mujoco.MjModel, door_config: Mapping[str, Any]
 ) -> tuple[str, ...]:
-    """Which of `PANELS` a model and the fields of its door give something to show."""
+    """Return which of `PANELS` have data for a model and the fields of its door."""
     joints = {model.joint(index).name for index in range(model.njnt)}
     closing = any(door_config.get(field, 0.0) > 0.0 for field in _CLOSING)
     return tuple(
@@ -86,7 +87,7 @@ def mechanism_of(
 
 
 def mechanism(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
-    """Curves, the latch's lane and the closer's arm in a part of an episode."""
+    """Return curves, the latch's lane and the closer's arm in a part of an episode."""
     log = part.log
     there = mechanism_of(model, log.door_config)
     for name in there:
@@ -99,7 +100,7 @@ def mechanism(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
         if part.first_row == 0:
             yield lanes.lane_style(LATCH, BOLT_STATES)
         yield from lanes.new_states(part, LATCH, bolt_states(log, model))
-    # The tendon that is a closer's arm, where it has a colour.
+    # The tendon of a closer's arm, if it has a colour.
     tendons = [model.tendon(index).name for index in range(model.ntendon)]
     if CLOSER_ARM not in tendons:
         return
@@ -118,9 +119,9 @@ def mechanism(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
 
 
 def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]:
-    """Rows in which the bolt is first seen thrown or held back, and which it is.
+    """Return rows in which the state of the bolt changes, and the state.
 
-    It is held back where it is drawn in so far that the door can open.
+    It is held back if it is retracted so far that the door can open.
     """
     throw = model.jnt_range[model.joint("bolt").id, 1]
     back = _positions(log, model, "bolt") >= throw - GAP

@@ -26,25 +26,25 @@ ROOT: Final = "/world/task"
 """Entity whose transform is the task frame: closed handle, x pull, y up."""
 
 PLAN: Final = f"{ROOT}/plan"
-"""Entity of what only the view from above shows."""
+"""Entity that only the view from above shows."""
 
 VIEW: Final = f"{ROOT}/view"
-"""Entity of the frame that the views look from: the closed handle, z up."""
+"""Entity of the frame of the views: the closed handle, z up."""
 
 _VIEW_AXES: Final = [[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
 """Its axes x (away from the robot), y and z as columns, in the task frame."""
 
 STIFFNESS: Final = f"{ROOT}/hand/stiffness"
-"""Entity of the ball that says how stiff the hand is."""
+"""Entity of the ball that shows the stiffness of the hand."""
 
 METRES_PER_NEWTON: Final = 0.01
 """Length of the force arrow: 10 N are 10 cm."""
 
 _TRUE_ARC_DEG: Final = 75.0
 _LINE, _DOT, _TRAIL, _BALL = 0.003, 0.006, 0.009, 0.03
-"""Half the widths of what is drawn [m]; the trail is thicker than what lies on it."""
+"""Half the widths of lines [m]; the trail is thicker than the lines on it."""
 _ABOVE_HAND: Final = (0.0, 0.16, 0.0)
-"""Where the ball of the stiffness is from the hand, task frame [m]."""
+"""Position of the ball of the stiffness relative to the hand, task frame [m]."""
 _OPACITY_BEFORE, _OPACITY_ADAPTED = 48, 90
 _KNOT_SPACING, _DOT_SPACING = 0.01, 0.005
 """Travelled distance [m] between points of the trail and between shown via-points."""
@@ -53,7 +53,7 @@ _KNOT_SPACING, _DOT_SPACING = 0.01, 0.005
 def door_frame(
     model: mujoco.MjModel, door: DoorConfig, demonstrations: Sequence[Demonstration]
 ) -> list[Chunk]:
-    """What stands still in the task frame, and the task frame itself."""
+    """Return static entities in the task frame, and the task frame itself."""
     side, radius, hinge = door.side, door.radius, -door.side * door.hand_radius
     angles = np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
     if door.motion == "hinged":
@@ -62,7 +62,7 @@ def door_frame(
         path = path * [door.way, 1.0, side]
         leaf = [[[0.0, 0.0, 0.0], [0.0, 0.0, side * radius]]]
     else:
-        # From the handle, with which it moves.
+        # Relative to the handle, with which it moves.
         path = DoorGeometry.of(door).hand_poses(angles.clip(max=end_angle(door)))[:, :3]
         far = [0.0, 0.0, -side * (door.fold if door.motion == "folding" else radius)]
         if door.motion == "flap":
@@ -91,12 +91,12 @@ def door_frame(
 
 
 def policy_motion(part: Part) -> list[Chunk]:
-    """The first forecast, which stays, and all of them as a tube that moves."""
+    """Return the first forecast as a static tube, and all as a moving tube."""
     log, first = part.log, part.first_forecast
     if log.forecast_times.size == first:
         return []
     paths = log.forecast_mean[first:, :, :3]
-    # Without uncertainty the tube is as thin as a line.
+    # Without uncertainty, the tube is a line.
     stds = np.nan_to_num(log.forecast_std[first:, :, :3])
     vertices, normals = tube_vertices(paths, stds)
     means = paths.astype(np.float32)
@@ -137,13 +137,13 @@ def policy_motion(part: Part) -> list[Chunk]:
 
 
 def hand_motion(part: Part) -> list[Chunk]:
-    """The hand's path, its via-points, the force on it, and the leaf it turns."""
+    """Return the hand's path, its via-points, the force on it, and the leaf."""
     log, positions = part.log, part.log.ee_pose[:, :3]
     rows = part.frames()
     arrows = rr.Arrows3D.columns(
         origins=positions[rows], vectors=METRES_PER_NEWTON * log.wrench[rows, :3]
     )
-    # Not as the handle, which may turn in the leaf.
+    # Not with the handle, which may rotate in the leaf.
     leaf = DoorGeometry.of(log.config).hand_poses(log.door_angle[rows])
     turns = Rotation.from_rotvec(leaf[:, 3:]).as_quat()
     transforms = (
@@ -163,7 +163,7 @@ def hand_motion(part: Part) -> list[Chunk]:
         so_far = np.concatenate([strips[:count] for count in counts])
         columns = rr.LineStrips3D.columns(strips=so_far).partition(counts)
         chunks.append(moving(f"{ROOT}/hand/trail", log.times[knots[counts]], columns))
-    # All via-points so far; of those that lie on each other, the first.
+    # All via-points so far; only the first of coincident ones.
     rows = _spaced(positions, np.flatnonzero(log.via_point), _DOT_SPACING)
     counts = np.flatnonzero(rows >= part.first_row) + 1
     if counts.size:
@@ -175,7 +175,7 @@ def hand_motion(part: Part) -> list[Chunk]:
 
 
 def hand_stiffness(part: Part) -> Iterator[Chunk]:
-    """The colour of the hand's trail, and a ball above the hand with the number."""
+    """Return the colour of the hand's trail, and a ball that shows the stiffness."""
     log, shown = part.log, shown_stiffness(part.log)
     knots, counts = _stretches(part)
     if counts.size:
@@ -199,7 +199,7 @@ def hand_stiffness(part: Part) -> Iterator[Chunk]:
 
 
 def _stretches(part: Part) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Ends of the trail's stretches; how many there are after each that is new."""
+    """Return the ends of the trail's segments, and their number after each new one."""
     log = part.log
     knots = _spaced(log.ee_pose[:, :3], np.arange(log.times.size), _KNOT_SPACING)
     return knots, np.flatnonzero((knots >= part.first_row) & (knots > 0))
@@ -208,7 +208,7 @@ def _stretches(part: Part) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 def _spaced(
     positions: FloatArray, rows: NDArray[np.intp], spacing: float
 ) -> NDArray[np.intp]:
-    """Rows about ``spacing`` [m] of travel apart; none depends on a later one."""
+    """Return rows about ``spacing`` [m] of travel apart, independent of later rows."""
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(steps)])
     stretch = np.floor(travelled[rows] / spacing)

@@ -21,18 +21,18 @@ from gplfd_experiments.recording.tube import QUANTILE
 ROOT: Final = "/plots"
 ANGLE_MARKS_DEG: Final = (15.0, 30.0, 60.0)
 FORCE_MARKS: Final = (-10.0, 10.0)
-"""Lines in the panel of forces [N]: its axis has ticks at ten newtons, and forces of a
-few newtons look as small as they are."""
+"""Lines in the panel of forces [N]; they fix the scale, so that forces of a few newtons
+look small."""
 ZERO: Final = f"{ROOT}/zero"
-"""Entity of a line at zero, which keeps zero in sight where a panel shows it too."""
+"""Entity of a line at zero, which keeps zero in the range of a panel."""
 
 OUTPUTS: Final = (("x", 0, 1.0), ("z", 2, 1.0), ("turn", 4, 180.0 / np.pi))
-"""Entity, output number and scale to the panel's unit of the policy panels: the three
-outputs in which opening a door varies."""
+"""Entity, output number and scale factor of the policy panels, for the three outputs
+that move when a door opens."""
 
 
 class Line(NamedTuple):
-    """How a curve of a panel, or the centre line of a band, looks."""
+    """Style of a curve of a panel, or of the centre line of a band."""
 
     name: str
     colour: Colour
@@ -40,22 +40,22 @@ class Line(NamedTuple):
 
 
 def panels(part: Part) -> list[Chunk]:
-    """Every time series of the layout; where a value is not finite, nothing is drawn.
+    """Return every time series of the layout; values that are not finite are not drawn.
 
-    A series that is not finite in the whole episode, as the stiffness of a policy
-    without any, is left out.
+    A series without finite values, such as the stiffness of a policy without stiffness,
+    is left out.
     """
     log = part.log
     curves = {
         "angle/door": {Line("door", colours.TRUTH, 2.5): np.degrees(log.door_angle)},
         "force/parts": {
-            Line("along the motion: opens", colours.TRUTH): log.force_tangential,
+            Line("along the path", colours.TRUTH): log.force_tangential,
             Line("radial: against the hinge", colours.FORCE): log.force_radial,
             Line("load compensated", colours.ADAPTED, 1.0): log.carried_load,
         },
         "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.phase_misfit},
         "misfit/mode": {
-            Line("mode that acts", colours.OUTSIDE): log.mode,
+            Line("active mode", colours.OUTSIDE): log.mode,
             Line("its probability", colours.ADAPTED): log.mode_probability,
         },
     }
@@ -74,7 +74,7 @@ def panels(part: Part) -> list[Chunk]:
     lag = Line("lag of the hand", colours.OUTSIDE, 1.0)
     curves["uncertainty/axes"][lag] = 1e3 * log.give
 
-    # Mean and ±1.96 σ of each output, before the door was felt and now.
+    # Mean and ±1.96 σ of each output, before the door moved and now.
     bands: dict[str, dict[Line, tuple[FloatArray, FloatArray]]] = {}
     now = Line("policy now", colours.ADAPTED, 1.0)
     beliefs = {now: (log.predicted_mean, log.predicted_std)}
@@ -91,8 +91,8 @@ def panels(part: Part) -> list[Chunk]:
             for line, (mean, std) in beliefs.items()
         }
 
-    # Size of the path in % of the demonstrations' mean, ±1.96 σ of its logarithm: the
-    # median is not the middle of the band, and has a curve of its own.
+    # Size of the path in % of the demonstrations' mean, ±1.96 σ of its logarithm. The
+    # median is not the middle of the band, so it has its own curve.
     bounds = QUANTILE * np.stack([-log.path_size_std, log.path_size_std])
     low, high = 100.0 * log.path_size * np.exp(bounds)
     sizes = Line("±1.96 σ", colours.ADAPTED, 0.0)
@@ -110,7 +110,7 @@ def panels(part: Part) -> list[Chunk]:
     line = Line("expected", colours.ADAPTED)
     bands["expected/belief"] = {line: (expected, (QUANTILE * std) ** 2)}
     if part.shows(expected):
-        # Expected is the force of the hand on what it holds, measured that on the hand.
+        # The expected force acts on the handle, the measured force on the hand.
         measured = -np.sum(log.frame[:, :, 0] * log.wrench[:, :3], axis=1)
         curves["expected/force"] = {Line("measured", colours.HAND, 1.5): measured}
 
@@ -149,7 +149,7 @@ def levels(
 def _bands(
     part: Part, path: str, bands: Mapping[Line, tuple[FloatArray, FloatArray]]
 ) -> list[Chunk]:
-    """Means (T,) in bands of one panel, each as wide as the root of a variance (T,)."""
+    """Means (T,) with bands of one panel; the width is the root of a variance (T,)."""
     means, variances = np.stack([*bands.values()], axis=2)
     if not part.shows(means):
         return []
@@ -165,7 +165,7 @@ def _bands(
 
 @functools.cache
 def line_style(path: str, *lines: Line, archetype: Any = rr.SeriesLines) -> Chunk:
-    """How the lines of an entity look at all times."""
+    """Static style of the lines of an entity."""
     names, tints, widths = zip(*lines, strict=True)
     look = archetype.from_fields(colors=tints, widths=widths, names=names)
     return static(path, look)

@@ -1,7 +1,7 @@
 """Robot and door: MuJoCo's visual geoms drawn once, and moved with their bodies.
 
-Bodies that are fixed to each other move as one. The geoms of all of them are drawn on
-the entity of the moving body that carries them, or of the world, which is body 0.
+Bodies that are fixed to each other move together. Their geoms are on the entity of the
+moving body that carries them, or of the world, which is body 0.
 """
 
 import functools
@@ -33,18 +33,18 @@ _PRIMITIVES: Final[Mapping[int, tuple[Any, str]]] = {
     _GEOM.mjGEOM_CYLINDER: (rr.Cylinders3D, "centers"),
     _GEOM.mjGEOM_CAPSULE: (rr.Capsules3D, "translations"),
 }
-"""What Rerun calls MuJoCo's primitives, and their positions."""
+"""Rerun's names of MuJoCo's primitives and of their positions."""
 _LARGEST_VISUAL_GROUP: Final = 2
 """MuJoCo's convention: geoms of groups 0 to 2 are drawn, 3 and above collide."""
 
 _PLANE_HALF_SIZE: Final = 3.0
 _PLANE_HALF_THICKNESS: Final = 0.005
 _TEXTURED: Final = (0.42, 0.43, 0.45, 1.0)
-"""Colour of geoms whose material has a texture; only floors do."""
+"""Colour of geoms with a texture, which only floors have."""
 
 
 def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
-    """Every visible geom: a chunk per body that moves on its own, one per mesh."""
+    """Return every visible geom: a chunk per moving body, and one per mesh."""
     kinds, rows = _solids(model)
     chunks = [static(ROOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)]
     for body, geoms in visual_geoms(model).items():
@@ -71,7 +71,7 @@ def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
 
 
 def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
-    """The poses of all bodies that can move, by forward kinematics of ``qpos``."""
+    """Return the poses of all moving bodies, by forward kinematics of ``qpos``."""
     bodies = [body for body in visual_geoms(model) if body != 0]
     frames = part.frames()
     positions = np.empty((frames.size, model.nbody, 3))
@@ -91,7 +91,7 @@ def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
 
 
 def kinematics(model: mujoco.MjModel, part: Part) -> Iterator[mujoco.MjData]:
-    """Yield the state of a scene, the same object, at every frame of a part."""
+    """Yield the state of a scene at every frame of a part; always the same object."""
     data = mujoco.MjData(model)
     for frame in part.frames():
         data.qpos[:] = part.log.qpos[frame]
@@ -100,7 +100,7 @@ def kinematics(model: mujoco.MjModel, part: Part) -> Iterator[mujoco.MjData]:
 
 
 def visual_geoms(model: mujoco.MjModel) -> dict[int, list[int]]:
-    """Ids of the visible geoms by the body that carries them, alone or with others."""
+    """Return the ids of the visible geoms by the moving body that carries them."""
     seen = (model.geom_group <= _LARGEST_VISUAL_GROUP) & (_colours(model)[:, 3] > 0.0)
     carriers = model.body_weldid[model.geom_bodyid].tolist()
     geoms: dict[int, list[int]] = {}
@@ -110,9 +110,9 @@ def visual_geoms(model: mujoco.MjModel) -> dict[int, list[int]]:
 
 
 def entity_of_body(model: mujoco.MjModel, body: int) -> str:
-    """Path of a body's entity, below that of the moving body that carries it.
+    """Return the path of a body's entity, below that of its moving body.
 
-    Of a body that moves on its own, the entity's transform is its pose in the world.
+    The transform of a moving body's entity is its pose in the world.
     """
     name = model.body(body).name or f"body_{body}"
     carrier = int(model.body_weldid[body])
@@ -176,10 +176,10 @@ def _solids(model: mujoco.MjModel) -> tuple[list[int], FloatArray]:
     return kinds.tolist(), rows
 
 
-# The robot's bodies are the same beside every door.
+# The robot's bodies are equal at every door.
 @functools.lru_cache(maxsize=256)
 def _body(entity: str, primitives: tuple[tuple[int, bytes], ...]) -> Chunk:
-    """Draw the primitives of one body: by kind, bytes of their rows of `_solids`."""
+    """Draw the primitives of one body; arguments are the bytes of rows of `_solids`."""
     drawn: list[Any] = []
     for kind, packed in primitives:
         rows = np.frombuffer(packed).reshape(-1, 14)
@@ -215,7 +215,7 @@ def _colours(model: mujoco.MjModel) -> FloatArray:
 
 
 def _axes(quaternions: FloatArray) -> FloatArray:
-    """The z axes that quaternions (N, 4), scalar last, turn to, (N, 3)."""
+    """Return the rotated z axes, (N, 3), of quaternions (N, 4), scalar last."""
     return Rotation.from_quat(quaternions).apply([0.0, 0.0, 1.0])
 
 

@@ -1,4 +1,4 @@
-"""The journal of a served agent as a recording: curves over time, and what was said."""
+"""The journal of a served agent as a recording: curves over time, and messages."""
 
 from collections import defaultdict
 from pathlib import Path
@@ -26,7 +26,7 @@ _LOG: Final = "/events"
 
 
 def recording_of(file: Path) -> Path:
-    """Return a file itself, or the recording made beside it if it is a journal.
+    """Return a recording; a journal is first converted to a recording in its folder.
 
     Raises ValueError for a journal that is damaged or holds no message.
     """
@@ -42,7 +42,7 @@ def recording_of(file: Path) -> Path:
         refused = any(one["type"] == "error" for one in out)
         for message in (line.get("in"), *out):
             told = message if isinstance(message, dict) else {"type": message}
-            # A refused observation may hold anything; a stiffness may be unknown.
+            # A rejected observation may contain anything; a stiffness may be unknown.
             for name in () if refused else _PANELS.keys() & told.keys():
                 if told[name] is not None:
                     curves[name].append((line["at"], told[name][:3]))

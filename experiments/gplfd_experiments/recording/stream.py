@@ -30,26 +30,26 @@ TIMELINE: Final = "sim_time"
 """The only timeline: simulated time since reset."""
 
 FRAMES_PER_SECOND: Final = 30.0
-"""How often what moves in the scene is shown; no more than a video has."""
+"""Frame rate of moving things in the scene, that of a video."""
 
 _END: Final = b"RRF2FOOT"
-"""What stands before the last four bytes of a recording, its version."""
+"""Bytes before the last four bytes of a recording, which are its version."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Part:
-    """Rows and forecasts of an episode so far, from the first that were not shown on.
+    """Rows and forecasts of an episode so far that are not shown yet.
 
-    A recording shows an episode at once, a live view part by part, by the same
-    functions: what a later part adds never changes what an earlier one showed.
+    A recording shows an episode at once, a live view part by part, with the same
+    functions. A later part never changes an earlier one.
     """
 
     log: EpisodeLog
     first_row: int = 0
     first_forecast: int = 0
     demonstrated_radius: float = math.nan
-    """Geometric mean of the radii on which the demonstrations' hands went [m]; NaN
-    where they went on no circle."""
+    """Geometric mean of the radii of the demonstrated paths [m]; NaN if they are not
+    circles."""
 
     @property
     def times(self) -> FloatArray:
@@ -57,7 +57,7 @@ class Part:
         return self.log.times[self.first_row :]
 
     def frames(self) -> NDArray[np.intp]:
-        """Rows at which moving things are shown, evenly spaced, and the last row."""
+        """Rows of frames, evenly spaced, and the last row."""
         every = max(1, round(1.0 / (FRAMES_PER_SECOND * self.log.dt)))
         last = self.log.times.size - 1
         start = -(-self.first_row // every) * every
@@ -73,14 +73,14 @@ class Part:
 
 
 def static(entity: str, *archetypes: Any) -> Chunk:
-    """Return what is true of an entity at all times, as one chunk."""
+    """Return the static data of an entity as one chunk."""
     batches = [batch for one in archetypes for batch in one.as_component_batches()]
     columns = [batch.partition([len(batch.as_arrow_array())]) for batch in batches]
     return Chunk.from_columns(entity, [], columns)
 
 
 def moving(entity: str, times: FloatArray, columns: Iterable[Any]) -> Chunk:
-    """Return what changes in an entity at simulated times (N,) [s], as one chunk."""
+    """Return the data of an entity at simulated times (N,) [s] as one chunk."""
     index = [rr.TimeColumn(TIMELINE, duration=times)]
     return Chunk.from_columns(entity, index, columns)
 
@@ -93,8 +93,8 @@ def recording_file(
 
     It opens with the given layout.
     """
-    # Rerun keeps two threads for every recording that it no longer writes to, until
-    # the process ends or this is called.
+    # Rerun keeps two threads for every finished recording until the process ends or
+    # this function is called.
     bindings.flush_and_cleanup_orphaned_recordings()
     with complete_or_absent(path) as temporary:
         stream = open_stream()
@@ -102,8 +102,8 @@ def recording_file(
             source = _blueprint_source(os.getpid())
             blueprint = source.memory_recording().storage
             source.send_chunks(_as_chunks(layout))
-            # `stream.save` would make a blueprint from scratch every time, and with it
-            # two threads that stay.
+            # `stream.save` would make a new blueprint each time, with two threads that
+            # are not ended.
             bindings.save(
                 str(temporary),
                 default_blueprint=blueprint,
@@ -113,7 +113,7 @@ def recording_file(
             stream.flush()
         finally:
             stream.disconnect()
-        # Rerun only logs that it could not write: look for the end of the file.
+        # Rerun only logs write errors, so check the end of the file.
         with temporary.open("rb") as written:
             written.seek(-min(len(_END) + 4, temporary.stat().st_size), os.SEEK_END)
             if not written.read().startswith(_END):
@@ -129,7 +129,7 @@ def _as_chunks(layout: rrb.Blueprint) -> tuple[Chunk, ...]:
         file = Path(folder) / "layout.rbl"
         layout.save(APPLICATION, file)
         with warnings.catch_warnings():
-            # On a busy machine it has no table of contents yet, and is read whole.
+            # On a busy machine, it has no table of contents yet and is read completely.
             warnings.filterwarnings("ignore", "RRD file has no footer")
             reader = RrdReader(file)
             return tuple(reader.stream(store=reader.blueprints()[0]))
@@ -137,7 +137,7 @@ def _as_chunks(layout: rrb.Blueprint) -> tuple[Chunk, ...]:
 
 @functools.cache
 def _blueprint_source(process: int) -> rr.RecordingStream:
-    """Stream of blueprints; that of another process, before a fork, is of no use."""
+    """Stream of blueprints of this process; one from before a fork is unusable."""
     native = bindings.new_blueprint(
         application_id=APPLICATION, make_default=False, make_thread_default=False
     )
@@ -145,10 +145,10 @@ def _blueprint_source(process: int) -> rr.RecordingStream:
 
 
 def open_stream() -> rr.RecordingStream:
-    """Open a stream that leads nowhere yet."""
-    # What is sent is sent in whole chunks: there is nothing to gather into larger ones.
+    """Open a stream without a destination."""
+    # Data is sent in whole chunks, so batching is not needed.
     gathering = rr.ChunkBatcherConfig.NEVER()
     stream = rr.RecordingStream(APPLICATION, batcher_config=gathering)
-    # Wall-clock times of logging say nothing about the episode.
+    # Wall-clock times of logging are irrelevant.
     stream.set_log_time_enabled(False)
     return stream

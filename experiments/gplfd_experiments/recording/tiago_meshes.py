@@ -1,8 +1,8 @@
 """PAL's own meshes of TIAGo for recordings, from the user's installation.
 
 The package ``example-robot-data`` has them; its robot description is licensed
-CC BY-NC-ND 3.0. Nothing of it is part of this package: it is read where the user has
-installed it, and drawn. A recording drawn with the meshes contains them.
+CC BY-NC-ND 3.0. It is not part of this package: it is read from the user's
+installation. A recording with the meshes contains them.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from gplfd_experiments.recording.stream import static
 
 DISTRIBUTION: Final = "example-robot-data"
 _DESCRIPTION: Final = "tiago_description/robots/tiago_no_hand.urdf"
-"""The arm without a hand; the package has no parallel gripper, ours stays drawn."""
+"""The arm without a hand; the package has no parallel gripper, so ours is drawn."""
 
 _COVERED: Final = frozenset({"head_link"})
 """Our bodies without a link of the same name, drawn by meshes of other links."""
@@ -37,22 +37,22 @@ class LinkMesh(NamedTuple):
     """A mesh in the frame of one of our bodies."""
 
     name: str
-    """PAL's link, and a number where it has several meshes."""
+    """PAL's link, with a number if it has several meshes."""
     vertices: FloatArray
-    """Corners in the body's frame [m], (3 F, 3): no two faces share one."""
+    """Vertices in the body's frame [m], (3 F, 3), not shared between faces."""
     normals: FloatArray
-    """The face's normal at each corner, (3 F, 3)."""
+    """Normal of the face at each vertex, (3 F, 3)."""
     colour: tuple[int, ...]
     """Red, green, blue, opacity, 0 to 255."""
 
 
 class TiagoLooks(NamedTuple):
-    """PAL's meshes by the name of the body of ours that carries them."""
+    """PAL's meshes by the name of our body that carries them."""
 
     meshes: Mapping[str, Sequence[LinkMesh]]
 
     def undressed(self, model: mujoco.MjModel) -> mujoco.MjModel:
-        """Return a copy of the model in which the bodies that have meshes are bare."""
+        """Return a copy of the model without the geoms of bodies that have meshes."""
         bare = model.__copy__()
         for geom in range(bare.ngeom):
             body = bare.body(int(bare.geom_bodyid[geom])).name
@@ -61,7 +61,7 @@ class TiagoLooks(NamedTuple):
         return bare
 
     def drawn(self, model: mujoco.MjModel) -> list[Chunk]:
-        """Return every mesh, on an entity below that of the body that moves it."""
+        """Return every mesh, on an entity below that of its moving body."""
         chunks = []
         for name, meshes in self.meshes.items():
             body = model.body(name).id
@@ -83,7 +83,7 @@ def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
 
     A mesh goes to the nearest link above it that has the name of one of our bodies;
     head and wheels are in their zero position. Raises ModuleNotFoundError or ValueError
-    where the description is missing or another one.
+    if the description is missing or of another robot.
     """
     import yourdfpy
 

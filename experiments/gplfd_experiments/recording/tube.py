@@ -14,13 +14,13 @@ Float32Array = NDArray[np.float32]
 QUANTILE: Final = 1.96
 """Half-width of all bands in standard deviations: the normal quantile of the central
 95 % of one output. With few demonstrations, whose spread is itself an estimate, and
-for several outputs at once, such a band holds less than 95 %."""
+for several outputs together, such a band contains less than 95 %."""
 
 N_RINGS, N_SIDES = 32, 12
 """Cross-sections along the path, and corners of each."""
 
 _SLOW: Final = 0.15
-"""Share of the path's largest speed below which its direction is not trusted."""
+"""Share of the path's largest speed below which its direction is not used."""
 _THINNEST: Final = 0.002
 """Half-width [m] below which a tube would not be seen."""
 
@@ -31,8 +31,8 @@ def tube_vertices(
     """Corners and unit normals of tubes, both (..., `N_RINGS` * `N_SIDES`, 3).
 
     Each cross-section is the ellipse across the path ``mean`` (..., M, 3) [m], with
-    half axes of 1.96 ``std`` in the horizontal and in the vertical direction; the
-    variance along the path has no place in it.
+    half axes of 1.96 ``std`` in the horizontal and in the vertical direction. The
+    variance along the path is not shown.
     """
     rows = np.linspace(0.0, mean.shape[-2] - 1.0, N_RINGS)
     centre, sigma = _at_rows(mean, rows), _at_rows(std, rows)
@@ -41,18 +41,19 @@ def tube_vertices(
     tangent = np.gradient(centre, axis=-2)
     speed = _length(tangent)
     slow = speed <= _SLOW * speed.max(axis=-2, keepdims=True)
-    # Where a path hardly advances its direction is noise: take the nearest one.
+    # Where a path hardly advances, its direction is noise; use the nearest reliable
+    # one.
     rings = np.arange(N_RINGS)
     distance = np.abs(rings[:, None] - rings)
     distance = distance + np.where(slow, N_RINGS, 0).swapaxes(-1, -2)
     nearest = np.argmin(distance, axis=-1)[..., None]
     tangent = np.take_along_axis(tangent / np.maximum(speed, 1e-300), nearest, axis=-2)
-    # A path that stands still has any direction.
+    # A constant path gets an arbitrary direction.
     tangent = np.where(speed.max(axis=-2, keepdims=True) > 0.0, tangent, [1.0, 0, 0])
     # The tangent times the upward unit vector (0, 1, 0).
     side = tangent[..., [2, 1, 0]] * [-1.0, 0.0, 1.0]
     length = _length(side)
-    # A path straight upwards has every horizontal direction across it.
+    # For a vertical path, any horizontal direction is across it.
     side = np.where(length > 1e-6, side / np.maximum(length, 1e-6), [0.0, 0.0, 1.0])
     upward = np.cross(side, tangent)
 

@@ -1,4 +1,4 @@
-"""An episode as an MP4 video: pictures by MuJoCo's renderer, encoded by ffmpeg."""
+"""An episode as an MP4 video, rendered by MuJoCo and encoded by ffmpeg."""
 
 import contextlib
 import importlib.util
@@ -20,8 +20,8 @@ SUFFIX: Final = ".mp4"
 
 _CAMERA: Final = "overview"
 _OVERSAMPLING: Final = 2
-"""Drawn pixels per pixel of the video, in each direction: this smooths edges, and
-without a graphics card it takes a quarter of the time of the renderer's own."""
+"""Rendered pixels per pixel of the video, in each direction, for smooth edges. Without
+a graphics card, this takes a quarter of the time of the renderer's antialiasing."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,7 +33,7 @@ class VideoFormat:
     rate: int = 25
     """Pictures per second."""
     last: float = 1.0
-    """How long the end of the episode is shown in addition [s]."""
+    """Additional time of the last picture [s]."""
     encoding: tuple[str, ...] = ()
     """Options of ffmpeg in addition to those of imageio-ffmpeg, which are H.264 in
     yuv420p."""
@@ -49,9 +49,9 @@ STANDARD: Final = VideoFormat()
 
 
 def video_paths(file: Path, doors: list[str]) -> dict[str, Path]:
-    """Return the video of each door: the file, or one file per door beside it.
+    """Return the video of each door: the file, or one file per door in its folder.
 
-    Of several doors, `opening.mp4` becomes `opening-small.mp4`, `opening-large.mp4`.
+    For several doors, `opening.mp4` becomes `opening-small.mp4`, `opening-large.mp4`.
     """
     if file.suffix.lower() != SUFFIX:
         raise ValueError(
@@ -68,7 +68,7 @@ def video_paths(file: Path, doors: list[str]) -> dict[str, Path]:
 
 
 def check_video() -> None:
-    """Raise ModuleNotFoundError or OSError where no video can be made."""
+    """Raise ModuleNotFoundError or OSError if no video can be made."""
     import mujoco
 
     from gplfd_env.envs.camera import Camera
@@ -87,7 +87,7 @@ def check_video() -> None:
     try:
         imageio_ffmpeg.get_ffmpeg_exe()
         with contextlib.closing(camera), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of GLFW, about what the error says
+            warnings.simplefilter("ignore")  # warnings of GLFW, which the error repeats
             camera.picture("rgb_array", mujoco.MjData(empty))
     except RuntimeError as error:
         raise OSError(f"--video: {error}") from error
@@ -102,7 +102,7 @@ def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> i
 
     rows, pause = form.rows(log), round(form.last * form.rate)
     with complete_or_absent(path) as temporary:
-        # The temporary name does not tell the format.
+        # The temporary name has no suffix for the format.
         encoder = imageio_ffmpeg.write_frames(
             temporary,
             form.size,
@@ -118,7 +118,7 @@ def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> i
                 encoder.send(picture)
             for _ in range(pause):
                 encoder.send(picture)
-        # ffmpeg reports a full disk on its standard error alone.
+        # ffmpeg reports a full disk only on its standard error.
         there: int = imageio_ffmpeg.count_frames_and_secs(temporary)[0]
         if there != rows.size + pause:
             raise OSError(

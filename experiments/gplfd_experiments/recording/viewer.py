@@ -16,7 +16,7 @@ from gplfd_experiments.console.progress import LOG
 from gplfd_policies.arrays.storage import regular_file
 
 LOOPBACK: Final = "127.0.0.1"
-"""Where the viewer listens: nobody on another machine can reach it."""
+"""Address of the viewer, which other machines cannot reach."""
 
 _START_TIMEOUT: Final = 30.0
 
@@ -24,8 +24,8 @@ _START_TIMEOUT: Final = 30.0
 def viewer() -> str:
     """Path of the viewer's own executable, or FileNotFoundError.
 
-    The ``rerun`` script is a Python program that waits for the viewer; ending it would
-    leave the viewer running.
+    The ``rerun`` script is a Python program that waits for the viewer; if it is
+    terminated, the viewer keeps running.
     """
     package = importlib.util.find_spec("rerun_cli")
     if package is None or package.origin is None:
@@ -37,7 +37,7 @@ def viewer() -> str:
 
 
 def has_display(platform: str, environment: Mapping[str, str]) -> bool:
-    """Whether there is a screen: on Linux, whether X or Wayland names one."""
+    """Whether there is a screen; on Linux, whether X or Wayland has a display."""
     displays = ("DISPLAY", "WAYLAND_DISPLAY")
     return not platform.startswith("linux") or any(map(environment.get, displays))
 
@@ -64,15 +64,15 @@ def open_recording(file: Path) -> int:
             f"it to a browser on this machine with `rerun --serve-web --bind "
             f"127.0.0.1 {file}` (over ssh, forward the two ports that it prints)."
         )
-    # A whole path: the viewer would take `--version.rrd` for an option.
+    # An absolute path, because the viewer would parse `--version.rrd` as an option.
     return subprocess.call([viewer(), str(file.absolute())])
 
 
 @contextlib.contextmanager
 def viewer_process(*, serve: bool) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
-    """Start a viewer on loopback; yield its process and where it takes data."""
+    """Start a viewer on loopback; yield its process and its data address."""
     with socket.socket() as first, socket.socket() as second:
-        # Two ports that nobody listens at.
+        # Two free ports.
         for each in (first, second):
             each.bind((LOOPBACK, 0))
         port, web_port = first.getsockname()[1], second.getsockname()[1]
@@ -80,10 +80,10 @@ def viewer_process(*, serve: bool) -> Iterator[tuple[subprocess.Popen[bytes], st
     command = [viewer(), "--bind", LOOPBACK, "--port", str(port)]
     if serve:
         command += ["--serve-web", "--web-viewer-port", str(web_port)]
-    # Only what goes wrong, unless the user asks for more.
+    # Only errors, unless the user sets another level.
     process = subprocess.Popen(command, env={"RUST_LOG": "warn", **os.environ})
     try:
-        # Until something listens at the port.
+        # Until the viewer listens at the port.
         deadline, listening = time.monotonic() + _START_TIMEOUT, False
         while not listening:
             if process.poll() is not None:

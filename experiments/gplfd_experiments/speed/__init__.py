@@ -1,1 +1,1 @@
-"""Speed of learning, adaptation, alignment and environment, beside other libraries."""
+"""Speed of learning, adaptation, alignment and environment, and of other libraries."""

@@ -1,4 +1,4 @@
-"""Speed of the environment: steps and their physics, resets, and many doors at once."""
+"""Speed of the environment: steps, their physics, resets, and many doors at once."""
 
 import copy
 import itertools
@@ -56,13 +56,13 @@ def _opening(environment_id: str) -> tuple[dict[str, Timed], Callable[[], bool]]
     """Return an opening in 6 s, ``step``, and its ``physics`` alone on another model.
 
     The physics starts from the state after the reset and is given the commands of all
-    steps, and the servo's gains wherever a step has changed them. The function tells
-    whether it ended, when it last ran, bit for bit in the same state.
+    steps, and the servo's gains wherever a step has changed them. The function returns
+    whether its last run ended in the same state, bit for bit.
     """
     env: Any = gym.make(environment_id, door="medium").unwrapped
     rng = np.random.default_rng(0)
     greatest: FloatArray = env.action_space.high
-    # Stiffnesses vary from half to all of their range.
+    # Stiffnesses vary from half to the whole of their range.
     actions: FloatArray = greatest * rng.uniform(0.5, 1.0, (_STEPS, greatest.size))
     actions[:, :6] = _arc_with_jitter(env, 0.9, _STEPS, rng)
     env.reset(seed=0)
@@ -104,7 +104,7 @@ def _arc_with_jitter(
 
 
 def _gains(model: mujoco.MjModel) -> FloatArray:
-    """Return everything in the model that an action may write."""
+    """Return all values in the model that an action may write."""
     return np.stack([model.actuator_gainprm, model.actuator_biasprm])
 
 
@@ -117,7 +117,7 @@ def _state(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
 # --- Resets ------------------------------------------------------------------
 
 _RADII: Final = (0.41, 0.42)
-"""Radii to which resets have been made before those to them are timed [m]."""
+"""Radii with a reset before the timed resets to them [m]."""
 
 
 def measure_resets(repeats: int) -> Measurement:
@@ -135,7 +135,7 @@ def measure_resets(repeats: int) -> Measurement:
         for _ in range(times):
             env.reset(options={"door": door()})
 
-    # Before each measurement, a reset that is not timed sets the door.
+    # An untimed reset before each measurement sets the door.
     medium, next_known = partial(to, lambda: "medium"), partial(next, known)
     resets = {
         "the same door": repeated(env.reset, 20, medium),
@@ -178,7 +178,7 @@ def vector_name(simulations: int, threads: int) -> str:
 
 
 def measure_vectors(repeats: int) -> Measurement:
-    """Open a medium door for 0.3 s in every way to step it, in turns."""
+    """Open a medium door for 0.3 s by every method of stepping, in turns."""
     ways = _ways_to_step()
     agreed = "same states bit for bit" if _end_alike(ways) else "states DEPART"
     times = measure(ways, repeats, least_operations=_LEAST_STEPS)
@@ -210,7 +210,7 @@ def measure_vectors(repeats: int) -> Measurement:
 
 
 def _ways_to_step() -> dict[str, Timed]:
-    """Return by name all that is compared; actions return the joint positions."""
+    """Return the compared actions by name; actions return the joint positions."""
     env: Any = gym.make(ENVIRONMENT_ID, door="medium")
     inner = env.unwrapped
     commands = _arc_with_jitter(inner, 0.1, _PERIODS, np.random.default_rng(0))
@@ -226,7 +226,7 @@ def _ways_to_step() -> dict[str, Timed]:
                 mujoco.mj_forward(model, data)
 
         def run() -> FloatArray:
-            # Many in turns lose the processor's caches.
+            # Many simulations in turns do not fit the processor's caches.
             for command in commands:
                 for model, data in pairs:
                     data.ctrl[:6] = command
@@ -266,6 +266,6 @@ def _ways_to_step() -> dict[str, Timed]:
 
 
 def _end_alike(ways: Mapping[str, Timed]) -> bool:
-    """Tell whether all simulations end in the same joint positions."""
+    """Return whether all simulations end in the same joint positions."""
     ends = np.concatenate([np.asarray(timed.prepare()()) for timed in ways.values()])
     return bool(np.all(ends == ends[0]))

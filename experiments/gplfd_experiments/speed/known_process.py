@@ -15,7 +15,7 @@ from gplfd_policies.movements.trajectory import GaussianTrajectory, white_covari
 
 Deviations = Literal["independent", "smooth"]
 """Deviations of a demonstration from the mean: independent from sample to sample, as
-heteroscedastic regression assumes, or smooth, as those of people."""
+heteroscedastic regression assumes, or smooth, as in human motion."""
 
 _CORRELATION = 0.25
 """Phase over which smooth deviations change."""
@@ -60,7 +60,7 @@ class KnownProcess:
     def demonstrations(
         self, count: int, kind: Deviations, rng: np.random.Generator
     ) -> AlignedDemonstrations:
-        """Draw demonstrations as a policy learns from them."""
+        """Draw demonstrations in the format for learning."""
         poses = self.draw(count, kind, rng)
         return AlignedDemonstrations(times=self.truth.times, poses=poses)
 
@@ -69,8 +69,8 @@ def score(predicted: GaussianTrajectory, held_out: FloatArray) -> dict[str, floa
     """Score a prediction on other poses (..., M, 6), by column of a table.
 
     Negative log predictive density per number; the share within mean ± 1.96 std,
-    0.95 if the standard deviation is right; and the share in the 95 % interval that
-    the prediction itself states, which is wider with few demonstrations.
+    0.95 if the standard deviation is correct; and the share in the stated 95 % interval
+    of the prediction, which is wider with few demonstrations.
     """
     return {
         "NLPD": predicted.nlpd(held_out),

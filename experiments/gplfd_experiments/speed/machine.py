@@ -1,4 +1,4 @@
-"""The machine on which times were measured: processor, threads, load, libraries."""
+"""The machine of a measurement: processor, threads, load, libraries."""
 
 import importlib.metadata
 import os
@@ -34,10 +34,10 @@ def machine() -> dict[str, Any]:
 
 
 def load() -> str:
-    """Return the average number of processes that wanted a core in the last minute."""
+    """Return the average number of runnable processes in the last minute."""
     try:
         wanted = f"{os.getloadavg()[0]:.1f}"
-    except (AttributeError, OSError):  # Windows has none.
+    except (AttributeError, OSError):  # Windows has no load average.
         wanted = "unknown"
     return f"load {wanted} on {os.cpu_count()} cores"
 

@@ -18,7 +18,7 @@ from gplfd_experiments.speed.report import Measurement
 
 
 class Part(NamedTuple):
-    """What is measured together, by functions of the number of repeats."""
+    """Measurements of a part, as functions of the number of repeats."""
 
     measures: Mapping[str, Callable[[int], Measurement]]
     seconds: float
@@ -38,11 +38,11 @@ PARTS: Final[Mapping[str, Part]] = {
     "align": Part({"align": measure_alignment}, 3.0, ("dtw",)),
     "environment": Part(_ENVIRONMENT, 8.0),
 }
-"""In the order of the report."""
+"""Parts in the order of the report."""
 
 
 def announcement(names: Iterable[str], repeats: int) -> str:
-    """Return what will be measured, roughly how long it takes, and what is missing."""
+    """Return the parts, their approximate duration, and missing libraries."""
     parts = {name: PARTS[name] for name in names}
     # One more round warms up the caches.
     minutes = (repeats + 1) * sum(part.seconds for part in parts.values()) / 60.0

@@ -1,6 +1,6 @@
 """Other libraries on the same task, each used as documented.
 
-They are imported by name where they are used, because they are optional and untyped.
+They are imported by name when used, because they are optional and untyped.
 """
 
 import importlib
@@ -51,8 +51,8 @@ def hetgpy_fit(given: AlignedDemonstrations) -> GaussianTrajectory:
 def sklearn_fit(given: AlignedDemonstrations) -> GaussianTrajectory:
     """Fit scikit-learn's regressor to averages and log-variances of every output.
 
-    The reduction from D·M observations to M averages is done for it by hand: with all
-    observations it would take D³ times as long.
+    The D·M observations are reduced to M averages before the fit; with all observations
+    it would take D³ times as long.
     """
     count, phases = len(given.poses), given.times
     half = 0.5 * (count - 1)
@@ -88,12 +88,12 @@ def _output_by_output(
     given: AlignedDemonstrations,
     fit: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
 ) -> GaussianTrajectory:
-    """Fit every output, (D, M), brought to mean 0 and standard deviation 1."""
+    """Fit every output, (D, M), normalised to mean 0 and standard deviation 1."""
     offset = given.poses.mean(axis=(0, 1))
     scale = given.poses.std(axis=(0, 1))
     scaled = (given.poses - offset) / scale
     with warnings.catch_warnings():
-        # Of optimisers that stop at a bound.
+        # Warnings of optimisers that stop at a bound.
         warnings.simplefilter("ignore")
         fitted = [fit(scaled[:, :, output]) for output in range(len(scale))]
     mean, std = (np.stack(each, axis=1) for each in zip(*fitted, strict=True))

@@ -162,11 +162,11 @@ _ALIGN: Final = "align(), interpolation"
 
 
 def measure_alignment(repeats: int) -> Measurement:
-    """Time alignment at 200, 1000 and 5000 samples, beside dtw-python's."""
+    """Time alignment at 200, 1000 and 5000 samples, compared with dtw-python."""
     rng = np.random.default_rng(0)
     recorded = Teacher().demonstrate_doors((0.35, 0.65), 1, rng=rng)
     with warnings.catch_warnings():
-        # Sensor noise is part of the demonstrations, and `align` warns of it.
+        # The demonstrations have sensor noise, about which `align` warns.
         warnings.simplefilter("ignore", UserWarning)
         times = {size: measure(_alignments(recorded, size), repeats) for size in _SIZES}
     at_1000 = times[1000]
@@ -201,7 +201,7 @@ def resampled(recorded: Demonstration, size: int) -> Demonstration:
 
 
 def _alignments(recorded: Sequence[Demonstration], size: int) -> dict[str, Timed]:
-    """Return what is timed with two demonstrations, resampled to a size."""
+    """Return the timed actions with two demonstrations, resampled to a size."""
     two = [resampled(demo, size) for demo in recorded]
 
     def completions() -> list[FloatArray]:
@@ -211,7 +211,7 @@ def _alignments(recorded: Sequence[Demonstration], size: int) -> dict[str, Timed
     many = max(1, 5000 // size)
     candidates = {
         "completion indices of both": repeated(completions, many),
-        # ζ rises, so the match of each sample of one is where the other reaches it.
+        # ζ increases, so each sample of one matches where the other has the same ζ.
         _MATCH: repeated(partial(np.interp, first, second, np.arange(size)), many),
         "matching: our exact DTW": repeated(
             lambda: dynamic_time_warping(lambda row: np.abs(second - first[row]), size)

@@ -11,12 +11,12 @@ from gplfd_experiments.files.table import Table, text_table
 from gplfd_experiments.speed.timing import Timing
 
 Value = float | Timing | str | None
-"""A number, a time, a word, or None where there is none."""
+"""A number, a time, a word, or None."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A measured number, its limits in words, and whether it is within them."""
+    """A measured number, its limits as text, and whether it is within them."""
 
     name: str
     value: float
@@ -41,7 +41,7 @@ def between(name: str, value: float, low: float, high: float) -> Target:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Measurement:
-    """What one comparison measured, and how; names of columns have the units."""
+    """Results of a comparison; names of columns contain the units."""
 
     title: str
     rows: Mapping[str, Mapping[str, Value]]
@@ -49,14 +49,14 @@ class Measurement:
 
 
 def value_table(rows: Mapping[str, Mapping[str, Value]]) -> Table:
-    """Return a line per row; one that lacks a column has a dash there."""
+    """Return a line per row; missing values are dashes."""
     columns = tuple(dict.fromkeys(column for row in rows.values() for column in row))
 
     def text(value: Value) -> str:
         if value is None:
             return "-"
         if isinstance(value, float | int):
-            # Four significant digits, and all before the point.
+            # Four significant digits, and all digits before the point.
             return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
         return str(value)
 
@@ -72,7 +72,7 @@ def value_table(rows: Mapping[str, Mapping[str, Value]]) -> Table:
 def measure_all(
     measures: Mapping[str, Callable[[int], Measurement]], repeats: int
 ) -> dict[str, Measurement]:
-    """Measure one after the other with one BLAS thread, and print what was found."""
+    """Run measurements in turn with one BLAS thread, and print the results."""
     found = {}
     with threadpool_limits(1):
         for name, run in measures.items():

@@ -1,7 +1,7 @@
 """CPU and wall time of several actions, measured so that their ratios are reliable.
 
-Actions that are compared run in turns within one process, so that other load slows all
-of them equally.
+Compared actions run in turns within one process, so that other load slows all of them
+equally.
 """
 
 import gc
@@ -21,7 +21,7 @@ Action = Callable[[], object]
 class Timed:
     """An action of some operations; times are per operation.
 
-    It is made before every measurement, which is not timed.
+    It is prepared before every measurement; the preparation is not timed.
     """
 
     prepare: Callable[[], Action]
@@ -29,7 +29,7 @@ class Timed:
 
 
 def after(begin: Action, action: Action, operations: int = 1) -> Timed:
-    """Return an action before which ``begin`` is called, which is not timed."""
+    """Return an action with an untimed call of ``begin`` before it."""
 
     def prepare() -> Action:
         begin()
@@ -72,7 +72,7 @@ class Timing:
         return _median(np.divide(self.cpu, other.cpu))
 
     def cpu_beyond(self, other: "Timing") -> float:
-        """CPU time more than another's [s], median over rounds."""
+        """Difference to another's CPU time [s], median over rounds."""
         return _median(np.subtract(self.cpu, other.cpu))
 
     def speed_over(self, other: "Timing") -> float:
@@ -98,9 +98,9 @@ def measure(
 ) -> dict[KeyT, Timing]:
     """Time every action once per round, in turns.
 
-    A first round warms caches up and is not counted, except for a single repeat.
+    A first round warms up caches and is not counted, except for a single repeat.
     Actions of less than ``least_operations`` run several times per round, each time
-    prepared anew.
+    with a new preparation.
     """
     if repeats < 1:
         raise ValueError(f"repeats must be 1 or more, got {repeats}")

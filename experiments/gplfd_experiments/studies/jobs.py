@@ -33,10 +33,10 @@ from gplfd_policies.registry.policy import Policy
 _EXHAUSTED: Final = frozenset(
     {errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errno.ENFILE}
 )
-"""Errors of a machine whose disk, memory or table of open files is full."""
+"""Errors of a machine with a full disk, memory or table of open files."""
 
 FORECAST_PERIOD: Final = 0.05
-"""Simulated time between forecasts [s]: at most a degree of a demonstrated opening."""
+"""Simulated time between forecasts [s]; at most a degree of a demonstrated opening."""
 
 
 def run_job(
@@ -44,8 +44,8 @@ def run_job(
 ) -> list[Result]:
     """Return a result per task of one policy; an error in a task is its result.
 
-    BLAS runs on one thread, so that sums have the same order everywhere. The files are
-    of policies that this machine may lack, the recordings those of `RecordedTask`s.
+    BLAS runs on one thread, so that sums have the same order everywhere. The files
+    contain policies that this machine may lack; the recordings are for `RecordedTask`s.
     """
     policy: Policy | None = None
     with one_thread:
@@ -53,7 +53,7 @@ def run_job(
             policy = policy_of(job[0], files)
             if not isinstance(job[0], EpisodeTask):
                 return [_learning_result(job[0], policy, recordings)]
-        # A policy may raise anything. That it cannot learn is a result of the study,
+        # A policy may raise any exception. A failure to learn is a result of the study,
         # and must not end the tasks of other policies.
         except (Exception, SystemExit) as error:
             return [_error_result(task, error, policy) for task in job]
@@ -85,7 +85,7 @@ def failed(task: Task, reason: str, trace: str = "", *, lost: bool = False) -> R
 
 
 def episode_log(task: EpisodeTask) -> EpisodeLog:
-    """Learn, open the door of a task, and return the log that its metrics are of."""
+    """Learn, open the door of a task, and return the log for its metrics."""
     make = learned_agents(task, policy_of(task, NO_FILES))
     (log,) = open_together([task], [make()], forecast_period=FORECAST_PERIOD)
     return log
@@ -97,8 +97,7 @@ def _learning_result(
     method = policy.method
     if method is None:
         raise ValueError(
-            f"policy {task.policy!r} learns no movement, so that there is nothing to "
-            "measure"
+            f"policy {task.policy!r} learns no movement, so there is nothing to measure"
         )
     metrics = (
         method_metrics(
@@ -125,7 +124,7 @@ def _error_result(task: Task, error: BaseException, policy: Policy | None) -> Re
     if policy is not None and (place := where(error, policy)):
         reason = f"{reason} ({place})"
     full = isinstance(error, OSError) and error.errno in _EXHAUSTED
-    # A worker that lacks the policy or memory does not measure the policy.
+    # An error of a worker without the policy or memory is no result of the policy.
     lost = policy is None or full or isinstance(error, MemoryError)
     return failed(task, reason, traceback.format_exc(), lost=lost)
 
@@ -135,7 +134,7 @@ def _episode_results(
     policy: Policy,
     make: Mapping[str, Callable[[], Agent]],
 ) -> list[Result]:
-    """Return the results of tasks, whose agents are made by what they learned from."""
+    """Return the results of tasks; agents are made by their demonstrations."""
     if not tasks:
         return []
     try:
@@ -153,14 +152,14 @@ def _episode_results(
     except (Exception, SystemExit) as error:
         if len(tasks) == 1:
             return [_error_result(tasks[0], error, policy)]
-    # One door's error ends the lockstep of all: run every task alone.
+    # An error at one door ends the lockstep of all, so run every task alone.
     return [
         result for task in tasks for result in _episode_results([task], policy, make)
     ]
 
 
 def _plain(value: Any) -> Any:
-    """Return metrics as JSON has them; numbers that are not finite become None."""
+    """Return metrics for JSON; numbers that are not finite become None."""
     if isinstance(value, Mapping):
         return {str(name): _plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):

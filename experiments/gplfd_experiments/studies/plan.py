@@ -1,4 +1,4 @@
-"""From the settings of a study to its tasks."""
+"""Makes the tasks of a study from its settings."""
 
 import dataclasses
 import itertools
@@ -32,11 +32,12 @@ _NOISY: Final = (
 multiplies."""
 
 _MOST_GIVEN: Final = 1_000
-"""Demonstrations per door; exact Gaussian processes of as many take hours."""
+"""Largest number of demonstrations per door; larger exact Gaussian processes take
+hours."""
 _LARGEST_NOISE: Final = 20
 
 LARGEST_STUDY: Final = 100_000
-"""Tasks of a study at most; each is a file, and all of them are in memory."""
+"""Largest number of tasks of a study; each is a file, and all are in memory."""
 
 
 def checked(settings: StudySettings) -> StudySettings:
@@ -69,10 +70,10 @@ def checked(settings: StudySettings) -> StudySettings:
 
 
 def tasks(settings: StudySettings) -> tuple[Task, ...]:
-    """Return all tasks of a study; the seed varies slowest, so that any part compares.
+    """Return all tasks of a study; the seed varies slowest, so any part is comparable.
 
-    Learning tests use demonstrations of furniture doors. A study without such a door
-    has none.
+    Learning tests use demonstrations of furniture doors; a study without such a door
+    has no learning tests.
     """
     doors = named_doors(
         settings.doors, start=settings.start, robot=settings.robot
@@ -105,7 +106,7 @@ def tasks(settings: StudySettings) -> tuple[Task, ...]:
 
 
 def conditions(settings: StudySettings) -> Iterator[Condition]:
-    """Yield what is varied besides policies, doors and seeds."""
+    """Yield the conditions of a study."""
     for varied in itertools.product(
         settings.demonstrations_per_door,
         settings.teacher_noise,
@@ -161,8 +162,8 @@ def recorded_tasks(
     for name in names:
         if chosen(name).method is None:
             raise ValueError(
-                f"policy {name!r} learns no movement, so that there is nothing to "
-                "judge; `gplfd list` says which do"
+                f"policy {name!r} learns no movement, so there is nothing to test; see "
+                "`gplfd list`"
             )
     identity = hash_of(recordings)
     return tuple(

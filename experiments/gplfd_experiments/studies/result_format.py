@@ -1,4 +1,4 @@
-"""Format of result files: what makes a result complete, by version.
+"""Format of result files: required metrics by version.
 
 A result states its version and is complete if it has every metric of that version.
 Older results lack the metrics of later versions and stay readable and complete. To add
@@ -17,15 +17,15 @@ from gplfd_experiments.studies.tasks import RecordedTask
 
 KIND: Final = "gplfd result"
 VERSION: Final = 2
-"""Version of result files: of their layout and of the metrics that they must have."""
+"""Version of the layout and the required metrics of result files."""
 STAMP: Final[Mapping[str, Any]] = stamp(KIND, VERSION)
-"""Entries with which a result file begins."""
+"""First entries of a result file."""
 
 POLICY_ERROR: Final = "policy_error"
 """Failure of an episode in which the policy raised an error, in learning or acting."""
 
 _NUMBER: Final[Any] = float | None
-# The runner writes None for what is not finite.
+# The runner writes None for numbers that are not finite.
 _EPISODE_KINDS: Final[Mapping[str, Any]] = {
     name: _NUMBER if kind is float else kind
     for name, kind in typing.get_type_hints(EpisodeMetrics).items()
@@ -57,7 +57,7 @@ LEARNING_METRICS: Final = frozenset(
         *("cpu_fit_s", "cpu_predict_s", "cpu_adapt_s"),
     }
 )
-"""Metrics that a complete learning test has, in every version."""
+"""Metrics of a complete learning test, in every version."""
 
 FORECAST_METRICS: Final = frozenset(
     f"forecast_{share}_{what}"
@@ -71,12 +71,12 @@ ONLINE_METRICS: Final = frozenset(
     for share in (10, 25, 50)
     for what in ("position_m", "rotation_rad", "nlpd", "coverage_95", "path_m")
 )
-"""Those that version 2 added."""
+"""Metrics that version 2 added."""
 
 _LARGEST: Final = 1e9
-"""No metric is larger, so that what is computed from any of them stays finite."""
+"""Largest magnitude of a metric, so that computed values stay finite."""
 _OUTPUTS: Final = frozenset({"outputs_cpu_s", "outputs_nlpd"})
-"""Metrics of learning tests that have a number for several numbers of outputs."""
+"""Metrics of learning tests with a value for several numbers of outputs."""
 
 
 def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
@@ -112,9 +112,10 @@ def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:
 
 
 def lost(record: Mapping[str, Any]) -> bool:
-    """Tell whether the machine, and not the policy, caused an error.
+    """Return whether the machine, not the policy, caused an error.
 
-    In results without a version these have no traceback: no worker came back.
+    In results without a version, such errors have no traceback, because the worker
+    died.
     """
     if "error" not in record:
         return False

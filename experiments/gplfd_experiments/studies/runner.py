@@ -43,11 +43,11 @@ def run_or_resume(
     engine: Engine,
     recordings: Sequence[Demonstration] = (),
 ) -> int:
-    """Run the tasks of a study that have no complete result yet, or an error.
+    """Run the tasks of a study without a complete result, or with an error.
 
-    At the end every task must have a complete result on the disk, and the study its
-    study.json: files may have been deleted or changed meanwhile. Returns the number of
-    tasks with an error or without a result, plus one if study.json is gone.
+    At the end, every task must have a complete result on the disk, and the study its
+    study.json, because files may have been deleted or changed meanwhile. Returns the
+    number of tasks with an error or without a result, plus one if study.json is gone.
     """
     check_folder(folder)
     sources = {task.policy: task.policy_source for task in study if task.policy_source}
@@ -62,14 +62,15 @@ def run_or_resume(
         contextlib.closing(run_study(folder, study, engine, recordings)) as results,
         counter("task", total, len(stored.finished)) as bar,
         _warnings_of_silence(stored.unfinished) as finished,
-        # What a policy prints is no part of the table or JSON on standard output.
+        # Output of a policy is kept out of the table or JSON on standard output.
         contextlib.redirect_stdout(sys.stderr),
     ):
         for result in results:
             bar.update()
             finished.put(definition_hash(result["task"]))
 
-    # Read the files again: they, and not what the engine returned, are the results.
+    # Read the files again: the results are the files, not the return values of the
+    # engine.
     stored = stored_results(folder, study)
     # Workers on other machines may have another version of this package.
     if stored.from_other_code > others:
@@ -77,7 +78,7 @@ def run_or_resume(
     if elsewhere := stored.from_other_machines:
         LOG.warning(
             f"warning: {elsewhere} of {total} results were made on another machine: "
-            "they equal those made here to a tolerance only, see "
+            "they equal results of this machine only up to a tolerance, see "
             "docs/reproducibility.md"
         )
     if errors := len(stored.failed):
@@ -114,7 +115,7 @@ def run_study(
     engine: Engine | None = None,
     recordings: Sequence[Demonstration] = (),
 ) -> Generator[Result, None, None]:
-    """Run the tasks without a result or with an error; yield what has been written.
+    """Run the tasks without a result or with an error; yield the written results.
 
     Only this process writes files; engines return the results as small records.
     """
@@ -123,8 +124,7 @@ def run_study(
     jobs = jobs_of(missing, episodes_together(missing))
     while jobs:
         alone: list[Job] = []
-        # Closed at once when the reader stops, so that no worker outlives an
-        # interruption.
+        # Closed at once if the reader stops, so that workers end with an interruption.
         with contextlib.closing((engine or Serial()).run(work, jobs)) as finished:
             for job, outcome in finished:
                 if not isinstance(outcome, Lost):
@@ -133,7 +133,8 @@ def run_study(
                     lost = not outcome.crashed
                     results = [failed(job[0], outcome.reason, lost=lost)]
                 else:
-                    # One task may have ended the worker of all: run each alone.
+                    # One task may have ended the worker of all tasks, so run each
+                    # alone.
                     alone += [(task,) for task in job]
                     continue
                 for task, result in zip(job, results, strict=True):
@@ -144,7 +145,7 @@ def run_study(
 
 @contextlib.contextmanager
 def _warnings_of_silence(study: Sequence[Task]) -> Iterator["queue.SimpleQueue[str]"]:
-    """Warn when no task finishes for `_PATIENCE`; a policy may hang.
+    """Warn if no task finishes for `_PATIENCE`, because a policy may hang.
 
     Yields a queue of the keys of finished tasks.
     """

@@ -1,4 +1,4 @@
-"""Settings of a study, as a user writes them; imports nothing slow, for ``--help``."""
+"""Settings of a study by a user; has no slow imports, for ``--help``."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,10 +6,10 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 TABLE_1_NAME: Final = "table-1"
-"""Stands for the policies of the paper's Table 1 where policies are named."""
+"""Name that stands for the policies of the paper's Table 1."""
 
 TUNED_NAME: Final = "table-1-tuned"
-"""Stands for the same as tuned."""
+"""Name that stands for the same policies after tuning."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -29,7 +29,7 @@ class StudySettings:
     parameters. Small, medium and large (0.35, 0.50, 0.65) are demonstrated."""
 
     seeds: int = 20
-    """Number of seeds: 0, 1, ... Each has demonstrations of its own."""
+    """Number of seeds: 0, 1, ... Each seed has its own demonstrations."""
 
     demonstrations_per_door: tuple[int, ...] = (2,)
     """Numbers of demonstrations by the synthetic human on each of the three
@@ -40,31 +40,31 @@ class StudySettings:
     motion, grasp offset, drift and sensor noise."""
 
     demonstrated_forces: bool = False
-    """The synthetic human's demonstrations have the forces and moments of the hand."""
+    """Demonstrations of the synthetic human include forces and moments of the hand."""
 
     randomizations: tuple[str, ...] = ("none",)
-    """What is drawn at random for each episode: none, mild, hard, standard, or
-    detector (with start approach); see `gplfd list`."""
+    """Quantities that are drawn at random for each episode: none, mild, hard, standard,
+    or detector (with start approach); see `gplfd list`."""
 
     disturbances: tuple[str, ...] = ("none",)
     """Disturbances during episodes: none, push, person, ...; see `gplfd list`."""
 
     start: Literal["grasped", "approach"] = "grasped"
-    """What episodes begin with: the handle in the hand, or the open hand before it,
-    which then reaches as the demonstrations do."""
+    """Start of episodes: the hand holds the handle, or the open hand is in front of it
+    and first reaches for it."""
 
     robot: str = "tiago-like"
     """Robot that opens the door: tiago-like, panda-like, ur5e-like, or the .urdf of an
-    arm, which stands on a stand or, where the door needs it, on a mobile base."""
+    arm, which is mounted on a stand or, if the door requires it, on a mobile base."""
 
     skill: bool = True
-    """Also test how well each policy predicts demonstrations of furniture doors that it
-    did not learn from; no robot is simulated."""
+    """Also run learning tests: each policy predicts left-out demonstrations of
+    furniture doors, without a simulated robot."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Condition:
-    """The conditions that all policies, doors and seeds of one table share.
+    """The common conditions of all policies, doors and seeds of a table.
 
     The fields are as in `StudySettings` and, for trials, in a task.
     """
@@ -81,7 +81,7 @@ class Condition:
 
     @property
     def teaching(self) -> str:
-        """How the demonstrations were made, in words."""
+        """Description of the demonstrations."""
         forces = " with forces" if self.demonstrated_forces else ""
         return (
             f"{self.demonstrations_per_door} demonstrations{forces} per door, teacher "

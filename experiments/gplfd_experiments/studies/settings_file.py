@@ -1,4 +1,4 @@
-"""The settings of a study as a TOML file, to read, keep and run again."""
+"""Reads and writes the settings of a study as a TOML file."""
 
 import dataclasses
 import json
@@ -20,7 +20,7 @@ from gplfd_policies.arrays.storage import complete_or_absent
 
 KIND: Final = "gplfd study settings"
 VERSION: Final = 1
-"""Version of the file: of its keys and what they mean."""
+"""Version of the keys and their meanings."""
 _STAMP: Final = stamp(KIND, VERSION)
 
 
@@ -39,11 +39,11 @@ def settings_named(name: str) -> StudySettings:
 
 
 def read_settings(path: Path) -> StudySettings:
-    """Read settings; what the file does not say is as in `StudySettings`."""
+    """Read settings; missing ones have the defaults of `StudySettings`."""
     entries = read_toml(path)
     with naming(path):
         check_stamp(entries, KIND, VERSION)
-        # In a file, a radius need not be written as a text.
+        # In a file, a radius may be a number.
         kinds = typing.get_type_hints(StudySettings)
         kinds["doors"] = tuple[str | float, ...]
         values: dict[str, Any] = {}
@@ -64,8 +64,8 @@ def write_settings(path: Path, settings: StudySettings) -> None:
     refuse_newer(read_settings, path)
     lines = [f"# gplfd benchmark --config {path.name}"]
     for name, value in (_STAMP | dataclasses.asdict(settings)).items():
-        # TOML writes texts, numbers, lists and truth values as JSON does, but for one
-        # character that it wants escaped.
+        # TOML has the same format as JSON for texts, numbers, lists and truth values,
+        # except for one character that must be escaped.
         text = json.dumps(value, allow_nan=False, ensure_ascii=False)
         lines.append(f"{name} = {text}".replace("\x7f", "\\u007f"))
     with complete_or_absent(path) as temporary:

@@ -1,7 +1,8 @@
-"""Policies that are not this project's: what names them, and how they reach workers.
+"""Policies from outside this project: identification and transfer to workers.
 
-A task keeps the name of a user's file and the hash of its content and of what it
-imports beside it. The file itself is sent with the jobs, for machines that lack it.
+A task contains the name of a user's file and the hash of its content and of the files
+that it imports from its folder. The file is sent with the jobs, for machines that lack
+it.
 """
 
 import functools
@@ -21,11 +22,11 @@ Files = Mapping[str, bytes]
 """Contents of users' files, when the study was planned, by the name of their policy."""
 
 NO_FILES: Final[Files] = MappingProxyType({})
-"""Where every policy is on this machine."""
+"""Location of every policy on this machine."""
 
 
 def chosen(name: str) -> Policy:
-    """Return a policy as it was when this process first looked."""
+    """Return a policy as first loaded by this process."""
     return _chosen(name, Path.cwd())
 
 
@@ -33,12 +34,12 @@ _chosen = functools.cache(policy_named)
 
 
 def policy_fields(name: str) -> dict[str, Any]:
-    """Return the fields of a task that name a policy and its content."""
+    """Return the fields of a task that identify a policy and its content."""
     return {"policy": name, "policy_source": source_of(chosen(name))}
 
 
 def source_of(policy: Policy) -> PolicySource | None:
-    """Return what names a policy's content; None for a built-in one."""
+    """Return the identification of a policy's content; None for a built-in policy."""
     origin = policy.origin
     if origin is None or origin.kind == "built-in":
         return None
@@ -65,7 +66,7 @@ def files_of(study: Iterable[Task]) -> Files:
 
 
 def policy_of(task: Task, files: Files) -> Policy:
-    """Find the policy of a task in this process, perhaps on another machine."""
+    """Return the policy of a task in this process, possibly on another machine."""
     try:
         policy = policy_named(task.policy)
         if (here := source_of(policy)) != task.policy_source:
@@ -77,7 +78,7 @@ def policy_of(task: Task, files: Files) -> Policy:
     except ValueError:
         if task.policy not in files:
             raise
-        # Named by its content: a worker may live longer than a version of it.
+        # Named by its content, because a worker may outlive a version of the file.
         planned, content = task.policy_source or {}, files[task.policy]
         digest = hashlib.sha256(content).hexdigest()
         stem = Path(planned["file"]).stem
@@ -92,7 +93,7 @@ def policy_of(task: Task, files: Files) -> Policy:
                 "what it imports"
             ) from error
         if (source_of(policy) or {}).get("sha256") != planned.get("sha256"):
-            raise  # It imports other files, and got different ones here.
+            raise  # It imports other files, which differ on this machine.
         return policy
 
 

@@ -1,4 +1,4 @@
-"""The result files of a study: where they are, and which code made them."""
+"""The result files of a study: locations, and the code that made them."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ STUDY_VERSION: Final = 1
 
 
 def write_study(folder: Path, about: Mapping[str, Any]) -> None:
-    """Write what made a study's results; not over what a later version wrote."""
+    """Write study.json, unless a later version wrote it."""
     refuse_newer(read_study, folder)
     write_json(folder / STUDY, stamp(STUDY_KIND, STUDY_VERSION) | dict(about))
 
@@ -43,7 +43,7 @@ def read_study(folder: Path) -> dict[str, Any]:
 
 
 def result_path(folder: Path, task: Task) -> Path:
-    """Return where a task's result is kept."""
+    """Return the path of a task's result."""
     return folder / "tasks" / f"{task.key}.json"
 
 
@@ -58,7 +58,7 @@ class StoredResults:
     unfinished: tuple[Task, ...]
     """Tasks without a complete result, or with an error; these are run."""
     damaged: tuple[str, ...]
-    """What is wrong with each file that holds no complete result."""
+    """Problem of each file without a complete result."""
 
     @property
     def from_other_code(self) -> int:
@@ -76,9 +76,10 @@ class StoredResults:
 
     @property
     def from_other_machines(self) -> int:
-        """Number of finished results whose last bits another machine decided.
+        """Number of finished results from another kind of machine.
 
-        They equal those made here to a tolerance only; see docs/reproducibility.md.
+        They equal results of this machine only up to a tolerance; see
+        docs/reproducibility.md.
         """
         here = code_state().get("arithmetic")
         return sum(result.get("arithmetic") != here for result in self.finished)

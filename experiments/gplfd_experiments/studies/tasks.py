@@ -17,7 +17,7 @@ Result = dict[str, Any]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SkillTask(TaughtTask):
-    """Prediction of demonstrations that the policy did not learn from; no robot."""
+    """Prediction of left-out demonstrations, without a robot."""
 
     held_out: HeldOut
     kind: Literal["skill"] = field(default="skill", init=False)
@@ -28,7 +28,7 @@ class RecordedTask(Task):
     """Leave-one-out test on the user's motion files: number `seed` is left out."""
 
     recordings: str
-    """Hash of all of them, `gplfd_policies.demonstrations.npz.hash_of`."""
+    """Hash of all motion files, `gplfd_policies.demonstrations.npz.hash_of`."""
     kind: Literal["recorded"] = field(default="recorded", init=False)
 
 
@@ -36,10 +36,10 @@ Job = tuple[Task, ...]
 """Episodes of one policy that are opened in lockstep, or a single learning test."""
 
 TOGETHER: Final = 24
-"""Most episodes of a job of several trainings: a step of a door then takes a third of
-the time that it takes alone, and hardly less with more doors."""
+"""Largest number of episodes in a job of several trainings: a step of a door then takes
+a third of its time alone, and hardly less with more doors."""
 _JOBS_PER_CORE: Final = 4
-"""Jobs are only made larger than a training while every core has as many of them."""
+"""Jobs become larger than a training only if every core has this number of them."""
 
 KINDS: Final[Mapping[str, type[Task]]] = {
     "episode": EpisodeTask,
@@ -66,15 +66,15 @@ def task_from(record: Mapping[str, Any]) -> Task:
 
 
 def episodes_together(study: Sized) -> int:
-    """Return the most episodes of several trainings that are one job of a study.
+    """Return the largest number of episodes of a job of several trainings in a study.
 
-    A small study is shared among the cores instead, and written as it goes on.
+    A small study is distributed over the cores instead, and written continuously.
     """
     return min(TOGETHER, len(study) // (_JOBS_PER_CORE * (os.cpu_count() or 1)))
 
 
 def jobs_of(study: Iterable[Task], together: int) -> tuple[Job, ...]:
-    """Group tasks that learn and act together, in the order in which they come.
+    """Group tasks that learn and act together, in their given order.
 
     Tasks with one training are in one job, and so are, up to so many episodes, several
     trainings of a policy whose agents compute their steps together. The result of a

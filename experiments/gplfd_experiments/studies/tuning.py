@@ -2,7 +2,7 @@
 
 The objective and the candidates were fixed before anything was measured.
 
-The objective is two numbers. Their seeds and doors are used by no study:
+The objective has two numbers. Studies do not use their seeds and doors:
 
 1. *Density*: the mean negative log predictive density of demonstrations left out, two
    per seed, one at a time, as in the learning tests of a study. A candidate without a
@@ -10,12 +10,12 @@ The objective is two numbers. Their seeds and doors are used by no study:
 2. *Task*: first the number of doors that stayed closed, then the median over all
    episodes of the peak radial force.
 
-Within a method the candidates are ranked by each number, and the best has the smallest
-mean of both ranks. Ties are decided by the better task, then by the order, in which the
-method as published is first. A candidate that ends in an error is last in both.
+Within a method, the candidates are ranked by each number, and the best has the smallest
+mean of both ranks. Ties are decided by the better task, then by the order; the
+published settings are first. A candidate that ends in an error is last in both ranks.
 
-A method is tuned for neither number alone: densities can be improved by a spread that
-makes the hand soft everywhere, and forces by one that is far too wide.
+Neither number is used alone: a spread that makes the hand soft everywhere can improve
+densities, and a spread that is far too wide can reduce forces.
 """
 
 import contextlib
@@ -75,13 +75,13 @@ class Protocol:
     """Budget, seeds and doors; the same for every candidate of every method."""
 
     evaluations: int = 24
-    """Candidates per method; the first is the method as published."""
+    """Candidates per method; the first has the published settings."""
     seeds: tuple[int, ...] = (1000, 1001, 1002)
-    """Of teacher, method and environment. Studies count theirs from 0."""
+    """Seeds of teacher, method and environment. Seeds of studies begin at 0."""
     radii: tuple[float, ...] = (0.38, 0.46, 0.54)
-    """Doors to open [m]; none of them in a study."""
+    """Radii of the doors to open [m]; studies do not use them."""
     demonstrations_per_door: int = 2
-    """How often the teacher opens each demonstrated door."""
+    """Number of demonstrations at each demonstrated door."""
     sequence: int = 1
     """Seed of the scrambled Sobol sequence."""
 
@@ -92,17 +92,17 @@ STANDARD: Final = Protocol()
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Candidate:
-    """A method with some settings, to be evaluated."""
+    """A method with settings to evaluate."""
 
     policy: str
     number: int
-    """Index among the method's candidates; 0 is as published."""
+    """Index among the method's candidates; 0 has the published settings."""
     settings: Values
     protocol: Protocol = STANDARD
 
     @property
     def definition(self) -> dict[str, Any]:
-        """Everything that defines it, as JSON returns it."""
+        """The definition of the candidate, as JSON returns it."""
         fields: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self)))
         return fields
 
@@ -113,7 +113,7 @@ class Candidate:
 
 
 def checked_policies(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return names of policies that have a space; all of them for none."""
+    """Return names of policies that have a space; all without names."""
     for name in names:
         if name not in SPACES:
             raise ValueError(
@@ -126,7 +126,7 @@ def checked_policies(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def candidates(policy: str, protocol: Protocol = STANDARD) -> tuple[Candidate, ...]:
-    """Return a method as published, and points of a Sobol sequence in its space."""
+    """Return the published settings, and points of a Sobol sequence in the space."""
     space = SPACES[policy]
     sequence = qmc.Sobol(len(space.settings), scramble=True, seed=protocol.sequence)
     # The sequence is balanced for powers of two.
@@ -150,7 +150,8 @@ def evaluate(candidate: Candidate) -> Evaluation:
     started = time.process_time()
     outcome: Evaluation
     with one_thread, warnings.catch_warnings():
-        # Warnings of few demonstrations or of no convergence: their effect is measured.
+        # Warnings about few demonstrations or convergence, because their effect is
+        # measured.
         warnings.simplefilter("ignore", UserWarning)
         try:
             policy = tuned(candidate.policy, candidate.settings)
@@ -189,7 +190,7 @@ def evaluate(candidate: Candidate) -> Evaluation:
             known = [density for density in densities if density is not None]
             nlpd = float(np.mean(known)) if len(known) == len(densities) else None
             outcome = {"nlpd": nlpd, "episodes": episodes}
-        # With some settings a method cannot learn, and may raise anything.
+        # With some settings a method cannot learn, and may raise any exception.
         except Exception as error:
             reason = f"{type(error).__name__}: {error}"
             outcome = {"error": reason, "traceback": traceback.format_exc()}
@@ -228,7 +229,7 @@ def task_numbers(evaluation: Evaluation) -> tuple[float, float]:
 def tune(
     policies: Sequence[str], folder: Path, engine: Engine, protocol: Protocol = STANDARD
 ) -> str:
-    """Evaluate what is missing or had an error; write the best, and return a table."""
+    """Evaluate missing or failed candidates; write the best, and return a table."""
     check_folder(folder)
     every = {policy: candidates(policy, protocol) for policy in policies}
     several = [one for own in every.values() for one in own]
@@ -278,7 +279,7 @@ def tune(
             "policies": results,
         },
     )
-    # Methods as published and tuned, side by side.
+    # Published and tuned settings side by side.
     rows = []
     for policy, result in results.items():
         for kind in ("published", "tuned"):
@@ -306,8 +307,8 @@ def _path(folder: Path, candidate: Candidate) -> Path:
 def _stored(folder: Path, candidate: Candidate) -> Evaluation | None:
     """Return the evaluation of a candidate by the present code.
 
-    None if there is none, a damaged one, or one by other code: methods are compared
-    by one version.
+    None if it is missing, damaged or by other code, because methods are compared by one
+    version.
     """
     try:
         evaluation = read_json(_path(folder, candidate))

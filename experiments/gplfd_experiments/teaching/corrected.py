@@ -19,7 +19,7 @@ from gplfd_policies.registry.method import Method
 
 
 class CorrectedSkill:
-    """A skill that learns from corrections, and the file in which they are kept."""
+    """A skill that learns from corrections, and its file."""
 
     def __init__(self, method: Method, skill: Skill, place: Path) -> None:
         self.method, self.place = method, place
@@ -27,7 +27,7 @@ class CorrectedSkill:
         self.kept: list[Correction] = []
 
     def keep(self, correction: Correction) -> None:
-        """Learn from a correction; when this returns, both are on the disk."""
+        """Learn from a correction, and save skill and correction."""
         skill = self.method.update(self.skill, correction)
         if isinstance(skill, Skill):
             skill.save(self.place)
@@ -40,7 +40,7 @@ class CorrectionLesson(Lesson):
 
     longest, control = 3000, "pose"
     invitation = "Press Start: the policy opens the door."
-    request = "Lead the hand where the policy fails; let go, and it goes on."
+    request = "Lead the hand where the policy fails; then the policy continues."
 
     def __init__(
         self, task: EpisodeTask, store: CorrectedSkill, device: str, *, drawn: bool
@@ -63,7 +63,7 @@ class CorrectionLesson(Lesson):
             return self._agent.act(self._observation).command(self.control)
 
     def step(self, sample: Float[np.ndarray, " 9"]) -> None:
-        """Go on by one control period, until the door is open."""
+        """Simulate one control period, until the door is open."""
         super().step(sample)
         if self._info["success"]:
             self.over = "the door is open"
@@ -72,13 +72,15 @@ class CorrectionLesson(Lesson):
         """Return the correction; raise a ValueError if there is none."""
         found = self._agent.correction(door=self.task.door, seed=self.task.seed)
         if found is None:
-            raise ValueError(f"{self._ended}. Nobody led the hand: nothing to keep")
+            raise ValueError(
+                f"{self._ended}. The hand was not led: there is nothing to keep"
+            )
         if self._info["failure"] in (LOST, "simulation_error"):
-            raise ValueError(f"{self._ended}. No correction is kept of this")
+            raise ValueError(f"{self._ended}. This gives no correction")
         return replace(found, device=self._device, inputs=np.array(self._inputs))
 
     def result(self) -> str:
-        """Say how the episode ended, and for how long the hand was led."""
+        """Return how the episode ended, and the time of leading."""
         seconds = self.record().seconds
         return f"{self._ended}. You led the hand for {seconds:.1f} s."
 
@@ -93,9 +95,9 @@ class CorrectionLesson(Lesson):
 def replay_correction(
     method: Method, skill: Skill, task: EpisodeTask, correction: Correction
 ) -> Correction:
-    """Lead the hand by recorded inputs; the correction is the same, bit for bit.
+    """Lead the hand by recorded inputs; the correction is equal, bit for bit.
 
-    The skill is that of the episode, without this correction and later ones.
+    The skill is that of the episode, before this correction.
 
     Raises:
         ValueError: The correction has no inputs.

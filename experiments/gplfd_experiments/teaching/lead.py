@@ -1,8 +1,8 @@
-"""From what a person does with a device to a command for the hand.
+"""Converts inputs of a device to commands for the hand.
 
-A virtual spring draws the hand to a target, which the person moves. The spring is
-soft, and softer across the motion than along it: an inaccurate lead costs little force
-on the handle. The wrist turns with the door, so that two degrees of freedom suffice.
+A virtual spring pulls the hand to a target that the person moves. The spring is soft,
+and softer across the motion than along it, so that inaccurate inputs cause small forces
+on the handle. The wrist rotates with the door, so that two degrees of freedom suffice.
 """
 
 import math
@@ -23,28 +23,28 @@ from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.demonstrations.correction import Who
 
 INPUTS: Final = ("held", "u", "v", "x", "y", "z", "about_x", "about_y", "about_z")
-"""What a device says in a control period: whether the pointer is held, its place in
-the picture from the left and from the top in widths and heights, and six deflections
-from -1 to 1 along and about the axes of the task frame: keys, wheel, SpaceMouse."""
+"""Sample of a device in a control period: whether the pointer is pressed, its position
+in the picture from the left and from the top in widths and heights, and six deflections
+(keys, wheel, SpaceMouse) from -1 to 1 along and about the axes of the task frame."""
 
 SPRING: Final = (300.0, 100.0)
 """Stiffness of the virtual spring [N/m, N m/rad]."""
 _FORCE: Final = 45.0
-"""The spring stretches no further than with this force [N]."""
+"""Largest force of the spring [N]."""
 _ACROSS: Final = 0.1
-"""Share of its stiffness across the motion of a hand that moves."""
+"""Share of the stiffness across the motion of a moving hand."""
 _MOVING: Final = 0.05
-"""Speed of such a hand [m/s]."""
+"""Speed from which a hand counts as moving [m/s]."""
 _SPEED: Final = 0.3
-"""Of the target at full deflection [m/s]."""
+"""Speed of the target at full deflection [m/s]."""
 _TURN: Final = 0.1
-"""How far full deflection stretches the spring of the wrist [rad]: 10 N m."""
+"""Deflection of the wrist's spring at full input [rad]: 10 N m."""
 
 
 def checked_input(values: object) -> Float[np.ndarray, " 9"]:
     """Return a sample of a device, in the order of `INPUTS`.
 
-    Deflections beyond ±1 are clamped to it.
+    Deflections are limited to ±1.
 
     Raises:
         ValueError: It is not nine finite numbers.
@@ -64,10 +64,10 @@ def checked_input(values: object) -> Float[np.ndarray, " 9"]:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class View:
-    """A camera that stands still, its position and axes in the task frame.
+    """A static camera: position and axes in the task frame.
 
     The columns of `axes` point to the right, upwards and backwards in the picture. A
-    place in the picture means the point of a plane with the normal `normal`: the one in
+    position in the picture stands for a point in a plane with the normal `normal`, in
     which the door moves the hand.
     """
 
@@ -79,7 +79,7 @@ class View:
 
     @classmethod
     def of(cls, data: mujoco.MjData, camera: str, aspect: float, motion: str) -> "View":
-        """Return that of a camera of a scene; `motion` is that of the door's leaf."""
+        """Return the view of a scene's camera; `motion` is that of the door's leaf."""
         task, seen = data.site("task_frame"), data.camera(camera)
         to_task = task.xmat.reshape(3, 3).T
         fovy = float(data.model.camera(camera).fovy[0])
@@ -88,16 +88,16 @@ class View:
             position=to_task @ (seen.xpos - task.xpos),
             axes=to_task @ seen.xmat.reshape(3, 3),
             extent=(aspect * height, height),
-            # The hinge of a flap is level, those of all others are upright.
+            # The hinge of a flap is horizontal, other hinges are vertical.
             normal=np.array([0.0, 0.0, 1.0] if motion == "flap" else [0.0, 1.0, 0.0]),
         )
 
     def point(
         self, u: float, v: float, level: Float[np.ndarray, " 3"]
     ) -> Float[np.ndarray, " 3"] | None:
-        """Return the point at a place in the picture, in the plane through `level`.
+        """Return the point at a position in the picture, in the plane through `level`.
 
-        None where the plane is not seen: beyond its horizon.
+        None beyond the horizon of the plane.
         """
         width, height = self.extent
         ray = self.axes @ [(2.0 * u - 1.0) * width, (1.0 - 2.0 * v) * height, -1.0]
@@ -108,7 +108,7 @@ class View:
         return np.asarray(self.position + distance / along * ray)
 
     def place(self, point: Float[np.ndarray, " 3"]) -> tuple[float, float]:
-        """Return where in the picture a point is, (u, v)."""
+        """Return the position of a point in the picture, (u, v)."""
         right, up, back = self.axes.T @ (point - self.position)
         width, height = self.extent
         return 0.5 - 0.5 * right / (back * width), 0.5 + 0.5 * up / (back * height)
@@ -126,7 +126,7 @@ class Lead:
         self._view, self._reach = view, force / SPRING[0]
         self._give = SPRING[0] / servo
         self.target: Float[np.ndarray, " 3"] = np.zeros(3)
-        """Where the spring draws the hand [m]."""
+        """Target of the spring [m]."""
         self._grip: Float[np.ndarray, " 3"] | None = None
         self._level, self._active = np.zeros(3), False
 
@@ -140,8 +140,8 @@ class Lead:
 
         `wrist` is its rotation vector without deflections about the axes.
 
-        Whoever takes the pointer takes the hand where it is: only its motion counts.
-        Whoever lets go leaves the hand where it is.
+        Pressing the pointer does not move the hand; only motions of the pointer count.
+        After release, the hand keeps its position.
         """
         hand, velocity = observation["ee_pose"][:3], observation["ee_twist"][:3]
         shift = _SPEED * CONTROL_PERIOD * sample[3:6]
@@ -188,10 +188,10 @@ class Person:
         self._door = door
         force = self._config.forces[door.travel > 0.0]
         self.spring = Lead(self._view, force=force, servo=SERVO_STIFFNESS[0])
-        self._share = 0.0  # of the way from the policy's command to the person's
+        self._share = 0.0  # blend from the policy's command (0) to the person's (1)
 
     def take(self, sample: Float[np.ndarray, " 9"], handle_angle: float) -> None:
-        """Take the sample of the next control period, and the handle's angle [rad]."""
+        """Set the sample of the next control period, and the handle's angle [rad]."""
         self._sample, self._turn = sample, handle_angle
 
     def lead(
@@ -202,7 +202,7 @@ class Person:
         change = CONTROL_PERIOD / self._config.blend_time
         self._share = np.clip(self._share + (change if active else -change), 0.0, 1.0)
         if active:
-            self._held = self._sample  # It goes on to pull while it is handed over.
+            self._held = self._sample  # It continues to pull during the hand-over.
         elif self._share == 0.0:
             self.spring.target = np.array(observation["ee_pose"][:3])
             return None

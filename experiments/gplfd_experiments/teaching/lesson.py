@@ -1,4 +1,4 @@
-"""An episode that a person leads step by step, and its record."""
+"""An episode that a person leads, and its recording."""
 
 import math
 from abc import ABC, abstractmethod
@@ -24,21 +24,22 @@ SIZE: Final = (480, 360)
 
 
 class Lesson(ABC):
-    """A hand on the handle of a closed door that a person leads, step by step.
+    """A person leads a hand on the handle of a closed door, step by step.
 
-    An input is a sample of the device (`gplfd_experiments.teaching.lead.INPUTS`). It
-    moves the simulation by one control period, whenever it comes, so that equal inputs
-    give equal records. The picture is drawn from above, of a flap from the side.
+    An input is a sample of the device (`gplfd_experiments.teaching.lead.INPUTS`). Each
+    input advances the simulation by one control period, independent of real time, so
+    that equal inputs give equal recordings. The picture is from above, for a flap from
+    the side.
     """
 
     longest: ClassVar[int]
-    """Control periods after which an episode ends by itself."""
+    """Longest episode in control periods."""
     control: ClassVar[Control]
-    """What is commanded."""
+    """Kind of command."""
     invitation: ClassVar[str]
-    """What the person is told before an episode."""
+    """Text for the person before an episode."""
     request: ClassVar[str]
-    """What the person is told during it."""
+    """Text for the person during an episode."""
 
     def __init__(self, task: EpisodeTask, *, drawn: bool) -> None:
         self.task, self.door = task, DoorConfig(**task.door_config)
@@ -56,7 +57,7 @@ class Lesson(ABC):
         self.restart()
 
     def restart(self) -> None:
-        """Close the door and forget what happened."""
+        """Close the door and delete the recording."""
         self._observation, self._info = self._env.reset(seed=self.task.reset_seed)
         shown = SIZE[0] / SIZE[1], self.door.motion
         self.view = View.of(self._env.data, self._camera, *shown)
@@ -76,14 +77,14 @@ class Lesson(ABC):
 
     @abstractmethod
     def record(self) -> Any:
-        """Return what is to be kept of the episode so far."""
+        """Return the recording of the episode so far."""
 
     @abstractmethod
     def result(self) -> str:
-        """Say what the episode gave; raise a ValueError if that is not to be kept."""
+        """Return a text about the result; raise a ValueError if it cannot be kept."""
 
     def step(self, sample: Float[np.ndarray, " 9"]) -> None:
-        """Go on by one control period; `over` says why the episode has ended."""
+        """Simulate one control period; `over` is the reason for the end."""
         action = self._action(sample)
         self._observation, _, _, diverged, self._info = self._env.step(action)
         if diverged:
@@ -102,7 +103,7 @@ class Lesson(ABC):
 
     @property
     def state(self) -> dict[str, Any]:
-        """What a person wants to know while leading, in JSON."""
+        """State of the lesson for the page, as JSON."""
         pose, wrench, _ = self._rows[-1]
         return {
             "door": self.task.door,
@@ -115,7 +116,7 @@ class Lesson(ABC):
 
     @property
     def motion(self) -> Demonstration:
-        """Motion and wrenches of the hand; a ValueError if it has not moved."""
+        """Motion and wrenches of the hand; raises a ValueError if it has not moved."""
         poses, wrenches, _ = map(np.array, zip(*self._rows, strict=True))
         poses[:, 3:] = unwrap_rotvecs(poses[:, 3:])
         times = CONTROL_PERIOD * np.arange(len(poses))
@@ -126,17 +127,19 @@ class Lesson(ABC):
         return np.asarray(self._env.render())
 
     def moving(self) -> list[int]:
-        """Return the numbers of the samples that are no pause; ValueError if none."""
+        """Return the indices of samples without pauses; ValueError if empty."""
         try:
             recorded = self.motion
             rests, times = without_rests(recorded)[1], recorded.times
         except ValueError:
-            raise ValueError("Nothing was shown: the hand did not move") from None
+            raise ValueError(
+                "There is no demonstration: the hand did not move"
+            ) from None
         paused = [(times >= rest.start) & (times < rest.end) for rest in rests]
         return np.flatnonzero(~np.any([times < 0.0, *paused], axis=0)).tolist()
 
     def show(self, sample: int) -> None:
-        """Put the scene into the state of a sample; then only `restart` goes on."""
+        """Set the scene to the state of a sample; then only `restart` is possible."""
         data = self._env.data
         data.qpos[:] = self._rows[sample][2]
         mujoco.mj_forward(data.model, data)
@@ -166,7 +169,7 @@ class DemonstrationLesson(Lesson):
         return np.concatenate([pose, np.repeat(SPRING, 3)])
 
     def record(self) -> Taught:
-        """Return what was shown; raise a ValueError if the hand has not moved."""
+        """Return the demonstration; raise a ValueError if the hand has not moved."""
         return Taught(
             name=self.task.door,
             door=self.door,
@@ -175,13 +178,13 @@ class DemonstrationLesson(Lesson):
         )
 
     def result(self) -> str:
-        """Say why it ended by itself, if so."""
+        """Return a text about the result, with the reason of an automatic end."""
         over = self.over and f"It ended: {self.over}. "
-        return f"{over}This is what you showed."
+        return f"{over}This is your demonstration."
 
 
 def replay(taught: Taught) -> Taught:
-    """Lead the hand by recorded inputs; the demonstration is the same, bit for bit."""
+    """Lead the hand by recorded inputs; the demonstration is equal, bit for bit."""
     lesson = DemonstrationLesson(taught.name, taught.door, drawn=False)
     for sample in taught.inputs:
         lesson.step(sample)

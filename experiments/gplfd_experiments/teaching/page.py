@@ -1,7 +1,7 @@
 """The local web page on which a person leads the hand, and its server.
 
-The page sends the device's input and gets the next picture, again and again. While it
-is silent, because its window is closed, time stands still.
+The page sends the device's input and receives the next picture, repeatedly. Without
+requests, for example after its window is closed, the simulation stops.
 """
 
 import io
@@ -30,30 +30,30 @@ PRESSES: Final = ("", "start", "stop", "keep", "repeat", "discard", "next", "fin
 """Buttons of the page; "" for none."""
 
 _MOST: Final = 10
-"""Control periods in one exchange; a slower computer makes time slower."""
-_LARGEST: Final = 10_000  # Bytes of a request.
+"""Control periods per request; on a slower computer, the simulation is slower."""
+_LARGEST: Final = 10_000  # Largest size of a request [bytes].
 
 LOOPBACK: Final = ("127.0.0.1", "localhost")
-"""Names of this machine that no other machine can reach."""
+"""Names of this machine that other machines cannot reach."""
 
 
 class Store(Protocol):
-    """Where the records of lessons are kept."""
+    """Storage of the recordings of lessons."""
 
     place: Path
     """Its file or folder."""
     kept: list[Any]
-    """The records so far."""
+    """The recordings so far."""
 
     def keep(self, record: Any) -> None:
-        """Keep a record; when this returns, it is on the disk."""
+        """Save a recording."""
 
 
 class Session:
-    """What a person does at some doors, one after the other.
+    """A session of a person at several doors, in turn.
 
-    An episode is ready, led, shown, and then kept, repeated or discarded. It begins
-    with the first input that is not zero, or when Start is pressed.
+    An episode is ready, led, played back, and then kept, repeated or discarded. It
+    begins with the first non-zero input, or when Start is pressed.
     """
 
     def __init__(self, doors: Sequence[Callable[[], Lesson]], store: Store) -> None:
@@ -102,10 +102,11 @@ class Session:
         self.phase, self._since = "shown", now
 
     def exchange(self, request: Mapping[str, Any], now: float) -> tuple[Any, bytes]:
-        """Take an input at a time [s]; return the state, in JSON, and the picture.
+        """Process an input at a time [s]; return the state, as JSON, and the picture.
 
         Raises:
-            ValueError: The request is no input (`checked_input`) and press of a button.
+            ValueError: The request is not an input (`checked_input`) with a press of a
+                button.
         """
         sample, press = checked_input(request.get("input")), request.get("press", "")
         if press not in PRESSES:
@@ -163,7 +164,7 @@ def serve(session: Session, task: str, *, device: str, host: str, port: int) -> 
     Raises:
         OSError: The address is taken.
     """
-    # Pictures are drawn in the thread that has made the session; requests wait for it.
+    # Pictures are drawn in the thread that made the session; requests wait for it.
     requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
     page = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
     content = page.replace("{{device}}", device).replace("{{task}}", task).encode()
@@ -203,7 +204,7 @@ def serve(session: Session, task: str, *, device: str, host: str, port: int) -> 
             self.wfile.write(content)
 
         def log_message(self, *_: Any) -> None:
-            """Say nothing: there are thirty requests a second."""
+            """Log nothing, because there are thirty requests per second."""
 
     try:
         server = ThreadingHTTPServer((host, port), Handler)
@@ -211,7 +212,7 @@ def serve(session: Session, task: str, *, device: str, host: str, port: int) -> 
         raise OSError(error.errno, f"{error.strerror}; give another --port") from error
     with server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        # Not a message that --quiet leaves out: without it nobody finds the page.
+        # Also printed with --quiet, because the address is required.
         print(f"{task} at  http://{host}:{server.server_port}", file=sys.stderr)
         while session.phase != "finished":
             body, reply = requests.get()

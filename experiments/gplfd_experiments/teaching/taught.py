@@ -1,8 +1,8 @@
-"""Taught demonstrations on disk: one file each, written when a person keeps it.
+"""Taught demonstrations on disk, in one file each, saved when a person keeps them.
 
-A set is a folder with `demonstrations.npz`, as every set has it, and the folder
-`taught` with everything that was recorded. What is missing in the former is added when
-the set is opened the next time, so that no kept demonstration is lost.
+A set is a folder with `demonstrations.npz`, like every set, and the folder `taught`
+with the complete recordings. Demonstrations that are missing in the file are added when
+the set is next opened, so that no kept demonstration is lost.
 """
 
 import json
@@ -32,7 +32,7 @@ _VERSION: Final = 1
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Taught:
-    """What a person showed at a door, and by which inputs."""
+    """A demonstration of a person at a door, with the inputs."""
 
     name: str
     """Name of the door."""
@@ -42,11 +42,11 @@ class Taught:
     recorded: Demonstration
     """Motion and wrenches of the hand, N + 1 samples from the closed handle on."""
     among: tuple[str, ...] = ()
-    """What ``--doors`` of the command had; a kept demonstration knows it."""
+    """Doors as given by ``--doors``; stored with a kept demonstration."""
 
     @property
     def demonstration(self) -> Demonstration:
-        """What is learned from: without pauses, relative to its first pose."""
+        """Demonstration for learning: without pauses, relative to its first pose."""
         return without_rests(self.recorded)[0].relative_to_first()
 
 
@@ -71,7 +71,7 @@ class TaughtSet:
             self._write_index()
 
     def keep(self, taught: Taught) -> None:
-        """Write a demonstration; when this returns, it is on the disk."""
+        """Save a demonstration."""
         numbers = [int(file.stem) for file in _files(self.place)]
         arrays = {
             "door": np.array(json.dumps({taught.name: taught.door.as_dict()})),
@@ -86,7 +86,7 @@ class TaughtSet:
         self.kept.append(taught)
         try:
             self._write_index()
-        except OSError:  # It can be kept again, but not be there twice.
+        except OSError:  # It can be kept again, but not stored twice.
             self.kept.pop()
             file.unlink()
             raise
@@ -100,7 +100,7 @@ class TaughtSet:
 
 
 def read_taught(folder: Path) -> list[Taught]:
-    """Return what was taught in a set, in the order in which it was kept.
+    """Return the demonstrations of a set, in the order in which they were kept.
 
     Raises a ValueError that names the file if one is damaged.
     """

@@ -1,1 +1,1 @@
-"""What a command composes of all others: a run, a skill, recordings of a study."""
+"""Workflows of commands: a run, a skill, recordings of a study."""

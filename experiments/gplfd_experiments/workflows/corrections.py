@@ -1,4 +1,4 @@
-"""Corrections of a kept skill, which somebody watches as it opens doors."""
+"""Corrections of a stored skill while it opens doors."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -25,7 +25,7 @@ def correct_skill(
 ) -> tuple[Movement, list[Row]]:
     """Open doors with a skill and correct it; return it, and a row of text per door.
 
-    The corrected skill is written to another file, and nothing if nothing changed.
+    The corrected skill is written to another file, if there was a correction.
     """
     check_least("--seed", seed, 0)
     check_folder(out.parent)
@@ -64,9 +64,9 @@ def correct_by_hand(
     host: str,
     port: int,
 ) -> tuple[Movement, list[Row]]:
-    """Serve a page on which a person corrects a skill; return as `correct_skill` does.
+    """Serve a page on which a person corrects a skill; return as `correct_skill`.
 
-    The corrected skill is written whenever a correction is kept.
+    The corrected skill is saved after every kept correction.
     """
     check_least("--seed", seed, 0)
     check_folder(out.parent)

@@ -1,4 +1,4 @@
-"""What a robot has to expect of an exported path: played at a simulated door."""
+"""Simulates an exported path with a robot at a door: expected forces and margins."""
 
 import contextlib
 from dataclasses import dataclass, replace
@@ -24,14 +24,14 @@ from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.registry.open_loop import open_loop
 from gplfd_policies.registry.skill_files import method_and_skill
 
-_APART: Final = 10  # Samples between two poses that are checked for reach.
+_APART: Final = 10  # Number of samples between two poses that are checked for reach.
 _POSTURES: Final = 6  # Of the arm in the picture.
 _WORKSPACE: Final = 4000  # Random postures that show the workspace in the picture.
 
 
 @dataclass(frozen=True, kw_only=True)
 class DryRun:
-    """Greatest values in one simulated execution, and where the arm was."""
+    """Largest values in a simulated execution, and poses of the arm."""
 
     robot: str
     base: str
@@ -43,7 +43,7 @@ class DryRun:
     speed: float  # Of the hand [m/s].
     turning: float  # Of the hand [rad/s].
     stiffness: float  # Commanded, of translation [N/m].
-    joint_margin: tuple[str, float]  # Joint nearest to a limit, and how near [rad].
+    joint_margin: tuple[str, float]  # Joint closest to a limit, and its distance [rad].
     effort_share: tuple[str, float]  # Joint with the greatest share of its limit.
     # In the frame of the base at the start [m]: path of the hand, joints and hand at
     # some moments, and the hand at random postures within the joint limits.
@@ -52,7 +52,7 @@ class DryRun:
     workspace: Float[np.ndarray, "W 3"]
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return what to print: names and values with units."""
+        """Return the printed names and values with units."""
         near, margin = self.joint_margin
         strong, share = self.effort_share
         return [
@@ -74,12 +74,12 @@ def dry_run(
     door: str,
     task: Pose | None = None,
 ) -> DryRun:
-    """Play what a skill commands with a robot at a door; nothing is adapted.
+    """Play the commanded path of a skill with a robot at a door, without adaptation.
 
     Args:
-        skill: a file written by `gplfd learn`.
-        policy: by whose stiffness law it is followed.
-        robot: what `gplfd_env.robot.robots.robot_named` takes.
+        skill: File written by `gplfd learn`.
+        policy: Policy whose stiffness law is used.
+        robot: Argument of `gplfd_env.robot.robots.robot_named`.
         door: one of `gplfd_experiments.episodes.task.named_doors`.
         task: pose of the task frame in the robot's base frame [m, rad], where the base
             then stands still; None for the robot's own stance.
@@ -112,10 +112,10 @@ def dry_run(
         low, high = np.array([joint.range for joint in joints]).T
         moving = [int(joint.dofadr[0]) for joint in joints]
         limits = model.jnt_actfrcrange[[joint.id for joint in joints], 1]
-        limits = np.where(limits > 0.0, limits, np.inf)  # A URDF may lack them.
+        limits = np.where(limits > 0.0, limits, np.inf)  # A URDF may lack limits.
         links = [int(joint.bodyid[0]) for joint in joints]
         site = model.site("hand").id
-        # Where the hand is at seeded random postures, the lift as it stands.
+        # Positions of the hand at seeded random postures, with a constant lift.
         other, workspace = mujoco.MjData(model), []
         other.qpos[:] = data.qpos
         places = [int(joint.qposadr[0]) for joint in joints]

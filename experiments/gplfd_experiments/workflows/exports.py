@@ -1,4 +1,4 @@
-"""What a learned skill commands, for robots: computed, checked and written."""
+"""Computes, checks and writes the commanded path of a skill for robots."""
 
 import dataclasses
 import os
@@ -53,9 +53,9 @@ def export_skill(
     frame: Sequence[float] | None = None,
     tool: Sequence[float] | None = None,
 ) -> tuple[CommandedPath, dict[str, Any]]:
-    """Write what a skill commands, in the forms that the suffixes of files name.
+    """Write the commanded path of a skill in the formats of the files' suffixes.
 
-    The options are those of `gplfd export`. Returns it with what JSON has besides.
+    The options are those of `gplfd export`. Returns the path and the metadata of JSON.
     Raises ValueError for options, OSError for files, ModuleNotFoundError for rosbags.
     """
     for file in files:

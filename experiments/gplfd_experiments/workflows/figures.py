@@ -1,4 +1,4 @@
-"""The paper's figures from this project's own runs, which are made or read again."""
+"""Draws the paper's figures from runs of this project, which are made or reused."""
 
 import contextlib
 import hashlib
@@ -39,10 +39,10 @@ DEMONSTRATIONS_PER_DOOR: Final = 2
 def draw_figures(
     folder: Path, only: Sequence[str], *, seed: int, options: Mapping[str, Any]
 ) -> int:
-    """Make or read the runs of some figures, or of all, draw them and count them.
+    """Make or read the runs of some or all figures, draw them, return their number.
 
     The seed is that of teacher, policy, environment and synthetic sets; the options of
-    the command are kept for the record.
+    the command are stored as metadata.
     """
     if unknown := sorted(set(only) - set(FIGURES)):
         raise ValueError(
@@ -62,7 +62,7 @@ def draw_figures(
 
 
 def material(folder: Path, doors: Iterable[str], *, seed: int) -> Material:
-    """Return demonstrations and an episode per door, kept in a folder per setting."""
+    """Return demonstrations and an episode per door, stored in a folder per setting."""
     task = partial(
         episode_task,
         policy=POLICY,
@@ -71,7 +71,7 @@ def material(folder: Path, doors: Iterable[str], *, seed: int) -> Material:
     )
     wanted = list(dict.fromkeys(doors))
     configs = named_doors(wanted) if wanted else {}
-    # Everything that a run depends on, beside the door.
+    # All properties that determine a run, except the door.
     settings = {
         "policy": POLICY,
         "seed": seed,
@@ -109,7 +109,7 @@ def material(folder: Path, doors: Iterable[str], *, seed: int) -> Material:
 
 
 def source_digest() -> str:
-    """Hash of the code that acts in a run: a changed policy makes old runs stale."""
+    """Hash of the code of a run; a changed policy makes old runs invalid."""
     digest = hashlib.sha256()
     for package in (gplfd_env, gplfd_policies, teacher, episodes):
         for file in sorted(Path(package.__path__[0]).rglob("*.py")):

@@ -1,7 +1,7 @@
-"""A gallery: films and curves of episodes in a web page, two policies side by side.
+"""A gallery: videos and curves of episodes in a web page, two policies side by side.
 
-The page needs no server: its data are a script, `DATA`, which is also the record by
-which a later run of the same command keeps what is there and adds the rest.
+The page needs no server: its data are a script, `DATA`. A later run of the same command
+reads it, keeps its episodes and adds the missing ones.
 """
 
 import contextlib
@@ -51,12 +51,12 @@ FORMAT: Final = VideoFormat(
     last=0.0,
     encoding=("-crf", "31", "-preset", "veryslow", "-movflags", "+faststart"),
 )
-"""Format of the films: about 10 kB each."""
+"""Format of the videos: about 10 kB each."""
 NUMBERS: Final = (
     *("success", "duration", "final_angle_deg", "time_to_60_deg"),
     *("force_radial_peak", "force_handle_peak"),
 )
-"""Metrics beside a film."""
+"""Metrics beside a video."""
 _ASSIGNED: Final = "const GALLERY = "
 _STAMP: Final = stamp("a gplfd gallery", 1)
 
@@ -69,10 +69,10 @@ def write_gallery(
     seed: int,
     options: Mapping[str, Any],
 ) -> int:
-    """Film the episodes that the gallery in a folder lacks; return how many it shows.
+    """Add missing episodes to the gallery in a folder; return the number of episodes.
 
-    The page can be used after every episode. Raises ValueError before anything is
-    written for an unknown door or policy, or a folder with another page.
+    The page is valid after every episode. Raises ValueError before anything is written
+    for an unknown door or policy, or a folder with another page.
     """
     check_least("--seed", seed, 0)
     chosen = {name: policy_named(name) for name in policies}
@@ -113,7 +113,7 @@ def write_gallery(
 
 
 def _filmed(task: EpisodeTask, agent: Agent, folder: Path) -> dict[str, Any]:
-    """Run an episode, write its film, and return what the page shows beside it."""
+    """Run an episode, write its video, and return its data for the page."""
     name = "-".join(map(file_name, (task.door, task.policy, str(task.seed))))
     with contextlib.closing(make_environment(task, agent.control)) as env:
         log = rollout(
@@ -127,7 +127,7 @@ def _filmed(task: EpisodeTask, agent: Agent, folder: Path) -> dict[str, Any]:
         model = env.unwrapped.model  # type: ignore[attr-defined]
         pictures = write_video(folder / f"{name}.mp4", log, model, FORMAT)
     measured, rows = episode_metrics(log).as_json(), FORMAT.rows(log)
-    # The largest force since the picture before, so that no peak is lost.
+    # The largest force since the previous picture, so that no peak is lost.
     since = np.minimum(np.append(0, rows[:-1] + 1), rows)
     return {
         **{name: measured[name] for name in ("door", "policy", *NUMBERS)},
@@ -141,7 +141,7 @@ def _filmed(task: EpisodeTask, agent: Agent, folder: Path) -> dict[str, Any]:
 
 
 def _read(folder: Path) -> tuple[list[dict[str, Any]], dict[str, dict[str, Any]]]:
-    """Return where a gallery's episodes are from, and those with a film by task."""
+    """Return the origin of a gallery's episodes, and episodes with a video by task."""
     file = folder / DATA
     if not file.exists():
         if (folder / PAGE).exists():
@@ -164,7 +164,7 @@ def _write(
     known: Mapping[str, Any],
     asked: Sequence[str],
 ) -> None:
-    """Write page and data: what was asked for last in its order, after the others."""
+    """Write page and data; the requested episodes come last, in their order."""
     order = [key for key in known if key not in asked]
     order += [key for key in asked if key in known]
     data = {**_STAMP, "made": made, "episodes": [known[key] for key in order]}

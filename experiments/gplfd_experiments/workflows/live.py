@@ -1,4 +1,4 @@
-"""Run an episode and watch it while it happens, in a viewer on this machine."""
+"""Run an episode and show it live, in a viewer on this machine."""
 
 import contextlib
 import dataclasses
@@ -35,7 +35,7 @@ FORECAST_PERIOD: Final = 0.2
 """Simulated time between the forecasts of a live view [s]."""
 
 _PERIOD: Final = 0.05
-"""Time between two updates [s]; more often would cost more than it shows."""
+"""Time between two updates [s]; more frequent updates are not worth their cost."""
 
 
 def watched_rollout(
@@ -47,11 +47,11 @@ def watched_rollout(
     wanted: Callable[[], bool] = lambda: True,
     **names: Any,
 ) -> EpisodeLog:
-    """Run an episode in real time, show it meanwhile and return its log.
+    """Run an episode in real time, show it live and return its log.
 
-    ``speed`` is in simulated seconds per second; when the computer cannot keep up, the
-    episode takes longer. ``wanted`` is asked at every update whether anyone still
-    watches; InterruptedError if nobody does. ``names`` are for `rollout`.
+    ``speed`` is in simulated seconds per second; on a slow computer the episode takes
+    longer. ``wanted`` is called at every update and returns whether the viewer is open;
+    if not, InterruptedError is raised. ``names`` are for `rollout`.
     """
     started, updated = time.perf_counter(), -math.inf
 
@@ -62,8 +62,8 @@ def watched_rollout(
         elapsed = time.perf_counter() - started
         if elapsed - updated >= _PERIOD:
             if not wanted():
-                raise InterruptedError("nobody watches the episode any more")
-            # While it lasts, an episode has not failed.
+                raise InterruptedError("the viewer was closed")
+            # A running episode has not failed.
             live.show(dataclasses.replace(progress.log(), success=True, failure=""))
             updated = elapsed
         time.sleep(max(0.0, progress.time / speed - (time.perf_counter() - started)))
@@ -102,7 +102,7 @@ def watch(
     demonstrations = demonstrations_of(task).demonstrations
     env = make_environment(task, agent.control)
 
-    # What is drawn decides what there is to show; the episode draws the same again.
+    # The random draws determine the content of the view; the episode repeats them.
     env.reset(seed=task.reset_seed)
     inner: Any = env.unwrapped
     model, drawn = inner.model, inner.door

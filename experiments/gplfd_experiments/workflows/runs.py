@@ -1,4 +1,4 @@
-"""A run: learn once, open some doors, and keep numbers and recordings in a folder."""
+"""A run: learn once, open doors, and store metrics and recordings in a folder."""
 
 import contextlib
 import math
@@ -62,12 +62,12 @@ METRICS: Final = "metrics.json"
 
 
 class _Learned(NamedTuple):
-    """What was learned for a kind of doors."""
+    """Learned agents for a kind of doors."""
 
     shown: LabelledDemonstrations
     make: Callable[[], Agent]
     file: str
-    """Name under which the run keeps these demonstrations."""
+    """Name of the file of these demonstrations in the run."""
 
 
 def open_doors(
@@ -89,12 +89,12 @@ def open_doors(
 ) -> tuple[EpisodeMetrics | FailedEpisode, ...]:
     """Learn, open each door once, and write everything.
 
-    Doors of several kinds are opened by several agents: each learns from demonstrations
-    of its own kind, as many per door as ``demonstrations`` says, or from the file that
-    it is; the former with wrenches if ``demonstrated_forces``. Where the policy raises
-    an error in acting, the door counts as not opened and the others are opened all the
-    same. Nothing is written before everything is checked and the policy has learned;
-    then what an earlier run left in the folder is removed.
+    Doors of several kinds are opened by several agents. Each learns from demonstrations
+    of its kind. ``demonstrations`` is their number per door, with wrenches if
+    ``demonstrated_forces``, or a file. If the policy raises an error in acting, the
+    door counts as not opened and the other doors are still opened. Nothing is written
+    before all checks have passed and the policy has learned; then files of an earlier
+    run in the folder are removed.
     """
     check_least("--seed", seed, 0)
     check_circumstances(randomization, disturbance, start)
@@ -130,16 +130,16 @@ def open_doors(
         shapes = tiago_looks([scene.body(index).name for index in range(scene.nbody)])
     if skill is not None and start == "approach":
         raise ValueError(
-            "--skill is of opening alone: leave it out to learn reaching, too, or "
-            "leave out --start approach"
+            "--skill contains no reaching: omit it to learn reaching as well, or omit "
+            "--start approach"
         )
     if skill is not None or isinstance(demonstrations, Path):
-        # There is only one thing to learn from.
+        # There is only one set of demonstrations or skill.
         option = "--skill" if skill is not None else "--demonstrations"
         if demonstrated_forces:
             raise ValueError(
-                "--demonstrated-forces is about the synthetic human's demonstrations: "
-                f"leave it out, or leave out {option}"
+                "--demonstrated-forces applies to demonstrations of the synthetic "
+                f"human: omit it, or omit {option}"
             )
         first, *others = (
             (task.door, {"motion": "hinged"} | DoorConfig(**task.door_config).kind)
@@ -149,8 +149,8 @@ def open_doors(
             if differ := [name for name in kind if kind[name] != first[1][name]]:
                 raise ValueError(
                     f"doors {first[0]} and {door} are of two kinds (they differ in "
-                    f"{', '.join(differ)}), and {option} holds one; give them to two "
-                    f"runs, or leave out {option}"
+                    f"{', '.join(differ)}), but {option} contains one kind; use two "
+                    f"runs, or omit {option}"
                 )
 
     started = time.perf_counter()
@@ -161,7 +161,7 @@ def open_doors(
 
     kept = {one.file: one.shown for one in learned.values()}
     if FILE not in kept:
-        earlier.append(folder / FILE)  # of an earlier run with one kind of doors
+        earlier.append(folder / FILE)  # by an earlier run with one kind of doors
     for file in earlier:
         file.unlink(missing_ok=True)
     LOG.info("writing to %s", folder)
@@ -218,7 +218,7 @@ def open_doors(
 
 
 def _files_of_earlier_run(folder: Path) -> list[Path]:
-    """Return what an earlier run wrote to the folder."""
+    """Return the files of an earlier run in the folder."""
     configuration = folder / CONFIGURATION
     if not configuration.exists():
         return []
@@ -227,12 +227,12 @@ def _files_of_earlier_run(folder: Path) -> list[Path]:
         doors = entry(config, "door_configs", dict[str, Any])
     except ValueError as error:
         raise ValueError(
-            f"{configuration} does not say what was written beside it ({error}); "
+            f"{configuration} does not list the files of its run ({error}); "
             "choose another --out"
         ) from error
     names = [f"{door}{end}" for door in doors for end in (".npz", ".rrd")]
     names += [_kept_demonstrations(door) for door in doors]
-    # A name that leads elsewhere is not one that a run wrote.
+    # A run does not write names outside the folder.
     own = [name for name in names if Path(name).name == name]
     return [folder / name for name in (METRICS, *own)]
 
@@ -248,7 +248,7 @@ def _learn(
     demonstrations: Path | int,
     skill: Path | None,
 ) -> dict[str, _Learned]:
-    """Learn once per kind of doors; return what was learned by `EpisodeTask.shown`."""
+    """Learn once per kind of doors; return learned agents by `EpisodeTask.shown`."""
     kinds: dict[str, list[EpisodeTask]] = {}
     for task in tasks:
         kinds.setdefault(task.shown, []).append(task)
@@ -259,7 +259,7 @@ def _learn(
             method, followed = method_and_skill(first.policy, skill)
             aligned = followed.aligned.demonstrated
             times = aligned.duration * aligned.times
-            # The forces, if any, are with the skill.
+            # The skill contains the forces, if any.
             motions = [Demonstration(times=times, poses=one) for one in aligned.poses]
             given = LabelledDemonstrations(
                 demonstrations=tuple(motions), radii=(None,) * len(motions)

@@ -17,7 +17,7 @@ from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.records import Contrast, Side
 
 _FIRST, _STEP = 8, 4
-"""Seeds before the first look, with fewer nothing is separated, and between looks."""
+"""Seeds before the first look, the fewest that can separate, and between looks."""
 
 
 def run_until_separated(
@@ -29,11 +29,11 @@ def run_until_separated(
     max_seeds: int,
     options: Mapping[str, Any],
 ) -> tuple[dict[str, Any], int]:
-    """Run two policies until they are separated, or at a number of seeds; resumable.
+    """Run two policies until they are separated, or up to a number of seeds; resumable.
 
     The outcome of a seed is the mean over the tasks in which both have the measure.
-    Returns the fields of `sequential.Comparison`, ``better`` and ``text``, which says
-    them in a line; and the number of errors, which end the run, too.
+    Returns the fields of `sequential.Comparison`, ``better`` and ``text``, a summary in
+    a line; and the number of errors, which also end the run.
     """
     trials = named_trials(names)
     for name, trial in trials.items():
@@ -70,7 +70,7 @@ def run_until_separated(
         text = (
             f"{state.seeds} seeds, {measured.title}: {having} {state.first:.2f}, "
             f"{lacking} {state.second:.2f}; e-value {state.e_value:.3g}: "
-            f"{verdict if better else 'not separated, which takes 20'}"
+            f"{verdict if better else 'not separated (requires 20)'}"
         )
         if errors or better:
             break

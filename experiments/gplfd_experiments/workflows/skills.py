@@ -1,4 +1,4 @@
-"""Skills from files of demonstrations: learned once, kept, and judged."""
+"""Learns, stores and tests skills from files of demonstrations."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -28,14 +28,14 @@ from gplfd_policies.registry.method import TrainingInput
 from gplfd_policies.registry.skill_files import skill_method
 
 RECORDING: Final = "skill.rrd"
-"""What was learned, in a folder of `judge`."""
+"""Recording of the learned movement, in a folder of `judge`."""
 
 
 def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
-    """Return the doors of a `gplfd run` or `demos teach`, as ``--doors`` had them.
+    """Return the doors of a `gplfd run` or `demos teach`, as given by ``--doors``.
 
-    They are known of the demonstrations in the folder of such a command. Of others, and
-    where ``--doors`` would not take one of them any more, nothing is returned.
+    They are known for demonstrations in the folder of such a command. For others, and
+    if ``--doors`` would no longer accept one of them, the result is empty.
     """
     file = demonstrations_file(demonstrations)
     record = file.with_name(CONFIGURATION)
@@ -57,7 +57,7 @@ def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
 
 
 def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> Skill:
-    """Learn a skill from a file of demonstrations and keep it in another."""
+    """Learn a skill from a file of demonstrations and store it in another."""
     check_least("--seed", seed, 0)
     method = skill_method(policy)
     check_folder(file.parent)
@@ -89,7 +89,7 @@ def judge(
     engine: Engine,
     options: Mapping[str, Any],
 ) -> int:
-    """Leave each recording out in turn, let every method predict it, and report."""
+    """Leave each recording out in turn, let every method predict it, write a report."""
     given = load_demonstrations(recordings).demonstrations
     if len(given) < FEWEST:
         raise ValueError(
@@ -100,23 +100,24 @@ def judge(
     names = list(dict.fromkeys(task.policy for task in tasks))
     if reference not in names:
         raise ValueError(
-            f"--reference {reference} is not among the judged: {', '.join(names)}"
+            f"--reference {reference} is not among the tested methods: "
+            f"{', '.join(names)}"
         )
     found, _ = read_files((folder / TASKS).glob("[!.]*.json"))
     own = tasks[0].recordings
     if any(getattr(one.task, "recordings", "") != own for one in found):
         raise ValueError(
-            f"{folder} has results of something else than these recordings, which one "
-            "page would mix; choose another --out"
+            f"{folder} has results of other recordings, which one report cannot mix; "
+            "choose another --out"
         )
     errors = run_or_resume(tasks, options, folder, engine, given)
     results = read_results(folder)
     write_report(results, folder, reference=reference)
     print(overview(results.recorded))
 
-    # What the reference learns from all recordings, as a recording.
+    # The movement of the reference from all recordings, as a recording.
     file = folder / RECORDING
-    file.unlink(missing_ok=True)  # Of an earlier run, which shows something else.
+    file.unlink(missing_ok=True)  # It is from an earlier run with other content.
     method = policy_named(reference).method
     if method is None:
         return errors
@@ -124,7 +125,7 @@ def judge(
         with one_thread:
             movement, _ = learn(method, given, 0)
             record_learned(file, movement, reference)
-    # Methods answer what they cannot learn from with errors of every kind.
+    # Methods raise errors of every kind if they cannot learn.
     except Exception as error:
         LOG.error(
             f"{file} was not written: {reference} cannot learn from these recordings: "

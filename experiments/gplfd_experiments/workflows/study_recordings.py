@@ -1,8 +1,8 @@
 """Recordings of a study's episodes: extremes of every policy, policies side by side.
 
-A study keeps numbers, no logs. Its episodes are deterministic, so that those worth a
-look are run again, and their numbers are compared with the stored ones: all are equal
-but the times.
+A study stores metrics, but no logs. Its episodes are deterministic, so that selected
+ones are run again, and their metrics are compared with the stored ones. All must be
+equal except the times.
 """
 
 import contextlib
@@ -50,12 +50,12 @@ from gplfd_experiments.studies.trials.records import Side, Trial
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 COMPARED: Final = 6
-"""Policies in a comparison: more would be too small to see."""
+"""Largest number of policies in a comparison; more would be too small."""
 
 _ORDER: Final = "success, then peak radial force, then final angle"
 _IN_EVERY_TRIAL: Final = (Side(policy="gp"), Side(policy="hinge-fit"))
 _FORECAST_PERIOD: Final = 0.2
-"""Least time between forecasts in a recording [s]; the study takes more of them."""
+"""Shortest time between forecasts in a recording [s]; the study has more forecasts."""
 _TIMED: Final = ("latency_", "cpu_")
 """Prefixes of metrics that differ from run to run."""
 
@@ -66,8 +66,9 @@ def record_extremes(folder: Path, reference: str = "gp") -> Path:
     Writes recordings/<policy>-best.rrd, -median.rrd and -worst.rrd, comparison.rrd and
     comparison-widest.rrd (policies side by side, the reference first, at the
     demonstrated door in the middle and at the widest) and index.json, which says what
-    each file shows and whether its repetition has the stored numbers. What a policy
-    raises when it is run again stands there, too, in place of a recording.
+    each file shows and whether its repetition has the stored numbers. If a policy
+    raises an error in the repetition, the entry contains the error instead of a
+    recording.
     """
     conditions = by_condition(read_results(folder).episodes)
     standard = [one for one in next(iter(conditions.values()), []) if not one.error]
@@ -95,7 +96,7 @@ def record_extremes(folder: Path, reference: str = "gp") -> Path:
 def extremes(episodes: Sequence[EpisodeResult]) -> dict[str, EpisodeResult]:
     """Return the best, the median and the worst of some episodes that ran.
 
-    Of two there is no median, and one is the best.
+    Two episodes have no median; a single one is the best.
     """
 
     def rank(one: EpisodeResult) -> tuple[bool, float, float, str]:
@@ -119,8 +120,8 @@ def same_door(
 ) -> dict[str, EpisodeResult]:
     """Return an episode per policy: a standard door of a radius [m], the first seed.
 
-    The reference first, then the policies in the order of their success; of more than
-    `COMPARED`, some from the best to the worst.
+    The reference is first, then the policies by success; if there are more than
+    `COMPARED`, a selection from the best to the worst.
     """
     same = [
         one
@@ -173,7 +174,7 @@ def side_by_side(trial: Trial, episodes: ByLevel) -> dict[str, EpisodeResult]:
             for level, own in episodes.get(side.policy, {}).items()
         }
         there = [level for level in trial.levels if levels.get(level)]
-        # A policy that learns nothing has no level with a prior mean.
+        # A policy without learning has no level with a prior mean.
         level = side.level or next(reversed(there), "")
         if level in there:
             found[Side(policy=side.policy, level=level)] = min(
@@ -192,7 +193,7 @@ def _compare(
 ) -> dict[str, Any]:
     """Record episodes on one door side by side, by their labels; return the entry.
 
-    Those that cannot be run again are left out.
+    Episodes that cannot be run again are left out.
     """
     LOG.info("recording %s", path.name)
     found = {name: _repeated(episode) for name, episode in compared.items()}
@@ -211,20 +212,20 @@ def _compare(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Repeated:
-    """An episode that was run again."""
+    """A repeated episode."""
 
     log: EpisodeLog
-    """What happened, with as many forecasts as can be seen."""
+    """Its log, with as many forecasts as can be shown."""
     model: mujoco.MjModel
-    """Model of its scene; how its servos are commanded is not part of it."""
+    """Model of its scene, without the gains of the servos."""
     demonstrations: tuple[Demonstration, ...]
-    """What the policy learned from."""
+    """Demonstrations of the policy."""
     different: Mapping[str, Any]
-    """Stored and repeated value of every metric in which they differ."""
+    """Stored and repeated values of metrics that differ."""
 
 
 def _repeated(episode: EpisodeResult) -> tuple[Repeated | None, dict[str, Any]]:
-    """Run an episode again; return it, if it ran, and the entry of the index."""
+    """Repeat an episode; return it, if it ran, and the entry of the index."""
     entry = {
         "policy": episode.policy,
         "door": episode.task.door,
@@ -236,7 +237,7 @@ def _repeated(episode: EpisodeResult) -> tuple[Repeated | None, dict[str, Any]]:
     }
     try:
         again = repeat(episode)
-    # A policy may raise anything, and the other recordings are made all the same.
+    # A policy may raise any exception; the other recordings are still made.
     except Exception as error:
         reason = f"{type(error).__name__}: {error}"
         return None, {**entry, "repeated": False, "error": reason}
@@ -245,7 +246,7 @@ def _repeated(episode: EpisodeResult) -> tuple[Repeated | None, dict[str, Any]]:
 
 
 def repeat(episode: EpisodeResult) -> Repeated:
-    """Run an episode again as the study did, and compare it with what is stored."""
+    """Repeat an episode of the study, and compare it with the stored result."""
     task = episode.task
     log = episode_log(task)
     metrics = episode_metrics(log, demonstrated_angle=task.teacher["angle_mean"])
@@ -270,7 +271,7 @@ def repeat(episode: EpisodeResult) -> Repeated:
 def differences(
     stored: Mapping[str, Any], repeated: Mapping[str, Any]
 ) -> dict[str, list[Any]]:
-    """Return the metrics of the same name that differ, times aside."""
+    """Return the common metrics that differ, except times."""
     return {
         name: [stored[name], repeated[name]]
         for name in sorted(stored.keys() & repeated.keys())
@@ -279,7 +280,7 @@ def differences(
 
 
 def model_of(task: EpisodeTask) -> mujoco.MjModel:
-    """Return the model of the scene that the task's episode runs in."""
+    """Return the model of the scene of the task's episode."""
     with contextlib.closing(make_environment(task, "pose")) as env:
         env.reset(seed=task.reset_seed)
         return env.unwrapped.model  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""All figures by name, and one of them drawn, with its caption."""
+"""All figures by name; draws one of them with its caption."""
 
 import re
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ FIGURES: Final[Mapping[str, ModuleType]] = {
     "fig10": fig10_stiffness,
     "forecasts": forecasts,
 }
-"""Figures of the paper by their number, and one of our own."""
+"""Figures of the paper by their number, and one additional figure."""
 
 CAPTIONS: Final = "captions.md"
 
@@ -46,7 +46,7 @@ def draw_figure(name: str, given: Material, folder: Path) -> None:
 
 
 def update_captions(folder: Path, name: str, section: str) -> None:
-    """Write a figure's section to the captions, keeping those of `FIGURES` in order."""
+    """Write a figure's section to the captions, in the order of `FIGURES`."""
     path = folder / CAPTIONS
     there = path.read_text(encoding="utf-8") if path.is_file() else ""
     _, *parts = re.split(r"^(?=## (\S+): )", there, flags=re.MULTILINE)

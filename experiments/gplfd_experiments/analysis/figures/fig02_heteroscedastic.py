@@ -1,4 +1,4 @@
-"""Fig. 2, Section II-C: one noise level is wrong everywhere; a local one is right."""
+"""Fig. 2, Section II-C: one noise level for the whole task against local noise."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -37,10 +37,10 @@ _MIDDLE: Final = (PHASES > 0.4) & (PHASES < 0.6)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ConstantNoise:
-    """One noise variance for the whole task, chosen instead of fitted."""
+    """One constant noise variance for the whole task, set instead of fitted."""
 
     quantile: float
-    """Which quantile over time of the demonstrations' variance it is, 0 to 1."""
+    """The noise is this quantile over time of the demonstrations' variance, 0 to 1."""
 
     def fit(
         self, times: Float[np.ndarray, " M"], samples: Float[np.ndarray, "D M"]
@@ -60,21 +60,21 @@ _NOISES: Final[Mapping[str, str | NoiseModel]] = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LocalNoise:
-    """What Fig. 2 shows, for the height of the hand at M phases."""
+    """Data of Fig. 2, for the height of the hand at M phases."""
 
     demonstrations: FloatArray
     """Heights in the first set of demonstrations [m], (D, M)."""
     policies: Mapping[str, GaussianTrajectory]
-    """Learned from the first set, by the name of the noise."""
+    """Distributions learned from the first set, by the name of the noise."""
     coverage: Mapping[str, FloatArray]
-    """Share of fresh repetitions inside each one's 95 % band, mean over sets, (M,)."""
+    """Share of new repetitions inside the 95 % band of each, mean over sets, (M,)."""
     expected: tuple[float, float]
-    """Where this mean is in 95 of 100 studies if the spread is estimated at each phase
-    by itself."""
+    """95 % range of this mean if the spread is estimated at each phase
+    independently."""
 
 
 def measure(material: Material) -> LocalNoise:
-    """Fit the models to several sets and test them on fresh repetitions."""
+    """Fit the models to several sets and test them on new repetitions."""
     rng = np.random.default_rng(material.seed)
     *set_rngs, fresh_rng, error_rng = rng.spawn(_SETS + 2)
     fresh = true_height(PHASES) + deviations(_FRESH, fresh_rng)
@@ -111,7 +111,7 @@ def measure(material: Material) -> LocalNoise:
 
 
 def draw(shown: LocalNoise) -> Figure:
-    """Draw the models, the noise, and how often repetitions are inside the bands."""
+    """Draw the models, the noise, and the coverage of the bands."""
     figure = style.new_figure(style.PAGE, 3.6)
     axes = figure.subplot_mosaic([["a", "b", "c"], ["d", "e", "e"]])
     for panel, name in {"a": LOW, "b": HIGH, "c": LOCAL}.items():
@@ -160,7 +160,7 @@ def draw(shown: LocalNoise) -> Figure:
 
 
 def caption(shown: LocalNoise) -> str:
-    """Say what is seen, and the numbers."""
+    """Describe the figure and state its numbers."""
 
     def share(name: str, where: NDArray[np.bool_]) -> str:
         return f"{100.0 * shown.coverage[name][where].mean():.0f} %"
@@ -173,18 +173,18 @@ def caption(shown: LocalNoise) -> str:
         "(40 mm). (a, b) Standard Gaussian processes with one noise level, that of the "
         "ends or that of the middle; (c) the heteroscedastic Gaussian process; lines "
         "and shades are mean and 95 % interval. (d) Its standard deviation against the "
-        f"true spread. (e) Share of {_FRESH} fresh repetitions inside the 95 % band, "
-        f"mean over {_SETS} such sets; the grey area is where this mean lies in 95 of "
-        f"100 studies if the spread is estimated at each phase by itself. "
-        "The paper's Fig. 2 shows (a) to (d) without numbers and does not "
-        "say how its two standard processes came to differ; here the level is set, and "
-        "maximum likelihood lands between and makes both errors at once. Measured "
-        "coverage at the ends (first and last tenth) and in the middle fifth: "
-        f"{share(LOW, _ENDS)} and {share(LOW, _MIDDLE)} with the noise of the ends, "
-        f"{share(HIGH, _ENDS)} and {share(HIGH, _MIDDLE)} with that of the middle, "
-        f"{share(LIKELY, _ENDS)} and {share(LIKELY, _MIDDLE)} with the most likely "
-        f"one, {share(LOCAL, _ENDS)} and {share(LOCAL, _MIDDLE)} with local noise, "
-        f"which is {100.0 * local.mean():.1f} % over the whole task and "
+        f"true spread. (e) Share of {_FRESH} new repetitions inside the 95 % band, "
+        f"mean over {_SETS} such sets; the grey area is the 95 % range of this mean if "
+        "the spread is estimated at each phase independently. The paper's Fig. 2 "
+        "shows (a) to (d) without numbers and does not say why its two standard "
+        "processes differ. Here the level is set; the maximum-likelihood level lies "
+        "between the two and has both errors. Measured coverage at the ends (first "
+        f"and last tenth) and in the middle fifth: {share(LOW, _ENDS)} and "
+        f"{share(LOW, _MIDDLE)} with the noise of the ends, {share(HIGH, _ENDS)} and "
+        f"{share(HIGH, _MIDDLE)} with that of the middle, {share(LIKELY, _ENDS)} and "
+        f"{share(LIKELY, _MIDDLE)} with the most likely one, {share(LOCAL, _ENDS)} and "
+        f"{share(LOCAL, _MIDDLE)} with local noise, which is "
+        f"{100.0 * local.mean():.1f} % over the whole task and "
         f"{100.0 * local.min():.0f} to {100.0 * local.max():.0f} % at its phases, "
         f"where the grey area reaches from {100.0 * low:.0f} to {100.0 * high:.0f} %."
     )

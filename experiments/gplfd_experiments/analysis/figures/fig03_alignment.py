@@ -1,4 +1,4 @@
-"""Fig. 3, Section III-C: time distortion, and two similarity measures to undo it."""
+"""Fig. 3, Section III-C: time distortion, and alignment by two similarity measures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -34,30 +34,30 @@ _METHODS: Final[Mapping[str, AlignmentMethod]] = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Alignments:
-    """What Fig. 3 shows."""
+    """Data of Fig. 3."""
 
     motions: tuple[ShelfMotion, ...]
     completion: tuple[FloatArray, ...]
     """Task completion index of each motion, (N,)."""
     aligned: Mapping[str, AlignedDemonstrations]
     phase_error: Mapping[str, float]
-    """How far the true progress of what is matched differs, rms over phases and
-    motions, by alignment; "clock" is without one."""
+    """Difference of true progress between aligned samples, rms over phases and motions,
+    by alignment; "clock" is without alignment."""
     end_error: Mapping[str, float]
-    """Largest distance of an aligned end from the recorded one [m]."""
+    """Largest distance of an aligned end from the recorded end [m]."""
 
 
 def measure(material: Material) -> Alignments:
     """Align one set of motions in each way."""
     motions = shelf_motions(LEVELS, _PER_LEVEL, np.random.default_rng(material.seed))
     demonstrations = [motion.demonstration for motion in motions]
-    # As recorded: a hand that waits at a shelf waits.
+    # As recorded: rests of the hand at a shelf are kept.
     aligned = {
         name: align(demonstrations, method=method, trim_rests=False)
         for name, method in _METHODS.items()
     }
     phases = np.linspace(0.0, 1.0, 200)
-    # Motions that are only stretched to the same duration.
+    # Motions scaled to the same duration, not aligned.
     clocks = [motion.demonstration.times for motion in motions]
     progress = {
         CLOCK: [
@@ -69,8 +69,8 @@ def measure(material: Material) -> Alignments:
     for name, one in aligned.items():
         progress[name], ends = [], []
         for motion, poses in zip(motions, one.poses, strict=True):
-            # An aligned pose has the progress of the nearest recorded one: the motions
-            # do not cross themselves.
+            # An aligned pose has the progress of the nearest recorded pose, because the
+            # motions do not cross themselves.
             recorded = motion.demonstration.poses[:, :3]
             distance = np.linalg.norm(poses[:, None, :3] - recorded, axis=2)
             progress[name].append(motion.progress[distance.argmin(axis=1)])
@@ -117,7 +117,7 @@ def draw(shown: Alignments) -> Figure:
 
 
 def caption(shown: Alignments) -> str:
-    """Say what is seen, and the numbers."""
+    """Describe the figure and state its numbers."""
     error = {name: 100.0 * value for name, value in shown.phase_error.items()}
     step = {
         name: 1e3 * np.abs(np.diff(one.poses[:, :, :3], 2, axis=1)).max()
@@ -127,18 +127,18 @@ def caption(shown: Alignments) -> str:
         f"{len(shown.motions)} synthetic pick-and-place motions to shelves at "
         f"{LEVELS[0]:.2f} m and {LEVELS[1]:.2f} m, each with its own duration and "
         "uneven timing. (a) As recorded, time distorts them. (b) Dynamic time warping "
-        "on the distance of poses matches the end of the way to the low shelf with the "
-        "middle of the way to the high one: the low motions arrive early and wait. (c) "
-        "Matched at equal task completion index, Eq. (16), both arrive together. (d) "
-        "The index. The paper's Fig. 3 shows the same; the differences are that (c) "
-        "interpolates the index, which is what warping on it comes to without its "
-        f"staircase (largest second difference {step[COMPLETION]:.1f} mm against "
-        f"{step[PUBLISHED]:.1f} mm), and that the error is measured. Phase error, the "
-        "rms difference of true progress between motions at equal phase: "
-        f"{error[CLOCK]:.1f} % when only stretched to one duration, "
+        "on the distance of poses matches the end of the path to the low shelf with "
+        "the middle of the path to the high shelf: the low motions arrive early and "
+        "wait. (c) Matched at equal task completion index, Eq. (16), both arrive "
+        "together. (d) The index. The paper's Fig. 3 shows the same; the differences "
+        "are that (c) interpolates the index, which equals warping on the index "
+        f"without its steps (largest second difference {step[COMPLETION]:.1f} mm "
+        f"against {step[PUBLISHED]:.1f} mm), and that the error is measured. Phase "
+        "error, the rms difference of true progress between motions at equal phase: "
+        f"{error[CLOCK]:.1f} % when only scaled to one duration, "
         f"{error[EUCLIDEAN]:.1f} % in (b), {error[COMPLETION]:.1f} % in (c), "
-        f"{error[PUBLISHED]:.1f} % for warping on the index. Recorded ends stay ends: "
-        f"within {1e3 * shown.end_error[COMPLETION]:.2f} mm in (c) and "
+        f"{error[PUBLISHED]:.1f} % for warping on the index. Recorded ends are "
+        f"preserved within {1e3 * shown.end_error[COMPLETION]:.2f} mm in (c) and "
         f"{1e3 * shown.end_error[EUCLIDEAN]:.1f} mm in (b), where a whole stretch of "
         "samples is averaged into one."
     )

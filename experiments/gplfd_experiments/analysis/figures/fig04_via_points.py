@@ -53,12 +53,13 @@ _ERROR_BAR: Final[Mapping[str, Any]] = {
     "zorder": 5,
 }
 _FAR: Final = 0.95
-"""From here on a via-point at phase 0.7 should change nothing: the end is fixed."""
+"""Beyond this phase, a via-point at phase 0.7 should change nothing: the end is
+fixed."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ViaPoints:
-    """What Fig. 4 shows, for the height of the hand."""
+    """Data of Fig. 4, for the height of the hand."""
 
     demonstrations: FloatArray
     """Heights at `PHASES` [m], (D, M)."""
@@ -73,7 +74,7 @@ class ViaPoints:
         return abs(float(reached) - float(via_point.pose[HEIGHT]))
 
     def far_change(self, policy: str) -> float:
-        """Largest change of the mean where the via-points ask for nothing [m]."""
+        """Largest change of the mean in phases without via-points [m]."""
         change = self.policies[policy].mean - self.policies[DEMONSTRATED].mean
         return float(np.abs(change[_GRID >= _FAR, HEIGHT]).max())
 
@@ -142,7 +143,7 @@ def draw(shown: ViaPoints) -> Figure:
 
 
 def caption(shown: ViaPoints) -> str:
-    """Say what is seen, and the numbers."""
+    """Describe the figure and state its numbers."""
     strong, weak = shown.via_points
 
     def numbers(name: str) -> str:
@@ -161,9 +162,9 @@ def caption(shown: ViaPoints) -> str:
         "Conditioning of the demonstrated process, the default; (c) the paper's "
         "product of Gaussians, Eqs. (20)–(21), with the demonstrations' mean as prior "
         f"mean; (d) the same product, predicted at {_COARSE_GRID.size} phases. The "
-        "paper's Fig. 4 shows (a) and one adapted policy, and not how the product "
-        "depends on the number of predicted phases, each of which counts as one more "
-        "observation: σ at phase 0.5, where nothing was asked for, is "
+        "paper's Fig. 4 shows (a) and one adapted policy, and does not show how the "
+        "product depends on the number of predicted phases, each of which counts as "
+        "one more observation: σ at phase 0.5, without a via-point, is "
         f"{1e3 * shown.std(DEMONSTRATED, 0.5):.0f} mm before, "
         f"{1e3 * shown.std(PROCESS, 0.5):.0f} mm in (b), "
         f"{1e3 * shown.std(PRODUCT, 0.5):.0f} mm in (c) and "

@@ -1,4 +1,4 @@
-"""Fig. 6, Section IV-A: six outputs, from recording to policy."""
+"""Fig. 6, Section IV-A: from recordings to the policy, for six outputs."""
 
 import itertools
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _MAGNIFICATIONS: Final = (20, 10, 5, 2, 1)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Learning:
-    """What Fig. 6 shows: demonstrations, the aligned ones of the skill, its policy."""
+    """Data of Fig. 6: demonstrations, aligned demonstrations, learned policy."""
 
     recorded: LabelledDemonstrations
     skill: Skill
@@ -71,7 +71,7 @@ def draw(shown: Learning) -> Figure:
             rows[1, output].plot(aligned.times, poses[:, output], **curve)
         style.mean_and_interval(rows[2, output], shown.policy, output, style.BEFORE)
 
-        # The outputs of a kind have one scale, or the panel says how much larger it is.
+        # Outputs of a kind share a scale; an enlarged panel states its factor.
         kind = extents[:3] if output < 3 else extents[3:]
         span = 1.08 * float(np.ptp(kind, axis=1).max())
         low, high = extents[output]
@@ -100,14 +100,14 @@ def draw(shown: Learning) -> Figure:
 
 
 def door_colours(radii: tuple[float | None, ...]) -> dict[float | None, str]:
-    """Colours of doors by radius, from the smallest; also of those without one."""
+    """Colours of doors by radius, from the smallest; also for no radius."""
     ranked = sorted({radius for radius in radii if radius is not None})
     colours = itertools.chain(style.DOORS, itertools.repeat(style.DOORS[-1]))
     return dict(zip(ranked, colours, strict=False)) | {None: style.DEMONSTRATION}
 
 
 def caption(shown: Learning) -> str:
-    """Say what is seen, and the numbers."""
+    """Describe the figure and state its numbers."""
     (x_between, x_within), (z_between, z_within) = map(
         shown.spread_between_doors, (0, 2)
     )
@@ -123,10 +123,10 @@ def caption(shown: Learning) -> str:
         "process learned from them with its 95 % interval (Student t, as there are "
         "few demonstrations). Positions share one scale and rotations another, except "
         "where a panel says how much it is enlarged. As in the paper's Fig. 6, the "
-        "aligned x and z fall into one group per door, and only x, z and θu_y move by "
-        f"much. Largest standard deviation of the policy: {listed}. Spread between "
-        "doors over spread between repetitions on one door: "
-        f"{x_between / x_within:.0f} in x, {z_between / z_within:.0f} in z. "
-        "What differs: θu_y varies no more than the other rotations here, because all "
-        "doors are opened to nearly the same angle."
+        "aligned x and z fall into one group per door, and only x, z and θu_y move "
+        f"considerably. Largest standard deviation of the policy: {listed}. Spread "
+        "between doors over spread between repetitions on one door: "
+        f"{x_between / x_within:.0f} in x, {z_between / z_within:.0f} in z. Unlike in "
+        "the paper, θu_y varies no more than the other rotations, because all doors "
+        "are opened to nearly the same angle."
     )

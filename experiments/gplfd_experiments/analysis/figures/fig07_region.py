@@ -1,4 +1,4 @@
-"""Fig. 7, Section IV-A: the policy on the plane in which doors open."""
+"""Fig. 7, Section IV-A: the policy in the plane in which doors open."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ _ARC_SAMPLES: Final = 200
 
 
 def squared_radius(degrees_of_freedom: float | None) -> float:
-    """Squared Mahalanobis radius that holds 95 % of a pose's x and z together.
+    """Squared Mahalanobis radius of the joint 95 % region of x and z.
 
     The two-dimensional counterpart of `GaussianTrajectory.interval`: Hotelling's
     2 F(2, ν) with few degrees of freedom, χ²(2) with many.
@@ -50,7 +50,7 @@ def distance(policy: GaussianTrajectory, points: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Region:
-    """What Fig. 7 shows."""
+    """Data of Fig. 7."""
 
     demonstrations: LabelledDemonstrations
     skill: Skill
@@ -59,14 +59,14 @@ class Region:
     """True paths (200, 2) of the demonstrated doors' handles [m], to the mean angle, by
     radius [m]."""
     arc_inside: tuple[float, float]
-    """Share of the arcs' samples inside the region that holds 95 % at some phase: with
-    the quantiles of few demonstrations, and with those of many."""
+    """Share of the arcs' samples inside the 95 % region of any phase: with the
+    quantiles for few demonstrations, and with those for many."""
     aligned_inside: tuple[float, float]
-    """Share of the aligned demonstrations' samples inside at their own phase."""
+    """Share of the aligned demonstrations' samples inside the region of their phase."""
 
 
 def measure(material: Material) -> Region:
-    """Learn, and count what is inside the 95 % region."""
+    """Learn, and count the samples inside the 95 % region."""
     demonstrations = material.demonstrations
     skill = fit_skill(align(demonstrations.demonstrations))
     policy = skill.predict(_PHASES)
@@ -87,7 +87,7 @@ def measure(material: Material) -> Region:
 
 
 def _inside(distances: FloatArray, policy: GaussianTrajectory) -> tuple[float, float]:
-    """Share of squared distances inside the wide and the narrow region."""
+    """Shares of squared distances inside the wide and the narrow region."""
     wide, narrow = (
         float((distances <= squared_radius(free)).mean())
         for free in (policy.degrees_of_freedom, None)
@@ -96,7 +96,7 @@ def _inside(distances: FloatArray, policy: GaussianTrajectory) -> tuple[float, f
 
 
 def arc(radius: float, angles: FloatArray) -> FloatArray:
-    """True path of a handle on the plane, (N, 2) [m]."""
+    """True path of a handle in the plane, (N, 2) [m]."""
     return handle_pose_on_arc(radius, angles)[:, PLANE]
 
 
@@ -107,7 +107,7 @@ def draw(shown: Region) -> Figure:
     normal = dataclasses.replace(shown.policy, degrees_of_freedom=None)
     for policy, name in ((shown.policy, "σ estimated"), (normal, "σ known")):
         shade_region(axes, policy, style.BEFORE)
-        # The name stands just inside the lower edge.
+        # The label is just inside the lower edge.
         reach = np.sqrt(squared_radius(policy.degrees_of_freedom)) * policy.std[:, Z]
         lowest = int(np.argmin(policy.mean[:, Z] - reach))
         axes.text(
@@ -132,13 +132,13 @@ def draw(shown: Region) -> Figure:
 
 
 def shade_region(axes: Axes, policy: GaussianTrajectory, colour: str) -> None:
-    """Shade where the policy's 95 % regions at all its phases are, together."""
+    """Shade the union of the policy's 95 % regions over all phases."""
     limit = squared_radius(policy.degrees_of_freedom)
     mean, reach = policy.mean[:, PLANE], np.sqrt(limit) * policy.std[:, PLANE]
     low, high = (mean - reach).min(axis=0), (mean + reach).max(axis=0)
     margin = 0.02 * (high - low)
     x, z = np.linspace(low - margin, high + margin, _PIXELS).T
-    # The root of the distance is close to linear: contours of it are smooth.
+    # The root of the distance is nearly linear, so its contours are smooth.
     field = np.sqrt(distance(policy, np.stack(np.meshgrid(x, z), axis=-1)))
     edge = float(np.sqrt(limit))
     axes.contourf(x, z, field, levels=[0.0, edge], colors=[colour], alpha=0.2)
@@ -146,24 +146,24 @@ def shade_region(axes: Axes, policy: GaussianTrajectory, colour: str) -> None:
 
 
 def caption(shown: Region) -> str:
-    """Say what is seen, and the numbers."""
+    """Describe the figure and state its numbers."""
     count = sum(map(len, shown.arcs.values()))
     wide, narrow = (round(share * count) for share in shown.arc_inside)
     aligned = [f"{100.0 * share:.1f} %" for share in shown.aligned_inside]
     return (
-        "The policy learned from the demonstrations of Fig. 6 on the plane in which "
+        "The policy learned from the demonstrations of Fig. 6 in the plane in which "
         "doors open (x along the pull, z across it, the closed handle at the origin, "
-        "equal scales): mean (dotted), demonstrations, the true arcs of the doors, and "
-        "the regions that hold 95 % of x and z together at some phase: the wide one "
-        "with Hotelling's quantile, which knows that the spread was estimated from "
-        f"{len(shown.skill.aligned.poses)} demonstrations, the narrow one with the "
-        "normal quantile, as if it were known. The paper's Fig. 7 shows one region and "
-        "finds the uncertainty of the radius captured; here the arcs are known, so "
-        f"that it can be counted: {wide} of {count} samples of the arcs are inside the "
-        f"wide region and {narrow} inside the narrow one. Of the aligned "
-        f"demonstrations, from which it was learned, {aligned[0]} and {aligned[1]} of "
-        "the samples are inside at their own phase. What the paper does not say: "
-        "outputs that are independent a priori make an ellipse along the axes at each "
-        "phase, although wider doors move x and z together, so that most of the region "
-        "is where no door's handle goes."
+        "equal scales): mean (dotted), demonstrations, the true arcs of the doors, "
+        "and the unions of the joint 95 % regions of x and z over all phases: the "
+        "wide one with Hotelling's quantile, which accounts for the estimation of the "
+        f"spread from {len(shown.skill.aligned.poses)} demonstrations, the narrow one "
+        "with the normal quantile, for a known spread. The paper's Fig. 7 shows one "
+        "region and finds the uncertainty of the radius captured; here the arcs are "
+        f"known, so that the coverage can be measured: {wide} of {count} samples of "
+        f"the arcs are inside the wide region and {narrow} inside the narrow one. Of "
+        f"the aligned demonstrations, from which it was learned, {aligned[0]} and "
+        f"{aligned[1]} of the samples are inside at their own phase. Not stated in the "
+        "paper: independent outputs give an ellipse parallel to the axes at each "
+        "phase, although x and z are correlated over the doors, so that no handle "
+        "reaches most of the region."
     )

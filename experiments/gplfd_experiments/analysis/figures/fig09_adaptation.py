@@ -1,4 +1,4 @@
-"""Fig. 9, Section IV-B, which defines E[ε²]: adaptation while the door opens."""
+"""Fig. 9, Section IV-B: adaptation while the door opens, and E[ε²]."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,9 +30,9 @@ _DOTTED: Final = (0, (1.0, 1.0))
 def decisions(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
     """Show an agent the observations of a logged episode, row by row.
 
-    Nothing is simulated: the agent of the log repeats its decisions; another one says
-    what it would have made of the same observations. The agent is reset at once and
-    acts when asked for its next decision: in between, `expectation` is what it expects.
+    Nothing is simulated. The agent of the log repeats its decisions; another agent
+    decides on the same observations. The agent is reset immediately and acts when the
+    next decision is requested; between decisions, `expectation` returns its forecast.
     """
 
     def observation(row: int) -> Observation:
@@ -45,7 +45,7 @@ def decisions(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
 
 
 def expectation(agent: Agent) -> GaussianTrajectory:
-    """Return what an agent now expects of the whole task; one without raises."""
+    """Return the present forecast of the whole task; raise if an agent has none."""
     forecast = agent.forecast()
     if forecast is None:
         raise ValueError("the agent makes no forecasts; use a Gaussian-process policy")
@@ -54,7 +54,7 @@ def expectation(agent: Agent) -> GaussianTrajectory:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """What a policy predicted at T phases of an opening, one step ahead [m, rad]."""
+    """Predictions of a policy at T phases of an opening, one step ahead [m, rad]."""
 
     mean: FloatArray
     std: FloatArray
@@ -69,15 +69,15 @@ class Prediction:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Opening:
-    """One door's opening and what was predicted in it, with and without via-points."""
+    """The opening of one door and predictions in it, with and without via-points."""
 
     log: EpisodeLog
     motion: slice
-    """Rows in which the door moves."""
+    """Rows of the log in which the door moves."""
     initial: GaussianTrajectory
     """The policy before any via-point."""
     stages: tuple[GaussianTrajectory, ...]
-    """The policy as adapted when each stage was reached."""
+    """The policy as adapted at each stage."""
     adaptive: Prediction
     fixed: Prediction
 
@@ -96,9 +96,9 @@ class Opening:
 
 
 def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
-    """Show the opening once more to its policy, which is kept at some observed phases.
+    """Replay the opening to its policy and store the forecast at some phases.
 
-    The log does not have the width of the 95 % interval, which the policy knows.
+    The log lacks the width of the 95 % interval; the policy provides it.
     """
     width = np.empty(log.times.size)
     stages: list[GaussianTrajectory] = []
@@ -123,7 +123,7 @@ def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
 
 
 def measure(material: Material) -> dict[str, Opening]:
-    """Note what the policy believed in each opening."""
+    """Return the predictions of the policy in each opening."""
     agent = make_agent("gp", material.demonstrations.demonstrations)
     return {door: reviewed(material.episodes[door], agent, _STAGES) for door in DOORS}
 
@@ -133,7 +133,7 @@ def draw(openings: Mapping[str, Opening]) -> Figure:
     figure = style.new_figure(style.PAGE, 4.9)
     rows = figure.subplots(3, 4, sharey="row")
     shown = openings[SHOWN]
-    # Rows of the motion in the order of their phase, which may step back a little.
+    # Rows of the motion, sorted by phase, which may decrease slightly over time.
     motion = np.arange(shown.log.times.size)[shown.motion]
     order = motion[np.argsort(shown.log.observed_phase[motion], kind="stable")]
     phases = shown.log.observed_phase[order]
@@ -196,7 +196,7 @@ def draw(openings: Mapping[str, Opening]) -> Figure:
 
 
 def caption(openings: Mapping[str, Opening]) -> str:
-    """Say what is seen, and the numbers."""
+    """Describe the figure and state its numbers."""
     shown = openings[SHOWN]
     ratios = []
     for opening in openings.values():
@@ -221,13 +221,13 @@ def caption(openings: Mapping[str, Opening]) -> str:
         f"(a–c) The policy for x (top) and z (middle) while a door of "
         f"{shown.log.radius:.2f} m opens, conditioned on the via-points in the "
         "light-blue area, against the policy learned from demonstrations alone; means "
-        "and 95 % intervals, and what the handle then did. (d) What both predicted for "
-        "each step before seeing it. (e–h) Mean squared prediction error E[ε²] = (E f* "
-        "- f)² + var f* in four openings; nobody demonstrated the door of 0.42 m. The "
-        "paper's Fig. 9 shows one door. Both policies are asked for the phase at which "
-        "the agent found itself on the path, not for the clock's. Root of the mean "
+        "and 95 % intervals, and the true motion of the handle. (d) One-step "
+        "predictions of both. (e–h) Mean squared prediction error E[ε²] = (E f* - f)² "
+        "+ var f* in four openings; the door of 0.42 m was not demonstrated. The "
+        "paper's Fig. 9 shows one door. Both policies are evaluated at the phase that "
+        "the agent estimates on the path, not at the clock's phase. Root of the mean "
         f"E[ε²], adaptive against fixed: {'; '.join(ratios)}. Steps at which the "
-        f"adaptive policy is the worse one: {100.0 * np.mean(crossed):.1f} %. Share of "
-        f"the true motion inside the 95 % intervals of (d): {coverage[0]} adaptive, "
+        f"adaptive policy is worse: {100.0 * np.mean(crossed):.1f} %. Share of the "
+        f"true motion inside the 95 % intervals of (d): {coverage[0]} adaptive, "
         f"{coverage[1]} fixed."
     )

@@ -1,4 +1,4 @@
-"""Fig. 10, Section IV-B: stiffness, and how fast the uncertainty may fall."""
+"""Fig. 10, Section IV-B: stiffness, and the allowed decrease rate of uncertainty."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ TITLE: Final = "Stiffness and its stability"
 DOORS: Final = ("medium", "heavy")
 AXES: Final = {0: ("along", style.AXIS_X), 2: ("across", style.AXIS_Z)}
 _LINEAR: Final = 0.03
-"""Up to this fall of σ its axis is linear, beyond it is logarithmic [m/s]."""
+"""The axis of -dσ/dt is linear up to this value and logarithmic beyond [m/s]."""
 _TICKS: Final = (-0.02, 0.0, 0.02, 0.1, 1.0)
 _MARK: Final[Mapping[str, Any]] = {"marker": "v", "linestyle": "", "markersize": 5.0}
 _DOT: Final[Mapping[str, Any]] = {
@@ -34,27 +34,27 @@ _DOT: Final[Mapping[str, Any]] = {
     "zorder": 3,
 }
 _INTERVENTION: Final = 1e-6
-"""The governor intervenes where stiffness is this far below the profile's [N/m]."""
+"""The governor intervenes if the stiffness is this far below the profile [N/m]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Stability:
-    """What Fig. 10 shows of one episode; arrays over its steps."""
+    """Data of Fig. 10 for one episode; arrays over its steps."""
 
     log: EpisodeLog
     fall: FloatArray
     """-dσ/dt of the σ that the controller used, (T, 6) [m/s, rad/s]."""
     fixed_stiffness: FloatArray
     fixed_fall: FloatArray
-    """Stiffness of the law and -dσ/dt for σ without via-points, (T, 6)."""
+    """Stiffness by the law and -dσ/dt for σ without via-points, (T, 6)."""
     tight: float
     """Bound on -dσ/dt that suffices at every σ and on both axes."""
     printed: float
-    """The same with the printed constant."""
+    """The same bound with the printed constant."""
     used: FloatArray
     """Stiffness rate over its bound at that stiffness, (T, 6): stable below 1."""
     governed: NDArray[np.bool_]
-    """Where the governor held the stiffness back, (T, 6)."""
+    """Where the governor limited the stiffness, (T, 6)."""
 
 
 def measure(material: Material) -> dict[str, Stability]:
@@ -89,7 +89,7 @@ def stability(log: EpisodeLog, profile: StiffnessProfile) -> Stability:
 
 
 def draw(shown: Mapping[str, Stability]) -> Figure:
-    """Draw stiffness, fall of the uncertainty and use of the bound, door by door."""
+    """Draw stiffness, decrease of uncertainty and use of the bound, by door."""
     figure = style.new_figure(style.PAGE, 4.7)
     rows = figure.subplots(3, len(shown), sharex="col", sharey="row", squeeze=False)
     titles = []
@@ -100,7 +100,7 @@ def draw(shown: Mapping[str, Stability]) -> Figure:
             fixed, own = one.fixed_stiffness[:, output], one.log.stiffness[:, output]
             stiffness.plot(times, fixed, color=colour, linestyle="--", linewidth=0.8)
             stiffness.plot(times, own, color=colour)
-            # A dot per control step: between them there is nothing.
+            # A dot per control step without interpolation.
             fall.plot(times, one.fall[:, output], color=colour, **_DOT)
             use.plot(times, one.used[:, output], color=colour, **_DOT)
         stiffness.set_ylim(0.0, 540.0)
@@ -138,7 +138,7 @@ def draw(shown: Mapping[str, Stability]) -> Figure:
 
 
 def caption(shown: Mapping[str, Stability]) -> str:
-    """Say what is seen, and the numbers."""
+    """Describe the figure and state its numbers."""
     outputs = list(AXES)
     first = next(iter(shown.values()))
     tight, printed = first.tight, first.printed
@@ -155,20 +155,19 @@ def caption(shown: Mapping[str, Stability]) -> str:
         for door, one in shown.items()
     ]
     return (
-        "(a, d) Stiffness along and across the path while an ordinary door and a heavy "
-        "one open, and (dashed) what the same law gives for the uncertainty without "
-        "via-points. "
-        "(b, e) How fast the uncertainty that sets the stiffness falls, one dot per "
-        f"control step (axis linear up to {_LINEAR:g} m/s, then logarithmic), against "
-        "Eq. (28) with the tight constant "
+        "(a, d) Stiffness along and across the path while an ordinary door and a "
+        "heavy door open, and (dashed) the stiffness by the same law for the "
+        "uncertainty without via-points. (b, e) Decrease rate of the uncertainty that "
+        f"sets the stiffness, one dot per control step (axis linear up to {_LINEAR:g} "
+        "m/s, then logarithmic), against Eq. (28) with the tight constant "
         f"({tight:.4f} m/s) and with the printed one ({printed:.4f} m/s). (c, f) Rate "
         "of the stiffness over the bound at the present stiffness, tight form of Eq. "
         "(23): below 1 the virtual dynamics are stable. The paper's Fig. 10 shows "
         "stiffness falling towards the end, as the dashed lines do, and compares "
-        "+dσ/dt with the bound; it is falling uncertainty that stiffens, so that the "
-        "sign here is the other one, and counted step by step the bound of Eq. (28) "
-        f"is crossed: every via-point makes σ drop at once. {'; '.join(numbers)}. Eq. "
-        "(28) is sufficient, not necessary, as it assumes the steepest point of the "
-        "law; the condition itself (c, f) always holds, because the governor holds the "
-        "stiffness back where it would not."
+        "+dσ/dt with the bound. Because decreasing uncertainty raises the stiffness, "
+        "this figure uses -dσ/dt. Some steps exceed the bound of Eq. (28), because "
+        f"every via-point reduces σ at once. {'; '.join(numbers)}. Eq. (28) is "
+        "sufficient, not necessary, as it assumes the steepest point of the law; the "
+        "condition itself (c, f) always holds, because the governor limits the "
+        "stiffness where it would be violated."
     )

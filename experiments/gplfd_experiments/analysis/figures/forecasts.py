@@ -1,4 +1,4 @@
-"""What the paper leaves out: forecasts of an opening by three forms of adaptation."""
+"""Not in the paper: forecasts of an opening by three forms of adaptation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,24 +20,24 @@ from gplfd_policies.registry.catalogue import make_agent
 
 TITLE: Final = "Forecasts of the rest of the opening"
 FORMS: Final = {"gp-product": "product", "gp-exact": "exact", "gp": "process"}
-"""Policies of the registry that differ in the form of adaptation alone."""
+"""Policies of the registry that differ only in the form of adaptation."""
 SHARES: Final = (0.05, 0.15, 0.30)
-"""How much of the opening has been seen, as a share of its angle."""
+"""Observed share of the opening angle."""
 DOORS: Final = ("small", "medium", "large", "0.42")
 SHOWN: Final = "large"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Forecast:
-    """What one form expects of the rest of an opening, and what came."""
+    """Forecast of the rest of an opening by one form, and the true poses."""
 
     rest: GaussianTrajectory
-    """At the phases that are still to come, (M',)."""
+    """Forecast at the remaining phases, (M',)."""
     truth: FloatArray
-    """True poses of the handle at them, (M', 6); to the end of the episode."""
+    """True poses of the handle at these phases, (M', 6); to the end of the episode."""
 
     def rms_error(self) -> float:
-        """Root mean square distance of the mean from the truth on the plane [m]."""
+        """Rms distance of the mean from the truth in the plane [m]."""
         error = (self.rest.mean[: len(self.truth)] - self.truth)[:, PLANE]
         return float(np.sqrt((error**2).sum(axis=1).mean()))
 
@@ -64,7 +64,7 @@ def measure(material: Material) -> dict[str, Forecasts]:
 
 
 def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
-    """Show the opening of one policy to each form and ask at each share of it."""
+    """Replay an opening to each form and store the forecast at each share of it."""
     wanted = [share * float(log.door_angle.max()) for share in SHARES]
     rows = [int(np.argmax(log.door_angle >= angle)) for angle in wanted]
     reached, first = np.unique(
@@ -80,7 +80,7 @@ def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
             if row in rows:
                 policy = expectation(agent)
                 rest = policy[policy.times > float(decision.observed_phase)]
-                # As far as the episode reached.
+                # Up to the end of the episode.
                 to_come = rest.times[rest.times <= reached[-1]]
                 poses = log.handle_pose[first].T
                 truth = [np.interp(to_come, reached, column) for column in poses]
@@ -127,7 +127,7 @@ def draw(openings: Mapping[str, Forecasts]) -> Figure:
 
 
 def caption(openings: Mapping[str, Forecasts]) -> str:
-    """Say what is seen, and the numbers."""
+    """Describe the figure and state its numbers."""
     shown = openings[SHOWN]
     numbers = []
     for index, share in enumerate(SHARES):
@@ -142,19 +142,19 @@ def caption(openings: Mapping[str, Forecasts]) -> str:
     phases = ", ".join(f"{phase:.2f}" for phase in shown.phases)
     return (
         f"Forecasts of the rest of the opening of a door of {shown.log.radius:.2f} m "
-        "on the plane in which it opens, after 5, 15 and 30 % of its angle (phases "
-        f"{phases}), by three forms of adaptation that were shown the same hand: the "
+        "in the plane in which it opens, after 5, 15 and 30 % of its angle (phases "
+        f"{phases}), by three forms of adaptation with the same observations: the "
         "paper's product of Gaussians, exact conditioning of its model, and "
-        "conditioning of the demonstrated process (the default). Dashed: mean; shaded: "
-        "95 % of x and z together at some phase to come; green: the true arc. The "
-        "paper shows no forecasts of the three. Above the panels: rms distance of the "
-        "mean from the true path to come, and share of the true x and z inside the "
-        "95 % intervals of their own phase; the regions join all phases, so that an "
-        "arc may run inside a region that expects the handle to be further back on "
-        f"it. Means over doors of {radii} m: {'. '.join(numbers)}. The product hardly "
-        "moves and is narrow nevertheless; exact conditioning corrects the mean of all "
-        "doors and stays as wide as all doors; the process narrows to the present door "
-        "as more of it is seen, and where fewer than 95 % are inside it is surer than "
-        "it should be. The truth is taken at the phase that the agent later gives to "
-        "it, so that errors of that phase count as errors of x and z."
+        "conditioning of the demonstrated process (the default). Dashed: mean; "
+        "shaded: union of the joint 95 % regions of x and z at the remaining phases; "
+        "green: the true arc. The paper shows no such forecasts. Above the "
+        "panels: rms distance of the mean from the rest of the true path, and share "
+        "of the true x and z inside the 95 % intervals of their phase. An arc may run "
+        "inside the shaded union although the handle is ahead of the forecast. Means "
+        f"over doors of {radii} m: {'. '.join(numbers)}. The product hardly adapts and "
+        "has narrow intervals. Exact conditioning corrects the mean, but its "
+        "intervals keep the spread of all doors. The intervals of the process narrow "
+        "as more of the present door is observed; where fewer than 95 % are inside, "
+        "it is overconfident. The true pose is taken at the phase that the agent "
+        "later estimates, so that phase errors count as errors of x and z."
     )

@@ -1,4 +1,4 @@
-"""What figures are made from: demonstrations and episodes."""
+"""Input of the figures: demonstrations and episodes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 
 POLICY: Final = "gp"
-"""Policy whose episodes figures show; others are shown the same observations."""
+"""Policy whose episodes figures show; other policies get the same observations."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Material:
-    """Episodes by door, what their policy learned from, and the seed of everything."""
+    """Episodes by door, the demonstrations of their policy, and the common seed."""
 
     seed: int
     demonstrations: LabelledDemonstrations

@@ -1,7 +1,7 @@
 """Synthetic pick-and-place motions for Figs. 2 to 4, whose data are not public.
 
-What the paper says of them is built in: both ends are constrained and the way between
-them is free, or the shelf is at one of two heights.
+The motions have the properties that the paper states: both ends are constrained and the
+path between them is free, or the shelf is at one of two heights.
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies import AlignedDemonstrations, Demonstration
 
 HEIGHT: Final = 1
-"""Output that figures of one dimension show: y, upwards."""
+"""Output in figures of one dimension: y, upwards."""
 
 PHASES: Final = np.linspace(0.0, 1.0, 201)
 PHASES.flags.writeable = False
 """Phases of `constrained_set`, (201,)."""
 
 _CORRELATION: Final = 0.25
-"""Length over which a repetition deviates to the same side, in phase."""
+"""Correlation length of the deviation of a repetition, in phase."""
 
 _RATE: Final = 60.0
 """Sampling rate of `shelf_motions` [Hz]."""
@@ -42,7 +42,7 @@ def true_height(phases: FloatArray) -> FloatArray:
 
 
 def deviations(count: int, rng: np.random.Generator) -> FloatArray:
-    """Draw how repetitions deviate from the mean [m or rad], (``count``, 201)."""
+    """Draw deviations of repetitions from the mean [m or rad], (``count``, 201)."""
     unit = smooth_functions(PHASES, _CORRELATION, count, rng)
     return true_spread(PHASES) * unit.T
 
@@ -63,13 +63,13 @@ class ShelfMotion:
     """Height of the shelf [m]."""
     demonstration: Demonstration
     progress: FloatArray
-    """How much of the task is truly done at each sample, (N,), 0 to 1."""
+    """True progress in the task at each sample, (N,), 0 to 1."""
 
 
 def shelf_motions(
     levels: tuple[float, ...], per_level: int, rng: np.random.Generator
 ) -> tuple[ShelfMotion, ...]:
-    """Place objects with uneven timing; the way to a high shelf passes lower ones."""
+    """Place objects with uneven timing; the path to a high shelf passes lower ones."""
     motions = []
     for level, level_rng in zip(levels, rng.spawn(len(levels)), strict=True):
         for own in level_rng.spawn(per_level):

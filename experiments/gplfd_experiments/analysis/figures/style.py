@@ -1,4 +1,4 @@
-"""How the figures look: sizes, colours on white paper, and how they are written."""
+"""Style of the figures: sizes, colours on white paper, file output."""
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -61,7 +61,7 @@ def on_paper(colour: colours.Colour, luminance: float) -> str:
     return "#" + "".join(f"{round(255.0 * value):02x}" for value in darker)
 
 
-# Colours that meet in one panel differ in luminance, not in hue alone.
+# Colours in the same panel differ in luminance, not only in hue.
 DEMONSTRATION: Final = on_paper(colours.DEMONSTRATION, 0.35)
 BEFORE: Final = on_paper(colours.BEFORE, 0.27)
 ADAPTED: Final = on_paper(colours.ADAPTED, 0.10)
@@ -71,20 +71,20 @@ AXIS_Z: Final = on_paper(colours.AXIS_Z, 0.13)
 LIMIT: Final = on_paper(colours.LIMIT, 0.13)
 MARK: Final = on_paper(colours.MARK, 0.15)
 SEEN: Final = "#e3f1fb"
-"""Background of what the policy has already seen."""
+"""Background of the observed part."""
 DOORS: Final = ("#3fb3bf", "#1b6fae", "#0b2a66")
 """Doors from the smallest to the largest: darker is wider."""
 
 
 @contextlib.contextmanager
 def paper_style() -> Iterator[None]:
-    """Draw and write inside this block; no user's matplotlibrc changes a byte."""
+    """Context for drawing and writing that ignores the user's matplotlibrc."""
     with matplotlib.style.context(dict(_STYLE), after_reset=True):
         yield
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """A figure of a size in inches that lays out its panels and needs no window."""
+    """Return a figure of a size in inches with automatic layout, without a window."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -92,7 +92,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 def write_figure(figure: Figure, folder: Path, name: str) -> None:
     """Write ``name.png`` and ``name.svg``; the same figure gives the same bytes."""
-    # The panels are arranged once, not again for each file.
+    # The layout is computed once, not for each file.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     for suffix, metadata in (
@@ -142,12 +142,12 @@ def mean_and_interval(
 
 
 def legend_line(color: str, linestyle: Any = "-", **line: Any) -> Line2D:
-    """A line that stands in the legend alone."""
+    """A line for the legend only."""
     return Line2D([], [], color=color, linestyle=linestyle, **line)
 
 
 def legend_above(figure: Figure, entries: Mapping[str, Artist]) -> None:
-    """Name lines and areas above all panels, in one row."""
+    """Write a legend of lines and areas above all panels, in one row."""
     figure.legend(
         handles=list(entries.values()),
         labels=list(entries),

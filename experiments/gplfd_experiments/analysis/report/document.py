@@ -1,8 +1,8 @@
 """The content of a report, written as one HTML file and as Markdown beside its plots.
 
-Texts may hold ``**bold**``, ```code```, ``[links](address)`` and backslashes before
-characters that are none of these marks; everything else is shown as it stands. What
-comes from a file goes through `code` or `literal`.
+Texts may contain ``**bold**``, ```code```, ``[links](address)`` and backslashes before
+characters that are not marks. All other characters are shown unchanged. Texts from
+files go through `code` or `literal`.
 """
 
 import base64
@@ -22,7 +22,7 @@ from gplfd_experiments.files.table import Table, markdown_table
 
 @dataclass(frozen=True, slots=True)
 class Paragraph:
-    """Running text; a warning is one that a reader must not miss."""
+    """A paragraph; an important one is marked as a warning."""
 
     text: str
     warning: bool
@@ -37,26 +37,26 @@ class Items:
 
 @dataclass(frozen=True, slots=True)
 class Verbatim:
-    """Lines that were written elsewhere, without marks: commands, error messages."""
+    """Lines without marks: commands, error messages."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A plot, drawn in `figures.style.paper_style` when the page is written."""
+    """A plot, drawn with `figures.style.paper_style` when the page is written."""
 
     name: str
-    """Of its files, without suffix."""
+    """Name of its files, without suffix."""
     draw: Callable[[], Figure]
     caption: str
     alternative: str
-    """What it shows, for those who cannot see it."""
+    """Alternative text of the plot."""
 
 
 @dataclass(frozen=True, slots=True)
 class Details:
-    """A table that HTML folds away under a title without marks."""
+    """A table that HTML shows collapsed under a title without marks."""
 
     title: str
     table: Table
@@ -64,16 +64,16 @@ class Details:
 
 Block = Paragraph | Items | Verbatim | Table | Picture | Details
 Cell = Callable[[Sequence[Any]], str]
-"""Text of a table's cell from the results of a policy that count."""
+"""Returns the text of a table cell from the results of a policy that count."""
 
 
 @dataclass(slots=True)
 class Section:
-    """Blocks in order under a heading, which the lead of a page does not have."""
+    """Blocks under a heading; the introduction of a page has no heading."""
 
     title: str = ""
     anchor: str = ""
-    """Its address in the page: lower-case letters, digits and hyphens."""
+    """Anchor in the page: lower-case letters, digits and hyphens."""
     blocks: list[Block] = field(default_factory=list)
 
     def say(self, text: str, *, warning: bool = False) -> None:
@@ -81,16 +81,16 @@ class Section:
         self.blocks.append(Paragraph(text, warning))
 
     def items(self, texts: Iterable[str]) -> None:
-        """Add a list of the texts that are not empty."""
+        """Add a list of the non-empty texts."""
         if said := tuple(filter(None, texts)):
             self.blocks.append(Items(said))
 
     def verbatim(self, text: str) -> None:
-        """Add lines as they were written elsewhere."""
+        """Add lines that are shown unchanged."""
         self.blocks.append(Verbatim(text))
 
     def table(self, table: Table, *, folded: str = "") -> None:
-        """Add a table; one with a folded title is opened by the reader."""
+        """Add a table; a table with a folded title is collapsed."""
         self.blocks.append(Details(folded, table) if folded else table)
 
     def picture(
@@ -116,12 +116,12 @@ class Document:
 
 
 def code(text: object) -> str:
-    """Return a name or another text of a file, to be shown as code."""
+    """Return a name or another text from a file as code."""
     return f"`{' '.join(str(text).split()).replace('`', chr(39))}`"
 
 
 def literal(text: object) -> str:
-    """Return a text of a file, to be shown as it stands."""
+    """Escape a text from a file, so that it is shown unchanged."""
     return re.sub(r"([\\`*\[\]])", r"\\\1", " ".join(str(text).split()))
 
 
@@ -137,7 +137,7 @@ def policy_table(
 ) -> Table:
     """Return a row per policy, in groups under headings unless there is only one.
 
-    Errors are counted below the policy's name; one without other results has dashes.
+    Errors are counted below the policy's name; a policy without results has dashes.
     """
     rows: list[tuple[str, ...]] = []
     for title, results in groups.items():
@@ -156,7 +156,7 @@ def policy_table(
 
 
 def medians(*measures: Measure) -> dict[str, Cell]:
-    """Return a column with the median of a measure, those of others below it."""
+    """Return a column with the median of a measure; medians of others are below it."""
 
     def cell(results: Sequence[Any]) -> str:
         return "\n".join(one.text(one.median(results)) for one in measures)
@@ -171,16 +171,16 @@ _MARK: Final = re.compile(
     r"\\(?P<plain>.)"
     r"|`(?P<code>[^`]*)`"
     r"|\*\*(?P<bold>(?:`[^`]*`|\\.|[^`\\])+?)\*\*"
-    # Links lead to pages of the web or to files beside this one.
+    # Links lead to web pages or to files in the same folder.
     r"|\[(?P<link>[^\]]+)\]\((?P<address>https?://[^)\s]+|(?!//)[\w./%~-]+)\)"
 )
 
 
 def inline(text: str) -> Markup:
-    """Return a text of a document as HTML; everything but its marks is escaped."""
+    """Return a text of a document as HTML; everything except its marks is escaped."""
     written, end = Markup(), 0
     for mark in _MARK.finditer(text):
-        # Adding to markup, and formatting it, escapes what is not markup itself.
+        # Concatenation and formatting with Markup escape other strings.
         written += text[end : mark.start()]
         match mark.lastgroup, mark[mark.lastgroup or 0]:
             case "code", code:
@@ -209,7 +209,7 @@ _TEMPLATES.filters["kind"] = lambda block: type(block).__name__
 
 
 def html_page(document: Document, images: Mapping[str, bytes]) -> str:
-    """Return a document as HTML, by its template and the SVG of every picture."""
+    """Return a document as HTML, from its template and the SVG of every picture."""
     embedded = {
         name: base64.b64encode(image).decode("ascii") for name, image in images.items()
     }
@@ -232,7 +232,7 @@ def _markdown(block: Block) -> str:
         case Items(texts=texts):
             return "\n".join(f"- {_unmarked(text)}" for text in texts)
         case Verbatim(text=text):
-            # A fence is longer than any in the text.
+            # The fence is longer than any fence in the text.
             fence = "`" * max(3, 1 + max(map(len, re.findall("`+", text)), default=0))
             return f"{fence}text\n{text}\n{fence}"
         case Table(note=note):
@@ -245,7 +245,7 @@ def _markdown(block: Block) -> str:
 
 
 def _unmarked(text: str) -> str:
-    """Escape what Markdown would read as a mark and a document does not."""
+    """Escape characters that are marks in Markdown, but not in a document."""
     return re.sub(
         r"(\\.|`[^`]*`)|([_<])",
         lambda found: found[1] or f"\\{found[2]}",

@@ -60,16 +60,16 @@ Episodes = Sequence[EpisodeResult]
 _SOLVED: Final = attrgetter("solved")
 _FORCE: Final = EPISODE_MEASURES["force_radial_peak"]
 _ANGLES: Final = {
-    60: "ever open so far, with the same interval",
+    60: "door angle ever reached, with the same interval",
     30: "the same at 30°",
     15: "the same at 15°",
 }
-"""Angles that count as opened [deg], the task's own first, and what a column says."""
+"""Angles that count as opened [deg], the task's angle first, with column meanings."""
 _COLUMNS: Final[Mapping[tuple[str, ...], str]] = {
     ("time_to_60_deg", "time_to_30_deg"): "simulated time until the door was first "
     "open so far",
     ("force_tangential_peak", "force_tangential_p95"): "force along the path of the "
-    "handle: its peak, and what 95 % of the samples stay below (p95)",
+    "handle: peak and 95th percentile of the samples (p95)",
     ("force_radial_peak", "force_radial_p95"): "force across the path, which does no "
     "work: peak and p95",
     ("force_handle_peak", "door_acceleration_peak"): "largest force on the handle in "
@@ -80,20 +80,20 @@ _COLUMNS: Final[Mapping[tuple[str, ...], str]] = {
     "between predicted and true position plus the stated variance, averaged over the "
     "opening",
     ("stability_margin_translation",): "smallest distance of dk/dt from its bound",
-    ("latency_median_ms",): "processor time of a call of the policy, without waiting",
-    (WALL_TIME,): "time on the clock of a call of the policy",
+    ("latency_median_ms",): "CPU time of a call of the policy",
+    (WALL_TIME,): "wall time of a call of the policy",
 }
-"""Meaning of a column by its metrics, the first above the second."""
+"""Meaning of a column by its metrics; the first is above the second."""
 _DISTURBED: Final[Mapping[tuple[str, ...], str]] = {
     ("person_force_peak", "person_force_sustained"): "peak force on the person, and "
-    "the largest borne for 0.5 s",
-    ("stop_force_peak", "stop_force_sustained"): "peak force on the stop, and the "
-    "largest borne for 0.5 s",
-    ("push_displacement_mm",): "largest displacement of the hand by the push",
+    "largest force sustained for 0.5 s",
+    ("stop_force_peak", "stop_force_sustained"): "peak force on the stop, and "
+    "largest force sustained for 0.5 s",
+    ("push_displacement_mm",): "largest displacement of the hand during the push",
     ("release_speed", "recovery_time"): "largest speed of the door in the second after "
     "a disturbance, and time until it was 5° further open",
 }
-"""The same of the effects of a disturbance, where there was one."""
+"""The same for effects of a disturbance, if there was one."""
 
 
 def summary_table(conditions: Mapping[str, Runs]) -> Table:
@@ -150,17 +150,17 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
         "the hand, of all episodes; below it the 95 % interval (Wilson). New radii "
         "were not demonstrated; other doors differ in more than the radius. "
         "**Radial force:** peak force across the path of the handle, which does no "
-        "work; it shows how badly the motion fits the door. Typical value of a seed "
-        f"over the opened doors, with its 95 % interval from {FEWEST_PAIRS} seeds on. "
-        "**Errors:** episodes in which the policy raised an error; they count as not "
-        "opened. Policies are in order of the doors opened to 60°, then of the radial "
-        "force."
+        "work; a large value means that the motion does not fit the door. Typical "
+        "value of a seed over the opened doors, with its 95 % interval from "
+        f"{FEWEST_PAIRS} seeds on. **Errors:** episodes in which the policy raised an "
+        "error; they count as not opened. Policies are in order of the doors opened "
+        "to 60°, then of the radial force."
     )
     return Table(columns=("policy", *columns), rows=tuple(rows), note=note)
 
 
 def standing(runs: Runs, reference: str) -> list[str]:
-    """Say how the reference stands in episodes of one condition, by measure."""
+    """Rank the reference by measure, in episodes of one condition."""
     texts = [rate_sentence("Doors opened to 60°", _successes(runs), reference)]
     splits = {one.split for own in runs.values() for one in own}
     if len(splits) > 1 and UNDEMONSTRATED in splits:
@@ -181,7 +181,7 @@ def standing(runs: Runs, reference: str) -> list[str]:
 
 
 def how_to_read(runs: Runs) -> str:
-    """Say how the sentences of `standing` were obtained."""
+    """Explain how the sentences of `standing` are obtained."""
     text = (
         "Policies are compared seed by seed, by their mean difference on the tasks of "
         "a seed that both ran (for forces, times and slip: doors that both opened), "
@@ -190,14 +190,14 @@ def how_to_read(runs: Runs) -> str:
     )
     if privileged := sorted(PRIVILEGED & runs.keys()):
         text += (
-            f" {names(privileged)} knows what a robot cannot and is not among the "
+            f" {names(privileged)} has information that no robot has and is not "
             "compared."
         )
     return text
 
 
 def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
-    """All measures of all conditions, lost episodes included; plots of the first."""
+    """All measures of all conditions, with lost episodes; plots of the first one."""
     section = Section("Doors opened", "doors")
     title, all_runs = next(iter(conditions.items()))
     runs = counted(all_runs)
@@ -275,7 +275,7 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
 
 
 def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
-    """Return every measure's column, and what the column means, by its head."""
+    """Return the column of every measure and its meaning, by its heading."""
     episodes = _all(conditions)
     disturbed = [one for one in episodes if one.task.disturbance != "none"]
 
@@ -308,7 +308,7 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
         columns[f"to {angle}°"] = opened, meaning
     measured = dict(_COLUMNS)
     if all(one.number(WALL_TIME) is None for one in episodes):
-        del measured[WALL_TIME,]  # Results of earlier versions lack it.
+        del measured[WALL_TIME,]  # Results of earlier versions lack wall times.
     for metrics, meaning in _DISTURBED.items():
         if any(one.number(metrics[0]) for one in disturbed):
             measured[metrics] = meaning
@@ -327,7 +327,7 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
 
 
 def tests_section(conditions: Mapping[str, Runs], reference: str) -> Section:
-    """Paired tests of every condition; how the reference stands under the others."""
+    """Paired tests of every condition; rank of the reference in the others."""
     section = Section("Paired tests", "tests")
     for place, (title, runs) in enumerate(conditions.items()):
         if len(conditions) > 1:
@@ -382,7 +382,7 @@ def _paired_tests(runs: Runs, reference: str) -> Table:
 
 
 def _successes(runs: Runs, *, held: bool = False) -> dict[str, dict[Key, bool]]:
-    """Return success by policy and task: opened to 60 degrees, or held there, too."""
+    """Return success by policy and task: opened to 60 degrees, or also held there."""
     return {
         policy: {one.key: one.solved if held else one.opened() for one in own}
         for policy, own in runs.items()
@@ -394,6 +394,6 @@ def _rate(succeeds: Callable[[EpisodeResult], bool], own: Episodes) -> str:
 
 
 def _all(conditions: Mapping[str, Runs]) -> list[EpisodeResult]:
-    """Return all episodes that count."""
+    """Return all episodes that count, of all conditions."""
     runs = (own for each in conditions.values() for own in each.values())
     return [one for own in runs for one in own if one.counts]

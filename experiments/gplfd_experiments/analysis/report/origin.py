@@ -1,4 +1,4 @@
-"""What was run: the command, the code, the counts, and what went wrong."""
+"""What was run: the command, the code, the counts, and errors."""
 
 import shlex
 from collections import Counter
@@ -19,7 +19,7 @@ _LEFT_OUT: Final = "Files without a result, left out"
 
 
 def say_warnings(lead: Section, results: StudyResults) -> None:
-    """Say what a reader must not miss; nothing if all is well."""
+    """Return important warnings; empty without problems."""
     warnings = [literal(said) for said in remarks(results.episodes)]
     if failed := sum(bool(one.error) for one in results.tests):
         tests = f"{failed} of {len(results.tests)} learning tests ended in an error."
@@ -27,7 +27,9 @@ def say_warnings(lead: Section, results: StudyResults) -> None:
     # A file that was edited between two parts of a study.
     sources = Counter(policy for policy, _ in _sources(results))
     if mixed := sorted(policy for policy, number in sources.items() if number > 1):
-        warnings.append(f"Results of {names(mixed)} were made by more than one source.")
+        warnings.append(
+            f"Results of {names(mixed)} come from more than one source file or version."
+        )
     planned = results.study.get(PLANNED)
     if isinstance(planned, int) and len(results.all) < planned:
         warnings.append(
@@ -37,8 +39,8 @@ def say_warnings(lead: Section, results: StudyResults) -> None:
     config = results.study.get("config")
     if isinstance(config, dict) and config.get("until_separated"):
         warnings.append(
-            "The runs ended when two policies were separated; intervals suppose a "
-            "fixed number of seeds and do not hold here."
+            "The runs ended when two policies were separated. The intervals assume a "
+            "fixed number of seeds and are not valid here."
         )
     if results.unreadable:
         warnings.append(f"{_LEFT_OUT}: {len(results.unreadable)}.")
@@ -48,7 +50,7 @@ def say_warnings(lead: Section, results: StudyResults) -> None:
 
 
 def say_command(lead: Section, results: StudyResults) -> None:
-    """Say how many results there are, and the command that made them."""
+    """State the number of results, and the command that made them."""
     parts = (
         (results.episodes, "episodes"),
         (results.tests, "learning tests"),
@@ -88,7 +90,7 @@ def origin_section(results: StudyResults) -> Section:
     if len(machines) > 1:
         section.say(
             f"These results were made on {len(machines)} kinds of machine: they are "
-            "comparable to a tolerance only, see `docs/reproducibility.md`."
+            "equal only up to a tolerance, see `docs/reproducibility.md`."
         )
 
     if own := [(policy, source) for policy, source in _sources(results) if source]:
@@ -111,7 +113,7 @@ def origin_section(results: StudyResults) -> Section:
             settings.append(f"{title}: {literal(said)}.")
     section.items(settings)
 
-    # Tasks that some policies ran and others did not.
+    # Tasks that only some policies ran.
     every = {one.pair for one in results.episodes}
     gaps = [
         f"{code(policy)} {missing}"
@@ -146,7 +148,7 @@ def origin_section(results: StudyResults) -> Section:
 
 
 def _sources(results: StudyResults) -> list[tuple[str, str]]:
-    """Return every policy with each source that it came from, in order."""
+    """Return every policy with each of its sources, in order."""
     return list(dict.fromkeys((one.policy, one.policy_source) for one in results.all))
 
 

@@ -1,4 +1,4 @@
-"""The report of a study: `report` says it as a document, `write_report` writes it."""
+"""The report of a study: `report` returns a document, `write_report` writes it."""
 
 from pathlib import Path
 from typing import Final
@@ -34,11 +34,11 @@ MARKDOWN: Final = "report.md"
 def write_report(
     results: StudyResults, study: Path, out: Path | None = None, reference: str = "gp"
 ) -> Path:
-    """Write report.html, report.md, figures/ and, of trials, trials.json.
+    """Write report.html, report.md, figures/ and, for trials, trials.json.
 
-    They are written to ``out``, by default the study's folder, to whose recordings they
-    link. The others are compared with the reference, else the best. Returns the path of
-    the HTML page.
+    They are written to ``out``, by default the study's folder, and link to its
+    recordings. Policies are compared with the reference, or with the best policy if the
+    study lacks the reference. Returns the path of the HTML page.
     """
     folder = study if out is None else out
     document = report(results, study, folder, reference)
@@ -62,7 +62,7 @@ def write_report(
 def report(
     results: StudyResults, study: Path, folder: Path, reference: str
 ) -> Document:
-    """Say everything about a study; the folder is that of the page."""
+    """Return the report of a study; the folder is that of the page."""
     episodes = [one for one in results.episodes if not one.task.trial]
     shown = {str(title): ranked(own) for title, own in by_condition(episodes).items()}
     ran = {title: counted(runs) for title, runs in shown.items()}

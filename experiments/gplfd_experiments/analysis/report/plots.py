@@ -42,12 +42,12 @@ from gplfd_policies.registry.catalogue import POLICIES
 LeftOut = LearningTestResult | RecordedResult
 
 Panels = dict[str, tuple[Axes, str, list[tuple[float, float]]]]
-"""By policy its panel and colour, and the points of its curve."""
+"""Panel, colour and curve of each policy."""
 Look = Mapping[str, Any]
-"""How an artist is drawn."""
+"""Keyword arguments of an artist."""
 
 _FAINT: Final[Look] = {"color": "#c9b3dd", "linewidth": 2.2, "zorder": 1.5}
-"""How the reference looks in the panels of others."""
+"""Style of the reference in the panels of others."""
 _GRID: Final = "#e6e9ee"
 _BAR: Final[Look] = {"linewidth": 2.6, "alpha": 0.3, "zorder": 2}
 _DOTS: Final[Look] = {
@@ -58,11 +58,11 @@ _DOTS: Final[Look] = {
     "alpha": 0.35,
     "zorder": 2,
 }
-"""How single episodes look."""
+"""Style of single episodes."""
 _FEWEST, _MOST = 3, 5
-"""Panels in a row."""
+"""Number of panels in a row."""
 _PANEL_ROW, _MARGIN = 1.35, 0.55
-"""Height of a row of panels, and of what is around them [inch]."""
+"""Height of a row of panels, and of labels around them [inch]."""
 _LONGEST: Final = 26
 """Characters of a name that fit above a panel."""
 
@@ -85,11 +85,11 @@ _VERDICTS: Final[Mapping[Verdict, tuple[str, Look]]] = {
 }
 _POINT: Final[Look] = {"linestyle": "none", "ms": 4.5, "zorder": 4}
 _DOT: Final = 2.4
-"""Diameter of a seed's dot [pt]; of n at one place, √n times as much."""
+"""Diameter of a seed's dot [pt]; √n times as large for n equal values."""
 _TRIAL_ROW, _BESIDE_ROWS = 0.15, 0.45
 """Height of a row, and of a panel's title or its axis [inch]."""
 _WIDE: Final = 20.0
-"""Greatest over smallest value from which on a scale is logarithmic."""
+"""Ratio of greatest and smallest value from which a scale is logarithmic."""
 
 
 def success_by_radius(runs: Runs, reference: str) -> Figure:
@@ -107,7 +107,7 @@ def success_by_radius(runs: Runs, reference: str) -> Figure:
 
 
 def force_by_radius(runs: Runs, reference: str) -> Figure:
-    """Draw the peak radial force of opened doors over the radius: all and median."""
+    """Draw the peak radial force of opened doors over the radius: dots and median."""
     measure = EPISODE_MEASURES["force_radial_peak"]
     figure, panels = _panels(runs, reference, "radius [m]", "peak radial force [N]")
     for policy, (axes, tint, points) in panels.items():
@@ -127,7 +127,7 @@ def force_by_radius(runs: Runs, reference: str) -> Figure:
 
 
 def forecast_by_progress(runs: Runs, reference: str) -> Figure:
-    """Draw the error of the forecast of the rest over progress: median, middle half."""
+    """Draw the forecast error of the rest over progress: median and middle half."""
     figure, panels = _panels(runs, reference, "door angle / final angle", "error [mm]")
     for policy, (axes, tint, points) in panels.items():
         axes.set_xlim(0.0, 1.0)
@@ -150,7 +150,7 @@ def forecast_by_progress(runs: Runs, reference: str) -> Figure:
 
 
 def coverage(runs: Mapping[str, Sequence[LeftOut]], reference: str) -> Figure:
-    """Draw the share of left-out numbers inside intervals of a nominal share."""
+    """Draw the measured coverage of intervals over the nominal coverage."""
     figure, panels = _panels(runs, reference, "nominal share", "measured share")
     for policy, (axes, _, points) in panels.items():
         axes.plot([0.0, 1.0], [0.0, 1.0], color=style.MARK, linewidth=0.7)
@@ -205,7 +205,7 @@ def _left_out(one: LeftOut) -> str:
 
 
 def _doors(own: Iterable[EpisodeResult]) -> list[tuple[float, list[EpisodeResult]]]:
-    """Return episodes on standard doors by mean radius, a group per door."""
+    """Return episodes of standard doors by mean radius, a group per door."""
     standard = (one for one in own if one.split != NON_STANDARD or one.drawn)
     doors = grouped(sorted(standard, key=attrgetter("radius")), door_name)
     return [
@@ -248,7 +248,7 @@ def _panels(
 def _draw_curves(
     panels: Panels, reference: str, without: str = "", marker: str = "o"
 ) -> None:
-    """Draw the curve of each panel, and the reference's faintly behind the others."""
+    """Draw the curve of each panel, and the reference's curve pale behind it."""
     faint = panels[reference][2] if reference in panels else []
     for policy, (axes, tint, points) in panels.items():
         if faint and policy != reference:
@@ -263,7 +263,7 @@ def _draw_curves(
 
 
 def short(policy: str) -> str:
-    """Return a name, or as much of its end as fits above a panel."""
+    """Return a name, shortened from the left to fit above a panel."""
     return policy if len(policy) <= _LONGEST else f"…{policy[1 - _LONGEST :]}"
 
 
@@ -277,7 +277,7 @@ def log_scale(axes: Axes, which: Literal["x", "y"]) -> None:
 
 
 def kind_of(policy: str) -> str:
-    """Return method, ablation, reference or own."""
+    """Return the kind of a policy: method, ablation, reference or own."""
     return POLICIES[policy].kind if policy in POLICIES else "own"
 
 
@@ -322,7 +322,7 @@ def deciding_numbers(
 def performance_profiles(
     arrays: Mapping[str, FloatArray], measure: str, reference: str
 ) -> Figure:
-    """Draw the share of episodes at least as good as a value, from policies' scores."""
+    """Draw the share of episodes that reach a value, from policies' scores."""
     sign = EPISODE_MEASURES[measure].sign
     values = sign * np.concatenate([own.ravel() for own in arrays.values()])
     low, high = np.percentile(values[np.isfinite(values)], (0.0, 100.0))
@@ -365,7 +365,7 @@ def ideas(answers: Mapping[str, Sequence[Answer]]) -> Figure:
         for place, (_, found, verdict) in enumerate(rows):
             _point(axes, place, found, _VERDICTS[verdict][1])
         axes.axvline(0.0, color=style.MARK, linewidth=0.8, zorder=1)
-        # Zero in the middle, and what is better to its right, in all panels.
+        # Zero in the middle, and better values on the right, in all panels.
         end = max(map(abs, axes.get_xlim()))
         axes.set_xlim(-sign * end, sign * end)
         axes.set_xlabel(f"{EPISODE_MEASURES[measure].title}: with − without")
@@ -384,7 +384,7 @@ def _point(axes: Axes, row: int, found: Rate | Shift, look: Look) -> None:
 
 
 def _stacked(rows: Sequence[int], *, shared: bool) -> tuple[Figure, list[Axes]]:
-    """Panels below each other, as high as their rows are many."""
+    """Return panels below each other, with heights proportional to their rows."""
     height = _TRIAL_ROW * sum(rows) + _BESIDE_ROWS * (len(rows) + 1)
     figure = style.new_figure(style.PAGE, height)
     grid = figure.subplots(
@@ -394,7 +394,7 @@ def _stacked(rows: Sequence[int], *, shared: bool) -> tuple[Figure, list[Axes]]:
 
 
 def _name_rows(axes: Axes, names: Sequence[str]) -> None:
-    """Name rows from the top down, on fine lines."""
+    """Label rows from the top down, on fine lines."""
     axes.set_yticks(range(len(names)), labels=names, parse_math=False)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.grid(axis="y", color=_GRID, linewidth=0.5)

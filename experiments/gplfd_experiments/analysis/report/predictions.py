@@ -1,7 +1,7 @@
-"""How well methods predict demonstrations and recordings that they did not see.
+"""Prediction errors of methods on left-out demonstrations and recordings.
 
-Table 1 of the paper has a measured number behind every mark; what is measured, and what
-it must be, is said in `gplfd_experiments.studies.learning_tests.criteria`.
+A measured number is added to every mark of Table 1 of the paper. The measures and their
+limits are in `gplfd_experiments.studies.learning_tests.criteria`.
 """
 
 import math
@@ -56,7 +56,7 @@ _FORECASTS: Final = (
     *("forecast_25_nlpd", "forecast_25_position_m"),
     *("online_25_nlpd", "online_25_position_m"),
 )
-"""Forecasts that get a sentence."""
+"""Forecasts that are ranked in a sentence."""
 _FORCES: Final = tuple(FORCE_MEASURES)
 _TABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "A recording that was not seen": tuple(
@@ -77,23 +77,23 @@ _FORCE_NOTE: Final = (
     "rest once a part was, at known phases. NLPD in newtons and newton metres."
 )
 _HONEST: Final = (0.90, 0.99)
-"""Share of what was left out that 95 % intervals should hold; few recordings determine
-it to a few hundredths only."""
+"""Accepted measured coverage of 95 % intervals; few recordings determine it only to a
+few hundredths."""
 _MISSED: Final = 2.0
-"""Distance from which a via-point demanded to a millimetre is missed [mm]."""
+"""Distance from which a via-point with a standard deviation of 1 mm is missed [mm]."""
 _UNLIKE: Final = 3.5
-"""A recording is unlike the others if its score is so many robust standard deviations
-above the median; Iglewicz and Hoaglin's limit."""
+"""A recording is unlike the others if its score is this many robust standard deviations
+above the median; limit by Iglewicz and Hoaglin."""
 _ROBUST: Final = 1.4826
-"""Standard deviation of a normal variable over its median absolute deviation."""
+"""Ratio of standard deviation and median absolute deviation of a normal variable."""
 
 _SIGN: Final = {True: "✓", False: "✗", None: "?"}
 _TUNED: Final = tuple(f"{policy}-tuned" for policy in TABLE_1)
 _TINY: Final = 1e-3
-"""Smaller numbers are shown as being so."""
+"""Smaller numbers are shown as less than this."""
 
 Metrics = dict[str, list[Mapping[str, Any]]]
-"""Those of every learning test, by policy."""
+"""Metrics of every learning test, by policy."""
 
 
 def learning_section(tests: Tests, reference: str) -> Section:
@@ -145,21 +145,21 @@ def learning_section(tests: Tests, reference: str) -> Section:
 
 
 def recorded_section(results: Results, reference: str) -> Section:
-    """All methods on recordings: sentences, tables, plots, and what to do."""
+    """All methods on recordings: sentences, tables, plots, recommendations."""
     section = Section("What was learned from the recordings", "recorded")
     runs = by_policy(results)
     section.say(
-        "Each recording is left out in turn, the method learns from the others, and "
-        "what it predicts is compared with what was done: at the same phases, told "
-        "from how much of its path the hand has covered. Less is better; NLPD of the "
-        "outputs that move, in natural units of metres and radians: a difference of "
-        "0.1 per number is ten per cent of a density. Recordings are the independent "
-        "trials of the intervals."
+        "Each recording is left out in turn. The method learns from the others, and "
+        "its prediction is compared with the left-out recording at equal phases; the "
+        "phase follows from the share of the path that the hand has covered. Less is "
+        "better. NLPD is over the outputs that move, in metres and radians: a "
+        "difference of 0.1 per number is a factor of 1.1 in the density. Recordings "
+        "are the independent trials of the intervals."
     )
     section.say(
-        "**Online** means that the method watches the recording sample by sample, as "
-        "a robot does, and estimates the phase from the samples so far; the other "
-        "forecasts know the phase from the whole path."
+        "**Online** means that the method reads the recording sample by sample, as on "
+        "a robot, and estimates the phase from the samples so far. The other "
+        "forecasts use the phase from the whole path."
     )
     section.table(_summary(results))
     headlines = (*LEARNING_HEADLINES, *_FORECASTS)
@@ -193,7 +193,7 @@ def recorded_section(results: Results, reference: str) -> Section:
 def overview(results: Results) -> str:
     """Return the headlines of all methods as a table of plain text, best first."""
     table = _summary(results)
-    # Plain text has neither marks nor lines within a cell.
+    # Plain text has neither marks nor line breaks within a cell.
     rows = tuple(
         (row[0].replace("`", "").replace("\n", ", "), *row[1:]) for row in table.rows
     )
@@ -201,7 +201,7 @@ def overview(results: Results) -> str:
 
 
 def _summary(results: Results) -> Table:
-    """Return the headlines of all methods, those with the best likelihood first."""
+    """Return the headlines of all methods, ordered by likelihood."""
 
     def likelihood(item: tuple[str, Results]) -> float:
         middle = _MEASURES["nlpd"].median(one for one in item[1] if not one.error)
@@ -212,9 +212,9 @@ def _summary(results: Results) -> Table:
     columns = _columns((*LEARNING_HEADLINES, "coverage_95", *forecast))
     note = (
         "Medians over recordings. **n:** recordings left out, one at a time. "
-        "**NLPD:** negative log predictive density of the outputs that move, less is "
+        "**NLPD:** negative log predictive density of the outputs that move; less is "
         "better. **Position, rotation:** error of the prediction. **Inside 95 %:** "
-        "share of the recording inside the stated 95 % intervals, 0.95 is right. "
+        "share of the recording inside the stated 95 % intervals, 0.95 is correct. "
         "**After 25 %:** error and NLPD of the rest once a quarter has been seen. "
         "**Online 25 %:** the same, with the phase estimated from the samples so far."
     )
@@ -235,13 +235,13 @@ def _sentences(
     reference: str,
     trials: str,
 ) -> Iterator[str]:
-    """Say how the reference stands in some measures."""
+    """Rank the reference in some measures."""
     for measure in map(_MEASURES.__getitem__, metrics):
         yield value_sentence(measure, numbers(runs, measure), reference, trials)
 
 
 def _add_plots(section: Section, tests: Sequence[LeftOut], reference: str) -> None:
-    """Add plots of coverage and errors of predictions, none of no test."""
+    """Add plots of coverage and errors of predictions, if there is a test."""
     runs = by_policy(tests)
     if any(one.number("coverage_95") is not None for one in tests):
         section.picture(
@@ -264,7 +264,7 @@ def _add_plots(section: Section, tests: Sequence[LeftOut], reference: str) -> No
 
 
 def advice(own: Results, policy: str) -> list[str]:
-    """Say what of a method's numbers is bad, and what to try."""
+    """Return the problems in a method's numbers, and recommendations."""
     ran = [one for one in own if not one.error]
     texts: list[str] = []
     shares = _MEASURES["coverage_95"].values(ran)
@@ -274,15 +274,15 @@ def advice(own: Results, policy: str) -> list[str]:
         texts.append(f"{code(policy)} states no uncertainty.")
     elif held < low:
         texts.append(
-            f"{code(policy)} is too sure: its 95 % intervals hold {held:.2f}. A new "
-            "repetition differs by more than these differ from each other. Record more "
-            "of them, or in more different circumstances; and look whether they begin "
-            "at the same place of the task."
+            f"{code(policy)} is overconfident: its 95 % intervals hold {held:.2f}. A "
+            "new repetition differs more than these recordings differ from each "
+            "other. Record more repetitions, or in more varied conditions, and check "
+            "whether all begin at the same point of the task."
         )
     elif held > high:
         texts.append(
-            f"{code(policy)} is too unsure: its 95 % intervals hold {held:.2f}. One "
-            "recording unlike the others widens them for all."
+            f"{code(policy)} is underconfident: its 95 % intervals hold {held:.2f}. A "
+            "single recording that is unlike the others widens all intervals."
         )
 
     scores = {
@@ -294,7 +294,7 @@ def advice(own: Results, policy: str) -> list[str]:
         spread = max(_ROBUST * statistics.median(deviations), 1e-9)
         texts += [
             f"Recording {number} is unlike the others: NLPD {score:.1f}, where the "
-            f"median is {middle:.1f}. Look at it in skill.rrd: another way of doing "
+            f"median is {middle:.1f}. Check it in skill.rrd: a different way of doing "
             "the task, a jump of the tracker, or a wrong unit or quaternion order in "
             "one file?"
             for number, score in scores.items()
@@ -304,18 +304,18 @@ def advice(own: Results, policy: str) -> list[str]:
     missed = _MEASURES["via_error_position_m"].median(ran)
     if missed is not None and missed > _MISSED:
         texts.append(
-            f"{code(policy)} passes a via-point demanded to a millimetre by "
-            f"{missed:.1f} mm: the recordings leave it no freedom there. Record "
-            "the task in more of the ways in which it can be done."
+            f"{code(policy)} misses a via-point with a standard deviation of 1 mm by "
+            f"{missed:.1f} mm: the recordings do not vary there. Record the task with "
+            "more variation."
         )
     return texts or [
-        f"Nothing of {code(policy)} stands out: its intervals hold what they state, no "
-        "recording is unlike the others, and via-points are met."
+        f"Nothing is conspicuous for {code(policy)}: the coverage of its intervals is "
+        "correct, no recording is unlike the others, and via-points are met."
     ]
 
 
 def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
-    """The paper's rows and methods, our marks, and where the two disagree."""
+    """The paper's rows and methods, measured marks, and differences."""
     section = Section("Table 1 of the paper, measured", "table-1")
     own = dict.fromkeys(one.policy for one in tests if one.policy_source)
     measured, tuned = _measured(tests, (*TABLE_1, *own)), _measured(tests, _TUNED)
@@ -363,8 +363,8 @@ def _measured(tests: Sequence[LearningTestResult], shown: Sequence[str]) -> Metr
 def _marks(measured: Metrics, note: str) -> tuple[Table, list[str], list[bool]]:
     """Return a row per criterion with a mark and a number per policy.
 
-    Then for each criterion what it is, and the numbers where the paper says otherwise;
-    and for each mark of a method that the paper judges whether it does.
+    Also returns, for each criterion, its definition and the numbers that differ from
+    the paper; and for each mark of a method in the paper, whether it differs.
     """
     rows: list[tuple[str, ...]] = []
     explained: list[str] = []

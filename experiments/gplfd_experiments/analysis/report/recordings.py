@@ -1,4 +1,4 @@
-"""Recordings of a study: their names, their index, and links to them."""
+"""Recordings of a study: names, index and links."""
 
 import os
 from collections.abc import Iterable, Mapping
@@ -13,15 +13,15 @@ from gplfd_experiments.files.table import Table
 
 FOLDER, INDEX = "recordings", "index.json"
 COMPARISONS: Final = ("comparison.rrd", "comparison-widest.rrd")
-"""Policies side by side at the middle and at the widest demonstrated door."""
+"""Files with policies side by side at the middle and the widest demonstrated door."""
 RANKS: Final = ("best", "median", "worst")
-"""Episodes of each policy that are recorded, by success, radial force and angle."""
+"""Recorded episodes of each policy, by success, radial force and angle."""
 
 _ENTRIES: Final[Any] = tuple[dict[str, Any], ...]
 
 
 def recording_name(policy: str, rank: str) -> str:
-    """Return the file name of a recording, whatever the policy is called."""
+    """Return a valid file name of a recording for any policy name."""
     return f"{file_name(policy)}-{rank}.rrd"
 
 
@@ -31,7 +31,7 @@ def trial_recording_name(trial: str) -> str:
 
 
 def link_trial(section: Section, study: Path, page: Path, trial: str) -> None:
-    """Link a trial's comparison, if there is one, and say what it shows."""
+    """Link a trial's comparison, if there is one, with its description."""
     file = trial_recording_name(trial)
     if (link := _links(study, page).get(file)) is None:
         return
@@ -45,7 +45,7 @@ def link_trial(section: Section, study: Path, page: Path, trial: str) -> None:
         alike = len({about for _, about in said}) == 1
         about = said[0][1] if alike else "; ".join(map(" ".join, said))
     except (OSError, ValueError) as error:
-        about = f"what it shows is not known: {literal(error)}"
+        about = f"its description cannot be read: {literal(error)}"
     section.say(f"Side by side: {link}, {about}.")
 
 
@@ -64,7 +64,7 @@ def recording_section(study: Path, page: Path, policies: Iterable[str]) -> Secti
     except FileNotFoundError:
         pass
     except (OSError, ValueError) as error:
-        text = f"What the recordings show is not known: {literal(error)}"
+        text = f"The descriptions of the recordings cannot be read: {literal(error)}"
         section.say(text, warning=True)
     rows = []
     for policy in policies:

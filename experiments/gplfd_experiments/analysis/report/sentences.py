@@ -1,7 +1,7 @@
-"""Sentences that say how one policy stands among the others, from the data alone.
+"""Sentences that rank one policy among the others.
 
 Two policies are compared on the tasks that both ran, seed by seed. A policy is *within
-the interval of the best* when the 95 % interval of the paired difference holds zero.
+the interval of the best* if the 95 % interval of the paired difference contains zero.
 Otherwise it is beaten.
 """
 
@@ -24,26 +24,26 @@ from gplfd_experiments.analysis.results.statistics import (
 )
 
 PRIVILEGED: Final = frozenset({"oracle"})
-"""Policies that know what a robot cannot: compared, but never called the best."""
+"""Policies with information that no robot has: listed, but never called the best."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Rival:
-    """Another policy beside the one that a sentence is about."""
+    """A policy that is compared with the subject of a sentence."""
 
     name: str
     lead: float
-    """How much better it is; negative: worse."""
+    """Difference to the subject; positive if this policy is better."""
     text: str
-    """Its numbers, in words."""
+    """Its numbers as text."""
     difference: Shift
-    """Significant where its interval is above zero."""
+    """Whether the interval of the difference is above zero."""
 
 
 def rate_sentence(
     title: str, successes: Mapping[str, Mapping[Key, bool]], policy: str
 ) -> str:
-    """Say how a policy's success rate stands; successes are by policy and task."""
+    """Rank a policy's success rate; successes are by policy and task."""
     own = successes.get(policy, {})
     if not own:
         return f"**{title}:** {code(policy)} has no episode that ran."
@@ -82,12 +82,12 @@ def value_sentence(
     policy: str,
     trials: str = "seeds",
 ) -> str:
-    """Say how a policy's numbers stand, less is better; "" if nothing is comparable."""
+    """Rank a policy's numbers, less is better; "" if nothing is comparable."""
 
     def rival(name: str, pairs: Pairs) -> _Rival:
         found = shift(*pairs.per_seed())
         size = abs(found.estimate)
-        # A small difference is shown with the decimals that it takes.
+        # A small difference is shown with as many decimals as necessary.
         finer = next((n for n in (0, 1) if round(size, measure.digits + n) != 0.0), 2)
         side = "ahead" if found.estimate > 0.0 else "behind"
         interval = "too few for an interval"
@@ -121,7 +121,7 @@ def _rivals(
 
 
 def _standing(policy: str, own: str, rivals: Sequence[_Rival]) -> str:
-    """Say whether a policy is best, within the interval of the best, or beaten."""
+    """State whether a policy is best, within the interval of the best, or beaten."""
     subject = f"{code(policy)}, {own},"
     if not rivals:
         return f"{subject} has nothing to compare with."

@@ -1,4 +1,4 @@
-"""A section per trial: the question, the numbers, and which ideas make a difference."""
+"""A section per trial: the question, the numbers, and the effect of each idea."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -52,13 +52,13 @@ _VERDICTS: Final = {
     "harms": "worse with it",
     "open": "no significant difference",
 }
-"""What a contrast shows about its idea."""
+"""Results of a contrast."""
 
 
 def trial_sections(
     results: StudyResults, study: Path, page: Path, reference: str
 ) -> list[Section]:
-    """Return what trials show: first all ideas together, then trial after trial."""
+    """Return the sections of trials: a summary of all ideas, then each trial."""
     held = of_trials(results)
     if not held:
         return []
@@ -76,7 +76,7 @@ def trial_sections(
         for name, own in held.items()
     }
 
-    # Which part of the protocol these results are.
+    # The part of the protocol that these results cover.
     section = Section("What each idea is worth", "ideas")
     text = f"Protocol v{VERSION}, {len(held)} of {len(TRIALS)} trials."
     asked = sum(len(TRIALS[name].contrasts) for name in held)
@@ -86,8 +86,8 @@ def trial_sections(
     seeds = len({one.task.seed for one in results.episodes if one.task.trial in held})
     if seeds < SEEDS:
         section.say(
-            f"A first look: {seeds} of the {SEEDS} seeds with which the protocol "
-            "decides. `gplfd trials --part ideas` runs all of them.",
+            f"A first look: {seeds} of the {SEEDS} seeds that the protocol requires. "
+            "`gplfd trials --part ideas` runs all of them.",
             warning=True,
         )
     _say_ideas(section, answers)
@@ -100,7 +100,7 @@ def trial_sections(
 
 
 def _say_ideas(section: Section, answers: Mapping[str, Sequence[Answer]]) -> None:
-    """Say all contrasts: in sentences, in a table and in a plot."""
+    """Show all contrasts in sentences, a table and a plot."""
     rows = sorted(
         (
             answer.contrast.idea,
@@ -116,11 +116,11 @@ def _say_ideas(section: Section, answers: Mapping[str, Sequence[Answer]]) -> Non
         section.say("No contrast has both of its policies in these results.")
         return
     note = (
-        "**Difference:** the policy with the idea minus the one without it, which is "
-        "equal in everything else, seed by seed, with the 95 % interval "
-        "(Hodges-Lehmann; of shares, mean and Student's). **Result:** better or worse "
-        "with the idea where the interval excludes zero (the protocol says that the "
-        "idea shows, or does harm)."
+        "**Difference:** the policy with the idea minus the otherwise equal policy "
+        "without it, seed by seed, with the 95 % interval (Hodges-Lehmann; for "
+        "shares, mean and Student's interval). **Result:** better or worse with the "
+        "idea if the interval excludes zero (in the protocol: the idea shows, or does "
+        "harm)."
     )
     columns = ("idea", "trial", "measure", "with : without", "difference", "result")
     section.items(_together(answers))
@@ -231,8 +231,9 @@ def _trial_section(
 def ordered(trial: Trial, policies: ByLevel) -> dict[str, Runs]:
     """Return a trial's episodes by level and policy, the best first.
 
-    Policies are sorted by the measures in order; one without a number comes last, and
-    so does one that opened no door: its small forces are not comparable.
+    Policies are sorted by the measures in order. Policies without a number come last,
+    and so do policies that opened no door, because their small forces are not
+    comparable.
     """
 
     def rank(episodes: Sequence[EpisodeResult]) -> list[float]:
@@ -303,15 +304,15 @@ def aggregate_table(
         columns=("policy", head, f"P({reference} better)"),
         rows=tuple(rows),
         note="All doors, and levels without a prior mean. **Interquartile mean:** of "
-        "the middle half of the episodes; a dash where more than a quarter failed. "
-        "**P:** probability that the reference is better at the same door and level; a "
-        "failure is worse than all else, ties count half. 95 % intervals: stratified "
-        "bootstrap of the seeds.",
+        "the middle half of the episodes; a dash if more than a quarter failed. "
+        "**P:** probability that the reference is better at the same door and level; "
+        "a failure is worse than any value, ties count half. 95 % intervals: "
+        "stratified bootstrap of the seeds.",
     )
 
 
 def tier_lines(results: StudyResults) -> list[str]:
-    """Say, a line per tier, who opens what, how gently, and with what knowledge."""
+    """Return a line per tier: success, radial force and knowledge of each policy."""
     lines = []
     for tier, runs in tier_runs(results).items():
         every = [one for own in runs.values() for one in own]
@@ -343,12 +344,12 @@ def tier_lines(results: StudyResults) -> list[str]:
 
 
 def _found(answer: Answer) -> tuple[str, str]:
-    """Return the difference with its interval, and what it shows, in words."""
+    """Return the difference with its interval, and the result, as text."""
     found = answer.shift
     if found is None:
         return "–", "no value in common"
     digits = _digits(answer.contrast.measure)
-    # As many decimals as the ends of the interval need to differ from zero.
+    # Enough decimals that the ends of the interval differ from zero.
     ends = [abs(end) for end in (found.low, found.high) if 0.0 < abs(end) < math.inf]
     if ends:
         digits = max(digits, min(-math.floor(math.log10(min(ends))), 3))

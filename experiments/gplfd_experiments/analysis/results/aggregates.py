@@ -5,9 +5,9 @@ precipice*, NeurIPS 2021. Scores have shape (seeds, strata), greater is better. 
 stratum is a door at a level of a trial. NaN is a run that does not exist, minus
 infinity one that failed. Intervals are 95 % percentiles of a stratified bootstrap.
 
-The paper draws the runs of each stratum alone (unit "run"). Here doors of a seed share
-the demonstrations, and policies share seeds: with the unit "seed" a seed is drawn with
-all its strata, for both policies of a comparison.
+The paper draws the runs of each stratum alone (unit "run"). Here the doors of a seed
+share the demonstrations, and policies share seeds. With the unit "seed", a seed is
+drawn with all its strata, for both policies of a comparison.
 """
 
 import math
@@ -21,7 +21,7 @@ from gplfd_experiments.files.arrays import FloatArray
 Unit = Literal["seed", "run"]
 
 REPLICATES: Final = 2000
-"""Samples of the bootstrap, whose seed is 0."""
+"""Number of samples of the bootstrap; its seed is 0."""
 
 
 def interquartile_mean(scores: FloatArray, unit: Unit = "seed") -> Shift:
@@ -31,7 +31,7 @@ def interquartile_mean(scores: FloatArray, unit: Unit = "seed") -> Shift:
     values, counts = scores.ravel()[order], counts[:, order]
     up_to = np.cumsum(counts, axis=1)
     cut = up_to[:, -1:] // 4
-    # How often each run stands in the middle half.
+    # Weight of each run in the middle half.
     inside = np.minimum(up_to, up_to[:, -1:] - cut) - np.maximum(up_to - counts, cut)
     inside = np.maximum(inside, 0.0)
     known = np.isfinite(values)
@@ -45,7 +45,7 @@ def probability_of_improvement(
 ) -> Shift:
     """Return P(first > second) of independent runs, the mean over the strata.
 
-    Ties count half. Strata that one of them lacks are left out.
+    Ties count half. Strata that one of them lacks are excluded.
     """
     ours, theirs = first[:, None, :], second[None, :, :]
     compared = ~(np.isnan(ours) | np.isnan(theirs))
@@ -73,7 +73,7 @@ def performance_profile(
 
 
 def _drawn(shape: tuple[int, ...], unit: Unit) -> FloatArray:
-    """Return how often a sample has a run: (policy, sample, seed, stratum).
+    """Return how often a sample contains a run: (policy, sample, seed, stratum).
 
     The first sample is the data as they are.
     """
@@ -93,7 +93,7 @@ def _ratio(part: FloatArray, whole: FloatArray) -> FloatArray:
 
 
 def _interval(values: FloatArray, seeds: int) -> Shift:
-    """Return the first value, and percentiles of the others, which are the samples."""
+    """Return the first value, and percentiles of the others (bootstrap samples)."""
     samples = np.sort(values[1:][~np.isnan(values[1:])])
     low, high = -math.inf, math.inf
     if seeds >= FEWEST_PAIRS and samples.size:

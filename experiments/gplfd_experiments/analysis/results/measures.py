@@ -1,4 +1,4 @@
-"""Results in groups, and the measures by which they are compared."""
+"""Groups of results, and the measures by which they are compared."""
 
 import math
 import statistics
@@ -30,52 +30,53 @@ class Measure:
 
     metric: str
     short: str
-    """Name above a column."""
+    """Name in a column heading."""
     unit: str = ""
     name: str = ""
-    """Name in a sentence and beside an axis, of a measure that gets one."""
+    """Name in a sentence and at an axis, if the measure has one."""
     digits: int = 2
     convert: Callable[[float], float] = float
     if_opened: bool = False
-    """Whether only opened doors have it: a policy that lets go feels no force."""
+    """Whether it is defined for opened doors only; without a grasp there is no
+    force."""
     share: bool = False
     """Whether it is a share of episodes."""
     better: Literal["less", "more"] = "less"
 
     @property
     def column(self) -> str:
-        """Head of a column, with the unit in brackets at the end."""
+        """Column heading, with the unit in brackets at the end."""
         return f"{self.short} [{self.unit}]" if self.unit else self.short
 
     @property
     def title(self) -> str:
-        """The name, with the unit in brackets, or that it is a share, at the end."""
+        """The name, with the unit in brackets or "share" at the end."""
         if self.share:
             return f"{self.name}, share"
         return f"{self.name} [{self.unit}]"
 
     @property
     def sign(self) -> float:
-        """Factor after which more is better: 1, or −1 where less is."""
+        """Sign of the measure: 1 if more is better, −1 if less is better."""
         return 1.0 if self.better == "more" else -1.0
 
     def of(self, result: TaskResult) -> float | None:
-        """Return the number; None where there is none."""
+        """Return the number; None if it is missing."""
         value = result.number(self.metric)
         if self.if_opened and result.number("time_to_60_deg") is None:
             return None
         return None if value is None else self.convert(value)
 
     def values(self, results: Iterable[TaskResult]) -> list[float]:
-        """Return the numbers of the results that have it."""
+        """Return the numbers of the results that have this measure."""
         return [value for value in map(self.of, results) if value is not None]
 
     def median(self, results: Iterable[TaskResult]) -> float | None:
-        """Return the median of the results that have it; None if none has."""
+        """Return the median of the results that have this measure; None without any."""
         return median(self.values(results))
 
     def text(self, value: float | None, *, unit: bool = False, finer: int = 0) -> str:
-        """Write a value, or a dash; with its unit, and more decimals than usual."""
+        """Format a value, or a dash; optionally with its unit or more decimals."""
         if value is None:
             return "–"
         number = number_text(value, self.digits + finer)
@@ -85,7 +86,7 @@ class Measure:
 
 
 def number_text(value: float, digits: int, *, signed: bool = False) -> str:
-    """Write a number with a typographic minus, and zero without a sign."""
+    """Format a number with a typographic minus, and zero without a sign."""
     # Adding zero turns minus zero into zero.
     rounded = round(value, digits) + 0.0
     plus = "+" if signed and rounded != 0.0 else ""
@@ -93,25 +94,25 @@ def number_text(value: float, digits: int, *, signed: bool = False) -> str:
 
 
 def median(values: Iterable[float | None]) -> float | None:
-    """Return the median of what is there; None for nothing."""
+    """Return the median of the values that are not None; None without any."""
     known = [value for value in values if value is not None]
     return statistics.median(known) if known else None
 
 
 def _by_metric(*measures: Measure) -> Mapping[str, Measure]:
-    """Return measures by the names of their metrics."""
+    """Return measures by their metrics."""
     return {measure.metric: measure for measure in measures}
 
 
 def interval_text(found: Shift, digits: int) -> str:
-    """Write the ends of an interval; "" where pairs are too few, or failures many."""
+    """Format the ends of an interval; "" for too few pairs or too many failures."""
     if math.isinf(found.low) or math.isinf(found.high):
         return ""
     return " to ".join(number_text(end, digits) for end in (found.low, found.high))
 
 
 def shift_cell(found: Shift, digits: int) -> str:
-    """Write an estimate above its interval, if it has one; a dash for no number."""
+    """Format an estimate above its interval, if it has one; a dash without a number."""
     if not math.isfinite(found.estimate):
         return "–"
     text = f"{number_text(found.estimate, digits)}\n{interval_text(found, digits)}"
@@ -175,8 +176,9 @@ EPISODE_MEASURES: Final = _by_metric(
     Measure(WALL_TIME, "wall time per decision", "ms"),
     Measure("latency_wall_p95_ms", "wall time\nper decision\np95", "ms"),
 )
-"""Measures of episodes by metric; ``grasp_kept`` follows from how an episode failed.
-Trials are decided by them, too, and their plot of all contrasts has this order."""
+"""Measures of episodes by metric; ``grasp_kept`` follows from the failure of an
+episode. Contrasts of trials use them as well; the plot of all contrasts has this
+order."""
 
 LEARNING_MEASURES: Final = _by_metric(
     _millimetres("rmse_position_m", "position", name="error of the predicted position"),
@@ -233,14 +235,14 @@ HEADLINES: Final = (
     *("force_radial_peak", "force_tangential_peak", "time_to_60_deg"),
     *("slip_max_mm", "prediction_error_position", "latency_median_ms"),
 )
-"""Episode measures that get a sentence, in their order."""
+"""Episode measures with a sentence, in the order of the sentences."""
 LEARNING_HEADLINES: Final = ("nlpd", "rmse_position_m", "rmse_rotation_rad")
-"""Measures of learning tests that get a sentence."""
+"""Measures of learning tests with a sentence."""
 TESTED: Final = (
     *("force_radial_peak", "force_radial_p95", "force_tangential_peak"),
     *("force_tangential_p95", "time_to_60_deg"),
 )
-"""Episode measures that get a paired test."""
+"""Episode measures with a paired test."""
 
 
 ResultT = TypeVar("ResultT", bound=TaskResult)
@@ -251,13 +253,13 @@ Runs = Mapping[str, Sequence[EpisodeResult]]
 """Episodes by the name of their policy."""
 
 _BAND: Final = 0.1
-"""Width of a band of radii that are drawn at random [m]."""
+"""Width of a band of random radii [m]."""
 
 
 def grouped(
     results: Iterable[ResultT], group: Callable[[ResultT], GroupT]
 ) -> dict[GroupT, list[ResultT]]:
-    """Return results by a group that each has, in the order in which groups come."""
+    """Return results by a group key, groups in the order of their first result."""
     groups: dict[GroupT, list[ResultT]] = {}
     for one in results:
         groups.setdefault(group(one), []).append(one)
@@ -270,12 +272,12 @@ def by_policy(results: Iterable[ResultT]) -> dict[str, list[ResultT]]:
 
 
 def by_door_kind(episodes: Iterable[EpisodeResult]) -> dict[str, list[EpisodeResult]]:
-    """Return episodes by kind of door, the kinds in the order in which they come."""
+    """Return episodes by kind of door, in the order of their first episode."""
     return grouped(episodes, attrgetter("door_kind"))
 
 
 def by_condition(results: Iterable[TaughtT]) -> dict[Condition, list[TaughtT]]:
-    """Return results by what they share, those with most results first."""
+    """Return results by condition, those with most results first."""
     known = [*RANDOMIZATIONS]
 
     def order(item: tuple[Condition, Sequence[TaughtT]]) -> tuple[float, ...]:
@@ -334,7 +336,7 @@ def numbers(
 
 
 def door_name(one: EpisodeResult) -> str:
-    """Return the name of a door, with its radius; drawn radii are named by a band."""
+    """Return the name of a door with its radius; for a random radius, with its band."""
     if one.drawn:
         low = _BAND * math.floor(one.radius / _BAND + 1e-9)
         return f"{low:.1f}–{low + _BAND:.1f} m"
@@ -346,7 +348,7 @@ def door_name(one: EpisodeResult) -> str:
 
 
 def closed_because(episodes: Iterable[EpisodeResult]) -> str:
-    """Count why doors stayed closed, the most frequent reason first."""
+    """Count the reasons why doors stayed closed, the most frequent first."""
     reasons = Counter(
         why_closed(one.metrics["failure"], one.metrics.get("reason", ""))
         for one in episodes

@@ -1,6 +1,6 @@
-"""Results of a study as records, read from its files.
+"""Read the results of a study from its files as records.
 
-A file that cannot be read is named, with the reason.
+Files that cannot be read are listed with the reason.
 """
 
 import dataclasses
@@ -27,13 +27,13 @@ from gplfd_experiments.studies.tasks import KINDS, RecordedTask, SkillTask, task
 DEMONSTRATED: Final = "demonstrated radii"
 UNDEMONSTRATED: Final = "new radii"
 NON_STANDARD: Final = "other doors"
-"""Doors that differ in more than the radius: more friction, a closer, another mass."""
+"""Doors that differ in more than the radius: friction, closer or mass."""
 SPLITS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
-"""How doors relate to the demonstrated ones of their kind, in the order shown."""
+"""Relations of doors to the demonstrated ones of their kind, in display order."""
 
 
 def door_kind(door: DoorConfig) -> str:
-    """Return the kind of a door in words: all that decides by which motion it opens."""
+    """Return the kind of a door in words: all properties that determine its motion."""
     latch = "" if door.latch == "none" else f" with {door.latch} latch"
     side = "" if door.hinge_side == "right" else f", hinge {_WHERE[door.hinge_side]}"
     motion = "" if door.motion == "hinged" else f"{door.motion}, "
@@ -45,22 +45,23 @@ _WHERE: Final = {"left": "on the left", "bottom": "at the bottom", "top": "at th
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TaskResult:
-    """What is known of one task after it ran."""
+    """The result of one task."""
 
     task: Task
     pair: str
     """Key of the task without its policy: results with the same key are a pair."""
     metrics: Mapping[str, Any]
-    """Numbers are finite or None; an older result lacks what was added since."""
+    """Numbers are finite or None; older results lack metrics that were added later."""
     error: str
-    """Why nothing was measured; "" if something was."""
+    """Why there is no measurement; "" if there is one."""
     lost: bool
-    """Whether the machine failed, not the policy: such a task counts nowhere."""
+    """Whether the machine failed, not the policy; such a task is excluded
+    everywhere."""
     code: str
     machine: str
     """CPU and libraries that determine the last bits of the result; "" if unknown."""
     policy_source: str
-    """Where the policy came from, for one that is not this project's; else ""."""
+    """Source of a policy that is not part of this project; else ""."""
 
     @property
     def policy(self) -> str:
@@ -69,7 +70,7 @@ class TaskResult:
 
     @property
     def key(self) -> Key:
-        """Seed, and what names the task among those of all policies."""
+        """Seed, and the key of the task among those of all policies."""
         return self.task.seed, self.pair
 
     @property
@@ -85,43 +86,43 @@ class TaskResult:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TaughtResult(TaskResult):
-    """What is known of a task whose policy learned from the synthetic human."""
+    """The result of a task whose policy learned from the synthetic human."""
 
     condition: Condition
-    """What this task shares with others of the same table."""
+    """Condition that this task shares with others in the same table."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EpisodeResult(TaughtResult):
-    """What is known of an episode.
+    """The result of an episode.
 
-    Where the policy raised an error, in learning or acting, the door was not opened:
-    the episode counts as a failure, ``policy_error``, with a door that is closed.
+    If the policy raised an error, in learning or acting, the episode counts as a
+    failure, ``policy_error``, with a closed door.
     """
 
     task: EpisodeTask
     radius: float
     """Distance from hinge to handle [m], as drawn."""
     demonstrations: str
-    """Hash of what was learned from, to a micrometre; "" if unknown."""
+    """Hash of the demonstrations, rounded to a micrometre; "" if unknown."""
     drawn: bool
     """Whether the radius is drawn at random."""
     split: str
-    """How the door relates to the demonstrated ones, one of `SPLITS`."""
+    """Relation of the door to the demonstrated ones, one of `SPLITS`."""
     door_kind: str
 
     @property
     def counts(self) -> bool:
-        """Whether it is part of rates and comparisons: unless the machine failed."""
+        """Whether it is part of rates and comparisons; false if the machine failed."""
         return not self.lost
 
     def opened(self, angle: int = 60) -> bool:
-        """Return whether the door was ever open by 15, 30 or 60 degrees."""
+        """Return whether the door ever reached 15, 30 or 60 degrees."""
         return self.number(f"time_to_{angle}_deg") is not None
 
     @property
     def solved(self) -> bool:
-        """Whether the door was held open by 60 degrees, the handle in the hand."""
+        """Whether the door was held at 60 degrees with the handle in the hand."""
         return bool(self.metrics.get("success"))
 
     @property
@@ -132,7 +133,7 @@ class EpisodeResult(TaughtResult):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LearningTestResult(TaughtResult):
-    """How well a policy predicted demonstrations that it did not see."""
+    """Prediction errors of a policy on left-out demonstrations."""
 
     task: SkillTask
     outputs_cpu_s: Mapping[int, float]
@@ -141,22 +142,22 @@ class LearningTestResult(TaughtResult):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RecordedResult(TaskResult):
-    """How well a policy predicted a recording that it did not see."""
+    """Prediction errors of a policy on a left-out recording."""
 
     task: RecordedTask
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StudyResults:
-    """All that a folder holds, in the order of policies, conditions, doors, seeds."""
+    """All results of a folder, ordered by policies, conditions, doors, seeds."""
 
     study: Mapping[str, Any]
-    """What study.json says; empty without one."""
+    """Content of study.json; empty without the file."""
     episodes: tuple[EpisodeResult, ...]
     tests: tuple[LearningTestResult, ...]
     recorded: tuple[RecordedResult, ...]
     unreadable: tuple[str, ...]
-    """Names of files that hold no result, with the reason."""
+    """Names of files without a result, with the reason."""
 
     @property
     def all(self) -> tuple[TaskResult, ...]:
@@ -167,15 +168,15 @@ class StudyResults:
 TASKS: Final = "tasks"
 
 _SAME_RADIUS: Final = 1e-3
-"""Doors whose radii differ by less are the same to a hand [m]."""
+"""Radii that differ by less count as equal [m]."""
 _LONGEST: Final = 200
-"""Characters of a name, and of a reason."""
+"""Largest number of characters of a name, and of a reason."""
 
 _NARROWER: Final[Mapping[str, Any]] = {
     "door_config": dict[str, float | str | None],
     "habits": dict[str, float] | None,
 }
-"""Types of fields that `EpisodeTask` leaves open."""
+"""Types of fields that `EpisodeTask` does not specify."""
 _CLOSED_BY_ERROR: Final[Mapping[str, Any]] = {
     "success": False,
     "failure": POLICY_ERROR,
@@ -183,14 +184,14 @@ _CLOSED_BY_ERROR: Final[Mapping[str, Any]] = {
     "forecast_progress": (),
     "forecast_error_mm": (),
 }
-"""What counts of an episode in which the policy raised an error."""
+"""Metrics of an episode in which the policy raised an error."""
 
 
 def read_results(*folders: Path) -> StudyResults:
     """Read the results of a study, or of several together.
 
-    A resumed study runs episodes of an older environment again and keeps their files:
-    these results are left out. `StudyResults.study` is the first folder's.
+    A resumed study runs episodes of an older environment again and keeps the old files;
+    these results are excluded. `StudyResults.study` is that of the first folder.
     """
     results: list[tuple[Path, TaskResult]] = []
     studies: list[Mapping[str, Any]] = []
@@ -201,7 +202,7 @@ def read_results(*folders: Path) -> StudyResults:
                 f"there is no folder {folder}; `gplfd benchmark --out {folder}` makes "
                 "one"
             )
-        # A file that is being written has a name that begins with a dot.
+        # Names of unfinished files begin with a dot.
         files = sorted((folder / TASKS).glob("[!.]*.json"))
         if not files:
             raise ValueError(
@@ -263,7 +264,7 @@ def read_results(*folders: Path) -> StudyResults:
 
 
 def read_files(files: Iterable[Path]) -> tuple[list[TaskResult], list[str]]:
-    """Read results, and name the files that hold none, with the reason."""
+    """Read results, and list files without a result, with the reason."""
     found, unreadable = list[TaskResult](), list[str]()
     for file in files:
         try:
@@ -281,7 +282,7 @@ def _reason(file: Path, error: Exception) -> str:
 
 
 def _result(record: Mapping[str, Any]) -> TaskResult:
-    """Return what a file says; raises what is wrong with it."""
+    """Return the result in a file; raise an error if it is invalid."""
     task = _task(entry(record, "task", dict[str, Any]))
     source = task.policy_source or {}
     metrics = outcome(record, task)
@@ -333,13 +334,13 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
 
 
 def _task(fields: Mapping[str, Any]) -> Task:
-    """Return the task of a file whose every field has been checked."""
+    """Return the task of a file after a check of every field."""
     kind = entry(fields, "kind", str)
     if kind not in KINDS:
         raise ValueError(f"kind = {kind[:_LONGEST]!r} must be one of {[*KINDS]}")
     types = {**typing.get_type_hints(KINDS[kind]), **_NARROWER}
     for one in dataclasses.fields(KINDS[kind]):
-        # Most files leave such a field out.
+        # Most files omit such a field.
         optional = "omitted" in one.metadata
         if optional and one.name not in fields:
             continue
@@ -360,7 +361,7 @@ def _task(fields: Mapping[str, Any]) -> Task:
 
 
 def _condition(task: TaughtTask) -> Condition:
-    """Return what a task shares with others of its table."""
+    """Return the condition that a task shares with others of its table."""
     noise = TeacherConfig(**task.teacher).wobble_position_std
     taught = Condition(
         demonstrations_per_door=task.demonstrations_per_door,

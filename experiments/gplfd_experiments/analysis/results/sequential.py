@@ -1,10 +1,10 @@
-"""Sequential comparison of two policies, valid however often it is looked at.
+"""Sequential comparison of two policies that is valid at every look.
 
 A payoff x ∈ [−1, 1] of a seed has mean zero, given all earlier seeds, if the policies
 are equal. Π (1 + λ xᵢ), the capital after bets of the share λ, is then a martingale,
 and so is its mean over λ ∈ (−1, 1), the e-value. By Ville's inequality it ever reaches
-1/α with probability at most α, whenever one looks or stops. If it does, the policies
-are *separated*.
+1/α with probability at most α, for any stopping rule. If it does, the policies are
+*separated*.
 
 Robbins, Annals of Mathematical Statistics 41:1397-1409, 1970; Waudby-Smith and Ramdas,
 *Estimating means of bounded random variables by betting*, JRSS B 86:1-27, 2024. For
@@ -26,12 +26,12 @@ LEVEL: Final = 0.05
 """Largest probability of separating equal policies, over all looks together."""
 _POWER: Final = 0.8
 _BETS, _WEIGHTS = np.polynomial.legendre.leggauss(100)
-"""λ, and twice its share: a mixture for any number of seeds, and exact up to 199."""
+"""λ and twice its weight: a mixture for any number of seeds, exact up to 199 seeds."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Comparison:
-    """Where a comparison stands: seeds, mean outcomes, and the largest e-value so far.
+    """State of a comparison: seeds, mean outcomes, and the largest e-value so far.
 
     `separated_at` is the number of seeds at which the policies were separated, or None;
     `ahead` is then 1 if the first has the larger outcomes, −1 if the second, else 0.
@@ -48,9 +48,10 @@ class Comparison:
 def rank_payoffs(differences: FloatArray) -> FloatArray:
     """Return signs times sequential ranks of paired differences; shape (..., n).
 
-    The rank of |dᵢ| among |d₁| ... |dᵢ|, over i, knows no sign: the mean is zero if,
-    given its size, a difference is as often positive as negative. After Reynolds,
-    *A sequential signed-rank test for symmetry*, Annals of Statistics 3:382-400, 1975.
+    The rank of |dᵢ| among |d₁| ... |dᵢ|, divided by i, does not depend on the sign. The
+    mean is zero if a difference of any size has either sign with equal probability.
+    After Reynolds, *A sequential signed-rank test for symmetry*, Annals of Statistics
+    3:382-400, 1975.
     """
     sizes, n = np.abs(differences), differences.shape[-1]
     smaller = (sizes[..., None, :] <= sizes[..., :, None]) & np.tri(n, dtype=bool)
@@ -70,8 +71,8 @@ def compare(
 ) -> Comparison:
     """Compare two policies by their outcomes at the same seeds, one or more, in order.
 
-    Shares in [0, 1] are equal in the mean under the null hypothesis; of other outcomes
-    the differences are symmetric about zero.
+    Under the null hypothesis, shares in [0, 1] have equal means, and differences of
+    other outcomes are symmetric about zero.
     """
     differences = np.subtract(first, second)
     payoffs = differences if shares else rank_payoffs(differences)
@@ -91,14 +92,14 @@ def compare(
 def seeds_needed(first: float, second: float, *, limit: int = 1000) -> int | None:
     """Return how many seeds separate two success rates with a probability of 0.8.
 
-    Exact for one door per seed and independent outcomes of the policies; where seeds
-    are difficult for both, or have several doors, fewer suffice. None: over the limit.
+    Exact for one door per seed and independent outcomes of the policies. Fewer seeds
+    suffice if difficulty is shared or a seed has several doors. None: over the limit.
     """
     if not (0.0 <= first <= 1.0 and 0.0 <= second <= 1.0):
         raise ValueError(f"success rates must be from 0 to 1, got {first}, {second}")
     behind, ahead = sorted((first * (1.0 - second), second * (1.0 - first)))
     share = ahead / (ahead + behind) if ahead else 0.5
-    # By the pairs with different outcomes so far; k of them for the better policy.
+    # Over the pairs with different outcomes so far; k of them for the better policy.
     alive, separated = np.ones(1), np.zeros(limit + 1)
     for pairs in range(1, limit + 1):
         alive = np.append(0.0, alive * share) + np.append(alive * (1.0 - share), 0.0)

@@ -15,7 +15,7 @@ _EXACT_UP_TO: Final = 60
 _LEVEL: Final = 0.95
 
 Key = tuple[int, str]
-"""Seed of a task, and what names it among those of all policies."""
+"""Seed of a task, and its key among the tasks of all policies."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,14 +33,14 @@ class Shift:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pairs:
-    """Values of two policies at the tasks that both have, and the tasks' seeds."""
+    """Values of two policies at their common tasks, and the seeds of these tasks."""
 
     seeds: tuple[int, ...]
     first: tuple[float, ...]
     second: tuple[float, ...]
 
     def per_seed(self) -> tuple[list[float], list[float]]:
-        """Return means of each seed, whose doors share what was learned from."""
+        """Return means over each seed, because its doors share the demonstrations."""
         first, second = np.array(self.first), np.array(self.second)
         seeds = [np.equal(self.seeds, seed) for seed in dict.fromkeys(self.seeds)]
         return (
@@ -50,7 +50,7 @@ class Pairs:
 
 
 def paired(first: Mapping[Key, float], second: Mapping[Key, float]) -> Pairs:
-    """Return the values of two policies at the tasks that both have."""
+    """Return the values of two policies at their common tasks."""
     shared = sorted(first.keys() & second.keys())
     return Pairs(
         seeds=tuple(seed for seed, _ in shared),
@@ -61,7 +61,7 @@ def paired(first: Mapping[Key, float], second: Mapping[Key, float]) -> Pairs:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Rate:
-    """A success rate with its 95 % interval; NaN where nothing was tried."""
+    """A success rate with its 95 % interval; NaN without trials."""
 
     successes: int
     trials: int
@@ -75,7 +75,7 @@ class Rate:
 
     @property
     def interval(self) -> str:
-        """The interval in words; a dash where nothing was tried."""
+        """The interval as text; a dash without trials."""
         return f"{self.low:.2f}–{self.high:.2f}" if self.trials else "–"
 
     @property
@@ -85,12 +85,12 @@ class Rate:
 
 
 def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
-    """Return how often something succeeded, from the seed and outcome of every trial.
+    """Return the success rate, from the seed and outcome of every trial.
 
     Wilson's score interval for the effective number of trials n / (1 + (m - 1) ρ), with
     m trials per seed (weighted by themselves) and their intraclass correlation ρ, the
-    estimate of an analysis of variance. Where all trials have the same outcome nothing
-    says that those of a seed are alike, and ρ is 0.
+    estimate of an analysis of variance. If all trials have the same outcome, ρ cannot
+    be estimated and is 0.
     """
     clusters: dict[int, list[bool]] = {}
     for seed, outcome in outcomes:
@@ -100,7 +100,7 @@ def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
     if not trials:
         return Rate(successes=0, trials=0, low=math.nan, high=math.nan)
 
-    # How many trials of a seed say as much as one alone.
+    # Number of trials of a seed that are equivalent to one independent trial.
     sizes = np.array([len(own) for own in clusters.values()], dtype=float)
     rates = np.array([np.mean(own) for own in clusters.values()])
     n, k = sizes.sum(), sizes.size
@@ -127,14 +127,14 @@ def success_rate(outcomes: Iterable[tuple[int, bool]]) -> Rate:
 
 
 def signed_rank(first: Sequence[float], second: Sequence[float]) -> float:
-    """Return Wilcoxon's two-sided p-value; he left out pairs without difference."""
+    """Return Wilcoxon's two-sided p-value; pairs without difference are excluded."""
     differences = np.subtract(first, second)
     different = differences[differences != 0.0]
     return float(wilcoxon(different).pvalue) if different.size else 1.0
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Correct for testing several times, in the order given.
+    """Correct p-values for multiple testing, in the given order.
 
     After Holm, *A simple sequentially rejective multiple test procedure*, Scandinavian
     Journal of Statistics 6:65-70, 1979: the chance of any false finding among all tests
@@ -148,7 +148,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def shift(first: Sequence[float], second: Sequence[float]) -> Shift:
-    """Estimate how much larger the first of a pair is; at least one pair.
+    """Estimate the typical difference of pairs, first minus second; at least one pair.
 
     Median of the means of any two differences, after Hodges and Lehmann, *Estimates of
     location based on rank tests*, Annals of Mathematical Statistics 34:598-611, 1963.
@@ -165,10 +165,10 @@ def shift(first: Sequence[float], second: Sequence[float]) -> Shift:
 
 
 def mean_shift(first: Sequence[float], second: Sequence[float]) -> Shift:
-    """Estimate how much larger the first of a pair is on average, as of rates.
+    """Estimate the mean difference of pairs, first minus second, for example of rates.
 
-    Most seeds' rates are equal, so that the median of differences says nothing. Mean
-    difference and Student's interval.
+    Returns mean difference and Student's interval. The median is not informative if
+    most seeds have equal rates.
     """
     differences = np.asarray(np.subtract(first, second), dtype=float)
     n, mean = differences.size, float(np.mean(differences))
@@ -185,7 +185,7 @@ def _signed_rank_quantile(n: int) -> int:
     if n > _EXACT_UP_TO:
         spread = math.sqrt(n * (n + 1) * (2 * n + 1) / 24.0)
         return max(1, math.floor(n * (n + 1) / 4.0 + norm.ppf(tail) * spread))
-    # ways[s]: how many of the 2ⁿ signs give the rank sum s.
+    # ways[s]: number of the 2ⁿ sign combinations with the rank sum s.
     ways = np.zeros(n * (n + 1) // 2 + 1)
     ways[0] = 1.0
     for rank in range(1, n + 1):

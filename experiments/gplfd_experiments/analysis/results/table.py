@@ -1,4 +1,4 @@
-"""A study as tables: for the terminal and table.md, a row per door or per task."""
+"""Tables of a study for the terminal and table.md: a row per door or per task."""
 
 import csv
 import json
@@ -59,7 +59,7 @@ _OF_RUN: Final = (
 
 
 _Group = tuple[str, str, list[EpisodeResult], list[EpisodeResult], list[EpisodeResult]]
-"""A policy's episodes at a door, those that count, and those that were solved."""
+"""A policy's episodes at a door: all, those that count, and those that were solved."""
 
 
 def _by_policy_and_door(episodes: Iterable[EpisodeResult]) -> Iterator[_Group]:
@@ -77,7 +77,7 @@ def _medians(
 
 
 def remarks(episodes: Sequence[EpisodeResult]) -> list[str]:
-    """Say what a reader of rates must know: errors, lost episodes, missing metrics."""
+    """Return notes for readers of rates: errors, lost episodes, missing metrics."""
 
     def of_all(some: Sequence[EpisodeResult]) -> str:
         return f"{len(some)} of {len(episodes)} episodes"
@@ -93,7 +93,7 @@ def remarks(episodes: Sequence[EpisodeResult]) -> list[str]:
         )
     if lost := [one for one in episodes if one.lost]:
         said.append(
-            f"{of_all(lost)} were lost, because the machine failed, and count nowhere; "
+            f"{of_all(lost)} were lost, because the machine failed, and are excluded; "
             f"run the study again: {whose(lost)}."
         )
     measured = [one for one in episodes if not one.error]
@@ -113,11 +113,11 @@ def remarks(episodes: Sequence[EpisodeResult]) -> list[str]:
 def study_table(episodes: Sequence[EpisodeResult]) -> Table:
     """Return a row per policy and door, in groups if there are several kinds of doors.
 
-    Rates are over all episodes but lost ones: where the policy raised an error, the
-    door was not opened. Forces, slip and times are medians over the successes; the
+    Rates are over all episodes except lost ones; after an error of the policy, the door
+    counts as not opened. Forces, slip and times are medians over the successes. The
     prediction error, the share of decisions in which the stability bound limited the
-    stiffness, and the CPU and wall time of a decision are medians over all that have
-    them. The last column counts why doors stayed closed.
+    stiffness, and the CPU and wall time of a decision are medians over all episodes
+    that have them. The last column counts the reasons why doors stayed closed.
     """
     errors = any(one.error for one in episodes if one.counts)
     closed = any(not one.solved for one in episodes if one.counts)
@@ -145,7 +145,7 @@ def study_table(episodes: Sequence[EpisodeResult]) -> Table:
 
 
 def run_table(metrics: Iterable[EpisodeMetrics | FailedEpisode]) -> Table:
-    """Return the most telling metrics of a run, a row per door."""
+    """Return the main metrics of a run, a row per door."""
     metrics = tuple(metrics)
     any_closed = not all(one.success for one in metrics)
 
@@ -188,8 +188,8 @@ def study_rows(folder: Path, settings: StudySettings) -> list[dict[str, Any]]:
 
     Each has ``condition``, ``policy``, ``door``, its ``door_kind``, ``episodes`` that
     count, ``opened``, ``errors`` of the policy, which count as not opened, ``lost``
-    episodes, which do not count, and by their metrics' names the medians of
-    `study_table`, in its units; None where there is nothing to take one of.
+    episodes, which do not count, and, by the names of their metrics, the medians of
+    `study_table` in its units; None without values.
     """
     return [
         {
@@ -220,7 +220,7 @@ def _results(
 
 
 def write_rows(path: Path, results: StudyResults) -> None:
-    """Write fields and metrics of every task; None is empty, lists are JSON.
+    """Write fields and metrics of every task; None as an empty cell, lists as JSON.
 
     Raises ValueError for another suffix, ModuleNotFoundError without pyarrow.
     """

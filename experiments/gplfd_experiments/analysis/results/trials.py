@@ -1,6 +1,6 @@
-"""What trials show: numbers per seed, contrasts, trials.json, and the protocol's check.
+"""Results of trials: numbers per seed, contrasts, trials.json, protocol check.
 
-trials.json holds every number of a trial, so that the result files need not be kept.
+trials.json contains every number of a trial, so that the result files are not needed.
 """
 
 import json
@@ -42,18 +42,18 @@ FILE: Final = "trials.json"
 """Name of the file of `trial_answers` in the folder of a report."""
 
 Verdict = Literal["shows", "harms", "open"]
-"""Better with an idea, worse with it, or no significant difference."""
+"""Better with the idea, worse with the idea, or no significant difference."""
 
 ByLevel = Mapping[str, Mapping[str, Sequence[EpisodeResult]]]
 """Episodes of a trial by policy and level."""
 
 RADIAL: Final = "force_radial_peak"
-"""Measure of how gently the doors of a tier are opened."""
+"""Force measure for the doors of a tier."""
 
 _DIGITS: Final = 5
-"""Significant digits in the file."""
+"""Significant digits in trials.json."""
 _LISTED: Final = 3
-"""Tasks that a problem names."""
+"""Largest number of tasks that a problem lists."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,11 +62,11 @@ class Answer:
 
     contrast: Contrast
     shift: Shift | None
-    """The measure with the idea minus without it; None where both lack numbers."""
+    """The measure with the idea minus without it; None without common values."""
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the interval of the difference excludes zero, and on which side."""
+        """Whether the interval of the difference excludes zero, and its sign."""
         if self.shift is None or self.shift.low <= 0.0 <= self.shift.high:
             return "open"
         less_is_better = EPISODE_MEASURES[self.contrast.measure].better == "less"
@@ -74,13 +74,13 @@ class Answer:
 
 
 def of_trials(results: StudyResults) -> dict[str, ByLevel]:
-    """Return the episodes of every trial that a study has, errors included."""
+    """Return the episodes of every trial in a study, including errors."""
     found = {name: of_trial(results.episodes, name) for name in TRIALS}
     return {name: own for name, own in found.items() if own}
 
 
 def of_trial(episodes: Sequence[EpisodeResult], trial: str) -> ByLevel:
-    """Return the episodes of a trial by policy and level, errors included."""
+    """Return the episodes of a trial by policy and level, including errors."""
     policies = by_policy(one for one in episodes if one.task.trial == trial)
     return {
         policy: grouped(own, lambda one: one.task.level)
@@ -89,7 +89,7 @@ def of_trial(episodes: Sequence[EpisodeResult], trial: str) -> ByLevel:
 
 
 def answered(contrast: Contrast, episodes: ByLevel) -> Answer:
-    """Compare both sides of a contrast, seed by seed, in the episodes of its trial."""
+    """Compare both sides of a contrast seed by seed in the episodes of its trial."""
     pairs = contrast_pairs(contrast, episodes)
     if not pairs.seeds:
         return Answer(contrast=contrast, shift=None)
@@ -99,11 +99,11 @@ def answered(contrast: Contrast, episodes: ByLevel) -> Answer:
 
 
 def contrast_pairs(contrast: Contrast, episodes: ByLevel) -> Pairs:
-    """Return the values of both sides of a contrast at the tasks that both have."""
+    """Return the values of both sides of a contrast at their common tasks."""
 
     def numbers(side: Side) -> dict[Key, float]:
         """Return the measure by seed and door, and by level if levels are pooled."""
-        # Levels that are compared with each other open the same doors.
+        # Levels of a comparison have the same doors.
         return {
             (one.task.seed, f"{'' if side.level else level} {one.task.door}"): value
             for level, own in episodes.get(side.policy, {}).items()
@@ -118,9 +118,9 @@ def contrast_pairs(contrast: Contrast, episodes: ByLevel) -> Pairs:
 def changes(contrast: Contrast, episodes: ByLevel) -> dict[str, int]:
     """Count the doors that a level of a policy gains and forgets against another.
 
-    Gained are doors that are opened with the idea and not without it; forgotten are
-    the reverse, of those that are opened before, without it. Empty if the sides are
-    not two levels, compared by the doors that are opened.
+    Gained doors are opened with the idea, but not without it. Forgotten doors are
+    opened without it, but not with it. Empty if the sides are not two levels that are
+    compared by the opened doors.
     """
     if contrast.measure != "success" or not contrast.lacking.level:
         return {}
@@ -144,7 +144,7 @@ def summary(episodes: Sequence[EpisodeResult], measure: str) -> Rate | Shift | N
 
 
 def seed_means(episodes: Sequence[EpisodeResult], measure: str) -> list[float]:
-    """Return the mean of a measure over each seed's episodes that have it."""
+    """Return the mean of a measure over the episodes of each seed that have it."""
     by_seed = _by_seed(episodes, measure).values()
     return [math.fsum(own) / len(own) for own in by_seed]
 
@@ -158,9 +158,9 @@ def _by_seed(episodes: Sequence[EpisodeResult], measure: str) -> dict[int, list[
 
 
 def _value(one: EpisodeResult, measure: str) -> float | None:
-    """Return a measure of an episode that counts; None where it has none.
+    """Return a measure of an episode that counts; None if it is missing.
 
-    A policy that raised an error did not keep the grasp.
+    After an error of the policy, the grasp counts as not kept.
     """
     if not one.counts:
         return None
@@ -171,29 +171,29 @@ def _value(one: EpisodeResult, measure: str) -> float | None:
 
 
 def share_of(trial: Trial) -> str:
-    """Return the measure that says whether an episode of a trial succeeded."""
+    """Return the success measure of a trial."""
     shares = (one for one in trial.measures if EPISODE_MEASURES[one].share)
     return next(shares, "success")
 
 
 def graded(trial: Trial) -> str:
-    """Return the measure, not a share, by which a trial is decided."""
+    """Return the measure that decides a trial and is not a share."""
     measures = (*(one.measure for one in trial.contrasts), *trial.measures)
     graded = (one for one in measures if not EPISODE_MEASURES[one].share)
     return next(graded, trial.measures[0])
 
 
 def succeeded(one: EpisodeResult) -> bool:
-    """Return whether an episode of a trial succeeded, as the trial counts it."""
+    """Return whether an episode of a trial succeeded by the trial's measure."""
     return bool(_value(one, share_of(TRIALS[one.task.trial])))
 
 
 def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatArray]:
-    """Return the scores of each policy for `aggregates`, at the seeds and doors of all.
+    """Return each policy's scores for `aggregates`, at the seeds and doors of all.
 
-    Of forces and other measures of which less is better, an episode that failed counts
-    as worse than every number: doing nothing would be best. Levels with a prior mean,
-    which not all policies accept, are left out.
+    For forces and other measures where less is better, a failed episode counts as worse
+    than any number; otherwise doing nothing would be best. Levels with a prior mean are
+    excluded, because not all policies accept one.
     """
     less = EPISODE_MEASURES[measure].better == "less"
     own = [one for one in episodes if one.counts and one.task.prior_radius is None]
@@ -220,7 +220,7 @@ def middle(array: FloatArray, measure: str) -> Shift:
 
 
 def tier_runs(results: StudyResults) -> dict[str, Runs]:
-    """Return each tier's episodes of the policies that took part in all its levels."""
+    """Return each tier's episodes of policies that took part in all its levels."""
     found: dict[str, Runs] = {}
     for tier, names in TIERS.items():
         here = (one for one in results.episodes if one.task.trial in names)
@@ -280,7 +280,7 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
 
 
 def _interval(found: Rate | Shift | None) -> dict[str, Any]:
-    """Return an estimate and its 95 % interval; None for what is not known."""
+    """Return an estimate and its 95 % interval; None for unknown values."""
     names = ("estimate", "low", "high")
     if found is None:
         return dict.fromkeys(names)
@@ -292,11 +292,11 @@ def _rounded(value: float) -> float | None:
 
 
 def protocol_problems(results: StudyResults) -> list[str]:
-    """Say what a folder lacks of the protocol, and what in it is not the protocol's.
+    """Return what a folder lacks of the protocol, and what deviates from it.
 
-    Every policy must have opened all doors of every trial in which it took part, as
-    the protocol draws them, after demonstrations that are the protocol's to a
-    micrometre, by one version of the code.
+    Every policy must have run at all doors that the protocol draws for the trials in
+    which it took part. Its demonstrations must equal those of the protocol to a
+    micrometre. All episodes must be from one version of the code.
     """
     trials = [one for one in results.episodes if one.task.trial]
     if not trials:
@@ -310,12 +310,12 @@ def protocol_problems(results: StudyResults) -> list[str]:
         one.task for one in ran if one.demonstrations != hashes[one.task.shown]
     ]:
         problems.append(
-            f"{len(differing)} episodes were learned from other demonstrations, or do "
-            f"not say from which: {_listed(differing)}"
+            f"{len(differing)} episodes used other demonstrations, or do not state "
+            f"which: {_listed(differing)}"
         )
 
     for policy, own in by_policy(trials).items():
-        # Compared with the episodes that the protocol plans.
+        # Comparison with the episodes that the protocol plans.
         try:
             names = tuple(dict.fromkeys(one.task.trial for one in own))
             planned = trial_tasks(named_trials(names), policies=[policy])
@@ -344,7 +344,7 @@ def protocol_problems(results: StudyResults) -> list[str]:
 
 
 def _draw_of(task: EpisodeTask) -> str:
-    """Return all fields of a task except those of its policy."""
+    """Return all fields of a task except its policy."""
     fields = task.definition
     for name in ("policy", "policy_source"):
         fields.pop(name, None)

@@ -1,4 +1,4 @@
-"""Commands about demonstrations of other sources: demos and doors."""
+"""Commands for demonstrations and doors from other sources: demos and doors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -17,49 +17,52 @@ from gplfd_experiments.cli.commands.teach import Teach
 from gplfd_experiments.console.interruption import postponed_interruption
 
 DEPARTED: Final = 1
-"""Exit status of a replay that is not the recording, bit for bit."""
+"""Exit status if a replay differs from the recording in any bit."""
 
 DatasetPath = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DATASET")]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Import:
-    """Make a set of demonstrations of recorded motions, and say what was done.
+    """Make a set of demonstrations from recorded motions, with a report.
 
-    Read are CSV and TSV, .npz and .npy, MATLAB's .mat, Xsens' .mvnx, .bvh, .c3d, bags
-    of ROS (.mcap, .db3, .bag, folders), LeRobot v3, robomimic's .hdf5, and data sets
-    of `gplfd demos record`. SET holds demonstrations.npz, a report, a picture of before
-    and after, and where all came from. Lines of the report with ! need attention.
-    See docs/recordings.md.
+    Formats: CSV and TSV, .npz and .npy, MATLAB's .mat, Xsens' .mvnx, .bvh, .c3d, ROS
+    bags (.mcap, .db3, .bag, folders), LeRobot v3, robomimic's .hdf5, and data sets
+    of `gplfd demos record`. SET contains demonstrations.npz, a report, a picture of the
+    motions before and after the preparation, and the origin of the data. Lines of the
+    report with ! need attention. See docs/recordings.md.
     """
 
     files: Annotated[
         tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILES")
     ]
-    """Recordings: files, or folders of those kinds that are folders."""
+    """Recordings: files, or folders for formats that use folders."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="SET")]
     """Folder to write."""
 
     body: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """What moves: a segment, joint, marker or three, topic, array, or arrays A,B."""
+    """Moving object: a segment, joint, one or three markers, topic, array, or arrays
+    A,B."""
 
     columns: Annotated[str | None, tyro.conf.arg(metavar="t,x,y,z,...")] = None
-    """Names of the columns of a table without a header, in order, with - for one to
-    leave out; known are t, x, y, z, qw, qx, qy, qz, rx, ry, rz, fx, ..., gripper."""
+    """Names of the columns of a table without a header, in order, with - for a column
+    to ignore; known names are t, x, y, z, qw, qx, qy, qz, rx, ry, rz, fx, ...,
+    gripper."""
 
     units: Literal["m", "cm", "mm", "in"] | None = None
-    """Unit of positions; before what the file says, and metres where it says none."""
+    """Unit of positions; overrides the unit in the file. Default: that unit, or
+    metres."""
 
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
-    """Unit of times in tables and arrays; before what the file says, and seconds where
-    it says none."""
+    """Unit of times in tables and arrays; overrides the unit in the file. Default: that
+    unit, or seconds."""
 
     angles: Literal["rad", "deg"] = "rad"
-    """Unit of rotation vectors rx, ry, rz that say none."""
+    """Unit of rotation vectors rx, ry, rz if the file states none."""
 
     quaternions: Literal["wxyz", "xyzw"] | None = None
-    """Order of quaternions whose components have no names."""
+    """Order of quaternion components without names."""
 
     recorded_rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
     """Samples per second of recordings without time stamps."""
@@ -68,28 +71,29 @@ class Import:
     """Robot whose joint states were recorded."""
 
     link: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """Link of that robot which is the hand."""
+    """Link of this robot that is the hand."""
 
     wrench: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """What holds the forces: a topic of WrenchStamped, a feature or an observation."""
+    """Source of the forces: a topic of WrenchStamped, a feature or an observation."""
 
     force_on: Literal["hand", "object"] = "hand"
     """Recorded forces are those of the environment on the hand, or of the hand on the
-    object. Sets of gplfd say this and all that follows themselves."""
+    object. Data sets of gplfd contain this and all following force options."""
 
     force_axes: Literal["hand", "recorded"] = "hand"
-    """Axes of forces: of the sensor, which moves with the hand, or of the poses."""
+    """Axes of forces: those of the sensor, which moves with the hand, or of the
+    poses."""
 
     force_sensor: Annotated[str, tyro.conf.arg(metavar="POSE")] = "0,0,0,1,0,0,0"
     """Pose of the force sensor in the frame of the recorded hand, x,y,z,qw,qx,qy,qz
     [m]. Moments are about its origin."""
 
     force_rest: Annotated[float, tyro.conf.arg(metavar="S")] = 0.0
-    """Time at the start in which nothing touches the hand; its mean force is the bias
-    that is removed. 0 for none."""
+    """Time at the start without contact of the hand [s]; the mean force in this time is
+    the bias that is removed. 0 removes no bias."""
 
     tool_weight: Annotated[float, tyro.conf.arg(metavar="N")] = 0.0
-    """Weight of the tool that the sensor carries, which is removed [N]."""
+    """Weight of the tool on the sensor, which is subtracted [N]."""
 
     tool_centre: Annotated[str, tyro.conf.arg(metavar="X,Y,Z")] = "0,0,0"
     """Centre of mass of the tool in the frame of the sensor [m]."""
@@ -98,35 +102,36 @@ class Import:
     """Direction of gravity in the frame of the recorded poses."""
 
     frame: Annotated[str, tyro.conf.arg(metavar="FRAME")] = "first-pose"
-    """What poses are relative to: first-pose (each its own), recorded, hinge (of a
-    door, found from the motion), or a pose x,y,z,qw,qx,qy,qz [m]."""
+    """Frame of the resulting poses: first-pose (the first pose of each motion),
+    recorded, hinge (of a door, estimated from the motion), or a pose x,y,z,qw,qx,qy,qz
+    [m]."""
 
     offset: Annotated[str | None, tyro.conf.arg(metavar="POSE")] = None
     """Pose of the object in the frame of the recorded hand, x,y,z,qw,qx,qy,qz [m]."""
 
     segment: Annotated[str, tyro.conf.arg(metavar="HOW")] = "none"
-    """Repetitions in a recording: none, rests or turns (what lies between them, without
-    motions back), or times since the first sample such as 1.5-4.2,6-9.5 [s]."""
+    """Repetitions in a recording: none, rests or turns (the motions between them,
+    without motions back), or times since the first sample such as 1.5-4.2,6-9.5 [s]."""
 
     keep_rests: tyro.conf.FlagCreatePairsOff[bool] = False
     """Keep rests at both ends."""
 
     cutoff: Annotated[float, tyro.conf.arg(metavar="HZ")] = 10.0
-    """Cut-off of the low-pass filter; 0 for none."""
+    """Cut-off of the low-pass filter; 0 disables the filter."""
 
     rate: Annotated[float, tyro.conf.arg(metavar="HZ")] = 100.0
-    """Samples per second of the result; 0 for the samples as recorded."""
+    """Samples per second of the result; 0 keeps the recorded samples."""
 
     largest_gap: Annotated[float, tyro.conf.arg(metavar="S")] = 0.5
-    """Longest time without a sample that is bridged [s]."""
+    """Longest gap between samples that is interpolated [s]."""
 
     overwrite: tyro.conf.FlagCreatePairsOff[bool] = False
-    """Replace the set that is there already."""
+    """Replace an existing set."""
 
     quiet: Quiet = False
 
     def execute(self) -> int:
-        """Make the set, print the report and what to do next."""
+        """Make the set, print the report and the next commands."""
         with postponed_interruption():
             from gplfd_experiments.data.importing import (
                 PICTURE,
@@ -196,9 +201,9 @@ class Import:
 
 
 def numbers(option: str, text: str | None, names: str) -> Any:
-    """Return the numbers of a vector or a pose, as many as there are names.
+    """Return the numbers of a vector or a pose, one for each name.
 
-    None is an option that is not given.
+    None stands for an option that is not given.
     """
     if text is None:
         return None
@@ -213,10 +218,10 @@ def numbers(option: str, text: str | None, names: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Export:
-    """Write demonstrations or episodes in the form of another program.
+    """Write demonstrations or episodes in the format of another program.
 
-    robomimic's is one .hdf5 file, LeRobot's (version 3) a folder. An action is the pose
-    at the next sample; in episodes, the last that was commanded before it.
+    robomimic's format is one .hdf5 file, LeRobot's (version 3) a folder. An action is
+    the pose at the next sample; in episodes, the last command before it.
     """
 
     demonstrations: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SET")]
@@ -227,11 +232,11 @@ class Export:
     """File or folder to write."""
 
     form: Literal["robomimic", "lerobot"]
-    """Whose form."""
+    """Format to write."""
 
     pictures: tuple[str, ...] = ()
-    """Cameras whose pictures of episodes are written, in LeRobot's form: overview, top,
-    head, hand_camera."""
+    """Cameras whose pictures of episodes are written in LeRobot's format: overview,
+    top, head, hand_camera."""
 
     size: Annotated[tuple[int, int], tyro.conf.arg(metavar="W H")] = (320, 240)
     """Width and height of the pictures [px]."""
@@ -240,7 +245,7 @@ class Export:
     """Rows per second of episodes; 100 by default, 10 with pictures."""
 
     def execute(self) -> int:
-        """Write it, and say where it is."""
+        """Write the files, and print their location."""
         with postponed_interruption():
             from gplfd_experiments.data.writers import export_demonstrations
 
@@ -258,12 +263,12 @@ class Export:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Record:
-    """Let a policy open doors and write everything as a Minari data set.
+    """Let a policy open doors and write the episodes as a Minari data set.
 
     DIR is the data set; its name is its Minari id and ends in a version. Every step
-    holds MuJoCo's whole state, so that `gplfd demos replay` can tell whether this
-    machine and this version compute the same. Episode k of every door has seed
-    SEED + k for teacher, policy and environment.
+    contains the complete state of MuJoCo, so that `gplfd demos replay` can check
+    whether this machine and this version compute the same. Episode k of every door has
+    the seed SEED + k for teacher, policy and environment.
     """
 
     policy: str = "gp"
@@ -280,36 +285,38 @@ class Record:
     """First seed, 0 or more."""
 
     demonstrations_per_door: int = 2
-    """How often the synthetic human opens each of the three demonstrated doors."""
+    """Number of demonstrations by the synthetic human on each of the three demonstrated
+    doors."""
 
     demonstrated_forces: bool = False
-    """The synthetic human's demonstrations have the forces and moments of the hand."""
+    """Demonstrations of the synthetic human include forces and moments of the hand."""
 
     randomization: str = "none"
-    """What is drawn at random for each episode: none, mild, hard or standard; see
-    `gplfd list`."""
+    """Quantities that are drawn at random for each episode: none, mild, hard or
+    standard; see `gplfd list`."""
 
     start: Literal["grasped", "approach"] = "grasped"
-    """What episodes begin with: the handle in the hand, or the open hand 10 to 20 cm
-    before it, which then reaches as the demonstrations do."""
+    """Start of episodes: the hand holds the handle, or the open hand is 10 to 20 cm in
+    front of it and first reaches for it."""
 
     robot: str = "tiago-like"
     """Robot that opens the door: tiago-like, panda-like, ur5e-like, or the .urdf of an
-    arm, which stands on a stand or, where the door needs it, on a mobile base."""
+    arm, which is mounted on a stand or, if the door requires it, on a mobile base."""
 
     max_steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Cut episodes after this many steps; the environment's own limit by default."""
+    """Truncate episodes after this number of steps; the environment's limit by
+    default."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Data set to write; results/demos/POLICY-v0 by default."""
 
     overwrite: tyro.conf.FlagCreatePairsOff[bool] = False
-    """Replace the data set that is there already."""
+    """Replace an existing data set."""
 
     quiet: Quiet = False
 
     def execute(self) -> int:
-        """Record the data set and print where it is."""
+        """Record the data set and print its location."""
         with postponed_interruption():
             from gplfd_experiments.episodes.dataset import record_dataset
             from gplfd_experiments.files.names import file_name
@@ -328,7 +335,7 @@ class Record:
 class Replay:
     """Run recorded episodes again and compare with the recording, bit for bit.
 
-    Exit status 0 when all are the same, 1 when one departs, 2 for bad input.
+    Exit status: 0 if all episodes are equal, 1 if one differs, 2 for bad input.
     """
 
     dataset: DatasetPath
@@ -340,7 +347,7 @@ class Replay:
     quiet: Quiet = False
 
     def execute(self) -> int:
-        """Print a line per episode; return `DEPARTED` if one departs."""
+        """Print a line per episode; return `DEPARTED` if one differs."""
         with postponed_interruption():
             from gplfd_experiments.data.minari import open_dataset
             from gplfd_experiments.data.replay import changes_since, replays
@@ -364,7 +371,7 @@ class Replay:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Inspect:
-    """Print what a data set holds, one line per episode."""
+    """Print the contents of a data set, one line per episode."""
 
     dataset: DatasetPath
     """Folder that `gplfd demos record` wrote."""
@@ -396,12 +403,12 @@ _ANY: Any = Union[  # noqa: UP007
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Demos:
-    """Demonstrations from recordings, of a person at a simulated door, of policies."""
+    """Demonstrations from recordings, a person at a simulated door, or policies."""
 
     task: tyro.conf.OmitSubcommandPrefixes[_ANY]
 
     def execute(self) -> int:
-        """Run the chosen one."""
+        """Run the chosen subcommand."""
         return int(self.task.execute())
 
 
@@ -409,22 +416,22 @@ class Demos:
 class Doors:
     """Read a door of DoorBench and write it as door parameters.
 
-    FILE is a spec.json of schema 1.0 of a hinged, sliding or folding door. The file
-    written can be given to every --doors, and to an environment as its door.
-    Properties that cannot be represented are listed.
+    FILE is a spec.json of schema 1.0 of a hinged, sliding or folding door. The
+    resulting file is accepted by every --doors option, and by an environment as its
+    door. Properties that cannot be represented are listed.
     """
 
     action: Annotated[Literal["import"], tyro.conf.Positional]
-    """What to do."""
+    """Action."""
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
-    """The door."""
+    """Specification of the door."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="JSON")] = None
-    """File to write; the door's name and .json by default."""
+    """File to write; by default the door's name with .json."""
 
     def execute(self) -> int:
-        """Write the door and print what of it is lost."""
+        """Write the door and print properties that are lost."""
         from gplfd_experiments.data.doorbench import read_doorbench
         from gplfd_experiments.files.names import file_name
         from gplfd_experiments.files.plain_data import write_json

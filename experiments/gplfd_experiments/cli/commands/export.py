@@ -1,4 +1,4 @@
-"""The command export: a skill in files that robots read."""
+"""The command export: writes a skill in file formats for robots."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,48 +14,49 @@ from gplfd_experiments.console.interruption import postponed_interruption
 class Export:
     """Write poses, σ, stiffness and damping of a skill for a robot.
 
-    The stiffness is stable, and the motion runs by the clock: what the robot measures
-    changes nothing. CSV, TUM trajectory, JSON, and a ROS 2 bag with the topics that
-    crisp_controllers reads (pip install 'gplfd[ros]'). Nothing of it was tried on
-    hardware: read docs/skill-to-robot.md first.
+    The stiffness is stable. The motion runs by the clock and does not react to
+    measurements of the robot. Formats: CSV, TUM trajectory, JSON, and a ROS 2 bag with
+    the topics that crisp_controllers reads (pip install 'gplfd[ros]'). This was not
+    tried on hardware: read docs/skill-to-robot.md first.
     """
 
     skill: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SKILL")]
     """Skill to export, a file written by `gplfd learn`."""
 
     out: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE")]
-    """Files to write: their suffixes .csv, .tum, .json and .bag (a folder) are their
-    forms. What is there already is replaced."""
+    """Files to write; the suffixes .csv, .tum, .json and .bag (a folder) select the
+    format. Existing files are replaced."""
 
     form: tuple[Literal["csv", "tum", "bag", "json"], ...] = ()
-    """Forms to write; --out is then without a suffix."""
+    """Formats to write; --out is then given without a suffix."""
 
     rate: Annotated[float, tyro.conf.arg(metavar="HZ")] = 100.0
-    """Samples per second, 20 to 1000. The simulation has 100."""
+    """Samples per second, 20 to 1000. The simulation uses 100."""
 
     frame: Annotated[str | None, tyro.conf.arg(metavar="POSE")] = None
-    """Pose of the task frame in that of the robot's base, x,y,z,qw,qx,qy,qz [m]; with =
-    if x is negative: --frame=-0.5,... Without it all is in the task frame."""
+    """Pose of the task frame in the frame of the robot's base, x,y,z,qw,qx,qy,qz [m];
+    with = if x is negative: --frame=-0.5,... Without this option, all poses are in the
+    task frame."""
 
     tool: Annotated[str | None, tyro.conf.arg(metavar="QUATERNION")] = None
     """With --frame: orientation qw,qx,qy,qz of the robot's tool frame at the closed
     door, in the task frame."""
 
     policy: str = "gp"
-    """Policy by whose stiffness law the skill is followed, the one that learned it."""
+    """Policy whose stiffness law is used; the policy that learned the skill."""
 
     robot: Annotated[str | None, tyro.conf.arg(metavar="ROBOT")] = None
-    """Also play it in the simulation with this robot, which stands as --frame says,
-    print what force, speed, stiffness and joint margins to expect, and draw it in the
-    robot's workspace, FILE-workspace.png: tiago-like, panda-like, ur5e-like, a
-    .urdf, or a .json with the arguments of gplfd_env.robot.urdf.robot_of_urdf."""
+    """Also simulate the motion with this robot, placed by --frame; print the expected
+    force, speed, stiffness and joint margins, and draw the path in the robot's
+    workspace, FILE-workspace.png: tiago-like, panda-like, ur5e-like, a .urdf, or a
+    .json with the arguments of gplfd_env.robot.urdf.robot_of_urdf."""
 
     door: str = "medium"
     """With --robot: the door, a name (see `gplfd list`), a radius in metres, or a .json
     file."""
 
     def execute(self) -> int:
-        """Write the files and say what is in them."""
+        """Write the files and print their contents."""
         with postponed_interruption():
             from gplfd_experiments.workflows.dry_run import draw_dry_run, dry_run
             from gplfd_experiments.workflows.exports import base_frame, export_skill

@@ -1,4 +1,4 @@
-"""Commands about this machine and this installation: speed, list and doctor."""
+"""Commands for this machine and this installation: speed, list and doctor."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ PartName = Literal["fit", "adapt", "align", "environment"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Speed:
-    """Measure speed and accuracy of policies and environment; minutes for everything.
+    """Measure speed and accuracy of policies and environment; takes minutes.
 
-    Prints tables and writes DIR/speed.json. Times are CPU times with one BLAS thread;
-    what is compared runs in turns, in one process. Other libraries come with
-    pip install 'gplfd[bench]'; without them their lines say "not installed".
+    Prints tables and writes DIR/speed.json. Times are CPU times with one BLAS thread.
+    Compared programs run in turns, in one process. Other libraries are installed by pip
+    install 'gplfd[bench]'; otherwise their lines show "not installed".
     """
 
     only: tuple[PartName, ...] = ()
@@ -80,14 +80,13 @@ class Catalogue:
 class Doctor:
     """Show what is installed, and what is missing for pictures, windows and extras.
 
-    Nothing that is missing is an error: the exit status is 0. Add the output to a
-    bug report.
+    Missing parts are not errors: the exit status is 0. Add the output to a bug report.
     """
 
     json: Json = False
 
     def execute(self) -> int:
-        """Look, and print what was found."""
+        """Check the installation and print the results."""
         with postponed_interruption():
             from gplfd_experiments.cli.doctor import examined, text
             from gplfd_experiments.files.plain_data import json_text

@@ -1,4 +1,4 @@
-"""What several subcommands have in common: options, and the command to give next."""
+"""Shared code of subcommands: options, and commands to suggest."""
 
 import dataclasses
 import shlex
@@ -14,7 +14,7 @@ import tyro
 from gplfd_experiments.studies.engines import Engine, EngineName, engine_named
 
 FAILED: Final = 1
-"""Exit status of a command some or all of whose tasks ended in errors."""
+"""Exit status of a command if some or all of its tasks ended in errors."""
 
 Quiet = Annotated[
     tyro.conf.FlagCreatePairsOff[bool],
@@ -26,7 +26,7 @@ Json = Annotated[
     tyro.conf.FlagCreatePairsOff[bool],
     tyro.conf.arg(help="Print JSON and nothing else on standard output."),
 ]
-"""For commands that print a table."""
+"""Option of commands that print a table."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -49,16 +49,16 @@ class EngineOptions:
 
 
 Where = Annotated[EngineOptions, tyro.conf.arg(name="")]
-"""For commands that run a study."""
+"""Option of commands that run a study."""
 
 ON_THIS_MACHINE: Final = EngineOptions()
 """In processes, one per core."""
 
 
 def recorded(options: Any) -> dict[str, Any]:
-    """Return a subcommand's options as they are kept with its results, JSON-able.
+    """Return a subcommand's options as JSON-able data for its results.
 
-    Options that several subcommands share stand among its own.
+    Shared options are on the same level as its own options.
     """
     own = dataclasses.asdict(options)
     shared = own.pop("where", {})
@@ -69,9 +69,9 @@ def recorded(options: Any) -> dict[str, Any]:
 
 
 def open_command(skill: Path, doors: Sequence[str], policy: str) -> str:
-    """Return the command that opens doors with a skill that a policy learned.
+    """Return the command that opens doors with a skill of a policy.
 
-    No doors stand for those of `gplfd run`.
+    Without doors, the default doors of `gplfd run` are used.
     """
     named = ("--doors", *doors) if doors else ()
     followed = () if policy == "gp" else ("--policy", policy)
@@ -85,10 +85,10 @@ def learn_command(folder: Path) -> str:
 
 
 def next_command(*words: object) -> str:
-    """Return a command of this program, by the name under which it was started now.
+    """Return a command line of this program, with the name by which it was started.
 
-    That is no ``gplfd`` alone where the program's folder is not searched for commands:
-    without an activated environment.
+    Without an activated environment the name is not just ``gplfd``, because the
+    program's folder is not on the search path.
     """
     program, found = sys.argv[0], shutil.which("gplfd")
     is_command = Path(program).name in ("gplfd", "gplfd.exe")

@@ -1,4 +1,4 @@
-"""Commands about episodes: run, view and gallery; and learn, which makes a skill."""
+"""Commands for episodes: run, view and gallery; and learn, which makes a skill."""
 
 import contextlib
 import ctypes.util
@@ -24,11 +24,12 @@ from gplfd_experiments.console.interruption import postponed_interruption
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Run:
-    """Learn from demonstrations, open doors, and keep numbers and recordings.
+    """Learn from demonstrations, open doors, and store metrics and recordings.
 
     Writes DIR/metrics.json (one object per door), DIR/<door>.rrd (Rerun recording),
-    DIR/<door>.npz (everything that was logged), DIR/demonstrations.npz and
-    DIR/run.json (versions, command, settings); removes what an earlier run wrote there.
+    DIR/<door>.npz (the complete log), DIR/demonstrations.npz and
+    DIR/run.json (versions, command, settings); removes files of an earlier run in this
+    folder.
     """
 
     doors: tuple[str, ...] = ("small", "medium", "large")
@@ -36,15 +37,14 @@ class Run:
     parameters."""
 
     policy: str = "gp"
-    """Policy to use: a name from `gplfd list`, or module:function for one of your
-    own."""
+    """Policy to use: a name from `gplfd list`, or module:function for your own."""
 
     seed: int = 0
     """Seed of teacher, policy and environment, 0 or more."""
 
     randomization: str = "none"
-    """What is drawn at random for each episode: none, mild, hard or standard; see
-    `gplfd list`."""
+    """Quantities that are drawn at random for each episode: none, mild, hard or
+    standard; see `gplfd list`."""
 
     disturbance: str = "none"
     """Disturbance during the episode: none, push, person, ...; see `gplfd list`."""
@@ -55,14 +55,14 @@ class Run:
 
     robot: str = "tiago-like"
     """Robot that opens the door: tiago-like, panda-like, ur5e-like, or the .urdf of an
-    arm, which stands on a stand or, where the door needs it, on a mobile base."""
+    arm, which is mounted on a stand or, if the door requires it, on a mobile base."""
 
     demonstrations_per_door: int = 2
     """Number of demonstrations by the synthetic human on each of the three
     demonstrated doors."""
 
     demonstrated_forces: bool = False
-    """The synthetic human's demonstrations have the forces and moments of the hand."""
+    """Demonstrations of the synthetic human include forces and moments of the hand."""
 
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None
     """Learn from this .npz file of demonstrations instead of the synthetic human."""
@@ -75,8 +75,8 @@ class Run:
     the package example-robot-data (pip install 'gplfd[tiago]')."""
 
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Write a video of the episode, too, in real time; of several doors one each,
-    FILE-DOOR.mp4: pip install 'gplfd[video]'."""
+    """Also write a video of the episode in real time; for several doors, one file per
+    door, FILE-DOOR.mp4. Needs pip install 'gplfd[video]'."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder to write to; results/POLICY-seedSEED by default."""
@@ -99,7 +99,7 @@ class Run:
             from gplfd_experiments.workflows.runs import open_doors
 
         if self.skill is not None and self.demonstrations is not None:
-            raise ValueError("--skill is learned already: leave out --demonstrations")
+            raise ValueError("--skill is already learned: omit --demonstrations")
         folder = (
             self.out or Path("results") / f"{file_name(self.policy)}-seed{self.seed}"
         )
@@ -108,7 +108,7 @@ class Run:
         given |= {"folder": folder, "demonstrations": self.demonstrations or per_door}
         for name in ("out", "json", "quiet"):
             del given[name]
-        # What a policy prints is no part of the table or JSON on standard output.
+        # Output of a policy is kept out of the table or JSON on standard output.
         with contextlib.redirect_stdout(sys.stderr):
             metrics = open_doors(**given, options=recorded(self))
         numbers = [one.as_json() for one in metrics]
@@ -127,9 +127,10 @@ class Run:
 
 
 def draw_without_screen() -> None:
-    """Let MuJoCo draw by EGL where there is no screen; call before MuJoCo's import.
+    """Let MuJoCo render by EGL without a screen; call before MuJoCo's import.
 
-    What the user has set stays. Where EGL is missing, drawing says what to install.
+    A setting of the user is kept. If EGL is missing, the error of the renderer says
+    what to install.
     """
     screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if (
@@ -144,7 +145,7 @@ def draw_without_screen() -> None:
 class View:
     """Open a recording (.rrd) in the Rerun viewer, or watch an episode live.
 
-    A journal of `gplfd serve` is converted first, to a recording beside it.
+    A journal of `gplfd serve` is first converted to a recording in the same folder.
     """
 
     file: Annotated[
@@ -153,7 +154,7 @@ class View:
     """Recording to open, for example results/gp-seed0/medium.rrd."""
 
     live: bool = False
-    """Instead of opening a recording, run an episode and watch it."""
+    """Run an episode and show it, instead of a recording."""
 
     door: str = "medium"
     """With --live: the door to open, a name (see `gplfd list`), a radius [m], or
@@ -166,17 +167,17 @@ class View:
     """With --live: seed of teacher, policy and environment, 0 or more."""
 
     randomization: str = "none"
-    """With --live: what is drawn at random: none, mild, hard or standard."""
+    """With --live: random quantities: none, mild, hard or standard."""
 
     disturbance: str = "none"
     """With --live: disturbance during the episode: none, push, person, ..."""
 
     start: Literal["grasped", "approach"] = "grasped"
-    """With --live: what the episode begins with, the handle in the hand or the open
-    hand before it."""
+    """With --live: start of the episode: the hand holds the handle, or the open hand is
+    in front of it."""
 
     speed: float = 1.0
-    """With --live: simulated seconds per second."""
+    """With --live: simulated seconds per second of real time."""
 
     serve: bool = False
     """With --live: serve the viewer to a browser on this machine instead of opening a
@@ -194,7 +195,8 @@ class View:
                 given = getattr(self, option.name)
                 if option.name != "file" and given != option.default:
                     raise ValueError(
-                        f"--{option.name} goes with --live, not with a file"
+                        f"--{option.name} needs --live and cannot be combined with a "
+                        "file"
                     )
             with postponed_interruption():
                 from gplfd_experiments.recording.served import recording_of
@@ -206,7 +208,9 @@ class View:
             from gplfd_experiments.workflows.live import watch
 
         if self.file is not None:
-            raise ValueError(f"--live runs an episode; it does not go with {self.file}")
+            raise ValueError(
+                f"--live runs an episode and cannot be combined with {self.file}"
+            )
         check_circumstances(self.randomization, self.disturbance, self.start)
         options = dataclasses.asdict(self)
         del options["file"], options["live"]
@@ -216,10 +220,10 @@ class View:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Learn:
-    """Learn a skill from demonstrations and keep it in a file.
+    """Learn a skill from demonstrations and store it in a file.
 
-    The file holds arrays only, no code; `gplfd run --skill FILE` and
-    `gplfd_policies.load_skill` read it.
+    The file contains arrays only, no code; `gplfd run --skill FILE`
+    and `gplfd_policies.load_skill` read it.
     """
 
     demonstrations: Annotated[
@@ -228,14 +232,13 @@ class Learn:
     """File of demonstrations, such as demonstrations.npz of a `gplfd run`."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File to write, DEMOS-skill.npz by default; one that is there already is
-    replaced."""
+    """File to write, DEMOS-skill.npz by default; an existing file is replaced."""
 
     policy: str = "gp"
     """Policy whose skill to learn: gp or one of its variants; see `gplfd list`."""
 
     seed: int = 0
-    """Seeds whatever is random in the learning, 0 or more."""
+    """Seed of random numbers in learning, 0 or more."""
 
     quiet: Quiet = False
 
@@ -259,11 +262,11 @@ class Learn:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Gallery:
-    """Film episodes, and show two policies side by side in a web page.
+    """Make videos of episodes, and a web page that shows two policies side by side.
 
     Writes DIR/index.html, DIR/episodes.js (numbers, curves, versions, settings) and a
-    film per episode. The page needs neither a server nor a network. The same command
-    continues what was interrupted; other doors, policies and seeds are added. Needs
+    video per episode. The page needs neither a server nor a network. The same command
+    continues after an interruption; other doors, policies and seeds are added. Needs
     pip install 'gplfd[video]'.
     """
 
@@ -275,7 +278,7 @@ class Gallery:
         *("gp", "gp-paper", "promp", "prodmp", "dmp", "gmr", "kmp", "gmm-gp"),
         *("hinge-fit", "mechanism-fit", "oracle"),
     )
-    """Policies to use: names from `gplfd list`, or module:function of your own."""
+    """Policies to use: names from `gplfd list`, or module:function for your own."""
 
     seed: int = 0
     """Seed of teacher, policy and environment, 0 or more."""
@@ -286,7 +289,7 @@ class Gallery:
     quiet: Quiet = False
 
     def execute(self) -> int:
-        """Run and film the episodes that are not there yet."""
+        """Run the missing episodes and make their videos."""
         draw_without_screen()
         with postponed_interruption():
             from gplfd_experiments.workflows.gallery import PAGE, write_gallery

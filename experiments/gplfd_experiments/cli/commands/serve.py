@@ -12,7 +12,7 @@ from gplfd_policies.serving.settings import ServeSettings
 
 
 def _same(name: str) -> Any:
-    """Declare a field as `ServeSettings` does; the annotation adds what tyro shows."""
+    """Declare a field of `ServeSettings`; the annotation adds the help of tyro."""
     (field,) = (one for one in dataclasses.fields(ServeSettings) if one.name == name)
     return dataclasses.field(default=field.default, metadata=field.metadata)
 
@@ -22,8 +22,8 @@ class Serve(ServeSettings):
     """Serve an agent to a robot: observations in, commands out, line by line.
 
     The protocol, its states and its limits are in docs/serving.md. The process never
-    loads MuJoCo. A policy that learns has the synthetic human's demonstrations of
-    doors with a bar unless others are given.
+    loads MuJoCo. By default, a policy learns from the synthetic human's demonstrations
+    of doors with a bar.
     """
 
     source: Annotated[

@@ -1,4 +1,4 @@
-"""Commands about studies: benchmark, trials, skill, tune, report and figures."""
+"""Commands for studies: benchmark, trials, skill, tune, report and figures."""
 
 import argparse
 import contextlib
@@ -29,9 +29,9 @@ class Benchmark:
     """Compare policies on doors and seeds and print a table; resumable.
 
     Writes DIR/tasks/<hash>.json (one file per episode or prediction test),
-    DIR/study.json (versions, command, settings), DIR/study.toml (the settings, for
-    --config) and DIR/table.md. Started again with the same folder, it skips finished
-    tasks and repeats failed ones. More seeds, doors or policies extend the study.
+    DIR/study.json (versions, command, settings), DIR/study.toml (the settings,
+    for --config) and DIR/table.md. Run with an existing folder, it skips finished tasks
+    and repeats failed ones. More seeds, doors or policies extend the study.
     """
 
     config: Annotated[str, tyro.conf.arg(metavar="{table-1,small}|FILE.toml")] = (
@@ -43,7 +43,7 @@ class Benchmark:
     study: Annotated[StudySettings, tyro.conf.arg(name="")] = field(
         default_factory=StudySettings
     )
-    """What to compare."""
+    """Policies, doors and seeds of the study."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/benchmark")
     """Folder to write to; an unfinished study in it is resumed."""
@@ -71,7 +71,7 @@ class Benchmark:
             from gplfd_experiments.studies.runner import run_or_resume
             from gplfd_experiments.studies.settings_file import write_settings
 
-        # The values are the file's, but for those given on the command line.
+        # Values of the file, except those given on the command line.
         from_file = self.config not in PRESETS
         with naming(Path(self.config)) if from_file else contextlib.nullcontext():
             settings = checked(self.study)
@@ -110,26 +110,27 @@ def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Trials:
-    """Test the ideas of the method in the conditions where each matters; resumable.
+    """Test each idea of the method in conditions where it matters; resumable.
 
-    Writes what `gplfd benchmark` writes. The whole protocol has 14,500 episodes, which
-    take two cores an hour and a half; `--part ideas` takes a quarter of that, `--part
-    small` two minutes.
+    Writes the same files as `gplfd benchmark`. The whole protocol has 14,500 episodes,
+    which take an hour and a half on two cores; `--part ideas` takes a quarter of
+    that, `--part small` two minutes.
     """
 
     trials: tuple[str, ...] = ()
     """Trials to run (radius, further, few, messy, rests, turned, person, push, stop,
     locked, heavy, breakaway, delay, noise, motions, buildings, handle-pose, two-modes,
     few-doors, another-handle, corrections, forces-weight, forces-closer,
-    forces-person, forces-blocked, forces-seal); by default all that the part has."""
+    forces-person, forces-blocked, forces-seal); by default all of the part."""
 
     policies: tuple[str, ...] = ()
     """Additional policies: names from `gplfd list`, or module:function for your
     own."""
 
     part: Literal["whole", "ideas", "small"] = "whole"
-    """The whole protocol; of it gp, hinge-fit and the variants that lack an idea; or a
-    first look: six seeds of the strongest contrasts of five trials."""
+    """whole: the whole protocol; ideas: only gp, hinge-fit and the variants that lack
+    an idea; small: six seeds of the strongest contrasts of five trials, for a first
+    look."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/trials")
     """Folder to write to; an unfinished study in it is resumed."""
@@ -141,17 +142,17 @@ class Trials:
     where: Where = ON_THIS_MACHINE
 
     record: bool = False
-    """Also write a recording per trial of the compared policies side by side."""
+    """Also write a recording per trial with the compared policies side by side."""
 
     until_separated: tyro.conf.FlagCreatePairsOff[bool] = False
-    """Run only the two --policies, seed after seed, until they differ by a test that
-    may be looked at while it runs (5 % false findings over all looks together)."""
+    """Run only the two --policies, seed after seed, until a sequential test separates
+    them (5 % false findings over all looks together)."""
 
     measure: str = "success"
-    """What --until-separated compares: a measure that all its trials have."""
+    """Measure for --until-separated; all its trials must have this measure."""
 
     max_seeds: Annotated[int, tyro.conf.arg(metavar="N")] = 100
-    """Number of seeds at which --until-separated gives up."""
+    """Largest number of seeds for --until-separated."""
 
     json: Json = False
 
@@ -160,7 +161,7 @@ class Trials:
     def execute(self) -> int:
         """Run the trials and return `FAILED` if an episode failed.
 
-        As JSON it prints what `gplfd report` keeps of the folder in trials.json.
+        As JSON it prints the content of trials.json as written by `gplfd report`.
         """
         if self.until_separated:
             return self._compare()
@@ -217,12 +218,12 @@ class Trials:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SkillTests:
-    """Compare methods on recordings: predict each from the others; no robot.
+    """Compare methods on recordings: predict each from the others, without a robot.
 
-    Writes DIR/report.html and report.md (which method is nearest, whether its
-    uncertainty is honest, what it forecasts once a part was seen, and what to do about
-    bad numbers), DIR/skill.rrd (recordings, mean and tube in 3-D) and DIR/tasks/, one
-    result per method and recording; resumable.
+    Writes DIR/report.html and report.md (errors, coverage of the stated uncertainty,
+    forecasts after a part was observed, recommendations), DIR/skill.rrd (recordings,
+    mean and tube in 3-D) and DIR/tasks/, one result per method and recording;
+    resumable.
     """
 
     recordings: Annotated[
@@ -232,8 +233,8 @@ class SkillTests:
     three."""
 
     policies: tuple[str, ...] = (TABLE_1_NAME,)
-    """Methods to judge; see `gplfd list`. "table-1" stands for the nine of the paper's
-    Table 1."""
+    """Methods to compare; see `gplfd list`. "table-1" stands for the nine of the
+    paper's Table 1."""
 
     reference: Annotated[str, tyro.conf.arg(metavar="POLICY")] = "gp"
     """Method with which the others are compared, and which skill.rrd shows."""
@@ -246,7 +247,7 @@ class SkillTests:
     quiet: Quiet = False
 
     def execute(self) -> int:
-        """Judge, print a table, and return `FAILED` if a method could not learn."""
+        """Run the tests, print a table; return `FAILED` if a method cannot learn."""
         with postponed_interruption():
             from gplfd_experiments.workflows.skills import RECORDING, judge
 
@@ -267,19 +268,19 @@ class SkillTests:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tune:
-    """Tune methods with equal budgets on doors and seeds that no study uses.
+    """Tune methods with equal budgets on doors and seeds that studies do not use.
 
-    Writes DIR/evaluations/<hash>.json and, when all are done, DIR/tuned.json: the best
-    settings of each method, and what they and the published ones gave. Started again
-    with the same folder, it skips what is done. Copied to policies/tuned.json, the file
-    makes the policies <name>-tuned.
+    Writes DIR/evaluations/<hash>.json and, at the end, DIR/tuned.json: the best
+    settings of each method, with the results of these and of the published settings.
+    Run with an existing folder, it skips finished evaluations. If the file is copied to
+    policies/tuned.json, it defines the policies <name>-tuned.
     """
 
     policies: tuple[str, ...] = ()
-    """Methods to tune; by default all of Table 1, and those beside it."""
+    """Methods to tune; by default all of Table 1 and the additional ones."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/tuning")
-    """Folder to write to, or to go on in."""
+    """Folder to write to; unfinished tuning in it is resumed."""
 
     workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Number of processes; one per core by default."""
@@ -289,7 +290,7 @@ class Tune:
     quiet: Quiet = False
 
     def execute(self) -> int:
-        """Tune, and print methods as published and tuned."""
+        """Tune, and print results of published and tuned settings."""
         with postponed_interruption():
             from gplfd_experiments.files.plain_data import json_text, read_json
             from gplfd_experiments.studies.engines import engine_named
@@ -309,9 +310,9 @@ class Tune:
 class Report:
     """Write a report of a study: rankings with intervals, paired tests, plots.
 
-    Reads DIR/tasks/*.json and DIR/study.json, runs nothing, and writes report.html (one
-    page that needs nothing else), report.md, figures/ and, of trials, trials.json: all
-    their numbers seed by seed. The same results give the same bytes.
+    Reads DIR/tasks/*.json and DIR/study.json, runs nothing, and writes report.html (a
+    self-contained page), report.md, figures/ and, for trials, trials.json with all
+    numbers by seed. The same results give the same bytes.
     """
 
     folders: Annotated[
@@ -321,7 +322,7 @@ class Report:
     are combined."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder to write to; the first study's own by default."""
+    """Folder to write to; the folder of the first study by default."""
 
     check: bool = False
     """Write nothing; check whether the results follow the protocol of the trials (exit
@@ -334,7 +335,7 @@ class Report:
     """Also write a row per task: FILE.csv, or FILE.parquet (extra lerobot)."""
 
     def execute(self) -> int:
-        """Write the pages, print where they are; `FAILED` if all tasks failed."""
+        """Write the pages, print their location; `FAILED` if all tasks failed."""
         with postponed_interruption():
             from gplfd_experiments.analysis.report.page import write_report
             from gplfd_experiments.analysis.results.reading import read_results
@@ -371,13 +372,13 @@ class Report:
 class Figures:
     """Draw the paper's figures from this project's own runs.
 
-    Writes DIR/<figure>.png and .svg, DIR/captions.md (what is seen, and the numbers),
-    DIR/figures.json (versions, command, settings) and, in DIR/logs, the runs that the
-    figures read; the next call with the same settings reads them again.
+    Writes DIR/<figure>.png and .svg, DIR/captions.md (descriptions and numbers),
+    DIR/figures.json (versions, command, settings) and, in DIR/logs, the runs for the
+    figures; the next call with the same settings reuses them.
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/figures")
-    """Folder to write to, or to add to."""
+    """Folder to write to; figures are added to an existing folder."""
 
     only: tuple[str, ...] = ()
     """Figures to draw, for example fig02 fig09; all by default."""
@@ -388,7 +389,7 @@ class Figures:
     quiet: Quiet = False
 
     def execute(self) -> int:
-        """Draw the figures and print where they are."""
+        """Draw the figures and print their location."""
         with postponed_interruption():
             from gplfd_experiments.workflows.figures import draw_figures
 

@@ -1,4 +1,4 @@
-"""Commands with which a person leads the hand in a web page: demos teach, correct."""
+"""Commands in which a person leads the hand in a web page: demos teach, correct."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from gplfd_experiments.cli.commands.run import draw_without_screen
 from gplfd_experiments.console.interruption import postponed_interruption
 
 Device = Literal["mouse", "keyboard", "spacemouse"]
-"""What a person leads the hand with, in a page of the browser."""
+"""Input device of a person who leads the hand in the browser."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -26,14 +26,13 @@ class PageOptions:
     """Where a page is served."""
 
     host: str = "127.0.0.1"
-    """Address of the page. Any other than this one lets other machines lead the
-    hand."""
+    """Address of the page. With any other address, other machines can lead the hand."""
 
     port: int = 0
-    """Port of the page; 0 for any that is free."""
+    """Port of the page; 0 selects a free port."""
 
     def address(self) -> dict[str, Any]:
-        """Return both by their names; raise a ValueError for a port that is none."""
+        """Return both by their names; raise a ValueError for an invalid port."""
         if not 0 <= self.port <= 65535:
             raise ValueError(f"--port {self.port} must be 0 to 65535")
         return {"host": self.host, "port": self.port}
@@ -43,24 +42,24 @@ class PageOptions:
 class Teach(PageOptions):
     """Lead the simulated hand yourself, in a web page of this machine, and record it.
 
-    Motion and forces are recorded, pauses are cut, and what you showed is played back
-    before you keep, repeat or discard it. SET can be given to `gplfd learn` and
-    `gplfd run --demonstrations`. Each demonstration is on the disk as soon as it is
-    kept; the same command adds more. See docs/teaching.md.
+    Motion and forces are recorded and pauses are cut. The demonstration is played back
+    before you keep, repeat or discard it. SET can be given to `gplfd learn` and `gplfd
+    run --demonstrations`. Each kept demonstration is saved at once; the same command
+    adds more. See docs/teaching.md.
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="SET")]
-    """Folder to write, or one of this command to which more is added."""
+    """Folder to write, or an existing set of this command to which more is added."""
 
     doors: tuple[str, ...] = ("small", "medium", "large")
-    """Doors to teach at, one after the other: names (see `gplfd list`), radii in
-    metres, or .json files of door parameters."""
+    """Doors to teach at, in turn: names (see `gplfd list`), radii in metres, or .json
+    files of door parameters."""
 
     device: Device = "mouse"
-    """What leads the hand. A SpaceMouse needs Chrome or Edge."""
+    """Input device that leads the hand. A SpaceMouse needs Chrome or Edge."""
 
     def execute(self) -> int:
-        """Serve the page until the person finishes, and say what to do next."""
+        """Serve the page until the person finishes, and print the next commands."""
         draw_without_screen()
         with postponed_interruption():
             from gplfd_experiments.teaching.page import teach
@@ -82,22 +81,22 @@ class Teach(PageOptions):
 class Correct(PageOptions):
     """Correct a skill: lead its hand where it fails, or let a program do so.
 
-    A synthetic corrector watches the skill open doors, one after the other. Where the
-    command leaves the handle's path or the door stalls, it leads the hand. With
-    --device you do, in a web page of this machine. The motion is kept in the skill and
-    learned from. See docs/corrections.md.
+    A synthetic corrector watches the skill open doors, one after the other. If the
+    command leaves the handle's path or the door stalls, it leads the hand.
+    With --device you lead the hand, in a web page of this machine. The skill stores the
+    motion and learns from it. See docs/corrections.md.
     """
 
     skill: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SKILL.npz")]
-    """Skill to correct, a file written by `gplfd learn`; it stays as it is."""
+    """Skill to correct, a file written by `gplfd learn`; it is not changed."""
 
     doors: tuple[str, ...] = ("small", "medium", "large")
     """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
     parameters, of the kind that the skill was learned for."""
 
     device: Device | None = None
-    """What you lead the hand with; a synthetic corrector leads it without. A SpaceMouse
-    needs Chrome or Edge."""
+    """Your input device; without this option, a synthetic corrector leads the hand. A
+    SpaceMouse needs Chrome or Edge."""
 
     policy: str = "gp"
     """Policy that follows the skill and is corrected: gp or one of its variants."""
@@ -106,8 +105,8 @@ class Correct(PageOptions):
     """Seed of the corrector and the episodes, 0 or more."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File of the corrected skill, SKILL-corrected.npz by default; one that is there
-    already is replaced, and refused with --device."""
+    """File of the corrected skill, SKILL-corrected.npz by default. An existing file is
+    replaced; with --device it is an error."""
 
     quiet: Quiet = False
 

@@ -1,8 +1,8 @@
-"""Episodes as a Minari data set (HDF5) that can be run again step by step.
+"""Episodes as a Minari data set (HDF5) that can be repeated step by step.
 
-Besides what Minari keeps of an episode (observations, actions, rewards, ends, infos,
-seed, reset options), it holds MuJoCo's whole state at every step, a hash of the model,
-and the versions and kind of processor that computed it.
+In addition to Minari's data of an episode (observations, actions, rewards, ends, infos,
+seed, reset options), it contains the complete state of MuJoCo at every step, a hash of
+the model, and the versions and kind of processor that computed it.
 """
 
 from gplfd_experiments.files.libraries import optional_libraries

@@ -1,4 +1,4 @@
-"""Data sets on disk: written whole or not at all, and read if written here."""
+"""Data sets on disk, written completely or not at all; only those of gplfd are read."""
 
 import hashlib
 import io
@@ -33,7 +33,7 @@ from gplfd_experiments.files.table import Table, text_table
 from gplfd_policies.arrays.storage import DecodingBudget, complete_or_absent
 
 KIND: Final = "gplfd"
-"""Name under which this package keeps its own entries, per data set and episode."""
+"""Name of this package's own entries, per data set and episode."""
 
 LAYOUT: Final = 2
 """Version of these entries."""
@@ -41,7 +41,7 @@ LAYOUT: Final = 2
 DATA, MAIN_FILE, METADATA_FILE = "data", "main_data.hdf5", "metadata.json"
 
 PER_STEP: Final = ("actions", "rewards", "terminations", "truncations")
-"""Arrays that stand alone in an episode; the others are its observations and infos."""
+"""Arrays directly in an episode; the others are in its observations and infos."""
 
 REPRODUCING: Final = ("gplfd", "mujoco", "gymnasium", "numpy", "scipy")
 """Distributions whose versions can change what an environment computes."""
@@ -52,8 +52,8 @@ _COMPACT: Final = ("v110", "v110")
 _LARGEST_CHUNK: Final = 1500  # Rows that are compressed together.
 _NAMESPACE: Final = "gplfd/"
 _LARGEST_EPISODE: Final = 2**28
-"""Bytes that an episode may unpack to; an hour of standing still takes as many."""
-_TEXTS: Final = 256  # Texts that are read at a time.
+"""Largest unpacked size of an episode [bytes], that of an hour without motion."""
+_TEXTS: Final = 256  # Number of texts that are read at once.
 _ORIGIN: Final[Mapping[str, Any]] = {
     "created": str,
     "command": tuple[str, ...],
@@ -73,7 +73,7 @@ def write_dataset(
     config: Mapping[str, Any],
     overwrite: bool = False,
 ) -> None:
-    """Write a data set that appears at ``folder`` when its last episode is there.
+    """Write a data set; ``folder`` is created after the last episode.
 
     Until then its compressed episodes are kept in memory, about a kilobyte per step.
 
@@ -81,15 +81,15 @@ def write_dataset(
         folder: Where the data set goes. Its name is the data set's id, so
             ``MINARI_DATASETS_PATH`` set to the folder above it lets
             ``minari.load_dataset`` find it.
-        episodes: At least one; taken when the folder is known to be writable.
+        episodes: At least one; iterated after the check that the folder is writable.
         env: Environment made by ``gym.make`` in which the episodes ran. Its
-            specification is kept, from which Minari's ``recover_environment`` makes it.
+            specification is stored for Minari's ``recover_environment``.
         policy: Name of the policy that acted.
-        config: Settings of the recording, for the record; JSON-able.
-        overwrite: Replace a data set that is there already.
+        config: Settings of the recording, stored as metadata; JSON-able.
+        overwrite: Replace an existing data set.
 
     Raises:
-        ValueError: The name is no id, something is there already, the environment's
+        ValueError: The name is not an id, the folder exists, the environment's
             arguments cannot be stored, or there is no episode.
         OSError: The folder cannot be written.
     """
@@ -103,7 +103,9 @@ def write_dataset(
     check_replaceable(target, mark, "data set", overwrite=overwrite)
     spec = env.spec
     if spec is None:
-        raise ValueError("the environment must be made by gym.make to be made again")
+        raise ValueError(
+            "the environment must be made by gym.make, so that it can be made again"
+        )
     try:
         specification = spec.to_json()
     except TypeError as error:
@@ -151,7 +153,7 @@ def _packed(episodes: Iterable[RecordedEpisode]) -> tuple[bytes, dict[str, Any]]
     """Make the HDF5 file in memory: on a full disk, HDF5 ends the process.
 
     Returns:
-        Its content, and what the metadata say of it.
+        Its content, and its metadata.
     """
     steps, doors = [], set()
     image = io.BytesIO()
@@ -173,7 +175,8 @@ def _packed(episodes: Iterable[RecordedEpisode]) -> tuple[bytes, dict[str, Any]]
             arrays |= flat({"observations": episode.observations})
             arrays |= flat({"infos": episode.infos})
             for name, array in arrays.items():
-                # Compressed, for states repeat, and so that Minari can append.
+                # Compressed, because states repeat, and resizable, so that Minari can
+                # append.
                 text = array.dtype.kind == "U"
                 group.create_dataset(
                     name,
@@ -205,7 +208,7 @@ def _packed(episodes: Iterable[RecordedEpisode]) -> tuple[bytes, dict[str, Any]]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Dataset:
-    """A data set on disk; episodes are read when asked for."""
+    """A data set on disk; episodes are read on request."""
 
     path: Path
     """Folder of the data set."""
@@ -214,7 +217,7 @@ class Dataset:
     policy: str
     """Name of the policy that acted."""
     description: str
-    """What it says of itself."""
+    """Its description."""
     environment: str
     """Id of the environment."""
     arguments: Mapping[str, Any]
@@ -227,14 +230,14 @@ class Dataset:
     def make_environment(self) -> gym.Env[Any, Any]:
         """Make the environment anew.
 
-        Only environments of this package are made, by their id: a file from elsewhere
-        cannot name code to run.
+        Only environments of this package are made, by their id, so that an untrusted
+        file cannot name code to run.
 
         Raises:
             ValueError: The id or its arguments are unknown to the installed version.
         """
         try:
-            # By its spec, since Gymnasium warns of an id that has a newer version.
+            # By its spec, because Gymnasium warns about an id with a newer version.
             return gym.make(gym.spec(self.environment), **self.arguments)
         except (gym.error.Error, TypeError, ValueError) as error:
             raise ValueError(
@@ -256,7 +259,7 @@ class Dataset:
         )
 
     def contents(self) -> str:
-        """Return where the data set comes from, and a line per episode.
+        """Return the origin of the data set, and a line per episode.
 
         Raises:
             ValueError: An episode is incomplete.
@@ -317,7 +320,7 @@ class Dataset:
             budget = DecodingBudget(file.stat().st_size, least=_LARGEST_EPISODE)
             with h5py.File(file, "r") as main:
                 return _episode(member(main, f"episode_{number}"), budget)
-        # A right hash does not mean that the content is what gplfd writes.
+        # A correct hash does not ensure that gplfd wrote the content.
         except Exception as error:
             raise ValueError(
                 f"{self.path}: episode {number} cannot be read: {error!s:.300}"
@@ -325,14 +328,14 @@ class Dataset:
 
 
 def open_dataset(path: str | Path) -> Dataset:
-    """Open a data set whose content is what was recorded.
+    """Open a data set after a check of its hash.
 
-    A hash of the arrays' file says so: HDF5 itself would read a changed number as
-    another number, and can hang at a changed index. The hash finds damage; it is no
-    protection against a file that was forged together with its hash.
+    The hash of the file of arrays detects damage: HDF5 would read a changed number as
+    another number, and can hang at a changed index. The hash does not protect against a
+    file that was forged together with its hash.
 
     Args:
-        path: Its folder, or the folder ``data`` in it.
+        path: Folder of the data set, or the folder ``data`` in it.
 
     Raises:
         FileNotFoundError: There is no data set.
@@ -372,9 +375,7 @@ def open_dataset(path: str | Path) -> Dataset:
         origin = {name: entry(own, name, kind) for name, kind in _ORIGIN.items()}
         missing = [name for name in REPRODUCING if name not in origin["versions"]]
         if missing:
-            raise ValueError(
-                f"the data set does not say with which {', '.join(missing)} it was made"
-            )
+            raise ValueError(f"the data set does not state its {', '.join(missing)}")
         n_episodes = entry(metadata, "total_episodes", int)
         if n_episodes < 1:
             raise ValueError("the data set holds no episode")
@@ -440,7 +441,7 @@ def _array(dataset: Any, budget: DecodingBudget) -> NDArray[Any]:
         raise ValueError(f"{dataset.name} is one text, not an array")
     texts: list[str] = []
     for start in range(0, len(dataset), _TEXTS):
-        # All texts may refer to the same long one.
+        # All texts may refer to the same long text.
         texts += dataset.asstr()[start : start + _TEXTS].tolist()
         budget.claim(sum(map(len, texts[start:])), dataset.name)
     budget.claim(4 * len(texts) * max(map(len, texts), default=0), dataset.name)

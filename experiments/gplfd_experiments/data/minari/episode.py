@@ -1,6 +1,6 @@
-"""One episode with everything that is needed to run it again.
+"""One episode with all data that is needed to repeat it.
 
-A step depends on MuJoCo's physics state and its model alone.
+A step depends only on MuJoCo's physics state and its model.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ from gplfd_experiments.files.arrays import FloatArray
 Array = NDArray[Any]
 
 STATE: Final = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-"""All that a step reads: with it, MuJoCo continues bit for bit."""
+"""All input of a step; MuJoCo continues from it bit for bit."""
 PHYSICS_STATE: Final = "physics_state"
 """Name of the physics state among the infos."""
 
@@ -29,14 +29,14 @@ _OUTCOME: Final = {
     "success": "b",
     "failure": "U",
 }
-"""Infos that say how an episode ended, and NumPy's kinds of their arrays."""
+"""Infos about the end of an episode, and NumPy's kinds of their arrays."""
 _HASHED_STRUCTS: Final = ("opt", "stat")
 _DIGITS: Final = 16
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RecordedEpisode:
-    """What went into an environment in one episode, and what came out.
+    """Input and output of an environment in one episode.
 
     T is the number of steps. Observations and infos have T + 1 rows, the first one from
     the reset; the others T.
@@ -49,7 +49,7 @@ class RecordedEpisode:
     seed: int
     """Seed of the reset."""
     options: Mapping[str, Any]
-    """Options in force: of the reset, and of earlier ones in the same environment."""
+    """Effective options: of this and earlier resets of the same environment."""
     observations: Mapping[str, Array]
     """Observations by name, (T + 1, ...)."""
     actions: Array
@@ -59,7 +59,7 @@ class RecordedEpisode:
     terminations: Array
     """Whether the task ended at this step, (T,)."""
     truncations: Array
-    """Whether the episode was cut at this step, (T,)."""
+    """Whether the episode was truncated at this step, (T,)."""
     infos: Mapping[str, Array]
     """The environment's infos by name, parts of nested ones by ``name/part``,
     (T + 1, ...), and `PHYSICS_STATE`, (T + 1, S): MuJoCo's state [SI] after the reset
@@ -103,10 +103,9 @@ class RecordedEpisode:
 
 
 class Recorder(gym.Wrapper[Any, Any, Any, Any]):
-    """Keeps what passes between an agent and an environment of this package.
+    """Records the data between an agent and an environment of this package.
 
-    Whatever drives the environment can be recorded: wrap it, drive it, and take
-    `episode` before the next reset.
+    Wrap the environment, run an episode, and read `episode` before the next reset.
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
@@ -133,7 +132,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
             )
         given = dict(options or {})
         observation, info = self.env.reset(seed=seed, options=given or None)
-        # Options hold from their episode on: what an earlier reset set still counts.
+        # Options of an earlier reset stay in force.
         self._in_force |= _storable(given)
         model = cast(Any, self.unwrapped).model
         self._start = {
@@ -148,7 +147,7 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         return observation, info
 
     def step(self, action: Array) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment and keep a row."""
+        """Step the environment and store a row."""
         given = np.array(action, dtype=np.float64)
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._actions.append(given)
@@ -194,7 +193,7 @@ def _check(name: str, array: Any, shape: tuple[int, ...], kinds: str = "biuf") -
 
 
 def _storable(value: Any) -> Any:
-    """Options with records as mappings of what they set, which resets also take."""
+    """Return options with records as mappings, which resets also accept."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = dataclasses.asdict(value)
     if not isinstance(value, Mapping):
@@ -203,7 +202,7 @@ def _storable(value: Any) -> Any:
 
 
 def flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
-    """Return nested mappings as one with names ``a/b/c``, as Minari keeps them."""
+    """Return nested mappings as one with names ``a/b/c``, as in Minari."""
     found: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
@@ -227,14 +226,14 @@ def _stack(what: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
 
 
 def physics_state(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
-    """Everything that the next step depends on besides the model, (S,) [SI]."""
+    """All input of the next step except the model, (S,) [SI]."""
     state = np.empty(mujoco.mj_stateSize(model, STATE))
     mujoco.mj_getState(model, data, state, STATE)
     return state
 
 
 def state_layout(model: mujoco.MjModel) -> dict[str, int]:
-    """How many numbers of the state each part has, in order; empty parts left out."""
+    """Return the size of each part of the state, in order, without empty parts."""
     members = mujoco.mjtState.__members__.items()
     sizes = {
         name.removeprefix("mjSTATE_").lower(): mujoco.mj_stateSize(model, int(bit))

@@ -1,6 +1,6 @@
-"""From motions as files have them to demonstrations that can be learned from.
+"""Converts motions from files to demonstrations for learning.
 
-Every step of the preparation notes what it did or noticed.
+Every step of the preparation writes notes about its changes and findings.
 """
 
 import warnings
@@ -28,29 +28,29 @@ from gplfd_policies.demonstrations.rests import moving_span
 # Spans of a motion outside of which its unit is probably not the metre [m].
 _SMALL, _LARGE = 0.01, 3.0
 _MOST_SAMPLES: Final = 10**6
-"""Samples that are made of all motions together; an hour at 100 Hz has 360,000."""
-_MOST_MADE: Final = 20  # Or so many times as many as were recorded, if that is more.
-_COMPARED: Final = 100  # Samples on which motions are compared.
+"""Largest number of resulting samples of all motions; an hour at 100 Hz has 360,000."""
+_MOST_MADE: Final = 20  # Or this multiple of the recorded samples, if that is more.
+_COMPARED: Final = 100  # Number of samples for comparing motions.
 
 __all__ = ["Motion", "Preparation", "prepare"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Motion:
-    """One repetition, ready to be learned from."""
+    """One repetition, prepared for learning."""
 
     name: str
-    """Where it comes from."""
+    """Its origin."""
     demonstration: Demonstration
     """The motion in the wanted frame."""
     signals: Mapping[str, FloatArray]
-    """What else was recorded than poses and wrenches, at the same times, (N, d)."""
+    """Recorded signals other than poses and wrenches, at the same times, (N, d)."""
     radius: float | None
-    """Of the hinge that was found [m]."""
+    """Radius of the estimated hinge [m]."""
     recorded: Samples
-    """The motion as it was recorded, but for its unit and the missing samples."""
+    """The recorded motion, changed only by its unit and missing samples."""
     notes: tuple[Note, ...]
-    """What was done and noticed."""
+    """Changes and findings."""
 
 
 @one_thread
@@ -60,11 +60,11 @@ def prepare(
     *,
     recorded_rate: float | None = None,
 ) -> tuple[Motion, ...]:
-    """Make demonstrations of motions, each with notes of what was done and noticed.
+    """Make demonstrations from motions, each with notes on changes and findings.
 
     Args:
-        recordings: As their files have them.
-        settings: What is to be done.
+        recordings: Motions as read from files.
+        settings: Steps of the preparation.
         recorded_rate: Samples per second of motions without time stamps [Hz].
 
     Raises:
@@ -95,9 +95,9 @@ def prepare(
         raise ValueError("there is no recording")
     if len(motions) < 4:
         return tuple(motions)
-    # Motions that are unlike the others are named.
+    # Report motions that are unlike the others.
     with warnings.catch_warnings():
-        # About noise: learning from the demonstrations warns of it.
+        # Warnings about noise; they are issued when the demonstrations are learned.
         warnings.simplefilter("ignore", UserWarning)
         aligned = align(
             [motion.demonstration for motion in motions],
@@ -114,7 +114,7 @@ def prepare(
 def _motion(
     name: str, recorded: Samples, settings: Preparation, notes: Notes, most: int
 ) -> Motion:
-    """Prepare one repetition, of at most so many samples."""
+    """Prepare one repetition with a limited number of samples."""
     timing.check_gaps(recorded, settings.largest_gap, notes)
     samples = timing.bridged(recorded, settings.largest_gap, notes)
     samples = frames.offset_by(samples, settings.offset)

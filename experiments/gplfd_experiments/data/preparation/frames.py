@@ -16,31 +16,31 @@ from gplfd_experiments.data.raw import FrameName, RawRecording, Transform, Wrenc
 from gplfd_experiments.files.arrays import FloatArray
 
 _STAYS_OPEN: Final = 0.75  # Least final angle of a door, as a share of its widest.
-_SHORTEST: Final = math.radians(10.0)  # Arc from which a hinge can be found [rad].
+_SHORTEST: Final = math.radians(10.0)  # Smallest arc for estimating a hinge [rad].
 _ROUND: Final = 0.05
 """Largest distance (rms) from the circle, as a share of its radius."""
 _LEAST_TURN: Final = math.radians(20.0)
-"""Arc that shows whether orientations turn with it [rad]."""
+"""Smallest arc for a check of the order of quaternions [rad]."""
 _UNLIKE: Final = 0.15
-"""Largest difference (rms) between the turns of a hand and of its door [rad]."""
+"""Largest difference (rms) between the rotations of a hand and of its door [rad]."""
 _FAR_BETTER: Final = 0.3
-"""In another order the difference must be less than this share of that as given."""
+"""The difference with the other order must be less than this share of the given one."""
 _SHARE_TURNED: Final = (0.65, 1.2)
-"""Least and largest turn of a hand on a handle as a share of the opening angle. Nine
-people's openings of a box have 0.70 to 0.98."""
+"""Range of the rotation of a hand on a handle as a share of the opening angle. Openings
+of a box by nine people have 0.70 to 0.98."""
 _LARGEST: Final = 1e9  # Larger forces and moments count as missing [N, N m].
 _IN_TIME: Final = 0.12
-"""Largest part of the hand's rotation (rms) that is not proportional to the opening
+"""Largest deviation (rms) of the hand's rotation from proportionality to the opening
 angle. The nine people have 0.02 to 0.10."""
 
 
 class Hinge(NamedTuple):
-    """A circle in space that a hand went along."""
+    """A circle in space, fitted to the path of a hand."""
 
     centre: FloatArray
     """Point of the axis in the plane of the motion [m], (3,)."""
     axis: FloatArray
-    """Direction about which the motion turns by positive angles, (3,)."""
+    """Direction of the axis; the motion has positive angles about it, (3,)."""
     radius: float
     """Distance of the hand from the axis [m]."""
     angles: FloatArray
@@ -52,8 +52,7 @@ class Hinge(NamedTuple):
 def find_hinge(positions: FloatArray) -> Hinge:
     """Fit a circle to positions of a hand [m], (N, 3), by least squares in a plane.
 
-    Raises:
-        ValueError: The arc is too short, or the motion is not round.
+    Raises: ValueError: The arc is too short, or the motion is not circular.
     """
     mean = positions.mean(axis=0)
     _, _, directions = np.linalg.svd(positions - mean, full_matrices=False)
@@ -71,7 +70,8 @@ def find_hinge(positions: FloatArray) -> Hinge:
     arms = flat - fit[:2]
     angles = np.unwrap(np.arctan2(arms[:, 1], arms[:, 0]))
     angles -= angles[0]
-    # A door that is closed again ends where it began: the farthest angle is open.
+    # A door that is closed again ends at its start, so the largest angle is the open
+    # one.
     if angles[np.argmax(np.abs(angles))] < 0.0:
         angles, normal = -angles, -normal
     # plane[0] × plane[1] may be either normal; angles are positive about this one.
@@ -88,22 +88,23 @@ def find_hinge(positions: FloatArray) -> Hinge:
     if np.ptp(angles) < _SHORTEST:
         raise ValueError(
             "no hinge can be found from an arc of "
-            f"{math.degrees(np.ptp(angles)):.1f}°, it takes "
-            f"{math.degrees(_SHORTEST):.0f}°; give --frame first-pose or a pose"
+            f"{math.degrees(np.ptp(angles)):.1f}°, at least "
+            f"{math.degrees(_SHORTEST):.0f}° are needed; give --frame first-pose or a "
+            "pose"
         )
     if hinge.residual > _ROUND * hinge.radius:
         raise ValueError(
             f"the motion is {1e3 * hinge.residual:.0f} mm (rms) off a circle of "
-            f"{hinge.radius:.2f} m, so it is about no hinge; give --frame first-pose "
+            f"{hinge.radius:.2f} m, so it has no hinge; give --frame first-pose "
             "or a pose, or part it into repetitions (--segment)"
         )
     return hinge
 
 
 def suspicious_order(poses: FloatArray) -> str | None:
-    """Return a warning if another order of quaternions fits a hand on a hinge better.
+    """Return a warning if the other order of quaternions fits a hand at a hinge better.
 
-    Only a motion on a circle can tell: there the hand turns as it goes round.
+    This is only known for a motion on a circle, where the hand rotates with the angle.
     """
     try:
         hinge = find_hinge(poses[:, :3])
@@ -124,17 +125,17 @@ def suspicious_order(poses: FloatArray) -> str | None:
     rotation, other = min(map(rotation_and_error, (1, -1)), key=lambda found: found[1])
     if as_given < _UNLIKE or other > _FAR_BETTER * as_given:
         return None
-    # A free hand may turn about such an axis by chance, but not as far and in time
-    # with the way round.
+    # A free hand may rotate about such an axis by chance, but not by the same angle at
+    # the same time.
     about = rotation @ hinge.axis
     share = float(about @ hinge.angles / (hinge.angles @ hinge.angles))
     untimely = np.linalg.norm(about - share * hinge.angles) / np.linalg.norm(rotation)
     if not _SHARE_TURNED[0] <= share <= _SHARE_TURNED[1] or untimely > _IN_TIME:
         return None
     return (
-        f"the hand goes round a hinge, but turns {as_given:.2g} rad otherwise, and "
-        f"{other:.2g} rad with the scalar of the quaternions at the other end: is "
-        "their order right?"
+        f"the hand moves about a hinge, but its rotation differs by {as_given:.2g} "
+        f"rad, and by {other:.2g} rad with the other order of quaternions: is the "
+        "order correct?"
     )
 
 
@@ -176,11 +177,11 @@ def in_frame(
     outwards /= np.linalg.norm(outwards)
     pull = np.cross(hinge.axis, outwards)
     axes = Rotation.from_matrix(np.column_stack([pull, hinge.axis, outwards]))
-    # A hand's orientation is how far it has turned, in the axes of the door.
+    # The orientation is the rotation since the start, in the axes of the door.
     turned = axes.inv() * rotations * rotations[0].inv() * axes
     if not np.ptp(samples.poses[:, 3:], axis=0).any():
         turned = Rotation.from_rotvec(hinge.angles[:, None] * [0.0, 1.0, 0.0])
-        notes.add("no orientations: the hand is taken to turn with the door")
+        notes.add("no orientations: the hand is assumed to rotate with the door")
     widest = int(np.argmax(hinge.angles))
     if hinge.angles[-1] <= _STAYS_OPEN * hinge.angles[widest]:
         start, end = max(samples.times[0], 0.0), samples.times[widest]
@@ -216,7 +217,7 @@ def _of_parts(
 
 
 def in_axes(wrenches: FloatArray, axes: Rotation) -> FloatArray:
-    """Return wrenches, (N, 6), in other axes, which are given in the present ones."""
+    """Return wrenches, (N, 6), in other axes, given in the present axes."""
     parts = wrenches[:, :3], wrenches[:, 3:]
     return np.hstack([axes.inv().apply(part) for part in parts])
 
@@ -230,17 +231,17 @@ def about(wrenches: FloatArray, shift: FloatArray) -> FloatArray:
 def wrenches_of_the_hand(
     samples: Samples, raw: RawRecording, usual: WrenchSensor, notes: Notes
 ) -> Samples:
-    """Return samples with the wrenches of the hand on what it holds.
+    """Return samples with the wrenches of the hand on the object.
 
     They are in the axes of the recorded poses, and about the position of the recorded
-    hand. With the wrench of the environment on the hand (f_s, m_s) as it was measured,
-    its bias b, the sensor's rotation R and position p relative to the hand, the axes A
-    of the measurement (R, or those of the poses), and the tool's weight W and centre c,
+    hand. With the measured wrench of the environment on the hand (f_s, m_s), its bias
+    b, the sensor's rotation R and position p relative to the hand, the axes A of the
+    measurement (R, or those of the poses), and the tool's weight W and centre c,
 
         f = -(A (f_s - b_f) - W),    m = -(A (m_s - b_m) - R c × W) + p × f.
 
     Wrenches that cannot be converted are left out, and a note says why. The usual
-    sensor is that of recordings whose file does not say how it was recorded.
+    sensor is assumed for files that do not state how forces were recorded.
     """
     if samples.wrenches is None:
         return samples
@@ -264,17 +265,17 @@ def wrenches_of_the_hand(
         moments = np.cross(rotation.apply(sensor.tool_centre), pull)
         tool = np.hstack([np.broadcast_to(pull, moments.shape), moments])
         measured = measured - in_axes(tool, axes)
-        notes.add(f"weight of {weight:g} N taken from the forces")
+        notes.add(f"weight of {weight:g} N subtracted from the forces")
     if sensor.rest > 0.0:
         known = np.isfinite(measured).all(axis=1) & (samples.times <= sensor.rest)
         if not known.any():
-            notes.warn(f"forces left out: none in the first {sensor.rest:g} s")
+            notes.warn(f"forces left out: no sample in the first {sensor.rest:g} s")
             return without
         bias = measured[known].mean(axis=0)
         measured = measured - bias
         notes.add(
             f"bias of {np.linalg.norm(bias[:3]):.3g} N and "
-            f"{np.linalg.norm(bias[3:]):.3g} N m taken from the forces"
+            f"{np.linalg.norm(bias[3:]):.3g} N m subtracted from the forces"
         )
     if raw.sensor is None:
         whose = "sensor" if sensor.axes == "hand" else "poses"

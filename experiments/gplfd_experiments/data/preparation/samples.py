@@ -1,4 +1,4 @@
-"""Samples of a motion, and how they are mended: units, stamps, quaternions, jumps."""
+"""Samples of a motion, and their repair: units, stamps, quaternions, jumps."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -11,33 +11,33 @@ from gplfd_experiments.data.raw import METRES, RawRecording
 from gplfd_experiments.files.arrays import FloatArray
 
 _NORM_TOLERANCE: Final = 0.05  # Largest error of the norm of a rotation's quaternion.
-_LEAST_USABLE: Final = 0.5  # Share of samples that must be usable.
+_LEAST_USABLE: Final = 0.5  # Smallest share of usable samples.
 _LARGEST_POSITION: Final = 1e9  # Larger coordinates, in any unit, count as missing.
 _MOST_STEPS: Final = 10**6
-"""A motion spans at most so many of its usual steps, or four times its samples."""
+"""Longest motion in usual time steps, unless four times its samples are more."""
 _FASTEST: Final = 5.0  # Speed of a hand [m/s] above which a step may be a jump.
 _FASTEST_TURN: Final = 20.0  # The same of the angular speed [rad/s].
-_OUTLYING: Final = 10.0  # A jump is so many times as long as the usual step.
-_LONGEST_SPIKE: Final = 5  # Samples between a jump and the jump back.
+_OUTLYING: Final = 10.0  # Smallest ratio of a jump to the usual step.
+_LONGEST_SPIKE: Final = 5  # Largest number of samples between a jump and the jump back.
 
 
 class Note(NamedTuple):
-    """What a step of the preparation did or noticed, in words and numbers."""
+    """Text about a change or finding of a preparation step."""
 
     text: str
     warning: bool = False
-    """Whether a person should look at it."""
+    """Whether it needs attention."""
 
 
 class Notes(list[Note]):
-    """Notes that the steps of a preparation add to."""
+    """Notes of the steps of a preparation."""
 
     def add(self, text: str) -> None:
-        """Note what was done."""
+        """Add a note about a change."""
         self.append(Note(text))
 
     def warn(self, text: str) -> None:
-        """Note what a person should look at."""
+        """Add a note that needs attention."""
         self.append(Note(text, warning=True))
 
 
@@ -51,17 +51,17 @@ class Samples:
     """Positions [m] and unit quaternions, the scalar first, continuous in sign, (N, 7);
     the identity where a motion has no orientations."""
     wrenches: FloatArray | None
-    """Forces and moments [N, N m], (N, 6), not finite where they are missing; or none.
-    At first as recorded, then as a `Demonstration` has them."""
+    """Forces and moments [N, N m], (N, 6), not finite if missing; or none. First as
+    recorded, then as in a `Demonstration`."""
     signals: Mapping[str, FloatArray]
-    """What else was recorded, (N, d) each."""
+    """Other recorded signals, (N, d) each."""
 
     def __getitem__(self, kept: Any) -> "Samples":
         """Return some of the samples, as NumPy indexes."""
         return replace(self.mapped(lambda one: one[kept]), times=self.times[kept])
 
     def mapped(self, change: Callable[[FloatArray], FloatArray]) -> "Samples":
-        """Return samples with every array changed but the times."""
+        """Return samples with every array changed except the times."""
         return replace(
             self,
             poses=change(self.poses),
@@ -82,7 +82,7 @@ def usable(
 
     Raises:
         ValueError: It has no time stamps and no rate is given [Hz], too few samples are
-            usable, or what should be quaternions are none.
+            usable, or the quaternions are invalid.
     """
     for text in raw.notes:
         notes.warn(text)
@@ -106,8 +106,8 @@ def usable(
             index = int(np.argmax(wrong))
             raise ValueError(
                 f"{raw.name}: the quaternion of sample {index} has norm "
-                f"{norms[index]:.4g}, and rotations have norm 1; are these the columns "
-                "of the quaternion?"
+                f"{norms[index]:.4g}, must be 1; are these the columns of the "
+                "quaternion?"
             )
         quaternions = raw.quaternions / np.where(given, norms, 1.0)[:, None]
         there &= given
@@ -120,7 +120,7 @@ def usable(
     if found < number:
         notes.add(f"{number - found} of {number} samples missing")
     if units is not None and raw.unit not in (None, units):
-        notes.warn(f"taken in {units}, the file says {raw.unit}")
+        notes.warn(f"read in {units}, although the file states {raw.unit}")
     elif units is None and raw.unit is None:
         notes.add("no unit given: taken as metres")
     signals: dict[str, FloatArray] = {}
@@ -147,7 +147,7 @@ def usable(
     first = np.concatenate([[True], np.diff(samples.times) > 0.0])
     if not first.all():
         notes.add(
-            f"{np.count_nonzero(~first)} samples with the time of another left out"
+            f"{np.count_nonzero(~first)} samples with a repeated time stamp left out"
         )
         samples = samples[first]
     if len(samples.times) < 2:
@@ -158,7 +158,7 @@ def usable(
             f"{raw.name}: time stamps span {times[-1]:.3g} s in steps of usually "
             f"{samples.step:.3g} s; look at the first and the last, and at the unit"
         )
-    # Of a quaternion's two signs, the one that is close to the sample before.
+    # The sign of each quaternion that is closer to the sample before.
     quaternions = samples.poses[:, 3:]
     overlap = np.einsum("ij,ij->i", quaternions[1:], quaternions[:-1])
     changes = np.where(overlap < 0.0, -1.0, 1.0)
@@ -170,10 +170,11 @@ def usable(
 
 
 def without_spikes(samples: Samples, notes: Notes) -> Samples:
-    """Leave out short excursions of the tracker, and warn of jumps.
+    """Remove short excursions of the tracker, and warn about jumps.
 
-    A jump is a step far longer than usual and faster than a hand. Where another jump
-    leads back at once, the samples between are left out; otherwise the jump stays.
+    A jump is a step far longer than usual and faster than a hand. If another jump leads
+    back within a few samples, the samples between are removed; otherwise the jump
+    stays.
     """
     steps = np.diff(samples.times)
     lengths = np.linalg.norm(np.diff(samples.poses[:, :3], axis=0), axis=1)
@@ -191,7 +192,7 @@ def without_spikes(samples: Samples, notes: Notes) -> Samples:
             left = [jump for jump in left if jump not in (out, back)]
     if not kept.all():
         number = np.count_nonzero(~kept)
-        notes.warn(f"{number} samples where the tracker saw it elsewhere left out")
+        notes.warn(f"{number} samples of short jumps of the tracker left out")
     if left:
         first = left[0]
         notes.warn(

@@ -15,25 +15,25 @@ from gplfd_experiments.data.raw import Segments, likely_time_unit
 from gplfd_experiments.files.arrays import FloatArray, interpolated
 
 _SMOOTHING: Final = 0.05  # Standard deviation of the smoother of the poses [s].
-_REACH: Final = 0.1  # Speed is that of chords over twice this time [s].
+_REACH: Final = 0.1  # Speed is computed from chords over twice this time [s].
 _RESTING: Final = 0.05
 """A hand slower than this share of its fast speed, the 95th percentile, rests."""
 _LEAST_REST: Final = 0.5  # Shortest rest between two repetitions [s].
 _MARGIN: Final = 0.2  # Part of the rest kept on either side of a repetition [s].
-_LEAST_PATH: Final = 0.3  # Least path of a repetition as a share of the longest one.
-_TURNED_BACK: Final = 0.5  # A hand turns where it comes back by this share of its span.
-_WHOLE: Final = 0.7  # Least share of the usual way from turn to turn.
-_ATTEMPT: Final = 0.1  # A way below this share of the longest is not counted.
-_ORDER: Final = 4  # Of the Butterworth filter.
-_OVERSAMPLED: Final = 2.5  # Least samples per period of the cut-off.
+_LEAST_PATH: Final = 0.3  # Shortest path of a repetition as a share of the longest.
+_TURNED_BACK: Final = 0.5  # At a turn, the hand moves back by this share of its span.
+_WHOLE: Final = 0.7  # Smallest share of the usual path between turns.
+_ATTEMPT: Final = 0.1  # Paths below this share of the longest are not counted.
+_ORDER: Final = 4  # Order of the Butterworth filter.
+_OVERSAMPLED: Final = 2.5  # Smallest number of samples per period of the cut-off.
 
 
 def repetitions(samples: Samples, how: Segments, notes: Notes) -> list[Samples]:
     """Divide a motion into repetitions, see `Preparation.segments`.
 
     Raises:
-        ValueError: Times are given between which there is no motion, or turns are to
-            be found where nothing moves.
+        ValueError: There is no motion between the given times, or turns are wanted in a
+            motion without movement.
     """
     if how == "none":
         return [samples]
@@ -56,7 +56,7 @@ def _between(samples: Samples, start: float, end: float) -> Samples:
 
 
 def _between_rests(samples: Samples, notes: Notes) -> list[Samples]:
-    """Return what lies between rests, without motions back and short motions."""
+    """Return the motions between rests, without motions back and short motions."""
     # The speed of the smoothed hand in metres and half radians per second: a
     # quaternion moves by half the angle.
     clock, smooth = _smoothed(samples)
@@ -77,7 +77,7 @@ def _between_rests(samples: Samples, notes: Notes) -> list[Samples]:
         else:
             spans.append([start, end])
     parts = [_between(samples, a - _MARGIN, b + _MARGIN) for a, b in spans]
-    # Those that are long enough, in the direction of the first.
+    # Motions that are long enough, in the direction of the first.
     ways = [np.linalg.norm(np.diff(p.poses, axis=0), axis=1).sum() for p in parts]
     long = [way >= _LEAST_PATH * max(ways) for way in ways]
     ahead = list(itertools.compress(parts, long))
@@ -94,7 +94,7 @@ def _between_rests(samples: Samples, notes: Notes) -> list[Samples]:
 
 
 def _between_turns(samples: Samples, notes: Notes) -> list[Samples]:
-    """Return what goes from one turn to the next, in the direction of the first.
+    """Return the motions between turns, in the direction of the first.
 
     A turn is an extreme of the position along its first principal direction.
     """
@@ -103,7 +103,7 @@ def _between_turns(samples: Samples, notes: Notes) -> list[Samples]:
     way = offsets @ np.linalg.svd(offsets, full_matrices=False)[2][0]
     low, high = np.percentile(way, [5.0, 95.0])
     if not high > low:
-        raise ValueError("positions stay where they are: nothing turns round there")
+        raise ValueError("positions are constant: there are no turning points")
     spans = list(itertools.pairwise(_turns(way, _TURNED_BACK * (high - low))))
     lengths = np.array([way[last] - way[first] for first, last in spans])
     attempt = np.abs(lengths) >= _ATTEMPT * np.abs(lengths).max()
@@ -123,7 +123,7 @@ def _between_turns(samples: Samples, notes: Notes) -> list[Samples]:
 
 
 def _turns(way: FloatArray, least: float) -> list[int]:
-    """Return the first and last index, and extremes from which a way comes back."""
+    """Return the first and last index, and extremes at which the motion turns."""
     turns, top, bottom, heading = [0], 0, 0, 0
     values = way.tolist()
     for place, value in enumerate(values):
@@ -166,7 +166,7 @@ def check_gaps(samples: Samples, largest: float, notes: Notes) -> None:
 def filtered(samples: Samples, cutoff: float | None, notes: Notes) -> Samples:
     """Filter poses, wrenches and signals at equal steps, forwards and backwards.
 
-    The cut-off is the frequency that is halved [Hz], None to filter nothing.
+    The cut-off is the frequency whose amplitude is halved [Hz]; None for no filter.
     """
     if cutoff is None:
         return samples
@@ -183,9 +183,9 @@ def filtered(samples: Samples, cutoff: float | None, notes: Notes) -> Samples:
 
 
 def at_rate(samples: Samples, rate: float | None, most: int) -> Samples:
-    """Return the motion from time 0 at equal steps, of at most so many samples.
+    """Return the motion from time 0 at equal steps, with a limited number of samples.
 
-    Without a rate [Hz], it stays as it is.
+    Without a rate [Hz], it is unchanged.
     """
     if rate is None:
         return samples
@@ -197,8 +197,8 @@ def at_rate(samples: Samples, rate: float | None, most: int) -> Samples:
         raise ValueError(
             f"it lasts {end - start:.6g} s with a sample every {samples.step:.3g} s"
             + (f"{hint}--time-unit {likely}. At" if hint else "; at")
-            + f" {rate:g} samples per second that makes {number:,}, and {most:,} are "
-            "left to make of these files; give a lower --rate, or cut it (--segment)"
+            + f" {rate:g} samples per second these are {number:,} samples, but at most "
+            f"{most:,} more are allowed; give a lower --rate, or cut it (--segment)"
         )
     even = _resampled(samples, np.linspace(start, end, number))
     return replace(even, times=even.times - start)
@@ -219,7 +219,7 @@ def _with_unit_quaternions(samples: Samples) -> Samples:
 def bridged(samples: Samples, largest: float, notes: Notes) -> Samples:
     """Return samples with missing wrenches interpolated between known ones.
 
-    Where none is known for longer than the largest gap [s], all are left out.
+    If there is a gap longer than the largest gap [s], all wrenches are left out.
     """
     wrenches, times = samples.wrenches, samples.times
     if wrenches is None:
@@ -245,9 +245,10 @@ def bridged(samples: Samples, largest: float, notes: Notes) -> Samples:
 def outliers(ways: Sequence[FloatArray]) -> list[int]:
     """Return the indices of motions that are far from the others.
 
-    They are further from the median motion than 3.5 times what is usual (median
-    absolute deviation, as of a normal distribution) and twice the median distance. The
-    motions are given by poses at the same phases [m, rad], (M, 6) each.
+    Their distance from the median motion is more than 3.5 robust standard deviations
+    (median absolute deviation, scaled as for a normal distribution) above the usual one
+    and more than twice the median distance. The motions are given by poses at the same
+    phases [m, rad], (M, 6) each.
     """
     stacked = np.stack(ways)
     apart = np.linalg.norm(stacked - np.median(stacked, axis=0), axis=2).mean(axis=1)

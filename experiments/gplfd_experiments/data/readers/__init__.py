@@ -19,20 +19,20 @@ class Reader:
     """How one kind of file is read.
 
     The module has a function ``read(path, selection)`` that returns the motions in the
-    order of the file, their names beginning with the name of the file; units and time
-    stamps are those of the file. It trusts nothing in the file, and claims memory from
-    a `DecodingBudget` before it allocates. Any exception means that the file cannot be
-    read, and its text says why.
+    order of the file. Their names begin with the name of the file; units and time
+    stamps are those of the file. It does not trust the content of the file, and claims
+    memory from a `DecodingBudget` before it allocates. Any exception means that the
+    file cannot be read, and its text says why.
     """
 
     summary: str
-    """What it is called in a message."""
+    """Name in a message."""
     module: str
     """Module of this package; imported when needed, for its libraries."""
     suffixes: tuple[str, ...] = ()
-    """How such files end; none for folders."""
+    """Suffixes of such files; none for folders."""
     marks: tuple[str, ...] = ()
-    """A folder of this kind holds one of these."""
+    """A folder of this kind contains one of these."""
 
 
 READERS: Final[Mapping[str, Reader]] = MappingProxyType(
@@ -68,17 +68,17 @@ READERS: Final[Mapping[str, Reader]] = MappingProxyType(
 def read_recordings(path: str | Path, selection: Selection) -> list[RawRecording]:
     """Read all motions in a file or folder.
 
-    No file is trusted: what is damaged or forged is refused, whatever it claims.
+    No file is trusted: damaged or forged files raise an error.
 
     Args:
-        path: The file or folder; its name says of what kind it is.
-        selection: What to read, and what the file does not say itself.
+        path: The file or folder; its name determines its kind.
+        selection: What to read, and properties that the file does not state.
 
     Raises:
         FileNotFoundError: There is no such file.
         OSError: It cannot be read.
         ModuleNotFoundError: Its reader needs a library that is not installed.
-        ValueError: It is damaged, of no known kind, or has not what was asked for. The
+        ValueError: It is damaged, of unknown kind, or lacks the selected item. The
             message names file, line or field, and says what to do.
     """
     path = Path(path)
@@ -108,7 +108,7 @@ def read_recordings(path: str | Path, selection: Selection) -> list[RawRecording
             raise ValueError("it holds no recording")
     except ModuleNotFoundError:
         raise
-    # Parsers and libraries answer damaged files with errors of every kind.
+    # Parsers and libraries raise errors of every kind for damaged files.
     except Exception as error:
         reason = str(error) or type(error).__name__
         raise ValueError(

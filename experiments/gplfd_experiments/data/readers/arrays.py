@@ -1,9 +1,9 @@
-"""Arrays by name: what .npz, .npy and .mat files have in common, and the first two.
+"""Motions in named arrays, for .npz, .npy and .mat files; reads the first two.
 
-Understood are columns (N,), the arrays of `_GROUPS` (N, d), and with ``--columns`` one
-array (N, C), or (K, N, C) for K motions; transposed, too, where the shape leaves no
-doubt. The arrays of .mat files stand in cells and structures, ``demos{2}.pos``, of
-which those of one name are motions of one set.
+Supported are columns (N,), the arrays of `_GROUPS` (N, d), and with ``--columns`` one
+array (N, C), or (K, N, C) for K motions; also transposed if the shape is unambiguous.
+The arrays of .mat files are in cells and structures, ``demos{2}.pos``; those of one
+name are motions of one set.
 """
 
 import itertools
@@ -45,7 +45,7 @@ _GROUPS: Final[tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]] = (
     (("force", "forces", "wrench", "wrenches"), FORCE),
     (("gripper",), ("gripper",)),
 )
-"""Arrays that are understood: their names, and the columns that they hold."""
+"""Supported arrays: their names and columns."""
 
 _COLUMNS: Final = {name: columns for names, columns in _GROUPS for name in names}
 _INDEX: Final = re.compile(r"(\{\d+\}|\(\d+\))")
@@ -77,7 +77,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
 def recordings(
     name: str, arrays: Mapping[str, NDArray[Any]], selection: Selection
 ) -> list[RawRecording]:
-    """Return the motions that the named arrays of a file hold.
+    """Return the motions in the named arrays of a file.
 
     Raises:
         ValueError: No motion can be found in them.
@@ -111,7 +111,7 @@ def _parted(key: str) -> tuple[str, str, str]:
 
 
 def _sets(named: Mapping[str, _Any]) -> dict[str, dict[str, _Any]]:
-    """Return what stands in cells or structures of one name as one set, in order."""
+    """Return the arrays in cells or structures of one name as one set, in order."""
     sets: dict[str, dict[str, _Any]] = {}
     for key, one in named.items():
         sets.setdefault(_INDEX.sub("", key), {})[key] = one
@@ -121,7 +121,7 @@ def _sets(named: Mapping[str, _Any]) -> dict[str, dict[str, _Any]]:
 def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
     """Return the arrays of every structure that has positions, or of the whole file.
 
-    A structure may keep its motions as cells, ``s.pos{1}`` with ``s.time{1}``, or
+    A structure may contain its motions as cells, ``s.pos{1}`` with ``s.time{1}``, or
     with ``s.time`` for all.
     """
 
@@ -145,14 +145,14 @@ def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
         for index, fields in own.items():
             motions[f"{where}{index}"] = shared | fields
         if not own and has_positions(shared):
-            # A single cell may hold the times of the only motion.
+            # A single cell may contain the times of the only motion.
             single = next(iter(cells.values())) if len(cells) == 1 else {}
             motions[where] = single | shared
     return motions
 
 
 def _from_names(name: str, arrays: _Arrays, selection: Selection) -> RawRecording:
-    """Return the motion in arrays whose names are understood."""
+    """Return the motion in arrays with supported names."""
     columns: dict[str, tuple[FloatArray, str | None]] = {}
     for key, array in arrays.items():
         short, unit = understood(key)
@@ -160,7 +160,7 @@ def _from_names(name: str, arrays: _Arrays, selection: Selection) -> RawRecordin
         if key.lower() in _QUATERNIONS:
             if selection.quaternions is None:
                 raise ValueError(
-                    f"it does not say where the scalar part of {key!r} stands: say "
+                    f"the place of the scalar part of {key!r} is unknown: give "
                     "--quaternions wxyz or --quaternions xyzw"
                 )
             names = _ORDERS[selection.quaternions]
@@ -209,10 +209,10 @@ def _listed(arrays: _Arrays) -> str:
 def _from_columns(
     file: str, numbers: _Arrays, selection: Selection
 ) -> list[RawRecording]:
-    """Return the motions in the chosen arrays, whose columns ``--columns`` names.
+    """Return the motions in the chosen arrays with the columns of ``--columns``.
 
-    Several arrays, ``--body A,B``, are put side by side. Times that stand beside the
-    columns, in the same structure or file, are theirs.
+    Several arrays, ``--body A,B``, are joined side by side. Times in the same structure
+    or file belong to the columns.
     """
     sets = _sets({key: a for key, a in numbers.items() if 1 <= a.ndim <= 3})
     body, parts = selection.body, [selection.body]
@@ -274,5 +274,5 @@ def _side_by_side(arrays: list[FloatArray]) -> FloatArray:
         tables.append(table.T if table.ndim == 2 and len(table) != rows else table)
     if len({table.shape[:-1] for table in tables}) > 1:
         shapes = ", ".join(str(array.shape) for array in arrays)
-        raise ValueError(f"arrays of shapes {shapes} have not the same samples")
+        raise ValueError(f"arrays of shapes {shapes} differ in the number of samples")
     return np.concatenate(tables, axis=-1)

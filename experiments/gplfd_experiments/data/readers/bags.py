@@ -25,7 +25,7 @@ from gplfd_experiments.files.arrays import FloatArray, interpolated
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.arrays.storage import DecodingBudget, decompressed, regular_file
 
-with optional_libraries("bags of ROS need rosbags", "ros"):
+with optional_libraries("ROS bags need rosbags", "ros"):
     import apsw
     import lz4.frame  # type: ignore[import-untyped]
     import rosbags.rosbag1.reader as rosbag1
@@ -39,14 +39,14 @@ _WRENCH: Final = "geometry_msgs/msg/WrenchStamped"
 _TRANSFORMS: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 _USUAL_TYPES: Final = get_typestore(Stores.ROS2_HUMBLE)
-"""Types of messages for bags that do not describe theirs."""
+"""Message types for bags without type descriptions."""
 
 _Row = tuple[float, ...]
 """Position [m] and quaternion, the scalar first; or force [N] and torque [N m]."""
 
 
 def _pose(message: Any) -> _Row:
-    """Return the pose in a message, however many times it is wrapped."""
+    """Return the pose in a message with any nesting of messages."""
     while hasattr(message, "pose"):
         message = message.pose
     if hasattr(message, "transform"):
@@ -62,11 +62,11 @@ _POSES: Final = (
     "geometry_msgs/msg/TransformStamped",
     "nav_msgs/msg/Odometry",
 )
-"""Types of messages that hold a pose."""
+"""Message types that contain a pose."""
 
 
 class _BoundedReader(io.BufferedReader):
-    """Reserves no more memory for a read than the file can fill."""
+    """Reserves no more memory for a read than the size of the file."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         rest = max(0, os.fstat(self.fileno()).st_size - self.tell())
@@ -83,7 +83,7 @@ class _BoundedPath(type(Path())):  # type: ignore[misc]
 
 
 class _BoundedStream:
-    """A decompressed stream whose bytes are claimed from a budget."""
+    """A decompressed stream that claims its bytes from a budget."""
 
     def __init__(self, stream: Any, budget: DecodingBudget) -> None:
         self._stream, self._budget = stream, budget
@@ -102,17 +102,17 @@ class _BoundedStream:
 
 @contextlib.contextmanager
 def _bounded_decompression(size: int) -> Iterator[None]:
-    """Let rosbags decompress to no more than a `DecodingBudget` of these bytes.
+    """Limit the decompression of rosbags by a `DecodingBudget` of these bytes.
 
-    rosbags decompresses chunks, messages and files without limit. So its functions are
-    replaced while a bag is read, which is all that uses them in this program.
+    rosbags decompresses chunks, messages and files without limit. Therefore its
+    functions are replaced while a bag is read; nothing else in this program uses them.
     """
     budget = DecodingBudget(size)
     zstd = vars(rosbag2)["zstd"]
     lz4_frame = lz4.frame.LZ4FrameDecompressor
 
     def stored(data: bytes, claimed: int) -> bytes:
-        # An index may name one chunk many times.
+        # An index may refer to one chunk many times.
         budget.claim(len(data), "a chunk")
         return data
 
@@ -120,12 +120,12 @@ def _bounded_decompression(size: int) -> Iterator[None]:
         return lambda data, claimed: decompressed(data, make, budget, "a chunk")
 
     def ros1(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
-        # Where topics interleave, one chunk is decompressed many times and dropped
-        # again: each has the whole budget.
+        # With interleaved topics, a chunk is decompressed and dropped several times, so
+        # each time has the whole budget.
         return lambda data: decompressed(data, make, DecodingBudget(size), "a chunk")
 
     def limit_values(connection: Any) -> None:
-        # A generated column holds values that are not in the file.
+        # A generated column contains values that are not in the file.
         connection.limit(apsw.SQLITE_LIMIT_LENGTH, min(budget.left, 2**31 - 1))
 
     mcap_chunks = {
@@ -157,7 +157,7 @@ class _Track:
     values: "array[float]" = field(default_factory=lambda: array("d"))
 
     def add(self, message: Any, logged: int, row: _Row) -> None:
-        """Add a row with its message's stamp, or when it was logged if it has none."""
+        """Add a row with the stamp of its message, or with the time of logging."""
         stamp = message.header.stamp
         self.stamps.append(int(stamp.sec) * 10**9 + int(stamp.nanosec) or logged)
         self.values.extend(row)
@@ -179,7 +179,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         _bounded_decompression(size),
         AnyReader([_BoundedPath(path)], default_typestore=_USUAL_TYPES) as bag,
     ):
-        # The topic of the hand, and the frame in it where it has several.
+        # The topic of the hand, and its frame if the topic has several.
         topics = {one.topic: one.msgtype for one in bag.connections}
         known = {*_POSES, _JOINTS, *_TRANSFORMS}
         moving = {name: kind for name, kind in topics.items() if kind in known}
@@ -228,7 +228,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     times, poses = hand.arrays()
     wrenches = None
     if wrench.stamps:
-        # On the clock of the poses; missing where none was recorded nearby.
+        # At the times of the poses; missing if no wrench was recorded close to a pose.
         clock, rows = wrench.arrays()
         order = np.argsort(clock, kind="stable")
         clock = clock[order] + (wrench.stamps[0] - hand.stamps[0]) * 1e-9
@@ -252,9 +252,9 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
 
 
 def _forward_kinematics(urdf: Path | None, link: str | None) -> Callable[[Any], _Row]:
-    """Return what makes the pose of a robot's link from a joint state.
+    """Return a function from a joint state to the pose of a robot's link.
 
-    Joints that a message does not name keep their last position, zero at first.
+    Joints that are not in a message keep their last position, initially zero.
     """
     if urdf is None or link is None:
         raise ValueError(

@@ -1,6 +1,6 @@
 """Biovision hierarchies (.bvh): one joint of a skeleton, by its forward kinematics.
 
-The file says no unit of length. Positions in the frames replace a joint's OFFSET.
+The format has no unit of length. Positions in the frames replace a joint's OFFSET.
 """
 
 import math
@@ -17,7 +17,7 @@ from gplfd_experiments.data.raw import RawRecording, Selection, chosen
 from gplfd_experiments.files.arrays import FloatArray
 
 _DEFAULT_JOINTS: Final = ("RightHand", "RightWrist")
-"""What moves where nothing is said, the first that there is."""
+"""Default joints; the first one that exists is used."""
 _MOST_JOINTS: Final = 1000
 _LONGEST_LINE: Final = 2**16
 _CHANNELS: Final = {f"{a}{what}" for what in ("position", "rotation") for a in "XYZ"}
@@ -25,7 +25,7 @@ _CHANNELS: Final = {f"{a}{what}" for what in ("position", "rotation") for a in "
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Joint:
-    """A joint and where its numbers stand in a frame."""
+    """A joint and the place of its numbers in a frame."""
 
     parent: "_Joint | None"
     offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
@@ -33,7 +33,7 @@ class _Joint:
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
-    """Read the motion of a joint; errors say in which line."""
+    """Read the motion of a joint; errors contain the line number."""
     with path.open(encoding="utf-8", newline=None) as stream:
         number = 0
 
@@ -68,7 +68,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
 
 
 def _hierarchy(lines: Iterator[list[str]]) -> tuple[dict[str, _Joint], int]:
-    """Return joints by name, and how many numbers a frame has."""
+    """Return joints by name, and the number of values in a frame."""
     if next(lines) != ["HIERARCHY"]:
         raise ValueError("a BVH file begins with HIERARCHY")
     joints: dict[str, _Joint] = {}
@@ -137,7 +137,7 @@ def _kinematics(joint: _Joint, frames: FloatArray) -> tuple[FloatArray, Rotation
         for channel, place in one.channels.items():
             axis = "XYZ".index(channel[0])
             if channel.endswith("position"):
-                # As Blender reads it: instead of the offset, which it repeats.
+                # As in Blender: positions replace the offset, which they include.
                 shift[:, axis] = frames[:, place]
             else:
                 vectors = np.zeros((len(frames), 3))

@@ -1,7 +1,7 @@
 """C3D files of optical motion capture: a marker, or the rigid body of several.
 
-https://www.c3d.org/HTML/default.htm describes the format. It is read here because on
-damaged files the usual library ends the process or takes gigabytes (13 of 500).
+https://www.c3d.org/HTML/default.htm describes the format. This module replaces the
+usual library, which ends the process or takes gigabytes on damaged files (13 of 500).
 """
 
 import math
@@ -18,23 +18,23 @@ from gplfd_experiments.data.raw import RawRecording, Selection, chosen
 from gplfd_experiments.files.arrays import FloatArray
 
 _Decode = Callable[[bytes, str], NDArray[Any]]
-"""Returns the numbers in bytes, of a type of NumPy's without its order of bytes."""
+"""Returns the numbers in bytes, for a NumPy type without byte order."""
 
 _BLOCK: Final = 512
 _MAGIC: Final = 0x50
-_INTEL, _DEC, _MIPS = 84, 85, 86  # Processors whose numbers a file may hold.
-_MOST_BLOCKS: Final = 255  # Of parameters; a byte counts them.
+_INTEL, _DEC, _MIPS = 84, 85, 86  # Processors with different number formats.
+_MOST_BLOCKS: Final = 255  # Largest number of parameters; their count is a byte.
 _MOST_FRAMES: Final = 2**16 - 1
-"""The header counts so far; then a parameter does, as a float."""
+"""The header counts up to this number; larger counts are in a float parameter."""
 _KINDS: Final = {-1: "S1", 1: "u1", 2: "i2", 4: "f4"}  # Types of parameters.
 _UNITS: Final = {"mm": "mm", "m": "m", "cm": "cm", "in": "in", "meters": "m"}
 _RIGID: Final = 0.01
-"""Markers of a rigid body keep their distances to this share of its size."""
-_MOSTLY: Final = 0.5  # Share of the frames with all markers in which they do so.
+"""Distances of markers on a rigid body are constant to this share of its size."""
+_MOSTLY: Final = 0.5  # Share of the frames with all markers in which this must be true.
 
 
 def _numbers(processor: int, content: bytes, kind: str) -> NDArray[Any]:
-    """Return numbers as a processor holds them."""
+    """Return the decoder of numbers of a processor."""
     if kind == "f4" and processor == _DEC:
         # The high word first, and four times as large.
         words = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]
@@ -65,7 +65,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         raise ValueError(f"its header has the frame rate {rate}")
     begin = _BLOCK * (block - 1)
     parameters = _parameters(content, start, begin, decode)
-    # Markers by their labels, or numbers if there are fewer.
+    # Markers by their labels; by numbers if labels are missing.
     labels: list[str] = []
     for number in ("", *map(str, range(2, 20))):
         labels += parameters.get(f"POINT:LABELS{number}", [])
@@ -82,7 +82,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     kind, size = ("f4", 4) if scale < 0.0 else ("i2", 2)
     room = (len(content) - begin) // (frames * size)
     width = 4 * points + analog
-    # Some programs count a channel once, however often a frame samples it.
+    # Some programs count a channel once, for any number of samples per frame.
     every = 4 * points + analog * sampled
     if analog in parameters.get("ANALOG:USED", ()) and every <= room:
         width = every
@@ -125,7 +125,7 @@ def _parameters(
     content: bytes, start: int, frames: int, decode: _Decode
 ) -> dict[str, Any]:
     """Return the parameters between two bytes, arrays or texts by ``GROUP:NAME``."""
-    # Some programs count too few blocks; but before the frames they end.
+    # Some programs count too few blocks, but the section ends before the frames.
     before = min(_MOST_BLOCKS, (frames - start) // _BLOCK)
     end = min(len(content), start + _BLOCK * max(content[start + 2], before))
     groups: dict[int, str] = {}
@@ -188,7 +188,7 @@ def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, Floa
     if rigid < _MOSTLY * complete:
         raise ValueError(
             f"the markers {', '.join(names)} keep their distances to {_RIGID:.0%} in "
-            f"{rigid} of {complete} frames that have them all: they are on no rigid "
-            "body; choose others, or one for positions alone"
+            f"{rigid} of {complete} frames that have them all: they are not on a rigid "
+            "body; choose other markers, or one for positions alone"
         )
     return means, quaternions

@@ -1,6 +1,6 @@
 """Tables in text files: columns by comma, semicolon, tab or spaces, read line by line.
 
-Lines that begin with ``#`` are comments; an empty cell is a missing sample. Where
+Lines that begin with ``#`` are comments; an empty cell is a missing sample. If
 semicolons separate columns, numbers may have decimal commas.
 """
 
@@ -20,7 +20,7 @@ _LONGEST_LINE: Final = 2**16  # Characters; a line of poses has a few hundred.
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
-    """Read the motion in a table; errors say in which line."""
+    """Read the motion in a table; errors contain the line number."""
     with path.open(encoding="utf-8-sig", errors="strict", newline="") as stream:
         lines = _lines(stream)
         first = next(lines, None)
@@ -64,7 +64,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     columns = {
         name: (table[:, at], unit) for at, (name, (_, unit)) in enumerate(found.items())
     }
-    # Columns that are not understood may be the time.
+    # Unknown columns may be the time.
     names = [understood(head)[0] for head in heads]
     untimed = ""
     if None in names:

@@ -1,8 +1,8 @@
 """LeRobot data sets, version 3: one motion per episode, from parquet files.
 
 The hand is a feature of the data set, by default ``observation.state``. The names of
-its numbers stand in the data set, or are given by ``--columns``. Forces and moments are
-the six numbers of ``observation.force`` or of another feature.
+its numbers are in the data set, or given by ``--columns``. Forces and moments are the
+six numbers of ``observation.force`` or of another feature.
 """
 
 from dataclasses import replace
@@ -26,11 +26,11 @@ INFO: Final = "meta/info.json"
 STATE: Final = "observation.state"
 WRENCH: Final = "observation.force"
 AS_OBSERVED: Final = {"wrench": "of the environment on the hand, axes of the state"}
-"""Entry ``info`` of the feature of wrenches that are written here."""
+"""Entry ``info`` of the feature of wrenches that gplfd writes."""
 _VERSION: Final = "v3."
 
 _NUMBERS: Final = frozenset({"BOOLEAN", "INT32", "INT64", "FLOAT", "DOUBLE"})
-_LONGEST_HEADER: Final = 2**16  # Of a page [bytes]; its statistics may hold two values.
+_LONGEST_HEADER: Final = 2**16  # Bytes of a page header; it may contain two values.
 # Fields of a page header: two sizes, and one structure for each kind of page.
 _UNCOMPRESSED, _COMPRESSED = 2, 3
 _DATA, _DICTIONARY, _DATA_V2 = 5, 7, 8
@@ -43,8 +43,8 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     version = entry(info, "codebase_version", str)
     if not version.startswith(_VERSION):
         raise ValueError(
-            f"it is of version {version:.20}, read is {_VERSION}x; convert it with "
-            "LeRobot's own script convert_dataset_v21_to_v30"
+            f"it has version {version:.20}, but only {_VERSION}x can be read; convert "
+            "it with LeRobot's own script convert_dataset_v21_to_v30"
         )
     vectors = {
         name: one
@@ -88,7 +88,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             numbers = [_rows(table[one].combine_chunks()) for one in wanted[2:]]
             indices = [table[index].to_numpy() for index in wanted[:2]]
             parts.append((*indices, *numbers))
-        # Arrow answers damage with errors of every kind.
+        # Arrow raises errors of every kind for damaged files.
         except Exception as error:
             raise ValueError(f"{file.relative_to(path)}: {error!s:.300}") from error
     episodes, frames, values, *wrenches = map(np.concatenate, zip(*parts, strict=True))
@@ -131,17 +131,17 @@ def _rows(lists: Any) -> FloatArray:
 def _claim_columns(
     file: BinaryIO, metadata: Any, wanted: tuple[str, ...], budget: DecodingBudget
 ) -> None:
-    """Claim what columns of numbers, or lists of them, take when decoded to float64.
+    """Claim the memory of columns of numbers, or lists of them, decoded to float64.
 
-    The footer of a file says how many values a column has, but a reader believes the
-    header of every page, and a run of one value takes a few bytes however long it is.
+    The footer of a file states the number of values of a column, but a reader trusts
+    the header of every page, and a run of one value takes a few bytes for any length.
     The headers are structures of Thrift's compact protocol, see *Parquet: Page Header*
     in https://github.com/apache/parquet-format and *Thrift Compact Protocol*.
     """
     groups = map(metadata.row_group, range(metadata.num_row_groups))
     for column in (one.column(n) for one in groups for n in range(one.num_columns)):
         name = f"column {column.path_in_schema:.80}"
-        # The numbers of a list x stand in a column x.list.element.
+        # The numbers of a list x are in a column x.list.element.
         if not f"{column.path_in_schema}.".startswith(tuple(f"{w}." for w in wanted)):
             continue
         if column.physical_type not in _NUMBERS:
@@ -201,6 +201,6 @@ def _unsigned(stream: BytesIO) -> int:
 
 
 def _integer(stream: BytesIO) -> int:
-    """Return a signed number, in whose lowest bit the sign stands."""
+    """Return a signed number; its lowest bit is the sign."""
     number = _unsigned(stream)
     return number >> 1 ^ -(number & 1)

@@ -1,8 +1,8 @@
-"""MATLAB files, versions 4 to 7.2: arrays of numbers, in cells and structures, too.
+"""MATLAB files, versions 4 to 7.2: arrays of numbers, also in cells and structures.
 
-*MAT-File Format*, The MathWorks, describes them. They are read here because
-`scipy.io.loadmat` trusts files: deeply nested cells in 1 MB end the process with a
-segmentation fault, and 184 bytes that claim 2³⁰ cells fill the memory.
+*MAT-File Format*, The MathWorks, describes them. This module replaces
+`scipy.io.loadmat`, which trusts files: deeply nested cells in 1 MB end the process with
+a segmentation fault, and 184 bytes that claim 2³⁰ cells fill the memory.
 """
 
 import io
@@ -29,7 +29,7 @@ _TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4"} | {
     9: "f8",
     12: "i8",
     13: "u8",
-}  # NumPy's names of what a data element holds.
+}  # NumPy's names of the types of data elements.
 _CELL, _STRUCTURE, _OPAQUE = 1, 2, 17  # Classes of arrays, besides the numeric ones.
 _NUMERIC: Final = range(6, 16)
 _COMPLEX: Final = 0x800
@@ -44,7 +44,7 @@ _MISSING: Final = _Element(0, memoryview(b""))
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
-    """Read motions from arrays, which are understood as those of an .npz file.
+    """Read motions from arrays, with the same rules as for an .npz file.
 
     Texts, objects and sparse matrices are left out.
     """
@@ -53,10 +53,12 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     if first == b"MATLAB 7.3":
         raise ValueError("it is of version 7.3; save it again: save(..., '-v7')")
     budget = DecodingBudget(path.stat().st_size)
-    # Version 4 has no text in front, but a small number of four bytes, and no cells.
+    # Version 4 begins with a small number of four bytes instead of text; it has no
+    # cells.
     if 0 not in first[:4]:
         return recordings(path.name, read_arrays(path, budget), selection)
-    # In memory, since SciPy reserves what an array claims before it reads a file.
+    # In memory, because SciPy allocates the claimed size of an array before it reads a
+    # file.
     file: Any = io.BytesIO(path.read_bytes())
     listed = scipy.io.whosmat(file)
     for name, shape, _ in listed:
@@ -70,8 +72,8 @@ def read_arrays(path: Path, budget: DecodingBudget) -> dict[str, NDArray[Any]]:
     """Return every array of numbers in a file of version 5 to 7.2.
 
     The names are those of MATLAB: ``pos``, ``data{3}``, ``demos{2}.pos``, ``s(4).t``;
-    the index of a structure that is the only one is left out. What is unpacked is
-    claimed from the budget.
+    the index of a single structure is omitted. Unpacked bytes are claimed from the
+    budget.
     """
     arrays: dict[str, NDArray[Any]] = {}
     content = memoryview(path.read_bytes())
@@ -93,14 +95,14 @@ def read_arrays(path: Path, budget: DecodingBudget) -> dict[str, NDArray[Any]]:
 
 
 def _elements(data: memoryview, order: str) -> Iterator[_Element]:
-    """Yield the elements that stand in a row."""
+    """Yield the elements of a sequence."""
     place = 0
     while place < len(data):
         if place + 8 > len(data):
             raise ValueError("an element is cut off")
         kind, size = struct.unpack_from(f"{order}II", data, place)
         if kind >> 16:
-            # Up to four bytes stand in the tag itself.
+            # Up to four bytes are in the tag itself.
             kind, size, start, end = kind & 0xFFFF, kind >> 16, place + 4, place + 8
         else:
             start = place + 8
@@ -114,11 +116,11 @@ def _elements(data: memoryview, order: str) -> Iterator[_Element]:
 def _arrays(
     data: memoryview, name: str, order: str, depth: int
 ) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield name and numbers of an array, or of all in a cell or structure."""
+    """Yield name and numbers of an array, or of all arrays in a cell or structure."""
     if not len(data):
         return
     if depth > _DEEPEST:
-        raise ValueError("cells and structures stand in each other too deeply")
+        raise ValueError("cells and structures are nested too deeply")
     parts = _elements(data, order)
     flags = int(_header_numbers(next(parts, _MISSING), order)[0])
     kind = flags & 0xFF
@@ -151,12 +153,12 @@ def _arrays(
             raise ValueError(f"{name:.40} has numbers of unknown kind {element.kind}")
         dtype = np.dtype(order + _TYPES[element.kind])
         if math.prod(shape) * dtype.itemsize != len(element.data):
-            raise ValueError(f"{name:.40} has not as many numbers as it claims")
+            raise ValueError(f"{name:.40} does not have as many numbers as it claims")
         yield name, np.frombuffer(element.data, dtype).reshape(shape, order="F")
 
 
 def _header_numbers(element: _Element, order: str) -> list[int]:
-    """Return the numbers of a part that says how an array is made."""
+    """Return the numbers of a part that describes an array."""
     if element.kind not in _TYPES:
         raise ValueError(f"a part is of unknown kind {element.kind}")
     numbers = np.frombuffer(element.data, dtype=order + _TYPES[element.kind])

@@ -10,10 +10,10 @@ from gplfd_policies.arrays.storage import DecodingBudget
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
-    """Read the observed poses of the hand, in the task's frame, and the wrenches."""
-    del selection  # Nothing is open.
+    """Read the observed poses of the hand, in the task frame, and the wrenches."""
+    del selection  # No file is open.
     dataset = open_dataset(path)
-    # Each episode is bounded by itself when it is read; this bounds them together.
+    # Each episode is limited when it is read; this limits their sum.
     budget = DecodingBudget((dataset.path / DATA / MAIN_FILE).stat().st_size)
     recordings = []
     for number in range(dataset.n_episodes):

@@ -1,7 +1,8 @@
 """Xsens MVN in XML (.mvnx): position and orientation of one segment.
 
-Expat reads the file as a stream, so memory holds that segment only. Declarations of
-entities are refused: they are how a small XML file becomes a large one.
+Expat reads the file as a stream, so that memory contains this segment only.
+Declarations of entities raise an error, because they expand a small XML file to a large
+one.
 """
 
 from array import array
@@ -15,15 +16,16 @@ from gplfd_experiments.data.raw import RawRecording, Selection, chosen
 
 _DEFAULT_SEGMENT: Final = "RightHand"
 _LONGEST_TEXT: Final = 2**20
-"""Characters of one element at most; a frame of 24 segments has two thousand."""
+"""Largest length of an element [characters]; a frame of 24 segments has two
+thousand."""
 _WIDTHS: Final = {"position": 3, "orientation": 4}
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
     """Read the motion of a segment, in metres and Xsens' global frame.
 
-    Times are the frame's index by the frame rate: the file's own are rounded to
-    milliseconds. Errors say in which line.
+    Times are the frame's index divided by the frame rate, because the times in the file
+    are rounded to milliseconds. Errors contain the line number.
     """
     segment = selection.body or _DEFAULT_SEGMENT
     frames = _Frames(segment, path.name)
@@ -54,7 +56,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
 
 
 class _Frames:
-    """Takes the elements of a file in order, and keeps one segment's frames."""
+    """Handles the elements of a file in order, and stores the frames of one segment."""
 
     def __init__(self, segment: str, file: str) -> None:
         self.rate = 0.0
@@ -67,11 +69,11 @@ class _Frames:
         self._text: str | None = None
 
     def entity(self, *declaration: Any) -> None:
-        """Refuse the declaration of an entity."""
+        """Raise an error for the declaration of an entity."""
         raise ValueError(f"it declares an entity, {declaration[0]!r:.40}: not read")
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
-        """Take the beginning of an element."""
+        """Handle the beginning of an element."""
         if name == "subject":
             self.rate = float(attributes.get("frameRate", 0.0))
             if not 0.0 < self.rate < 1e6:
@@ -84,7 +86,7 @@ class _Frames:
                 )
             self._labels[label] = len(self._labels)
         elif name == "frame":
-            # Others than normal frames are poses of the calibration.
+            # Frames other than normal ones are poses of the calibration.
             self._in_frame = attributes.get("type") == "normal"
             if not self._in_frame:
                 return
@@ -102,14 +104,14 @@ class _Frames:
             self._text = ""
 
     def text(self, text: str) -> None:
-        """Take a part of an element's text."""
+        """Handle a part of an element's text."""
         if self._text is not None:
             self._text += text
             if len(self._text) > _LONGEST_TEXT:
                 raise ValueError(f"an element is longer than {_LONGEST_TEXT}")
 
     def end(self, name: str) -> None:
-        """Take the end of an element."""
+        """Handle the end of an element."""
         if self._text is not None and name in _WIDTHS:
             numbers, width = self._text.split(), _WIDTHS[name]
             self._text = None

@@ -1,8 +1,8 @@
 """Demonstrations of robomimic in HDF5: one motion per demonstration.
 
 The hand is ``obs/NAME_pos`` and ``obs/NAME_quat``, whose scalar is last, and forces are
-``obs/NAME_wrench``. Files have no time stamps: the rate is that of the environment's
-control, if the file says it.
+``obs/NAME_wrench``. Files have no time stamps; the rate is the control frequency of the
+environment, if the file states it.
 """
 
 import json
@@ -24,7 +24,7 @@ with optional_libraries("robomimic's files need h5py", "robomimic"):
 
 DEFAULT_HAND: Final = "robot0_eef"
 AS_OBSERVED: Final = "of the environment on the hand, in the frame of its poses"
-"""Attribute ``wrench`` of wrenches that are written here."""
+"""Attribute ``wrench`` of wrenches that gplfd writes."""
 
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
@@ -43,7 +43,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         if "data" not in file:
             raise ValueError(f"it has no group 'data' but {', '.join(file)!s:.200}")
         data = member(file, "data")
-        # The environment's control frequency, if the file says it.
+        # The control frequency of the environment, if the file states it.
         rate, said = selection.recorded_rate, data.attrs.get("env_args")
         match json.loads(said) if isinstance(said, str) else None:
             case {"env_kwargs": {"control_freq": int() | float() as control}}:

@@ -1,7 +1,7 @@
-"""Columns with names and units, as tables of every kind have them.
+"""Columns with names and units, for all kinds of tables.
 
-A column is known by its name in any case, with its unit behind it: ``time [ms]``,
-``x (cm)``, ``y_mm``, ``qw``, ``rx [deg]``. Others are left out.
+Names of columns are case-insensitive, with the unit at the end: ``time [ms]``, ``x
+(cm)``, ``y_mm``, ``qw``, ``rx [deg]``. Other columns are ignored.
 """
 
 import re
@@ -39,7 +39,7 @@ _NAMES: Final[Mapping[str, tuple[str, ...]]] = {
     **{f"m{axis}": (f"torque_{axis}", f"torque.{axis}") for axis in "xyz"},
     "gripper": ("gripper_position", "gripper_width"),
 }
-"""Columns that are understood, each with other names of it."""
+"""Known columns, each with alternative names."""
 
 POSITION: Final = ("x", "y", "z")
 QUATERNION: Final = ("qw", "qx", "qy", "qz")
@@ -63,7 +63,7 @@ _SUFFIXED: Final = re.compile(r"(.+)_(cm|mm|m|in|s|ms|us|ns|rad|deg)")
 
 
 def understood(head: str) -> tuple[str | None, str | None]:
-    """Return the name of a column and its unit, None where they are not known."""
+    """Return the name of a column and its unit, None if they are not known."""
     text = head.strip().lower().replace(" ", "_") if "[" not in head else head.lower()
     for pattern in (_BRACKETED, _SUFFIXED):
         match = pattern.fullmatch(text.strip())
@@ -75,11 +75,11 @@ def understood(head: str) -> tuple[str | None, str | None]:
 def named_columns(
     heads: Sequence[str], where: str
 ) -> dict[str, tuple[int, str | None]]:
-    """Return place and unit of every column that is understood.
+    """Return index and unit of every known column.
 
     Raises:
-        ValueError: x and y are not among them, part of a quaternion or of a rotation
-            vector is, or one is there twice; ``where`` says what the heads are.
+        ValueError: x or y is missing, a quaternion or a rotation vector is incomplete,
+            or a column is repeated; ``where`` describes the headings.
     """
     found: dict[str, tuple[int, str | None]] = {}
     for place, head in enumerate(heads):
@@ -106,10 +106,10 @@ def named_columns(
 def recording(
     name: str, columns: Columns, selection: Selection, untimed: str = ""
 ) -> RawRecording:
-    """Return the motion that columns make, by the names of this module.
+    """Return the motion in columns with the names of this module.
 
     Raises:
-        ValueError: A unit is none of its quantity, or those of x, y and z differ.
+        ValueError: A unit does not fit the quantity, or the units of x, y and z differ.
     """
 
     def unit(names: Sequence[str], known: Mapping[str, float]) -> str | None:

@@ -1,7 +1,7 @@
-"""Forces with which the synthetic human presses a handle and opens a door.
+"""Forces of the synthetic human on a handle while pressing it and opening a door.
 
-For opening angles φ and handle angles θ the mechanism of the simulated door takes,
-about the axes of hinge and handle,
+For opening angles φ and handle angles θ, the mechanism of the simulated door requires
+the following torques about the axes of hinge and handle:
 
     T = I φ̈ + I' φ̇² / 2 + (c + c_d) φ̇ + F tanh(φ̇ / φ̇₀) + tanh(φ / φ₀) (S(φ) + G(φ))
     H = tanh(θ / φ₀) (p + k θ) + tanh(x / (ρ φ₀)) ρ (p_b + k_b x),  x = ρ max(θ - θ₀, 0)
@@ -9,15 +9,14 @@ about the axes of hinge and handle,
 with the moment of inertia I, dampers c of the hinge and c_d of the closer, Coulomb
 friction F of both, springs S of closer, seal and stiction (`CloserLaw`), gravity G of a
 leaf that rises, a return spring p, k, and a bolt with a spring p_b, k_b that is drawn
-by ρ per angle beyond the dead travel θ₀. Friction at rest, which is undetermined,
-counts as zero, and stops carry the springs of a closed door and handle, within about
-φ₀.
+by ρ per angle beyond the dead travel θ₀. Friction at rest, which is undetermined, is
+set to zero. Stops carry the springs of a closed door and handle, within about φ₀.
 
 A hand that holds the handle at r from the hinge pulls with T/|r| along its path,
 presses a lever with H over its arm, and turns a knob by the moment H.
 
-Left out: damping and inertia of the handle (less than 0.06 N m), friction of the bolt,
-contact with frame and stop, and the weight of the hand.
+Not modelled: damping and inertia of the handle (less than 0.06 N m), friction of the
+bolt, contact with frame and stop, and the weight of the hand.
 """
 
 import dataclasses
@@ -38,11 +37,11 @@ from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_experiments.data.teacher.random_motion import smooth_functions
 from gplfd_experiments.files.arrays import FloatArray
 
-_HANDLE_MASS: Final = 0.4  # At the distance of the handle from the hinge [kg].
-_ARMATURE: Final = 0.01  # Of the hinge [kg m²].
+_HANDLE_MASS: Final = 0.4  # Mass at the distance of the handle from the hinge [kg].
+_ARMATURE: Final = 0.01  # Inertia of the hinge [kg m²].
 _AT_REST: Final = 0.01  # Angular velocity φ̇₀ that smooths the friction [rad/s].
 _AT_STOP: Final = math.radians(0.1)  # Angle φ₀ within which stops carry [rad].
-_STEP: Final = 1e-4  # Over which paths are differentiated [rad].
+_STEP: Final = 1e-4  # Step for the differentiation of paths [rad].
 _SMOOTHED: Final = 0.1  # Time over which angles are differentiated [s].
 
 
@@ -51,15 +50,15 @@ class ForceConfig:
     """How a person's forces vary and are measured; raises as `TeacherConfig` does."""
 
     effort_std: float = quantity(0.03, low=0.0, high=0.5)
-    """Variation of what the mechanism takes: standard deviation of a factor about 1."""
+    """Variation of the required torque: standard deviation of a factor about 1."""
     across_std: float = quantity(1.0, unit="N", low=0.0, high=50.0)
     """Pull across the path, towards the hinge and up: standard deviation of each."""
     across_share: float = quantity(0.1, low=0.0, high=2.0)
-    """What is added to that for a pull along the path: share of this."""
+    """Additional standard deviation, as a share of the pull along the path."""
     grip_moment_std: float = quantity(0.05, unit="N m", low=0.0, high=5.0)
     """Moment by which the hand twists the handle: standard deviation per axis."""
     variation_time: float = quantity(1.0, unit="s", low=0.05, high=60.0)
-    """Correlation time of all these."""
+    """Correlation time of all of these."""
     bias_force_std: float = quantity(0.3, unit="N", low=0.0, high=20.0)
     """Sensor's bias, constant in a demonstration: standard deviation per axis."""
     bias_moment_std: float = quantity(0.01, unit="N m", low=0.0, high=2.0)

@@ -1,4 +1,4 @@
-"""Faults of an untidy person and recording: haste, pauses, rests, lost samples."""
+"""Irregular motion and recording: changing pace, pauses, rests, lost samples."""
 
 import math
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_experiments.files.arrays import FloatArray
 
-_LONGEST_BURST: Final = 6  # Samples that are lost at once, at most.
+_LONGEST_BURST: Final = 6  # Largest number of consecutive lost samples.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Habits:
-    """How untidily a person moves and is recorded; by default not at all.
+    """Irregularities of the motion and its recording; by default none.
 
     Raises:
         ValueError: A field is not finite or outside its range.
@@ -23,31 +23,31 @@ class Habits:
     """
 
     haste: float = quantity(1.0, unit="", low=1.0, high=4.0)
-    """A person is up to this many times faster or slower than the teacher (uniform in
-    the logarithm), each time anew."""
+    """Each motion is up to this factor faster or slower than the teacher's (uniform in
+    the logarithm)."""
     pauses: int = quantity(0, unit="pauses", low=0, high=20)
-    """Pauses in the motion, at places drawn uniformly."""
+    """Number of pauses in the motion, at uniformly drawn places."""
     longest_pause: float = quantity(1.0, unit="s", low=0.1, high=10.0)
-    """A pause lasts between a fifth of this and this."""
+    """Longest pause; the shortest is a fifth of it."""
     backward: float = quantity(0.0, unit="rad", low=0.0, high=0.3)
-    """In a pause the door goes back by up to this, and forward again."""
+    """Largest angle by which the door goes back and forward again in a pause."""
     longest_rest: float = quantity(0.0, unit="s", low=0.0, high=10.0)
-    """Up to this long nothing happens before the motion."""
+    """Longest rest before the motion."""
     cut: float = quantity(0.0, unit="", low=0.0, high=0.5)
-    """Up to this share of the motion's duration is missing at the end."""
+    """Largest share of the motion's duration that is missing at the end."""
     dropped: float = quantity(0.0, unit="", low=0.0, high=0.5)
     """Share of the samples that are lost, in bursts of up to six."""
     outliers: int = quantity(0, unit="outliers", low=0, high=20)
-    """Samples in which the hand is somewhere else."""
+    """Number of outliers, samples in which the hand is elsewhere."""
     outlier_distance: float = quantity(0.1, unit="m", low=0.0, high=1.0)
-    """How far away it is then."""
+    """Distance of outliers from the hand."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
 
 
 TIDY: Final = Habits()
-"""The teacher as it always was."""
+"""The teacher without irregularities."""
 
 MESSY: Final = Habits(
     haste=2.0,
@@ -59,17 +59,17 @@ MESSY: Final = Habits(
     dropped=0.05,
     outliers=1,
 )
-"""An ordinary recording, not tidied up."""
+"""An ordinary recording without corrections."""
 
 
 def untidy_clock(
     habits: Habits, duration: float, rate: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Draw when a person moves, pauses and goes back in a motion of a duration [s].
+    """Draw the timing of a motion of a duration [s], with pauses and motions back.
 
     Returns:
-        Times [s] from 0, the motion's clock at these in [0, 1], which stands still in
-        pauses, and by how much the door has gone back [rad], each (N,).
+        Times [s] from 0, the motion's clock at these times in [0, 1], which stops in
+        pauses, and the angle by which the door has gone back [rad], each (N,).
     """
     duration *= habits.haste ** rng.uniform(-1.0, 1.0)
     rest = habits.longest_rest * rng.uniform()
@@ -88,13 +88,13 @@ def untidy_clock(
 def lose_samples(
     habits: Habits, poses: FloatArray, rng: np.random.Generator
 ) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Draw which samples of a recording are lost, and put outliers into the others.
+    """Draw the lost samples of a recording, and add outliers to the others.
 
-    The first and the last sample are kept, and no outlier is among the first ten: a
-    recording is taken relative to its first sample.
+    The first and the last sample are kept. The first ten samples have no outlier,
+    because a recording is relative to its first sample.
 
     Returns:
-        Which samples are there, (N,), and all poses with outliers, (N, 6).
+        Mask of the remaining samples, (N,), and all poses with outliers, (N, 6).
     """
     n = len(poses)
     kept = np.ones(n, dtype=bool)

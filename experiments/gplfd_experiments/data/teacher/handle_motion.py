@@ -1,4 +1,4 @@
-"""How a person reaches for a handle, presses it, opens the door and lets it go back."""
+"""Motion of a person who reaches for a handle, presses it and opens the door."""
 
 import math
 from collections.abc import Mapping
@@ -12,10 +12,10 @@ from gplfd_experiments.data.teacher.random_motion import minimum_jerk, uneven_ti
 from gplfd_experiments.files.arrays import FloatArray
 
 DEMONSTRATED_RADII: Final = (0.35, 0.50, 0.65)
-"""Doors with a bar that the synthetic human opens [m]."""
+"""Radii of the demonstrated doors with a bar [m]."""
 
 ROOM_RADII: Final = (0.53, 0.65, 0.78)
-"""Doors with a lever or knob, those of DIN leaves of 0.584, 0.709 and 0.834 m [m]."""
+"""Radii of doors with a lever or knob, for DIN leaves of 0.584, 0.709, 0.834 m [m]."""
 
 _RADII: Final[Mapping[str, tuple[float, float, float]]] = {
     "sliding": (0.55, 0.70, 0.85),
@@ -24,26 +24,26 @@ _RADII: Final[Mapping[str, tuple[float, float, float]]] = {
     "flap": (0.32, 0.38, 0.44),
     "rising-butt": ROOM_RADII,
 }
-"""The same of other motions."""
+"""The same for other motions."""
 
 _SHAPE: Final = {"parallel-sliding": "offset", "folding": "backset"}
-"""What also determines a motion's path, beside the radius."""
+"""Fields that determine the path in addition to the radius."""
 
 # Pressing the handle: means and standard deviations.
 _PRESS_TIME: Final = (0.8, 0.15)  # Time in which the handle is pressed [s].
-_PRESS_SHARE: Final = (0.96, 0.03)  # Of its travel, at most to its stop.
+_PRESS_SHARE: Final = (0.96, 0.03)  # Share of its travel, at most to its stop.
 _OVERLAP: Final = 0.85
-"""Share of the pressing after which a person begins to pull; the bolt is free then."""
+"""Share of the pressing after which a person begins to pull; the bolt is then free."""
 _RETURN: Final = (math.radians(8.0), math.radians(25.0))
-"""Opening angles between which the handle is let go back [rad]."""
+"""Range of opening angles in which the handle returns [rad]."""
 _KEPT: Final = 0.2
-"""Share of its turn that the handle keeps, since a hand rests on it. Otherwise the
-demonstrated handle, and the learned one, would hit its stop."""
+"""Share of its rotation that the handle keeps, because a hand rests on it. Otherwise
+the demonstrated and the learned handle would hit the stop."""
 
 # Reaching for the handle.
-_DISTANCE: Final = (0.10, 0.25)  # Least and greatest distance at the beginning [m].
+_DISTANCE: Final = (0.10, 0.25)  # Smallest and largest distance at the start [m].
 _DIRECTION: Final = 0.6
-"""From straight before the door, at most so far to a side, up or down [rad]."""
+"""Largest angle between start and normal of the door, sideways or vertically [rad]."""
 _TURN: Final = 0.1  # Standard deviation per axis of the hand's rotation there [rad].
 _ARCH: Final = 0.01
 """Standard deviation per axis of the path's distance from the straight line [m]."""
@@ -52,14 +52,14 @@ _GRIP_TIME: Final = (0.4, 0.1)  # The same of the time in which the hand closes 
 
 
 class Press(NamedTuple):
-    """How long [s] and how far [rad] the handle is turned; not at all for a bar."""
+    """Duration [s] and angle [rad] of turning the handle; zero for a bar."""
 
     time: float = 0.0
     angle: float = 0.0
 
 
 def draw_press(door: DoorConfig, rng: np.random.Generator) -> Press:
-    """Draw how a person turns a door's handle."""
+    """Draw the motion of a door's handle."""
     if door.handle == "bar":
         return Press()
     longer, further = rng.standard_normal(2).tolist()
@@ -69,19 +69,19 @@ def draw_press(door: DoorConfig, rng: np.random.Generator) -> Press:
 
 
 def duration(press: Press, opening_time: float) -> float:
-    """Return how long pressing and opening take together [s]."""
+    """Return the duration of pressing and opening together [s]."""
     return _OVERLAP * press.time + opening_time
 
 
 def worked(
     progress: FloatArray, press: Press, opening_time: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the shares of the press and of the opening that are done, each (N,).
+    """Return the progress of pressing and of opening, each (N,).
 
     Args:
-        progress: Of the whole motion, from 0 to 1, (N,).
-        press: How the handle is turned first.
-        opening_time: How long the opening alone takes [s].
+        progress: Progress of the whole motion, from 0 to 1, (N,).
+        press: Motion of the handle.
+        opening_time: Duration of the opening alone [s].
     """
     if press.time == 0.0:
         return np.zeros_like(progress), progress
@@ -91,14 +91,14 @@ def worked(
 
 
 def let_back(press: Press, share: FloatArray, angles: FloatArray) -> FloatArray:
-    """Return the angles of the handle [rad], for shares of a press and door angles."""
+    """Return handle angles [rad] for progress of pressing and door angles."""
     begins, ends = _RETURN
     back = (1.0 - _KEPT) * minimum_jerk((angles - begins) / (ends - begins))
     return press.angle * share * (1.0 - back)
 
 
 def doors_like(door: DoorConfig) -> tuple[DoorConfig, ...]:
-    """Return the three demonstrated doors of a door's kind: other sizes, one shape."""
+    """Return the three demonstrated doors of a door's kind: three sizes, one shape."""
     radii = DEMONSTRATED_RADII if door.handle == "bar" else ROOM_RADII
     radii = _RADII.get(door.motion, radii)
     kind: dict[str, Any] = door.kind
@@ -110,14 +110,14 @@ def doors_like(door: DoorConfig) -> tuple[DoorConfig, ...]:
 def reached(
     rate: float, timing_std: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, Rotation]:
-    """Return how a hand comes to the handle and closes, ending at time 0.
+    """Return the motion of a hand that reaches the handle and closes, ending at time 0.
 
     A minimum-jerk motion along a gentle arch, unevenly timed, and a rest while the hand
     closes, sampled at a rate [Hz].
 
     Returns:
         Times (N,) [s], positions (N, 3) [m] from the handle, in door axes, and N
-        rotations from how the hand holds it.
+        rotations relative to the grasp.
     """
     distance = rng.uniform(*_DISTANCE)
     aside, above = rng.uniform(-_DIRECTION, _DIRECTION, 2)

@@ -1,4 +1,4 @@
-"""Random functions of time that human motion and its measurement are made of."""
+"""Random functions of time for human motion and its measurement."""
 
 import math
 from typing import Final
@@ -9,8 +9,8 @@ from scipy.signal import butter, sosfilt
 from gplfd_experiments.files.arrays import FloatArray
 
 _N_COSINES: Final = 64
-"""Terms of a smooth random function; enough for its values to be near Gaussian."""
-_TIMING_GRID: Final = 400  # Points on which the uneven timing is integrated.
+"""Number of terms of a smooth random function; its values are nearly Gaussian."""
+_TIMING_GRID: Final = 400  # Number of points for the integration of the uneven timing.
 
 
 def minimum_jerk(progress: FloatArray) -> FloatArray:

@@ -1,6 +1,6 @@
 """A synthetic human who opens doors in a motion-capture suit.
 
-The teacher stands in for the recordings of Arduengo et al., *Gaussian-Process-based
+The teacher replaces the recordings of Arduengo et al., *Gaussian-Process-based
 Robot Learning from Demonstration*, arXiv:2002.09979, Section IV-A: right-hand
 trajectories of a person in an Xsens MVN suit who opens doors of different radii.
 
@@ -9,14 +9,14 @@ angle, uneven timing (the person hurries and hesitates, always forwards), the ha
 moving a little on the bar, a hand sensor that is not at the bar's centre, slow
 vertical drift of the suit, and the suit's sampling rate and coloured noise.
 
-`Habits` describe an untidy person and recording: pauses, backward motion, rests,
-dropped samples, outliers. A handle that turns is pressed first, the door moved as soon
-as the latch is free, and the handle let go back while it opens. On request the person
-reaches for the handle first and takes hold of it, and the forces of the opening are
+`Habits` describe irregular motions and recordings: pauses, backward motion, rests,
+dropped samples, outliers. A handle that turns is pressed first, the door moves as soon
+as the latch is free, and the handle returns while the door opens. On request, the
+person first reaches for the handle and grasps it, and the forces of the opening are
 recorded (`ForceConfig`).
 
-Not modelled: letting go, a suit whose axes are turned against the door, magnetic
-disturbance, and one person's habits that persist from one demonstration to the next.
+Not modelled: release of the handle, a rotation between the axes of suit and door,
+magnetic disturbance, and habits of a person that persist across demonstrations.
 """
 
 import dataclasses
@@ -47,12 +47,12 @@ from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 _BEFORE_STOP: Final = math.radians(1.0)
-"""A leaf that does not turn about a hinge is opened to this before its stop [rad]."""
+"""A leaf without a hinge is opened to this angle before its stop [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TeacherConfig:
-    """How the synthetic human moves and how the suit measures it.
+    """Motion of the synthetic human and measurement by the suit.
 
     Raises:
         ValueError: A field is not finite or outside its range.
@@ -105,12 +105,12 @@ def standard_teacher() -> dict[str, float]:
 
 
 class Teacher:
-    """Opens doors on request; holds only its configuration.
+    """Demonstrates doors; stores only its configuration.
 
     Args:
-        config: How the human moves and how the suit measures.
-        habits: How untidily; not at all by default.
-        forces: How the forces of openings vary and are measured; None records none.
+        config: Motion of the human and measurement by the suit.
+        habits: Irregularities; none by default.
+        forces: Variation and measurement of the forces; None records none.
     """
 
     def __init__(
@@ -127,20 +127,21 @@ class Teacher:
     def demonstrate(
         self, door: float | DoorConfig, rng: np.random.Generator
     ) -> Demonstration:
-        """Open one door and return what the suit recorded.
+        """Open one door and return the recording of the suit.
 
         The poses are in the task frame and relative to the first sample, which is
         therefore exactly zero: positions subtract the first position, orientations
         are the rotation from the first orientation to the present one, in door axes.
 
         Args:
-            door: What is opened, or the radius of a door with a bar [m].
-            rng: Source of randomness. Child generators are spawned from it, one per
-                effect, so switching one effect off leaves the others' draws alone.
+            door: The door, or the radius of a door with a bar [m].
+            rng: Random generator. A child generator is spawned per effect, so that the
+                draws of an effect do not depend on the other effects.
 
         Returns:
             Times [s] from 0 at the suit's rate, poses (N, 6) [m, rad] and, with
-            `forces`, wrenches (N, 6) [N, N m]. Times and poses are the same without.
+            `forces`, wrenches (N, 6) [N, N m]. Times and poses do not depend on
+            `forces`.
 
         Raises:
             ValueError: No door has such a radius.
@@ -168,7 +169,8 @@ class Teacher:
             final_angle * random_motion.minimum_jerk(opened) - back, 0.0
         )
         turns = handle_motion.let_back(press, share, angles)
-        # The sensor on the hand, off the bar's centre and moving a little on it.
+        # The sensor on the hand, which is off the bar's centre and moves slightly on
+        # it.
         path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
         handle = Rotation.from_rotvec(path[:, 3:])
         offset = config.grasp_offset_std * hand_rng.standard_normal(3)
@@ -196,14 +198,14 @@ class Teacher:
         *,
         rng: np.random.Generator,
     ) -> tuple[Demonstration, ...]:
-        """Open each door several times; door after door in the given order.
+        """Open each door several times, in the given order of doors.
 
-        A demonstration depends only on ``rng``, its door's place in ``doors`` and its
-        own number: more doors at the end or more demonstrations per door leave the
-        others as they were, to the last bit.
+        A demonstration depends only on ``rng``, the place of its door in ``doors`` and
+        its own number: more doors at the end or more demonstrations per door do not
+        change the others in any bit.
 
         Raises:
-            ValueError: No door, one that there is not, or ``per_door`` is less than 1.
+            ValueError: No door or an impossible one, or ``per_door`` is less than 1.
         """
         if len(doors) == 0:
             raise ValueError("doors is empty; give at least one door or radius [m]")
@@ -218,7 +220,7 @@ class Teacher:
     def standard_demonstrations(
         self, per_door: int = 2, *, seed: int, like: DoorConfig | None = None
     ) -> tuple[Demonstration, ...]:
-        """Open three doors as runs and studies of this seed do.
+        """Return the demonstrations of runs and studies with this seed, at three doors.
 
         Args:
             per_door: How often each.
@@ -231,7 +233,7 @@ class Teacher:
     def standard_reaches(
         self, per_door: int = 2, *, seed: int, doors: int = len(DEMONSTRATED_RADII)
     ) -> tuple[Demonstration, ...]:
-        """Reach for the handles of the doors that runs of this seed demonstrate.
+        """Reach for the handles of the demonstrated doors of runs with this seed.
 
         Args:
             per_door: How often each.
@@ -242,10 +244,10 @@ class Teacher:
         return tuple(map(self.demonstrate_reach, rng.spawn(doors * per_door)))
 
     def demonstrate_reach(self, rng: np.random.Generator) -> Demonstration:
-        """Reach for a handle, take hold of it, and return what the suit recorded.
+        """Reach for a handle, grasp it, and return the recording of the suit.
 
         The poses are relative to the last sample, at time 0, in which the hand holds
-        the closed handle: what `demonstrate` records goes on from there.
+        the closed handle: the recording of `demonstrate` continues from there.
 
         Args:
             rng: Source of randomness.
@@ -268,7 +270,7 @@ class Teacher:
         *,
         origin: int,
     ) -> FloatArray:
-        """Return what the suit reports, (N, 6) [m, rad], relative to a sample."""
+        """Return the measurement of the suit, (N, 6) [m, rad], relative to a sample."""
         config = self.config
         drift_rate = config.vertical_drift_std * rng.standard_normal()
         noise = random_motion.coloured_noise(

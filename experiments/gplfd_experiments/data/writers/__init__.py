@@ -1,4 +1,4 @@
-"""Demonstrations and episodes in the forms of other programs, whole or not at all."""
+"""Writes demonstrations and episodes in formats of other programs."""
 
 import importlib
 from collections.abc import Mapping, Sequence
@@ -17,8 +17,8 @@ from gplfd_policies.demonstrations.npz import (
 )
 
 WRITERS: Final = ("robomimic", "lerobot")
-"""Every form that is written; each is a module of this package, and of the readers."""
-_EQUAL: Final = 0.05  # Steps of time differ by less than this share of one.
+"""Formats; each is a module of this package, and of the readers."""
+_EQUAL: Final = 0.05  # Largest relative difference of time steps.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -30,24 +30,23 @@ class Rows:
     states: FloatArray
     """Position [m] and quaternion, the scalar last, (N, 7)."""
     actions: FloatArray
-    """The state at the next sample, which is where the hand is to be; the last one is
-    repeated, (N, 7)."""
+    """Action: the state at the next sample; the last one is repeated, (N, 7)."""
     wrenches: FloatArray | None
     """Forces and moments of the environment on the hand, in the frame of the states and
     about the position of the hand [N, N m], (N, 6); or none."""
     signals: Mapping[str, FloatArray]
-    """What else was recorded, (N, d) each."""
+    """Other recorded signals, (N, d) each."""
     pictures: Mapping[str, Sequence[bytes]] = field(default_factory=dict)
-    """PNG files by the name of their camera, N each, all of one size."""
+    """PNG files by the name of their camera, N each, all of the same size."""
     task: str = "recorded motion"
-    """What is done, in words."""
+    """Description of the task."""
 
 
 def demonstration_rows(labelled: LabelledDemonstrations) -> list[Rows]:
     """Return the rows of a set of demonstrations.
 
     Raises:
-        ValueError: The steps of time are not equal, or not those of the others.
+        ValueError: The time steps are not equal, or differ from those of the others.
     """
     rows: list[Rows] = []
     for number, one in enumerate(labelled.demonstrations):
@@ -83,7 +82,8 @@ def states_of(poses: FloatArray) -> FloatArray:
     """Return poses [m, rad], (N, 6), as positions and quaternions, scalar last."""
     rotations = Rotation.from_rotvec(poses[:, 3:].copy())
     states = np.hstack([poses[:, :3], rotations.as_quat()])
-    # Successive quaternions are close, for actions are learned from states.
+    # Successive quaternions have consistent signs, because actions are learned from
+    # states.
     flips = np.sum(states[1:, 3:] * states[:-1, 3:], axis=1) < 0.0
     states[1:, 3:] *= np.cumprod(np.where(flips, -1.0, 1.0))[:, None]
     return states
@@ -105,17 +105,17 @@ def export_demonstrations(
         target: File or folder to write.
         form: One of `WRITERS`.
         rate: Rows per second of episodes; None for 100, or 10 with pictures.
-        cameras: Whose pictures of episodes are drawn.
+        cameras: Cameras of the pictures of episodes.
         size: Width and height of the pictures [px].
 
     Returns:
         The number of demonstrations.
 
     Raises:
-        ValueError: The form is unknown, the target is there already, the source is
-            damaged or not sampled at equal steps, or it cannot be drawn.
-        OSError: A file cannot be read or written, or pictures not be drawn here.
-        ModuleNotFoundError: The form's library is not installed.
+        ValueError: The format is unknown, the target exists, the source is damaged or
+            not sampled at equal steps, or it cannot be drawn.
+        OSError: A file cannot be read or written, or this machine cannot render.
+        ModuleNotFoundError: The library of the format is not installed.
     """
     if form not in WRITERS:
         raise ValueError(f"form {form!r} must be one of {', '.join(WRITERS)}")
@@ -123,7 +123,7 @@ def export_demonstrations(
         raise ValueError(f"--out {target} exists; give another")
     if cameras and form != "lerobot":
         raise ValueError("--pictures are written in the form lerobot alone")
-    # The reader of a form says how to install what both need.
+    # The error of the reader says how to install the common requirement.
     importlib.import_module(f"gplfd_experiments.data.readers.{form}")
     module = importlib.import_module(f"{__name__}.{form}")
     if any((source / mark).is_file() for mark in READERS["minari"].marks):

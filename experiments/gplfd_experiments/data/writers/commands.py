@@ -1,7 +1,8 @@
-"""What a skill commands, in files for robots: CSV, TUM trajectory, JSON and ROS 2 bag.
+"""Writes a commanded path in files for robots: CSV, TUM trajectory, JSON, ROS 2 bag.
 
-Numbers are read back bit for bit. ``about`` is what JSON has besides the samples; its
-entry "frame" has the frame's name, which is the frame_id of messages, and its axes.
+Numbers are read back bit for bit. ``about`` has the entries of JSON besides the
+samples; its entry "frame" contains the frame's name, which is the frame_id of messages,
+and its axes.
 """
 
 from collections.abc import Mapping
@@ -19,7 +20,7 @@ from gplfd_policies.arrays.storage import complete_or_absent
 
 KIND: Final = "a gplfd commanded path"
 _TOPICS: Final = ("/target_pose", "/target_stiffness")
-"""Those of crisp_controllers; the second is read since its pull request 46."""
+"""Topics of crisp_controllers; it reads the second since its pull request 46."""
 _UNITS: Final = {
     "std": ("m", "rad"),
     "stiffness": ("N/m", "N m/rad"),
@@ -70,7 +71,7 @@ def write_everything(file: Path, path: CommandedPath, about: Mapping[str, Any]) 
 
 def write_bag(folder: Path, path: CommandedPath, about: Mapping[str, Any]) -> None:
     """Write a ROS 2 bag in SQLite; raise ModuleNotFoundError without rosbags."""
-    with optional_libraries("bags of ROS need rosbags", "ros"):
+    with optional_libraries("ROS bags need rosbags", "ros"):
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
 
@@ -105,4 +106,4 @@ def write_bag(folder: Path, path: CommandedPath, about: Mapping[str, Any]) -> No
 COMMAND_WRITERS: Final = dict(
     csv=write_csv, tum=write_tum, bag=write_bag, json=write_everything
 )
-"""Writers by form, which is also the suffix of what is written."""
+"""Writers by format; its name is also the suffix."""

@@ -1,4 +1,4 @@
-"""Episodes of the environment as other programs see them, with pictures on request."""
+"""Episodes of the environment for other programs, with pictures on request."""
 
 import contextlib
 import io
@@ -24,8 +24,8 @@ def episode_rows(
 ) -> list[Rows]:
     """Return the rows of every episode of a data set.
 
-    A state is the hand's pose as observed, an action the last pose that was commanded
-    before the next row. Pictures are drawn from the physics states.
+    A state is the observed pose of the hand, an action the last commanded pose before
+    the next row. Pictures are drawn from the physics states.
     """
     if not 0 < rate <= _CONTROL_RATE or _CONTROL_RATE % rate:
         raise ValueError(
@@ -41,7 +41,7 @@ def episode_rows(
             following = np.append(steps[1:], len(episode)) - 1
             seen = episode.observations["ee_pose"][steps]
             commanded = episode.actions[following, :6]
-            # One after the other, so that the signs of a state and its action agree.
+            # In one sequence, so that the signs of a state and its action agree.
             poses = np.stack([seen, commanded], axis=1)
             both = states_of(poses.reshape(-1, 6)).reshape(len(steps), 2, 7)
             if cameras:

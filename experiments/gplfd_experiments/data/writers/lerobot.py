@@ -1,7 +1,7 @@
 """Demonstrations as a data set of LeRobot, version 3: parquet files, no videos.
 
-``observation.state`` is position and quaternion, ``action`` what it is to become, both
-in float32 as LeRobot's are. Pictures are PNG files, LeRobot's kind "image".
+``observation.state`` is position and quaternion, ``action`` the next state, both in
+float32 as in LeRobot. Pictures are PNG files, LeRobot's kind "image".
 """
 
 import io
@@ -22,17 +22,17 @@ from gplfd_experiments.files.folders import complete_folder
 from gplfd_experiments.files.plain_data import write_json
 
 _NAMES: Final = ["x", "y", "z", "qx", "qy", "qz", "qw"]
-_SAMPLED: Final = 50  # Pictures from which the statistics of colours are taken.
+_SAMPLED: Final = 50  # Number of pictures for the statistics of colours.
 _FILE: Final = "chunk-000/file-000.parquet"
 
 
 class _Column(NamedTuple):
-    """A column of the table, with what LeRobot wants to know of it."""
+    """A column of the table, with LeRobot's metadata."""
 
     arrow: Any
     feature: dict[str, Any]
     samples: np.ndarray
-    """What statistics are taken of: (N, d), or (N, 3, 1, 1) of pictures."""
+    """Values for statistics: (N, d), or (N, 3, 1, 1) for pictures."""
 
 
 def _numbers(values: np.ndarray, names: list[str] | None = None) -> _Column:
@@ -65,7 +65,8 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
     """Write a data set.
 
     Raises:
-        ValueError: The samples per second are no whole number, as LeRobot has it.
+        ValueError: The rate is not a whole number of samples per second, as LeRobot
+            requires.
         OSError: It cannot be written.
     """
     rate = round(demonstrations[0].rate)
@@ -103,7 +104,7 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
         "index": _numbers(np.arange(len(frames))),
         "task_index": _numbers(np.zeros(len(frames), dtype=np.int64)),
     }
-    # Where each episode stands.
+    # The rows of each episode.
     ends = np.cumsum(lengths)
     zeros = np.zeros(len(lengths), dtype=np.int64)
     episodes = {
@@ -118,7 +119,7 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
         "meta/episodes/file_index": zeros,
     }
     tasks = pyarrow.table({"task_index": [0], "task": [demonstrations[0].task]})
-    # Of this table, pandas takes the task as its index.
+    # In this table, pandas uses the task as the index.
     kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
     described = [
         {"name": name, "field_name": name, "pandas_type": pandas, "numpy_type": numpy}

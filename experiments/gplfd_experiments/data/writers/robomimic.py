@@ -1,4 +1,4 @@
-"""Demonstrations as robomimic's HDF5 has them.
+"""Demonstrations in robomimic's HDF5 format.
 
 https://robomimic.github.io/docs/datasets/overview.html describes the layout. Actions
 are absolute poses in metres, not scaled to [-1, 1]: let robomimic normalise them.

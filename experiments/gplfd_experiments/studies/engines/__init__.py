@@ -27,7 +27,7 @@ EngineName = Literal["loky", "serial", "dask"]
 """Names that `engine_named` knows."""
 
 ATTEMPTS: Final = 3
-"""How often an item is started before it counts as the cause of its workers' death."""
+"""Number of attempts before an item counts as the cause of its workers' death."""
 
 ONE_THREAD: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -42,12 +42,12 @@ ONE_THREAD: Final[Mapping[str, str]] = MappingProxyType(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Lost:
-    """What an engine returns for an item that no worker finished."""
+    """Result of an engine for an item that no worker finished."""
 
     reason: str
-    """Why, in a sentence."""
+    """Reason, in a sentence."""
     crashed: bool = False
-    """Whether the item ended its own worker, by leaving Python or by a crash, whenever
+    """Whether the item ended its own worker, by leaving Python or by a crash, each time
     it ran alone; otherwise the machine may have ended it."""
 
 
@@ -59,10 +59,10 @@ class Engine(Protocol):
     ) -> Generator[tuple[ItemT, ResultT | Lost], None, None]:
         """Yield each item with its result, in the order in which they finish.
 
-        Closing the generator ends what still runs.
+        Closing the generator ends running items.
 
         Args:
-            work: Called once per item, perhaps in another process; raises nothing.
+            work: Called once per item, possibly in another process; never raises.
             items: Small records.
         """
         ...
@@ -85,24 +85,23 @@ class Serial:
 def engine_named(
     name: EngineName, *, workers: int | None = None, address: str | None = None
 ) -> Engine:
-    """Return an engine; loky with so many processes, Dask with a scheduler's address.
+    """Return an engine: loky with a number of processes, Dask with an address.
 
     Raises:
-        ValueError: An option that the engine does not have, one that it lacks, or Dask
-            is not installed.
+        ValueError: An option does not fit the engine, a required one is missing, or
+            Dask is not installed.
         OSError: The scheduler does not answer.
     """
     if workers is not None and name != "loky":
         raise ValueError(
-            f"--workers {workers} is for --engine loky; --engine {name} has workers of "
-            "its own" + (" or none" if name == "serial" else "")
+            f"--workers {workers} is for --engine loky; --engine {name} has its own "
+            "workers" + (" or none" if name == "serial" else "")
         )
     if workers is not None and workers < 1:
         raise ValueError(f"--workers {workers} must be 1 or more")
     if address is not None and name != "dask":
         raise ValueError(f"--address {address} is for --engine dask, not for {name}")
-    # Engines are imported where they are used: Dask need not be installed, and
-    # `gplfd --help` waits for none.
+    # Engines are imported when used: Dask is optional, and `gplfd --help` stays fast.
     if name == "serial":
         return Serial()
     if name == "loky":

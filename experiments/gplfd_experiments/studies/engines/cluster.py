@@ -10,7 +10,7 @@ import distributed
 from gplfd_experiments.studies.engines import ItemT, Lost, ResultT
 
 _dask: Any = distributed
-"""Untyped here, because its annotations are incomplete."""
+"""Untyped, because its annotations are incomplete."""
 
 _PATIENCE: Final = 10.0
 """Longest wait for an answer of the scheduler [s]."""
@@ -20,14 +20,14 @@ _PATIENCE: Final = 10.0
 class Cluster:
     """Runs items on the workers of a Dask cluster.
 
-    The workers need this package in the same version, and no shared folder: results
-    come back over the network. They should have one thread each, as an item keeps one
-    core busy.
+    The workers need the same version of this package. They need no shared folder,
+    because results are sent over the network. They should have one thread each, because
+    an item keeps one core busy.
 
     An item whose worker dies is started again elsewhere as often as the scheduler
     allows (``distributed.scheduler.allowed-failures``). The scheduler also blames items
-    that only waited on that worker, so the blamed ones are tried once more in the end,
-    one at a time.
+    that only waited on that worker, so blamed items are tried once more at the end, one
+    at a time.
     """
 
     address: str
@@ -48,7 +48,7 @@ class Cluster:
     def check(self) -> None:
         """Connect to the scheduler, with the certificates of Dask's configuration.
 
-        Dask's client waits for ever where something other than a scheduler listens.
+        Dask's client waits forever if another program listens at the address.
         """
 
         async def connect() -> None:
@@ -59,9 +59,9 @@ class Cluster:
 
         try:
             asyncio.run(connect())
-        # A server that is no scheduler may cause any error in Dask.
+        # Another server at the address may cause any error in Dask.
         except Exception as error:
-            reason = str(error) or f"nobody answered within {_PATIENCE:g} s"
+            reason = str(error) or f"no answer within {_PATIENCE:g} s"
             raise ConnectionError(
                 f"no Dask scheduler answers at {self.address} ({reason}); `dask "
                 "scheduler` prints its address"
@@ -82,7 +82,8 @@ class Cluster:
             for future in _dask.as_completed(list(running), loop=client.loop):
                 if future.cancelled():
                     raise ConnectionError(
-                        f"the Dask scheduler at {self.address} went away"
+                        f"the connection to the Dask scheduler at {self.address} was "
+                        "lost"
                     )
                 item = running.pop(future)
                 try:
@@ -92,7 +93,7 @@ class Cluster:
                         blamed.append(item)
                         continue
                     outcome = Lost(reason="its worker died in each attempt")
-                # The work itself raises nothing: the worker could not import it.
+                # The work never raises, so the worker could not import it.
                 except Exception as error:
                     outcome = Lost(
                         reason=f"the worker could not run it ({type(error).__name__}: "
@@ -101,6 +102,6 @@ class Cluster:
                     )
                 yield item, outcome
         finally:
-            # Cancel what is not finished.
+            # Cancel unfinished items.
             client.cancel(list(running), force=True)
         return blamed

@@ -21,11 +21,11 @@ from gplfd_experiments.studies.engines import ATTEMPTS, ONE_THREAD, ItemT, Lost,
 Caught: TypeAlias = list[tuple[str, type[Warning]]]
 """Texts and categories of warnings."""
 
-# One thread per worker, since each core has a worker already; and no worker imports a
-# file of the working folder that is called `re.py`.
+# One thread per worker, because each core has a worker; and no worker imports a file
+# such as `re.py` from the working folder.
 _ENVIRONMENT: Final = {**ONE_THREAD, "PYTHONSAFEPATH": "1"}
 _CRASHES: Final = (signal.SIGSEGV, signal.SIGABRT, signal.SIGFPE, signal.SIGILL)
-"""Signals by which a process ends itself; others come from the machine."""
+"""Signals of a process that ends itself; other signals come from the machine."""
 _PULSE: Final = 1.0
 """Interval at which a worker checks that its parent still runs [s]."""
 
@@ -34,9 +34,9 @@ _PULSE: Final = 1.0
 class Processes:
     """Runs items in worker processes of this machine.
 
-    A worker that dies breaks the pool. The items that were running are then run again,
-    one at a time, so that only the one that kills its worker is lost. How that worker
-    ended tells whether the item caused it or the machine.
+    A worker that dies breaks the pool. The running items are then run again, one at a
+    time, so that only the item that kills its worker is lost. The exit code of the
+    worker shows whether the item or the machine caused it.
     """
 
     workers: int | None = None
@@ -58,7 +58,7 @@ class Processes:
 def _with_warnings(
     work: Callable[[ItemT], ResultT], item: ItemT
 ) -> tuple[ResultT, Caught]:
-    """Return a result and the warnings on the way to it.
+    """Return a result and the warnings of its computation.
 
     A worker shares the terminal with the parent's progress bar and cannot print them.
     Each category is replaced by the built-in one that it derives from, because only
@@ -77,7 +77,7 @@ def _warned(outcome: tuple[ResultT, Caught]) -> ResultT:
     """Repeat a worker's warnings in this process and return its result."""
     result, caught = outcome
     for text, category in caught:
-        # One place for all: a text is shown once, however many tasks give it.
+        # With one place for all, a text is shown once for any number of tasks.
         warnings.warn(text, category, stacklevel=1)
     return result
 
@@ -85,19 +85,20 @@ def _warned(outcome: tuple[ResultT, Caught]) -> ResultT:
 def _together(
     work: Callable[[ItemT], tuple[ResultT, Caught]], waiting: deque[ItemT], workers: int
 ) -> Generator[tuple[ItemT, ResultT], None, list[ItemT]]:
-    """Take items until none waits or a worker dies; return those it left behind."""
+    """Run items until none waits or a worker dies; return those without a result."""
     running: dict[Any, ItemT] = {}
     with _pool(min(workers, len(waiting))) as pool:
         try:
             while waiting or running:
-                # No more than can run: all that run are suspects when a worker dies.
+                # Only as many items as workers, because all of them are suspects if a
+                # worker dies.
                 while waiting and len(running) < workers:
-                    # Workers start here, and leave Ctrl-C to this process.
+                    # Workers start here with Ctrl-C blocked.
                     with postponed_interruption():
                         running[pool.submit(work, waiting[0])] = waiting[0]
                     waiting.popleft()
                 done, _ = loky.wait(running, return_when=loky.FIRST_COMPLETED)
-                # What finished before the pool broke is kept.
+                # Results before the failure of the pool are kept.
                 for future in sorted(
                     done,
                     key=lambda one: isinstance(one.exception(), loky.BrokenProcessPool),
@@ -112,7 +113,7 @@ def _together(
 def _alone(
     work: Callable[[ItemT], tuple[ResultT, Caught]], item: ItemT
 ) -> ResultT | Lost:
-    """Run an item again that was running when a worker died."""
+    """Repeat an item that was running when a worker died."""
     crashed, ends = True, dict[str, None]()
     for _ in range(ATTEMPTS - 1):
         with _pool(1) as pool:
@@ -132,8 +133,8 @@ def _alone(
 
 
 def _end_of_worker(error: loky.BrokenProcessPool) -> tuple[str, bool]:
-    """Return in words how a pool's only worker ended, and whether by itself."""
-    # loky states the exit code in a text only.
+    """Return how a pool's only worker ended, as text, and whether by itself."""
+    # loky states the exit code only in a text.
     found = re.search(r"exit codes of the workers are \{\w+\((-?\d+)\)\}", str(error))
     if found is None:
         return "killed, crashed or out of memory", False
@@ -141,7 +142,7 @@ def _end_of_worker(error: loky.BrokenProcessPool) -> tuple[str, bool]:
     if end >= 0:
         return f"it left Python with exit status {end}", True
     crashed = -end in _CRASHES
-    kind = "crashed" if crashed else "killed, perhaps for want of memory"
+    kind = "crashed" if crashed else "killed, possibly out of memory"
     # Most real-time signals have no name.
     names = {one.value: one.name for one in signal.Signals}
     return f"{kind} ({names.get(-end, f'signal {-end}')})", crashed
@@ -159,12 +160,12 @@ def _pool(workers: int) -> Iterator[loky.ProcessPoolExecutor]:
 
 
 def _prepare(parent: int) -> None:
-    """Leave Ctrl-C and standard output to the parent, and end when it does."""
+    """Leave Ctrl-C and standard output to the parent, and end with it."""
     os.dup2(2, 1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def end_with_parent() -> None:
-        # Nobody would take the results.
+        # There is no process for the results.
         while os.getppid() == parent:
             time.sleep(_PULSE)
         os._exit(1)

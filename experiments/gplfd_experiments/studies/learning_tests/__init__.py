@@ -1,1 +1,1 @@
-"""How well a method learns, measured on demonstrations it did not see; no robot."""
+"""Learning tests of methods on left-out demonstrations, without a robot."""

@@ -29,9 +29,9 @@ def root_mean_square(values: FloatArray | Sequence[float]) -> float:
 def spread_followed(std: FloatArray, poses: FloatArray) -> float | None:
     """Correlation of a standard deviation (M, 6) and demonstrations' spread (K, M, 6).
 
-    It is that of the logarithms over the phases, averaged over the outputs whose spread
-    varies: 1 for a copy, 0 for one level. None without standard deviations, which are
-    NaN then, or where no spread varies.
+    It is computed from the logarithms over the phases and averaged over the outputs
+    with a varying spread: 1 for a copy, 0 for a constant. None if the standard
+    deviations are NaN, or if no spread varies.
     """
     spread = poses.std(axis=0, ddof=1)
     if not np.isfinite(std).all():
@@ -51,9 +51,9 @@ def accuracy(
 ) -> Mapping[str, float | None]:
     """Score a prediction of poses (M, 6) [m, rad] that were left out.
 
-    Quantiles are those of a normal distribution for every method. For a method that
-    states intervals of its own, wider with few demonstrations, ``coverage_95_stated``
-    is their coverage. ``scored`` is NaN where density and coverage leave numbers out.
+    Quantiles are those of a normal distribution for every method. For a method with its
+    own intervals, which are wider with few demonstrations, ``coverage_95_stated`` is
+    their coverage. Density and coverage exclude numbers where ``scored`` is NaN.
     """
     scored = truth if scored is None else scored
     normal = {
@@ -78,7 +78,7 @@ def known(number: float) -> float | None:
 
 
 def averaged(scores: Sequence[Mapping[str, float | None]]) -> dict[str, float | None]:
-    """Average scores of the same names; None where there is none at all.
+    """Average scores of the same names; None if all are missing.
 
     Errors, named ``rmse_...``, are averaged as squares.
     """

@@ -1,8 +1,8 @@
 """Criteria for the marks of Table 1: a number, limits and a sentence per row.
 
 The rows are those of Table 1 in Arduengo et al., *Gaussian-Process-based Robot Learning
-from Demonstration*, arXiv:2002.09979, whose marks state claims of publications. The
-criteria state what was measured of this project's implementations.
+from Demonstration*, arXiv:2002.09979. Its marks state claims of publications. The
+criteria are for measurements of this project's implementations.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Any, Final
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """Limits of a metric of a skill task, with its name and unit in text."""
+    """Limits of a metric of a learning test, with its name and unit as text."""
 
     metric: str
     symbol: str
@@ -23,22 +23,22 @@ class Limit:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Criterion:
-    """A row of Table 1: what is measured, and what a missing number means."""
+    """A row of Table 1: the measures, and the meaning of a missing number."""
 
     row: str
     limits: tuple[Limit, ...]
-    """All must hold; the first is the number of the row."""
+    """All limits must hold; the first has the number of the row."""
     sentence: str
     absent: str
     paper: frozenset[str]
-    """Policies whose methods have the paper's mark."""
+    """Policies with the paper's mark."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Mark:
     """Mark of a method in a row: the mean of its number, and whether all limits hold.
 
-    None where there is no number, or nothing was measured; the text says which.
+    None without a number or without a measurement; the text states which.
     """
 
     value: float | None
@@ -149,7 +149,7 @@ CRITERIA: Final[Mapping[str, Criterion]] = {
 
 
 def mark(criterion: str | Criterion, metrics: Sequence[Mapping[str, Any]]) -> Mark:
-    """Judge one method in one row."""
+    """Return the mark of a method in a row."""
     if isinstance(criterion, str):
         if criterion not in CRITERIA:
             raise ValueError(f"no criterion {criterion!r}; rows: {', '.join(CRITERIA)}")

@@ -13,17 +13,17 @@ from gplfd_policies.movements.prior_mean import PosePath
 from gplfd_policies.registry.method import Method
 
 _MOVING: Final = [0, 2, 4]
-"""Outputs that a door moves: x, z and θu_y; the others are constant."""
+"""Outputs that move when a door opens: x, z and θu_y; the others are constant."""
 _KEPT: Final = 0.7
-"""Share of the task that is learned."""
+"""Learned share of the task."""
 _BORDER: Final = np.linspace(0.95, 1.0, 11)
 _BEYOND: Final = np.linspace(1.4, 1.5, 11)
-"""Phases, in lengths of what was learned."""
+"""Phases, in lengths of the learned part."""
 _DISPLACEMENT: Final = np.array([0.1, 0.0, -0.1, 0.0, 0.3, 0.0])
-"""How far the prior mean is from the demonstrations' [m, rad]."""
+"""Distance of the prior mean from the demonstrations' mean [m, rad]."""
 _FAR: Final = np.linspace(20.0, 21.0, 11)
-"""Phases far beyond; length-scales are at most three, so that the demonstrations have
-no influence there."""
+"""Phases far beyond the demonstrations, which have no influence there, because
+length-scales are at most three."""
 
 
 def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
@@ -72,12 +72,13 @@ def prior_mean_used(
     """Give a method a prior mean and predict far beyond the demonstrations.
 
     The prior mean is the demonstrations' mean, displaced by 0.1 m and 0.3 rad, and
-    rests at its last pose. It contradicts the demonstrations, and twenty of their
-    lengths later it is the only information. A method that corrects it everywhere, as
-    a description of the demonstrations, does not return to it.
+    constant after its last pose. It contradicts the demonstrations, and twenty of their
+    lengths later it is the only information. A method that corrects it everywhere,
+    because it treats it as a description of the demonstrations, does not return to it.
 
-    Returns how far the prediction moves from the plain movement's, learned without it,
-    as a share of the way to the prior mean within [0, 1]; None if it takes none.
+    Returns the displacement of the prediction from that of the movement without a prior
+    mean, as a share of the distance to the prior mean in [0, 1]; None if the method
+    accepts no prior mean.
     """
     if not method.accepts_prior_mean:
         return None

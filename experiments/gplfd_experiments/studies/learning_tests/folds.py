@@ -1,9 +1,10 @@
-"""Folds: demonstrations that are left out, their phases, and learning from the others.
+"""Folds: left-out demonstrations, their phases, and learning from the others.
 
-Learning sees neither poses nor timing of what is left out. The phase of a left-out pose
-is not predicted but follows from the completion index of its own demonstration, Eq.
-(16) of Arduengo et al., arXiv:2002.09979: a pose belongs to the phase at which the
-learned demonstrations had completed the same share of their own paths.
+Learning uses neither poses nor timing of left-out demonstrations. The phase of a
+left-out pose is not predicted; it follows from the completion index of its
+demonstration, Eq. (16) of Arduengo et al., arXiv:2002.09979: a pose belongs to the
+phase at which the learned demonstrations had completed the same share of their own
+paths.
 """
 
 import time
@@ -28,12 +29,12 @@ _LOADED = (
     *(scipy.fft, scipy.interpolate, scipy.linalg, scipy.ndimage, scipy.optimize),
     *(scipy.signal, scipy.special),
 )
-"""Parts of SciPy that methods load on first use: no part of their learning."""
+"""Parts of SciPy that methods load on first use; loading is excluded from learning."""
 
 ResultT = TypeVar("ResultT")
 
 HeldOut = Literal["demonstration", "radius"]
-"""What a learning test leaves out, see `folds`."""
+"""Unit that a learning test leaves out, see `folds`."""
 HELD_OUT: Final[tuple[HeldOut, ...]] = get_args(HeldOut)
 
 _CLOCK_SHARE: Final = 1e-6
@@ -44,7 +45,7 @@ _ROTATION_WEIGHT: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Fold:
-    """Demonstrations to learn from, and those that are not seen but predicted."""
+    """Demonstrations for learning, and left-out demonstrations to predict."""
 
     given: tuple[Demonstration, ...]
     left_out: tuple[Demonstration, ...]
@@ -67,9 +68,9 @@ def folds(
 
     * "demonstration": each of two folds leaves out one demonstration of another door.
       The seed selects them in turn, so that all are left out equally often.
-    * "radius": one fold leaves out all demonstrations of the middle door, which the
-      average of the others is near to. The other fold leaves out an outer door, in
-      turn the smallest and the largest, which a method must adapt to.
+    * "radius": one fold leaves out all demonstrations of the middle door, which is
+      close to the average of the others. The other fold leaves out an outer door, in
+      turn the smallest and the largest, to which a method must adapt.
     """
     if held_out not in HELD_OUT:
         raise ValueError(f"held_out must be one of {HELD_OUT}, got {held_out!r}")
@@ -101,23 +102,24 @@ def folds(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OnPhases:
-    """A demonstration on the phases of a movement that did not learn from it."""
+    """A left-out demonstration on the phases of a movement."""
 
     phases: FloatArray
     """Phase of every sample, strictly increasing, (N,)."""
     poses: FloatArray
     """Its poses, (N, 6) [m, rad]."""
     moving: NDArray[np.bool_] = field(default_factory=lambda: np.ones(6, dtype=bool))
-    """Which numbers of a pose move in this task, (6,); constant ones are not scored."""
+    """Outputs that move in this task, (6,); constant ones are not scored."""
 
     def scored(self, poses: FloatArray) -> FloatArray:
-        """Return poses with NaN for numbers that never move, (M, 6)."""
+        """Return poses with NaN for constant outputs, (M, 6)."""
         return np.where(self.moving, poses, np.nan)
 
     def thinned(self, count: int) -> "OnPhases":
         """Return the demonstration at equal steps of its own time.
 
-        The poses do not depend on the movement, so that all predict the same ones.
+        The poses do not depend on the movement, so that all methods predict the same
+        poses.
         """
         samples = np.arange(len(self.phases), dtype=np.float64)
         wanted = np.linspace(0.0, samples[-1], count)
@@ -161,14 +163,14 @@ def learn(
 ) -> tuple[Movement, float]:
     """Learn, and return the movement and the CPU time of this thread [s].
 
-    It includes alignment and a first prediction, to which some methods defer work.
-    Warnings of few or noisy demonstrations are suppressed, because their effect is
-    what is measured.
+    The time includes alignment and a first prediction, to which some methods defer
+    work. Warnings about few or noisy demonstrations are suppressed, because their
+    effect is measured.
     """
     training = TrainingInput(
         demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
     )
-    # Left-out demonstrations end where the others end.
+    # Left-out demonstrations end at the end of the others.
     within = replace(method, beyond=0.0)
 
     def able_to_predict() -> Movement:
@@ -182,7 +184,7 @@ def learn(
 
 
 def cpu_seconds(action: Callable[[], ResultT]) -> tuple[ResultT, float]:
-    """Return what an action returns and the CPU time it took of this thread [s]."""
+    """Return the result of an action and its CPU time in this thread [s]."""
     started = time.thread_time()
     result = action()
     return result, time.thread_time() - started

@@ -1,7 +1,7 @@
-"""Learning tests of a method: leave demonstrations out, predict them, adapt to them.
+"""Learning tests of a method: prediction of, and adaptation to, left-out motions.
 
-No robot and no simulator takes part. `method_metrics` leaves out demonstrations of the
-synthetic human, `recorded_metrics` one of the user's motion files. Both give:
+They use neither robot nor simulator. `method_metrics` leaves out demonstrations of the
+synthetic human, `recorded_metrics` one of the user's motion files. Both return:
 
 =========================== ==========================================================
 ``rmse_position_m``         of the mean, at 200 equal steps of a left-out motion
@@ -18,9 +18,9 @@ synthetic human, `recorded_metrics` one of the user's motion files. Both give:
 ``cpu_adapt_s``             one via-point of those of the first 30 %
 =========================== ==========================================================
 
-Tests with demonstrations of the synthetic human also give the following. They need
-movements of their own; to save time, the first three are measured with "demonstration"
-left out and the others with "radius", and their names are missing otherwise.
+Tests with demonstrations of the synthetic human also return the following. They need
+additional movements. To save time, the first three are measured only with
+"demonstration" left out, and the others only with "radius".
 
 =========================== ==========================================================
 ``uncertainty_growth``      see `beyond` in the module ``extrapolation``
@@ -30,9 +30,9 @@ left out and the others with "radius", and their names are missing otherwise.
 ``tumbling_error``          the same
 =========================== ==========================================================
 
-Tests on motion files also give the following, after 10, 25 and 50 % of the left-out
-recording have been seen as via-points. Their densities and coverage are those of the
-outputs that move, so that recordings of positions alone are judged by positions.
+Tests on motion files also return the following, after 10, 25 and 50 % of the left-out
+recording were observed as via-points. Densities and coverage are over the outputs that
+move, so that recordings of positions alone are scored by positions.
 
 ============================= ========================================================
 ``forecast_10_position_m``    root mean square error of the rest
@@ -44,9 +44,9 @@ outputs that move, so that recordings of positions alone are judged by positions
 ``online_10_path_m``          rms distance of the rest of the path from the forecast one
 ============================= ========================================================
 
-Where forces were demonstrated, the following are measured of force and moment, in the
-axes of the hand, before any force was measured and (``forecast_10_force_...``) of the
-rest once 10, 25 and 50 % were, at phases that are known:
+With demonstrated forces, the following are measured for force and moment, in the axes
+of the hand, at known phases: before any force was measured, and
+(``forecast_10_force_...``) for the rest after 10, 25 and 50 % were measured:
 
 ============================= ========================================================
 ``force_error_n``             root mean square error of the force [N]
@@ -54,7 +54,7 @@ rest once 10, 25 and 50 % were, at phases that are known:
 ``force_coverage_95``         share within central normal intervals
 ============================= ========================================================
 
-A number is None where a method cannot have it.
+A number is None if a method does not have it.
 """
 
 import math
@@ -100,7 +100,7 @@ from gplfd_policies.movements.movement import Movement
 from gplfd_policies.registry.method import Method
 
 FEWEST: Final = 3
-"""Smallest number of recordings; one is left out, and a spread takes two."""
+"""Smallest number of recordings; one is left out, and a spread needs two."""
 
 _SAMPLES: Final = 200
 _REPEATS: Final = 3
@@ -166,7 +166,7 @@ def recorded_metrics(
 def without(
     method: Method, recordings: Sequence[Demonstration], number: int
 ) -> tuple[Movement, OnPhases, float]:
-    """Learn from all recordings but one."""
+    """Learn from all recordings except one."""
     given = [*recordings[:number], *recordings[number + 1 :]]
     movement, cpu_s = learn(method, given, number)
     one = _evenly_sampled(recordings[number])
@@ -189,7 +189,7 @@ def _evenly_sampled(one: Demonstration) -> Demonstration:
 def prediction_scores(
     movement: Movement, left_out: OnPhases
 ) -> Mapping[str, float | None]:
-    """Return the accuracy of a movement at a demonstration that was left out."""
+    """Return the accuracy of a movement at a left-out demonstration."""
     asked = left_out.thinned(_SAMPLES)
     predicted = movement.predict(asked.phases)
     return accuracy(predicted, asked.poses, asked.scored(asked.poses))
@@ -202,7 +202,7 @@ def _movement_scores(movement: Movement) -> Mapping[str, float | None]:
     aligned = movement.aligned
     grown = aligned.times > _GROWN
     std = movement.predict(aligned.times).std
-    # Other phases every time, so that no result is cached.
+    # Different phases each time, so that no result is cached.
     asked = [np.linspace(1e-6 * n, 1.0, _SAMPLES) for n in range(1, 1 + _REPEATS)]
     seconds = [cpu_seconds(partial(movement.predict, one))[1] for one in asked]
     path = movement.predict(phases).mean[:, :3]

@@ -1,8 +1,8 @@
 """A synthetic task with a known distribution: a hand that tumbles along a line.
 
 Its outputs vary independently by known amounts, and its orientation turns by more than
-π about changing axes. It shows what the teacher's doors cannot: whether learning
-several outputs together costs accuracy, and whether large rotations are learned.
+π about changing axes. Unlike the teacher's doors, it shows whether learning several
+outputs together reduces accuracy, and whether large rotations are learned.
 """
 
 import math
@@ -36,9 +36,10 @@ _JUDGED: Final = np.linspace(0.1, 1.0, 91)
 def tumbling(method: Method, seed: int) -> Mapping[str, object]:
     """Learn the task with two outputs, and with six.
 
-    Every method has six outputs and one input, the phase. x and z are learned while
-    the four other outputs rest, and again while all six move. 24 outputs do not exist;
-    four movements of six would cost four times as much by construction.
+    Every method has six outputs and one input, the phase. x and z are learned while the
+    four other outputs are constant, and again while all six move. The paper's 24
+    outputs are not tested; four movements of six outputs take four times as long by
+    construction.
     """
     two, two_s = learn(method, tumble(seed, active=(0, 2)), seed)
     six, six_s = learn(method, tumble(seed, active=range(6)), seed)
@@ -73,7 +74,7 @@ def tumble(seed: int, active: range | tuple[int, ...]) -> tuple[Demonstration, .
     resting = [output for output in range(6) if output not in active]
     demonstrations = []
     for _ in range(_COUNT):
-        # All start at the same pose, as demonstrations of a task frame do.
+        # All start at the same pose, as in demonstrations in a task frame.
         wobble = smooth_functions(_CLOCK, _CORRELATION, 5, rng)
         wobble *= np.minimum(1.0, 10.0 * _CLOCK)[:, None]
         positions = np.zeros((_CLOCK.size, 3))

@@ -28,18 +28,18 @@ from gplfd_policies.phase.phase_rule import POSE_ERROR
 from gplfd_policies.registry.method import Method
 
 GRID: Final = np.linspace(0.0, 1.0, 100)
-"""Phases of an adaptation, as many as those of the agents."""
+"""Phases of an adaptation, as many as in the agents."""
 _PLACES: Final = (25, 50, 74)
 """Places of the via-points on the grid."""
-# Standard deviations of a via-point, and of one that outweighs what was learned.
+# Standard deviations of a via-point, and of one that outweighs the demonstrations.
 _STD, _STRICT_STD = 1e-3, 1e-4  # [m, rad]
 _FAR: Final = 0.3  # Distance from a via-point that counts as far [phase].
 _SEEN: Final = 0.3  # Observed part before the rest is predicted [phase].
 FORECASTS: Final = (0.10, 0.25, 0.50)
-"""Observed shares of a recording, in turn."""
+"""Observed shares of a recording, in order."""
 _AGENTS_NOISE: Final = np.repeat(POSE_ERROR, 3)
 _BEHIND: Final = 0.03
-"""How far before the phase at which an agent believes to be its path ahead begins."""
+"""The path ahead begins this much before the estimated phase of an agent."""
 _VIA_POINT_SCORES: Final = (
     *("via_error_position_m", "via_error_rotation_rad"),
     *("via_error_strict_position_m", "via_error_strict_rotation_rad"),
@@ -51,7 +51,7 @@ _VIA_POINT_SCORES: Final = (
 def adaptation(
     method: Method, movement: Movement, left_out: Sequence[OnPhases]
 ) -> dict[str, float | None]:
-    """Adapt to demonstrations that were left out; return averages by name.
+    """Adapt to left-out demonstrations; return averages by name.
 
     * Three via-points in one adaptation: distance of the mean from them, with standard
       deviations of 1 mm and 1 mrad and, in "strict", a tenth of it.
@@ -61,8 +61,8 @@ def adaptation(
     * The first 30 % of the demonstration, one via-point for every hundredth, as the
       agents observe it: distance of the mean from the rest.
 
-    Without via-points all are None except the errors over the rest of the
-    demonstration, which are those of the movement as learned.
+    For methods without via-points all are None except the errors over the rest of the
+    demonstration, which are those of the learned movement.
     """
     form, learned = method.adaptation, movement.predict(GRID)
     scores: list[dict[str, float | None]] = []
@@ -118,7 +118,7 @@ def adaptation(
 def forecasts(
     method: Method, movement: Movement, left_out: OnPhases
 ) -> dict[str, float | None]:
-    """Return the accuracy of the rest once the shares `FORECASTS` were observed.
+    """Return the accuracy of the rest after the shares `FORECASTS` were observed.
 
     A method without via-points does not adapt the movement.
     """
@@ -132,11 +132,11 @@ def forecasts(
 def online_forecasts(
     method: Method, movement: Movement, left_out: OnPhases, period: float
 ) -> dict[str, float | None]:
-    """Return the scores of `forecasts` if the method's agent watches, every period [s].
+    """Return the scores of `forecasts` for the method's agent with a period [s].
 
     The truth is compared at the same phases, which follow from its whole path and are
-    not known to the agent. ``path_m`` is the rms distance of the true path ahead from
-    the forecast one, whose timing is not judged.
+    unknown to the agent. ``path_m`` is the rms distance of the true path ahead from the
+    forecast path, without timing.
     """
     counts = np.searchsorted(left_out.phases, FORECASTS, side="right").tolist()
     learned = movement.predict(GRID)
@@ -167,13 +167,13 @@ def _rest_scores(
 
 
 class Forecast(NamedTuple):
-    """What an agent expects of the whole task, on `GRID`."""
+    """Forecast of an agent for the whole task, on `GRID`."""
 
     phase: float
-    """Where along the task it believes the hand to be."""
+    """Estimated phase of the hand."""
     trajectory: GaussianTrajectory
     level_covariance: FloatArray
-    """Covariance of x and z [m²]; zero of a form that does not know it."""
+    """Covariance of x and z [m²]; zero for a form without it."""
 
 
 def watch(
@@ -185,9 +185,9 @@ def watch(
 ) -> Mapping[int, Forecast]:
     """Let the method's agent, with its own phase rule and via-points, observe poses.
 
-    Poses (N, 6) [m, rad] are those of the hand, one every period [s]. It feels no
-    force, and the commands are ignored. Returns what is expected after some counts of
-    poses, from 1 to N, by count; no later pose matters.
+    Poses (N, 6) [m, rad] are those of the hand, one every period [s]. There are no
+    forces, and the commands are ignored. Returns forecasts by number of observed poses,
+    from 1 to N; they do not depend on later poses.
     """
     agent = CompliantAgent(
         GriddedMovement(movement, method.adaptation, GRID.size),
@@ -219,7 +219,7 @@ def observed(
     share: float,
     noise: FloatArray = _AGENTS_NOISE,
 ) -> tuple[GaussianTrajectory, FloatArray, float | None]:
-    """Adapt to the first share of a demonstration, as an agent that opens a door.
+    """Adapt to the first share of a demonstration, like an agent that opens a door.
 
     The noise of its via-points is six standard deviations.
 
@@ -250,12 +250,13 @@ def observed(
 def force_scores(
     method: Method, movement: Movement, left_out: OnPhases, one: Demonstration
 ) -> dict[str, float | None]:
-    """Return the accuracy of the force at a demonstration, which the phases are of.
+    """Return the accuracy of the force at a demonstration with its phases.
 
-    Its wrenches take the place of its poses, in the axes of the hand, as
-    `gplfd_policies.movements.movement.LearnedMovement.forces` has them. First of the
-    whole, before any force was measured; then of the rest, once a share of `FORECASTS`
-    was measured. Empty where no forces were learned or none recorded.
+    The wrenches are in the axes of the hand, as in
+    `gplfd_policies.movements.movement.LearnedMovement.forces`. The first scores are for
+    the whole demonstration, before any force was measured; the others for the rest,
+    after a share of `FORECASTS` was measured. Empty if no forces were learned or
+    recorded.
     """
     learned = movement.forces if isinstance(movement, LearnedMovement) else None
     if learned is None or one.wrenches is None:

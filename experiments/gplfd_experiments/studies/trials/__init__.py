@@ -1,1 +1,1 @@
-"""Trials: named conditions that ask what an idea is worth on a door."""
+"""Trials: named test conditions that measure the effect of an idea at a door."""

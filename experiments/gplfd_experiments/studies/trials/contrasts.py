@@ -1,4 +1,4 @@
-"""Contrasts of the trials: `gp` against its variants that lack an idea."""
+"""Contrasts of the trials: `gp` compared with its variants that lack an idea."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -32,7 +32,7 @@ _LACKING: Final[Mapping[str, tuple[str, ...]]] = {
 SIZES: Final = ("size and phase together", "forecast with size")
 RADIAL: Final = "force_radial_peak"
 GENTLE: Final = (RADIAL, "success")
-"""Measures of a door that is opened with a small force."""
+"""Measures of opening a door with a small force."""
 OPENED: Final = ("success", "force_handle_peak")
 
 
@@ -42,7 +42,7 @@ def contrasts(measure: str, *ideas: str, level: str = "") -> tuple[Contrast, ...
         Contrast(
             idea=idea,
             measure=measure,
-            # A phase error that is shared is an idea of this form of adaptation.
+            # The shared phase error is an idea of this form of adaptation.
             having=Side(
                 policy="gp-process" if idea == "shared phase error" else "gp",
                 level=level,
@@ -55,7 +55,7 @@ def contrasts(measure: str, *ideas: str, level: str = "") -> tuple[Contrast, ...
 
 
 def compared_levels(idea: str, measure: str, having: str, lacking: str) -> Contrast:
-    """Compare two levels of `gp`, of which one has what the idea is about."""
+    """Compare two levels of `gp`, one with the idea and one without it."""
     return Contrast(
         idea=idea,
         measure=measure,

@@ -16,14 +16,14 @@ _CLOSERS: Final[tuple[Mapping[str, float], ...]] = (
     {"closer_preload": 18.0, "closer_stiffness": 2.0, "closer_damping": 6.0},
     {"closer_preload": 40.0, "closer_stiffness": 5.0, "closer_damping": 10.0},
 )
-"""Closers of these: none, and two of those that DoorBench has."""
+"""Closers of these doors: none, and two of DoorBench."""
 _CLOSER_RANGES: Final = {
     "radius": (0.66, 0.91),
     "closer_preload": (8.0, 47.0),
     "closer_stiffness": (1.0, 10.0),
     "panel_mass": (20.0, 45.0),
 }
-"""Of levers that are opened: other closers than those, as DoorBench has them."""
+"""Closers of the opened doors: other ones of DoorBench."""
 _felt = partial(Level, demonstrated_forces=True)
 _forces = partial(Trial, claims=("demonstrated forces",))
 
@@ -98,4 +98,4 @@ FORCES: Final[Mapping[str, Trial]] = {
         contrasts=contrasts("force_handle_peak", "demonstrated forces"),
     ),
 }
-"""By name."""
+"""Trials by name."""

@@ -1,4 +1,4 @@
-"""Trials of protocol v2: doors of furniture, and what a robot meets at them."""
+"""Trials of protocol v2: doors of furniture under different conditions."""
 
 import dataclasses
 import math
@@ -19,7 +19,7 @@ from gplfd_experiments.studies.trials.records import Level, Trial
 _ALL: Final = ("small", "medium", "large")
 _MEDIUM: Final = ("medium",)
 _TO_45: Final = {"angle_mean": math.radians(45.0)}
-"""A teacher who opens the door to 45° only."""
+"""A teacher who opens the door only to 45°."""
 
 FURNITURE: Final[Mapping[str, Trial]] = {
     "radius": Trial(
@@ -219,7 +219,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
             f"× {factor}": Level(
                 doors=_MEDIUM,
                 randomization={
-                    # Those of `mild` sensors.
+                    # Noise of the sensors of `mild`.
                     "pose_noise": (factor * 0.0005, factor * 0.002),
                     "wrench_noise": (factor * 0.3, factor * 0.02),
                 },
@@ -230,4 +230,4 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         tuned=True,
     ),
 }
-"""By name."""
+"""Trials by name."""

@@ -27,16 +27,16 @@ _PUSH_AND_PULL: Final = tuple(
 _HINGES: Final = tuple(
     {"swing": "pull", "hinge_side": side} for side in 3 * ("left",) + 3 * ("right",)
 )
-"""Of six demonstrated doors without a label, of which three are of another kind."""
+"""Fields of six demonstrated doors without a label, three of them of another kind."""
 _ROOMS: Final = {
     "radius": (0.60, 0.90),
     "panel_mass": (12.0, 40.0),
     "closer_preload": (0.0, 18.0),
     "closer_stiffness": (0.0, 4.0),
 }
-"""Of doors of buildings: leaves and closers that were not demonstrated."""
+"""Doors of buildings with leaves and closers that were not demonstrated."""
 _FLAPS: Final = {"oven": "oven", "overhead": "overhead-flap"}
-"""Flaps as those of `motions`, of which `gp` opened 8 of 20 in protocol v5."""
+"""Flaps as in `motions`, of which `gp` opened 8 of 20 in protocol v5."""
 _CORRECTIONS: Final[Mapping[str, tuple[int, bool]]] = {
     **{str(number): (number, False) for number in (0, 1, 3, 5)},
     **{f"{number} shown": (number, True) for number in (1, 5)},
@@ -222,4 +222,4 @@ OTHER_DOORS: Final[Mapping[str, Trial]] = {
         among=("gp", "dmp", "promp", "hinge-fit", "mechanism-fit", "oracle"),
     ),
 }
-"""By name."""
+"""Trials by name."""

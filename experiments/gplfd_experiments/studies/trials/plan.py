@@ -1,4 +1,4 @@
-"""From trials to their tasks: policies × levels × doors × seeds."""
+"""Makes the tasks of trials: policies × levels × doors × seeds."""
 
 import dataclasses
 import itertools
@@ -14,7 +14,7 @@ from gplfd_experiments.studies.trials.records import Trial
 
 
 def named_trials(names: Sequence[str], part: Part = "whole") -> dict[str, Trial]:
-    """Return trials by name; without a name all that a part of the protocol has."""
+    """Return trials by name; without names, all trials of a part of the protocol."""
     for name in names:
         if name not in TRIALS:
             raise ValueError(
@@ -37,9 +37,9 @@ def trial_tasks(
 ) -> tuple[EpisodeTask, ...]:
     """Return the episodes of trials; the seed varies slowest.
 
-    ``only`` gives policies in place of all others, without levels in which one of them
-    cannot take part; ``seeds`` is a number in place of the part's. Another `robot`
-    opens the same doors.
+    ``only`` replaces the policies, without levels in which one of them cannot take
+    part. ``seeds`` replaces the number of seeds of the part. Another `robot` opens the
+    same doors.
     """
     plan = PARTS[part]
     tuned = TUNED if part == "whole" else ()
@@ -77,7 +77,8 @@ def trial_tasks(
                     "randomization": level.randomization,
                     "demonstrated": level.demonstrated,
                 }
-            # What a level says of the demonstrated doors; the rest is as usual.
+            # Fields of the demonstrated doors from the level; others have their
+            # defaults.
             shown: dict[str, Any] = {}
             if level.demonstrated_radii is not None:
                 shown["demonstrated_radii"] = level.demonstrated_radii

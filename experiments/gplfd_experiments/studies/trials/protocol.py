@@ -1,14 +1,14 @@
-"""Protocol v8: the trials, their policies, and how contrasts are decided.
+"""Protocol v8: trials, policies, and rules for contrasts.
 
 Frozen under its version: a change of a door, a draw, a demonstration, a measure or a
 policy that takes part makes another version. The criteria were settled before the
 trials were run.
 
-All that is drawn for a seed is the same for all policies, so policies are compared seed
-by seed: a policy's number is its mean over the doors and levels of a seed, and of the
-differences of two policies the Hodges-Lehmann estimate is given with its exact 95 %
-interval (signed ranks). An idea shows in a contrast if the interval leaves zero out on
-the side of the policy that has it. With ten seeds an effect as large as the
+All random draws of a seed are equal for all policies, so policies are compared per
+seed. A policy's number is its mean over the doors and levels of a seed. For the
+differences of two policies, the Hodges-Lehmann estimate is given with its exact 95 %
+interval (signed ranks). An idea shows in a contrast if the interval excludes zero on
+the side of the policy with the idea. With ten seeds an effect as large as the
 differences' standard deviation is found in 78 of 100 repetitions, one 1.2 times as
 large in 90 (1,500 simulated each).
 """
@@ -34,15 +34,15 @@ opened doors (power 0.8, `sequential.seeds_needed`): 24 for 0.9 and 0.4, 84 for 
 0.6."""
 
 REFERENCES: Final = ("hinge-fit", "reflex", "chord", "compliant-pull", "oracle")
-"""Policies that learn nothing from a demonstration; the line to be measured against."""
+"""Policies that learn nothing from a demonstration, as a baseline."""
 
 EVERYWHERE: Final = (*TABLE_1, "tp-gmm", *REFERENCES)
 """Policies that take part in every trial."""
 
 TUNED: Final = tuple(f"{name}-tuned" for name in tuned_settings())
-"""Methods with the settings that `gplfd tune` found, in the whole protocol's trials in
-which what is learned decides; the controller, which decides the others, is in no space
-that is searched."""
+"""Methods with settings by `gplfd tune`. They take part in trials of the whole protocol
+in which learning decides; tuning does not search settings of the controller, which
+decides the other trials."""
 
 Part = Literal["whole", "ideas", "small"]
 """Of the protocol."""
@@ -55,8 +55,8 @@ class PartPlan:
     seeds: int
     everywhere: tuple[str, ...]
     variants: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Variants of `gp` that lack an idea, by trial; a trial that is not listed has all
-    of its own."""
+    """Variants of `gp` that lack an idea, by trial; other trials have all of their
+    variants."""
 
 
 PARTS: Final[Mapping[Part, PartPlan]] = MappingProxyType(
@@ -76,9 +76,9 @@ PARTS: Final[Mapping[Part, PartPlan]] = MappingProxyType(
         ),
     }
 )
-"""The parts by name. The ideas are decided as in the whole. The small part is a first
-look at the strongest contrasts of docs/results/trials-v2.json, with the fewest seeds
-that give an interval; it decides nothing."""
+"""The parts by name. Contrasts of "ideas" are decided as in the whole protocol. The
+small part is a first look at the strongest contrasts of docs/results/trials-v2.json,
+with the smallest number of seeds that gives an interval; it decides nothing."""
 
 TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
     {**FURNITURE, **OTHER_DOORS, **FORCES}

@@ -18,13 +18,13 @@ class Level:
     doors: tuple[str, ...]
     """Names of doors, or radii [m] as text."""
     door: Mapping[str, Any] = field(default_factory=dict)
-    """Fields of every door's configuration that differ from its preset."""
+    """Fields of every door's configuration that differ from the preset."""
     randomization: str | Mapping[str, Any] = "none"
     disturbance: str | Mapping[str, Any] = "none"
     demonstrated_radii: tuple[float, ...] | None = DEMONSTRATED_RADII
-    """None: of the three doors that are demonstrated for a door of this kind."""
+    """None: those of the three demonstrated doors for a door of this kind."""
     demonstrated_kind: Mapping[str, str] | None = None
-    """None: that of the door that is opened."""
+    """None: the kind of the opened door."""
     demonstrated_hardware: tuple[Mapping[str, float | str], ...] = ()
     start: Start = "grasped"
     demonstrations_per_door: int = 2
@@ -35,8 +35,8 @@ class Level:
     prior_radius: float | None = None
     """Only methods that accept a prior mean take part."""
     corrections: int = 0
-    """How often the policy is corrected before, while it opens such doors; from 1 on
-    only policies that can be corrected take part."""
+    """Number of corrections before the episode, at such doors; from 1 on, only policies
+    that can be corrected take part."""
     demonstrated: bool = False
     """As in `gplfd_experiments.episodes.practice.Practice`."""
 
@@ -54,7 +54,7 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Contrast:
-    """Comparison by a measure of two policies of which one lacks an idea, only."""
+    """Comparison by a measure of two policies that differ only in one idea."""
 
     idea: str
     measure: str
@@ -68,21 +68,21 @@ class Trial:
 
     question: str
     claims: tuple[str, ...]
-    """Rows of the paper's Table 1, or design ideas, that it tests."""
+    """Tested rows of the paper's Table 1, or design ideas."""
     measures: tuple[str, ...]
     """Metrics of episodes that answer it, the deciding one first."""
     levels: Mapping[str, Level]
     """Settings by name, in the order in which they are shown."""
     contrasts: tuple[Contrast, ...] = ()
-    """Comparisons that are decided here."""
+    """Contrasts that this trial decides."""
     also: tuple[str, ...] = ()
     """Policies that take part besides those of every trial and of the contrasts."""
     among: tuple[str, ...] = ()
-    """In the whole protocol these take the place of the policies of every trial."""
+    """In the whole protocol, these replace the policies of every trial."""
     tuned: bool = False
-    """Whether tuned methods take part as well: where learning decides."""
+    """Whether tuned methods also take part, because learning decides the trial."""
 
     @property
     def own(self) -> tuple[str, ...]:
-        """Policies that take part here, besides those of every trial."""
+        """Policies of this trial, besides those of every trial."""
         return (*(one.lacking.policy for one in self.contrasts), *self.also)

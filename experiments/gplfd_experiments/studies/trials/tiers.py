@@ -18,6 +18,6 @@ TIERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         ),
     }
 )
-"""Names of trials by tier. Of protocol v2, furniture has the trials in which the share
-of opened doors separates pairs of methods other than `gp-paper` (signed ranks of 20
-seeds, Holm, 5 %). A tier without trials is not run yet."""
+"""Names of trials by tier. The tier furniture has the trials of protocol v2 in which
+the share of opened doors separates pairs of methods other than `gp-paper` (signed ranks
+of 20 seeds, Holm, 5 %). A tier without trials is not run yet."""
