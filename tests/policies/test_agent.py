@@ -14,6 +14,7 @@ from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.rows import ALL_ROWS
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
+from gplfd_policies.control.steps import STEP_SHAPES
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.phase.path_phase import PathPhase
 from gplfd_policies.phase.phase_rule import POSE_ERROR, ClockPhase, PhaseEstimate
@@ -263,6 +264,31 @@ def test_direction_is_that_of_the_path_as_just_adapted(skill):
         chord = (agent.movement.at(ahead)[0] - agent.movement.at(ahead - 0.05)[0])[:3]
         expected = chord / np.linalg.norm(chord)
         assert_allclose(directions[-1], expected, atol=1e-5)
+
+
+NOT_SIX = r"observation\['{}'\] must be six finite numbers \[N, N m\], got"
+UNUSABLE = [
+    ({"wrench": [0.0, 0.0, np.nan, 0.0, 0.0, 0.0]}, NOT_SIX.format("wrench")),
+    ({"wrench": np.zeros(3)}, NOT_SIX.format("wrench")),
+    ({"wrench": "none"}, NOT_SIX.format("wrench")),
+    ({"ee_pose": np.full(6, np.inf)}, r"'ee_pose'\] must be .* \[m, rad\], got array"),
+    ({"ee_pose": np.zeros((1, 6))}, r"'ee_pose'\] must be six finite numbers"),
+]
+
+
+def test_unusable_observation_is_refused_and_changes_nothing(skill):
+    agent, undisturbed = agent_of(skill), agent_of(skill)
+    pose = handle_pose_on_arc(0.42, 0.1)
+    held_still(agent, 3, pose), held_still(undisturbed, 3, pose)
+    for wrong, message in UNUSABLE:
+        with pytest.raises(ValueError, match=message):
+            agent.act(observed(pose) | wrong)
+    for wrong in (np.zeros(6), {"ee_pose": pose}, None):
+        with pytest.raises(ValueError, match=r"a mapping with '(ee_pose|wrench)'"):
+            agent.act(wrong)
+    step, expected = agent.act(observed(pose)), undisturbed.act(observed(pose))
+    for name in STEP_SHAPES:
+        assert_array_equal(getattr(step, name), getattr(expected, name))
 
 
 def test_policy_without_uncertainty_is_followed_stiffly(learned_agent):

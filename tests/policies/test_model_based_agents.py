@@ -190,3 +190,27 @@ def test_their_speed_is_an_argument(usual, quicker):
         agent.inform(door)
         opened.append(follow(agent, door, 150)[0])
     assert opened[1] > 1.05 * opened[0]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "hinge-fit",
+        "hinge-fit-told",
+        "mechanism-fit",
+        "reflex",
+        "chord",
+        "compliant-pull",
+    ],
+)
+def test_unusable_observation_changes_nothing(name):
+    agents = make_agent(name, ()), make_agent(name, ())
+    door = DoorGeometry.nominal(0.4)
+    for agent in agents:
+        acted(agent, 3, (-5.0, 0.0, 0.0), door)
+    with pytest.raises(ValueError, match=r"observation\['wrench'\] must be six finite"):
+        agents[0].act(observation(np.zeros(6), (np.nan, 0.0, 0.0)))
+    moved = observation(np.full(6, 0.02), (-5.0, 0.0, 0.0))
+    for _ in range(3):
+        first, second = (agent.act(moved).action for agent in agents)
+    assert_array_equal(first, second)

@@ -190,3 +190,19 @@ def test_modes_are_given_up_in_turn_at_forces_of_the_formula(modes, counts):
     assert len(given_up) >= 2
     # A force has to last for three steps.
     assert_allclose(given_up, np.array(expected[1:]) + 0.4, atol=0.25)
+
+
+def test_unusable_observation_changes_no_mode(modes):
+    agents = agent_of(modes), agent_of(modes)
+    good = {"ee_pose": np.zeros(6), "wrench": np.array([-9.0, 0, 0, 0, 0, 0])}
+    for agent in agents:
+        agent.reset(good)
+        agent.act(good)
+    for name in good:
+        with pytest.raises(ValueError, match=name):
+            agents[0].act(good | {name: np.full(6, np.nan)})
+    with pytest.raises(ValueError, match="ee_pose"):
+        agents[0].reset(good | {"ee_pose": np.full(6, np.nan)})
+    steps = [agent.act(good) for agent in agents]
+    assert_array_equal(steps[0].action, steps[1].action)
+    assert_array_equal(agents[0].probabilities, agents[1].probabilities)

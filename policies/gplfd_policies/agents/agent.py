@@ -17,7 +17,7 @@ from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.handles import HandleConfig, controller_of
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
-from gplfd_policies.control.steps import AgentStep, Observation
+from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.phase.phase_rule import PhaseRule
@@ -207,8 +207,13 @@ class CompliantAgent:
 
     @one_thread
     def act(self, observation: Observation) -> AgentStep:
-        """Return the command from ``ee_pose`` [m, rad] and ``wrench`` [N, N m]."""
-        return self._controller.decide(observation["ee_pose"], observation["wrench"])
+        """Return the command from ``ee_pose`` [m, rad] and ``wrench`` [N, N m].
+
+        Raises:
+            ValueError: If one of them is missing, or is not six finite numbers; the
+                agent has not changed.
+        """
+        return self._controller.decide(*measured(observation))
 
     @one_thread
     def forecast(self) -> GaussianTrajectory:

@@ -19,7 +19,7 @@ from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Float, Pose
-from gplfd_policies.control.steps import AgentStep, Observation
+from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 _ARM: Final = np.repeat([1.0, 0.1], 3)
@@ -124,7 +124,7 @@ class ModesAgent:
     @one_thread
     def reset(self, observation: Observation) -> None:
         """Begin at the closed, grasped door with the most probable mode."""
-        self._begin(observation["ee_pose"])
+        self._begin(measured(observation)[0])
         self.agents[0].reset(observation)
 
     def _begin(self, pose: Pose) -> None:
@@ -151,11 +151,12 @@ class ModesAgent:
     @one_thread
     def act(self, observation: Observation) -> AgentStep:
         """Return the command from ``ee_pose`` [m, rad] and ``wrench`` [N, N m]."""
-        pose, last, config = np.array(observation["ee_pose"]), self._last, self.config
+        seen, wrench = measured(observation)
+        pose, last, config = np.array(seen), self._last, self.config
         decay = config.settling_time / (CONTROL_PERIOD + config.settling_time)
         self._offset = decay * self._offset
         if self._next == self._mode:
-            self._weigh(pose, observation["wrench"])
+            self._weigh(pose, wrench)
             best = int(np.argmax(self._log_weights))
             lead = self._log_weights[best] - self._log_weights[self._mode]
             if last is not None and lead > math.log(config.odds):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -13,7 +14,7 @@ import numpy as np
 
 from gplfd_env.conventions.constants import Control
 from gplfd_policies.arrays.rows import Numbers, Rows
-from gplfd_policies.arrays.shapes import Bool, Float
+from gplfd_policies.arrays.shapes import Bool, Float, Pose
 
 Observation = Mapping[str, Float[np.ndarray, "..."]]
 """Measurements of the robot by name; with a leading axis for a batch."""
@@ -23,6 +24,35 @@ Vectors = Float[np.ndarray, "*N 3"]
 Phases = Float[Numbers, "*N"]
 
 _NAN: Final[Any] = math.nan
+_UNITS: Final = {"ee_pose": "[m, rad]", "wrench": "[N, N m]"}
+
+
+def measured(observation: Observation) -> tuple[Pose, Pose]:
+    """Return ``ee_pose`` [m, rad] and ``wrench`` [N, N m] of a single hand.
+
+    An agent calls it before it changes its state.
+
+    Raises:
+        ValueError: If one of them is missing, or is not six finite numbers.
+    """
+    return _six(observation, "ee_pose"), _six(observation, "wrench")
+
+
+def _six(observation: Observation, name: str) -> Pose:
+    given: object = observation
+    wanted = f"an observation must be a mapping with {name!r},"
+    try:
+        given = observation[name]
+        wanted = f"observation[{name!r}] must be"
+        numbers = np.asarray(given, dtype=np.float64)
+        if numbers.shape == (6,) and all(map(math.isfinite, numbers.tolist())):
+            return numbers
+    except (KeyError, IndexError, TypeError, ValueError):
+        pass
+    raise ValueError(
+        f"{wanted} six finite numbers {_UNITS[name]}, got "
+        f"{textwrap.shorten(repr(given), 100, placeholder=' ...')}"
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -14,7 +14,7 @@ from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle, CirclePrior
 from gplfd_policies.agents.model_based.following import HandPath, Yielding
 from gplfd_policies.control.load import CarriedLoad
-from gplfd_policies.control.steps import AgentStep, Observation
+from gplfd_policies.control.steps import AgentStep, Observation, measured
 
 
 class HingeFitAgent:
@@ -52,7 +52,7 @@ class HingeFitAgent:
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
-        hand = observation["ee_pose"]
+        hand, wrench = measured(observation)
         if self._path.add(hand[:3]):
             # A new estimate: the command changes to it without a jump.
             before = self._door.hand_poses(self._angle)
@@ -62,7 +62,7 @@ class HingeFitAgent:
 
         # The set-point advances; it stops at the angle at which demonstrations end.
         direction = self._door.direction(self._angle)
-        load = self._load.compensate(observation["wrench"], direction)
+        load = self._load.compensate(wrench, direction)
         left = max(DEMONSTRATED_ANGLE - self._angle, 0.0)
         self._speed = min(
             self._speed + self._acceleration * CONTROL_PERIOD,

@@ -25,7 +25,7 @@ from gplfd_policies.agents.model_based.mechanism import (
     Rotational,
 )
 from gplfd_policies.control.load import CarriedLoad
-from gplfd_policies.control.steps import AgentStep, Observation
+from gplfd_policies.control.steps import AgentStep, Observation, measured
 
 _GUESSES: Final = np.array([[1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 0, 1]], float)
 """Directions to try, task frame."""
@@ -73,7 +73,8 @@ class MechanismFitAgent:
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
-        if self._path.add(observation["ee_pose"]):
+        hand, wrench = measured(observation)
+        if self._path.add(hand):
             path, before = self._path.points, self.model.poses(self._travelled)
             self._candidates = [each.updated(path) for each in self._candidates]
             best = min(self._candidates, key=lambda each: each.bic(path))
@@ -90,7 +91,7 @@ class MechanismFitAgent:
             self._begin(self._guess + 1)
 
         direction = self.model.direction(self._travelled)
-        load = self._load.compensate(observation["wrench"], direction)
+        load = self._load.compensate(wrench, direction)
         left = math.inf
         if isinstance(self.model, Rotational):
             end = DEMONSTRATED_ANGLE * max(self.model.radius, _LEAST_RADIUS)

@@ -12,7 +12,7 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
 from gplfd_policies.arrays.shapes import Pose
-from gplfd_policies.control.steps import AgentStep, Observation
+from gplfd_policies.control.steps import AgentStep, Observation, measured
 
 _KNOB: Final = 0.03
 _SHORT: Final = 0.065
@@ -120,6 +120,7 @@ class ToldHandleAgent(_HandleTurner):
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
+        hand, _ = measured(observation)
         door = self._told()
         if self._turns_handle(door):
             turn = _minimum_jerk(self._turned) * self._travel(door)
@@ -130,7 +131,7 @@ class ToldHandleAgent(_HandleTurner):
         handle = door.hand_poses(0.0, kept * self._travel(door))
         back = scipy.spatial.transform.Rotation.from_rotvec(-handle[3:])
         inverse = np.concatenate([-back.apply(handle[:3]), -handle[3:]])
-        leaf = _composed(observation["ee_pose"], inverse)
+        leaf = _composed(hand, inverse)
         step = self._opener.act({**observation, "ee_pose": leaf})
         return replace(
             step,

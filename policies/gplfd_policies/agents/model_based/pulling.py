@@ -13,7 +13,7 @@ from gplfd_policies.agents.model_based.following import (
     turned_towards,
 )
 from gplfd_policies.control.load import CarriedLoad
-from gplfd_policies.control.steps import AgentStep, Observation
+from gplfd_policies.control.steps import AgentStep, Observation, measured
 
 
 class CompliantPullAgent:
@@ -33,7 +33,8 @@ class CompliantPullAgent:
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
-        return self._yielding.step(np.zeros(6), observation["wrench"] + self._pull)
+        _, wrench = measured(observation)
+        return self._yielding.step(np.zeros(6), wrench + self._pull)
 
 
 class ChordAgent:
@@ -56,7 +57,7 @@ class ChordAgent:
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
-        hand = observation["ee_pose"][:3]
+        hand = measured(observation)[0][:3]
         self._path.add(hand)
         direction = self._path.direction()
         turn = turned_towards(direction)
@@ -86,10 +87,11 @@ class ReflexAgent:
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
-        self._path.add(observation["ee_pose"][:3])
+        hand, wrench = measured(observation)
+        self._path.add(hand[:3])
         direction = self._path.direction()
         turn = turned_towards(direction)
-        load = self._load.compensate(observation["wrench"], direction)
+        load = self._load.compensate(wrench, direction)
         if np.linalg.norm(turn) < DEMONSTRATED_ANGLE:
             self._position += self._speed * CONTROL_PERIOD * load.pace * direction
         desired = np.concatenate([self._position, turn])
