@@ -101,6 +101,30 @@ def test_adapt_without_via_points_is_the_prediction(skill, form):
     assert_array_equal(adapted.std, predicted.std)
 
 
+@pytest.mark.parametrize("form", FORMS)
+def test_phases_may_be_a_list(skill, form):
+    adapted = adapt(skill, [via(skill, 0.5, 0.01)], form)
+    expected = adapted.predict(np.array([0.2, 0.4]))
+    for name in ("times", "mean", "std", "mean_rate", "std_rate", "covariance"):
+        given = getattr(adapted.predict([0.2, 0.4]), name)
+        assert_array_equal(given, getattr(expected, name))
+    for wrong in ([], [np.nan], 0.4):
+        with pytest.raises(ValueError, match="list of finite phases, at least one"):
+            adapted.predict(wrong)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("form", [form for form in FORMS if form != "product"])
+def test_a_single_phase_is_predicted_as_among_others(skill, form, phase):
+    adapted = adapt(skill, [via(skill, 0.1, 0.01), via(skill, 0.2, 0.02)], form)
+    alone = adapted.predict(np.array([phase]))
+    among = adapted.predict(np.linspace(0.0, 1.0, 51))
+    row = [round(50 * phase)]
+    assert_allclose(alone.mean, among.mean[row], atol=5e-3)
+    assert_allclose(alone.std, among.std[row], rtol=0.02)
+    assert_allclose(alone.covariance[:, 0, 0], alone.std[0] ** 2)
+
+
 @pytest.mark.parametrize("form", INDEPENDENT)
 def test_outputs_may_be_left_free(skill, form):
     point = via(skill, 0.5, 0.05)

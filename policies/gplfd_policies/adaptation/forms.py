@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
+import numpy as np
+
 from gplfd_policies.adaptation.own_clock import OwnClockAdaptation
 from gplfd_policies.adaptation.process import ExactAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
@@ -20,7 +22,11 @@ from gplfd_policies.movements.movement import (
 )
 from gplfd_policies.movements.prior_mean import ResidualAdaptation, ResidualMovement
 from gplfd_policies.movements.skill import Skill
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.trajectory import (
+    GaussianTrajectory,
+    ViaPoint,
+    checked_times,
+)
 
 ADAPTATIONS: Final[Mapping[str, AdaptationForm]] = MappingProxyType(
     {
@@ -32,6 +38,8 @@ ADAPTATIONS: Final[Mapping[str, AdaptationForm]] = MappingProxyType(
     }
 )
 """Forms of a skill's adaptation by name."""
+_APART: Final = 1e-3
+"""Least distance of other phases from a single predicted phase."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,10 +62,18 @@ class AdaptedMovement:
         Raises:
             ValueError: if a via-point or a time is outside what the form can handle.
         """
-        adaptation = begin_adaptation(self.movement, self.form, times)
+        times = grid = checked_times(times)
+        if times.size == 1 and self.form is SimilarityAdaptation:
+            # This form needs the path around the phase; very close phases would make
+            # the rates inaccurate.
+            others = self.movement.aligned.times
+            apart = np.abs(others - times) > _APART
+            grid = np.sort(np.append(others[apart], times))
+        adaptation = begin_adaptation(self.movement, self.form, grid)
         for via_point in self.via_points:
             adaptation.observe(via_point)
-        return adaptation.trajectory()
+        trajectory = adaptation.trajectory()
+        return trajectory if grid is times else trajectory[grid == times]
 
 
 def adapt(

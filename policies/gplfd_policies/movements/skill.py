@@ -138,7 +138,7 @@ class Skill(LearnedMovement):
 
     @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution of the pose at ``times``, Eqs. (10)–(11).
+        """The distribution of the pose at phases ``times``, Eqs. (10)–(11).
 
         The variance is r(t) plus the variance of the mean; for a single demonstration
         plus the variance of its size, (γ (m(t) - m(0)))². The model's variance of the
@@ -152,7 +152,7 @@ class Skill(LearnedMovement):
                 uncertainty grows.
 
         Raises:
-            ValueError: if there are no times, or one is not finite.
+            ValueError: if there are no phases, or one is not finite.
         """
         times = checked_times(times)
         moments = self.processes.moments(times)

@@ -48,7 +48,7 @@ def checked_times(times: np.ndarray) -> Times:
     times = np.asarray(times, dtype=np.float64)
     if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
         raise ValueError(
-            f"predict needs a list of finite times, at least one; got {times}."
+            f"predict needs a list of finite phases, at least one; got {times}."
         )
     return times
 
