@@ -244,6 +244,13 @@ def test_rotations_of_all_demonstrations_share_one_branch():
     )
 
 
+@pytest.mark.usefixtures("as_for_users")
+@pytest.mark.parametrize("wrong", [np.zeros((5, 6)), demonstration(), [None]])
+def test_only_sequences_of_demonstrations_are_aligned(wrong):
+    with pytest.raises(TypeError, match=r"sequence of .*Demonstration, got .*\[demo"):
+        align(wrong)
+
+
 # --- Dynamic time warping ----------------------------------------------------
 
 

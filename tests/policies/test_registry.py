@@ -20,6 +20,7 @@ from gplfd_policies.adaptation import (
 from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.rendering import ArmRendering
+from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.phase.path_phase import PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
 from gplfd_policies.registry.method import path_phase, profile_of_spread
@@ -165,6 +166,14 @@ def test_motions_of_any_task_are_learned(name):
 def test_only_sequences_of_demonstrations_are_learned_from(wrong, demonstrations):
     with pytest.raises(TypeError, match=r"sequence of .*Demonstration, got .*\[demo"):
         make_agent("gp", wrong(demonstrations))
+
+
+@pytest.mark.usefixtures("as_for_users")
+@pytest.mark.parametrize("learn", [partial(make_agent, "gp"), align])
+def test_what_was_loaded_has_demonstrations(learn, demonstrations):
+    loaded = LabelledDemonstrations(demonstrations=demonstrations, radii=(None,) * 6)
+    with pytest.raises(TypeError, match=r"; pass .*loaded\.demonstrations"):
+        learn(loaded)
 
 
 @pytest.mark.parametrize("name", sorted(POLICIES))

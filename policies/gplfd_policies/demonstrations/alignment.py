@@ -19,7 +19,10 @@ from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.completion import measure_completion, warn_of_noise
-from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.demonstration import (
+    Demonstration,
+    checked_demonstrations,
+)
 from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 from gplfd_policies.demonstrations.rests import Rest, warn_of_rests, without_rests
 
@@ -117,7 +120,8 @@ def align(
         wrenches of those that have them.
 
     Raises:
-        ValueError: If an argument is not as described.
+        TypeError: If the demonstrations are not a sequence of demonstrations.
+        ValueError: If another argument is not as described.
 
     Warns:
         UserWarning: If sensor noise makes a path more than 1.1 times longer, or if
@@ -128,6 +132,7 @@ def align(
         raise ValueError(f"method must be one of {sorted(methods)}, got {method!r}")
     if n_samples < 2:
         raise ValueError(f"n_samples must be at least 2, got {n_samples}")
+    demonstrations = checked_demonstrations(demonstrations)
     if not demonstrations:
         raise ValueError("at least one demonstration is needed, got none")
     rests: tuple[tuple[Rest, ...], ...] = ()

@@ -1,5 +1,7 @@
 """One recorded motion of the hand."""
 
+import textwrap
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -173,3 +175,17 @@ class Demonstration:
             turned = into_axes(self.poses[0, 3:], wrenches.reshape(-1, 2, 3))
             wrenches = turned.reshape(wrenches.shape)
         return Demonstration(times=self.times, poses=poses, wrenches=wrenches)
+
+
+def checked_demonstrations(given: object) -> tuple[Demonstration, ...]:
+    """Return demonstrations as a tuple; raise TypeError if they are anything else."""
+    several = tuple(given) if isinstance(given, Iterable) else (None,)
+    if all(isinstance(one, Demonstration) for one in several):
+        return several
+    remedy = "put a single one into a list: [demonstration]"
+    if hasattr(given, "demonstrations"):
+        remedy = "pass its attribute: loaded.demonstrations"
+    raise TypeError(
+        "demonstrations must be a sequence of gplfd_policies.Demonstration, got "
+        f"{textwrap.shorten(repr(given), 80, placeholder=' ...')}; {remedy}"
+    )

@@ -1,6 +1,5 @@
 """Record that defines how a movement is learned, adapted and followed."""
 
-import textwrap
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,7 +25,10 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.demonstrations.correction import Correction
-from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.demonstration import (
+    Demonstration,
+    checked_demonstrations,
+)
 from gplfd_policies.demonstrations.modes import partition
 from gplfd_policies.movements.movement import (
     AdaptationForm,
@@ -63,15 +65,8 @@ class TrainingInput:
     """Expected poses far from demonstrations, or None; only for some methods."""
 
     def __post_init__(self) -> None:
-        given = self.demonstrations
-        several = tuple(given) if isinstance(given, Iterable) else (None,)
-        if not all(isinstance(one, Demonstration) for one in several):
-            raise TypeError(
-                "demonstrations must be a sequence of gplfd_policies.Demonstration, "
-                f"got {textwrap.shorten(repr(given), 80, placeholder=' ...')}; put a "
-                "single one into a list: [demonstration]"
-            )
-        object.__setattr__(self, "demonstrations", several)
+        given = checked_demonstrations(self.demonstrations)
+        object.__setattr__(self, "demonstrations", given)
 
 
 def path_phase(movement: Movement, config: PathPhaseConfig = _PATH_PHASE) -> PhaseRule:
