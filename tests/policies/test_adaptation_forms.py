@@ -264,6 +264,13 @@ def test_movements_that_cannot_adapt_say_so(skill):
     assert_array_equal(still.mean, skill.predict(TIMES).mean)
 
 
+@pytest.mark.usefixtures("as_for_users")
+@pytest.mark.parametrize("wrong", [lambda one: one, lambda one: [one.pose]])
+def test_only_sequences_of_via_points_are_adapted_to(skill, wrong):
+    with pytest.raises(TypeError, match=r"sequence of .*ViaPoint, got .*\[via_point\]"):
+        adapt(skill, wrong(via(skill, 0.5, 0.1)))
+
+
 @pytest.mark.parametrize("form", GRID_FREE)
 def test_grid_may_reach_beyond_the_demonstrations(skill, form):
     grid = np.linspace(-0.05, 1.1, 40)

@@ -312,12 +312,20 @@ def test_via_point_frees_outputs_by_nan_or_infinite_noise():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"phase": np.nan, "pose": np.zeros(6)}, "phase of a via-point must be finite"),
+        (
+            {"phase": np.nan, "pose": np.zeros(6)},
+            "phase of a via-point must be a finite",
+        ),
+        ({"phase": "a", "pose": np.zeros(6)}, "must be a finite number, got 'a'"),
+        ({"phase": np.ones(2), "pose": np.zeros(6)}, "finite number, got array"),
+        ({"phase": 0.1, "pose": np.zeros(6), "std": np.ones(3)}, "std must be one .*3"),
+        ({"phase": 0.1, "pose": np.zeros(6), "along": np.ones((1, 6))}, "along must"),
         ({"phase": 0.1, "pose": np.full(6, np.inf)}, "pose must be finite, or NaN"),
         ({"phase": 0.1, "pose": np.zeros(6), "std": -1.0}, "must be >= 0"),
         ({"phase": 0.1, "pose": np.zeros(6), "std": np.nan}, "must be >= 0"),
     ],
 )
+@pytest.mark.usefixtures("as_for_users")
 def test_impossible_via_points_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         ViaPoint(**arguments)

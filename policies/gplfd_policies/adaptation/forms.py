@@ -1,6 +1,7 @@
 """Forms of adaptation by name, forms for any movement, and their selection."""
 
-from collections.abc import Mapping, Sequence
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
@@ -100,8 +101,16 @@ def adapt(
         The adapted movement, which predicts like the movement.
 
     Raises:
+        TypeError: if the via-points are not a sequence of via-points.
         ValueError: if the movement cannot adapt, or not in this form.
     """
+    several = tuple(via_points) if isinstance(via_points, Iterable) else (None,)
+    if not all(isinstance(one, ViaPoint) for one in several):
+        raise TypeError(
+            "via_points must be a sequence of gplfd_policies.ViaPoint, got "
+            f"{textwrap.shorten(repr(via_points), 80, placeholder=' ...')}; put a "
+            "single one into a list: [via_point]"
+        )
     if form is None or isinstance(form, str):
         learned = movement
         if isinstance(movement, ResidualMovement):
@@ -131,7 +140,7 @@ def adapt(
         else:
             form = OwnAdaptation
     # The scale of σ depends on the innovation of each via-point given the earlier ones.
-    ordered = sorted(via_points, key=lambda one: (one.phase, tuple(one.pose)))
+    ordered = sorted(several, key=lambda one: (one.phase, tuple(one.pose)))
     return AdaptedMovement(
         movement=movement,
         via_points=tuple(ordered),

@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from numbers import Real
 from pathlib import Path
 from typing import Final
 
@@ -291,7 +292,8 @@ class ViaPoint:
     """A pose to be reached at a phase, with its strength.
 
     Raises:
-        ValueError: if the phase or the pose is infinite, or a noise is negative.
+        ValueError: if the phase is not a finite number, the pose is infinite, or a
+            noise is negative or not one number or six.
     """
 
     phase: float
@@ -310,8 +312,10 @@ class ViaPoint:
     """Estimate of size and heading from the path so far, if known."""
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.phase):
-            raise ValueError(f"The phase of a via-point must be finite: {self.phase}.")
+        if not (isinstance(self.phase, Real) and math.isfinite(self.phase)):
+            raise ValueError(
+                f"The phase of a via-point must be a finite number, got {self.phase!r}."
+            )
         pose = read_only(self.pose)
         if pose.shape != (6,):
             raise ValueError(
@@ -323,10 +327,10 @@ class ViaPoint:
                 f"A via-point pose must be finite, or NaN for outputs left free; got "
                 f"{pose}."
             )
-        std = read_only(np.broadcast_to(np.asarray(self.std), (6,)))
+        std = _of_outputs("std", self.std)
         if not (std >= 0.0).all():
             raise ValueError(f"Via-point standard deviations must be >= 0, got {std}.")
-        along = read_only(np.broadcast_to(np.asarray(self.along), (6,)))
+        along = _of_outputs("along", self.along)
         if not np.isfinite(along).all():
             raise ValueError(
                 f"A via-point's error along the path must be finite, got {along}."
@@ -346,3 +350,14 @@ class ViaPoint:
     def noise_variance(self) -> Pose:
         """Total variance of each output's error, if outputs are treated separately."""
         return np.asarray(self.own_variance + np.asarray(self.along) ** 2)
+
+
+def _of_outputs(name: str, given: float | Pose) -> Pose:
+    """Return one number per output."""
+    numbers = np.asarray(given)
+    if numbers.shape not in ((), (1,), (6,)):
+        raise ValueError(
+            f"ViaPoint.{name} must be one number or six [m, rad], one per output; got "
+            f"shape {numbers.shape}."
+        )
+    return read_only(np.broadcast_to(numbers, (6,)))
