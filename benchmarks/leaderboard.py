@@ -1,8 +1,8 @@
 """The leaderboards of the trials: python benchmarks/leaderboard.py.
 
-From what `gplfd report` kept of `gplfd trials`, trials.json: every policy that took
-part in all trials of a tier, or of protocol v2, by the doors that it opened. Files of
-others are put beside those of the same protocol, and a policy of theirs has its place.
+Reads trials.json, which `gplfd report` writes for `gplfd trials`. Ranks the policies
+that took part in all trials of a tier by the share of doors that they opened. Policies
+in the files of other people are ranked with them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,22 +25,24 @@ Answers = Mapping[str, Any]
 Found = Mapping[str, Mapping[str, Mapping[str, Answers]]]
 """The same by trial, level and policy."""
 
-PROTOCOL: Final = 2
-"""The latest protocol of which all policies have results."""
+PROTOCOL: Final = 8
+"""Protocol of the stored results."""
 STORED: Final = Path(__file__).parents[1] / f"docs/results/trials-v{PROTOCOL}.json"
-"""Of the whole protocol, run for the documents."""
-RANKED: Final = {
-    name: trial
-    for name, trial in TRIALS.items()
-    if not (name.startswith("forces-") or trial.among)
+"""Results of the whole protocol."""
+GROUPS: Final[Mapping[str, Sequence[str]]] = {
+    **{f"Tier {tier}": names for tier, names in TIERS.items()},
+    "All trials of hinged furniture": [
+        name
+        for name, trial in TRIALS.items()
+        if not (name.startswith("forces-") or trial.among)
+    ],
 }
-"""Trials of this protocol; later ones added those with demonstrated forces, and those
-with policies of their own."""
+"""Trials of each table by its title."""
 _UNTAUGHT: Final = (*REFERENCES, "mechanism-fit")
 """Policies that learn nothing."""
 
 
-def answers_of(files: Sequence[Path], protocol: int = PROTOCOL) -> Found:
+def answers_of(files: Sequence[Path]) -> Found:
     """Return what files hold together; of a policy in several what the first says.
 
     Raises ValueError for a file of another protocol, or one that leaves out episodes in
@@ -49,10 +51,10 @@ def answers_of(files: Sequence[Path], protocol: int = PROTOCOL) -> Found:
     found: dict[str, dict[str, dict[str, Answers]]] = {}
     for file in files:
         held = read_json(file)
-        if held.get("protocol") != protocol:
+        if held.get("protocol") != PROTOCOL:
             raise ValueError(
                 f"{file} is of protocol {held.get('protocol')}, and the leaderboard of "
-                f"{protocol}: run the trials again"
+                f"{PROTOCOL}: run the trials again"
             )
         for trial, levels in held["trials"].items():
             for level, policies in levels.items():
@@ -135,6 +137,29 @@ def leaderboard(found: Found, names: Sequence[str]) -> Table:
     return Table(columns=("policy", "all", *names), rows=tuple(rows))
 
 
+def overview(found: Found) -> Table:
+    """Return the share of successes of every policy in several tiers, by tier."""
+    shares = {
+        tier: {one: _succeeded(found, names, one) for one in entrants(found, names)}
+        for tier, names in TIERS.items()
+    }
+    policies = {one for held in shares.values() for one in held}
+
+    def order(policy: str) -> tuple[int, float]:
+        own = [held[policy] for held in shares.values() if policy in held]
+        return -len(own), -fmean(own)
+
+    rows = []
+    for policy in sorted(policies, key=order):
+        own = [held.get(policy) for held in shares.values()]
+        if len(own) - own.count(None) < 2:
+            continue
+        told = " (learns nothing)" if policy in _UNTAUGHT else ""
+        cells = ("–" if one is None else f"{one:.2f}" for one in own)
+        rows.append((f"`{policy}`{told}", *cells))
+    return Table(columns=("policy", *shares), rows=tuple(rows))
+
+
 def separated(found: Found, names: Sequence[str]) -> str:
     """Say which policies' shares of successes differ from those of gp, seed by seed."""
     policies = entrants(found, names)
@@ -159,30 +184,16 @@ def separated(found: Found, names: Sequence[str]) -> str:
 
 
 def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:
-    """Print the leaderboards as Markdown: tiers by the latest results, and protocol v2.
+    """Print Markdown: an overview, a table per tier, and one of all hinged furniture.
 
     Args:
-        files: What `gplfd report` kept of the trials of others, trials.json.
+        files: Files trials.json of other people.
     """
-    held = {
-        path: read_json(path) for path in (*STORED.parent.glob("trials-*.json"), *files)
-    }
-    left = set(files)
-    for tier, names in {**TIERS, "": tuple(RANKED)}.items():
-        if not names:
-            continue
-        complete = [one for one in held.values() if {*names} <= one["trials"].keys()]
-        protocol = max(one["protocol"] for one in complete) if tier else PROTOCOL
-        stored = STORED.with_name(f"trials-v{protocol}.json")
-        own = [file for file in files if held[file]["protocol"] == protocol]
-        left -= set(own)
-        table = leaderboard(answers_of([stored, *own], protocol), names)
-        title = f"Tier {tier}" if tier else "All trials"
-        print(f"## {title}, protocol v{protocol}\n\n{markdown_table(table)}\n")
-        if tier:
-            print(separated(answers_of([stored, *own], protocol), names) + "\n")
-    if left:
-        raise ValueError(f"no table is of the protocol of {', '.join(map(str, left))}")
+    found = answers_of([STORED, *files])
+    print(f"## All tiers\n\n{markdown_table(overview(found))}\n")
+    for title, names in GROUPS.items():
+        table = markdown_table(leaderboard(found, names))
+        print(f"## {title}\n\n{table}\n\n{separated(found, names)}\n")
 
 
 if __name__ == "__main__":

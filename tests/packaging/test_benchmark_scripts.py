@@ -36,6 +36,10 @@ RUNS = {
     "forecasts worth": ("--draws 1 --per-radius 2", "synthetic human, left out"),
     "learning calibration": ("--draws 1", "accuracy, 20 smooth: in stated 95 %"),
     "realtime": ("--minutes 0.005", "skill, ordinary: over 10 ms"),
+    "stiffness_resolution": (
+        "--policies gp --resolutions 1e-4 --seeds 1",
+        "heavy: radial peak N",
+    ),
     "learning scaling": ("--repeats 1 --counts 2 3 --samples 20 40", "fit of (3, 40)"),
 }
 """Arguments of every command, and a part of what it prints."""

@@ -163,7 +163,7 @@ def test_methods_of_these_fits_take_a_prior_mean():
 @pytest.mark.parametrize("name", [name for name in POLICIES if not takes_one(name)])
 def test_methods_that_cannot_be_given_a_prior_mean_say_so(name, demonstrations):
     takers = "gp, gp-paper, local-gp, stiffness-from-force, wishart-gp"
-    message = f"^{name} has no prior.* {takers}$"
+    message = f"^{name} does not accept a prior mean;.* {takers}$"
     with pytest.raises(ValueError, match=message):
         make_agent(name, demonstrations, prior_mean=Line())
 
