@@ -135,6 +135,22 @@ def test_an_interruption_leaves_only_complete_files(gplfd, tmp_path, monkeypatch
     EpisodeLog.load(out / "small.npz")
 
 
+def test_a_run_that_fails_keeps_the_results_of_the_earlier_one(
+    refused, gplfd, tmp_path, monkeypatch, capsys
+):
+    run = (*ORACLE, "--doors", "small", "--out", "out")
+    assert gplfd(*run, "--quiet") == 0
+    capsys.readouterr()
+    before = {file: file.read_bytes() for file in (tmp_path / "out").iterdir()}
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise ValueError("no pose")
+
+    monkeypatch.setattr(runs, "rollout", fail)
+    assert refused(*run, "--seed", "1") == "no pose"
+    assert {file: file.read_bytes() for file in before} == before
+
+
 def test_a_run_may_be_randomized_and_disturbed_and_says_so(gplfd, tmp_path):
     run = (*ORACLE, "--doors", "small", "large", "--seed", "3", "--out", "hard")
     given = ("--randomization", "hard", "--disturbance", "person")

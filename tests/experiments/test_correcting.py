@@ -125,6 +125,11 @@ def test_one_correction_lets_a_skill_open_the_door_at_which_it_stalled(
     better = load_skill("skill-corrected.npz")
     (kept,) = better.corrections
     assert (kept.door, kept.seed, kept.by, better.count) == ("flap", 0, "synthetic", 7)
+    for out in ([], ["--out", "skill.npz"]):
+        before = {one: one.read_bytes() for one in tmp_path.iterdir()}
+        assert cli.main([*correct, "flap.json", *out]) == 2
+        assert "exists, and may hold corrections" in capsys.readouterr().err
+        assert {one: one.read_bytes() for one in tmp_path.iterdir()} == before
     Path("skill-corrected.npz").rename("better.npz")
     assert cli.main(["correct", "better.npz", "--quiet", "--doors", "flap.json"]) == 0
     assert "nothing was corrected, and nothing written" in capsys.readouterr().out

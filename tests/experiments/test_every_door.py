@@ -154,6 +154,8 @@ def test_a_study_of_doors_of_several_kinds_can_be_read_and_recorded(
     # A report names tasks without a result, and no later version's file is read.
     next((tmp_path / "study" / "tasks").iterdir()).unlink()
     assert gplfd("report", "study") == 0
+    said = "warning: 1 of 2 tasks have no result: run the study again"
+    assert said in capsys.readouterr().err
     page = (tmp_path / "study" / "report.md").read_text()
     assert "1 of 2 tasks have no result" in page
     about = tmp_path / "study" / "study.json"

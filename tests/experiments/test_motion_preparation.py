@@ -472,6 +472,8 @@ def test_a_door_that_is_closed_again_is_noticed(angle):
 
 
 def test_what_is_about_no_hinge_is_refused():
+    with pytest.raises(ValueError, match="no hinge can be found from 2 samples"):
+        find_hinge(np.eye(2, 3))
     line = np.linspace(0.0, 1.0, 100)
     straight = np.column_stack([line, 0.01 * line**2, 0.0 * line])
     with pytest.raises(ValueError, match="no hinge can be found from an arc of"):

@@ -737,6 +737,11 @@ def test_rotation_vectors_of_many_turns_are_noticed(tmp_path):
     assert not table(tmp_path, "x,y,rx,ry,rz\n0,0,0,0,1\n0,1,0,0,2\n").notes
 
 
+def test_columns_that_are_not_used_are_named(tmp_path):
+    text = "x,y,z,a,b,-\n1,2,3,4,5,6\n1,2,4,4,5,6\n"
+    assert table(tmp_path, text).notes == ("columns a, b are not used",)
+
+
 def test_columns_among_which_the_time_may_be_are_shown(tmp_path):
     text = "Zeit;X;Ort;Y;Z\n0,0;1;a;2;3\n0,1;1;b;2;3\n"
     message = (

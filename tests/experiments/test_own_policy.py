@@ -198,6 +198,33 @@ def test_an_error_in_the_policy_is_reported_with_its_place(
     assert f'{module}.py", {line}' in trace
 
 
+WRONG = """
+class Wrong:
+    def act(self, observation):
+        return {}
+
+def wrong(training):
+    return Wrong()
+"""
+
+
+@pytest.mark.parametrize("value", ["[0.0] * 5", "None", "'abc'", "[np.nan] * 6"])
+def test_a_wrong_value_at_one_door_does_not_keep_the_others_closed(
+    module, capsys, value
+):
+    Path(f"{module}.py").write_text(OWN + WRONG.format(value))
+    name = f"{module}:wrong"
+    run = ("run", "--policy", name, "--doors", "small", "0.42", "--out", "out")
+    assert gplfd(*run) == 1
+    metrics = json.loads(Path("out/metrics.json").read_text())
+    assert [one["door"] for one in metrics] == ["small", "0.42"]
+    shown = capsys.readouterr().err
+    for one in metrics:
+        said = f"policy '{name}' failed with ValueError: Wrong.act returned"
+        assert one["error"].startswith(said)
+        assert f"gplfd: {one['door']}: {said}" in shown
+
+
 FORGETFUL = """
 class NoObservation:
     def act(self):

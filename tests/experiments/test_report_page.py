@@ -370,6 +370,7 @@ def test_the_command_writes_beside_the_study_or_says_what_is_wrong(
     (folder / "tasks" / "a.json").write_text("[]")
     for arguments, message in (
         ([tmp_path / "absent"], "there is no folder"),
+        ([folder / "tasks" / "a.json"], "a.json is a file; give the folder of a"),
         ([tmp_path / "empty"], "is not the folder of a study: it has no tasks/*.json"),
         ([folder], "none of the 1 files"),
         ([folder, "--out", folder / "study.json"], "is a file; give a folder"),

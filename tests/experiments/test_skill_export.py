@@ -157,11 +157,14 @@ def test_the_command_names_its_files_and_their_frame(skill_file, tmp_path, capsy
         ("a.csv folder.csv --rate 20", "folder.csv is a folder; give another file"),
         ("a.csv file/b.json --rate 20", "file/b.json cannot be written: "),
         ("a.bag --rate 20", "pip install 'gplfd[ros]'"),
+        ("a --form csv tum json bag --rate 20", "pip install 'gplfd[ros]'"),
+        ("a.csv --door small", "--door goes with --robot"),
     ],
 )
 def test_what_is_wrong_is_said(skill_file, tmp_path, monkeypatch, capsys, words, said):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
+    if "folder.bag" not in words:
+        monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
     (tmp_path / "folder.bag").mkdir()
     (tmp_path / "folder.csv").mkdir()
     (tmp_path / "file").touch()

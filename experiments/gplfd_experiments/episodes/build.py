@@ -242,16 +242,22 @@ class PolicyError(ValueError):
 
 
 @contextlib.contextmanager
-def reported_errors(name: str, policy: Policy) -> Iterator[None]:
-    """Replace an error of the user's policy by one that states its location."""
+def reported_errors(
+    name: str, policy: Policy, *, acting: bool = False
+) -> Iterator[None]:
+    """Replace an error of the user's policy by one that states its location.
+
+    While the policy is acting, a value that it must not return is its error, too.
+    """
     try:
         yield
     # BaseException: the user's code runs here and may call `sys.exit`.
     except (Exception, SystemExit) as error:
         place = where(error, policy)
         built_in = policy.origin is None or policy.origin.kind == "built-in"
-        # Errors of files, arguments and actions are clear by themselves.
-        if built_in or (not place and isinstance(error, ValueError | OSError)):
+        # Errors of files and arguments are clear by themselves.
+        clear = OSError if acting else (OSError, ValueError)
+        if built_in or (not place and isinstance(error, clear)):
             raise
         raise PolicyError(
             f"policy {name!r} failed with {type(error).__name__}: {error}"

@@ -28,7 +28,7 @@ def correct_skill(
     The corrected skill is written to another file, if there was a correction.
     """
     check_least("--seed", seed, 0)
-    check_folder(out.parent)
+    _check_absent(out)
     method, given = method_and_skill(policy, file)
     skill: Movement = given
     rows = []
@@ -69,12 +69,7 @@ def correct_by_hand(
     The corrected skill is saved after every kept correction.
     """
     check_least("--seed", seed, 0)
-    check_folder(out.parent)
-    if out.exists():
-        raise ValueError(
-            f"{out} exists, and may hold corrections; give it as the SKILL to correct "
-            "it further, or another --out"
-        )
+    _check_absent(out)
     method, given = method_and_skill(policy, file)
     store = CorrectedSkill(method, given, out)
     tasks = [
@@ -89,6 +84,15 @@ def correct_by_hand(
         {"door": one.door, "watched": _led(one), "then": "kept"} for one in store.kept
     ]
     return store.skill, rows
+
+
+def _check_absent(out: Path) -> None:
+    check_folder(out.parent)
+    if out.exists():
+        raise ValueError(
+            f"{out} exists, and may hold corrections; give it as the SKILL to correct "
+            "it further, or another --out"
+        )
 
 
 def _led(found: Correction) -> str:

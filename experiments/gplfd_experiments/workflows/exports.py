@@ -10,7 +10,7 @@ import numpy as np
 
 from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
 from gplfd_experiments.console.progress import LOG
-from gplfd_experiments.data.writers.commands import COMMAND_WRITERS
+from gplfd_experiments.data.writers.commands import COMMAND_WRITERS, bag_library
 from gplfd_experiments.files.folders import check_replaceable
 from gplfd_experiments.files.provenance import content_hash, provenance
 from gplfd_policies.agents.commanded_path import CommandedPath, commanded_path
@@ -66,6 +66,7 @@ def export_skill(
         if not (above.is_dir() and os.access(above, os.W_OK)):
             raise ValueError(f"{file} cannot be written: {above} is no folder to write")
         if file.suffix == ".bag":
+            bag_library()
             check_replaceable(file, "metadata.yaml", "bag", overwrite=True)
         elif file.is_dir():
             raise ValueError(f"{file} is a folder; give another file")

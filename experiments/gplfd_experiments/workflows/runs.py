@@ -4,7 +4,7 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from logging import DEBUG
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
@@ -93,8 +93,8 @@ def open_doors(
     of its kind. ``demonstrations`` is their number per door, with wrenches if
     ``demonstrated_forces``, or a file. If the policy raises an error in acting, the
     door counts as not opened and the other doors are still opened. Nothing is written
-    before all checks have passed and the policy has learned; then files of an earlier
-    run in the folder are removed.
+    before the first episode has ended; then files of an earlier run in the folder are
+    removed.
     """
     check_least("--seed", seed, 0)
     check_circumstances(randomization, disturbance, start)
@@ -162,41 +162,49 @@ def open_doors(
     kept = {one.file: one.shown for one in learned.values()}
     if FILE not in kept:
         earlier.append(folder / FILE)  # by an earlier run with one kind of doors
-    for file in earlier:
-        file.unlink(missing_ok=True)
-    LOG.info("writing to %s", folder)
-    given = None
-    if isinstance(demonstrations, Path):
-        given = demonstrations_file(demonstrations)
-    for name, shown in kept.items():
-        save_demonstrations(
-            folder / name,
-            shown.demonstrations,
-            shown.radii,
-            frame=shown.frame,
-            signals=shown.signals,
-        )
-    record = {
-        **options,
-        "policy_source": tasks[0].policy_source,
-        "demonstrations_sha256": {
-            name: content_hash(given or folder / name) for name in kept
-        },
-        "demonstrations_of": {task.door: learned[task.shown].file for task in tasks},
-        "skill_sha256": None if skill is None else content_hash(skill),
-        "door_configs": {task.door: task.door_config for task in tasks},
-    }
-    write_json(folder / CONFIGURATION, provenance(record))
+
+    @cache
+    def begin() -> None:
+        """Replace an earlier run, once the first door was opened."""
+        for file in earlier:
+            file.unlink(missing_ok=True)
+        LOG.info("writing to %s", folder)
+        given = None
+        if isinstance(demonstrations, Path):
+            given = demonstrations_file(demonstrations)
+        for name, shown in kept.items():
+            save_demonstrations(
+                folder / name,
+                shown.demonstrations,
+                shown.radii,
+                frame=shown.frame,
+                signals=shown.signals,
+            )
+        record = {
+            **options,
+            "policy_source": tasks[0].policy_source,
+            "demonstrations_sha256": {
+                name: content_hash(given or folder / name) for name in kept
+            },
+            "demonstrations_of": {
+                task.door: learned[task.shown].file for task in tasks
+            },
+            "skill_sha256": None if skill is None else content_hash(skill),
+            "door_configs": {task.door: task.door_config for task in tasks},
+        }
+        write_json(folder / CONFIGURATION, provenance(record))
 
     metrics: list[EpisodeMetrics | FailedEpisode] = []
     for task in tasks:
         name, agent = task.door, agents[task.door]
         shown = learned[task.shown].shown
         try:
+            video = videos.get(name)
             metrics.append(
-                _open(task, agent, shown, chosen, folder, shapes, videos.get(name))
+                _open(task, agent, shown, chosen, begin, folder, shapes, video)
             )
         except PolicyError as error:
+            begin()
             LOG.error("%s: %s", name, error, exc_info=LOG.isEnabledFor(DEBUG))
             radius = task.door_config["radius"]
             metrics.append(
@@ -283,6 +291,7 @@ def _open(
     agent: Agent,
     shown: LabelledDemonstrations,
     policy: Policy,
+    begin: Callable[[], None],
     folder: Path,
     looks: TiagoLooks | None,
     video: Path | None,
@@ -294,7 +303,7 @@ def _open(
     with (
         contextlib.closing(make_environment(task, agent.control)) as env,
         progress_bar(desc=name, unit=" s simulated") as bar,
-        reported_errors(task.policy, policy),
+        reported_errors(task.policy, policy, acting=True),
     ):
 
         def show(progress: Progress) -> None:
@@ -311,6 +320,7 @@ def _open(
             on_step=show,
         )
         model = env.unwrapped.model  # type: ignore[attr-defined]
+    begin()
     log.save(folder / f"{name}.npz")
     record_episode(folder / f"{name}.rrd", log, model, shown.demonstrations, looks)
     if video is not None:

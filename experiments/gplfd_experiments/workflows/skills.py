@@ -61,6 +61,8 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     check_least("--seed", seed, 0)
     method = skill_method(policy)
     check_folder(file.parent)
+    if file.is_dir():
+        raise ValueError(f"--out {file} is a folder; give a file")
     given = load_demonstrations(demonstrations).demonstrations
     LOG.info("learning from %d demonstrations", len(given))
     started = time.perf_counter()

@@ -30,12 +30,8 @@ def say_warnings(lead: Section, results: StudyResults) -> None:
         warnings.append(
             f"Results of {names(mixed)} come from more than one source file or version."
         )
-    planned = results.study.get(PLANNED)
-    if isinstance(planned, int) and len(results.all) < planned:
-        warnings.append(
-            f"{planned - len(results.all)} of {planned} tasks have no result: run the "
-            "study again."
-        )
+    if missing := unfinished(results):
+        warnings.append(f"{missing}.")
     config = results.study.get("config")
     if isinstance(config, dict) and config.get("until_separated"):
         warnings.append(
@@ -47,6 +43,15 @@ def say_warnings(lead: Section, results: StudyResults) -> None:
     if warnings:
         text = f"{' '.join(warnings)} The reasons are under “{_TITLE}”."
         lead.say(text, warning=True)
+
+
+def unfinished(results: StudyResults) -> str:
+    """Return the number of planned tasks without a result; empty if there is none."""
+    planned = results.study.get(PLANNED)
+    if not isinstance(planned, int) or len(results.all) >= planned:
+        return ""
+    missing = planned - len(results.all)
+    return f"{missing} of {planned} tasks have no result: run the study again"
 
 
 def say_command(lead: Section, results: StudyResults) -> None:

@@ -197,6 +197,10 @@ def read_results(*folders: Path) -> StudyResults:
     studies: list[Mapping[str, Any]] = []
     unreadable: list[str] = []
     for folder in folders:
+        if folder.is_file():
+            raise ValueError(
+                f"{folder} is a file; give the folder of a study: gplfd report DIR"
+            )
         if not folder.is_dir():
             raise FileNotFoundError(
                 f"there is no folder {folder}; `gplfd benchmark --out {folder}` makes "

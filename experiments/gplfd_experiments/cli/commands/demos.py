@@ -378,6 +378,11 @@ class Inspect:
 
     def execute(self) -> int:
         """Print the contents."""
+        if (self.dataset / "import.json").is_file():
+            raise ValueError(
+                f"{self.dataset} is a set of `gplfd demos import`; its contents are in "
+                f"{self.dataset / 'report.txt'}"
+            )
         with postponed_interruption():
             from gplfd_experiments.data.minari import open_dataset
 

@@ -65,6 +65,8 @@ class Export:
         outs = outs or list(self.out)
         frame = numbers("--frame", self.frame, "x,y,z,qw,qx,qy,qz")
         tool = numbers("--tool", self.tool, "qw,qx,qy,qz")
+        if self.robot is None and self.door != "medium":
+            raise ValueError("--door goes with --robot, the robot of the dry run")
         run = None
         if self.robot is not None:
             task = None if frame is None else base_frame(frame, tool)[0]

@@ -337,6 +337,7 @@ class Report:
     def execute(self) -> int:
         """Write the pages, print their location; `FAILED` if all tasks failed."""
         with postponed_interruption():
+            from gplfd_experiments.analysis.report.origin import unfinished
             from gplfd_experiments.analysis.report.page import write_report
             from gplfd_experiments.analysis.results.reading import read_results
             from gplfd_experiments.analysis.results.table import write_rows
@@ -364,6 +365,8 @@ class Report:
         page = write_report(results, self.folders[0], self.out, self.reference)
         for reason in results.unreadable:
             LOG.warning("warning: left out: %s", reason)
+        if missing := unfinished(results):
+            LOG.warning("warning: %s", missing)
         print(f"{page} and {page.with_suffix('.md')}")
         return 0 if any(not one.error for one in results.all) else FAILED
 

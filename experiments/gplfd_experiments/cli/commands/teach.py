@@ -105,8 +105,8 @@ class Correct(PageOptions):
     """Seed of the corrector and the episodes, 0 or more."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File of the corrected skill, SKILL-corrected.npz by default. An existing file is
-    replaced; with --device it is an error."""
+    """File of the corrected skill, SKILL-corrected.npz by default; an existing file is
+    an error."""
 
     quiet: Quiet = False
 

@@ -52,8 +52,14 @@ class Hinge(NamedTuple):
 def find_hinge(positions: FloatArray) -> Hinge:
     """Fit a circle to positions of a hand [m], (N, 3), by least squares in a plane.
 
-    Raises: ValueError: The arc is too short, or the motion is not circular.
+    Raises: ValueError: The arc has fewer than three samples or is too short, or the
+    motion is not circular.
     """
+    if len(positions) < 3:
+        raise ValueError(
+            f"no hinge can be found from {len(positions)} samples, at least 3 are "
+            "needed; give --frame first-pose or a pose"
+        )
     mean = positions.mean(axis=0)
     _, _, directions = np.linalg.svd(positions - mean, full_matrices=False)
     plane, normal = directions[:2], directions[2]

@@ -8,6 +8,7 @@ import csv
 import itertools
 from array import array
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, TextIO
 
@@ -74,7 +75,12 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             "name all in their order, for example --columns "
             f"{','.join(name or '-' for name in names)!s:.200}. Otherwise"
         )
-    return [recording(path.name, columns, selection, untimed)]
+    motion = recording(path.name, columns, selection, untimed)
+    unused = [head for head in heads if head != "-" and understood(head)[0] is None]
+    if unused:
+        note = f"columns {', '.join(unused)!s:.200} are not used"
+        motion = replace(motion, notes=(*motion.notes, note))
+    return [motion]
 
 
 def _lines(stream: TextIO) -> Iterator[tuple[int, str]]:

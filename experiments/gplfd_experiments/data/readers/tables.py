@@ -1,7 +1,7 @@
 """Columns with names and units, for all kinds of tables.
 
 Names of columns are case-insensitive, with the unit at the end: ``time [ms]``, ``x
-(cm)``, ``y_mm``, ``qw``, ``rx [deg]``. Other columns are ignored.
+(cm)``, ``y_mm``, ``qw``, ``rx [deg]``. Other columns are not used.
 """
 
 import re

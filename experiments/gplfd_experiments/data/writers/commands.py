@@ -69,13 +69,19 @@ def write_everything(file: Path, path: CommandedPath, about: Mapping[str, Any]) 
     write_json(file, entries, indent=None)
 
 
+def bag_library() -> Any:
+    """Return rosbags; raise ModuleNotFoundError without it."""
+    with optional_libraries("ROS bags need rosbags", "ros"):
+        import rosbags.rosbag2
+        import rosbags.typesys
+    return rosbags
+
+
 def write_bag(folder: Path, path: CommandedPath, about: Mapping[str, Any]) -> None:
     """Write a ROS 2 bag in SQLite; raise ModuleNotFoundError without rosbags."""
-    with optional_libraries("ROS bags need rosbags", "ros"):
-        from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    rosbags = bag_library()
+    types, ros2 = rosbags.typesys, rosbags.rosbag2
+    store = types.get_typestore(types.Stores.ROS2_HUMBLE)
     kinds = "geometry_msgs/msg/PoseStamped", "std_msgs/msg/Float64MultiArray"
 
     def message(kind: str, *parts: Any) -> Any:
@@ -85,7 +91,7 @@ def write_bag(folder: Path, path: CommandedPath, about: Mapping[str, Any]) -> No
     rows = zip(path.times, states_of(path.poses).tolist(), path.stiffness, strict=True)
     with (
         complete_folder(folder) as made,
-        Writer(made, version=9, storage_plugin=StoragePlugin.SQLITE3) as bag,
+        ros2.Writer(made, version=9, storage_plugin=ros2.StoragePlugin.SQLITE3) as bag,
     ):
         topics = [
             bag.add_connection(name, kind, typestore=store)
