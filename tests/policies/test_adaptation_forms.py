@@ -125,6 +125,18 @@ def test_a_single_phase_is_predicted_as_among_others(skill, form, phase):
     assert_allclose(alone.covariance[:, 0, 0], alone.std[0] ** 2)
 
 
+def test_phases_after_the_via_points_suffice(skill):
+    """As in a forecast of the rest, the path before the first phase counts, too."""
+    adapted = adapt(skill, [via(skill, 0.25, 0.02)], "similarity")
+    rest, whole = (
+        adapted.predict(np.linspace(start, 1.0, count))
+        for start, count in ((0.6, 21), (0.0, 51))
+    )
+    assert_allclose(rest.mean, whole.mean[30:], atol=2e-3)
+    level = (np.hypot(one.std[:, 0], one.std[:, 2]) for one in (rest, whole))
+    assert_allclose(next(level), next(level)[30:], rtol=0.02)
+
+
 @pytest.mark.parametrize("form", INDEPENDENT)
 def test_outputs_may_be_left_free(skill, form):
     point = via(skill, 0.5, 0.05)

@@ -64,17 +64,18 @@ class AdaptedMovement:
             ValueError: if a via-point or a time is outside what the form can handle.
         """
         times = grid = checked_times(times)
-        if times.size == 1 and self.form is SimilarityAdaptation:
-            # This form needs the path around the phase; very close phases would make
-            # the rates inaccurate.
-            others = self.movement.aligned.times
-            apart = np.abs(others - times) > _APART
+        others = self.movement.aligned.times
+        partial = times.size == 1 or times[0] > others[0]
+        if partial and self.form is SimilarityAdaptation:
+            # This form needs the path from its start; very close phases would make the
+            # rates inaccurate.
+            apart = np.abs(others[:, None] - times).min(axis=1) > _APART
             grid = np.sort(np.append(others[apart], times))
         adaptation = begin_adaptation(self.movement, self.form, grid)
         for via_point in self.via_points:
             adaptation.observe(via_point)
         trajectory = adaptation.trajectory()
-        return trajectory if grid is times else trajectory[grid == times]
+        return trajectory if grid is times else trajectory[np.isin(grid, times)]
 
 
 def adapt(
