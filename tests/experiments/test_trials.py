@@ -445,7 +445,7 @@ def test_a_whole_trial_follows_the_protocol(write_study, whole, capsys):
     folder = write_study(results)
     assert protocol_problems(read_results(folder)) == []
     assert main(["report", str(folder), "--check"]) == 0
-    assert capsys.readouterr().out == "the results follow protocol v8\n"
+    assert capsys.readouterr().out == f"the results follow protocol v{VERSION}\n"
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ SCRIPTS = "agents", "contact", "demonstrations", "forecasts", "learning"
 agents, contact, demonstrations, forecasts, learning = map(
     importlib.import_module, SCRIPTS
 )
+stiffness_resolution = importlib.import_module("stiffness_resolution")
 
 RUNS = {
     "agents": ("--repeats 1 --counts 2 --periods 4", "2 agents in lockstep"),
@@ -36,10 +37,7 @@ RUNS = {
     "forecasts worth": ("--draws 1 --per-radius 2", "synthetic human, left out"),
     "learning calibration": ("--draws 1", "accuracy, 20 smooth: in stated 95 %"),
     "realtime": ("--minutes 0.005", "skill, ordinary: over 10 ms"),
-    "stiffness_resolution": (
-        "--policies gp --resolutions 1e-4 --seeds 1",
-        "heavy: radial peak N",
-    ),
+    "stiffness_resolution": ("--policies gmr --seeds 1", "1 seeds from 1000"),
     "learning scaling": ("--repeats 1 --counts 2 3 --samples 20 40", "fit of (3, 40)"),
 }
 """Arguments of every command, and a part of what it prints."""
@@ -108,6 +106,12 @@ def test_known_distribution_is_learned_well():
     result = learning.measure_calibration(1, [("independent", 20)])
     assert 0.0 < result.rows["20 independent"]["NLPD above the truth's"] < 0.02
     assert result.targets[0].met
+
+
+def test_resolution_changes_only_if_more_doors_open():
+    chosen = stiffness_resolution.chosen
+    assert chosen({1e-4: (3, 5.0), 3e-4: (3, 1.0), 1e-3: (4, 0.5)}) == 1e-4
+    assert chosen({1e-4: (3, 1.0), 3e-4: (2, 7.0), 1e-3: (2, 6.0)}) == 1e-3
 
 
 def test_deciding_is_counted_per_control_step(monkeypatch):

@@ -3,6 +3,7 @@
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
@@ -12,9 +13,14 @@ from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.prior_mean import PriorMean
 from gplfd_policies.registry.built_in import AS_PUBLISHED
-from gplfd_policies.registry.method import TrainingInput
+from gplfd_policies.registry.method import TrainingInput, profile_of_spread
 from gplfd_policies.registry.policy import Policy, PolicyOrigin
-from gplfd_policies.registry.tuning_spaces import SPACES, Values, tuned_settings
+from gplfd_policies.registry.tuning_spaces import (
+    RESOLUTIONS,
+    SPACES,
+    Values,
+    tuned_settings,
+)
 from gplfd_policies.registry.user_policies import (
     module_policy,
     packaged_names,
@@ -124,12 +130,27 @@ def tuned(name: str, values: Values) -> Policy:
     )
 
 
+def _with_resolution(policy: Policy, resolution: float) -> Policy:
+    """Return a policy whose stiffness law has another resolution [m]."""
+    assert policy.method is not None, "resolutions are those of methods"
+    profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
+    return replace(policy, make=replace(policy.method, profile=profile))
+
+
+_FOUND: Final = {
+    **AS_PUBLISHED,
+    **{
+        f"{name}-tuned": tuned(name, values)
+        for name, values in tuned_settings().items()
+    },
+}
+
 POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
     {
-        **AS_PUBLISHED,
+        **_FOUND,
         **{
-            f"{name}-tuned": tuned(name, values)
-            for name, values in tuned_settings().items()
+            name: _with_resolution(_FOUND[name], resolution)
+            for name, resolution in RESOLUTIONS.items()
         },
     }
 )

@@ -1,9 +1,10 @@
 """The settings of each method that `gplfd tune` searches, and their limits.
 
 No method should win only by its settings. Each method has a space of the settings that
-its authors would tune, with plausible limits; the controller is the same for all and
-not included. The best settings, found by `gplfd_experiments.studies.tuning`, are stored
-in ``tuned.json`` and registered as ``<name>-tuned``.
+its authors would tune, with plausible limits. The best settings, found by
+`gplfd_experiments.studies.tuning`, are stored in ``tuned.json`` and registered as
+``<name>-tuned``. The controller is the same for all and not included, but for the
+resolution of its stiffness law: it is chosen after the settings, see `RESOLUTIONS`.
 """
 
 from __future__ import annotations
@@ -31,6 +32,11 @@ from gplfd_policies.registry.method import Method
 
 TUNED_FILE: Final = Path(__file__).with_name("tuned.json")
 """Results of tuning, with their origin."""
+
+RESOLUTIONS: Final[Mapping[str, float]] = MappingProxyType({})
+"""Resolution of the stiffness law [m], by policy; others have that of
+`profile_of_spread`. Chosen for every method by one criterion and budget, with
+``benchmarks/stiffness_resolution.py``."""
 
 Value = bool | int | float
 Values = Mapping[str, Value]

@@ -1,4 +1,4 @@
-"""Protocol v8: trials, policies, and rules for contrasts.
+"""Protocol v9: trials, policies, and rules for contrasts.
 
 Frozen under its version: a change of a door, a draw, a demonstration, a measure or a
 policy that takes part makes another version. The criteria were settled before the
@@ -25,7 +25,7 @@ from gplfd_experiments.studies.trials.records import Trial
 from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.tuning_spaces import tuned_settings
 
-VERSION: Final = 8
+VERSION: Final = 9
 """Of the protocol."""
 
 SEEDS: Final = 10
