@@ -140,3 +140,18 @@ def test_tuned_policies_are_those_of_the_file():
     for name, values in tuned_settings().items():
         expected = tuned(name, values)
         assert repr(POLICIES[f"{name}-tuned"]) == repr(expected)
+
+
+def test_the_chosen_resolution_is_that_of_the_stiffness_law():
+    aligned = align(Teacher().standard_demonstrations(seed=0))
+    for name, resolution in RESOLUTIONS.items():
+        method = POLICIES[name].method
+        assert method is not None
+        expected = profile_of_spread(aligned, (resolution, 3e-2)).beta
+        np.testing.assert_array_equal(method.profile(aligned).beta, expected)
+        # Nothing else differs from the method with its default.
+        assert replace(method, profile=profile_of_spread) == (
+            tuned(name.removesuffix("-tuned"), tuned_settings()[name[:-6]]).method
+            if name.endswith("-tuned")
+            else AS_PUBLISHED[name].method
+        )

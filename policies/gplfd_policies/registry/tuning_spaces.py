@@ -33,7 +33,26 @@ from gplfd_policies.registry.method import Method
 TUNED_FILE: Final = Path(__file__).with_name("tuned.json")
 """Results of tuning, with their origin."""
 
-RESOLUTIONS: Final[Mapping[str, float]] = MappingProxyType({})
+RESOLUTIONS: Final[Mapping[str, float]] = MappingProxyType(
+    {
+        "promp": 3e-4,
+        "tp-gmm": 3e-3,
+        "local-gp": 3e-3,
+        "wishart-gp": 3e-3,
+        "kmp": 1e-3,
+        "gmm-gp": 3e-3,
+        "midigap": 3e-4,
+        "dmp-tuned": 3e-4,
+        "gmr-tuned": 3e-3,
+        "tp-gmm-tuned": 1e-3,
+        "local-gp-tuned": 3e-4,
+        "wishart-gp-tuned": 3e-3,
+        "kmp-tuned": 1e-3,
+        "gmm-gp-tuned": 3e-3,
+        "prodmp-tuned": 1e-3,
+        "midigap-tuned": 3e-4,
+    }
+)
 """Resolution of the stiffness law [m], by policy; others have that of
 `profile_of_spread`. Chosen for every method by one criterion and budget, with
 ``benchmarks/stiffness_resolution.py``."""
