@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,12 +11,18 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies import POLICIES, ViaPoint
+from gplfd_policies import POLICIES, ViaPoint, align
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.gp.noise import KerstingNoise
-from gplfd_policies.registry.built_in import TABLE_1
+from gplfd_policies.registry.built_in import AS_PUBLISHED, TABLE_1
 from gplfd_policies.registry.catalogue import tuned
-from gplfd_policies.registry.tuning_spaces import SPACES, Setting, tuned_settings
+from gplfd_policies.registry.method import profile_of_spread
+from gplfd_policies.registry.tuning_spaces import (
+    RESOLUTIONS,
+    SPACES,
+    Setting,
+    tuned_settings,
+)
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -142,16 +149,15 @@ def test_tuned_policies_are_those_of_the_file():
         assert repr(POLICIES[f"{name}-tuned"]) == repr(expected)
 
 
-def test_the_chosen_resolution_is_that_of_the_stiffness_law():
-    aligned = align(Teacher().standard_demonstrations(seed=0))
-    for name, resolution in RESOLUTIONS.items():
-        method = POLICIES[name].method
-        assert method is not None
-        expected = profile_of_spread(aligned, (resolution, 3e-2)).beta
-        np.testing.assert_array_equal(method.profile(aligned).beta, expected)
-        # Nothing else differs from the method with its default.
-        assert replace(method, profile=profile_of_spread) == (
-            tuned(name.removesuffix("-tuned"), tuned_settings()[name[:-6]]).method
-            if name.endswith("-tuned")
-            else AS_PUBLISHED[name].method
-        )
+@pytest.mark.parametrize("name", RESOLUTIONS)
+def test_chosen_resolution_is_that_of_the_stiffness_law(name, demonstrations):
+    aligned, method = align(demonstrations), POLICIES[name].method
+    expected = profile_of_spread(aligned, (RESOLUTIONS[name], 3e-2))
+    assert_array_equal(method.profile(aligned).beta, expected.beta)
+    # Nothing else differs from the method with its default.
+    default = AS_PUBLISHED.get(name)
+    if default is None:
+        published = name.removesuffix("-tuned")
+        default = tuned(published, tuned_settings()[published])
+    assert default.method.profile is profile_of_spread
+    assert repr(replace(method, profile=profile_of_spread)) == repr(default.method)
