@@ -181,7 +181,7 @@ class Episode:
                 0.0 if holds else GRIPPER_WIDTH,
                 uncertain=any(variation.placement.belief),
             )
-        intervention = None if disturbance.idle else Intervention(variation)
+        intervention = None if disturbance.idle else Intervention(variation, config)
         constants = Constants(
             hand=reader.hand,
             path=LeafPath.of(door),

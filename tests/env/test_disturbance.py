@@ -222,6 +222,28 @@ def test_a_bumped_robot_misjudges_its_own_frame(free_door):
     assert_allclose(np.sum(twist, axis=0) * CONTROL_PERIOD, 0.0, atol=1e-3)
 
 
+@pytest.mark.parametrize("robot", ["tiago-like", "panda-like", "ur5e-like"])
+@pytest.mark.parametrize(
+    ("door", "base"),
+    [
+        ({"radius": 0.5}, "fixed"),
+        ({"swing": "push", "radius": 0.5}, "fixed"),
+        ({"radius": 0.9}, "mobile"),
+        ({"hinge_side": "left"}, "mobile"),
+        ({"handle": "lever"}, "mobile"),
+    ],
+)
+def test_a_bump_moves_every_robot_along_its_own_axes(robot, door, base, start_env):
+    """The world frame is the base at the reset; the scene has the task frame."""
+    bump = {"forward": 0.01, "left": -0.004, "duration": 0.05}
+    env = start_env(door, robot=robot, base=base, disturbance={"bump": bump})
+    axes = env.data.site("task_frame").xmat.reshape(3, 3)
+    for _ in range(6):
+        env.step(REST)
+    expected = axes.T @ [0.01, -0.004, 0.0]
+    assert_allclose(env._episode.outside.base_shift, expected, atol=1e-9)
+
+
 def test_a_stuck_hinge_breaks_away_once(start_env):
     """Stiction 4 N m on a radius of 0.5 m: 8 N more than the 1 N of friction."""
     env = start_env(disturbance={"breakaway": {"stiction": 4.0}})
