@@ -151,7 +151,7 @@ def at_task_frame(
         height=math.inf,
     )
     robot = replace(robot, stances=tuple((one, stance) for one, _ in robot.stances))
-    upright = task_rotation_w(door, robot=robot)
+    upright = task_rotation_w(door, robot)
     turns = Rotation.from_matrix(upright) * Rotation.from_rotvec(poses[:, 3:])
     frames = turns.as_matrix() @ upright.T @ gripper_rotation_w(door, robot)
     places = [*position[:2], door.handle_height] + poses[:, :3] @ upright.T

@@ -27,7 +27,6 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.placement import task_rotation_w
-from gplfd_env.robot.tiago import TIAGO_LIKE
 
 Planar = tuple[float, float, float]
 """x, y and yaw, or their rates: [m, m, rad], [m/s, m/s, rad/s]."""
@@ -71,12 +70,11 @@ class BaseDrive:
     def __init__(
         self,
         hand: tuple[float, float],
-        door: DoorConfig | None = None,
-        robot: RobotConfig = TIAGO_LIKE,
+        door: DoorConfig,
+        robot: RobotConfig,
     ) -> None:
         self._hand = hand
-        axes = task_rotation_w(door, robot=robot.on("mobile"))
-        self._axes: Axes = axes.T.tolist()
+        self._axes: Axes = task_rotation_w(door, robot).T.tolist()
         self._dragged: Planar = (0.0, 0.0, 0.0)
         self.rate: Planar = (0.0, 0.0, 0.0)
         self._slowed = 0.0
@@ -135,13 +133,11 @@ class BaseDrive:
         return self._slowed >= BLOCKED_TIME - 1e-9
 
 
-def led_by(
-    hand: list[float], closed: tuple[float, float], axes: Axes | None = None
-) -> Planar:
+def led_by(hand: list[float], closed: tuple[float, float], axes: Axes) -> Planar:
     """Return the target pose of the base, world frame, for a pose of the hand (6,).
 
-    Both are relative to the closed grasp, at which the hand is at `closed` [m]. By
-    default, the axes are those of the task frame at a bar.
+    The pose is relative to the closed grasp, at which the hand is at `closed` [m].
+    `axes` are those of the task frame in the world frame.
     """
     x, y, z, rx, ry, rz = hand
     coming = min(max(x / _COMING, -1.0), 1.0)
@@ -154,7 +150,7 @@ def led_by(
     yaw = share * twist
     cosine, sine = math.cos(yaw), math.sin(yaw)
     hx, hy = closed
-    pull, up, left = _BAR_AXES if axes is None else axes
+    pull, up, left = axes
     return (
         hx + pull[0] * x + up[0] * y + left[0] * z - (cosine * hx - sine * hy),
         hy + pull[1] * x + up[1] * y + left[1] * z - (sine * hx + cosine * hy),
@@ -185,6 +181,3 @@ def _shortened(x: float, y: float, most: float) -> tuple[float, float]:
     if length <= most:
         return x, y
     return x * (most / length), y * (most / length)
-
-
-_BAR_AXES: Final[Axes] = task_rotation_w(robot=TIAGO_LIKE.on("mobile")).T.tolist()

@@ -92,7 +92,7 @@ def add_door(
     frame = spec.worldbody.add_body(
         name="door_frame",
         pos=handle_position_w(door, placement, robot),
-        quat=quaternion(task_rotation_w(door, placement.base_yaw, robot)),
+        quat=quaternion(task_rotation_w(door, robot, placement.base_yaw)),
     )
     grasp, axes = task_in_door_frame(door, placement, robot)
     frame.add_site(name="task_frame", pos=grasp, quat=quaternion(axes), **UNDRAWN)

@@ -53,7 +53,7 @@ class Intervention:
             self._bump_start = _Start(cause.bump.start_angle, cause.bump.start_time)
             # The world frame is the frame of the base.
             shift = (cause.bump.forward, cause.bump.left, 0.0)
-            to_task = task_rotation_w(door, robot=robot).T
+            to_task = task_rotation_w(door, robot).T
             self._whole_shift = tuple((to_task @ shift).tolist())
         self.push_force = self.person_force = self.person_energy = 0.0
         self.base_distance = 0.0

@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.disturbance import (
     Disturbance,
     Person,
@@ -21,6 +22,7 @@ from gplfd_env.doors.disturbance import (
     disturbance_named,
 )
 from gplfd_env.robot.placement import task_rotation_w
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.task.intervention import PersonHand
 
 REST = np.zeros(6)
@@ -207,7 +209,7 @@ def test_a_locked_door_stays_closed(make_env):
 def test_a_bumped_robot_misjudges_its_own_frame(free_door):
     bump = {"forward": 0.02, "left": -0.01, "start_time": 0.1, "duration": 0.2}
     env = free_door({"bump": bump})
-    shift = task_rotation_w().T @ [0.02, -0.01, 0.0]
+    shift = task_rotation_w(DoorConfig(), TIAGO_LIKE).T @ [0.02, -0.01, 0.0]
     handle, twist = [], []
     for _ in range(150):
         observation, *_, info = env.step(REST)

@@ -141,7 +141,7 @@ def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
 
 @pytest.mark.parametrize("door", DOORS)
 def test_every_door_stands_in_a_wall(door):
-    for base in {base_for(DOORS[door]), "mobile"}:
+    for base in {base_for(DOORS[door], TIAGO_LIKE), "mobile"}:
         model = build_scene(DOORS[door], robot=TIAGO_LIKE.on(base))
         for wall in WALLS:
             assert model.geom(wall).rgba[3] == 1.0
