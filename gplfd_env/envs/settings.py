@@ -17,8 +17,7 @@ from gplfd_env.doors.disturbance import DisturbanceSpec, disturbance_named
 from gplfd_env.doors.randomization import RandomizationSpec, door_randomization
 from gplfd_env.envs.camera import Camera, require_display
 from gplfd_env.robot.config import RobotConfig
-from gplfd_env.robot.gripper import hold_of
-from gplfd_env.robot.model import Grasp
+from gplfd_env.robot.model import Grasp, Hold
 from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.robot.stance import ABOUT_A_HINGE, check_reach
 from gplfd_env.simulation.command import Command
@@ -99,7 +98,14 @@ class Common:
 
         Raises a ValueError for a weld if the hand does not hold the handle yet.
         """
-        hold = hold_of(self.grasp, self.start, commanded=command.grips)
+        fingers_move = command.grips or self.start == "approach"
+        if fingers_move and self.grasp == "weld":
+            cause = "a commanded gripper" if command.grips else 'start="approach"'
+            raise ValueError(
+                f'grasp="weld" does not go with {cause}: the joint would hold the '
+                'handle without the fingers; leave it at grasp="contact"'
+            )
+        hold: Hold = "gripper" if fingers_move else self.grasp
         return Robot(hold, command, self.robot_config)
 
     def camera(self, model: mujoco.MjModel) -> Camera:

@@ -147,7 +147,7 @@ def solve_closed_posture(
     lift = height - stance.below_handle
     lowest, highest = model.joint(robot.lift).range
     data.joint(robot.lift).qpos = min(max(lift, lowest), highest)
-    data.qpos[_arm(model, robot)] = stance.closed_posture
+    data.qpos[arm_addresses(model, robot)] = stance.closed_posture
     error, there = _bring_hand(model, data, robot)
     if not there:
         raise ValueError(
@@ -179,7 +179,7 @@ def solve_standoff_posture(
         )
 
 
-def _arm(model: mujoco.MjModel, robot: RobotConfig) -> list[int]:
+def arm_addresses(model: mujoco.MjModel, robot: RobotConfig) -> list[int]:
     """Return the addresses of the arm's joints, the same in qpos and qvel."""
     return [int(model.joint(name).qposadr[0]) for name in robot.arm]
 
@@ -191,7 +191,7 @@ def _bring_hand(
     away: Array | None = None,
 ) -> tuple[float, bool]:
     """Move the hand to the task frame, or `away` from it; return error and success."""
-    arm = _arm(model, robot)
+    arm = arm_addresses(model, robot)
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian, rotation = np.zeros((6, model.nv)), np.zeros(3)
     inverse, relative = np.zeros(4), np.zeros(4)

@@ -13,7 +13,11 @@ from gplfd_env.conventions.constants import Array, Base
 from gplfd_env.doors.config import DoorConfig, Swing
 from gplfd_env.robot.config import HELD, Before, RobotConfig, Stance
 from gplfd_env.robot.description import described_robot
-from gplfd_env.robot.placement import gripper_rotation_w, task_rotation_w
+from gplfd_env.robot.placement import (
+    arm_addresses,
+    gripper_rotation_w,
+    task_rotation_w,
+)
 
 _NEAR: Final = 0.45
 """Least distance of the grasped point from the arm's root, seen from above [m]."""
@@ -48,7 +52,7 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
             "needs a mass and an inertia"
         ) from error
     data, tool = mujoco.MjData(model), model.body(robot.tool).id
-    arm = [int(model.joint(name).qposadr[0]) for name in robot.arm]
+    arm = arm_addresses(model, robot)
     limits = np.array([model.joint(name).range for name in robot.arm])
 
     def grasp(posture: Array) -> tuple[Array, Array]:
