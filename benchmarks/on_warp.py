@@ -24,7 +24,7 @@ from gplfd_env.envs.reinforcement import for_learners
 from gplfd_env.envs.vector import DoorOpeningImpedanceVectorEnv
 from gplfd_env.envs.warp import make_warp
 from gplfd_env.simulation.command import COMMANDS
-from gplfd_env.simulation.loads import NO_DEMANDS
+from gplfd_env.simulation.loads import NO_EXTRA_INPUTS
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.wrappers import action_of
 from gplfd_experiments.speed.machine import load
@@ -185,7 +185,7 @@ def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
         }.items():
             advance = envs.unwrapped._batch.advance
             step = partial(envs.step, still)
-            physics = partial(advance, rest, None, NO_DEMANDS)
+            physics = partial(advance, rest, None, NO_EXTRA_INPUTS)
             for way, action in ((name, step), (f"{name}, physics", physics)):
                 begin = partial(envs.reset, seed=0)
                 ways[way] = repeated(action, _PERIODS, begin, operations=n)

@@ -22,7 +22,7 @@ from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.robot.stance import ABOUT_A_HINGE, check_reach
 from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.single import Robot
-from gplfd_env.task.draw import Drawn, draw_episode
+from gplfd_env.task.draw import SampledEpisode, draw_episode
 from gplfd_env.task.episode import REWARDS, Reward
 from gplfd_env.validation.fields import Range, check_choice, checked_count
 
@@ -268,7 +268,7 @@ class Sources:
                 values[name][row] = new[row]
         return Sources(self._n, self._robot, self._start, values), rows
 
-    def draw(self, row: int, random: np.random.Generator) -> Drawn:
+    def draw(self, row: int, random: np.random.Generator) -> SampledEpisode:
         """Draw an episode of a simulation."""
         door, randomization, disturbance = (one[row] for one in self._values.values())
         return draw_episode(door, randomization, disturbance, random, self._start)

@@ -19,7 +19,7 @@ AT_REST: Final = (0.09, 0.002, 0.25)
 hand is within this distance of the believed grasp [m] and has moved by less than this
 [m] for this long [s] ..."""
 
-LEFT: Final = 0.04
+RELEASE_DISTANCE: Final = 0.04
 """... and opens again when the hand, holding nothing, is this far from that place
 [m]."""
 
@@ -61,7 +61,7 @@ class Gripper:
         """Return whether the hand rests at the believed handle or is still there."""
         moved = math.dist(hand, self._place)
         closing = self._rested >= AT_REST[2]
-        if moved > (LEFT if closing else AT_REST[1]):
+        if moved > (RELEASE_DISTANCE if closing else AT_REST[1]):
             self._place, self._rested = tuple(hand), 0.0
         elif not closing and math.hypot(*hand) <= AT_REST[0]:
             self._rested += CONTROL_PERIOD

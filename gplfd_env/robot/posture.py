@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.conventions.constants import Array, Base
 from gplfd_env.doors.config import DoorConfig, Swing
-from gplfd_env.robot.config import HELD, Before, RobotConfig, Stance
+from gplfd_env.robot.config import HELD, RobotConfig, Stance, StanceGroup
 from gplfd_env.robot.description import described_robot
 from gplfd_env.robot.placement import (
     arm_addresses,
@@ -98,7 +98,7 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
             height=1.22,
         )
         found += [
-            (Before(base, swing, held, side), stance)
+            (StanceGroup(base, swing, held, side), stance)
             for base in get_args(Base)
             for swing in get_args(Swing)
             for side in ("right", "left")

@@ -14,7 +14,7 @@ one rigid body. A hand that moves away pushes the door through its frame. A base
 behind it would hit the wall beside the lock: c = 0.3, the hand turns more than the
 base. Within 5 cm of the closed door c is interpolated linearly.
 
-The target has a dead band, `PLAY`: the arm alone executes small and fast motions.
+The target has the dead band `DEAD_BAND`: the arm alone executes small and fast motions.
 The base moves at the rate of the target behind this dead band, and reduces its distance
 to it with the time constant `LAG`, within its braking distance. The hand's servo acts
 in the task frame, which is fixed in the world, so the arm compensates the base.
@@ -43,7 +43,7 @@ ACCELERATION: Final = (1.0, 2.09)
 LAG: Final = 0.3
 """Time constant with which the base reduces its distance to the target [s]."""
 
-PLAY: Final = (0.04, 0.07)
+DEAD_BAND: Final = (0.04, 0.07)
 """Dead band: distance from the target within which the base stands still [m, rad]."""
 
 TURN: Final = (0.3, 1.0)
@@ -116,7 +116,7 @@ class BaseDrive:
             turning + min(max(wanted_turn - turning, -step), step),
         )
 
-    def note(self, velocity: Planar) -> None:
+    def update_blocked(self, velocity: Planar) -> None:
         """Detect a blocked base from its measured rate [m/s, rad/s]."""
         vx, vy, turning = self.rate
         speed = math.hypot(vx, vy)
@@ -162,9 +162,9 @@ def _dragged(pose: Planar, by: Planar) -> Planar:
     """Return a pose moved towards another until it is within the dead band."""
     dx, dy = by[0] - pose[0], by[1] - pose[1]
     away = math.hypot(dx, dy)
-    share = (away - PLAY[0]) / away if away > PLAY[0] else 0.0
+    share = (away - DEAD_BAND[0]) / away if away > DEAD_BAND[0] else 0.0
     turn = by[2] - pose[2]
-    rest = min(max(turn, -PLAY[1]), PLAY[1])
+    rest = min(max(turn, -DEAD_BAND[1]), DEAD_BAND[1])
     return pose[0] + share * dx, pose[1] + share * dy, pose[2] + (turn - rest)
 
 

@@ -243,7 +243,7 @@ def test_a_bump_moves_every_robot_along_its_own_axes(robot, door, base, start_en
     for _ in range(6):
         env.step(REST)
     expected = axes.T @ [0.01, -0.004, 0.0]
-    assert_allclose(env._episode.outside.base_shift, expected, atol=1e-9)
+    assert_allclose(env._episode.effects.base_shift, expected, atol=1e-9)
 
 
 def test_a_stuck_hinge_breaks_away_once(start_env):

@@ -17,8 +17,8 @@ from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.robot.whole_body import (
     ACCELERATION,
     BLOCKED_TIME,
+    DEAD_BAND,
     LAG,
-    PLAY,
     SPEED,
     BaseDrive,
     led_by,
@@ -110,8 +110,8 @@ def test_the_base_comes_within_the_play_of_where_it_is_led(hand):
     target = led_by(list(hand), HAND, AXES.T.tolist())
     base, rates = settled(list(hand))
     distance, turn = away(base, target)
-    assert distance <= PLAY[0] + 1e-3
-    assert turn <= PLAY[1] + 1e-3
+    assert distance <= DEAD_BAND[0] + 1e-3
+    assert turn <= DEAD_BAND[1] + 1e-3
     start = away((0.0, 0.0, 0.0), target)
     assert all(away((0.0, 0.0, 0.0), rate)[0] <= SPEED[0] + 1e-9 for rate in rates)
     assert all(abs(rate[2]) <= SPEED[1] + 1e-9 for rate in rates)
@@ -119,7 +119,7 @@ def test_the_base_comes_within_the_play_of_where_it_is_led(hand):
         linear, angular = away(before, after)
         assert linear <= ACCELERATION[0] * CONTROL_PERIOD + 1e-9
         assert angular <= ACCELERATION[1] * CONTROL_PERIOD + 1e-9
-    if start[0] <= PLAY[0] and start[1] <= PLAY[1]:
+    if start[0] <= DEAD_BAND[0] and start[1] <= DEAD_BAND[1]:
         assert base == (0.0, 0.0, 0.0), "what is small is the arm's"
 
 
@@ -131,8 +131,8 @@ def test_a_base_follows_a_steady_hand_without_lag():
         drive.follow(hand, base)
         base = tuple(np.add(base, np.multiply(CONTROL_PERIOD, drive.rate)).tolist())
     distance, _ = away(base, led_by(hand, HAND, AXES.T.tolist()))
-    assert distance == pytest.approx(PLAY[0], abs=5e-3)
-    assert 2 * PLAY[0] < 0.4 * LAG
+    assert distance == pytest.approx(DEAD_BAND[0], abs=5e-3)
+    assert 2 * DEAD_BAND[0] < 0.4 * LAG
 
 
 def driven(twist: list[float], heading: float = 0.0) -> BaseDrive:
@@ -157,20 +157,20 @@ def test_a_base_is_blocked_once_it_has_been_slow_for_a_while():
     steps = round(BLOCKED_TIME / CONTROL_PERIOD)
     drive = driven([0.3, 0.0, 0.0])
     for velocity in (0.1, 0.16, *(steps - 1) * [0.1]):
-        drive.note((velocity, 0.3, 0.0))
+        drive.update_blocked((velocity, 0.3, 0.0))
         assert not drive.blocked
-    drive.note((0.1, 0.0, 0.0))
+    drive.update_blocked((0.1, 0.0, 0.0))
     assert drive.blocked
-    drive.note((0.3, 0.0, 0.0))
+    drive.update_blocked((0.3, 0.0, 0.0))
     assert not drive.blocked
 
     drive = driven([0.0, 0.0, -0.5])
     for turning, blocked in ((-0.4, False), (-0.2, True)):
         for _ in range(steps):
-            drive.note((0.0, 0.0, turning))
+            drive.update_blocked((0.0, 0.0, turning))
         assert drive.blocked == blocked
 
     drive = BaseDrive(HAND, DoorConfig(), ROBOT)
     for _ in range(2 * steps):
-        drive.note((0.0, 0.0, 0.0))
+        drive.update_blocked((0.0, 0.0, 0.0))
     assert not drive.blocked, "it is not commanded"
