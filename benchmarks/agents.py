@@ -4,7 +4,6 @@ import copy
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -123,11 +122,12 @@ def main(
         counts: Numbers of agents in lockstep, increasing.
         periods: Control periods of a run; 250 periods are half an opening.
     """
-    measures: dict[str, Callable[[], Measurement]] = {
-        "loops": partial(measure_loops, repeats, counts, periods),
-        "recording": partial(measure_recording, repeats),
-    }
-    report(measures)
+    report(
+        {
+            "loops": partial(measure_loops, repeats, counts, periods),
+            "recording": partial(measure_recording, repeats),
+        }
+    )
 
 
 if __name__ == "__main__":

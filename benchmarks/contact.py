@@ -59,7 +59,7 @@ def dynamics(least: float) -> VirtualDynamics:
     return replace(DEFAULT_DYNAMICS, least_damping=np.full(6, least))
 
 
-def rest_of_a_knock(
+def remaining_force_ratio(
     stiffness: float, least: float, periods: int, *, held: bool, seconds: float
 ) -> float:
     """Disturb the set-point of a simulated hand, held by a locked door or free.
@@ -110,7 +110,7 @@ def measure_verdicts(seconds: int) -> Measurement:
         name = f"{'held' if held else 'free'}, {damped}{delay} periods"
         rows[name] = {}
         for k in STIFFNESSES:
-            rest = rest_of_a_knock(k, least, delay, held=held, seconds=seconds)
+            rest = remaining_force_ratio(k, least, delay, held=held, seconds=seconds)
             # A free hand has no contact loop that could oscillate.
             margin = model_margin(k, least, delay) if held else math.inf
             calm = rest < _DIED_OUT
@@ -141,7 +141,7 @@ def measure_lag(seconds: int) -> Measurement:
     for delay in PERIODS[1:]:
 
         def simulated(k: float, delay: int = delay) -> bool:
-            rest = rest_of_a_knock(k, 0.0, delay, held=True, seconds=seconds)
+            rest = remaining_force_ratio(k, 0.0, delay, held=True, seconds=seconds)
             return rest >= _DIED_OUT
 
         def modelled(k: float, delay: int = delay) -> bool:

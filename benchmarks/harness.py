@@ -17,6 +17,7 @@ from gplfd_experiments.speed.machine import load, processor
 from gplfd_experiments.speed.report import Measurement, measure_all
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.registry.catalogue import policy_named
+from gplfd_policies.registry.policy import Policy
 
 _TOGETHER: Final = 16
 """Number of doors that are opened in lockstep."""
@@ -33,12 +34,15 @@ def tasks_of(
 
 
 def opened(
-    tasks: Sequence[EpisodeTask], given: LabelledDemonstrations | None = None
+    tasks: Sequence[EpisodeTask],
+    given: LabelledDemonstrations | None = None,
+    policy: Policy | None = None,
 ) -> list[EpisodeLog]:
     """Let a policy open doors; it learns once from each set of demonstrations.
 
     All tasks have the same policy, base and start. Demonstrations that are ``given``
-    replace those of the tasks. A log does not depend on the other tasks.
+    replace those of the tasks, and a ``policy`` replaces the named one. A log does not
+    depend on the other tasks.
     """
     make: dict[str, Callable[[], Any]] = {}
     with warnings.catch_warnings():
@@ -46,8 +50,8 @@ def opened(
         warnings.simplefilter("ignore")
         for task in tasks:
             if task.training not in make:
-                policy = policy_named(task.policy)
-                make[task.training] = learned_agents(task, policy, given)
+                own = policy or policy_named(task.policy)
+                make[task.training] = learned_agents(task, own, given)
     logs: list[EpisodeLog] = []
     for first in range(0, len(tasks), _TOGETHER):
         some = tasks[first : first + _TOGETHER]
@@ -62,6 +66,4 @@ def report(measures: Mapping[str, Callable[[], Measurement]]) -> dict[str, Measu
     git = state["git"] or {"commit": "unknown", "dirty": False}
     changed = ", changed" if git["dirty"] else ""
     print(f"commit {git['commit']}{changed}; {versions}; {processor()}, {load()}\n")
-    return measure_all(
-        {name: lambda _, one=one: one() for name, one in measures.items()}, repeats=1
-    )
+    return measure_all(measures)

@@ -30,7 +30,7 @@ from gplfd_env.wrappers.sb3 import make_sb3
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.speed.machine import load
 from gplfd_experiments.speed.report import Measurement, Value, at_least
-from gplfd_experiments.speed.timing import Timed, after, measure
+from gplfd_experiments.speed.timing import Timed, measure, repeated
 from gplfd_policies.agents.lockstep import batch_agents
 from gplfd_policies.registry.catalogue import policy_named
 from gplfd_policies.registry.method import TrainingInput
@@ -45,13 +45,8 @@ _PERIODS: Final = 30
 
 def resting(envs: Any, n: int, **seed: int) -> Timed:
     """Return a run of n doors whose hands rest for a number of periods, for timing."""
-    actions = np.zeros((n, 6), np.float32)
-
-    def action() -> None:
-        for _ in range(_PERIODS):
-            envs.step(actions)
-
-    return after(partial(envs.reset, **seed), action, operations=n * _PERIODS)
+    step = partial(envs.step, np.zeros((n, 6), np.float32))
+    return repeated(step, _PERIODS, partial(envs.reset, **seed), operations=n)
 
 
 def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:

@@ -30,13 +30,11 @@ CASES: Final = tuple(itertools.product(get_args(Deviations), (6, 20)))
 """Kinds and numbers of demonstrations."""
 
 
-def measure_calibration(
-    draws: int, cases: Sequence[tuple[Deviations, int]] = CASES
-) -> Measurement:
+def measure_calibration(draws: int) -> Measurement:
     """Score the skills learned from a number of draws of each case."""
     process = KnownProcess.on_grid(200)
     rows, targets = {}, []
-    for kind, count in cases:
+    for kind, count in CASES:
         scores = []
         for seed in range(draws):
             rng = np.random.default_rng(seed)

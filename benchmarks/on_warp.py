@@ -24,12 +24,12 @@ from gplfd_env.envs.reinforcement import for_learners
 from gplfd_env.envs.vector import DoorOpeningImpedanceVectorEnv
 from gplfd_env.envs.warp import make_warp
 from gplfd_env.simulation.command import COMMANDS
-from gplfd_env.simulation.loads import NO_DEMANDS
+from gplfd_env.simulation.loads import NO_EXTRA_INPUTS
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.wrappers import action_of
 from gplfd_experiments.speed.machine import load
 from gplfd_experiments.speed.report import Measurement, Value, at_most
-from gplfd_experiments.speed.timing import Timed, after, measure
+from gplfd_experiments.speed.timing import measure, repeated
 
 DOORS: Final = (
     *("small", "medium", "large", "heavy", "cabinet", "wardrobe"),
@@ -184,9 +184,11 @@ def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
             "Warp": make_warp(n),
         }.items():
             advance = envs.unwrapped._batch.advance
-            ways[name] = _periods(envs, partial(envs.step, still), n)
-            physics = partial(advance, rest, None, NO_DEMANDS)
-            ways[f"{name}, physics"] = _periods(envs, physics, n)
+            step = partial(envs.step, still)
+            physics = partial(advance, rest, None, NO_EXTRA_INPUTS)
+            for way, action in ((name, step), (f"{name}, physics", physics)):
+                begin = partial(envs.reset, seed=0)
+                ways[way] = repeated(action, _PERIODS, begin, operations=n)
         times = measure(ways, repeats, least_operations=2 * n * _PERIODS)
         for name, time in times.items():
             # Time of a step of one door without its physics [µs].
@@ -201,14 +203,6 @@ def measure_steps(repeats: int, counts: tuple[int, ...]) -> Measurement:
         title=f"control steps of n doors, Warp on {warp.get_device()} ({load()})",
         rows=rows,
     )
-
-
-def _periods(envs: Any, action: Callable[[], object], n: int) -> Timed:
-    def many() -> None:
-        for _ in range(_PERIODS):
-            action()
-
-    return after(partial(envs.reset, seed=0), many, operations=n * _PERIODS)
 
 
 def main(

@@ -21,16 +21,14 @@ from typing import Final
 
 import numpy as np
 import tyro
-from harness import report
+from harness import opened, report
 
 from gplfd_experiments.console.progress import LOG
-from gplfd_experiments.episodes.build import learned_agents, open_together
-from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.speed.report import Measurement, Value
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_policies.registry.catalogue import policy_named
 from gplfd_policies.registry.method import profile_of_spread
+from gplfd_policies.registry.policy import Policy
 from gplfd_policies.registry.tuning_spaces import SPACES
 
 CANDIDATES: Final = (1e-4, 3e-4, 1e-3, 3e-3)
@@ -45,8 +43,6 @@ METHODS: Final = tuple(
 )
 """Methods whose stiffness follows their standard deviation."""
 _FIRST_SEED: Final = 1000
-_TOGETHER: Final = 24
-"""Doors that are opened in lockstep."""
 
 
 def choose(policies: Sequence[str], seeds: int) -> Measurement:
@@ -62,7 +58,7 @@ def choose(policies: Sequence[str], seeds: int) -> Measurement:
         row: dict[str, Value] = {}
         for resolution in CANDIDATES:
             LOG.info("%s opens %d doors, n = %g m", policy, len(tasks), resolution)
-            logs = opened_with(tasks, resolution)
+            logs = opened(tasks, policy=with_resolution(policy, resolution))
             peak = statistics.median(np.abs(log.force_radial).max() for log in logs)
             closed = sum(not log.success for log in logs)
             found[resolution] = closed, peak
@@ -79,18 +75,12 @@ def chosen(found: dict[float, tuple[int, float]]) -> float:
     return best if found[best][0] < found[default][0] else default
 
 
-def opened_with(tasks: Sequence[EpisodeTask], resolution: float) -> list[EpisodeLog]:
-    """Open the doors of tasks of one policy, whose stiffness law has a resolution."""
-    policy = policy_named(tasks[0].policy)
+def with_resolution(name: str, resolution: float) -> Policy:
+    """Return a policy whose stiffness law has a resolution [m]."""
+    policy = policy_named(name)
     assert policy.method is not None
     profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
-    changed = replace(policy, make=replace(policy.method, profile=profile))
-    make = {task.training: learned_agents(task, changed) for task in tasks}
-    logs: list[EpisodeLog] = []
-    for first in range(0, len(tasks), _TOGETHER):
-        some = tasks[first : first + _TOGETHER]
-        logs += open_together(some, [make[task.training]() for task in some])
-    return logs
+    return replace(policy, make=replace(policy.method, profile=profile))
 
 
 def main(policies: tuple[str, ...] = METHODS, seeds: int = 6) -> None:

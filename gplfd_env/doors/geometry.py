@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gplfd_env.conventions.constants import Array
-from gplfd_env.doors.config import DoorConfig, HingeSide, Swing
+from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.motion import Link, carried, links_of, rotated
 from gplfd_env.doors.rocker import handle_axis
 from gplfd_env.spatial.se3 import compose_rotvecs
@@ -100,18 +100,6 @@ class DoorGeometry:
             vector.setflags(write=False)
             object.__setattr__(self, name, vector)
         object.__setattr__(self, "radius", radius)
-
-    @classmethod
-    def nominal(
-        cls, radius: float, swing: Swing = "pull", hinge_side: HingeSide = "right"
-    ) -> DoorGeometry:
-        """Return a door of a radius [m] in front of a robot without placement error."""
-        side = 1.0 if hinge_side == "right" else -1.0
-        way = 1.0 if swing == "pull" else -1.0
-        return cls(
-            hinge=np.array([0.0, 0.0, -side * radius]),
-            axis=np.array([0.0, side * way, 0.0]),
-        )
 
     @classmethod
     def of(

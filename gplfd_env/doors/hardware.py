@@ -155,18 +155,6 @@ def sliding_gain(way: float) -> float:
     return CLEAR_WAY * way / SUCCESS_ANGLE
 
 
-def bearing_friction(mass: float, width: float, bearing: str = "ball") -> float:
-    """Return the Coulomb friction of a leaf's hinges [N m] from its mass and width.
-
-    μ (m g r_thrust + 2 F r_pin) with the horizontal load F = m g (W / 2) / span: the
-    bearing model of DoorBench's docs/PHYSICS.md. The bearing is a key of `BEARINGS`.
-    """
-    check_choice("bearing", bearing, BEARINGS)
-    weight = mass * GRAVITY
-    sideways = weight * (width / 2.0) / _HINGE_SPAN
-    return BEARINGS[bearing] * (weight * _THRUST_RADIUS + 2.0 * sideways * _PIN_RADIUS)
-
-
 def leaf(
     width: float,
     construction: str = "tubular-strips",
@@ -181,11 +169,17 @@ def leaf(
     ValueError for an unknown construction or bearing.
     """
     check_choice("construction", construction, CONSTRUCTIONS)
+    check_choice("bearing", bearing, BEARINGS)
     mass = CONSTRUCTIONS[construction] * width * LEAF_HEIGHT
+    # Coulomb friction of the hinges, the bearing model of DoorBench's docs/PHYSICS.md:
+    # μ (m g r_thrust + 2 F r_pin) with the horizontal load F = m g (W / 2) / span.
+    weight = mass * GRAVITY
+    sideways = weight * (width / 2.0) / _HINGE_SPAN
+    moment = weight * _THRUST_RADIUS + 2.0 * sideways * _PIN_RADIUS
     return {
         "radius": width - backset,
         "leaf_width": width,
         "backset": backset,
         "panel_mass": mass,
-        "hinge_friction": bearing_friction(mass, width, bearing),
+        "hinge_friction": BEARINGS[bearing] * moment,
     }

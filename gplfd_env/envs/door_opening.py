@@ -152,9 +152,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         if self._robot.config.base == "mobile":
             # MuJoCo clamps commands of the servo, but the base follows them, too.
             command = self.command.clamped(command)
-        demands = episode.demand(command[None])
-        if self._simulation.advance(command, demands):
-            episode.break_off()
+        inputs = episode.prepare_step(command[None])
+        if self._simulation.advance(command, inputs):
+            episode.mark_diverged()
         else:
             episode.advance(self._sense())
         if self.render_mode == "human":

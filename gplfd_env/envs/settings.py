@@ -17,13 +17,12 @@ from gplfd_env.doors.disturbance import DisturbanceSpec, disturbance_named
 from gplfd_env.doors.randomization import RandomizationSpec, door_randomization
 from gplfd_env.envs.camera import Camera, require_display
 from gplfd_env.robot.config import RobotConfig
-from gplfd_env.robot.gripper import hold_of
-from gplfd_env.robot.model import Grasp
+from gplfd_env.robot.model import Grasp, Hold
 from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.robot.stance import ABOUT_A_HINGE, check_reach
 from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.single import Robot
-from gplfd_env.task.draw import Drawn, draw_episode
+from gplfd_env.task.draw import SampledEpisode, draw_episode
 from gplfd_env.task.episode import REWARDS, Reward
 from gplfd_env.validation.fields import Range, check_choice, checked_count
 
@@ -99,7 +98,14 @@ class Common:
 
         Raises a ValueError for a weld if the hand does not hold the handle yet.
         """
-        hold = hold_of(self.grasp, self.start, commanded=command.grips)
+        fingers_move = command.grips or self.start == "approach"
+        if fingers_move and self.grasp == "weld":
+            cause = "a commanded gripper" if command.grips else 'start="approach"'
+            raise ValueError(
+                f'grasp="weld" does not go with {cause}: the joint would hold the '
+                'handle without the fingers; leave it at grasp="contact"'
+            )
+        hold: Hold = "gripper" if fingers_move else self.grasp
         return Robot(hold, command, self.robot_config)
 
     def camera(self, model: mujoco.MjModel) -> Camera:
@@ -262,7 +268,7 @@ class Sources:
                 values[name][row] = new[row]
         return Sources(self._n, self._robot, self._start, values), rows
 
-    def draw(self, row: int, random: np.random.Generator) -> Drawn:
+    def draw(self, row: int, random: np.random.Generator) -> SampledEpisode:
         """Draw an episode of a simulation."""
         door, randomization, disturbance = (one[row] for one in self._values.values())
         return draw_episode(door, randomization, disturbance, random, self._start)

@@ -16,7 +16,7 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.variation import Variation
 from gplfd_env.envs.settings import Sources, VectorSettings, made_with
 from gplfd_env.robot.placement import door_geometry
-from gplfd_env.simulation.batch import Alike, DoorBatch
+from gplfd_env.simulation.batch import DoorBatch, SameStructureBatch
 from gplfd_env.simulation.command import COMMANDS, DRIVEN
 from gplfd_env.task.episode import Episode
 from gplfd_env.task.episodes import Episodes
@@ -43,7 +43,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     command = COMMANDS["pose"]
     """Meaning of an action."""
 
-    physics: type[Alike] = Alike
+    physics: type[SameStructureBatch] = SameStructureBatch
     """Class that steps simulations with doors of equal structure."""
 
     @made_with(VectorSettings)
@@ -166,9 +166,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         if self._robot.config.base == "mobile":
             commands = self.command.clamped(commands)
         episodes, stepped = self._episodes, None if resting is None else ~resting
-        demands = episodes.demand(commands, stepped)
+        inputs = episodes.prepare_step(commands, stepped)
         rows = None if stepped is None else np.flatnonzero(stepped).tolist()
-        diverged = self._batch.advance(commands, rows, demands)
+        diverged = self._batch.advance(commands, rows, inputs)
         if diverged is not None:
             stepped = ~diverged if stepped is None else stepped & ~diverged
             rows = np.flatnonzero(stepped).tolist()

@@ -43,7 +43,7 @@ Held = Handle | Literal["level-bar"]
 """What the hand holds: a handle, or the level bar of a flap."""
 
 
-class Before(NamedTuple):
+class StanceGroup(NamedTuple):
     """The doors that share a stance of the robot."""
 
     base: Base
@@ -52,7 +52,7 @@ class Before(NamedTuple):
     hinge_side: HingeSide
 
     @classmethod
-    def of(cls, door: DoorConfig, base: Base) -> "Before":
+    def of(cls, door: DoorConfig, base: Base) -> "StanceGroup":
         """Return the group of doors to which a door belongs."""
         level = door.motion == "flap"
         side: HingeSide = "right" if level else door.hinge_side
@@ -131,7 +131,7 @@ class RobotConfig:
     """Camera at the hand, frame of `tool`: position [m], its right and up axes."""
     capsules: tuple[Capsule, ...]
     """Collision geometry of a mobile robot, without its fingers."""
-    stances: tuple[tuple[Before, Stance], ...]
+    stances: tuple[tuple[StanceGroup, Stance], ...]
     """Stances for groups of doors."""
 
     def __post_init__(self) -> None:
@@ -152,9 +152,9 @@ class RobotConfig:
 
     def stance(self, door: DoorConfig) -> Stance:
         """Return the stance for a door; raise a ValueError if there is none."""
-        before = Before.of(door, self.base)
+        group = StanceGroup.of(door, self.base)
         for doors, stance in self.stances:
-            if doors == before:
+            if doors == group:
                 return stance
         advice = '; give base="mobile"' if self.base == "fixed" else ""
         raise ValueError(

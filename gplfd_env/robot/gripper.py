@@ -4,9 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH, Start
+from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH
 from gplfd_env.doors.config import DoorConfig, held_radius
-from gplfd_env.robot.model import Grasp, Hold
 
 SPEED: Final = 0.1
 """Rate limit of the commanded width: 0.05 m/s per finger, as on TIAGo [m/s]."""
@@ -20,22 +19,9 @@ AT_REST: Final = (0.09, 0.002, 0.25)
 hand is within this distance of the believed grasp [m] and has moved by less than this
 [m] for this long [s] ..."""
 
-LEFT: Final = 0.04
+RELEASE_DISTANCE: Final = 0.04
 """... and opens again when the hand, holding nothing, is this far from that place
 [m]."""
-
-
-def hold_of(grasp: Grasp, start: Start, *, commanded: bool) -> Hold:
-    """Return how a scene holds the handle; no weld if fingers open and close."""
-    if start == "grasped" and not commanded:
-        return grasp
-    if grasp == "weld":
-        cause = "with a commanded gripper" if commanded else 'with start="approach"'
-        raise ValueError(
-            f'grasp="weld" does not go {cause}: the joint would hold the handle '
-            'without the fingers; leave it at grasp="contact"'
-        )
-    return "gripper"
 
 
 class Gripper:
@@ -75,7 +61,7 @@ class Gripper:
         """Return whether the hand rests at the believed handle or is still there."""
         moved = math.dist(hand, self._place)
         closing = self._rested >= AT_REST[2]
-        if moved > (LEFT if closing else AT_REST[1]):
+        if moved > (RELEASE_DISTANCE if closing else AT_REST[1]):
             self._place, self._rested = tuple(hand), 0.0
         elif not closing and math.hypot(*hand) <= AT_REST[0]:
             self._rested += CONTROL_PERIOD

@@ -13,7 +13,6 @@ from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.description import PAD_BEHIND, described_robot
 from gplfd_env.robot.mobile_base import add_mobile_base
 from gplfd_env.robot.placement import gripper_rotation_w, quaternion, task_rotation_w
-from gplfd_env.robot.tiago import TIAGO_LIKE
 
 SERVO_STIFFNESS: Final = (2000.0, 100.0)
 """Cartesian servo: translation [N/m], rotation [N m/rad]."""
@@ -55,9 +54,7 @@ GRIPS: Final = ("grip_right", "grip_left")
 """The fingers' servos."""
 
 
-def load_robot(
-    control: Control, door: DoorConfig, robot: RobotConfig = TIAGO_LIKE
-) -> mujoco.MjSpec:
+def load_robot(control: Control, door: DoorConfig, robot: RobotConfig) -> mujoco.MjSpec:
     """Read a robot and add gravity compensation, servos, sites and cameras.
 
     The hand site's axes coincide with the task frame when the door is closed, so the
@@ -81,7 +78,7 @@ def load_robot(
     coupling.name = "finger_coupling"
 
     tool, sensor = spec.body(robot.tool), spec.body(robot.sensor)
-    to_task = gripper_rotation_w(door, robot).T @ task_rotation_w(door, robot=robot)
+    to_task = gripper_rotation_w(door, robot).T @ task_rotation_w(door, robot)
     to_task = robot.grasp_axes @ to_task
     tool.add_site(
         name="hand", pos=robot.grasp_point, quat=quaternion(to_task), **UNDRAWN

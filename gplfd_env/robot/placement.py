@@ -16,7 +16,6 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.variation import Placement, Standoff, Variation
 from gplfd_env.robot.config import RobotConfig
-from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.se3 import into_axes
 
 
@@ -26,13 +25,13 @@ def hand_position_w(
     """Return the grasped point in the world frame, (3,) [m]."""
     position, _ = task_in_door_frame(door, placement, robot)
     middle = handle_position_w(door, placement, robot)
-    axes = task_rotation_w(door, placement.base_yaw, robot)
+    axes = task_rotation_w(door, robot, placement.base_yaw)
     held: Array = middle + axes @ position
     return held
 
 
 def handle_position_w(
-    door: DoorConfig, placement: Placement, robot: RobotConfig = TIAGO_LIKE
+    door: DoorConfig, placement: Placement, robot: RobotConfig
 ) -> Array:
     """Return the middle of the closed handle in the world frame, (3,) [m].
 
@@ -44,14 +43,11 @@ def handle_position_w(
     return np.array([cosine * x + sine * y, cosine * y - sine * x, door.handle_height])
 
 
-def task_rotation_w(
-    door: DoorConfig | None = None, yaw: float = 0.0, robot: RobotConfig = TIAGO_LIKE
-) -> Array:
+def task_rotation_w(door: DoorConfig, robot: RobotConfig, yaw: float = 0.0) -> Array:
     """Return the task frame's axes as columns in the world frame, (3, 3).
 
     With a heading error `yaw` of the base [rad] they are the axes of the true door.
     """
-    door = DoorConfig() if door is None else door
     heading = robot.stance(door).door_yaw - yaw
     into_door = np.array([math.cos(heading), math.sin(heading), 0.0])
     up = np.array([0.0, 0.0, 1.0])
@@ -59,7 +55,7 @@ def task_rotation_w(
     return np.column_stack([pull, up, np.cross(pull, up)])
 
 
-def gripper_rotation_w(door: DoorConfig, robot: RobotConfig = TIAGO_LIKE) -> Array:
+def gripper_rotation_w(door: DoorConfig, robot: RobotConfig) -> Array:
     """Return the grasp frame's axes at the closed grasp in the world frame, (3, 3).
 
     The gripper approaches along its -z axis; its fingers close along x. On a bar y runs
@@ -92,7 +88,7 @@ def door_geometry(variation: Variation, robot: RobotConfig) -> DoorGeometry:
 
 def standoff_pose(door: DoorConfig, standoff: Standoff, robot: RobotConfig) -> Array:
     """Return the initial pose in front of the handle, task frame, (6,) [m, rad]."""
-    to_task = task_rotation_w(door, robot=robot).T
+    to_task = task_rotation_w(door, robot).T
     back, up = (
         to_task @ gripper_rotation_w(door, robot)[:, 2],
         np.array([0.0, 1.0, 0.0]),
@@ -118,11 +114,11 @@ def task_in_door_frame(
     """
     depth = np.array([0.0, 0.0, placement.grasp_depth])
     back = gripper_rotation_w(door, robot) @ depth
-    axes = task_rotation_w(door, placement.base_yaw, robot)
+    axes = task_rotation_w(door, robot, placement.base_yaw)
     height = np.array([0.0, grasp_height(door, placement), 0.0])
     position, rotation = (
         axes.T @ back + height,
-        axes.T @ task_rotation_w(door, robot=robot),
+        axes.T @ task_rotation_w(door, robot),
     )
     if any(placement.belief):
         shift, turn = np.split(np.array(placement.belief), 2)
@@ -136,7 +132,7 @@ def solve_closed_posture(
     data: mujoco.MjData,
     door: DoorConfig,
     placement: Placement,
-    robot: RobotConfig = TIAGO_LIKE,
+    robot: RobotConfig,
 ) -> Array:
     """Return all joint positions, (nq,) [m, rad], that hold the closed handle.
 
@@ -151,7 +147,7 @@ def solve_closed_posture(
     lift = height - stance.below_handle
     lowest, highest = model.joint(robot.lift).range
     data.joint(robot.lift).qpos = min(max(lift, lowest), highest)
-    data.qpos[_arm(model, robot)] = stance.closed_posture
+    data.qpos[arm_addresses(model, robot)] = stance.closed_posture
     error, there = _bring_hand(model, data, robot)
     if not there:
         raise ValueError(
@@ -183,7 +179,7 @@ def solve_standoff_posture(
         )
 
 
-def _arm(model: mujoco.MjModel, robot: RobotConfig) -> list[int]:
+def arm_addresses(model: mujoco.MjModel, robot: RobotConfig) -> list[int]:
     """Return the addresses of the arm's joints, the same in qpos and qvel."""
     return [int(model.joint(name).qposadr[0]) for name in robot.arm]
 
@@ -195,7 +191,7 @@ def _bring_hand(
     away: Array | None = None,
 ) -> tuple[float, bool]:
     """Move the hand to the task frame, or `away` from it; return error and success."""
-    arm = _arm(model, robot)
+    arm = arm_addresses(model, robot)
     hand, target = model.site("hand").id, model.site("task_frame").id
     jacobian, rotation = np.zeros((6, model.nv)), np.zeros(3)
     inverse, relative = np.zeros(4), np.zeros(4)

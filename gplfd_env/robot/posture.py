@@ -11,9 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.conventions.constants import Array, Base
 from gplfd_env.doors.config import DoorConfig, Swing
-from gplfd_env.robot.config import HELD, Before, RobotConfig, Stance
+from gplfd_env.robot.config import HELD, RobotConfig, Stance, StanceGroup
 from gplfd_env.robot.description import described_robot
-from gplfd_env.robot.placement import gripper_rotation_w, task_rotation_w
+from gplfd_env.robot.placement import (
+    arm_addresses,
+    gripper_rotation_w,
+    task_rotation_w,
+)
 
 _NEAR: Final = 0.45
 """Least distance of the grasped point from the arm's root, seen from above [m]."""
@@ -48,7 +52,7 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
             "needs a mass and an inertia"
         ) from error
     data, tool = mujoco.MjData(model), model.body(robot.tool).id
-    arm = [int(model.joint(name).qposadr[0]) for name in robot.arm]
+    arm = arm_addresses(model, robot)
     limits = np.array([model.joint(name).range for name in robot.arm])
 
     def grasp(posture: Array) -> tuple[Array, Array]:
@@ -94,7 +98,7 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
             height=1.22,
         )
         found += [
-            (Before(base, swing, held, side), stance)
+            (StanceGroup(base, swing, held, side), stance)
             for base in get_args(Base)
             for swing in get_args(Swing)
             for side in ("right", "left")
@@ -151,7 +155,7 @@ def at_task_frame(
         height=math.inf,
     )
     robot = replace(robot, stances=tuple((one, stance) for one, _ in robot.stances))
-    upright = task_rotation_w(door, robot=robot)
+    upright = task_rotation_w(door, robot)
     turns = Rotation.from_matrix(upright) * Rotation.from_rotvec(poses[:, 3:])
     frames = turns.as_matrix() @ upright.T @ gripper_rotation_w(door, robot)
     places = [*position[:2], door.handle_height] + poses[:, :3] @ upright.T

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final, get_args
 
 from gplfd_env.doors.config import HingeSide, Swing
-from gplfd_env.robot.config import HELD, Before, RobotConfig, Stance
+from gplfd_env.robot.config import HELD, RobotConfig, Stance, StanceGroup
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.robot.urdf import robot_of_urdf
 from gplfd_env.validation.named import nearest_name
@@ -42,9 +42,9 @@ def _stance(
     )
 
 
-def _before(
+def _all_stances(
     fixed: Mapping[tuple[Swing, bool], Stance], driving: tuple[Stance, Stance, Stance]
-) -> tuple[tuple[Before, Stance], ...]:
+) -> tuple[tuple[StanceGroup, Stance], ...]:
     """Return the stances for all doors.
 
     Args:
@@ -58,12 +58,12 @@ def _before(
     for swing, held, side in itertools.product(get_args(Swing), HELD, sides):
         bar = held == "bar"
         stance = (bar_right if side == "right" else bar_left) if bar else turned
-        found.append((Before("mobile", swing, held, side), stance))
-        found.append((Before("fixed", swing, held, side), fixed[swing, bar]))
+        found.append((StanceGroup("mobile", swing, held, side), stance))
+        found.append((StanceGroup("fixed", swing, held, side), fixed[swing, bar]))
     return tuple(found)
 
 
-_PANDA: Final = _before(
+_PANDA: Final = _all_stances(
     {
         ("pull", True): _stance(
             (0.775, 0.170), 0.170, 0.356, 0, 0.346, 0.65,
@@ -99,7 +99,7 @@ _PANDA: Final = _before(
 )  # fmt: skip
 """assets/README.md explains how these and the following were found."""
 
-_UR5E: Final = _before(
+_UR5E: Final = _all_stances(
     {
         ("pull", True): _stance(
             (0.943, -0.216), -1.032, 0.744, 0, 0.431, 0.65,

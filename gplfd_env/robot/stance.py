@@ -5,13 +5,12 @@ from typing import Final
 from gplfd_env.conventions.constants import Base, Start
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.robot.config import RobotConfig
-from gplfd_env.robot.tiago import TIAGO_LIKE
 
 ABOUT_A_HINGE: Final = ("hinged", "rising-butt", "concealed-hinge")
 """Motions about an upright hinge, or nearly so; a fixed base reaches them."""
 
 
-def base_for(door: DoorConfig, robot: RobotConfig = TIAGO_LIKE) -> Base:
+def base_for(door: DoorConfig, robot: RobotConfig) -> Base:
     """Return the base that a door needs.
 
     A fixed base is enough for furniture within reach of the arm: bars that are pulled,
@@ -26,9 +25,7 @@ def base_for(door: DoorConfig, robot: RobotConfig = TIAGO_LIKE) -> Base:
     return "fixed" if within else "mobile"
 
 
-def check_reach(
-    door: DoorConfig, robot: RobotConfig = TIAGO_LIKE, start: Start = "grasped"
-) -> None:
+def check_reach(door: DoorConfig, robot: RobotConfig, start: Start = "grasped") -> None:
     """Raise a ValueError if a door is beyond the reach of the robot.
 
     Either the handle is too far from the hinge or too high, or the episode starts in

@@ -10,10 +10,10 @@ from gplfd_env.doors.config import Handle, Swing
 from gplfd_env.robot.config import (
     BASE_RADIUS,
     HELD,
-    Before,
     Capsule,
     RobotConfig,
     Stance,
+    StanceGroup,
 )
 
 _AT_BAR: Final = (1.119, 0.225, -1.569, 1.569, -1.352, -0.219, -1.564)
@@ -118,16 +118,16 @@ Farther from the hinge the base hits the leaf; on a lever the hand is nearer to 
 hinge."""
 
 
-def _stances() -> dict[Before, Stance]:
+def _stances() -> dict[StanceGroup, Stance]:
     """Return the stances for all doors."""
-    found: dict[Before, Stance] = {}
+    found: dict[StanceGroup, Stance] = {}
     for (base, swing), bar in _BAR.items():
         for held in HELD:
             stance = bar if held == "bar" else _TURNED[base, swing]
-            found[Before(base, swing, held, "right")] = stance
-            found[Before(base, swing, held, "left")] = stance
+            found[StanceGroup(base, swing, held, "right")] = stance
+            found[StanceGroup(base, swing, held, "left")] = stance
     for handle, stance in _PUSHING_LEFT.items():
-        found[Before("mobile", "push", handle, "left")] = stance
+        found[StanceGroup("mobile", "push", handle, "left")] = stance
     return found
 
 

@@ -15,10 +15,10 @@ import numpy as np
 from gplfd_env.conventions.constants import Array, Base
 from gplfd_env.robot.config import (
     BASE_RADIUS,
-    Before,
     Capsule,
     RobotConfig,
     Stance,
+    StanceGroup,
     Vector,
     grasp_axes,
 )
@@ -44,7 +44,7 @@ def robot_of_urdf(
     fingers: tuple[str, str] | None = None,
     home: Sequence[float] | None = None,
     armature: float | Sequence[float] = _ARMATURE,
-    stances: Sequence[tuple[Before, Stance]] = (),
+    stances: Sequence[tuple[StanceGroup, Stance]] = (),
 ) -> RobotConfig:
     """Make a robot from the URDF of an arm, on a stand or a mobile base.
 

@@ -14,7 +14,7 @@ one rigid body. A hand that moves away pushes the door through its frame. A base
 behind it would hit the wall beside the lock: c = 0.3, the hand turns more than the
 base. Within 5 cm of the closed door c is interpolated linearly.
 
-The target has a dead band, `PLAY`: the arm alone executes small and fast motions.
+The target has the dead band `DEAD_BAND`: the arm alone executes small and fast motions.
 The base moves at the rate of the target behind this dead band, and reduces its distance
 to it with the time constant `LAG`, within its braking distance. The hand's servo acts
 in the task frame, which is fixed in the world, so the arm compensates the base.
@@ -27,7 +27,6 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.placement import task_rotation_w
-from gplfd_env.robot.tiago import TIAGO_LIKE
 
 Planar = tuple[float, float, float]
 """x, y and yaw, or their rates: [m, m, rad], [m/s, m/s, rad/s]."""
@@ -44,7 +43,7 @@ ACCELERATION: Final = (1.0, 2.09)
 LAG: Final = 0.3
 """Time constant with which the base reduces its distance to the target [s]."""
 
-PLAY: Final = (0.04, 0.07)
+DEAD_BAND: Final = (0.04, 0.07)
 """Dead band: distance from the target within which the base stands still [m, rad]."""
 
 TURN: Final = (0.3, 1.0)
@@ -71,12 +70,11 @@ class BaseDrive:
     def __init__(
         self,
         hand: tuple[float, float],
-        door: DoorConfig | None = None,
-        robot: RobotConfig = TIAGO_LIKE,
+        door: DoorConfig,
+        robot: RobotConfig,
     ) -> None:
         self._hand = hand
-        axes = task_rotation_w(door, robot=robot.on("mobile"))
-        self._axes: Axes = axes.T.tolist()
+        self._axes: Axes = task_rotation_w(door, robot).T.tolist()
         self._dragged: Planar = (0.0, 0.0, 0.0)
         self.rate: Planar = (0.0, 0.0, 0.0)
         self._slowed = 0.0
@@ -118,7 +116,7 @@ class BaseDrive:
             turning + min(max(wanted_turn - turning, -step), step),
         )
 
-    def note(self, velocity: Planar) -> None:
+    def update_blocked(self, velocity: Planar) -> None:
         """Detect a blocked base from its measured rate [m/s, rad/s]."""
         vx, vy, turning = self.rate
         speed = math.hypot(vx, vy)
@@ -135,13 +133,11 @@ class BaseDrive:
         return self._slowed >= BLOCKED_TIME - 1e-9
 
 
-def led_by(
-    hand: list[float], closed: tuple[float, float], axes: Axes | None = None
-) -> Planar:
+def led_by(hand: list[float], closed: tuple[float, float], axes: Axes) -> Planar:
     """Return the target pose of the base, world frame, for a pose of the hand (6,).
 
-    Both are relative to the closed grasp, at which the hand is at `closed` [m]. By
-    default, the axes are those of the task frame at a bar.
+    The pose is relative to the closed grasp, at which the hand is at `closed` [m].
+    `axes` are those of the task frame in the world frame.
     """
     x, y, z, rx, ry, rz = hand
     coming = min(max(x / _COMING, -1.0), 1.0)
@@ -154,7 +150,7 @@ def led_by(
     yaw = share * twist
     cosine, sine = math.cos(yaw), math.sin(yaw)
     hx, hy = closed
-    pull, up, left = _BAR_AXES if axes is None else axes
+    pull, up, left = axes
     return (
         hx + pull[0] * x + up[0] * y + left[0] * z - (cosine * hx - sine * hy),
         hy + pull[1] * x + up[1] * y + left[1] * z - (sine * hx + cosine * hy),
@@ -166,9 +162,9 @@ def _dragged(pose: Planar, by: Planar) -> Planar:
     """Return a pose moved towards another until it is within the dead band."""
     dx, dy = by[0] - pose[0], by[1] - pose[1]
     away = math.hypot(dx, dy)
-    share = (away - PLAY[0]) / away if away > PLAY[0] else 0.0
+    share = (away - DEAD_BAND[0]) / away if away > DEAD_BAND[0] else 0.0
     turn = by[2] - pose[2]
-    rest = min(max(turn, -PLAY[1]), PLAY[1])
+    rest = min(max(turn, -DEAD_BAND[1]), DEAD_BAND[1])
     return pose[0] + share * dx, pose[1] + share * dy, pose[2] + (turn - rest)
 
 
@@ -185,6 +181,3 @@ def _shortened(x: float, y: float, most: float) -> tuple[float, float]:
     if length <= most:
         return x, y
     return x * (most / length), y * (most / length)
-
-
-_BAR_AXES: Final[Axes] = task_rotation_w(robot=TIAGO_LIKE.on("mobile")).T.tolist()

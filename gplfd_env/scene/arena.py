@@ -104,7 +104,7 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, robot: RobotConfig) -> None
     elif robot.base == "fixed" and (door.handle, door.hinge_side) != ("bar", "right"):
         turn = door.side * math.radians(75.0)
     shown = _shown_points(door, robot)
-    into_door = -task_rotation_w(door, robot=robot)[:, 0]
+    into_door = -task_rotation_w(door, robot)[:, 0]
     heading = math.atan2(into_door[1], into_door[0]) + turn
     level = np.array([math.cos(heading), math.sin(heading), 0.0])
     upward = np.array([0.0, 0.0, 1.0])
@@ -147,7 +147,7 @@ def _shown_points(door: DoorConfig, robot: RobotConfig) -> Array:
     with the handle while it pushes. This approximates `gplfd_env.robot.whole_body` to
     about a decimetre.
     """
-    axes = task_rotation_w(door, robot=robot)
+    axes = task_rotation_w(door, robot)
     floor = handle_position_w(door, Placement(), robot) * [1.0, 1.0, 0.0]
     hinge = floor - door.side * door.hand_radius * axes[:, 2]
     to_lock = door.side * axes[:, 2]

@@ -21,6 +21,7 @@ from gplfd_env.robot.collision import add_collisions, add_walls
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import GRIPS, Hold, load_robot
 from gplfd_env.robot.placement import (
+    arm_addresses,
     quaternion,
     solve_closed_posture,
     solve_standoff_posture,
@@ -76,20 +77,17 @@ _NOMINAL: Final[dict[str, Any]] = {
 
 def build_spec(
     door: DoorConfig,
-    grasp: Hold = "contact",
+    grasp: Hold,
     *,
-    placement: Placement | None = None,
-    control: Control = "pose",
-    structure: Structure | None = None,
-    robot: RobotConfig = TIAGO_LIKE,
+    placement: Placement,
+    control: Control,
+    structure: Structure,
+    robot: RobotConfig,
 ) -> mujoco.MjSpec:
     """Assemble arena, robot, door and sensors without compiling them.
 
-    A ``"weld"`` adds a rigid joint between hand and handle. By default the structure is
-    that of the door.
+    A ``"weld"`` adds a rigid joint between hand and handle.
     """
-    structure = structure_of(door) if structure is None else structure
-    placement = Placement() if placement is None else placement
     spec = load_robot(control, door, robot)
     add_arena(spec, door, robot)
     add_door(spec, door, placement, structure, robot)
@@ -178,7 +176,14 @@ def _template(
         swing="push" if structure.handle == "touch-bar" else "pull",
         panel_mass=NOMINAL_MASS,
     )
-    spec = build_spec(door, grasp, control=control, structure=structure, robot=robot)
+    spec = build_spec(
+        door,
+        grasp,
+        placement=Placement(),
+        control=control,
+        structure=structure,
+        robot=robot,
+    )
     return spec.compile()
 
 
@@ -206,7 +211,7 @@ def _settled(
     # Close the fingers on the handle and store the state at rest as the keyframe.
     mujoco.mj_resetData(model, data)
     data.qpos[:] = configuration
-    arm = [int(model.joint(name).qposadr[0]) for name in robot.arm]
+    arm = arm_addresses(model, robot)
     model.qpos_spring[arm] = data.qpos[arm]
     for finger in robot.fingers:
         data.joint(finger).qpos = held_radius(geometry.handle) - _BAR_INDENTATION

@@ -14,6 +14,7 @@ from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.mobile_base import HARD_STOP, SOFT_STOP
 from gplfd_env.robot.placement import (
+    grasp_height,
     handle_position_w,
     quaternion,
     task_in_door_frame,
@@ -24,7 +25,6 @@ from gplfd_env.scene.closer import add_closer, set_closer
 from gplfd_env.scene.handle import (
     STEEL,
     add_bar,
-    add_level_bar,
     add_rocker,
     add_turning_handle,
     set_spring,
@@ -92,7 +92,7 @@ def add_door(
     frame = spec.worldbody.add_body(
         name="door_frame",
         pos=handle_position_w(door, placement, robot),
-        quat=quaternion(task_rotation_w(door, placement.base_yaw, robot)),
+        quat=quaternion(task_rotation_w(door, robot, placement.base_yaw)),
     )
     grasp, axes = task_in_door_frame(door, placement, robot)
     frame.add_site(name="task_frame", pos=grasp, quat=quaternion(axes), **UNDRAWN)
@@ -121,10 +121,8 @@ def add_door(
         else:
             _add_hinges(leaf, door)
     foot = -door.handle_standoff + door.leaf_thickness / 2
-    if door.motion == "flap":
-        add_level_bar(leaf, door, foot)
-    elif door.handle == "bar":
-        add_bar(leaf, door, foot, placement.grasp_height)
+    if door.handle == "bar":
+        add_bar(leaf, door, foot, grasp_height(door, placement))
     elif door.handle in ROCKERS:
         add_rocker(leaf, door, foot)
     else:

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import mujoco
 
-from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN
+from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array
 from gplfd_env.doors.config import BAR_RADIUS, KNOB_RADIUS, DoorConfig
 from gplfd_env.doors.rocker import handle_axis
 
@@ -40,36 +40,21 @@ exceed two physics steps."""
 
 
 def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) -> None:
-    """Add a vertical bar: the geom ``handle_bar`` and the site ``handle``.
+    """Add a bar: the geom ``handle_bar`` and the site ``handle``.
 
     The leaf's surface is at `foot` along x, the grasped point `height` above the middle
-    [m].
+    [m]. The bar is vertical, that of a flap is level. A flap also has the site
+    ``leaf_axes``, whose axes are along the motion, along the hinge and away from it.
     """
-    reach = door.side * door.radius
-    leaf.add_geom(
-        fromto=[0, -BAR_HALF_LENGTH, reach, 0, BAR_HALF_LENGTH, reach],
-        size=[BAR_RADIUS, 0, 0],
-        mass=0.3,
-        **_HELD,
-    )
-    for name, end in (
-        ("handle_post_upper", BAR_HALF_LENGTH),
-        ("handle_post_lower", -BAR_HALF_LENGTH),
-    ):
-        _add_rod(leaf, name, [0.0, end, reach, foot, end, reach], 0.009)
-    leaf.add_site(name="handle", pos=[0.0, height, reach], **UNDRAWN)
-
-
-def add_level_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
-    """Add the level bar of a flap: the geom ``handle_bar`` and the site ``handle``.
-
-    The axes of the site ``leaf_axes`` are along the motion, along the hinge and away
-    from the hinge.
-    """
+    level = door.motion == "flap"
     up = -1.0 if door.hinge_side == "top" else 1.0
-    reach = up * door.radius
+    reach = (up if level else door.side) * door.radius
+
+    def point(x: float, along: float) -> list[float]:
+        return [x, reach, along] if level else [x, along, reach]
+
     leaf.add_geom(
-        fromto=[0, reach, -BAR_HALF_LENGTH, 0, reach, BAR_HALF_LENGTH],
+        fromto=point(0, -BAR_HALF_LENGTH) + point(0, BAR_HALF_LENGTH),
         size=[BAR_RADIUS, 0, 0],
         mass=0.3,
         **_HELD,
@@ -78,15 +63,16 @@ def add_level_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
         ("handle_post_upper", BAR_HALF_LENGTH),
         ("handle_post_lower", -BAR_HALF_LENGTH),
     ):
-        _add_rod(leaf, name, [0.0, reach, end, foot, reach, end], 0.009)
-    leaf.add_site(name="handle", pos=[0.0, reach, 0.0], **UNDRAWN)
-    half = math.sqrt(0.5)
-    leaf.add_site(
-        name="leaf_axes",
-        pos=[0.0, reach, 0.0],
-        quat=[half, -up * half, 0.0, 0.0],
-        **UNDRAWN,
-    )
+        _add_rod(leaf, name, point(0.0, end) + point(foot, end), 0.009)
+    leaf.add_site(name="handle", pos=point(0.0, height), **UNDRAWN)
+    if level:
+        half = math.sqrt(0.5)
+        leaf.add_site(
+            name="leaf_axes",
+            pos=point(0.0, 0.0),
+            quat=[half, -up * half, 0.0, 0.0],
+            **UNDRAWN,
+        )
 
 
 def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
@@ -97,19 +83,8 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
     same place does not.
     """
     reach, grip = door.side * door.radius, door.side * door.grip
-    preload, stiffness = door.handle_spring
-    body = leaf.add_body(name="handle", pos=[0.0, 0.0, reach], gravcomp=1.0)
-    body.add_joint(
-        name="handle",
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=[-door.side, 0, 0],
-        range=[0.0, door.travel],
-        limited=True,
-        stiffness=[stiffness, 0, 0],
-        springref=-preload / stiffness,
-        damping=[0.02, 0, 0],
-        armature=1e-3,
-    )
+    axis = [-door.side, 0, 0]
+    body = _add_turned_body(leaf, door, [0.0, 0.0, reach], axis, damping=0.02)
     if door.handle == "lever":
         end = door.side * (door.handle_length - BAR_RADIUS)
         body.add_geom(
@@ -135,19 +110,8 @@ def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
     """
     reach = door.side * door.radius
     spindle, axis = handle_axis(door)
-    preload, stiffness = door.handle_spring
-    body = leaf.add_body(name="handle", pos=[*spindle[:2], reach], gravcomp=1.0)
-    body.add_joint(
-        name="handle",
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=axis,
-        range=[0.0, door.travel],
-        limited=True,
-        stiffness=[stiffness, 0, 0],
-        springref=-preload / stiffness,
-        damping=[_ROCKER_DAMPING, 0, 0],
-        armature=1e-3,
-    )
+    place = [*spindle[:2], reach]
+    body = _add_turned_body(leaf, door, place, axis, damping=_ROCKER_DAMPING)
     x, y = -spindle[:2]
     towards_hinge = _ROD
     if door.handle == "touch-bar":
@@ -181,6 +145,30 @@ def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
     if door.handle == "handleset":
         grip = [-0.01, -0.04, reach, -0.01, -0.24, reach]
         _add_rod(leaf, "handle_grip", grip, BAR_RADIUS)
+
+
+def _add_turned_body(
+    leaf: mujoco.MjsBody,
+    door: DoorConfig,
+    place: Sequence[float],
+    axis: Sequence[float] | Array,
+    damping: float,
+) -> mujoco.MjsBody:
+    """Add body and joint ``handle`` with a return spring; damping in N m s/rad."""
+    preload, stiffness = door.handle_spring
+    body = leaf.add_body(name="handle", pos=place, gravcomp=1.0)
+    body.add_joint(
+        name="handle",
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=axis,
+        range=[0.0, door.travel],
+        limited=True,
+        stiffness=[stiffness, 0, 0],
+        springref=-preload / stiffness,
+        damping=[damping, 0, 0],
+        armature=1e-3,
+    )
+    return body
 
 
 def _add_rod(

@@ -13,7 +13,7 @@ from gplfd_env.doors.variation import Variation
 from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.scene.door import Structure, set_hinge, structure_of
 from gplfd_env.simulation.command import ServoGains, servo_gains
-from gplfd_env.simulation.loads import Demands
+from gplfd_env.simulation.loads import ExtraInputs
 from gplfd_env.simulation.single import BAD_STATE, Robot
 
 Rows = Sequence[int]
@@ -21,7 +21,7 @@ Rows = Sequence[int]
 _COUNT: Final = 1  # Column of `Batch.warning` with the counts.
 
 
-class Alike:
+class SameStructureBatch:
     """n simulations with doors of the same structure, a part of a `DoorBatch`."""
 
     def __init__(
@@ -72,19 +72,19 @@ class Alike:
         self._seen = self._counts.copy()
 
     def advance(
-        self, commands: Array, rows: Rows | None, demands: Demands
+        self, commands: Array, rows: Rows | None, inputs: ExtraInputs
     ) -> Mask | None:
         """See `DoorBatch.advance`."""
         if rows is None:
             self._ctrl[:, :6] = commands[:, :6]
         else:
             self._ctrl[rows, :6] = commands[rows, :6]
-        for row, rate in demands.base_rates.items():
+        for row, rate in inputs.base_rates.items():
             self._ctrl[row, self._base_rate] = rate
-        for row, width in demands.gripper_widths.items():
+        for row, width in inputs.gripper_widths.items():
             self._ctrl[row, self._fingers] = 0.5 * width
         changed = bool(self._gains)
-        for row, load in demands.loads.items():
+        for row, load in inputs.loads.items():
             self._applied[row, self._bodies] = load.wrenches
             changed |= set_hinge(self.models[row], load.stop, load.friction)
         if self._gains:
@@ -134,10 +134,10 @@ class DoorBatch:
         robot: Robot,
         begin: Sequence[Variation],
         num_threads: int,
-        physics: type[Alike] = Alike,
+        physics: type[SameStructureBatch] = SameStructureBatch,
     ) -> None:
         self._robot, self._threads, self._physics = robot, num_threads, physics
-        self._alike: dict[Structure, Alike] = {}
+        self._batches: dict[Structure, SameStructureBatch] = {}
         self._structure = [structure_of(variation.door) for variation in begin]
         for row, variation in enumerate(begin):
             self.load(row, variation)
@@ -146,13 +146,13 @@ class DoorBatch:
     def models(self) -> tuple[mujoco.MjModel, ...]:
         """The model of each simulation; live."""
         return tuple(
-            self._alike[structure].models[row]
+            self._batches[structure].models[row]
             for row, structure in enumerate(self._structure)
         )
 
     def qpos_of(self, row: int) -> Array:
         """Return one simulation's joint positions, (nq,) [m, rad]; live."""
-        positions: Array = self._alike[self._structure[row]].qpos[row]
+        positions: Array = self._batches[self._structure[row]].qpos[row]
         return positions
 
     def load(self, row: int, variation: Variation) -> None:
@@ -161,32 +161,32 @@ class DoorBatch:
         If the handle is out of reach, raises a ValueError and changes nothing.
         """
         structure = structure_of(variation.door)
-        if structure not in self._alike:
+        if structure not in self._batches:
             n = len(self._structure)
-            alike = self._physics(n, self._robot, variation, self._threads)
-            self._alike[structure] = alike
-        self._alike[structure].load(row, variation)
+            batch = self._physics(n, self._robot, variation, self._threads)
+            self._batches[structure] = batch
+        self._batches[structure].load(row, variation)
         self._structure[row] = structure
 
     def restart(self, rows: Rows) -> None:
         """Put simulations at rest, with closed door and initial pose of the hand."""
-        for alike, own in self._shares(rows):
-            alike.restart(own)
+        for batch, own in self._shares(rows):
+            batch.restart(own)
 
     def advance(
-        self, commands: Array, rows: Rows | None, demands: Demands
+        self, commands: Array, rows: Rows | None, inputs: ExtraInputs
     ) -> Mask | None:
         """Command simulations for one control period.
 
         Only the `commands` (n, ...) of `rows` are used, None for all. Returns which
         simulations MuJoCo reports as diverged, (n,); None if there are none.
         """
-        if len(self._alike) == 1:
-            (alike,) = self._alike.values()
-            return alike.advance(commands, rows, demands)
+        if len(self._batches) == 1:
+            (batch,) = self._batches.values()
+            return batch.advance(commands, rows, inputs)
         diverged: Mask | None = None
-        for alike, own in self._shares(rows):
-            found = alike.advance(commands, own, demands.of(own))
+        for batch, own in self._shares(rows):
+            found = batch.advance(commands, own, inputs.of(own))
             if found is not None:
                 diverged = found if diverged is None else diverged | found
         return diverged
@@ -196,27 +196,27 @@ class DoorBatch:
 
         Only `rows` are read, None for all; the other rows keep their `values`.
         """
-        if len(self._alike) == 1 and rows is None:
-            (alike,) = self._alike.values()
-            return np.array(alike.sensordata)
-        widest = max(self._alike[one].sensordata.shape[1] for one in self._structure)
+        if len(self._batches) == 1 and rows is None:
+            (batch,) = self._batches.values()
+            return np.array(batch.sensordata)
+        widest = max(self._batches[one].sensordata.shape[1] for one in self._structure)
         result = np.zeros((len(self._structure), widest))
         if values is not None:
             shared = min(widest, values.shape[1])
             result[:, :shared] = values[:, :shared]
-        for alike, own in self._shares(rows):
-            read = alike.sensordata
+        for batch, own in self._shares(rows):
+            read = batch.sensordata
             result[own] = 0.0
             result[own, : read.shape[1]] = read[own]
         return result
 
     def state_of(self, row: int) -> mujoco.MjData:
         """Return one simulation's state, e.g. to render it, until the next call."""
-        return self._alike[self._structure[row]].state_of(row)
+        return self._batches[self._structure[row]].state_of(row)
 
-    def _shares(self, rows: Rows | None) -> list[tuple[Alike, list[int]]]:
+    def _shares(self, rows: Rows | None) -> list[tuple[SameStructureBatch, list[int]]]:
         """Group rows (None for all) by the batch that steps them."""
         shares: dict[Structure, list[int]] = {}
         for row in range(len(self._structure)) if rows is None else rows:
             shares.setdefault(self._structure[row], []).append(row)
-        return [(self._alike[structure], own) for structure, own in shares.items()]
+        return [(self._batches[structure], own) for structure, own in shares.items()]

@@ -28,17 +28,17 @@ class Loads(NamedTuple):
         )
 
 
-class Demands(NamedTuple):
-    """Loads, base rates and gripper widths, by row of the simulation."""
+class ExtraInputs(NamedTuple):
+    """Inputs of simulations besides the hands' commands, by row of the simulation."""
 
     loads: dict[int, Loads]  # External loads, of episodes with a disturbance.
     base_rates: dict[int, Planar]  # Commanded rates of mobile bases.
     gripper_widths: dict[int, float]  # Commanded widths of movable fingers [m].
 
-    def of(self, rows: Collection[int]) -> "Demands":
-        """Return the demands of some simulations."""
+    def of(self, rows: Collection[int]) -> "ExtraInputs":
+        """Return the inputs of some simulations."""
         parts: Any = [{row: own[row] for row in rows if row in own} for own in self]
-        return Demands(*parts)
+        return ExtraInputs(*parts)
 
 
-NO_DEMANDS: Final = Demands({}, {}, {})
+NO_EXTRA_INPUTS: Final = ExtraInputs({}, {}, {})

@@ -14,7 +14,7 @@ from gplfd_env.robot.model import GRIPS, Hold
 from gplfd_env.scene.build import GRASP_KEY, build_scene, load_scene
 from gplfd_env.scene.door import set_hinge, structure_of
 from gplfd_env.simulation.command import Command, ServoGains, servo_gains
-from gplfd_env.simulation.loads import Demands
+from gplfd_env.simulation.loads import ExtraInputs
 
 BAD_STATE: Final = slice(
     int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
@@ -123,14 +123,14 @@ class DoorSimulation:
         self._apply(self._robot.command.resting(variation, self._robot.config))
         mujoco.mj_forward(self.model, self.data)
 
-    def advance(self, command: Array, demands: Demands) -> bool:
+    def advance(self, command: Array, inputs: ExtraInputs) -> bool:
         """Simulate one control period; return whether MuJoCo reports divergence."""
         self._apply(command)
-        for rate in demands.base_rates.values():
+        for rate in inputs.base_rates.values():
             self._rate[:] = rate
-        for width in demands.gripper_widths.values():
+        for width in inputs.gripper_widths.values():
             self._fingers[:] = 0.5 * width
-        for load in demands.loads.values():
+        for load in inputs.loads.values():
             set_hinge(self.model, load.stop, load.friction)
             for applied, wrench in zip(self._loaded, load.wrenches, strict=True):
                 applied[:] = wrench

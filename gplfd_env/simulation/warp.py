@@ -14,8 +14,8 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Mask
 from gplfd_env.doors.variation import Variation
 from gplfd_env.scene.build import GRASP_KEY
 from gplfd_env.scene.door import set_hinge, structure_of
-from gplfd_env.simulation.batch import Alike, Rows
-from gplfd_env.simulation.loads import Demands
+from gplfd_env.simulation.batch import Rows, SameStructureBatch
+from gplfd_env.simulation.loads import ExtraInputs
 from gplfd_env.simulation.single import Robot
 
 try:
@@ -43,7 +43,7 @@ _STATE: Final = ("qpos", "qvel", "qacc_warmstart", "xfrc_applied")
 """State that a simulation keeps from one step to the next, besides its controls."""
 
 
-class WarpPhysics(Alike):
+class WarpPhysics(SameStructureBatch):
     """n simulations with doors of one structure, stepped by MuJoCo Warp in float32.
 
     Models and initial states are computed by MuJoCo itself. Raises a ValueError for a
@@ -102,17 +102,17 @@ class WarpPhysics(Alike):
             _put(getattr(self._data, name), rows, np.array(values))
 
     def advance(
-        self, commands: Array, rows: Rows | None, demands: Demands
+        self, commands: Array, rows: Rows | None, inputs: ExtraInputs
     ) -> Mask | None:
         """See `gplfd_env.simulation.batch.DoorBatch.advance`."""
         stepped = range(len(self.models)) if rows is None else rows
         self._ctrl[stepped, :6] = commands[stepped, :6]
         self._data.ctrl.assign(self._ctrl)
-        for row, load in demands.loads.items():
+        for row, load in inputs.loads.items():
             self._applied[row, self._bodies] = load.wrenches
             if set_hinge(self.models[row], load.stop, load.friction):
                 self._changed.add(row)
-        if demands.loads:
+        if inputs.loads:
             self._data.xfrc_applied.assign(self._applied)
         changed = sorted(self._changed)
         for name in WORLD_FIELDS if changed else ():

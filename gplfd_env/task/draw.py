@@ -53,7 +53,7 @@ class DelayLine:
         return self._waiting.popleft() if len(self._waiting) > self._delay else rest
 
 
-class Drawn(NamedTuple):
+class SampledEpisode(NamedTuple):
     """A drawn episode with its noise source and its delay line, if any."""
 
     variation: Variation
@@ -67,7 +67,7 @@ def draw_episode(
     disturbance: Disturbance,
     rng: np.random.Generator,
     start: Start = "grasped",
-) -> Drawn:
+) -> SampledEpisode:
     """Draw an episode.
 
     The number of draws depends only on the start and on whether randomization and
@@ -94,4 +94,4 @@ def draw_episode(
             variation = dataclasses.replace(variation, placement=placement)
         variation = dataclasses.replace(variation, standoff=standoff)
     delay = DelayLine(variation.delay) if variation.delay else None
-    return Drawn(variation, noise, delay)
+    return SampledEpisode(variation, noise, delay)

@@ -36,9 +36,9 @@ from gplfd_env.robot.placement import hand_position_w
 from gplfd_env.robot.whole_body import BaseDrive
 from gplfd_env.scene.latch import latch_holds
 from gplfd_env.simulation.command import Command
-from gplfd_env.simulation.loads import NO_DEMANDS, Demands
+from gplfd_env.simulation.loads import NO_EXTRA_INPUTS, ExtraInputs
 from gplfd_env.simulation.single import Robot
-from gplfd_env.task.draw import DelayLine, Drawn, NoiseSource
+from gplfd_env.task.draw import DelayLine, NoiseSource, SampledEpisode
 from gplfd_env.task.intervention import Intervention
 from gplfd_env.task.observation import (
     BaseState,
@@ -110,7 +110,7 @@ class Progress:
     simulation_error: Flag  # MuJoCo has reset a diverged state.
 
 
-class Companions(NamedTuple):
+class EpisodeParts(NamedTuple):
     """Optional parts of an episode; each computes with numbers of one simulation."""
 
     variation: Variation
@@ -122,7 +122,7 @@ class Companions(NamedTuple):
     gripper: Gripper | None
 
 
-class Outside(NamedTuple):
+class DisturbanceEffects(NamedTuple):
     """Effects of a disturbance, see `Intervention`: numbers, or arrays (n,)."""
 
     push_force: Number = 0.0
@@ -148,18 +148,18 @@ class Episode:
         command: Command,
         reader: Reader,
         reward: Reward,
-        companions: Sequence[Companions],
+        parts: Sequence[EpisodeParts],
         constants: Constants,
     ) -> None:
         self.n, self.command, self.constants = n, command, constants
         self.reader = dataclasses.replace(reader, hand=constants.hand)
         self._reward, self._terms = reward, REWARDS[reward]
-        self._companions = list(companions)
+        self._parts = list(parts)
         self._index()
 
     @classmethod
     def begin(
-        cls, drawn: Drawn, robot: Robot, reward: Reward, values: Values
+        cls, drawn: SampledEpisode, robot: Robot, reward: Reward, values: Values
     ) -> "Episode":
         """Return an episode of one simulation at rest, from its sensor values."""
         variation, noise, delay = drawn
@@ -181,7 +181,7 @@ class Episode:
                 0.0 if holds else GRIPPER_WIDTH,
                 uncertain=any(variation.placement.belief),
             )
-        intervention = None if disturbance.idle else Intervention(variation)
+        intervention = None if disturbance.idle else Intervention(variation, config)
         constants = Constants(
             hand=reader.hand,
             path=LeafPath.of(door),
@@ -194,10 +194,10 @@ class Episode:
             # A door may also reach the end of its hinge; this is not a disturbance.
             stopped=disturbance.stop is not None,
         )
-        companions = Companions(
+        parts = EpisodeParts(
             variation, rest, noise, delay, intervention, drive, gripper
         )
-        episode = cls(None, command, reader, reward, [companions], constants)
+        episode = cls(None, command, reader, reward, [parts], constants)
         readings = episode.readings = episode._read(values, 0, None)
         episode.progress = Progress(
             steps=0,
@@ -221,7 +221,7 @@ class Episode:
             first.command,
             first.reader,
             first._reward,
-            [episode._companions[0] for episode in episodes],
+            [episode._parts[0] for episode in episodes],
             stacked([episode.constants for episode in episodes]),
         )
         many.readings = stacked([episode.readings for episode in episodes])
@@ -238,12 +238,12 @@ class Episode:
             setattr(self, name, changed)
         self.reader = dataclasses.replace(self.reader, hand=self.constants.hand)
         for row, one in begun.items():
-            self._companions[row] = one._companions[0]
+            self._parts[row] = one._parts[0]
         self._index()
 
     def _index(self) -> None:
         """Collect the simulations that have noise, a delay, a drive and so on."""
-        own = list(enumerate(self._companions))
+        own = list(enumerate(self._parts))
         self._noises = {row: one.noise for row, one in own if one.noise}
         self._delays = {row: one.delay for row, one in own if one.delay}
         self._drives = {row: one.drive for row, one in own if one.drive}
@@ -253,33 +253,34 @@ class Episode:
         }
         rare = self._delays, self._drives, self._grippers, self._interventions
         self._commands_alone = not any(rare)
-        self._note_outside()
+        self._read_effects()
 
-    def _note_outside(self) -> None:
+    def _read_effects(self) -> None:
         """Read the effects of the disturbances."""
-        zeros = Outside._field_defaults.items()
+        zeros = DisturbanceEffects._field_defaults.items()
         each = [self._each(self._interventions, name, zero) for name, zero in zeros]
-        self.outside = Outside(*each)
+        self.effects = DisturbanceEffects(*each)
 
     @property
     def variations(self) -> tuple[Variation, ...]:
         """Door and circumstances of every simulation."""
-        return tuple(own.variation for own in self._companions)
+        return tuple(own.variation for own in self._parts)
 
-    def demand(self, commands: Array, stepped: Mask | None = None) -> Demands:
+    def prepare_step(self, commands: Array, stepped: Mask | None = None) -> ExtraInputs:
         """Delay commands (n, ...) in place; return loads, base rates and widths."""
         if self._commands_alone:
-            return NO_DEMANDS
-        demands, readings, progress = Demands({}, {}, {}), self.readings, self.progress
+            return NO_EXTRA_INPUTS
+        inputs = ExtraInputs({}, {}, {})
+        readings, progress = self.readings, self.progress
         for row, intervention in _chosen(self._interventions, stepped):
             time, door = self._of(row, (readings.time, readings.door))
             taken, point = self._of(row, (progress.opening.taken, progress.grasp_point))
             slip = door.hand_on_handle[0] - point[0] if taken else 0.0
-            demands.loads[row] = intervention.loads(time, door, slip)
+            inputs.loads[row] = intervention.loads(time, door, slip)
         if self._interventions:
-            self._note_outside()
+            self._read_effects()
         for row, delay in _chosen(self._delays, stepped):
-            commands[row] = delay.pass_on(commands[row], self._companions[row].rest)
+            commands[row] = delay.pass_on(commands[row], self._parts[row].rest)
         for row, intervention in _chosen(self._interventions, stepped):
             # Commands are relative to the robot's frame, which a bump has moved.
             commands[row, :3] += intervention.base_shift
@@ -289,12 +290,12 @@ class Episode:
             hand, (x, y, yaw, stage) = commands[row].tolist(), bases[row]
             if self.command.drives:
                 drive.obey(hand[-3:], (x, y, yaw))
-            elif self._companions[row].variation.standoff is None or stage > 0:
+            elif self._parts[row].variation.standoff is None or stage > 0:
                 drive.follow(hand[:6], (x, y, yaw))
             else:
                 # Only the arm moves: the base is already placed for the grasp.
                 drive.follow(_CLOSED, (x, y, yaw))
-            demands.base_rates[row] = drive.rate
+            inputs.base_rates[row] = drive.rate
         if self._grippers:
             hands = by_row((progress.opening.taken, *readings.hand))
         for row, gripper in _chosen(self._grippers, stepped):
@@ -303,8 +304,8 @@ class Episode:
             else:
                 taken, *pose = hands[row]
                 gripper.close_at_handle(pose, taken=taken)
-            demands.gripper_widths[row] = gripper.width
-        return demands
+            inputs.gripper_widths[row] = gripper.width
+        return inputs
 
     def advance(self, values: Values, stepped: Mask | None = None) -> None:
         """Update the episode from the sensor values after one control period.
@@ -323,7 +324,7 @@ class Episode:
         if self._drives:
             rates = by_row(readings.base.velocity)
             for row, drive in _chosen(self._drives, stepped):
-                drive.note(rates[row])
+                drive.update_blocked(rates[row])
             blocked = self._each(self._drives, "blocked", False)
         if self._grippers:
             opened = self._each(self._grippers, "opened", False)
@@ -362,7 +363,7 @@ class Episode:
                 (before, old),
             )
 
-    def break_off(self, diverged: Flag = True) -> None:
+    def mark_diverged(self, diverged: Flag = True) -> None:
         """Mark simulations as diverged; their readings stay the last good ones."""
         progress, idle = self.progress, self._terms(0.0, 0.0, False)
         progress.steps = progress.steps + 1 * diverged
@@ -464,7 +465,7 @@ class Episode:
         """Pose of the handle in the robot's task frame [m, rad]."""
         constants, door = self.constants, self.readings.door
         x, y, z = door.handle_position
-        dx, dy, dz = self.outside.base_shift
+        dx, dy, dz = self.effects.base_shift
         rotation = door.handle_rotation(constants.path)
         return (x - dx, y - dy, z - dz, *rotation)
 

@@ -8,7 +8,7 @@ import numpy as np
 from gplfd_env.conventions.constants import Array, Mask
 from gplfd_env.conventions.resets import masked
 from gplfd_env.doors.variation import Variation
-from gplfd_env.simulation.loads import NO_DEMANDS, Demands
+from gplfd_env.simulation.loads import NO_EXTRA_INPUTS, ExtraInputs
 from gplfd_env.task.episode import Episode
 from gplfd_env.task.info import infos_of
 from gplfd_env.task.observation import Observation
@@ -33,15 +33,15 @@ class Episodes:
         for row, one in begun.items():
             self._ones[row] = one
 
-    def demand(self, commands: Array, stepped: Mask | None) -> Demands:
-        """See `Episode.demand`."""
+    def prepare_step(self, commands: Array, stepped: Mask | None) -> ExtraInputs:
+        """See `Episode.prepare_step`."""
         if self._many is not None:
-            return self._many.demand(commands, stepped)
-        total = Demands({}, {}, {})
+            return self._many.prepare_step(commands, stepped)
+        total = ExtraInputs({}, {}, {})
         for row, one in enumerate(self._ones):
             if stepped is None or stepped[row]:
-                own = one.demand(commands[row : row + 1])
-                if own is not NO_DEMANDS:
+                own = one.prepare_step(commands[row : row + 1])
+                if own is not NO_EXTRA_INPUTS:
                     pairs: Any = zip(total, own, strict=True)
                     for every, alone in pairs:
                         if alone:
@@ -59,14 +59,14 @@ class Episodes:
         if self._many is not None:
             self._many.advance(np.ascontiguousarray(sensordata.T), stepped)
             if diverged is not None:
-                self._many.break_off(diverged)
+                self._many.mark_diverged(diverged)
             return
         values = sensordata.tolist()
         for row, one in enumerate(self._ones):
             if stepped is None or stepped[row]:
                 one.advance(values[row])
             elif diverged is not None and diverged[row]:
-                one.break_off()
+                one.mark_diverged()
             else:
                 one.rest()
 

@@ -39,15 +39,15 @@ INFO: Final[Mapping[str, Entry]] = {
     "force_vertical": Entry(
         float, "readings.door.forces.vertical", "hand on handle, upwards", "N"
     ),
-    "push_force": Entry(float, "outside.push_force", "force of a push", "N"),
+    "push_force": Entry(float, "effects.push_force", "force of a push", "N"),
     "person_force": Entry(
-        float, "outside.person_force", "greatest force on a person, last period", "N"
+        float, "effects.person_force", "greatest force on a person, last period", "N"
     ),
     "person_energy": Entry(
-        float, "outside.person_energy", "work done on a person since the reset", "J"
+        float, "effects.person_energy", "work done on a person since the reset", "J"
     ),
     "base_shift": Entry(
-        float, "outside.base_distance", "how far a bump moved the base", "m"
+        float, "effects.base_distance", "how far a bump moved the base", "m"
     ),
     "stop_force": Entry(
         float, "stop_force", "door on its stop, at the handle's radius", "N"

@@ -11,6 +11,7 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.disturbance import Person, Push
 from gplfd_env.doors.motion import end_angle
 from gplfd_env.doors.variation import Variation
+from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.placement import task_rotation_w
 from gplfd_env.simulation.loads import Loads, Vector
 from gplfd_env.task.observation import DoorReading
@@ -39,7 +40,7 @@ class Intervention:
         base_velocity: Rate of the displacement [m/s].
     """
 
-    def __init__(self, variation: Variation) -> None:
+    def __init__(self, variation: Variation, robot: RobotConfig) -> None:
         self._cause = cause = variation.disturbance
         self._door = door = variation.door
         self._stuck = cause.breakaway is not None
@@ -52,7 +53,8 @@ class Intervention:
             self._bump_start = _Start(cause.bump.start_angle, cause.bump.start_time)
             # The world frame is the frame of the base.
             shift = (cause.bump.forward, cause.bump.left, 0.0)
-            self._whole_shift = tuple((task_rotation_w(door).T @ shift).tolist())
+            to_task = task_rotation_w(door, robot).T
+            self._whole_shift = tuple((to_task @ shift).tolist())
         self.push_force = self.person_force = self.person_energy = 0.0
         self.base_distance = 0.0
         self.base_shift: Vector = _NOTHING

@@ -31,7 +31,6 @@ from gplfd_env.doors.motion import LeafPath
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.robot.model import WRENCH_LIMITS, Hold
-from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_env.simulation.command import Command
 
@@ -41,14 +40,12 @@ Wrench = tuple[Number, Number, Number, Number, Number, Number]
 Values = Any
 """Sensor values: a list for one simulation, or an array (number, n)."""
 
-_NOMINAL: Final = LeafPath()
-
 _TOUCHING: Final = slice(17, 19)
 """Slice of a door's readings: whether right and left finger touch the handle."""
 
 
 def observation_space(
-    command: Command, robot: RobotConfig = TIAGO_LIKE
+    command: Command, robot: RobotConfig
 ) -> spaces.Space[Observation]:
     """Return the observation space; units and frames in docs/environment.md."""
 
@@ -108,7 +105,7 @@ class Reader:
         cls,
         grasp: Hold,
         control: Control,
-        robot: RobotConfig = TIAGO_LIKE,
+        robot: RobotConfig,
         handle: Handle = "bar",
         swing: Swing = "pull",
         *,
@@ -215,7 +212,7 @@ class Reader:
             torque_z - (arm_x * force_y - arm_y * force_x),
         )
 
-    def door_reading(self, values: Values, path: LeafPath = _NOMINAL) -> DoorReading:
+    def door_reading(self, values: Values, path: LeafPath) -> DoorReading:
         """Return the privileged readings of door and grasp."""
         reading = values[self.door]
         angle, velocity, hx, hy, hz, ox, oy, oz = reading[:8]

@@ -8,10 +8,9 @@ import gymnasium as gym
 import numpy as np
 
 from gplfd_env.conventions.constants import Info
-from gplfd_env.task.opening import FAILURES
-from gplfd_env.task.stages import REASONS, STAGES
+from gplfd_env.task.info import INFO, TEXTS
 
-_CODES: Final = {"failure": FAILURES, "reason": REASONS, "stage": STAGES}
+_CODES: Final = {name: INFO[name].texts for name in TEXTS}
 
 
 class _Coded:

@@ -159,7 +159,8 @@ def push_hand() -> Callable[..., None]:
     """
 
     def push(env: DoorOpeningEnv, force_d: Any, moment_d: Any = (0.0, 0.0, 0.0)):
-        rotation, gripper = task_rotation_w(), env.data.body("gripper_link")
+        rotation = task_rotation_w(DoorConfig(), TIAGO_LIKE)
+        gripper = env.data.body("gripper_link")
         force, moment = rotation @ force_d, rotation @ moment_d
         lever = env.data.site("hand").xpos - gripper.xipos
         gripper.xfrc_applied[:] = [*force, *(np.cross(lever, force) + moment)]

@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.disturbance import (
     Disturbance,
     Person,
@@ -21,6 +22,7 @@ from gplfd_env.doors.disturbance import (
     disturbance_named,
 )
 from gplfd_env.robot.placement import task_rotation_w
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.task.intervention import PersonHand
 
 REST = np.zeros(6)
@@ -207,7 +209,7 @@ def test_a_locked_door_stays_closed(make_env):
 def test_a_bumped_robot_misjudges_its_own_frame(free_door):
     bump = {"forward": 0.02, "left": -0.01, "start_time": 0.1, "duration": 0.2}
     env = free_door({"bump": bump})
-    shift = task_rotation_w().T @ [0.02, -0.01, 0.0]
+    shift = task_rotation_w(DoorConfig(), TIAGO_LIKE).T @ [0.02, -0.01, 0.0]
     handle, twist = [], []
     for _ in range(150):
         observation, *_, info = env.step(REST)
@@ -220,6 +222,28 @@ def test_a_bumped_robot_misjudges_its_own_frame(free_door):
     assert_allclose(handle[-1], -shift, atol=1e-6)
     assert info["base_shift"] == pytest.approx(np.hypot(0.02, 0.01))
     assert_allclose(np.sum(twist, axis=0) * CONTROL_PERIOD, 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("robot", ["tiago-like", "panda-like", "ur5e-like"])
+@pytest.mark.parametrize(
+    ("door", "base"),
+    [
+        ({"radius": 0.5}, "fixed"),
+        ({"swing": "push", "radius": 0.5}, "fixed"),
+        ({"radius": 0.9}, "mobile"),
+        ({"hinge_side": "left"}, "mobile"),
+        ({"handle": "lever"}, "mobile"),
+    ],
+)
+def test_a_bump_moves_every_robot_along_its_own_axes(robot, door, base, start_env):
+    """The world frame is the base at the reset; the scene has the task frame."""
+    bump = {"forward": 0.01, "left": -0.004, "duration": 0.05}
+    env = start_env(door, robot=robot, base=base, disturbance={"bump": bump})
+    axes = env.data.site("task_frame").xmat.reshape(3, 3)
+    for _ in range(6):
+        env.step(REST)
+    expected = axes.T @ [0.01, -0.004, 0.0]
+    assert_allclose(env._episode.effects.base_shift, expected, atol=1e-9)
 
 
 def test_a_stuck_hinge_breaks_away_once(start_env):

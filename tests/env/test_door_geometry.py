@@ -59,7 +59,7 @@ def test_the_nominal_arc_of_every_way_and_side(swing, side, radius):
 
     A bar does not turn.
     """
-    geometry = DoorGeometry.nominal(radius, swing, side)
+    geometry = DoorGeometry.of(DoorConfig(radius=radius, swing=swing, hinge_side=side))
     way, right = (1 if swing == "pull" else -1), (1 if side == "right" else -1)
     mirror = np.array([way, 1, right, 1, way * right, 1])
     expected = handle_pose_on_arc(radius, ANGLES) * mirror

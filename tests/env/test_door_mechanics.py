@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.doors.closer import STICTION_ANGLE, CloserLaw
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.hardware import EN_1154, en1154, leaf, spring_hinge
+from gplfd_env.doors.motion import LeafPath
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.observation import Reader
@@ -19,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 FREE = {"hinge_friction": 0.0, "hinge_damping": 0.0}
 OFFICE = {**FREE, "radius": 0.65, "panel_mass": 30.0}
-READER = Reader.of("contact", "pose")
+READER = Reader.of("contact", "pose", TIAGO_LIKE)
 
 
 def hinge_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> float:
@@ -54,7 +55,7 @@ def test_handle_moves_on_the_closed_form_arc(radius, angle, door_alone):
     rotation = axes.T @ handle.xmat.reshape(3, 3)
     turned = Rotation.from_rotvec(expected[3:]).as_matrix()
     assert_allclose(rotation, turned, atol=1e-12)
-    reading = READER.door_reading(data.sensordata.tolist())
+    reading = READER.door_reading(data.sensordata.tolist(), LeafPath())
     assert_allclose(reading.handle_position, expected[:3], atol=1e-12)
     assert reading.angle == angle
 
@@ -103,7 +104,7 @@ def test_the_torque_at_the_stop_is_what_presses_the_leaf_against_it(
     data.joint("hinge").qfrc_applied = 50.0
     mujoco.mj_step(model, data, nstep=500)
     reader = Reader.of("contact", "pose", TIAGO_LIKE.on(base), door.handle, door.swing)
-    reading = reader.door_reading(data.sensordata.tolist())
+    reading = reader.door_reading(data.sensordata.tolist(), LeafPath())
     assert reading.angle == pytest.approx(door.stop_angle, abs=2e-3)
     assert reading.stop_torque == pytest.approx(50.0, rel=0.03)
     assert reading.handle_angle == pytest.approx(0.0, abs=0.01)
@@ -137,7 +138,7 @@ def test_work_at_the_handle_is_what_the_door_takes(start_env, arc_commands):
             mujoco.mj_step(env.model, data)
             values = data.sensordata.tolist()
             moment = -READER.wrench(values)[4]
-            tangential, _, _ = READER.door_reading(values).forces
+            tangential, _, _ = READER.door_reading(values, LeafPath()).forces
             torque.append(radius * tangential + moment)
             speed.append(data.joint("hinge").qvel[0])
             angle.append(data.joint("hinge").qpos[0])

@@ -46,7 +46,7 @@ def moved_scene(door: DoorConfig, angle: float) -> mujoco.MjData:
 
 @pytest.mark.parametrize("door", doors(), ids=lambda door: door.motion)
 def test_the_scene_moves_the_handle_as_the_geometry_says(door):
-    axes = task_rotation_w(door, robot=TIAGO_LIKE.on("mobile"))
+    axes = task_rotation_w(door, TIAGO_LIKE.on("mobile"))
     origin = handle_position_w(door, Placement(), TIAGO_LIKE.on("mobile"))
     geometry = DoorGeometry.of(door)
     for angle in np.linspace(0.0, end_angle(door), 5):
@@ -110,7 +110,7 @@ def test_a_concealed_hinge_is_a_four_bar():
 def test_forces_are_split_along_the_path(door):
     """Along it, as the geometry tells its direction; the rest is across."""
     path, geometry = LeafPath.of(door), DoorGeometry.of(door)
-    axes = task_rotation_w(door, robot=TIAGO_LIKE.on("mobile"))
+    axes = task_rotation_w(door, TIAGO_LIKE.on("mobile"))
     site = "leaf_axes" if door.motion == "flap" else "handle"
     for angle in np.linspace(0.01, 0.95 * end_angle(door), 5).tolist():
         frame = axes.T @ moved_scene(door, angle).site(site).xmat.reshape(3, 3)
@@ -219,7 +219,7 @@ def opened_by_its_geometry(env, door: DoorConfig) -> tuple[dict, np.ndarray]:
 def test_every_motion_is_opened_by_its_path_and_takes_the_force_it_should(
     door, make_env
 ):
-    env = make_env(door=door, base=base_for(door))
+    env = make_env(door=door, base=base_for(door, TIAGO_LIKE))
     info, rows = opened_by_its_geometry(env, door)
     assert info["success"], info["reason"]
     assert info["opening"] == pytest.approx(info["door_angle"] / OPENED)

@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.motion import LeafPath
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.observation import Reader
 
-READER = Reader.of("contact", "pose")
+READER = Reader.of("contact", "pose", TIAGO_LIKE)
 
 # Within these the medium door can be held.
 placements = st.builds(
@@ -55,10 +56,10 @@ def test_the_arc_is_turned_by_minus_the_yaw(placement, angle, radius):
     The arc begins where the bar really is at the closed grasp.
     """
     model, data = at_rest(placement, radius)
-    closed = READER.door_reading(data.sensordata.tolist()).handle_position
+    closed = READER.door_reading(data.sensordata.tolist(), LeafPath()).handle_position
     data.joint("hinge").qpos = angle
     mujoco.mj_forward(model, data)
-    reading = READER.door_reading(data.sensordata.tolist())
+    reading = READER.door_reading(data.sensordata.tolist(), LeafPath())
     arc = handle_pose_on_arc(radius, angle)[:3]
     expected = turned(arc, placement.base_yaw)
     assert_allclose(np.subtract(reading.handle_position, closed), expected, atol=1e-6)

@@ -21,6 +21,7 @@ from gplfd_env.doors.config import DOORS
 from gplfd_env.doors.motion import links_of
 from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.robot.stance import base_for
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
 pytestmark = pytest.mark.slow
@@ -212,7 +213,7 @@ def robot_and_leaf(env: DoorOpeningEnv) -> np.ndarray:
         (name, base)
         for name, door in DOORS.items()
         for base in ("fixed", "mobile")
-        if base in ("mobile", base_for(door)) or door.motion == "hinged"
+        if base in ("mobile", base_for(door, TIAGO_LIKE)) or door.motion == "hinged"
     ],
 )
 def test_robot_and_leaf_fill_the_picture_from_the_closed_to_the_open_door(

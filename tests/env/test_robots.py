@@ -17,7 +17,7 @@ from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.assets import asset_path
 from gplfd_env.doors.config import BAR_RADIUS, DOORS, DoorConfig
 from gplfd_env.envs import version_0
-from gplfd_env.robot.config import Before
+from gplfd_env.robot.config import StanceGroup
 from gplfd_env.robot.description import described_robot
 from gplfd_env.robot.placement import gripper_rotation_w
 from gplfd_env.robot.robots import robot_named
@@ -186,7 +186,7 @@ def test_a_roll_turns_the_fingers_about_the_approach(roll):
     stance = TIAGO_LIKE.stance(DoorConfig())
     rolled = dataclasses.replace(stance, roll=roll)
     robot = dataclasses.replace(
-        TIAGO_LIKE, stances=((Before.of(DoorConfig(), "fixed"), rolled),)
+        TIAGO_LIKE, stances=((StanceGroup.of(DoorConfig(), "fixed"), rolled),)
     )
     axes, rolled_axes = (
         gripper_rotation_w(DoorConfig(), one) for one in (TIAGO_LIKE, robot)

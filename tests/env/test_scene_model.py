@@ -9,9 +9,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.conventions.assets import asset_path
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
+from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.stance import base_for
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
+from gplfd_env.scene.door import structure_of
 from gplfd_env.scene.visuals import CLOSER_ARM, CLOSER_PARTS, GROUP
 
 NAMED = (
@@ -120,7 +122,15 @@ def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
     Before a base that drives the walls are solid; before one that stands still they
     are only to be seen.
     """
-    spec = build_spec(door_config(door), robot=TIAGO_LIKE.on(base))
+    config = door_config(door)
+    spec = build_spec(
+        config,
+        "contact",
+        placement=Placement(),
+        control="pose",
+        structure=structure_of(config),
+        robot=TIAGO_LIKE.on(base),
+    )
     dressed = spec.compile()
     seen = looks(dressed) | (WALLS if base == "fixed" else set())
     for geom in [one for one in spec.geoms if one.name in seen]:
@@ -141,7 +151,7 @@ def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
 
 @pytest.mark.parametrize("door", DOORS)
 def test_every_door_stands_in_a_wall(door):
-    for base in {base_for(DOORS[door]), "mobile"}:
+    for base in {base_for(DOORS[door], TIAGO_LIKE), "mobile"}:
         model = build_scene(DOORS[door], robot=TIAGO_LIKE.on(base))
         for wall in WALLS:
             assert model.geom(wall).rgba[3] == 1.0

@@ -153,7 +153,7 @@ def test_free_hand_reads_zero_and_a_known_load_reads_right(degrees, turn, free):
     gripper.xfrc_applied[:] = [*weight_w, *moment_w]
     observation = move_slowly(free, free.data.ctrl[:6].copy())
     lever_w = gripper.xipos - free.data.site("hand").xpos
-    to_task = task_rotation_w().T
+    to_task = task_rotation_w(free.door, TIAGO_LIKE).T
     force = to_task @ weight_w
     moment = to_task @ (np.cross(lever_w, weight_w) + moment_w)
     assert force[1] == pytest.approx(-14.715), "the weight points down: -y"

@@ -15,7 +15,7 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.randomization import DoorRandomization, door_randomization
 from gplfd_env.doors.variation import BELIEF_LIMIT, Perception
-from gplfd_env.robot.gripper import AT_REST, LEFT, SPEED, Gripper
+from gplfd_env.robot.gripper import AT_REST, RELEASE_DISTANCE, SPEED, Gripper
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.task.opening import TRIED_ANGLE
 
@@ -124,7 +124,7 @@ def test_the_gripper_closes_where_the_hand_rests_and_opens_where_it_leaves():
     resting = widths(*[0.02] * (periods + 30))
     assert resting[periods - 2] == GRIPPER_WIDTH
     assert resting[-1] == pytest.approx(GRIPPER_WIDTH - 30 * 0.01 * SPEED, abs=2e-3)
-    closed = widths(*[0.02 + 0.9 * LEFT] * 100)
+    closed = widths(*[0.02 + 0.9 * RELEASE_DISTANCE] * 100)
     assert closed[-1] == 0.0, "it may centre itself"
     assert widths(*np.arange(0.05, 0.2, 0.01), taken=True)[-1] == 0.0, "it holds"
     assert widths(*np.arange(0.2, 1.0, 0.01))[-1] > 0.05, "it has left"

@@ -11,12 +11,14 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.doors.config import DoorConfig
 from gplfd_env.robot.placement import task_rotation_w
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.robot.whole_body import (
     ACCELERATION,
     BLOCKED_TIME,
+    DEAD_BAND,
     LAG,
-    PLAY,
     SPEED,
     BaseDrive,
     led_by,
@@ -24,13 +26,15 @@ from gplfd_env.robot.whole_body import (
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
 HAND = (0.8, 0.3)
-UP = task_rotation_w()[2]
+ROBOT = TIAGO_LIKE.on("mobile")
+AXES = task_rotation_w(DoorConfig(), ROBOT)
+UP = AXES[2]
 numbers = st.floats(-1.0, 1.0)
 
 
 def settled(hand: list[float]) -> tuple[tuple[float, ...], list[tuple[float, ...]]]:
     """Where a base without inertia comes to rest, and its rates until then."""
-    drive, base, rates = BaseDrive(HAND), (0.0, 0.0, 0.0), []
+    drive, base, rates = BaseDrive(HAND, DoorConfig(), ROBOT), (0.0, 0.0, 0.0), []
     for _ in range(800):
         drive.follow(hand, base)
         rates.append(drive.rate)
@@ -60,8 +64,8 @@ def test_the_base_is_led_as_if_fixed_to_the_hand(way, comes, y, z, yaw):
     tenths of its yaw.
     """
     x = way if comes else -way
-    bx, by, turn = led_by([x, y, z, 0.0, yaw, 0.0], HAND)
-    moved = task_rotation_w() @ [x, y, z]
+    bx, by, turn = led_by([x, y, z, 0.0, yaw, 0.0], HAND, AXES.T.tolist())
+    moved = AXES @ [x, y, z]
     back = Rotation.from_rotvec([0.0, 0.0, -turn])
     hand = back.apply([HAND[0] + moved[0] - bx, HAND[1] + moved[1] - by, 0.0])
     assert_allclose(hand[:2], HAND, atol=1e-12)
@@ -71,15 +75,15 @@ def test_the_base_is_led_as_if_fixed_to_the_hand(way, comes, y, z, yaw):
 @given(x=st.floats(-0.06, 0.06), yaw=st.floats(-1.5, 1.5))
 def test_where_the_base_is_led_does_not_jump_at_the_closed_door(x, yaw):
     """A millimetre and a milliradian of the hand lead it by a few of both."""
-    here = led_by([x, 0.0, 0.0, 0.0, yaw, 0.0], HAND)
-    there = led_by([x + 1e-3, 0.0, 0.0, 0.0, yaw + 1e-3, 0.0], HAND)
+    here = led_by([x, 0.0, 0.0, 0.0, yaw, 0.0], HAND, AXES.T.tolist())
+    there = led_by([x + 1e-3, 0.0, 0.0, 0.0, yaw + 1e-3, 0.0], HAND, AXES.T.tolist())
     assert np.abs(np.subtract(here, there)).max() < 0.02
 
 
 @given(x=numbers, y=st.floats(-1.5, 1.5), z=numbers)
 def test_of_a_rotation_the_base_takes_the_twist_about_the_vertical(x, y, z):
     """Swing and twist: what is left when the twist is undone has no vertical part."""
-    _, _, turn = led_by([0.1, 0.0, 0.0, x, y, z], HAND)
+    _, _, turn = led_by([0.1, 0.0, 0.0, x, y, z], HAND, AXES.T.tolist())
     whole = Rotation.from_rotvec([x, y, z])
     swing = whole * Rotation.from_rotvec([0.0, turn, 0.0]).inv()
     assert swing.as_quat()[1] == pytest.approx(0.0, abs=1e-12)
@@ -89,12 +93,11 @@ def test_of_a_rotation_the_base_takes_the_twist_about_the_vertical(x, y, z):
 @pytest.mark.parametrize("radius", [0.30, 0.95])
 def test_along_a_handle_s_arc_the_base_turns_about_the_hinge(radius, side):
     """Whichever side the hinge is on; the rule is not told where."""
-    axes = task_rotation_w()
-    hinge = np.array([*HAND, 0.0]) + axes @ [0.0, 0.0, -side * radius]
+    hinge = np.array([*HAND, 0.0]) + AXES @ [0.0, 0.0, -side * radius]
     for angle in (0.2, 0.8, 1.5):
         arc = handle_pose_on_arc(radius, angle) * [1, 1, side, side, side, 1]
-        bx, by, turn = led_by(arc.tolist(), HAND)
-        expected = hinge + Rotation.from_rotvec(side * angle * UP @ axes.T).apply(
+        bx, by, turn = led_by(arc.tolist(), HAND, AXES.T.tolist())
+        expected = hinge + Rotation.from_rotvec(side * angle * UP @ AXES.T).apply(
             -hinge
         )
         assert_allclose((bx, by), expected[:2], atol=1e-12)
@@ -104,11 +107,11 @@ def test_along_a_handle_s_arc_the_base_turns_about_the_hinge(radius, side):
 @settings(max_examples=25)
 @given(st.tuples(numbers, numbers, numbers, *3 * [st.floats(-0.8, 0.8)]))
 def test_the_base_comes_within_the_play_of_where_it_is_led(hand):
-    target = led_by(list(hand), HAND)
+    target = led_by(list(hand), HAND, AXES.T.tolist())
     base, rates = settled(list(hand))
     distance, turn = away(base, target)
-    assert distance <= PLAY[0] + 1e-3
-    assert turn <= PLAY[1] + 1e-3
+    assert distance <= DEAD_BAND[0] + 1e-3
+    assert turn <= DEAD_BAND[1] + 1e-3
     start = away((0.0, 0.0, 0.0), target)
     assert all(away((0.0, 0.0, 0.0), rate)[0] <= SPEED[0] + 1e-9 for rate in rates)
     assert all(abs(rate[2]) <= SPEED[1] + 1e-9 for rate in rates)
@@ -116,24 +119,24 @@ def test_the_base_comes_within_the_play_of_where_it_is_led(hand):
         linear, angular = away(before, after)
         assert linear <= ACCELERATION[0] * CONTROL_PERIOD + 1e-9
         assert angular <= ACCELERATION[1] * CONTROL_PERIOD + 1e-9
-    if start[0] <= PLAY[0] and start[1] <= PLAY[1]:
+    if start[0] <= DEAD_BAND[0] and start[1] <= DEAD_BAND[1]:
         assert base == (0.0, 0.0, 0.0), "what is small is the arm's"
 
 
 def test_a_base_follows_a_steady_hand_without_lag():
     """At 0.4 m/s a follower with the time constant alone would be 12 cm behind."""
-    drive, base = BaseDrive(HAND), (0.0, 0.0, 0.0)
+    drive, base = BaseDrive(HAND, DoorConfig(), ROBOT), (0.0, 0.0, 0.0)
     for step in range(300):
         hand = [0.4 * CONTROL_PERIOD * step, 0.0, 0.0, 0.0, 0.0, 0.0]
         drive.follow(hand, base)
         base = tuple(np.add(base, np.multiply(CONTROL_PERIOD, drive.rate)).tolist())
-    distance, _ = away(base, led_by(hand, HAND))
-    assert distance == pytest.approx(PLAY[0], abs=5e-3)
-    assert 2 * PLAY[0] < 0.4 * LAG
+    distance, _ = away(base, led_by(hand, HAND, AXES.T.tolist()))
+    assert distance == pytest.approx(DEAD_BAND[0], abs=5e-3)
+    assert 2 * DEAD_BAND[0] < 0.4 * LAG
 
 
 def driven(twist: list[float], heading: float = 0.0) -> BaseDrive:
-    drive = BaseDrive(HAND)
+    drive = BaseDrive(HAND, DoorConfig(), ROBOT)
     for _ in range(500):
         drive.obey(twist, (5.0, 5.0, heading))
     return drive
@@ -154,20 +157,20 @@ def test_a_base_is_blocked_once_it_has_been_slow_for_a_while():
     steps = round(BLOCKED_TIME / CONTROL_PERIOD)
     drive = driven([0.3, 0.0, 0.0])
     for velocity in (0.1, 0.16, *(steps - 1) * [0.1]):
-        drive.note((velocity, 0.3, 0.0))
+        drive.update_blocked((velocity, 0.3, 0.0))
         assert not drive.blocked
-    drive.note((0.1, 0.0, 0.0))
+    drive.update_blocked((0.1, 0.0, 0.0))
     assert drive.blocked
-    drive.note((0.3, 0.0, 0.0))
+    drive.update_blocked((0.3, 0.0, 0.0))
     assert not drive.blocked
 
     drive = driven([0.0, 0.0, -0.5])
     for turning, blocked in ((-0.4, False), (-0.2, True)):
         for _ in range(steps):
-            drive.note((0.0, 0.0, turning))
+            drive.update_blocked((0.0, 0.0, turning))
         assert drive.blocked == blocked
 
-    drive = BaseDrive(HAND)
+    drive = BaseDrive(HAND, DoorConfig(), ROBOT)
     for _ in range(2 * steps):
-        drive.note((0.0, 0.0, 0.0))
+        drive.update_blocked((0.0, 0.0, 0.0))
     assert not drive.blocked, "it is not commanded"

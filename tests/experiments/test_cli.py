@@ -23,6 +23,7 @@ from gplfd_env import (
 )
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.robot.stance import base_for
+from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
@@ -385,8 +386,8 @@ def test_list_names_everything_and_states_the_radii_that_can_be_given(gplfd, cap
     for beyond in (float(low) - 0.01, float(high) + 0.01):
         with pytest.raises(ValueError, match="outside"):
             named_doors([f"{beyond:g}"])
-    assert base_for(DoorConfig(radius=float(standing))) == "fixed"
-    assert base_for(DoorConfig(radius=float(standing) + 0.01)) == "mobile"
+    assert base_for(DoorConfig(radius=float(standing)), TIAGO_LIKE) == "fixed"
+    assert base_for(DoorConfig(radius=float(standing) + 0.01), TIAGO_LIKE) == "mobile"
     assert gplfd("list", "--json") == 0
     listed = json.loads(capsys.readouterr().out)
     assert {line.split()[0] for line in rest if line[:2] == "  "} == {

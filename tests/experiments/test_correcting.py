@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gplfd_env import DoorGeometry
+from gplfd_env import DoorConfig, DoorGeometry
 from gplfd_env.doors.config import DOORS
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import trial_answers
@@ -24,7 +24,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:sensor noise"),
 ]
 
-DOOR = DoorGeometry.nominal(0.5)
+DOOR = DoorGeometry.of(DoorConfig(radius=0.5))
 
 
 def creep(time: float) -> float:

@@ -105,7 +105,7 @@ def pointer(x: float) -> np.ndarray:
 def test_the_policy_commands_until_a_person_takes_the_hand_and_after_it_is_let_go():
     taken = [pointer(0.0), *[pointer(0.05)] * 99]
     found, correction = commands(
-        DoorGeometry.nominal(0.5), *[IDLE] * 10, *taken, *[IDLE] * 60
+        DoorGeometry.of(DoorConfig(radius=0.5)), *[IDLE] * 10, *taken, *[IDLE] * 60
     )
     assert_array_equal(found[:10], np.tile(POLICY, (10, 1)))
     # A spring of 300 N/m, rendered by a servo of 2000 N/m.
@@ -115,7 +115,7 @@ def test_the_policy_commands_until_a_person_takes_the_hand_and_after_it_is_let_g
     assert_array_equal(found[149:], np.tile(POLICY, (21, 1)))
     assert np.flatnonzero(correction.led)[[0, -1]].tolist() == [10, 148]
     assert (correction.by, correction.phase) == ("person", 0.25)
-    assert commands(DoorGeometry.nominal(0.5), *[IDLE] * 5)[1] is None
+    assert commands(DoorGeometry.of(DoorConfig(radius=0.5)), *[IDLE] * 5)[1] is None
 
 
 @pytest.mark.parametrize(("handle", "force"), [("bar", 34.0), ("lever", 58.0)])
@@ -278,7 +278,7 @@ def test_a_kept_correction_outlives_a_killed_process_and_is_not_replaced(
 
 
 def test_only_a_correction_with_inputs_is_replayed(bars: Skill) -> None:
-    person = commands(DoorGeometry.nominal(0.5), PULL, PULL)[1]
+    person = commands(DoorGeometry.of(DoorConfig(radius=0.5)), PULL, PULL)[1]
     with pytest.raises(ValueError, match="not led on the page: it has no inputs"):
         replay_correction(GP, bars, task_of(door_config("small"), "small"), person)
 

@@ -95,7 +95,7 @@ def test_the_simulated_door_takes_the_same_torques(name):
     if door.handle != "bar":
         bolt = ratio * np.maximum(turns - door.dead_travel, 0.0)
         motions |= {"handle": turns, "bolt": bolt}
-    model = build_scene(door, robot=TIAGO_LIKE.on(base_for(door)))
+    model = build_scene(door, robot=TIAGO_LIKE.on(base_for(door, TIAGO_LIKE)))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, GRASP_KEY)

@@ -218,7 +218,7 @@ def test_it_is_as_far_from_the_id_as_the_other_servo():
 def test_a_diverged_simulation_is_truncated_alone_and_begins_anew():
     envs = make_warp(3, door=on_warp.DOORS[:3])
     fresh, _ = envs.reset(seed=0)
-    (physics,) = envs.unwrapped._batch._alike.values()
+    (physics,) = envs.unwrapped._batch._batches.values()
     speeds = physics._data.qvel.numpy()
     speeds[1] = np.nan
     physics._data.qvel.assign(speeds)

@@ -10,7 +10,7 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from gplfd_env import DoorGeometry
+from gplfd_env import DoorConfig, DoorGeometry
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import (
     POLICIES,
@@ -143,7 +143,7 @@ def learned_agent(
                     for one in demonstrations
                 )
             agent = method.follow(learned(method, lesson))
-        agent.inform(DoorGeometry.nominal(0.5))
+        agent.inform(DoorGeometry.of(DoorConfig(radius=0.5)))
         return agent
 
     return make

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH
+from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_experiments.data.teacher import Teacher
@@ -134,7 +135,7 @@ def reach():
 
 
 def test_who_opens_begins_at_zero_where_the_hand_holds(reach):
-    then, door = Watching(), DoorGeometry.nominal(0.5)
+    then, door = Watching(), DoorGeometry.of(DoorConfig(radius=0.5))
     agent = ReachingAgent(reach, then, (0.01, 0.03))
     pose, held = START.copy(), np.array([0.0, 0.004, -0.015])
     resist = spring(held, [1, 2])

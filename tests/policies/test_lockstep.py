@@ -79,7 +79,7 @@ def agents_of(demonstrations, learned):
                 for agent in agents
             ]
         for agent, radius in zip(agents, RADII, strict=True):
-            agent.inform(DoorGeometry.nominal(radius))
+            agent.inform(DoorGeometry.of(DoorConfig(radius=radius)))
         return agents
 
     return make
@@ -110,7 +110,7 @@ class Doors:
         }
 
 
-BARS = [DoorGeometry.nominal(radius) for radius in RADII]
+BARS = [DoorGeometry.of(DoorConfig(radius=radius)) for radius in RADII]
 LEVERS = [DoorGeometry.of(LEVER)] * 3
 
 

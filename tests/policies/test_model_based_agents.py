@@ -42,7 +42,7 @@ def follow(agent, door, periods, lag=0.2):
 
 @pytest.mark.parametrize(("name", "radius"), [("reflex", 0.3), ("chord", 0.65)])
 def test_a_door_is_opened_along_its_circle(name, radius):
-    door = DoorGeometry.nominal(radius)
+    door = DoorGeometry.of(DoorConfig(radius=radius))
     angle, steps = follow(make_agent(name, ()), door, 1000)
     assert np.radians(60.0) < angle < np.radians(85.0)
     turned = steps[-1].action[3:]
@@ -87,7 +87,7 @@ def test_a_hand_that_stands_still_adds_nothing_to_its_way():
 
 
 def test_the_last_displacement_is_the_chord_of_its_stretches():
-    path, door = HandPath(), DoorGeometry.nominal(0.5)
+    path, door = HandPath(), DoorGeometry.of(DoorConfig(radius=0.5))
     for angle in np.linspace(0.0, 1.0, 1000):
         path.add(door.hand_poses(angle)[:3])
     # Six centimetres and the mean of a stretch lag by half of their length.
@@ -184,7 +184,7 @@ def test_who_is_told_must_be_told(name):
     ],
 )
 def test_their_speed_is_an_argument(usual, quicker):
-    door = DoorGeometry.nominal(0.5)
+    door = DoorGeometry.of(DoorConfig(radius=0.5))
     opened = []
     for agent in map(as_agent, (usual, quicker)):
         agent.inform(door)
@@ -205,7 +205,7 @@ def test_their_speed_is_an_argument(usual, quicker):
 )
 def test_unusable_observation_changes_nothing(name):
     agents = make_agent(name, ()), make_agent(name, ())
-    door = DoorGeometry.nominal(0.4)
+    door = DoorGeometry.of(DoorConfig(radius=0.4))
     for agent in agents:
         acted(agent, 3, (-5.0, 0.0, 0.0), door)
     with pytest.raises(ValueError, match=r"observation\['wrench'\] must be six finite"):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gplfd_env import DoorGeometry
+from gplfd_env import DoorConfig, DoorGeometry
 from gplfd_policies import Agent, AgentStep, GaussianTrajectory, as_agent, batch_agents
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.control.compliance import ComplianceConfig
@@ -153,7 +153,10 @@ class Whole(Counting):
 
 
 def test_other_methods_are_called_where_they_exist():
-    own, doors = Whole(), [DoorGeometry.nominal(radius) for radius in (0.4, 0.5)]
+    own, doors = (
+        Whole(),
+        [DoorGeometry.of(DoorConfig(radius=radius)) for radius in (0.4, 0.5)],
+    )
     agent = as_agent(own)
     agent.inform(doors[0])
     assert own.door is doors[0]

@@ -70,14 +70,14 @@ def value_table(rows: Mapping[str, Mapping[str, Value]]) -> Table:
 
 
 def measure_all(
-    measures: Mapping[str, Callable[[int], Measurement]], repeats: int
+    measures: Mapping[str, Callable[[], Measurement]],
 ) -> dict[str, Measurement]:
     """Run measurements in turn with one BLAS thread, and print the results."""
     found = {}
     with threadpool_limits(1):
         for name, run in measures.items():
             LOG.info("measuring: %s", name)
-            one = found[name] = run(repeats)
+            one = found[name] = run()
             print(one.title, text_table(value_table(one.rows)), "", sep="\n")
     targets: dict[str, dict[str, Value]] = {}
     for target in itertools.chain.from_iterable(one.targets for one in found.values()):

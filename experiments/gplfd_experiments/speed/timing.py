@@ -38,14 +38,19 @@ def after(begin: Action, action: Action, operations: int = 1) -> Timed:
     return Timed(prepare=prepare, operations=operations)
 
 
-def repeated(action: Action, times: int = 1, begin: Action = lambda: None) -> Timed:
-    """Return an operation that is run several times in one measurement."""
+def repeated(
+    action: Action,
+    times: int = 1,
+    begin: Action = lambda: None,
+    operations: int = 1,
+) -> Timed:
+    """Return an action of some operations that runs several times in a measurement."""
 
     def many() -> None:
         for _ in range(times):
             action()
 
-    return after(begin, many, times)
+    return after(begin, many, times * operations)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -16,13 +16,12 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_env.validation.fields import quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.adaptation.gridded import (
     GriddedMovement,
     GriddedMovements,
     look_ahead,
 )
-from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
 from gplfd_policies.arrays.shapes import Float, Pose, Vectors
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
@@ -42,7 +41,7 @@ of a thumb piece."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class HandleConfig(Settings):
+class HandleConfig(Quantities):
     """When and how far a handle is turned beyond the demonstrated turn.
 
     The agent cannot observe whether the bolt is free. If the door does not move under

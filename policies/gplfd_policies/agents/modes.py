@@ -13,11 +13,10 @@ import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
 from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_env.validation.fields import quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Float, Pose
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.movements.trajectory import GaussianTrajectory
@@ -38,7 +37,7 @@ _REST: Final = 0.4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ModeConfig(Settings):
+class ModeConfig(Quantities):
     """Criteria by which an agent abandons a mode.
 
     With shares π_j of the demonstrations, the mode j has the weight

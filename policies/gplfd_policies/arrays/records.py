@@ -1,12 +1,10 @@
-"""Immutable records: read-only arrays with a short repr, and settings."""
+"""Immutable records: read-only arrays with a short repr."""
 
 import reprlib
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
-
-from gplfd_env.validation.fields import check_quantities
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
@@ -20,15 +18,6 @@ def freeze(record: object, *names: str) -> None:
     """Replace arrays of a frozen dataclass by read-only float64 copies."""
     for name in names:
         object.__setattr__(record, name, read_only(getattr(record, name)))
-
-
-class Settings:
-    """Base of frozen records of numbers that are declared by `quantity`."""
-
-    __slots__ = ()
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 class _Shapes(reprlib.Repr):

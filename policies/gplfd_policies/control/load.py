@@ -12,8 +12,7 @@ from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 
-from gplfd_env.validation.fields import check_quantities, quantity
-from gplfd_policies.arrays.records import Settings
+from gplfd_env.validation.fields import Quantities, check_quantities, quantity
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Vectors
 from gplfd_policies.control.expected_force import ExpectedForce
@@ -253,7 +252,7 @@ class _Stateless(Load):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class CarriedLoad(_Stateless, Settings):
+class CarriedLoad(_Stateless, Quantities):
     """Compensates resistance along the path up to a limit; yields to everything else.
 
     The pace of the clock is 1 without load, 0 at the limit, and -1 from 1.19 times the

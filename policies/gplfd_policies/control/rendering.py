@@ -14,8 +14,7 @@ import numpy as np
 
 from gplfd_env.conventions.constants import Control
 from gplfd_env.spatial.se3 import compose_rotvecs
-from gplfd_env.validation.fields import quantity
-from gplfd_policies.arrays.records import Settings
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes, Frames, Vectors
 from gplfd_policies.control.admittance import Admittance
@@ -88,7 +87,7 @@ class VirtualRenderer:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ArmRendering(Settings):
+class ArmRendering(Quantities):
     """The arm's servo is commanded the stiffness; the set-point is the desired pose.
 
     Two leads are added, without which a soft arm would lag behind the policy:

@@ -15,8 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_env.validation.fields import quantity
-from gplfd_policies.arrays.records import Settings
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.shapes import Complex, Float
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.normalised import normalised
@@ -42,7 +41,7 @@ Phases = Float[np.ndarray, " M"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class SimilarityConfig(Settings):
+class SimilarityConfig(Quantities):
     """How size and heading are estimated."""
 
     size_std: float = quantity(0.35, low=0.0)

@@ -12,8 +12,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import scipy
 
-from gplfd_env.validation.fields import quantity
-from gplfd_policies.arrays.records import Settings, short_repr
+from gplfd_env.validation.fields import Quantities, quantity
+from gplfd_policies.arrays.records import short_repr
 from gplfd_policies.arrays.shapes import Curve, Curves, Float, Times
 from gplfd_policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
 from gplfd_policies.gp.kernels import RBF
@@ -117,7 +117,7 @@ class HomoscedasticNoise:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class MapNoise(Settings):
+class MapNoise(Quantities):
     """The default: pooled variances, corrected, then the most likely z(t).
 
     1. v_i = SS_i / k with k = D − 1, and z_i = log v_i − ψ(k/2) + log(k/2): unbiased
@@ -209,7 +209,7 @@ def _gamma_mode(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class KerstingNoise(Settings):
+class KerstingNoise(Quantities):
     """The paper's estimate: Kersting's "most likely" iteration.
 
     A homoscedastic process is fitted first; each observation then gives

@@ -16,7 +16,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
 from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.demonstrations.path_similarity import LikelySizes
@@ -33,7 +33,7 @@ does, and its rotation alone would indicate a door angle that was not reached.""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class PhaseNoise:
+class PhaseNoise(Quantities):
     """Phase observation noise: standard deviations."""
 
     position: float = quantity(POSE_ERROR[0], low=0.0, unit="m")
@@ -45,9 +45,6 @@ class PhaseNoise:
     heading: float = quantity(math.radians(3.0), low=0.0, unit="rad")
     """Rotation of the whole motion about the vertical [rad]: heading error of the robot
     at the door. 0 for no error."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -50,8 +51,12 @@ class Speed:
         check_folder(self.out)
         chosen = [name for name in PARTS if not self.only or name in self.only]
         LOG.info(announcement(chosen, self.repeats))
-        measures = {k: v for name in chosen for k, v in PARTS[name].measures.items()}
-        found = measure_all(measures, self.repeats)
+        measures = {
+            measured: partial(measure, self.repeats)
+            for name in chosen
+            for measured, measure in PARTS[name].measures.items()
+        }
+        found = measure_all(measures)
         record = provenance(recorded(self)) | {
             "measured_on": machine(),
             "results": {name: dataclasses.asdict(one) for name, one in found.items()},

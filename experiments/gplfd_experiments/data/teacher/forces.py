@@ -33,7 +33,7 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.hardware import GRAVITY
 from gplfd_env.doors.motion import carried, links_of, roller_way
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_experiments.data.teacher.random_motion import smooth_functions
 from gplfd_experiments.files.arrays import FloatArray
 
@@ -46,7 +46,7 @@ _SMOOTHED: Final = 0.1  # Time over which angles are differentiated [s].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ForceConfig:
+class ForceConfig(Quantities):
     """How a person's forces vary and are measured; raises as `TeacherConfig` does."""
 
     effort_std: float = quantity(0.03, low=0.0, high=0.5)
@@ -67,9 +67,6 @@ class ForceConfig:
     """Sensor's white noise: standard deviation per axis."""
     noise_moment_std: float = quantity(0.01, unit="N m", low=0.0, high=2.0)
     """The same of the moment."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 def hinge_inertia(door: DoorConfig) -> float:

@@ -7,14 +7,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_experiments.files.arrays import FloatArray
 
 _LONGEST_BURST: Final = 6  # Largest number of consecutive lost samples.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Habits:
+class Habits(Quantities):
     """Irregularities of the motion and its recording; by default none.
 
     Raises:
@@ -41,9 +41,6 @@ class Habits:
     """Number of outliers, samples in which the hand is elsewhere."""
     outlier_distance: float = quantity(0.1, unit="m", low=0.0, high=1.0)
     """Distance of outliers from the hand."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 TIDY: Final = Habits()

@@ -32,7 +32,7 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.motion import end_angle
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_experiments.data.teacher import handle_motion, random_motion
 from gplfd_experiments.data.teacher.forces import ForceConfig, hand_wrenches
 from gplfd_experiments.data.teacher.habits import (
@@ -51,7 +51,7 @@ _BEFORE_STOP: Final = math.radians(1.0)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class TeacherConfig:
+class TeacherConfig(Quantities):
     """Motion of the synthetic human and measurement by the suit.
 
     Raises:
@@ -94,9 +94,6 @@ class TeacherConfig:
     noise_bandwidth: float = quantity(1.0, unit="Hz", low=0.1, high=500.0)
     """Cut-off frequency of the suit's noise. The sensor fusion follows its smooth
     gyroscopes at short times, and what remains is corrected over about a second."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 def standard_teacher() -> dict[str, float]:

@@ -42,7 +42,7 @@ class _HandleTurner:
             raise ValueError(
                 f"{type(self).__name__} must be told the door before the episode: "
                 "agent.inform(door), with a gplfd_env.DoorGeometry such as "
-                "DoorGeometry.nominal(0.5) or env.unwrapped.door_geometry"
+                "DoorGeometry.of(DoorConfig(radius=0.5)) or env.unwrapped.door_geometry"
             )
         return self._door
 

@@ -27,9 +27,8 @@ import scipy
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import compose_rotvecs
-from gplfd_env.validation.fields import quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import EmpiricalDistribution, LearnedMovement
@@ -46,7 +45,7 @@ _SETTLED = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class DMPConfig(Settings):
+class DMPConfig(Quantities):
     """Constants of a dynamic movement primitive."""
 
     n_basis: int = quantity(30, low=2)

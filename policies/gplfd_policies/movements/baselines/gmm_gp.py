@@ -22,9 +22,8 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from gplfd_env.validation.fields import quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.resolution import thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Int, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -53,7 +52,7 @@ tolerance and repeated or contradictory via-points have a solution: the average.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class GMMGPConfig(Settings):
+class GMMGPConfig(Quantities):
     """How prior and length-scales are learned."""
 
     components: int = quantity(6, low=1)

@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from gplfd_env.validation.fields import quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.records import Settings, freeze
+from gplfd_policies.arrays.records import freeze
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -24,7 +24,7 @@ from gplfd_policies.movements.trajectory import white_covariance
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class GMRConfig(Settings):
+class GMRConfig(Quantities):
     """Settings of the fit; it starts from equal bins of time, so nothing is random."""
 
     components: int = quantity(10, low=1)

@@ -29,9 +29,8 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from gplfd_env.validation.fields import quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.kernels import RBF
@@ -54,7 +53,7 @@ _SMALLEST_EIGENVALUE = 1e-15
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class KMPConfig(Settings):
+class KMPConfig(Quantities):
     """Settings of the reference and its smoothing; only λ/N and λ_c/N matter."""
 
     components: int = quantity(8, low=1)

@@ -31,9 +31,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from gplfd_env.validation.fields import quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
@@ -47,7 +46,7 @@ _FEWEST_SAMPLES = 4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LocalGPConfig(Settings):
+class LocalGPConfig(Quantities):
     """Settings of the division of the task and the combination of predictions."""
 
     clusters: int = quantity(8, low=1)

@@ -33,9 +33,8 @@ import numpy as np
 import scipy
 
 from gplfd_env.spatial.se3 import compose_rotvecs
-from gplfd_env.validation.fields import quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.arrays.shapes import (
     Covariances,
@@ -55,7 +54,7 @@ greatest."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class MiDiGaPConfig(Settings):
+class MiDiGaPConfig(Quantities):
     """Constants of a mixture of discrete-time Gaussian processes."""
 
     mode_angle: float = quantity(0.7, above=0.0, high=np.pi)

@@ -30,9 +30,8 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
-from gplfd_env.validation.fields import quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.baselines.dmp import DMPConfig, forcing_basis
@@ -49,7 +48,7 @@ _STEPS: Final = 1000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ProDMPConfig(Settings):
+class ProDMPConfig(Quantities):
     """Constants of a probabilistic dynamic movement primitive."""
 
     n_basis: int = quantity(20, low=2)

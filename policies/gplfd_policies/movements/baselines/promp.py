@@ -21,9 +21,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from gplfd_env.validation.fields import quantity
+from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.shapes import Covariances, Float, OutputCurves, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import LearnedMovement
@@ -42,7 +41,7 @@ covariance stays positive definite despite rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ProMPConfig(Settings):
+class ProMPConfig(Quantities):
     """Constants of a probabilistic movement primitive."""
 
     n_basis: int = quantity(20, low=2)

@@ -29,9 +29,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_env.validation.fields import Quantities, check_quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.records import Settings
 from gplfd_policies.arrays.resolution import FINEST, thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -47,7 +46,7 @@ from gplfd_policies.movements.movement import MomentMovement, Moments
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class WishartGPConfig(Settings):
+class WishartGPConfig(Quantities):
     """Prior of the variability, and settings of its inference."""
 
     degrees: int = quantity(7, low=6)
