@@ -177,6 +177,10 @@ class GriddedMovements:
         """Return the hand poses for poses of the movements (here identical)."""
         return poses
 
+    def movement_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
+        """Return the poses of the movements for hand poses (here identical)."""
+        return poses
+
     @staticmethod
     def direction(chord: Float[np.ndarray, "2 *N 6"]) -> Vectors:
         """Return the unit vectors along chords of paths."""

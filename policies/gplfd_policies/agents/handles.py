@@ -1,7 +1,7 @@
 """Adapters that let a controller for fixed handles open doors whose handle turns.
 
 The controller of `gplfd_policies.control.compliance` does not model a handle.
-`controller_of` puts an adapter around each of its parts:
+`controller_of` puts adapters around its movements and its load:
 
 * the phase is estimated from the hand pose that the demonstrated handle turn would
   give;
@@ -31,7 +31,7 @@ from gplfd_policies.control.load import ContactState, LoadResponse, LoadRule
 from gplfd_policies.control.stiffness import StiffnessProfile
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
 from gplfd_policies.movements.trajectory import ViaPoint
-from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseRule, Phases, Poses
+from gplfd_policies.phase.phase_rule import PhaseRule, Phases, Poses
 
 Amount = Float[Numbers, "*N"]
 
@@ -89,7 +89,7 @@ def controller_of(
     compensation = HandleCompensation(handles, shape, handle_config)
     return ComplianceController(
         HandleMovements(movements, compensation),
-        HandlePhases(phases, compensation),
+        phases,
         HandleLoad(
             config.load, config.profile, compensation, shape, config.control_period
         ),
@@ -213,28 +213,6 @@ class HandleCompensation:
         return numbers
 
 
-class HandlePhases:
-    """A phase rule for hands that turn handles further than demonstrated."""
-
-    def __init__(self, rule: PhaseRule, handles: HandleCompensation) -> None:
-        self._rule, self._handles = rule, handles
-
-    def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Reset these rows to the start of the task."""
-        self._rule.reset(rows)
-
-    def update(
-        self, poses: Poses, previous: Phases, command: Phases, rows: Rows = ALL_ROWS
-    ) -> PhaseEstimate:
-        """Return the phases of observed poses; see `PhaseRule.update`."""
-        demonstrated = self._handles.remove_handle_motion(poses, rows)
-        return self._rule.update(demonstrated, previous, command, rows)
-
-    def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
-        """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
-        return self._rule.rate(phases, rows)
-
-
 class HandleMovements(GriddedMovements):
     """Movements of hands that turn handles; their paths are the paths of the axes."""
 
@@ -269,6 +247,10 @@ class HandleMovements(GriddedMovements):
     def hand_poses(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
         """Return hand poses at these rows' handle turns for poses of the movements."""
         return self._handles.add_handle_motion(poses, rows)
+
+    def movement_poses(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
+        """Return hand poses at the demonstrated handle turns for these rows' hands."""
+        return self._handles.remove_handle_motion(poses, rows)
 
 
 class HandleLoad:

@@ -34,7 +34,7 @@ from gplfd_policies.control.stiffness import (
     VirtualDynamics,
 )
 from gplfd_policies.movements.trajectory import ViaPoint
-from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseObserver, Phases
+from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseRule, Phases
 
 _PULL: Final = np.array([1.0, 0.0, 0.0])
 """Direction of the path before the first step."""
@@ -134,13 +134,13 @@ class ComplianceController:
     """Controls one hand, or many with one phase rule and one config.
 
     `gplfd_policies.agents.handles.controller_of` makes one, with adapters around
-    movements, phases and load if handles turn.
+    movements and load if handles turn.
     """
 
     def __init__(
         self,
         movements: GriddedMovements,
-        phases: PhaseObserver,
+        phases: PhaseRule,
         load: Load,
         config: ComplianceConfig,
         forces: ForceForecast | None = None,
@@ -195,7 +195,10 @@ class ComplianceController:
         # because a phase rule may return the command phase, which changes below.
         command_phase = self._command_phase[rows].copy()
         seen = self._phases.update(
-            poses, self._observed_phase[rows], command_phase, rows
+            movements.movement_poses(poses, rows),
+            self._observed_phase[rows],
+            command_phase,
+            rows,
         )
         observed_phase = self._observed_phase[rows] = seen.phase
         predicted_mean, predicted_std, direction = movements.ahead(observed_phase, rows)

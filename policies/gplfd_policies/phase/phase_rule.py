@@ -68,8 +68,16 @@ class PhaseEstimate:
 
 
 @runtime_checkable
-class PhaseObserver(Protocol):
+class PhaseRule(Protocol):
     """Estimates the phases of the observed poses of N rows."""
+
+    @property
+    def settings(self) -> object:
+        """Settings that must be equal for rules to be stacked."""
+
+    @classmethod
+    def stacked(cls, rules: Sequence[Any]) -> PhaseRule:
+        """Return one rule for the rows of several rules with equal settings."""
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget the paths of these rows and begin at the start of the task."""
@@ -88,19 +96,6 @@ class PhaseObserver(Protocol):
 
     def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
         """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
-
-
-@runtime_checkable
-class PhaseRule(PhaseObserver, Protocol):
-    """A phase observer that can be stacked with those of other rows."""
-
-    @property
-    def settings(self) -> object:
-        """Settings that must be equal for rules to be stacked."""
-
-    @classmethod
-    def stacked(cls, rules: Sequence[Any]) -> PhaseRule:
-        """Return one rule for the rows of several rules with equal settings."""
 
 
 class ClockPhase:
