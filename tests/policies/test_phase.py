@@ -146,7 +146,7 @@ def nearest_by_hand(skill, pose, previous):
     """The search as its definition reads, one row, one size, one point at a time."""
     grid, config = np.linspace(0.0, 1.0, 201), TRUSTING
     demonstrated, noise = skill.predict(grid), config.noise
-    poses = normalised(skill.aligned).aligned.poses
+    poses = normalised(skill.aligned)[0].poses
     curves = [[np.interp(grid, skill.aligned.times, c) for c in one.T] for one in poses]
     positions = np.array(curves)[:, :3]
     mean = positions.mean(axis=0)

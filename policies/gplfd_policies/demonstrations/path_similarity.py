@@ -101,8 +101,8 @@ class SimilarityModel:
         config: SimilarityConfig = SimilarityConfig(),
     ) -> SimilarityModel:
         """Return the model of demonstrations; for a turning handle, of its axis."""
-        similar = normalised(aligned)
-        poses, count = similar.aligned.poses, len(aligned.poses)
+        similar, log_sizes = normalised(aligned)
+        poses, count = similar.poses, len(aligned.poses)
         level = poses[..., 0] - 1j * poses[..., 2]
         path = level.mean(axis=0)
         wobble = lag = np.full(len(path), config.least_wobble)
@@ -113,7 +113,7 @@ class SimilarityModel:
             along = ((level - path) * tangent.conj()).real
             across = (level * np.exp(-1j * np.angle(path))).imag
             lag, wobble = (_smooth_std(e, config.least_wobble) for e in (along, across))
-        scatter = float((similar.log_sizes**2).sum())
+        scatter = float((log_sizes**2).sum())
         variance = config.size_weight * config.size_std**2 + scatter
         variance *= (1.0 + 1.0 / count) / (config.size_weight + count - 1)
         shown = size_visibility(poses[:, aligned.times <= aligned.end], config)

@@ -150,7 +150,8 @@ class PathPhase:
             # That the handle goes back is the policy's own doing.
             most = np.maximum.accumulate(np.maximum(turns, 0.0))
             means[:, 3:] = np.array(leaves) + np.outer(most, handle.axis)
-        direction, others = _directions(normalised(aligned).aligned, _GRID)
+        similar, _ = normalised(aligned)
+        direction, others = _directions(similar, _GRID)
         # Long enough for any window; rounding may change its size by a point.
         self._stretch = np.arange(math.ceil(sum(config.window) / _SPACING) + 5)
         # Features first, so that a search reads the same range of each. The grid is
