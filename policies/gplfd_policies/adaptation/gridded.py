@@ -10,7 +10,7 @@ import numpy as np
 
 from gplfd_policies.adaptation.forms import begin_adaptation
 from gplfd_policies.adaptation.similarity import SimilarityAdaptation
-from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
+from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, PerRow, Rows
 from gplfd_policies.arrays.shapes import (
     Axes,
     Covariances,
@@ -26,9 +26,7 @@ LOOK_AHEAD: Final = 0.05
 """Length of the chord that defines the direction of the path, in phase."""
 
 
-def look_ahead(
-    phases: Float[Numbers, "*N"], start: Float[Numbers, "*N"]
-) -> Float[np.ndarray, "*S"]:
+def look_ahead(phases: PerRow, start: PerRow) -> Float[np.ndarray, "*S"]:
     """Return phases, and both ends of chords from ``start`` or at the path's end."""
     end = np.minimum(start + LOOK_AHEAD, 1.0)
     return np.array([phases, end - LOOK_AHEAD, end])
@@ -167,7 +165,7 @@ class GriddedMovements:
         return means[0], stds[0]
 
     def ahead(
-        self, phases: Float[Numbers, "*N"], rows: Rows = ALL_ROWS
+        self, phases: PerRow, rows: Rows = ALL_ROWS
     ) -> tuple[Axes, Axes, Vectors]:
         """Return mean and σ [m, rad], and the direction of the path ahead."""
         means, stds = self.at(look_ahead(phases, phases), rows)

@@ -23,17 +23,15 @@ from gplfd_policies.adaptation.gridded import (
     look_ahead,
 )
 from gplfd_policies.arrays.records import Settings
-from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
-from gplfd_policies.arrays.shapes import Float, Pose, Vectors
+from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
+from gplfd_policies.arrays.shapes import Axes, Float, Pose, Vectors
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.expected_force import ForceForecast
 from gplfd_policies.control.load import ContactState, LoadResponse, LoadRule
 from gplfd_policies.control.stiffness import StiffnessProfile
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
 from gplfd_policies.movements.trajectory import ViaPoint
-from gplfd_policies.phase.phase_rule import PhaseRule, Phases, Poses
-
-Amount = Float[Numbers, "*N"]
+from gplfd_policies.phase.phase_rule import PhaseRule
 
 _SERVO_LAG: Final = 0.012
 """Distance by which a hand that turns a handle lags behind its command: 24 N of the
@@ -127,15 +125,15 @@ class HandleCompensation:
         for number in self._of(rows):
             self._gears[number] = 1.0
 
-    def remove_handle_motion(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
+    def remove_handle_motion(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
         """Return the hand poses that the demonstrated handle turns would give."""
         return self._geared(poses, -1.0, rows)
 
-    def add_handle_motion(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
+    def add_handle_motion(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
         """Convert hand poses at demonstrated turns to poses at these rows' turns."""
         return self._geared(poses, 1.0, rows)
 
-    def _geared(self, poses: Poses, power: float, rows: Rows) -> Poses:
+    def _geared(self, poses: Axes, power: float, rows: Rows) -> Axes:
         geared = poses.copy()
         for number, row in zip(self._of(rows), geared.reshape(-1, 6), strict=True):
             handle, gear = self._handles[number], self._gears[number]
@@ -149,7 +147,7 @@ class HandleCompensation:
         """Return a row's hand pose [m, rad] with the handle motion of the mean."""
         return np.array(self._handles[number].told(pose.tolist(), mean.tolist()))
 
-    def opening_phases(self, phases: Amount, rows: Rows = ALL_ROWS) -> Amount:
+    def opening_phases(self, phases: PerRow, rows: Rows = ALL_ROWS) -> PerRow:
         """Return phases, but not less than the phase at which a row's door opens."""
         opens = [self._handles[number].opens for number in self._of(rows)]
         return np.maximum(phases, np.reshape(opens, np.shape(phases)))
@@ -166,7 +164,7 @@ class HandleCompensation:
             columns[:, column] = self._handles[number].places(columns[:, column])
         return positions
 
-    def turning_directions(self, poses: Poses, rows: Rows = ALL_ROWS) -> Vectors:
+    def turning_directions(self, poses: Axes, rows: Rows = ALL_ROWS) -> Vectors:
         """Return the unit vectors along which hands move while their handles turn."""
         hands = poses.reshape(-1, 6).tolist()
         directions = [
@@ -177,9 +175,9 @@ class HandleCompensation:
 
     def turn_further(
         self,
-        poses: Poses,
+        poses: Axes,
         direction: Vectors,
-        load: Amount,
+        load: PerRow,
         period: float,
         rows: Rows = ALL_ROWS,
     ) -> np.ndarray:
@@ -236,19 +234,19 @@ class HandleMovements(GriddedMovements):
         super().observe(member, replace(via_point, pose=pose))
 
     def ahead(
-        self, phases: Phases, rows: Rows = ALL_ROWS
-    ) -> tuple[Poses, Poses, Vectors]:
+        self, phases: PerRow, rows: Rows = ALL_ROWS
+    ) -> tuple[Axes, Axes, Vectors]:
         """Return mean, σ, and the direction of the axis's path in the opening ahead."""
         points = look_ahead(phases, self._handles.opening_phases(phases, rows))
         means, stds = self.at(points, rows)
         chord = self._handles.axis_positions(means[1:], rows)
         return means[0], stds[0], self.direction(chord)
 
-    def hand_poses(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
+    def hand_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
         """Return hand poses at these rows' handle turns for poses of the movements."""
         return self._handles.add_handle_motion(poses, rows)
 
-    def movement_poses(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
+    def movement_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
         """Return hand poses at the demonstrated handle turns for these rows' hands."""
         return self._handles.remove_handle_motion(poses, rows)
 

@@ -18,7 +18,7 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
-from gplfd_policies.arrays.rows import ALL_ROWS, Rows
+from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes
 from gplfd_policies.control.expected_force import ForceForecast
 from gplfd_policies.control.frame import directional_std, path_frame, product
@@ -34,7 +34,7 @@ from gplfd_policies.control.stiffness import (
     VirtualDynamics,
 )
 from gplfd_policies.movements.trajectory import ViaPoint
-from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseRule, Phases
+from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseRule
 
 _PULL: Final = np.array([1.0, 0.0, 0.0])
 """Direction of the path before the first step."""
@@ -175,7 +175,7 @@ class ComplianceController:
         self._tangent[rows] = _PULL
         self._offset[rows] = 0.0
 
-    def _set_point(self, phase: Phases, observed_phase: Phases, rows: Rows) -> Axes:
+    def _set_point(self, phase: PerRow, observed_phase: PerRow, rows: Rows) -> Axes:
         """Return the means of these rows' movements, with limited lead in rotation."""
         turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
         means, _ = self._movements.at(np.array([phase, turn_phase]), rows)

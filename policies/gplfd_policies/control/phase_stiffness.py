@@ -13,7 +13,7 @@ import numpy as np
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
 from gplfd_policies.arrays.records import freeze, short_repr
-from gplfd_policies.arrays.rows import Numbers
+from gplfd_policies.arrays.rows import PerRow
 from gplfd_policies.arrays.shapes import Axes, Float, Outputs, Vectors
 from gplfd_policies.control.frame import path_frame
 from gplfd_policies.control.stiffness import StiffnessProfile
@@ -21,8 +21,6 @@ from gplfd_policies.demonstrations.impedance import PRIOR, estimate_impedance
 from gplfd_policies.movements.movement import LearnedMovement, Movement
 
 _PHASES: Final = np.linspace(0.0, 1.0, 101)
-
-Phase = Float[Numbers, "*N"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,19 +40,19 @@ class PhaseStiffness:
     def __post_init__(self) -> None:
         freeze(self, "stiffness", "share", "direction")
 
-    def direction_at(self, phase: Phase, tangent: Vectors) -> Vectors:
+    def direction_at(self, phase: PerRow, tangent: Vectors) -> Vectors:
         """Return the first direction of the frame at a phase, or the tangent."""
         found = self.direction[self._index(phase)]
         return np.where(np.isnan(found), tangent, found)
 
-    def combined(self, stiffness: Axes, phase: Phase) -> Axes:
+    def combined(self, stiffness: Axes, phase: PerRow) -> Axes:
         """Return k^(1 - w) k_d^w: means of logarithms with the weights 1 - w and w."""
         index = self._index(phase)
         # Not `**`: for arrays its last bit depends on the processor.
         gain = np.float_power(self.stiffness[index] / stiffness, self.share[index])
         return np.asarray(stiffness * gain)
 
-    def _index(self, phase: Phase) -> np.ndarray:
+    def _index(self, phase: PerRow) -> np.ndarray:
         return np.asarray(np.rint(phase * (len(self.share) - 1)), dtype=np.intp)
 
 

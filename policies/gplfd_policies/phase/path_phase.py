@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 
 from gplfd_env.validation.fields import check_quantities, quantity
-from gplfd_policies.arrays.rows import ALL_ROWS, Rows
-from gplfd_policies.arrays.shapes import Float, Int
+from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
+from gplfd_policies.arrays.shapes import Axes, Float, Int
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.normalised import normalised
 from gplfd_policies.demonstrations.path_similarity import (
@@ -32,7 +32,7 @@ from gplfd_policies.demonstrations.turned_handle import (
     turned_handle,
 )
 from gplfd_policies.movements.movement import Predictor
-from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseNoise, Phases, Poses
+from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseNoise
 
 _GRID: Final = np.linspace(0.0, 1.0, 201)
 _POINTS: Final = _GRID.tolist()
@@ -208,7 +208,7 @@ class PathPhase:
             self._turned[number] = 0.0
 
     def update(
-        self, poses: Poses, previous: Phases, command: Phases, rows: Rows = ALL_ROWS
+        self, poses: Axes, previous: PerRow, command: PerRow, rows: Rows = ALL_ROWS
     ) -> PhaseEstimate:
         """Return the phases of observed poses, and their uncertainty.
 
@@ -286,7 +286,7 @@ class PathPhase:
         phases, stds, misfits = np.array(found).T.reshape(3, *previous.shape)
         return PhaseEstimate(phases, stds, misfits, tuple(sizes))
 
-    def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
+    def rate(self, phases: PerRow, rows: Rows = ALL_ROWS) -> Axes:
         """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
         nearest = np.rint(phases / _SPACING).astype(np.int64)
         return self._rates.take(self._numbers[rows] * _GRID.size + nearest, axis=0)

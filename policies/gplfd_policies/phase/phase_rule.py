@@ -17,13 +17,9 @@ from typing import Any, Final, Protocol, runtime_checkable
 import numpy as np
 
 from gplfd_env.validation.fields import check_quantities, quantity
-from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
-from gplfd_policies.arrays.shapes import Float
+from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
+from gplfd_policies.arrays.shapes import Axes
 from gplfd_policies.demonstrations.path_similarity import LikelySizes
-
-Poses = Float[np.ndarray, "*N 6"]
-Phases = Float[Numbers, "*N"]
-
 
 POSE_ERROR: Final = (2e-3, 0.15)
 """Errors of an observed pose that no demonstration shows: position [m], compliance and
@@ -54,11 +50,11 @@ class PhaseNoise:
 class PhaseEstimate:
     """Estimated phases of observed poses, one number of each kind per pose."""
 
-    phase: Phases
+    phase: PerRow
     """Phases of the poses, 0..1."""
-    std: Phases
+    std: PerRow
     """Standard deviations of the phases."""
-    misfit: Phases
+    misfit: PerRow
     """Deviation of the poses from the demonstrations near these phases: root mean
     square of the features' errors over their standard deviations. About 1 or less is as
     expected; NaN for a rule without comparison."""
@@ -83,7 +79,7 @@ class PhaseRule(Protocol):
         """Forget the paths of these rows and begin at the start of the task."""
 
     def update(
-        self, poses: Poses, previous: Phases, command: Phases, rows: Rows = ALL_ROWS
+        self, poses: Axes, previous: PerRow, command: PerRow, rows: Rows = ALL_ROWS
     ) -> PhaseEstimate:
         """Return the phases of observed poses, and their uncertainty.
 
@@ -94,7 +90,7 @@ class PhaseRule(Protocol):
             rows: The rows of these poses.
         """
 
-    def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
+    def rate(self, phases: PerRow, rows: Rows = ALL_ROWS) -> Axes:
         """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
 
 
@@ -120,12 +116,12 @@ class ClockPhase:
         """Do nothing: a clock has no memory."""
 
     def update(
-        self, poses: Poses, previous: Phases, command: Phases, rows: Rows = ALL_ROWS
+        self, poses: Axes, previous: PerRow, command: PerRow, rows: Rows = ALL_ROWS
     ) -> PhaseEstimate:
         """Return the command phases, treated as certain."""
         certain = np.zeros_like(command)
         return PhaseEstimate(command, certain, np.full_like(command, np.nan))
 
-    def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
+    def rate(self, phases: PerRow, rows: Rows = ALL_ROWS) -> Axes:
         """Return zero: the phase is treated as certain."""
         return np.zeros((*phases.shape, 6))
