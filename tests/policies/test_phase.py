@@ -1,7 +1,5 @@
 """The phase of an observation is told by the path, not by the clock or the radius."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -9,7 +7,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import GaussianTrajectory
 from gplfd_policies.demonstrations.normalised import normalised
-from gplfd_policies.demonstrations.path_similarity import SimilarityModel
+from gplfd_policies.demonstrations.path_similarity import (
+    SimilarityConfig,
+    SimilarityModel,
+)
 from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
@@ -17,8 +18,8 @@ from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 FINAL_ANGLE = np.radians(67.0)
-PRIOR = PhaseNoise().heading
-TRUSTING = PathPhaseConfig(noise=PhaseNoise(heading=0.0))
+PRIOR = SimilarityConfig().heading_std
+TRUSTING = PathPhaseConfig(similarity=SimilarityConfig(heading_std=0.0))
 NOWHERE = np.float64(0.0)
 
 
@@ -85,7 +86,7 @@ def test_phase_std_is_the_size_of_the_errors(skill):
     angle, found = 0.4, []
     for _ in range(300):
         pose = arc(rng.uniform(0.35, 0.65), [angle])
-        seen = turned(pose, noise.heading * rng.normal()) + errors * rng.normal(size=6)
+        seen = turned(pose, PRIOR * rng.normal()) + errors * rng.normal(size=6)
         rule.reset()
         found.append(follow(skill, seen, rule=rule)[:2, 0])
     phases, stds = np.array(found).T
@@ -157,9 +158,7 @@ def nearest_by_hand(skill, pose, previous):
     stretch = np.einsum("kig,ig->kg", positions, unit).std(axis=0)
     x, z = pose[[0, 2]]
     reach = np.linalg.norm(pose[:3]) + 1e-9
-    similarity = SimilarityModel.of(
-        skill.aligned, replace(config.similarity, heading_std=0.0)
-    ).unseen()
+    similarity = SimilarityModel.of(skill.aligned, config.similarity).unseen()
     likely = similarity.updated(np.hypot(x, z), np.arctan2(-z, x)).likely
 
     def cost(index):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -174,9 +174,7 @@ class PathPhase:
         self._handles: list[TurnedHandle | None] = [handle]
         self._turned = [0.0]
         self._config = config
-        model = SimilarityModel.of(
-            aligned, replace(config.similarity, heading_std=noise.heading)
-        )
+        model = SimilarityModel.of(aligned, config.similarity)
         self._similarities: list[PathSimilarity] = [model.unseen()]
 
     @property

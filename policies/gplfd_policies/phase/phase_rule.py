@@ -9,7 +9,6 @@ observation is the one at which the *demonstrations* are nearest to it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol, runtime_checkable
@@ -37,10 +36,6 @@ class PhaseNoise:
 
     rotation: float = quantity(POSE_ERROR[1], low=0.0, unit="rad")
     """Standard deviation of an observed rotation [rad]."""
-
-    heading: float = quantity(math.radians(3.0), low=0.0, unit="rad")
-    """Rotation of the whole motion about the vertical [rad]: heading error of the robot
-    at the door. 0 for no error."""
 
     def __post_init__(self) -> None:
         check_quantities(self)

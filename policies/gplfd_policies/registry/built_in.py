@@ -57,7 +57,6 @@ from gplfd_policies.movements.baselines.wishart_gp import (
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.phase.path_phase import PathPhaseConfig
-from gplfd_policies.phase.phase_rule import PhaseNoise
 from gplfd_policies.registry.corrections import add_correction
 from gplfd_policies.registry.method import (
     FixedProfile,
@@ -120,7 +119,7 @@ demonstrations. The published λ_c of 60 is for letters in centimetres. Converte
 standardised outputs, both published values give too narrow intervals here and pull the
 mean 5 cm inwards."""
 
-HEADING_TRUSTING: Final = PathPhaseConfig(noise=PhaseNoise(heading=0.0))
+HEADING_TRUSTING: Final = PathPhaseConfig(similarity=SimilarityConfig(heading_std=0.0))
 """Assumes that the robot has no heading error."""
 
 ONE_SIZE: Final = PathPhaseConfig(
