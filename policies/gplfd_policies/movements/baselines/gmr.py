@@ -167,10 +167,9 @@ class GaussianMixtureRegression(MomentMovement):
 
 @one_thread
 def fit_gmr(
-    aligned: AlignedDemonstrations, config: GMRConfig | None = None
+    aligned: AlignedDemonstrations, config: GMRConfig = GMRConfig()
 ) -> GaussianMixtureRegression:
     """Fit the mixture by expectation maximisation from equal bins of time."""
-    config = GMRConfig() if config is None else config
     config.check_phases(len(aligned.times))
     standardisation = Standardisation.of(aligned.poses)
     count = len(aligned.poses)

@@ -187,14 +187,13 @@ class MixtureOfDiscreteTimeGPs(LearnedMovement):
 
 @one_thread
 def fit_midigap(
-    aligned: AlignedDemonstrations, config: MiDiGaPConfig | None = None
+    aligned: AlignedDemonstrations, config: MiDiGaPConfig = MiDiGaPConfig()
 ) -> MixtureOfDiscreteTimeGPs:
     """Partition demonstrations into modes, and learn the Gaussians of each.
 
     Raises:
         ValueError: No mode has two demonstrations.
     """
-    config = MiDiGaPConfig() if config is None else config
     parts = partition(aligned.poses, config.mode_angle)
     if len(parts[0]) < 2:
         raise ValueError(

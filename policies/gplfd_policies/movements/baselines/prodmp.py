@@ -89,10 +89,9 @@ class ProbabilisticDynamicMovementPrimitive(WeightMovement):
 
 @one_thread
 def fit_prodmp(
-    aligned: AlignedDemonstrations, config: ProDMPConfig | None = None
+    aligned: AlignedDemonstrations, config: ProDMPConfig = ProDMPConfig()
 ) -> ProbabilisticDynamicMovementPrimitive:
     """Learn weights and goals by ridge regression, and their mean and covariance."""
-    config = ProDMPConfig() if config is None else config
     tau = aligned.times[-1] - aligned.times[0]
     basis = position_basis(config)((aligned.times - aligned.times[0]) / tau)
     starts = aligned.poses[:, 0]

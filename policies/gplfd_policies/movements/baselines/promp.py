@@ -170,14 +170,13 @@ class ProbabilisticMovementPrimitive(WeightMovement):
 
 @one_thread
 def fit_promp(
-    aligned: AlignedDemonstrations, config: ProMPConfig | None = None
+    aligned: AlignedDemonstrations, config: ProMPConfig = ProMPConfig()
 ) -> ProbabilisticMovementPrimitive:
     """Learn a probabilistic movement primitive from aligned demonstrations.
 
     Every demonstration is fitted by ridge regression; μ and S are mean and sample
     covariance of the weights, and R the mean squared residual per degree of freedom.
     """
-    config = ProMPConfig() if config is None else config
     learned = learn_weights(aligned.poses, _basis(aligned.times, config), config.ridge)
     sample, share = learned["weight_covariance"], config.shrinkage
     diagonal = np.diag(np.diag(sample))

@@ -27,6 +27,7 @@ Choices that the tutorial leaves to the user:
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import scipy
@@ -52,6 +53,7 @@ share of that from the nearest straight line."""
 _STRONGEST = 1e-4
 """Least standard deviation of a point of a circle [m], so that contradictory via-points
 without tolerance have a solution."""
+_GMR: Final = GMRConfig()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -284,10 +286,9 @@ def _maximised(
 
 @one_thread
 def fit_tp_gmm(
-    aligned: AlignedDemonstrations, config: GMRConfig | None = None
+    aligned: AlignedDemonstrations, config: GMRConfig = _GMR
 ) -> TaskParameterisedMixture:
     """Fit the mixture of all views by expectation maximisation."""
-    config = GMRConfig() if config is None else config
     config.check_phases(len(aligned.times))
     fits = [fit_circle(poses[:, PLANE]) for poses in aligned.poses]
     circles = [circle for circle in fits if circle is not None]
