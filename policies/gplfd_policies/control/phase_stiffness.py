@@ -21,6 +21,8 @@ from gplfd_policies.demonstrations.impedance import PRIOR, estimate_impedance
 from gplfd_policies.movements.movement import LearnedMovement, Movement
 
 _PHASES: Final = np.linspace(0.0, 1.0, 101)
+_FORCES: Final = (0.5, 5.0)
+"""Forces between which `stiffness_from_force` falls [N]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -99,15 +101,12 @@ def demonstrated_stiffness(
 
 
 def stiffness_from_force(
-    movement: Movement,
-    profile: StiffnessProfile,
-    forces: tuple[float, float] = (0.5, 5.0),
+    movement: Movement, profile: StiffnessProfile
 ) -> PhaseStiffness:
     """Return a stiffness along the learned force that falls with the force.
 
-    It falls linearly from k_max at the first of two `forces` [N] to k_min at the
-    second; across the force and in rotation it is k_max. The defaults are from the
-    published code.
+    It falls linearly from k_max at 0.5 N to k_min at 5 N, as in the published code;
+    across the force and in rotation it is k_max.
 
     Raises:
         ValueError: No demonstration has wrenches.
@@ -123,8 +122,8 @@ def stiffness_from_force(
     size = np.linalg.norm(force, axis=1)
     highest = np.repeat(profile.k_max.reshape(2, 3).min(axis=1), 3)
     stiffness = np.tile(highest, (_PHASES.size, 1))
-    stiffness[:, 0] = np.interp(size, forces, (highest[0], profile.k_min[0]))
-    felt = (size > forces[0])[:, None]
+    stiffness[:, 0] = np.interp(size, _FORCES, (highest[0], profile.k_min[0]))
+    felt = (size > _FORCES[0])[:, None]
     return PhaseStiffness(
         stiffness=stiffness,
         share=np.ones_like(stiffness),

@@ -37,6 +37,7 @@ from gplfd_policies.arrays.records import freeze
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.baselines.gmr import (
+    TOLERANCE,
     GaussianMixtureRegression,
     GMRConfig,
     Standardisation,
@@ -256,7 +257,7 @@ def fit_mixture_of_views(
         totals = scipy.special.logsumexp(densities, axis=1, keepdims=True)
         shares, previous, bound = np.exp(densities - totals), bound, totals.mean()
         weights, means, covariances = _maximised(samples, shares, config)
-        if abs(bound - previous) < config.tolerance:
+        if abs(bound - previous) < TOLERANCE:
             break
     else:
         # The caller of `fit_tp_gmm`.
