@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from gplfd_env.validation.fields import check_quantities, quantity
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Int
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -371,11 +372,8 @@ def _directions(
         the distance [m²].
     """
     positions = np.stack(
-        [
-            [np.interp(phases, aligned.times, curve) for curve in pose.T[:3]]
-            for pose in aligned.poses
-        ]
-    ).transpose(0, 2, 1)
+        [interpolated(phases, aligned.times, pose[:, :3]) for pose in aligned.poses]
+    )
     mean = positions.mean(axis=0)
     length = np.sqrt((mean**2).sum(axis=1))
     least = np.maximum(length, 1e-3)
