@@ -120,9 +120,8 @@ def row_of(observations, row):
 
 def assert_same_row(steps, row, step):
     for name in FIELDS:
-        found, expected = getattr(steps.row(row), name), getattr(step, name)
+        found, expected = getattr(steps, name)[row], getattr(step, name)
         assert_array_equal(found, expected, err_msg=name)
-        assert_array_equal(getattr(steps, name)[row], expected)
 
 
 def steps_of(

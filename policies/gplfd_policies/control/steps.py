@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Final, SupportsIndex
+from typing import Any, Final
 
 import numpy as np
 
@@ -161,10 +161,6 @@ class AgentStep:
                 "AgentStep.frame out"
             )
         return np.concatenate([self.action, self.stiffness], axis=-1)
-
-    def row(self, number: SupportsIndex) -> AgentStep:
-        """Return the step of one of N agents."""
-        return AgentStep(**{name: getattr(self, name)[number] for name in STEP_SHAPES})
 
     @classmethod
     def stacked(cls, steps: Sequence[AgentStep]) -> AgentStep:
