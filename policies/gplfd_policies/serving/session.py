@@ -292,7 +292,7 @@ class Session:
         if known and self._dynamics is not None:
             command["damping"] = numbers(self._dynamics.damping(self._stiffness))
         if acted:
-            command["limited"] = list(acted)
+            command["limited"] = acted
         if unsolicited:
             command["unsolicited"] = True
         if step is not None and self._explain:
