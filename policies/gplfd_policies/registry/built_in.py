@@ -107,9 +107,6 @@ PAPER: Final = Method(
 )
 """The method as the paper states it."""
 
-KMP: Final = Method(fit=fit_kmp, adaptation=OwnAdaptation)
-"""The kernelised movement primitive as published."""
-
 UNDAMPED: Final = replace(DEFAULT_DYNAMICS, least_damping=np.zeros(6))
 """Only critical damping: stable in free motion, but not in contact with a delay."""
 
@@ -312,13 +309,15 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             seeded=True,
             accepts_prior_mean=True,
         ),
-        "kmp": Policy(
-            summary="kernelised movement primitive, regularisation tuned for doors",
-            make=replace(KMP, fit=partial(fit_kmp, config=DOOR_KMP)),
+        "kmp": _method(
+            "kernelised movement primitive, regularisation tuned for doors",
+            partial(fit_kmp, config=DOOR_KMP),
+            adaptation=OwnAdaptation,
         ),
-        "kmp-published": Policy(
-            summary="kernelised movement primitive with the published regularisation",
-            make=KMP,
+        "kmp-published": _method(
+            "kernelised movement primitive with the published regularisation",
+            fit_kmp,
+            adaptation=OwnAdaptation,
         ),
         "gmm-gp": _method(
             "GP with a Gaussian-mixture prior and online conditioning",
