@@ -63,10 +63,6 @@ class GriddedMovement:
         self._adapted, self._seen = True, max(self._seen, float(via_point.phase))
         self.distribution.observe(via_point)
 
-    def at(self, phase: float) -> tuple[Pose, Pose]:
-        """Return mean and standard deviation at a phase in [0, 1], each (6,)."""
-        return GriddedMovements(self).at(np.float64(phase))
-
     def trajectory(self) -> GaussianTrajectory:
         """Return the current distribution over the whole task."""
         known = self.distribution.trajectory()
