@@ -154,7 +154,7 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
 
     batch = batch_agents(agents_of(name))
     at_once = isinstance(agents_of(name)[0], CompliantAgent)
-    assert type(batch).__name__ == ("_AllAtOnce" if at_once else "AgentBatch")
+    assert type(batch).__name__ == ("_VectorisedBatch" if at_once else "AgentBatch")
     geometries = LEVERS if name == "levers" else BARS
     history = steps_of(batch, geometries, closing=20, active=active)
     if name == "gp":

@@ -158,21 +158,21 @@ def nearest_by_hand(skill, pose, previous):
     stretch = np.einsum("kig,ig->kg", positions, unit).std(axis=0)
     x, z = pose[[0, 2]]
     reach = np.linalg.norm(pose[:3]) + 1e-9
-    similarity = SimilarityModel.of(skill.aligned, config.similarity).unseen()
-    likely = similarity.updated(np.hypot(x, z), np.arctan2(-z, x)).likely
+    similarity = SimilarityModel.of(skill.aligned, config.similarity).prior()
+    posterior = similarity.updated(np.hypot(x, z), np.arctan2(-z, x)).posterior
 
     def cost(index):
         there, std = demonstrated.mean[index], demonstrated.std[index]
         turned_by = (there[3:] - pose[3:]) ** 2 / (std[3:] ** 2 + noise.rotation**2)
-        share = np.hypot(config.distance_share, likely.size_std)
+        share = np.hypot(config.distance_share, posterior.size_std)
         spread = noise.position**2 + (share * length[index]) ** 2
         spread += stretch[index] ** 2
         total = 0.0
-        for number, weight in enumerate(likely.weights):
-            far = reach - np.exp(likely.log_sizes[number]) * length[index]
-            back = turned(pose[None], -likely.angle[number])[0, :3] / reach
+        for number, weight in enumerate(posterior.weights):
+            far = reach - np.exp(posterior.log_sizes[number]) * length[index]
+            back = turned(pose[None], -posterior.angle[number])[0, :3] / reach
             aside = np.sum((unit[:, index] - back) ** 2)
-            blur = (noise.position / reach) ** 2 + likely.angle_variance[number]
+            blur = (noise.position / reach) ** 2 + posterior.angle_variance[number]
             squares = far**2 / spread + aside / (variance[index] + blur)
             total += weight * np.exp(-0.5 * squares)
         return turned_by.sum() - 2.0 * np.log(max(total, 1e-300))

@@ -27,7 +27,7 @@ from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.serving.__main__ import main
 from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
 from gplfd_policies.serving.journal import Journal, read_journal
-from gplfd_policies.serving.limits import astray, exceeded, limited
+from gplfd_policies.serving.limits import exceeded, exceeds_following_error, limited
 from gplfd_policies.serving.link import Link
 from gplfd_policies.serving.protocol import array, decode, encode, numbers
 from gplfd_policies.serving.server import (
@@ -431,7 +431,7 @@ def test_a_limit_holds_along_every_axis_and_both_ways(axis, sign):
         assert bool(exceeded(SETTINGS, np.zeros(6), wrench)) == beyond
         assert bool(exceeded(SETTINGS, pose, np.zeros(6))) == (beyond and axis < 3)
         away = share * unit * (0.5 if axis < 3 else 1.5)
-        assert astray(SETTINGS, away, np.zeros(6)) == beyond
+        assert exceeds_following_error(SETTINGS, away, np.zeros(6)) == beyond
 
 
 def test_a_clock_in_the_wrong_unit_stops_the_robot():

@@ -136,7 +136,7 @@ class GriddedMovements:
         both = self._interpolated(phases, rows)
         return both[..., :6], both[..., 6:12]
 
-    def level_covariance(
+    def horizontal_covariance(
         self, phases: Float[Numbers, "*S"], rows: Rows = ALL_ROWS
     ) -> Float[Numbers, "*S"]:
         """Return the covariance of x and z [m²] at one phase in [0, 1] per row."""
@@ -191,5 +191,5 @@ class GriddedMovements:
         part[:-1, 6:12] = np.sqrt(distribution.std**2 + drift**2)
         part[:-1, 12] = 0.0
         if isinstance(distribution, SimilarityAdaptation):
-            part[:-1, 12] = distribution.level_covariance
+            part[:-1, 12] = distribution.horizontal_covariance
         part[-1] = part[-2]

@@ -139,13 +139,15 @@ class HandleCompensation:
             handle, gear = self._handles[number], self._gears[number]
             if gear != 1.0:
                 pose = row.tolist()
-                _, turn = handle.turns(pose[3:])
-                row[:] = handle.held(pose, gear**power * turn)
+                _, turn = handle.swing_twist(pose[3:])
+                row[:] = handle.with_turn(pose, gear**power * turn)
         return geared
 
     def axis_pose(self, pose: Pose, mean: Pose, number: int) -> Pose:
         """Return a row's hand pose [m, rad] with the handle motion of the mean."""
-        return np.array(self._handles[number].told(pose.tolist(), mean.tolist()))
+        return np.array(
+            self._handles[number].without_handle_motion(pose.tolist(), mean.tolist())
+        )
 
     def opening_phases(self, phases: PerRow, rows: Rows = ALL_ROWS) -> PerRow:
         """Return phases, but not less than the phase at which a row's door opens."""
@@ -161,14 +163,16 @@ class HandleCompensation:
             return positions
         columns = positions.reshape(-1, len(numbers), 6)
         for column, number in enumerate(numbers):
-            columns[:, column] = self._handles[number].places(columns[:, column])
+            columns[:, column] = self._handles[number].axis_positions(
+                columns[:, column]
+            )
         return positions
 
     def turning_directions(self, poses: Axes, rows: Rows = ALL_ROWS) -> Vectors:
         """Return the unit vectors along which hands move while their handles turn."""
         hands = poses.reshape(-1, 6).tolist()
         directions = [
-            self._handles[number].way(pose)
+            self._handles[number].turning_direction(pose)
             for number, pose in zip(self._of(rows), hands, strict=True)
         ]
         return np.reshape(directions, (*poses.shape[:-1], 3))
@@ -195,7 +199,9 @@ class HandleCompensation:
             handle, gear = self._handles[number], self._gears[number]
             if force < config.latched_force or gear >= config.max_gear:
                 continue
-            along = sum(p * u for p, u in zip(handle.place(pose), path, strict=True))
+            along = sum(
+                p * u for p, u in zip(handle.axis_displacement(pose), path, strict=True)
+            )
             follows = config.following_share * gear * handle.travel
             if handle.arm > 0.0:
                 lag = _SERVO_LAG / handle.arm

@@ -303,7 +303,7 @@ class ComplianceController:
             frame = path_frame(
                 tangent if learned is None else learned.direction_at(phase, tangent)
             )
-            level = movements.level_covariance(phase, rows)
+            level = movements.horizontal_covariance(phase, rows)
             std = directional_std(frame, std, level)
             lag = product(frame.swapaxes(-1, -2), lag[..., None])[..., 0]
         std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + lag * lag)

@@ -146,8 +146,10 @@ class PathPhase:
             )
         handle, means, noise = turned_handle(aligned), prediction.mean, config.noise
         if handle is not None:
-            aligned, means = seen_at(aligned, handle), handle.places(means)
-            leaves, turns = zip(*map(handle.turns, means[:, 3:].tolist()), strict=True)
+            aligned, means = seen_at(aligned, handle), handle.axis_positions(means)
+            leaves, turns = zip(
+                *map(handle.swing_twist, means[:, 3:].tolist()), strict=True
+            )
             # That the handle goes back is the policy's own doing.
             most = np.maximum.accumulate(np.maximum(turns, 0.0))
             means[:, 3:] = np.array(leaves) + np.outer(most, handle.axis)
@@ -176,7 +178,7 @@ class PathPhase:
         self._turned = [0.0]
         self._config = config
         model = SimilarityModel.of(aligned, config.similarity)
-        self._similarities: list[PathSimilarity] = [model.unseen()]
+        self._similarities: list[PathSimilarity] = [model.prior()]
 
     @property
     def settings(self) -> PathPhaseConfig:
@@ -193,7 +195,7 @@ class PathPhase:
         together._turned = [0.0 for rule in rules for _ in rule._handles]
         together._handles = [handle for rule in rules for handle in rule._handles]
         together._similarities = [
-            similarity.model.unseen()
+            similarity.model.prior()
             for rule in rules
             for similarity in rule._similarities
         ]
@@ -203,7 +205,7 @@ class PathPhase:
         """Forget the paths of these rows and begin at the start of the task."""
         for number in np.ravel(self._numbers[rows]).tolist():
             similarity = self._similarities[number]
-            self._similarities[number] = similarity.model.unseen()
+            self._similarities[number] = similarity.model.prior()
             self._turned[number] = 0.0
 
     def update(
@@ -228,8 +230,8 @@ class PathPhase:
             x, y, z, *rotation = pose
             handle = self._handles[number]
             if handle is not None:
-                x, y, z = handle.place(pose)
-                leaf, turn = handle.turns(rotation)
+                x, y, z = handle.axis_displacement(pose)
+                leaf, turn = handle.swing_twist(rotation)
                 most = self._turned[number] = max(self._turned[number], turn)
                 rotation = [
                     part + most * along
@@ -281,7 +283,7 @@ class PathPhase:
                 if anywhere[2] < self._config.clearer_share * best[2]:
                     best, weights = anywhere, others
             found.append(best)
-            sizes.append(self._similarities[number].likely.weighed(weights))
+            sizes.append(self._similarities[number].posterior.reweighted(weights))
         phases, stds, misfits = np.array(found).T.reshape(3, *previous.shape)
         return PhaseEstimate(phases, stds, misfits, tuple(sizes))
 

@@ -18,7 +18,7 @@ import numpy as np
 from gplfd_env.validation.fields import check_quantities, quantity
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes
-from gplfd_policies.demonstrations.path_similarity import LikelySizes
+from gplfd_policies.demonstrations.path_similarity import SizePosterior
 
 POSE_ERROR: Final = (2e-3, 0.15)
 """Errors of an observed pose that no demonstration shows: position [m], compliance and
@@ -53,7 +53,7 @@ class PhaseEstimate:
     """Deviation of the poses from the demonstrations near these phases: root mean
     square of the features' errors over their standard deviations. About 1 or less is as
     expected; NaN for a rule without comparison."""
-    sizes: Sequence[LikelySizes] = ()
+    sizes: Sequence[SizePosterior] = ()
     """Estimates of size and heading from the paths so far, one per pose; empty for a
     rule that does not estimate them."""
 

@@ -63,7 +63,9 @@ def exceeded(settings: ServeSettings, pose: np.ndarray, wrench: np.ndarray) -> s
     return ""
 
 
-def astray(settings: ServeSettings, pose: np.ndarray, command: np.ndarray) -> bool:
+def exceeds_following_error(
+    settings: ServeSettings, pose: np.ndarray, command: np.ndarray
+) -> bool:
     """Return whether the hand is farther from its command than the limits allow."""
     distance = math.hypot(*(pose[:3] - command[:3]))
     angle = rotation_distance(pose[3:], command[3:])

@@ -81,7 +81,7 @@ def turned_towards(direction: Point) -> Point:
     return np.asarray(scale * across)
 
 
-class Yielding:
+class CompliantSetPoint:
     """Set-points that forces displace; initially at rest and not displaced."""
 
     def __init__(self) -> None:

@@ -13,7 +13,11 @@ import numpy as np
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle
-from gplfd_policies.agents.model_based.following import JUMP_DECAY, HandPath, Yielding
+from gplfd_policies.agents.model_based.following import (
+    JUMP_DECAY,
+    CompliantSetPoint,
+    HandPath,
+)
 from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 
@@ -32,7 +36,7 @@ class HingeFitAgent:
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed door."""
-        self._path, self._yielding = HandPath(), Yielding()
+        self._path, self._set_point = HandPath(), CompliantSetPoint()
         self._circle = Circle.expected(UPRIGHT)
         self._door = self._circle.door()
         # A length, not an angle: a change of radius moves the set-point only sideways.
@@ -64,7 +68,7 @@ class HingeFitAgent:
 
         self._fading *= JUMP_DECAY
         observed = self.observed_angle = float(self._door.angle(hand[:3]))
-        return self._yielding.step(
+        return self._set_point.step(
             self._door.hand_poses(self._angle) + self._fading,
             load.compliant_wrench,
             phase=self._angle / DEMONSTRATED_ANGLE,

@@ -17,7 +17,11 @@ import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_policies.agents.model_based.following import JUMP_DECAY, HandPath, Yielding
+from gplfd_policies.agents.model_based.following import (
+    JUMP_DECAY,
+    CompliantSetPoint,
+    HandPath,
+)
 from gplfd_policies.agents.model_based.mechanism import (
     GaussianProcess,
     Mechanism,
@@ -63,7 +67,7 @@ class MechanismFitAgent:
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed door."""
-        self._yielding = Yielding()
+        self._set_point = CompliantSetPoint()
         self._begin(0)
 
     def act(self, observation: Observation) -> AgentStep:
@@ -100,4 +104,4 @@ class MechanismFitAgent:
         self._travelled = max(self._travelled + step, 0.0)
         self._fading *= JUMP_DECAY
         desired = self.model.poses(self._travelled) + self._fading
-        return self._yielding.step(desired, load.compliant_wrench)
+        return self._set_point.step(desired, load.compliant_wrench)

@@ -10,8 +10,8 @@ import numpy as np
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies.agents.model_based.following import (
+    CompliantSetPoint,
     HandPath,
-    Yielding,
     turned_towards,
 )
 from gplfd_policies.control.load import CarriedLoad
@@ -35,12 +35,12 @@ class CompliantPullAgent:
 
     def reset(self, observation: Observation) -> None:
         """Begin at the closed door."""
-        self._yielding = Yielding()
+        self._set_point = CompliantSetPoint()
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
         _, wrench = measured(observation)
-        return self._yielding.step(np.zeros(6), wrench + _PULL)
+        return self._set_point.step(np.zeros(6), wrench + _PULL)
 
 
 class ChordAgent:
@@ -76,7 +76,7 @@ class ReflexAgent:
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed one."""
-        self._path, self._yielding = HandPath(), Yielding()
+        self._path, self._set_point = HandPath(), CompliantSetPoint()
         self._position = np.zeros(3)
 
     def act(self, observation: Observation) -> AgentStep:
@@ -89,4 +89,4 @@ class ReflexAgent:
         if np.linalg.norm(turn) < DEMONSTRATED_ANGLE:
             self._position += _SPEED * CONTROL_PERIOD * load.pace * direction
         desired = np.concatenate([self._position, turn])
-        return self._yielding.step(desired, load.compliant_wrench)
+        return self._set_point.step(desired, load.compliant_wrench)
