@@ -383,7 +383,7 @@ def std_along(forecast: Forecast, axes: FloatArray) -> FloatArray:
     independent coordinates.
     """
     own = np.sum((axes * forecast.trajectory.std[:, :3]) ** 2, axis=1)
-    shared = 2.0 * axes[:, 0] * axes[:, 2] * forecast.level_covariance
+    shared = 2.0 * axes[:, 0] * axes[:, 2] * forecast.horizontal_covariance
     return np.sqrt(own + shared)
 
 

@@ -220,8 +220,8 @@ def test_a_free_output_takes_no_part():
     process = smooth_process()
     noise = np.full(6, 1e-4)
     noise[2], poses[0, 2] = np.inf, np.nan
-    surprise = process.update(process.at(0.5), poses[0], noise, along[0])
-    assert_array_equal(surprise.observed, [1, 1, 0, 1, 1, 1])
+    innovation = process.update(process.at(0.5), poses[0], noise, along[0])
+    assert_array_equal(innovation.observed, [1, 1, 0, 1, 1, 1])
     along[0, 2], poses[0, 2] = 0.0, np.sin(1.5)
     mean, variance = dense_conditioning(np.array([0.5]), poses, along, 1e-4)
     others = [0, 1, 3, 4, 5]

@@ -9,7 +9,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies.adaptation import ProcessAdaptation, SimilarityAdaptation
-from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovement
+from gplfd_policies.adaptation.gridded import (
+    LOOK_AHEAD,
+    GriddedMovement,
+    GriddedMovements,
+)
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.rows import ALL_ROWS
 from gplfd_policies.control.compliance import ComplianceConfig
@@ -220,7 +224,7 @@ def test_a_hand_that_is_held_becomes_soft(skill):
 def test_rotation_leads_by_less_than_the_pull(skill):
     agent = agent_of(skill, None, max_turn_lead=0.05)
     step = held_still(agent, 300)[-1]
-    ahead, _ = agent.movement.at(step.observed_phase + 0.05)
+    ahead, _ = GriddedMovements(agent.movement).at(step.observed_phase + 0.05)
     assert_allclose(step.desired[3:], ahead[3:])
     assert step.phase > step.observed_phase + 0.2
 
@@ -261,8 +265,8 @@ def test_direction_is_that_of_the_path_as_just_adapted(skill):
     for angle in np.linspace(0.0, 0.9, 150):
         step = agent.act(observed(handle_pose_on_arc(0.42, angle)))
         ahead = min(step.observed_phase + 0.05, 1.0)
-        chord = (agent.movement.at(ahead)[0] - agent.movement.at(ahead - 0.05)[0])[:3]
-        expected = chord / np.linalg.norm(chord)
+        (start, end), _ = GriddedMovements(agent.movement).at(ahead - [0.05, 0.0])
+        expected = (end - start)[:3] / np.linalg.norm((end - start)[:3])
         assert_allclose(directions[-1], expected, atol=1e-5)
 
 

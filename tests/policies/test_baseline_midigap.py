@@ -12,7 +12,7 @@ from gplfd_policies.movements.baselines.midigap import (
     MiDiGaPConfig,
     fit_midigap,
     frechet_mean,
-    partition,
+    partition_by_angle,
     rotvec_jacobian,
 )
 
@@ -79,7 +79,7 @@ def test_frechet_mean_keeps_to_the_branch_of_the_rotation_vectors():
 def test_modes_are_found_without_labels_and_hold_their_demonstrations(other):
     pulled, foreign = doors((0.35, 0.5, 0.65), 1), other * doors((0.35, 0.5), 2)
     mixed = np.concatenate([foreign[:1], pulled, foreign[1:]])
-    parts = partition(mixed, MiDiGaPConfig().mode_angle)
+    parts = partition_by_angle(mixed, MiDiGaPConfig().mode_angle)
     assert [part.tolist() for part in parts] == [[1, 2, 3], [0, 4]]
     movement = fit_midigap(aligned_of(mixed))
     assert_allclose(movement.weights, [0.6, 0.4])
@@ -90,10 +90,10 @@ def test_modes_are_found_without_labels_and_hold_their_demonstrations(other):
 
 
 def test_the_size_of_a_door_makes_no_mode(aligned):
-    assert len(partition(doors((0.35, 0.35, 0.9, 0.9)), 0.7)) == 1
+    assert len(partition_by_angle(doors((0.35, 0.35, 0.9, 0.9)), 0.7)) == 1
     assert len(fit_midigap(aligned).modes) == 1
     still = np.zeros((3, 21, 6))
-    assert len(partition(still, 0.7)) == 1
+    assert len(partition_by_angle(still, 0.7)) == 1
 
 
 def test_observations_choose_the_mode_that_is_followed():

@@ -12,14 +12,14 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations, ViaPoint
 from gplfd_policies.movements.baselines.gmr import GMRConfig, fit_gmr
 from gplfd_policies.movements.baselines.tp_gmm import (
-    Circle,
+    CircleDistribution,
     TaskParameterisedMixture,
-    fit_circle,
+    fit_kasa_circle,
     fit_mixture_of_views,
     fit_tp_gmm,
     hinge_frame,
     hinge_uncertainty,
-    product_of_gaussians,
+    product_over_frames,
 )
 
 pytestmark = pytest.mark.slow
@@ -34,7 +34,9 @@ def mixture(aligned):
 
 def at_hinge(mixture, radius):
     """The movement for a door whose hinge is known."""
-    circle = Circle(mean=np.array([0.0, -radius, 0.0]), covariance=np.zeros((3, 3)))
+    circle = CircleDistribution(
+        mean=np.array([0.0, -radius, 0.0]), covariance=np.zeros((3, 3))
+    )
     return replace(mixture, circle=circle)
 
 
@@ -55,7 +57,7 @@ def test_product_is_proportional_to_the_densities_multiplied():
     rng = np.random.default_rng(0)
     roots = rng.normal(size=(2, 1, 3, 3))
     means, covariances = rng.normal(size=(2, 1, 3)), roots @ roots.mT + np.eye(3)
-    mean, covariance = product_of_gaussians(means, covariances)
+    mean, covariance = product_over_frames(means, covariances)
 
     def log_density(x, centre, spread):
         return -0.5 * (x - centre) @ np.linalg.solve(spread, x - centre)
@@ -87,7 +89,7 @@ def test_one_frame_is_gaussian_mixture_regression(aligned):
 
 def test_two_equal_frames_halve_the_variance(mixture):
     once = mixture.means[0], mixture.covariances[0]
-    mean, covariance = product_of_gaussians(*(np.stack([one, one]) for one in once))
+    mean, covariance = product_over_frames(*(np.stack([one, one]) for one in once))
     assert_allclose(mean, once[0], atol=1e-9)
     assert_allclose(covariance, 0.5 * once[1], atol=1e-12)
 
@@ -106,14 +108,14 @@ def test_from_the_hinge_all_doors_are_one(radius):
 def test_circle_through_points_of_one(centre):
     angles = np.linspace(0.0, 0.9, 30)
     points = np.array(centre) + 0.4 * np.column_stack([np.sin(angles), np.cos(angles)])
-    theta = fit_circle(points)
+    theta = fit_kasa_circle(points)
     assert theta is not None
     assert_allclose(theta[:2], centre, atol=1e-9)
     assert_allclose(theta @ (*centre, 1.0), 0.4**2, atol=1e-9)
 
 
 def test_demonstrated_hinges_are_where_the_doors_have_them(mixture):
-    fitted = [fit_circle(poses[:, [0, 2]]) for poses in mixture.aligned.poses]
+    fitted = [fit_kasa_circle(poses[:, [0, 2]]) for poses in mixture.aligned.poses]
     radii = -np.array(fitted)[:, 1]
     assert_allclose(radii, np.repeat([0.35, 0.5, 0.65], 2), atol=0.01)
     assert_allclose(mixture.circle.mean[1], -radii.mean())
@@ -140,7 +142,9 @@ def test_via_points_tell_the_hinge(mixture, radius):
 def test_conditioning_a_circle_is_bayesian_regression():
     rng = np.random.default_rng(3)
     root = rng.normal(size=(3, 3)) * [[0.01], [0.1], [0.002]]
-    prior = Circle(mean=np.array([0.0, -0.5, 0.0]), covariance=root @ root.T)
+    prior = CircleDistribution(
+        mean=np.array([0.0, -0.5, 0.0]), covariance=root @ root.T
+    )
     via_points = arc(0.42, np.linspace(0.1, 0.5, 7), std=2e-3)
     points = np.array([point.pose[[0, 2]] for point in via_points])
     rows = np.column_stack([2.0 * points, np.ones(7)])

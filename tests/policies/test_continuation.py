@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations, PosePath, ViaPoint, fit_skill
 from gplfd_policies.adaptation import ProcessAdaptation
-from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.adaptation.gridded import GriddedMovement, GriddedMovements
 from gplfd_policies.demonstrations.continuation import carried_on, continued, drift
 from gplfd_policies.movements.prior_mean import Stretched
 
@@ -140,7 +140,7 @@ def test_sigma_grows_beyond_the_demonstrations_by_the_drift(skill):
     gridded = GriddedMovement(skill, ProcessAdaptation, 100)
     phases = np.linspace(0.0, 1.0, 100)
     plain = skill.predict(phases).std
-    measured = np.array([gridded.at(phase)[1] for phase in phases])
+    _, measured = GriddedMovements(gridded).at(phases)
     beyond = np.maximum(phases - longer.end, 0.0)[:, None] * longer.drift
     assert_allclose(measured, np.hypot(plain, beyond), rtol=5e-3)
     assert beyond[-1].max() > 1e-3

@@ -46,8 +46,8 @@ NUMBERS = [
     (HandleConfig, "max_gear", 0.9),
     (PhaseNoise, "position", -1e-3),
     (PhaseNoise, "rotation", NAN),
-    (PhaseNoise, "heading", -0.1),
     (SimilarityConfig, "size_std", -0.1),
+    (SimilarityConfig, "heading_std", -0.1),
     (SimilarityConfig, "spacing", 0.0),
     (SimilarityConfig, "scale_weight", 0.0),
     (PathPhaseConfig, "least_std", 0.0),
@@ -122,7 +122,8 @@ def test_an_unusable_setting_is_refused(record, changes, message):
 
 def test_ranges_that_touch_their_limits_are_allowed():
     ComplianceConfig(profile=PAPER_PROFILE)
-    PhaseNoise(position=0.0, rotation=0.0, heading=0.0)
+    PhaseNoise(position=0.0, rotation=0.0)
+    SimilarityConfig(heading_std=0.0)
     HandleConfig(following_share=1.0, gear_rate=0.0, max_gear=1.0)
     VirtualDynamics(mass=ONES, damping_ratio=1.0, least_damping=np.zeros(6))
 

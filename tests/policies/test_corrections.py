@@ -11,7 +11,7 @@ from gplfd_policies import POLICIES, Demonstration, TrainingInput, align, load_s
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.demonstrations.correction import Correction
-from gplfd_policies.registry.corrections import completed, demonstrated
+from gplfd_policies.registry.corrections import as_demonstrations, completed
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -117,7 +117,7 @@ def test_demonstrations_of_a_skill_are_those_that_it_was_learned_from(demonstrat
         for one in demonstrations
     ]
     aligned = continued(align(felt), 0.5)
-    for back, one in zip(demonstrated(aligned), felt, strict=True):
+    for back, one in zip(as_demonstrations(aligned), felt, strict=True):
         assert_allclose(back.poses[[0, -1]], one.poses[[0, -1]], atol=2e-3)
         assert_allclose(back.wrenches[0], one.wrenches[0], atol=1e-9)
         assert_allclose(back.wrenches[-1], one.wrenches[-1], atol=0.02)

@@ -280,7 +280,7 @@ def test_hands_together_have_the_learned_stiffness_of_each_alone(demonstrations)
     movement = method.learn(TrainingInput(demonstrations=lesson))
     alone, *together = (method.follow(movement) for _ in range(3))
     batch = batch_agents(together)
-    assert type(batch).__name__ == "_AllAtOnce"
+    assert type(batch).__name__ == "_VectorisedBatch"
     observation = {"ee_pose": np.zeros((2, 6)), "wrench": np.zeros((2, 6))}
     batch.reset(observation)
     alone.reset({name: each[1] for name, each in observation.items()})

@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 
 from gplfd_policies import ViaPoint
 from gplfd_policies.adaptation import ProcessAdaptation
-from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.adaptation.gridded import GriddedMovement, GriddedMovements
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -15,21 +15,19 @@ def test_interpolation_meets_the_movement(skill):
     movement = GriddedMovement(skill, None, 100)
     phases = np.linspace(0.0, 1.0, 777)
     exact = skill.predict(phases)
-    means, stds = (
-        np.stack(rows) for rows in zip(*(movement.at(p) for p in phases), strict=True)
-    )
+    means, stds = GriddedMovements(movement).at(phases)
     assert np.abs(means - exact.mean)[:, :3].max() < 1e-4
     assert np.abs(stds - exact.std)[:, :3].max() < 5e-4
 
 
 def test_observing_changes_the_movement_and_reset_undoes_it(skill):
     movement = GriddedMovement(skill, ProcessAdaptation, 50)
-    before = movement.at(0.7)[0]
+    before = movement.trajectory().mean
     target = skill.predict(np.array([0.6])).mean[0] + 0.05
     movement.observe(ViaPoint(phase=0.6, pose=target))
-    assert np.abs(movement.at(0.7)[0] - before).max() > 0.01
+    assert np.abs(movement.trajectory().mean - before).max() > 0.01
     movement.reset()
-    assert_array_equal(movement.at(0.7)[0], before)
+    assert_array_equal(movement.trajectory().mean, before)
 
 
 def test_a_grid_of_one_point_is_refused(skill):

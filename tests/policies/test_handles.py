@@ -68,10 +68,10 @@ def test_a_hand_that_turns_while_it_goes_on_turns_no_handle():
 def test_the_axis_goes_along_the_door_s_circle_whatever_the_handle_does():
     angles = np.linspace(0.0, 1.2, 13)
     turns = 0.7 * np.sin(5.0 * angles) ** 2
-    places = EXACT.places(GEOMETRY.hand_poses(angles, turns))[:, :3]
-    closed = EXACT.places(GEOMETRY.hand_poses(angles))[:, :3]
+    places = EXACT.axis_positions(GEOMETRY.hand_poses(angles, turns))[:, :3]
+    closed = EXACT.axis_positions(GEOMETRY.hand_poses(angles))[:, :3]
     assert_allclose(places, closed, atol=1e-12)
-    assert_array_equal(EXACT.places(np.zeros((1, 6)))[:, :3], np.zeros((1, 3)))
+    assert_array_equal(EXACT.axis_positions(np.zeros((1, 6)))[:, :3], np.zeros((1, 3)))
 
 
 @pytest.mark.parametrize(
@@ -80,11 +80,13 @@ def test_the_axis_goes_along_the_door_s_circle_whatever_the_handle_does():
 def test_a_hand_s_turn_is_the_leaf_s_and_the_handle_s(angle, turn):
     """And its way is where it goes while the handle turns."""
     before, here, after = GEOMETRY.hand_poses(angle, turn + np.array([-1e-4, 0, 1e-4]))
-    leaf, handle = EXACT.turns(here[3:].tolist())
+    leaf, handle = EXACT.swing_twist(here[3:].tolist())
     assert_allclose(leaf, (0.0, angle, 0.0), atol=1e-12)
     assert handle == pytest.approx(turn)
     way = (after - before)[:3]
-    assert_allclose(EXACT.way(here.tolist()), way / np.linalg.norm(way), atol=1e-6)
+    assert_allclose(
+        EXACT.turning_direction(here.tolist()), way / np.linalg.norm(way), atol=1e-6
+    )
 
 
 def test_a_handle_that_goes_back_tells_nothing_of_the_door():
@@ -107,7 +109,7 @@ def test_a_handle_that_goes_back_tells_nothing_of_the_door():
 def test_a_knob_has_no_way():
     handle = shown(DoorConfig(handle="knob", latch="spring"))
     assert handle is not None
-    assert handle.way([0.0] * 6) == (0.0, 0.0, 0.0)
+    assert handle.turning_direction([0.0] * 6) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -220,8 +222,11 @@ def test_a_door_is_told_by_its_axis_and_its_leaf(angle, turn):
     """However far the handle is turned, and wherever its spring has the hand."""
     mean = GEOMETRY.hand_poses(angle + 0.02, 0.6)
     expected = GEOMETRY.hand_poses(angle, 0.6)
-    way = np.array(EXACT.way(mean.tolist()))
-    beside = np.subtract(EXACT.place(mean.tolist()), EXACT.place(expected.tolist()))
+    way = np.array(EXACT.turning_direction(mean.tolist()))
+    beside = np.subtract(
+        EXACT.axis_displacement(mean.tolist()),
+        EXACT.axis_displacement(expected.tolist()),
+    )
     expected[:3] += way * (way @ beside)
     for lag in (0.0, 0.01):
         pose = GEOMETRY.hand_poses(angle, turn)
@@ -240,7 +245,7 @@ def test_a_door_s_way_begins_where_its_handle_s_axis_moves():
 # --- Its load, and the door's ------------------------------------------------
 
 PRESSED = GEOMETRY.hand_poses(0.0, 0.7)
-WAY = np.array(EXACT.way(PRESSED.tolist()))
+WAY = np.array(EXACT.turning_direction(PRESSED.tolist()))
 
 
 def contact(force):
@@ -286,7 +291,7 @@ def test_turning_a_handle_teaches_nothing_of_the_door(load):
     """A door behind a light lever is expected to be as heavy as any other."""
     for turn in np.linspace(0.0, 0.7, 60):
         pose = GEOMETRY.hand_poses(0.0, turn)
-        way = np.array(EXACT.way(pose.tolist()))
+        way = np.array(EXACT.turning_direction(pose.tolist()))
         load.update(replace(contact(-2.0 * way), direction=way, pose=pose))
     held = load.update(contact(-20.0 * PULL))
     assert held.compensated_load == pytest.approx(20.0)

@@ -120,9 +120,8 @@ def row_of(observations, row):
 
 def assert_same_row(steps, row, step):
     for name in FIELDS:
-        found, expected = getattr(steps.row(row), name), getattr(step, name)
+        found, expected = getattr(steps, name)[row], getattr(step, name)
         assert_array_equal(found, expected, err_msg=name)
-        assert_array_equal(getattr(steps, name)[row], expected)
 
 
 def steps_of(
@@ -155,7 +154,7 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
 
     batch = batch_agents(agents_of(name))
     at_once = isinstance(agents_of(name)[0], CompliantAgent)
-    assert type(batch).__name__ == ("_AllAtOnce" if at_once else "AgentBatch")
+    assert type(batch).__name__ == ("_VectorisedBatch" if at_once else "AgentBatch")
     geometries = LEVERS if name == "levers" else BARS
     history = steps_of(batch, geometries, closing=20, active=active)
     if name == "gp":

@@ -7,12 +7,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_policies import as_agent, make_agent
+from gplfd_policies import make_agent
 from gplfd_policies.agents.model_based.following import HandPath, turned_towards
-from gplfd_policies.agents.model_based.hinge_fit import HingeFitAgent
-from gplfd_policies.agents.model_based.mechanism_fit import MechanismFitAgent
-from gplfd_policies.agents.model_based.oracle import OracleAgent
-from gplfd_policies.agents.model_based.pulling import ChordAgent, ReflexAgent
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -169,27 +165,6 @@ def test_what_is_told_the_handle_sees_the_leaf_through_it():
 def test_who_is_told_must_be_told(name):
     with pytest.raises(ValueError, match=r"told the door .* agent\.inform\(door\)"):
         acted(make_agent(name, ()), 1)
-
-
-@pytest.mark.parametrize(
-    ("usual", "quicker"),
-    [
-        (HingeFitAgent(), HingeFitAgent(speed=0.5, acceleration=0.5)),
-        (HingeFitAgent(acceleration=1.0), HingeFitAgent(acceleration=1.0, speed=0.4)),
-        (MechanismFitAgent(), MechanismFitAgent(speed=0.2, acceleration=0.2)),
-        (ReflexAgent(), ReflexAgent(speed=0.2)),
-        (ChordAgent(), ChordAgent(lead=0.03)),
-        (ChordAgent(), ChordAgent(lead_rate=0.1)),
-        (OracleAgent(), OracleAgent(duration=3.0)),
-    ],
-)
-def test_their_speed_is_an_argument(usual, quicker):
-    door = DoorGeometry.of(DoorConfig(radius=0.5))
-    opened = []
-    for agent in map(as_agent, (usual, quicker)):
-        agent.inform(door)
-        opened.append(follow(agent, door, 150)[0])
-    assert opened[1] > 1.05 * opened[0]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """The phase of an observation is told by the path, not by the clock or the radius."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -9,7 +7,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import GaussianTrajectory
 from gplfd_policies.demonstrations.normalised import normalised
-from gplfd_policies.demonstrations.path_similarity import SimilarityModel
+from gplfd_policies.demonstrations.path_similarity import (
+    SimilarityConfig,
+    SimilarityModel,
+)
 from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
@@ -17,8 +18,8 @@ from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
 FINAL_ANGLE = np.radians(67.0)
-PRIOR = PhaseNoise().heading
-TRUSTING = PathPhaseConfig(noise=PhaseNoise(heading=0.0))
+PRIOR = SimilarityConfig().heading_std
+TRUSTING = PathPhaseConfig(similarity=SimilarityConfig(heading_std=0.0))
 NOWHERE = np.float64(0.0)
 
 
@@ -85,7 +86,7 @@ def test_phase_std_is_the_size_of_the_errors(skill):
     angle, found = 0.4, []
     for _ in range(300):
         pose = arc(rng.uniform(0.35, 0.65), [angle])
-        seen = turned(pose, noise.heading * rng.normal()) + errors * rng.normal(size=6)
+        seen = turned(pose, PRIOR * rng.normal()) + errors * rng.normal(size=6)
         rule.reset()
         found.append(follow(skill, seen, rule=rule)[:2, 0])
     phases, stds = np.array(found).T
@@ -146,7 +147,7 @@ def nearest_by_hand(skill, pose, previous):
     """The search as its definition reads, one row, one size, one point at a time."""
     grid, config = np.linspace(0.0, 1.0, 201), TRUSTING
     demonstrated, noise = skill.predict(grid), config.noise
-    poses = normalised(skill.aligned).aligned.poses
+    poses = normalised(skill.aligned)[0].poses
     curves = [[np.interp(grid, skill.aligned.times, c) for c in one.T] for one in poses]
     positions = np.array(curves)[:, :3]
     mean = positions.mean(axis=0)
@@ -157,23 +158,21 @@ def nearest_by_hand(skill, pose, previous):
     stretch = np.einsum("kig,ig->kg", positions, unit).std(axis=0)
     x, z = pose[[0, 2]]
     reach = np.linalg.norm(pose[:3]) + 1e-9
-    similarity = SimilarityModel.of(
-        skill.aligned, replace(config.similarity, heading_std=0.0)
-    ).unseen()
-    likely = similarity.updated(np.hypot(x, z), np.arctan2(-z, x)).likely
+    similarity = SimilarityModel.of(skill.aligned, config.similarity).prior()
+    posterior = similarity.updated(np.hypot(x, z), np.arctan2(-z, x)).posterior
 
     def cost(index):
         there, std = demonstrated.mean[index], demonstrated.std[index]
         turned_by = (there[3:] - pose[3:]) ** 2 / (std[3:] ** 2 + noise.rotation**2)
-        share = np.hypot(config.distance_share, likely.size_std)
+        share = np.hypot(config.distance_share, posterior.size_std)
         spread = noise.position**2 + (share * length[index]) ** 2
         spread += stretch[index] ** 2
         total = 0.0
-        for number, weight in enumerate(likely.weights):
-            far = reach - np.exp(likely.log_sizes[number]) * length[index]
-            back = turned(pose[None], -likely.angle[number])[0, :3] / reach
+        for number, weight in enumerate(posterior.weights):
+            far = reach - np.exp(posterior.log_sizes[number]) * length[index]
+            back = turned(pose[None], -posterior.angle[number])[0, :3] / reach
             aside = np.sum((unit[:, index] - back) ** 2)
-            blur = (noise.position / reach) ** 2 + likely.angle_variance[number]
+            blur = (noise.position / reach) ** 2 + posterior.angle_variance[number]
             squares = far**2 / spread + aside / (variance[index] + blur)
             total += weight * np.exp(-0.5 * squares)
         return turned_by.sum() - 2.0 * np.log(max(total, 1e-300))

@@ -9,9 +9,9 @@ from gplfd_policies import AgentStep, Demonstration, as_agent
 from gplfd_policies.agents.reaching import (
     CLOSING,
     ReachingAgent,
-    joined,
+    join_at_grasp,
     learn_reach,
-    parted,
+    split_at_grasp,
 )
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -51,9 +51,9 @@ def commands(agent, start, seconds):
 def test_parts_are_what_they_were_joined_from(forces):
     teacher, rng = Teacher(forces=forces), np.random.default_rng(0)
     reached, opening = teacher.demonstrate_reach(rng), teacher.demonstrate(0.5, rng)
-    whole = joined(reached, opening)
+    whole = join_at_grasp(reached, opening)
     for part, given in zip(
-        parted(whole, whole.times >= 0.0), (reached, opening), strict=True
+        split_at_grasp(whole, whole.times >= 0.0), (reached, opening), strict=True
     ):
         assert np.array_equal(part.times, given.times)
         assert np.array_equal(part.poses, given.poses)
@@ -69,7 +69,7 @@ def test_who_never_takes_hold_or_lets_go_teaches_no_reach(grasped):
     poses = np.outer(np.arange(4.0), np.ones(6))
     shown = Demonstration(times=np.arange(4.0), poses=poses)
     with pytest.raises(ValueError, match="must begin without the handle, take hold"):
-        parted(shown, np.array(grasped, bool))
+        split_at_grasp(shown, np.array(grasped, bool))
 
 
 @pytest.mark.parametrize("away", [0.8 * ELSEWHERE, ELSEWHERE, 1.3 * ELSEWHERE])

@@ -21,8 +21,9 @@ from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.rendering import ArmRendering
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
+from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
 from gplfd_policies.phase.path_phase import PathPhaseConfig
-from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
+from gplfd_policies.phase.phase_rule import ClockPhase
 from gplfd_policies.registry.method import path_phase, profile_of_spread
 
 pytestmark = pytest.mark.slow
@@ -45,6 +46,9 @@ def test_every_policy_makes_finite_steps(name, learned_agent):
         assert np.isfinite(step.action).all()
 
 
+SIMILARITY = SimilarityConfig()
+
+
 def stiffness(translation):
     return (float(translation),) * 3 + (0.1 * translation,) * 3
 
@@ -54,7 +58,7 @@ def parts(agent):
     return {
         "form": type(agent.movement.distribution),
         "phase": type(agent.phases),
-        "heading": getattr(agent.phases.settings, "noise", PhaseNoise()).heading,
+        "heading": getattr(agent.phases.settings, "similarity", SIMILARITY).heading_std,
         "load": type(agent.config.load),
         "damped": agent.config.dynamics.least_damping.any(),
         "rendering": type(agent.config.rendering),

@@ -27,7 +27,7 @@ from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.serving.__main__ import main
 from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
 from gplfd_policies.serving.journal import Journal, read_journal
-from gplfd_policies.serving.limits import astray, exceeded, limited
+from gplfd_policies.serving.limits import exceeded, exceeds_following_error, limited
 from gplfd_policies.serving.link import Link
 from gplfd_policies.serving.protocol import array, decode, encode, numbers
 from gplfd_policies.serving.server import (
@@ -123,19 +123,19 @@ def test_numbers_survive_bit_for_bit():
 )
 def test_no_command_leaves_the_limits(poses, stiffness):
     pose, last = np.array(poses[:6]), np.clip(poses[6:], -2, 2)
-    found = limited(SETTINGS, pose, np.array(stiffness), last)
+    commanded, rendered, _ = limited(SETTINGS, pose, np.array(stiffness), last)
     slack = 1 + 1e-9
-    assert np.abs(found.pose[:3]).max() <= 2.0 * slack
-    shift = np.linalg.norm(found.pose[:3] - last[:3])
+    assert np.abs(commanded[:3]).max() <= 2.0 * slack
+    shift = np.linalg.norm(commanded[:3] - last[:3])
     assert shift <= SETTINGS.linear_speed * PERIOD * slack
-    turn = rotation_distance(found.pose[3:], last[3:])
+    turn = rotation_distance(commanded[3:], last[3:])
     assert turn <= SETTINGS.angular_speed * PERIOD * slack
     low, high = SETTINGS.least_stiffness, SETTINGS.greatest_stiffness
-    assert (np.repeat(low, 3) <= found.stiffness).all()
-    assert (found.stiffness <= np.repeat(high, 3)).all()
-    again = limited(SETTINGS, found.pose, found.stiffness, found.pose)
-    assert again.acted == ()
-    assert again.pose is found.pose
+    assert (np.repeat(low, 3) <= rendered).all()
+    assert (rendered <= np.repeat(high, 3)).all()
+    again, _, acted = limited(SETTINGS, commanded, rendered, commanded)
+    assert acted == []
+    assert again is commanded
 
 
 def test_a_limit_that_acts_is_told_and_shortens_the_way():
@@ -431,7 +431,7 @@ def test_a_limit_holds_along_every_axis_and_both_ways(axis, sign):
         assert bool(exceeded(SETTINGS, np.zeros(6), wrench)) == beyond
         assert bool(exceeded(SETTINGS, pose, np.zeros(6))) == (beyond and axis < 3)
         away = share * unit * (0.5 if axis < 3 else 1.5)
-        assert astray(SETTINGS, away, np.zeros(6)) == beyond
+        assert exceeds_following_error(SETTINGS, away, np.zeros(6)) == beyond
 
 
 def test_a_clock_in_the_wrong_unit_stops_the_robot():

@@ -50,7 +50,7 @@ def seen(similarity, radius, yaw=0.0, until=1.0, noise=0.0):
     path = turned(arc(radius), yaw)[until >= TIMES][:, [0, 2]]
     for x, z in path + noise * rng.normal(size=path.shape):
         similarity = similarity.updated(np.hypot(x, z), np.arctan2(-z, x))
-    return similarity.likely
+    return similarity.posterior
 
 
 def test_gradient_is_numpy_s_bit_for_bit():
@@ -62,16 +62,17 @@ def test_gradient_is_numpy_s_bit_for_bit():
 def test_demonstrations_are_brought_to_one_size_and_heading():
     sizes, yaws = np.array([0.35, 0.5, 0.62]), np.array([0.02, -0.05, 0.04])
     poses = np.stack([turned(arc(r), y) for r, y in zip(sizes, yaws, strict=True)])
-    found = normalised(AlignedDemonstrations(times=TIMES, poses=poses))
-    assert_allclose(found.log_sizes, np.log(sizes) - np.log(sizes).mean(), atol=1e-12)
-    assert_allclose(found.headings, yaws - yaws.mean(), atol=1e-12)
-    assert np.ptp(found.aligned.poses[..., :3], axis=0).max() < 1e-12
+    found, log_sizes = normalised(AlignedDemonstrations(times=TIMES, poses=poses))
+    assert_allclose(log_sizes, np.log(sizes) - np.log(sizes).mean(), atol=1e-12)
+    # Of the mean size and heading.
+    mean = turned(arc(np.exp(np.log(sizes).mean())), yaws.mean())
+    assert_allclose(found.poses[..., :3], [mean[:, :3]] * 3, atol=1e-12)
 
 
 @pytest.mark.parametrize(("radius", "yaw"), [(0.33, 0.06), (0.5, -0.08), (0.64, 0.03)])
 def test_size_and_heading_are_found_and_ever_better_known(aligned, radius, yaw):
     model = SimilarityModel.of(aligned)
-    stages = [seen(model.unseen(), radius, yaw, until) for until in (0, 0.3, 0.6, 1)]
+    stages = [seen(model.prior(), radius, yaw, until) for until in (0, 0.3, 0.6, 1)]
     stds = np.array([stage.log_size[1] for stage in stages])
     assert (np.diff(stds) < 0.0).all()
     # Relative to the demonstrations' geometric mean.
@@ -83,18 +84,18 @@ def test_size_and_heading_are_found_and_ever_better_known(aligned, radius, yaw):
 
 def test_trusted_heading_is_never_doubted(aligned):
     model = SimilarityModel.of(aligned, SimilarityConfig(heading_std=0.0))
-    assert seen(model.unseen(), 0.5, 0.1).heading == (0.0, 0.0)
+    assert seen(model.prior(), 0.5, 0.1).heading == (0.0, 0.0)
 
 
 def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
     """Of every size: evidence and moments by one big matrix instead of a filter."""
     # A deviation that counts beside the heading.
-    config = SimilarityConfig(spacing=0.03, least_wobble=0.02, heading_std=0.02)
+    config = SimilarityConfig(spacing=0.03, least_std=0.02, heading_std=0.02)
     model = SimilarityModel.of(aligned, config)
     distances = np.array([0.06, 0.11, 0.17, 0.22, 0.30])
     # An arc of 0.55 m, turned by 0.03 and with errors.
     angles = 0.03 + np.arcsin(distances / 1.1) + [0.01, -0.01, 0.01, 0.0, -0.01]
-    similarity = model.unseen()
+    similarity = model.prior()
     for distance, angle in zip(distances, angles, strict=True):
         similarity = similarity.updated(distance, angle)
     ahead = np.array([0.85, 0.9, 0.95, 1.0])
@@ -134,20 +135,20 @@ def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
     expected /= expected.sum()
     size = (expected * model.log_sizes).sum()
     std = np.sqrt((expected * (model.log_sizes - size) ** 2).sum())
-    likely = similarity.likely
-    assert_allclose(likely.log_size, (size, std), atol=0.04 * std)
+    posterior = similarity.posterior
+    assert_allclose(posterior.log_size, (size, std), atol=0.04 * std)
     # The likely sizes lie between those that are compared.
-    paths, turns = likely.forecast(ahead)
+    paths, turns = posterior.forecast(ahead)
     of_path = scipy.interpolate.CubicSpline(model.log_sizes, np.array(means))(
-        likely.log_sizes
+        posterior.log_sizes
     )
     of_turn = scipy.interpolate.CubicSpline(model.log_sizes, np.array(variances))
     assert_allclose(paths, of_path.T, atol=1e-3)
-    assert_allclose(turns, of_turn(likely.log_sizes).T, rtol=0.02)
+    assert_allclose(turns, of_turn(posterior.log_sizes).T, rtol=0.02)
 
 
 def test_noise_that_is_smaller_than_stated_makes_the_size_better_known(aligned):
-    similarity = SimilarityModel.of(aligned).unseen()
+    similarity = SimilarityModel.of(aligned).prior()
     rough, clean = (seen(similarity, 0.5, 0.0, 0.5, noise) for noise in (3e-3, 2e-4))
     assert clean.log_size[1] < 0.8 * rough.log_size[1]
     assert (clean.scale < 0.9 * rough.scale).all()
@@ -232,7 +233,7 @@ def test_a_straight_path_has_no_size_and_its_phase_is_its_distance(seed, sizes):
     ids=["circle", "straight, turning", "out, then along"],
 )
 def test_size_shows_where_a_path_bends_or_turns_by_its_length(path, count):
-    poses = normalised(repeated(path, 0, count * (0.5,))).aligned.poses
+    poses = normalised(repeated(path, 0, count * (0.5,)))[0].poses
     assert size_visibility(poses) == 1.0
 
 

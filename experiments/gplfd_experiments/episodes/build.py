@@ -31,7 +31,7 @@ from gplfd_policies.agents.lockstep import batch_agents
 from gplfd_policies.agents.reaching import (
     GRASPED,
     ReachingAgent,
-    joined,
+    join_at_grasp,
     learn_reach,
     openings,
     reaches,
@@ -78,7 +78,7 @@ def _demonstrated(shown: str) -> LabelledDemonstrations:
     if fields["start"] == "grasped":
         return LabelledDemonstrations(demonstrations=given, radii=labels)
     reaching = teacher.standard_reaches(per_door, seed=seed, doors=len(radii))
-    whole = tuple(map(joined, reaching, given))
+    whole = tuple(map(join_at_grasp, reaching, given))
     grasped = [{GRASPED: (one.times[:, None] >= 0.0).astype(float)} for one in whole]
     return LabelledDemonstrations(
         demonstrations=whole, radii=labels, signals=tuple(grasped)

@@ -145,7 +145,7 @@ class Local:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Surprise:
+class InnovationStatistics:
     """Innovation statistics of an observed pose; zeros for unobserved outputs."""
 
     observed: Pose
@@ -216,7 +216,7 @@ class ConditionedProcess:
 
     def update(
         self, here: Local, pose: Pose, noise_variance: Pose, along: Pose
-    ) -> Surprise:
+    ) -> InnovationStatistics:
         """Condition on a pose.
 
         Args:
@@ -248,7 +248,7 @@ class ConditionedProcess:
         self._variance -= np.einsum("imk,imk->mi", on_grid, on_grid)
         alone = whitened @ inverse_root
         precision = np.einsum("ki,ki->i", inverse_root, inverse_root)
-        return Surprise(
+        return InnovationStatistics(
             observed=observed.astype(np.float64),
             given_others=alone * alone / precision,
             joint=float(whitened @ whitened),

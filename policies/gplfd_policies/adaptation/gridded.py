@@ -10,7 +10,7 @@ import numpy as np
 
 from gplfd_policies.adaptation.forms import begin_adaptation
 from gplfd_policies.adaptation.similarity import SimilarityAdaptation
-from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
+from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, PerRow, Rows
 from gplfd_policies.arrays.shapes import (
     Axes,
     Covariances,
@@ -26,9 +26,7 @@ LOOK_AHEAD: Final = 0.05
 """Length of the chord that defines the direction of the path, in phase."""
 
 
-def look_ahead(
-    phases: Float[Numbers, "*N"], start: Float[Numbers, "*N"]
-) -> Float[np.ndarray, "*S"]:
+def look_ahead(phases: PerRow, start: PerRow) -> Float[np.ndarray, "*S"]:
     """Return phases, and both ends of chords from ``start`` or at the path's end."""
     end = np.minimum(start + LOOK_AHEAD, 1.0)
     return np.array([phases, end - LOOK_AHEAD, end])
@@ -64,10 +62,6 @@ class GriddedMovement:
         """Condition on a via-point."""
         self._adapted, self._seen = True, max(self._seen, float(via_point.phase))
         self.distribution.observe(via_point)
-
-    def at(self, phase: float) -> tuple[Pose, Pose]:
-        """Return mean and standard deviation at a phase in [0, 1], each (6,)."""
-        return GriddedMovements(self).at(np.float64(phase))
 
     def trajectory(self) -> GaussianTrajectory:
         """Return the current distribution over the whole task."""
@@ -142,7 +136,7 @@ class GriddedMovements:
         both = self._interpolated(phases, rows)
         return both[..., :6], both[..., 6:12]
 
-    def level_covariance(
+    def horizontal_covariance(
         self, phases: Float[Numbers, "*S"], rows: Rows = ALL_ROWS
     ) -> Float[Numbers, "*S"]:
         """Return the covariance of x and z [m²] at one phase in [0, 1] per row."""
@@ -167,7 +161,7 @@ class GriddedMovements:
         return means[0], stds[0]
 
     def ahead(
-        self, phases: Float[Numbers, "*N"], rows: Rows = ALL_ROWS
+        self, phases: PerRow, rows: Rows = ALL_ROWS
     ) -> tuple[Axes, Axes, Vectors]:
         """Return mean and σ [m, rad], and the direction of the path ahead."""
         means, stds = self.at(look_ahead(phases, phases), rows)
@@ -175,6 +169,10 @@ class GriddedMovements:
 
     def hand_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
         """Return the hand poses for poses of the movements (here identical)."""
+        return poses
+
+    def movement_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
+        """Return the poses of the movements for hand poses (here identical)."""
         return poses
 
     @staticmethod
@@ -193,5 +191,5 @@ class GriddedMovements:
         part[:-1, 6:12] = np.sqrt(distribution.std**2 + drift**2)
         part[:-1, 12] = 0.0
         if isinstance(distribution, SimilarityAdaptation):
-            part[:-1, 12] = distribution.level_covariance
+            part[:-1, 12] = distribution.horizontal_covariance
         part[-1] = part[-2]

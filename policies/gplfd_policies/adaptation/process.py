@@ -58,13 +58,13 @@ class StudentProcess(ConditionedProcess):
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place, in O(n² + M n)."""
         here, along = self.at(via_point.phase), np.asarray(via_point.along)
-        surprise = self.update(
+        innovation = self.update(
             here, via_point.pose, via_point.own_variance + here.white, along
         )
-        self._observed += surprise.observed
-        self._distance += surprise.given_others
-        self._sequential += surprise.joint
-        self._log_variance += surprise.log_variance
+        self._observed += innovation.observed
+        self._distance += innovation.given_others
+        self._sequential += innovation.joint
+        self._log_variance += innovation.log_variance
 
     @property
     def log_evidence(self) -> float:
@@ -74,8 +74,8 @@ class StudentProcess(ConditionedProcess):
         via-points.
         """
         power = 0.5 * (self._free + float(np.sum(self._observed)))
-        surprise = np.log1p(self._sequential / self._free)
-        return -0.5 * self._log_variance - power * float(surprise)
+        distance = np.log1p(self._sequential / self._free)
+        return -0.5 * self._log_variance - power * float(distance)
 
     @property
     def std(self) -> Outputs:

@@ -62,12 +62,12 @@ class SimilarityAdaptation:
             # The motion of the hand about the handle's axis does not scale with the
             # size.
             aligned = seen_at(aligned, self._handle)
-            axes = self._handle.places(predicted.mean)
+            axes = self._handle.axis_positions(predicted.mean)
             self._apart = (predicted.mean - axes)[:, _LEVEL]
         model = SimilarityModel.of(aligned)
-        self._path = model.unseen()
+        self._path = model.prior()
         self._lag = np.interp(grid, model.phases, model.lag)
-        self.sizes = self._path.likely
+        self.sizes = self._path.posterior
         """Estimate of size, heading and deviation from the via-points so far."""
         self._rate = model.rate
         self._expected = predicted.mean[:, _OTHERS]
@@ -88,9 +88,9 @@ class SimilarityAdaptation:
         elif np.isfinite(noise[_LEVEL]).all():
             x, _, z = pose[:3]
             if self._handle is not None:
-                x, _, z = self._handle.place(pose.tolist())
+                x, _, z = self._handle.axis_displacement(pose.tolist())
             self._path = self._path.updated(math.hypot(x, z), math.atan2(-z, x))
-            self.sizes = self._path.likely
+            self.sizes = self._path.posterior
 
         # Height and rotation: one scalar Kalman filter each.
         expected, spread = (
@@ -157,7 +157,7 @@ class SimilarityAdaptation:
             roots[:, -1] = behind
         for output, roots in zip(_LEVEL, self._level, strict=True):
             variance[:, output] = (roots * roots).sum(axis=1) + _NOISE**2
-        self.level_covariance: Float[np.ndarray, " M"] = (x * z).sum(axis=1)
+        self.horizontal_covariance: Float[np.ndarray, " M"] = (x * z).sum(axis=1)
         """Covariance of x and z on the grid [m²]."""
 
         rate, step = self._rate, self._grid[:, None] - self._phase

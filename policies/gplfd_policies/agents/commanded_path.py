@@ -111,7 +111,7 @@ def commanded_path(agent: CompliantAgent) -> CommandedPath:
     depend on the hand. The samples are one control period apart.
     """
     agent.reset({})
-    hand, free = agent.movement.at(0.0)[0], np.zeros(6)
+    hand, free = agent.forecast().mean[0], np.zeros(6)
     steps, arrived = [], False
     while not arrived:
         step = agent.act({"ee_pose": hand, "wrench": free})

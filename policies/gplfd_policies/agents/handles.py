@@ -1,7 +1,7 @@
 """Adapters that let a controller for fixed handles open doors whose handle turns.
 
 The controller of `gplfd_policies.control.compliance` does not model a handle.
-`controller_of` puts an adapter around each of its parts:
+`controller_of` puts adapters around its movements and its load:
 
 * the phase is estimated from the hand pose that the demonstrated handle turn would
   give;
@@ -22,17 +22,15 @@ from gplfd_policies.adaptation.gridded import (
     GriddedMovements,
     look_ahead,
 )
-from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
-from gplfd_policies.arrays.shapes import Float, Pose, Vectors
+from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
+from gplfd_policies.arrays.shapes import Axes, Float, Pose, Vectors
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.expected_force import ForceForecast
 from gplfd_policies.control.load import ContactState, LoadResponse, LoadRule
 from gplfd_policies.control.stiffness import StiffnessProfile
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
 from gplfd_policies.movements.trajectory import ViaPoint
-from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseRule, Phases, Poses
-
-Amount = Float[Numbers, "*N"]
+from gplfd_policies.phase.phase_rule import PhaseRule
 
 _SERVO_LAG: Final = 0.012
 """Distance by which a hand that turns a handle lags behind its command: 24 N of the
@@ -88,7 +86,7 @@ def controller_of(
     compensation = HandleCompensation(handles, shape, handle_config)
     return ComplianceController(
         HandleMovements(movements, compensation),
-        HandlePhases(phases, compensation),
+        phases,
         HandleLoad(
             config.load, config.profile, compensation, shape, config.control_period
         ),
@@ -126,29 +124,31 @@ class HandleCompensation:
         for number in self._of(rows):
             self._gears[number] = 1.0
 
-    def remove_handle_motion(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
+    def remove_handle_motion(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
         """Return the hand poses that the demonstrated handle turns would give."""
         return self._geared(poses, -1.0, rows)
 
-    def add_handle_motion(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
+    def add_handle_motion(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
         """Convert hand poses at demonstrated turns to poses at these rows' turns."""
         return self._geared(poses, 1.0, rows)
 
-    def _geared(self, poses: Poses, power: float, rows: Rows) -> Poses:
+    def _geared(self, poses: Axes, power: float, rows: Rows) -> Axes:
         geared = poses.copy()
         for number, row in zip(self._of(rows), geared.reshape(-1, 6), strict=True):
             handle, gear = self._handles[number], self._gears[number]
             if gear != 1.0:
                 pose = row.tolist()
-                _, turn = handle.turns(pose[3:])
-                row[:] = handle.held(pose, gear**power * turn)
+                _, turn = handle.swing_twist(pose[3:])
+                row[:] = handle.with_turn(pose, gear**power * turn)
         return geared
 
     def axis_pose(self, pose: Pose, mean: Pose, number: int) -> Pose:
         """Return a row's hand pose [m, rad] with the handle motion of the mean."""
-        return np.array(self._handles[number].told(pose.tolist(), mean.tolist()))
+        return np.array(
+            self._handles[number].without_handle_motion(pose.tolist(), mean.tolist())
+        )
 
-    def opening_phases(self, phases: Amount, rows: Rows = ALL_ROWS) -> Amount:
+    def opening_phases(self, phases: PerRow, rows: Rows = ALL_ROWS) -> PerRow:
         """Return phases, but not less than the phase at which a row's door opens."""
         opens = [self._handles[number].opens for number in self._of(rows)]
         return np.maximum(phases, np.reshape(opens, np.shape(phases)))
@@ -162,23 +162,25 @@ class HandleCompensation:
             return positions
         columns = positions.reshape(-1, len(numbers), 6)
         for column, number in enumerate(numbers):
-            columns[:, column] = self._handles[number].places(columns[:, column])
+            columns[:, column] = self._handles[number].axis_positions(
+                columns[:, column]
+            )
         return positions
 
-    def turning_directions(self, poses: Poses, rows: Rows = ALL_ROWS) -> Vectors:
+    def turning_directions(self, poses: Axes, rows: Rows = ALL_ROWS) -> Vectors:
         """Return the unit vectors along which hands move while their handles turn."""
         hands = poses.reshape(-1, 6).tolist()
         directions = [
-            self._handles[number].way(pose)
+            self._handles[number].turning_direction(pose)
             for number, pose in zip(self._of(rows), hands, strict=True)
         ]
         return np.reshape(directions, (*poses.shape[:-1], 3))
 
     def turn_further(
         self,
-        poses: Poses,
+        poses: Axes,
         direction: Vectors,
-        load: Amount,
+        load: PerRow,
         period: float,
         rows: Rows = ALL_ROWS,
     ) -> np.ndarray:
@@ -196,7 +198,9 @@ class HandleCompensation:
             handle, gear = self._handles[number], self._gears[number]
             if force < config.latched_force or gear >= config.max_gear:
                 continue
-            along = sum(p * u for p, u in zip(handle.place(pose), path, strict=True))
+            along = sum(
+                p * u for p, u in zip(handle.axis_displacement(pose), path, strict=True)
+            )
             follows = config.following_share * gear * handle.travel
             if handle.arm > 0.0:
                 lag = _SERVO_LAG / handle.arm
@@ -210,28 +214,6 @@ class HandleCompensation:
     def _of(self, rows: Rows) -> list[int]:
         numbers: list[int] = np.ravel(self._numbers[rows]).tolist()
         return numbers
-
-
-class HandlePhases:
-    """A phase rule for hands that turn handles further than demonstrated."""
-
-    def __init__(self, rule: PhaseRule, handles: HandleCompensation) -> None:
-        self._rule, self._handles = rule, handles
-
-    def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Reset these rows to the start of the task."""
-        self._rule.reset(rows)
-
-    def update(
-        self, poses: Poses, previous: Phases, command: Phases, rows: Rows = ALL_ROWS
-    ) -> PhaseEstimate:
-        """Return the phases of observed poses; see `PhaseRule.update`."""
-        demonstrated = self._handles.remove_handle_motion(poses, rows)
-        return self._rule.update(demonstrated, previous, command, rows)
-
-    def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
-        """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
-        return self._rule.rate(phases, rows)
 
 
 class HandleMovements(GriddedMovements):
@@ -257,17 +239,21 @@ class HandleMovements(GriddedMovements):
         super().observe(member, replace(via_point, pose=pose))
 
     def ahead(
-        self, phases: Phases, rows: Rows = ALL_ROWS
-    ) -> tuple[Poses, Poses, Vectors]:
+        self, phases: PerRow, rows: Rows = ALL_ROWS
+    ) -> tuple[Axes, Axes, Vectors]:
         """Return mean, σ, and the direction of the axis's path in the opening ahead."""
         points = look_ahead(phases, self._handles.opening_phases(phases, rows))
         means, stds = self.at(points, rows)
         chord = self._handles.axis_positions(means[1:], rows)
         return means[0], stds[0], self.direction(chord)
 
-    def hand_poses(self, poses: Poses, rows: Rows = ALL_ROWS) -> Poses:
+    def hand_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
         """Return hand poses at these rows' handle turns for poses of the movements."""
         return self._handles.add_handle_motion(poses, rows)
+
+    def movement_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
+        """Return hand poses at the demonstrated handle turns for these rows' hands."""
+        return self._handles.remove_handle_motion(poses, rows)
 
 
 class HandleLoad:

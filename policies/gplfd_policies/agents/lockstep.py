@@ -85,7 +85,7 @@ class AgentBatch:
             )
 
 
-class _AllAtOnce(AgentBatch):
+class _VectorisedBatch(AgentBatch):
     """Compliant agents with one configuration, computed together."""
 
     def __init__(self, agents: Sequence[CompliantAgent]) -> None:
@@ -145,7 +145,7 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
     if len(alike) == len(checked) and all(
         _shared(agent) == _shared(alike[0]) for agent in alike
     ):
-        return _AllAtOnce(alike)
+        return _VectorisedBatch(alike)
     return AgentBatch(checked)
 
 

@@ -36,7 +36,7 @@ _GRID: Final = np.linspace(0.0, 1.0, 100)
 _STIFFEST: Final = np.repeat([most for _, most in ArmRendering.stiffness_range], 3)
 
 
-def parted(
+def split_at_grasp(
     demonstration: Demonstration, grasped: Bool[np.ndarray, " N"]
 ) -> tuple[Demonstration, Demonstration]:
     """Split a demonstration where the hand takes hold; both parts have this sample."""
@@ -56,8 +56,8 @@ def parted(
     )
 
 
-def joined(reach: Demonstration, opening: Demonstration) -> Demonstration:
-    """Return the demonstration from its two parts; the inverse of `parted`.
+def join_at_grasp(reach: Demonstration, opening: Demonstration) -> Demonstration:
+    """Return the demonstration from its two parts; the inverse of `split_at_grasp`.
 
     If the opening has wrenches, those of the reach are zero: the hand holds nothing.
     """
@@ -99,7 +99,7 @@ def _parts(
     if not given.signals or any(GRASPED not in one for one in given.signals):
         return []
     return [
-        parted(one, signals[GRASPED][:, 0] > 0.5)
+        split_at_grasp(one, signals[GRASPED][:, 0] > 0.5)
         for one, signals in zip(given.demonstrations, given.signals, strict=True)
     ]
 

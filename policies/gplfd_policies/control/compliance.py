@@ -18,7 +18,7 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
-from gplfd_policies.arrays.rows import ALL_ROWS, Rows
+from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes
 from gplfd_policies.control.expected_force import ForceForecast
 from gplfd_policies.control.frame import directional_std, path_frame, product
@@ -34,7 +34,7 @@ from gplfd_policies.control.stiffness import (
     VirtualDynamics,
 )
 from gplfd_policies.movements.trajectory import ViaPoint
-from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseObserver, Phases
+from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseRule
 
 _PULL: Final = np.array([1.0, 0.0, 0.0])
 """Direction of the path before the first step."""
@@ -134,13 +134,13 @@ class ComplianceController:
     """Controls one hand, or many with one phase rule and one config.
 
     `gplfd_policies.agents.handles.controller_of` makes one, with adapters around
-    movements, phases and load if handles turn.
+    movements and load if handles turn.
     """
 
     def __init__(
         self,
         movements: GriddedMovements,
-        phases: PhaseObserver,
+        phases: PhaseRule,
         load: Load,
         config: ComplianceConfig,
         forces: ForceForecast | None = None,
@@ -175,7 +175,7 @@ class ComplianceController:
         self._tangent[rows] = _PULL
         self._offset[rows] = 0.0
 
-    def _set_point(self, phase: Phases, observed_phase: Phases, rows: Rows) -> Axes:
+    def _set_point(self, phase: PerRow, observed_phase: PerRow, rows: Rows) -> Axes:
         """Return the means of these rows' movements, with limited lead in rotation."""
         turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
         means, _ = self._movements.at(np.array([phase, turn_phase]), rows)
@@ -195,7 +195,10 @@ class ComplianceController:
         # because a phase rule may return the command phase, which changes below.
         command_phase = self._command_phase[rows].copy()
         seen = self._phases.update(
-            poses, self._observed_phase[rows], command_phase, rows
+            movements.movement_poses(poses, rows),
+            self._observed_phase[rows],
+            command_phase,
+            rows,
         )
         observed_phase = self._observed_phase[rows] = seen.phase
         predicted_mean, predicted_std, direction = movements.ahead(observed_phase, rows)
@@ -300,7 +303,7 @@ class ComplianceController:
             frame = path_frame(
                 tangent if learned is None else learned.direction_at(phase, tangent)
             )
-            level = movements.level_covariance(phase, rows)
+            level = movements.horizontal_covariance(phase, rows)
             std = directional_std(frame, std, level)
             lag = product(frame.swapaxes(-1, -2), lag[..., None])[..., 0]
         std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + lag * lag)

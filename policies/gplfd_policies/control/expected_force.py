@@ -14,12 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements
-from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
+from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Bool, Float, Vectors
 from gplfd_policies.control.frame import product
 from gplfd_policies.movements.trajectory import ViaPoint
-
-Amount = Float[Numbers, "*N"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -32,7 +30,7 @@ class ExpectedForce:
     """Standard deviation along each of these axes [N]."""
     axes: Float[np.ndarray, "... 3 3"]
     """Axes of the hand, as columns in the task frame."""
-    largest: Amount | float = math.inf
+    largest: PerRow | float = math.inf
     """Largest demonstrated force on the whole way [N]."""
 
     def along(
@@ -74,7 +72,7 @@ class ForceForecast:
 
     def expect(
         self,
-        phases: Amount,
+        phases: PerRow,
         axes: Float[np.ndarray, "... 3 3"],
         rows: Rows = ALL_ROWS,
     ) -> tuple[ExpectedForce, ExpectedForce]:
@@ -109,7 +107,7 @@ class ForceForecast:
     def learn(
         self,
         due: Bool[np.ndarray | np.bool_, "*N"],
-        phases: Amount,
+        phases: PerRow,
         rows: Rows = ALL_ROWS,
     ) -> None:
         """Schedule rows that are due to learn from their measurements since last time.

@@ -7,7 +7,7 @@ add in an order that depends on the other rows.
 
 import numpy as np
 
-from gplfd_policies.arrays.rows import Numbers
+from gplfd_policies.arrays.rows import PerRow
 from gplfd_policies.arrays.shapes import Axes, Float, Frames, Vectors
 
 
@@ -39,9 +39,7 @@ def product(
     return np.asarray(np.add.reduce(left[..., None] * right[..., None, :, :], axis=-2))
 
 
-def directional_std(
-    frame: Frames, std: Axes, level: Float[Numbers, "*N"] | float = 0.0
-) -> Axes:
+def directional_std(frame: Frames, std: Axes, level: PerRow | float = 0.0) -> Axes:
     """Return σ along the directions of frames, and about the axes [m, rad].
 
     σ_d² = Σ_i T_id² σ_i² + 2 T_xd T_zd σ_xz with the covariance σ_xz of x and z [m²];

@@ -13,12 +13,10 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 
 from gplfd_env.validation.fields import Quantities, check_quantities, quantity
-from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
+from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Vectors
 from gplfd_policies.control.expected_force import ExpectedForce
 from gplfd_policies.control.stiffness import StiffnessProfile
-
-Amount = Float[Numbers, "*N"]
 
 _NO_STIFFNESS: Final = 1e-9
 """Divisor if there is no stiffness [N/m]."""
@@ -54,13 +52,13 @@ class LoadResponse:
 
     compliant_wrench: Axes
     """Wrench that displaces the set-point: F of Eq. (22) [N, N m]."""
-    compensated_load: Amount
+    compensated_load: PerRow
     """Resistance along the path that is compensated, not part of `compliant_wrench`
     [N]."""
-    pace: Amount
+    pace: PerRow
     """Pace of the command phase: 1 is normal, 0 is waiting, down to -1 for returning to
     the hand."""
-    path_lag: Amount
+    path_lag: PerRow
     """Lag of the hand behind the set-point along the path, used as a standard deviation
     in addition to the policy's own [m]."""
 
@@ -215,7 +213,7 @@ class LoadLearner:
         std = np.repeat(np.asarray(lag)[..., None], 6, axis=-1)
         stiffness = _stretched(self._profile.stiffness(std, rows=rows), direction)
         reserve = gain * rule.reach * stiffness
-        bound: Amount = np.minimum(expected, reserve)
+        bound: PerRow = np.minimum(expected, reserve)
         if contact.expected is not None and contact.expected_ahead is not None:
             here, ahead = (
                 _upper(one, direction, rule.interval)
@@ -294,37 +292,37 @@ class YieldToAll(_Stateless):
         )
 
 
-def _upper(expected: ExpectedForce, direction: Vectors, interval: float) -> Amount:
+def _upper(expected: ExpectedForce, direction: Vectors, interval: float) -> PerRow:
     """Return the upper end of the interval of the resistance along the path [N]."""
     mean, std = expected.along(direction[..., None])
     # For a method without standard deviations, use the mean.
     return np.asarray(mean + interval * np.where(np.isnan(std), 0.0, std))[..., 0]
 
 
-def _along(direction: Vectors, vectors: Float[np.ndarray, "*N V"]) -> Amount:
+def _along(direction: Vectors, vectors: Float[np.ndarray, "*N V"]) -> PerRow:
     """Return the component of the first three numbers along a direction."""
     # Not `vecdot`: see `gplfd_policies.control.compliance`.
     return np.asarray(np.add.reduce(direction * vectors[..., :3], axis=-1))
 
 
-def _stretched(stiffness: Float[np.ndarray, "*#N 6"], direction: Vectors) -> Amount:
+def _stretched(stiffness: Float[np.ndarray, "*#N 6"], direction: Vectors) -> PerRow:
     """Return the stiffness against a displacement along a direction [N/m]."""
     return _along(direction, stiffness[..., :3] * direction)
 
 
-def _resistance(wrench: Axes, direction: Vectors) -> Amount:
+def _resistance(wrench: Axes, direction: Vectors) -> PerRow:
     """Return the force along the path that holds the hands back [N]."""
     return np.asarray(np.maximum(-_along(direction, wrench), 0.0))
 
 
-def _without(wrench: Axes, load: Amount, direction: Vectors) -> Axes:
+def _without(wrench: Axes, load: PerRow, direction: Vectors) -> Axes:
     """Return the wrenches without the load that is compensated."""
     left = wrench.copy()
     left[..., :3] += np.asarray(load)[..., None] * direction
     return left
 
 
-def _pace(share: Amount) -> Amount:
+def _pace(share: PerRow) -> PerRow:
     """Return 1 for a share of 0, 0 for a share of 1, -1 from 1.19 on."""
     # Not `**`: for arrays its last bit depends on the processor.
     return np.asarray(1.0 - np.minimum(np.float_power(share, 4.0), 2.0))

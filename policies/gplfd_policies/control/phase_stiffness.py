@@ -13,7 +13,7 @@ import numpy as np
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
 from gplfd_policies.arrays.records import freeze, short_repr
-from gplfd_policies.arrays.rows import Numbers
+from gplfd_policies.arrays.rows import PerRow
 from gplfd_policies.arrays.shapes import Axes, Float, Outputs, Vectors
 from gplfd_policies.control.frame import path_frame
 from gplfd_policies.control.stiffness import StiffnessProfile
@@ -21,8 +21,8 @@ from gplfd_policies.demonstrations.impedance import PRIOR, estimate_impedance
 from gplfd_policies.movements.movement import LearnedMovement, Movement
 
 _PHASES: Final = np.linspace(0.0, 1.0, 101)
-
-Phase = Float[Numbers, "*N"]
+_FORCES: Final = (0.5, 5.0)
+"""Forces between which `stiffness_from_force` falls [N]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,19 +42,19 @@ class PhaseStiffness:
     def __post_init__(self) -> None:
         freeze(self, "stiffness", "share", "direction")
 
-    def direction_at(self, phase: Phase, tangent: Vectors) -> Vectors:
+    def direction_at(self, phase: PerRow, tangent: Vectors) -> Vectors:
         """Return the first direction of the frame at a phase, or the tangent."""
         found = self.direction[self._index(phase)]
         return np.where(np.isnan(found), tangent, found)
 
-    def combined(self, stiffness: Axes, phase: Phase) -> Axes:
+    def combined(self, stiffness: Axes, phase: PerRow) -> Axes:
         """Return k^(1 - w) k_d^w: means of logarithms with the weights 1 - w and w."""
         index = self._index(phase)
         # Not `**`: for arrays its last bit depends on the processor.
         gain = np.float_power(self.stiffness[index] / stiffness, self.share[index])
         return np.asarray(stiffness * gain)
 
-    def _index(self, phase: Phase) -> np.ndarray:
+    def _index(self, phase: PerRow) -> np.ndarray:
         return np.asarray(np.rint(phase * (len(self.share) - 1)), dtype=np.intp)
 
 
@@ -101,15 +101,12 @@ def demonstrated_stiffness(
 
 
 def stiffness_from_force(
-    movement: Movement,
-    profile: StiffnessProfile,
-    forces: tuple[float, float] = (0.5, 5.0),
+    movement: Movement, profile: StiffnessProfile
 ) -> PhaseStiffness:
     """Return a stiffness along the learned force that falls with the force.
 
-    It falls linearly from k_max at the first of two `forces` [N] to k_min at the
-    second; across the force and in rotation it is k_max. The defaults are from the
-    published code.
+    It falls linearly from k_max at 0.5 N to k_min at 5 N, as in the published code;
+    across the force and in rotation it is k_max.
 
     Raises:
         ValueError: No demonstration has wrenches.
@@ -125,8 +122,8 @@ def stiffness_from_force(
     size = np.linalg.norm(force, axis=1)
     highest = np.repeat(profile.k_max.reshape(2, 3).min(axis=1), 3)
     stiffness = np.tile(highest, (_PHASES.size, 1))
-    stiffness[:, 0] = np.interp(size, forces, (highest[0], profile.k_min[0]))
-    felt = (size > forces[0])[:, None]
+    stiffness[:, 0] = np.interp(size, _FORCES, (highest[0], profile.k_min[0]))
+    felt = (size > _FORCES[0])[:, None]
     return PhaseStiffness(
         stiffness=stiffness,
         share=np.ones_like(stiffness),

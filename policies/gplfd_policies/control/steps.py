@@ -8,12 +8,12 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Final, SupportsIndex
+from typing import Any, Final
 
 import numpy as np
 
 from gplfd_env.conventions.constants import Control
-from gplfd_policies.arrays.rows import Numbers, Rows
+from gplfd_policies.arrays.rows import PerRow, Rows
 from gplfd_policies.arrays.shapes import Bool, Float, Pose
 
 Observation = Mapping[str, Float[np.ndarray, "..."]]
@@ -21,7 +21,6 @@ Observation = Mapping[str, Float[np.ndarray, "..."]]
 
 Poses = Float[np.ndarray, "*N 6"]
 Vectors = Float[np.ndarray, "*N 3"]
-Phases = Float[Numbers, "*N"]
 
 _NAN: Final[Any] = math.nan
 _UNITS: Final = {"ee_pose": "[m, rad]", "wrench": "[N, N m]"}
@@ -92,28 +91,28 @@ class AgentStep:
     contact_margin: Poses = _NAN
     """Delay that a held hand tolerates in addition to the longest expected delay [s],
     see `gplfd_policies.control.contact`."""
-    carried_load: Phases | float = _NAN
+    carried_load: PerRow | float = _NAN
     """Compensated load: resistance along the path that the hand bears without yielding
     [N]."""
-    give: Phases | float = _NAN
+    give: PerRow | float = _NAN
     """Lag of the hand behind the set-point along the path; part of `std` [m]."""
-    phase: Phases | float = _NAN
+    phase: PerRow | float = _NAN
     """Command phase: phase of the set-point, 0..1."""
-    observed_phase: Phases | float = _NAN
+    observed_phase: PerRow | float = _NAN
     """Phase of the hand, 0..1."""
-    phase_misfit: Phases | float = _NAN
+    phase_misfit: PerRow | float = _NAN
     """Deviation of the hand from the demonstrations near `observed_phase`: root mean
     square of the errors of distance, direction and rotation over their standard
     deviations. About 1 or less is as expected; from 3 on, the phase is searched along
     the whole task."""
-    path_size: Phases | float = _NAN
+    path_size: PerRow | float = _NAN
     """Median size of the path relative to the demonstrations' geometric mean, estimated
     from the path so far."""
-    path_size_std: Phases | float = _NAN
+    path_size_std: PerRow | float = _NAN
     """Standard deviation of the logarithm of `path_size`."""
-    heading: Phases | float = _NAN
+    heading: PerRow | float = _NAN
     """Rotation of the path about the vertical relative to the demonstrations [rad]."""
-    heading_std: Phases | float = _NAN
+    heading_std: PerRow | float = _NAN
     """Standard deviation of `heading` [rad]."""
     predicted_mean: Poses = _NAN
     """Mean at `observed_phase`, before this observation adapted the movement; the phase
@@ -125,9 +124,9 @@ class AgentStep:
     before this observation from demonstrated forces and from this door so far [N]."""
     expected_force_std: Vectors = _NAN
     """Standard deviation of `expected_force` [N]."""
-    mode: Phases | float = _NAN
+    mode: PerRow | float = _NAN
     """Number of the active mode, from 0, for an agent with several modes."""
-    mode_probability: Phases | float = _NAN
+    mode_probability: PerRow | float = _NAN
     """Probability of the active mode, from demonstrations and observations so far."""
     via_point: Bool[np.ndarray | np.bool_, "*N"] | bool = False
     """Whether this observation was used as a via-point."""
@@ -162,10 +161,6 @@ class AgentStep:
                 "AgentStep.frame out"
             )
         return np.concatenate([self.action, self.stiffness], axis=-1)
-
-    def row(self, number: SupportsIndex) -> AgentStep:
-        """Return the step of one of N agents."""
-        return AgentStep(**{name: getattr(self, name)[number] for name in STEP_SHAPES})
 
     @classmethod
     def stacked(cls, steps: Sequence[AgentStep]) -> AgentStep:

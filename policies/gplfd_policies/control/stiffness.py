@@ -4,7 +4,7 @@ The hand is stiff where the policy is certain and compliant where it is not.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -180,12 +180,7 @@ def spread_profile(spread: SixAxes, resolution: SixAxes) -> StiffnessProfile:
     least σ. The shape over σ/β and the stiffnesses are the published ones.
     """
     beta = np.sqrt(resolution * np.maximum(spread, resolution))
-    return StiffnessProfile(
-        k_max=np.repeat([500.0, 50.0], 3),
-        k_min=np.repeat([100.0, 10.0], 3),
-        alpha=_STEEPNESS / beta,
-        beta=beta,
-    )
+    return replace(DEFAULT_PROFILE, alpha=_STEEPNESS / beta, beta=beta)
 
 
 PAPER_PROFILE = StiffnessProfile(

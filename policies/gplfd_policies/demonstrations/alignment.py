@@ -240,13 +240,13 @@ def _warped(courses: Sequence[_Course], phases: Times, cost_row: CostRow) -> Mat
             aligned.append(course.at(phases))
             clocks.append(phases)
             continue
-        path = dynamic_time_warping(
+        rows, columns = dynamic_time_warping(
             lambda row, course=course: cost_row(reference, row, course),  # type: ignore[misc]
             len(reference.clock),
         )
-        matches = np.bincount(path.rows)
+        matches = np.bincount(rows)
         means = [
-            np.bincount(path.rows, weights=column[path.columns]) / matches
+            np.bincount(rows, weights=column[columns]) / matches
             for column in (course.clock, *course.poses.T)
         ]
         matched = replace(reference, poses=np.column_stack(means[1:]))
@@ -288,9 +288,9 @@ def corrected_completions(
             apart = np.sum((common - own[row]) ** 2, axis=1)
             return np.asarray(apart + (_TETHER * (steps - steps[row])) ** 2)
 
-        path = dynamic_time_warping(cost_row, len(steps))
-        matches = np.bincount(path.rows)
-        stairs = np.bincount(path.rows, weights=steps[path.columns]) / matches
+        rows, columns = dynamic_time_warping(cost_row, len(steps))
+        matches = np.bincount(rows)
+        stairs = np.bincount(rows, weights=steps[columns]) / matches
         correction = scipy.ndimage.gaussian_filter1d(
             stairs - steps, _BLUR, mode="nearest"
         )

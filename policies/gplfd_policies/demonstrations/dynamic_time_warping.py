@@ -1,7 +1,6 @@
 """Exact dynamic time warping in NumPy."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,22 +12,13 @@ LARGEST_TABLE = 10**8
 _DIAGONAL, _UP, _LEFT = np.int8(0), np.int8(1), np.int8(2)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class WarpingPath:
-    """The monotone match of two sequences with least cost, ends matched to ends."""
-
-    cost: float
-    """Sum of the costs along the path."""
-    rows: Int[np.ndarray, " P"]
-    """Matched indices of the first sequence, from 0 to its last, never decreasing."""
-    columns: Int[np.ndarray, " P"]
-    """Matched indices of the second sequence."""
-
-
 def dynamic_time_warping(
     cost_row: Callable[[int], Float[np.ndarray, " M"]], n_rows: int
-) -> WarpingPath:
+) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"]]:
     """Match two sequences with steps (1, 0), (0, 1), (1, 1) of equal weight.
+
+    Returns the indices of the first and of the second sequence along the match with
+    least cost. They never decrease, and ends are matched to ends.
 
     The recursion D_ij = c_ij + min(D_{i-1,j}, D_{i-1,j-1}, D_{i,j-1}) runs along each
     row without a loop: with S the cumulated cost of the row and v_j the cheaper of the
@@ -65,4 +55,4 @@ def dynamic_time_warping(
         column -= choice != _UP
         path.append((row, column))
     rows, columns = np.array(path[::-1], dtype=np.int64).T
-    return WarpingPath(cost=float(total[-1]), rows=rows, columns=columns)
+    return rows, columns

@@ -1,8 +1,6 @@
 """Demonstrations without their differences of size and heading."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,28 +11,18 @@ _STILL = 1e-3
 """Root mean square displacement below which a motion has no size [m]."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class NormalisedDemonstrations:
-    """Demonstrations of equal size and heading, and the original sizes and headings.
-
-    Demonstration k is `aligned` scaled by exp(log_sizes[k]) about the start and rotated
-    by headings[k] about the vertical. Both have a mean of zero.
-    """
-
-    aligned: AlignedDemonstrations
-    """The demonstrations, with positions of equal size and heading."""
-    log_sizes: Float[np.ndarray, " K"]
-    """Logarithms of the sizes."""
-    headings: Float[np.ndarray, " K"]
-    """Angles about the vertical [rad]."""
-
-
-def normalised(aligned: AlignedDemonstrations) -> NormalisedDemonstrations:
+def normalised(
+    aligned: AlignedDemonstrations,
+) -> tuple[AlignedDemonstrations, Float[np.ndarray, " K"]]:
     """Return demonstrations without their differences of size and heading.
 
     The size of a demonstration is the root mean square of its displacement from the
     start. Its heading is the rotation about the vertical that fits the mean to it by
     least squares.
+
+    Returns:
+        The demonstrations, scaled about the start and rotated about the vertical, and
+        the logarithms of the original sizes, with a mean of zero.
     """
     positions = aligned.poses[..., :3]
     lengths = np.sqrt((positions**2).sum(axis=2).mean(axis=1))
@@ -53,6 +41,4 @@ def normalised(aligned: AlignedDemonstrations) -> NormalisedDemonstrations:
     poses = aligned.poses.copy()
     poses[..., 0], poses[..., 2] = level.real, -level.imag
     poses[..., 1] /= np.exp(log_sizes)[:, None]
-    return NormalisedDemonstrations(
-        aligned=replace(aligned, poses=poses), log_sizes=log_sizes, headings=headings
-    )
+    return replace(aligned, poses=poses), log_sizes

@@ -24,7 +24,7 @@ _STEPS: Final = np.linspace(-2.5, 2.5, 31)
 """Grid of sizes, in prior standard deviations of the logarithm of size."""
 _SMOOTHING: Final = 20
 """Samples on each side over which the demonstrations' variance is averaged."""
-_LIKELY: Final = 19
+_SIZES: Final = 19
 """Number of likely sizes."""
 _OVERLAP: Final = 0.6
 """Standard deviation of the sizes that one likely size represents, relative to the
@@ -61,9 +61,9 @@ class SimilarityConfig(Quantities):
     determine the errors. Tuned."""
     spacing: float = quantity(0.004, above=0.0, unit="m")
     """Distance between two used positions [m]."""
-    least_wobble: float = quantity(1e-3, above=0.0, unit="m")
+    least_std: float = quantity(1e-3, above=0.0, unit="m")
     """Least smooth deviation across the path of demonstrations of equal size [m]."""
-    wobble_scale: float = quantity(0.5, above=0.0)
+    lateral_length_scale: float = quantity(0.5, above=0.0)
     """Length-scale of this deviation, in phase."""
 
 
@@ -81,7 +81,7 @@ class SimilarityModel:
     """Phases of the mean path."""
     path: Complex[np.ndarray, " M"]
     """Mean path of the demonstrations with equal size and heading, complex [m]."""
-    wobble: Phases
+    lateral_std: Phases
     """σ: standard deviation of demonstrations of equal size across the path [m]."""
     lag: Phases
     """Standard deviation of demonstrations of equal size along the path [m]."""
@@ -91,7 +91,7 @@ class SimilarityModel:
     """Share of the stated variances caused by the error of the mean path."""
     outward: Float[np.ndarray, "4 F"]
     """First point of the mean path at each distance from its start: distance [m],
-    phase, direction about the vertical [rad] and `wobble` [m]."""
+    phase, direction about the vertical [rad] and `lateral_std` [m]."""
 
     @classmethod
     def of(
@@ -100,19 +100,21 @@ class SimilarityModel:
         config: SimilarityConfig = SimilarityConfig(),
     ) -> SimilarityModel:
         """Return the model of demonstrations; for a turning handle, of its axis."""
-        similar = normalised(aligned)
-        poses, count = similar.aligned.poses, len(aligned.poses)
+        similar, log_sizes = normalised(aligned)
+        poses, count = similar.poses, len(aligned.poses)
         level = poses[..., 0] - 1j * poses[..., 2]
         path = level.mean(axis=0)
-        wobble = lag = np.full(len(path), config.least_wobble)
+        lateral_std = lag = np.full(len(path), config.least_std)
         if count > 1:
             # Across: perpendicular to the direction from the start.
             tangent = np.gradient(path)
             tangent /= np.maximum(np.abs(tangent), _NEAREST)
             along = ((level - path) * tangent.conj()).real
             across = (level * np.exp(-1j * np.angle(path))).imag
-            lag, wobble = (_smooth_std(e, config.least_wobble) for e in (along, across))
-        scatter = float((similar.log_sizes**2).sum())
+            lag, lateral_std = (
+                _smooth_std(e, config.least_std) for e in (along, across)
+            )
+        scatter = float((log_sizes**2).sum())
         variance = config.size_weight * config.size_std**2 + scatter
         variance *= (1.0 + 1.0 / count) / (config.size_weight + count - 1)
         shown = size_visibility(poses[:, aligned.times <= aligned.end], config)
@@ -128,19 +130,19 @@ class SimilarityModel:
             config=config,
             phases=aligned.times,
             path=path,
-            wobble=wobble,
+            lateral_std=lateral_std,
             lag=lag,
             log_sizes=math.sqrt(variance) * shown * _STEPS,
             least_scale=1.0 / (count + 1),
             outward=np.hstack(
                 [
-                    [[0.0], [aligned.times[0]], [direction], [config.least_wobble]],
-                    [furthest[moved], aligned.times[first], angles, wobble[first]],
+                    [[0.0], [aligned.times[0]], [direction], [config.least_std]],
+                    [furthest[moved], aligned.times[first], angles, lateral_std[first]],
                 ]
             ),
         )
 
-    def unseen(self) -> PathSimilarity:
+    def prior(self) -> PathSimilarity:
         """Return the estimate before any position of the path is observed."""
         variances = [self.config.heading_std**2, 1.0, self.rate**2]
         covariance = np.zeros((3, 3, _STEPS.size))
@@ -148,7 +150,7 @@ class SimilarityModel:
         return PathSimilarity(
             model=self,
             log_variance=np.zeros(_STEPS.size),
-            surprise=np.zeros(_STEPS.size),
+            squared_innovations=np.zeros(_STEPS.size),
             count=0,
             mean=np.zeros((3, _STEPS.size)),
             covariance=covariance,
@@ -163,13 +165,13 @@ class SimilarityModel:
     ) -> tuple[Complex[np.ndarray, " M"], Float[np.ndarray, " M"]]:
         """Return the mean path at phases, and σ over the distance to its start."""
         path: np.ndarray = np.interp(phases, self.phases, self.path)
-        wobble = np.interp(phases, self.phases, self.wobble)
-        return path, wobble / np.maximum(np.abs(path), _NEAR)
+        lateral_std = np.interp(phases, self.phases, self.lateral_std)
+        return path, lateral_std / np.maximum(np.abs(path), _NEAR)
 
     @property
     def rate(self) -> float:
         """√3 over the length-scale of the Matérn kernel of f [1/phase]."""
-        return math.sqrt(3.0) / self.config.wobble_scale
+        return math.sqrt(3.0) / self.config.lateral_length_scale
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,7 +196,7 @@ class PathSimilarity:
     """The demonstrated path."""
     log_variance: Sizes
     """Sum of the logarithms of the innovation variances."""
-    surprise: Sizes
+    squared_innovations: Sizes
     """δ²: sum of squared innovations divided by their variances."""
     count: int
     """n: number of positions used."""
@@ -225,31 +227,31 @@ class PathSimilarity:
         sizes = np.exp(model.log_sizes)
         shrunk = distance / sizes
         distances, *curves = model.outward
-        phase, expected, wobble = (np.interp(shrunk, distances, c) for c in curves)
+        phase, expected, lateral_std = (np.interp(shrunk, distances, c) for c in curves)
         error = np.remainder(angle - expected + math.pi, 2.0 * math.pi) - math.pi
         phase = np.maximum(phase, self.phase)
         mean, covariance = advance(
             self.mean, self.covariance, phase - self.phase, model.rate
         )
         # r = H (ψ, f, df/ds) + e.
-        wobble = sizes * wobble
-        gain = distance * covariance[0] + wobble * covariance[1]
-        explained = distance * gain[0] + wobble * gain[1]
+        lateral_std = sizes * lateral_std
+        gain = distance * covariance[0] + lateral_std * covariance[1]
+        explained = distance * gain[0] + lateral_std * gain[1]
         variance = explained + config.position_std**2
-        innovation = distance * error - (distance * mean[0] + wobble * mean[1])
+        innovation = distance * error - (distance * mean[0] + lateral_std * mean[1])
         mean += gain * (innovation / variance)
         covariance -= gain[:, None] * (gain / variance)
         left = explained * (1.0 - explained / variance)
         return replace(
             self,
             log_variance=self.log_variance + np.log(variance),
-            surprise=self.surprise + innovation**2 / variance,
+            squared_innovations=self.squared_innovations + innovation**2 / variance,
             count=self.count + 1,
             mean=mean,
             covariance=covariance,
             phase=phase,
             due=distance + config.spacing,
-            angle=mean[0] + wobble / distance * mean[1],
+            angle=mean[0] + lateral_std / distance * mean[1],
             angle_variance=left / distance**2,
         )
 
@@ -260,7 +262,7 @@ class PathSimilarity:
         It is not less than the share of the demonstrations' mean in the deviations.
         """
         free = self.model.config.scale_weight
-        scale = (free + self.surprise) / (free + self.count)
+        scale = (free + self.squared_innovations) / (free + self.count)
         return np.maximum(scale, self.model.least_scale)
 
     @cached_property
@@ -270,26 +272,26 @@ class PathSimilarity:
         They are the logarithm of the weight, c, the variance of log c, cosine and sine
         of the angle, and its variance.
         """
-        likely = self.likely
+        posterior = self.posterior
         return np.array(
             [
-                np.log(np.maximum(likely.weights, 1e-300)),
-                np.exp(likely.log_sizes),
-                np.full(likely.log_sizes.size, likely.size_std**2),
-                np.cos(likely.angle),
-                np.sin(likely.angle),
-                likely.angle_variance,
+                np.log(np.maximum(posterior.weights, 1e-300)),
+                np.exp(posterior.log_sizes),
+                np.full(posterior.log_sizes.size, posterior.size_std**2),
+                np.cos(posterior.angle),
+                np.sin(posterior.angle),
+                posterior.angle_variance,
             ]
         )
 
     @cached_property
-    def likely(self) -> LikelySizes:
+    def posterior(self) -> SizePosterior:
         """The likely sizes given the path, on a finer grid."""
         config, grid = self.model.config, self.model.log_sizes
         # p(c, path) is a Student-t density, because the scale is estimated.
         scale = self.scale
-        surprise = (config.scale_weight + self.count) * np.log(scale)
-        log_weights = -0.5 * (_STEPS**2 + self.log_variance + surprise)
+        misfit = (config.scale_weight + self.count) * np.log(scale)
+        log_weights = -0.5 * (_STEPS**2 + self.log_variance + misfit)
         weights = np.exp(log_weights - log_weights.max())
         weights /= weights.sum()
         centre = float((weights * grid).sum())
@@ -299,7 +301,7 @@ class PathSimilarity:
         sizes = np.linspace(
             max(centre - reach, float(grid[0])),
             min(centre + reach, float(grid[-1])),
-            _LIKELY,
+            _SIZES,
         )
         # All curves are smooth in log c: cubic interpolation through four sizes.
         position = (sizes - grid[0]) / max(spacing, _NEAREST)
@@ -321,7 +323,7 @@ class PathSimilarity:
         four = left + np.arange(4)[:, None]
         found = np.add.reduce(curves[:, four] * cubic, axis=1)
         weights = np.exp(found[0] - found[0].max())
-        return LikelySizes(
+        return SizePosterior(
             model=self.model,
             log_sizes=sizes,
             weights=weights / weights.sum(),
@@ -337,7 +339,7 @@ class PathSimilarity:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LikelySizes:
+class SizePosterior:
     """Posterior of the size of a path, and of the other quantities given K sizes."""
 
     model: SimilarityModel
@@ -362,7 +364,7 @@ class LikelySizes:
     scale: Float[np.ndarray, " K"]
     """Factor on the variance of f, estimated from the innovations."""
 
-    def weighed(self, weights: Float[np.ndarray, " K"]) -> LikelySizes:
+    def reweighted(self, weights: Float[np.ndarray, " K"]) -> SizePosterior:
         """Return the posterior with other weights, which need not sum to one."""
         return replace(self, weights=weights / weights.sum())
 

@@ -60,39 +60,41 @@ class TurnedHandle:
     opens: float = 0.0
     """Phase at which the axis, and with it the door, begins to move."""
 
-    def held(self, pose: list[float], turn: float) -> list[float]:
+    def with_turn(self, pose: list[float], turn: float) -> list[float]:
         """Return the hand pose for another turn of the handle, with the same leaf."""
-        leaf, _ = self.turns(pose[3:])
+        leaf, _ = self.swing_twist(pose[3:])
         ax, ay, az = self.axis
         handle = [turn * ax, turn * ay, turn * az]
         rotation = _rotvec(_product(_quaternion(leaf), _quaternion(handle)))
         sx, sy, sz = self.point
-        x, y, z = self.place(pose)
+        x, y, z = self.axis_displacement(pose)
         rx, ry, rz = _turned(self.point, rotation)
         return [x + sx - rx, y + sy - ry, z + sz - rz, *rotation]
 
-    def told(self, pose: list[float], mean: list[float]) -> list[float]:
+    def without_handle_motion(
+        self, pose: list[float], mean: list[float]
+    ) -> list[float]:
         """Return the hand pose with the handle's own motion removed.
 
         It is replaced by the expected turn of the handle and the expected motion of the
         hand along the handle's path.
         """
-        _, turn = self.turns(mean[3:])
-        x, y, z, *rotation = self.held(pose, turn)
-        px, py, pz = self.place(pose)
-        mx, my, mz = self.place(mean)
-        wx, wy, wz = self.way(mean)
+        _, turn = self.swing_twist(mean[3:])
+        x, y, z, *rotation = self.with_turn(pose, turn)
+        px, py, pz = self.axis_displacement(pose)
+        mx, my, mz = self.axis_displacement(mean)
+        wx, wy, wz = self.turning_direction(mean)
         lag = (mx - px) * wx + (my - py) * wy + (mz - pz) * wz
         return [x + lag * wx, y + lag * wy, z + lag * wz, *rotation]
 
-    def place(self, pose: list[float]) -> Vector:
+    def axis_displacement(self, pose: list[float]) -> Vector:
         """Return the displacement of the axis's point from its start [m]."""
         x, y, z, *rotation = pose
         sx, sy, sz = self.point
         rx, ry, rz = _turned(self.point, rotation)
         return x + (rx - sx), y + (ry - sy), z + (rz - sz)
 
-    def way(self, pose: list[float]) -> Vector:
+    def turning_direction(self, pose: list[float]) -> Vector:
         """Return the hand's direction while the handle turns, R (s × a) / arm.
 
         Zero for a knob.
@@ -115,12 +117,12 @@ class TurnedHandle:
         The hand may rotate relative to a lever, so the apparent displacement of the
         axis along the handle's path is added; it is zero if the axis is at rest.
         """
-        _, turn = self.turns(pose[3:])
+        _, turn = self.swing_twist(pose[3:])
         _, arm = self._lever()
         if arm < _LEAST_ARM:
             return turn
-        px, py, pz = self.place(pose)
-        wx, wy, wz = self.way(pose)
+        px, py, pz = self.axis_displacement(pose)
+        wx, wy, wz = self.turning_direction(pose)
         return turn + (px * wx + py * wy + pz * wz) / arm
 
     def _lever(self) -> tuple[Vector, float]:
@@ -129,7 +131,7 @@ class TurnedHandle:
         x, y, z = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
         return (x, y, z), math.sqrt(x * x + y * y + z * z)
 
-    def turns(self, rotation: list[float]) -> tuple[Vector, float]:
+    def swing_twist(self, rotation: list[float]) -> tuple[Vector, float]:
         """Split a rotation vector into the leaf's swing and the handle's turn [rad]."""
         w, x, y, z = _quaternion(rotation)
         ax, ay, az = self.axis
@@ -139,11 +141,11 @@ class TurnedHandle:
         back = cosine, ax * sine, ay * sine, az * sine
         return _rotvec(_product((w, x, y, z), back)), 2.0 * half
 
-    def places(self, poses: Axes) -> Axes:
+    def axis_positions(self, poses: Axes) -> Axes:
         """Return poses (*N, 6) with the position of the axis's point."""
         moved = poses.copy()
         for row in moved.reshape(-1, 6):
-            row[:3] = self.place(row.tolist())
+            row[:3] = self.axis_displacement(row.tolist())
         return moved
 
 
@@ -198,10 +200,10 @@ def _turned_first(
     ax, ay, az = first.tolist()
     handle = TurnedHandle(point=(px, py, pz), axis=(ax, ay, az))
     furthest = [
-        max(handle.turns(rotation)[1] for rotation in poses[:, 3:].tolist())
+        max(handle.swing_twist(rotation)[1] for rotation in poses[:, 3:].tolist())
         for poses in aligned.demonstrated.poses
     ]
-    places = handle.places(aligned.poses)[..., :3].mean(axis=0)
+    places = handle.axis_positions(aligned.poses)[..., :3].mean(axis=0)
     moved = np.sqrt((places**2).sum(axis=1)) >= _MOVED
     return replace(
         handle,
@@ -214,7 +216,7 @@ def seen_at(
     aligned: AlignedDemonstrations, handle: TurnedHandle
 ) -> AlignedDemonstrations:
     """Return the demonstrations with positions of the handle's axis, not the hand."""
-    return replace(aligned, poses=handle.places(aligned.poses))
+    return replace(aligned, poses=handle.axis_positions(aligned.poses))
 
 
 def _quaternion(rotation: Sequence[float]) -> Quaternion:

@@ -14,6 +14,7 @@ import numpy as np
 
 from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import freeze
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.trajectory import (
@@ -118,20 +119,15 @@ class EmpiricalDistribution:
 
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution at phases ``times``; constant beyond the demonstrations."""
-        poses = self._aligned.poses
-        curves = np.stack(
-            [
-                [np.interp(times, self._aligned.times, output) for output in pose.T]
-                for pose in poses
-            ]
-        )
+        known, poses = self._aligned.times, self._aligned.poses
+        curves = np.stack([interpolated(times, known, pose) for pose in poses])
         deviations = curves - curves.mean(axis=0)
         root = deviations / np.sqrt(max(len(poses) - 1, 1))
         return GaussianTrajectory.from_moments(
             times=times,
-            mean=curves.mean(axis=0).T,
-            std=np.sqrt(np.sum(root**2, axis=0)).T,
-            covariance_function=partial(np.einsum, "kom,kon->omn", root, root),
+            mean=curves.mean(axis=0),
+            std=np.sqrt(np.sum(root**2, axis=0)),
+            covariance_function=partial(np.einsum, "kmo,kno->omn", root, root),
         )
 
 

@@ -25,7 +25,7 @@ from gplfd_policies.arrays.shapes import (
     Times,
 )
 from gplfd_policies.arrays.storage import complete_or_absent
-from gplfd_policies.demonstrations.path_similarity import LikelySizes
+from gplfd_policies.demonstrations.path_similarity import SizePosterior
 
 CSV_COLUMNS: Final = (
     "time [s],x [m],y [m],z [m],qx,qy,qz,qw,std_x [m],std_y [m],std_z [m],"
@@ -308,7 +308,7 @@ class ViaPoint:
     """Signed effect on each output [m, rad] of one standard deviation of an error that
     all outputs share. If the phase of an observation has the standard deviation σ_s, it
     is dμ/ds σ_s: the pose may be displaced along the path."""
-    sizes: LikelySizes | None = None
+    sizes: SizePosterior | None = None
     """Estimate of size and heading from the path so far, if known."""
 
     def __post_init__(self) -> None:

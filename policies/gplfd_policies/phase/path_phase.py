@@ -11,14 +11,15 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from gplfd_env.validation.fields import check_quantities, quantity
-from gplfd_policies.arrays.rows import ALL_ROWS, Rows
-from gplfd_policies.arrays.shapes import Float, Int
+from gplfd_policies.arrays.resolution import interpolated
+from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
+from gplfd_policies.arrays.shapes import Axes, Float, Int
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.normalised import normalised
 from gplfd_policies.demonstrations.path_similarity import (
@@ -32,7 +33,7 @@ from gplfd_policies.demonstrations.turned_handle import (
     turned_handle,
 )
 from gplfd_policies.movements.movement import Predictor
-from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseNoise, Phases, Poses
+from gplfd_policies.phase.phase_rule import PhaseEstimate, PhaseNoise
 
 _GRID: Final = np.linspace(0.0, 1.0, 201)
 _POINTS: Final = _GRID.tolist()
@@ -145,12 +146,15 @@ class PathPhase:
             )
         handle, means, noise = turned_handle(aligned), prediction.mean, config.noise
         if handle is not None:
-            aligned, means = seen_at(aligned, handle), handle.places(means)
-            leaves, turns = zip(*map(handle.turns, means[:, 3:].tolist()), strict=True)
+            aligned, means = seen_at(aligned, handle), handle.axis_positions(means)
+            leaves, turns = zip(
+                *map(handle.swing_twist, means[:, 3:].tolist()), strict=True
+            )
             # That the handle goes back is the policy's own doing.
             most = np.maximum.accumulate(np.maximum(turns, 0.0))
             means[:, 3:] = np.array(leaves) + np.outer(most, handle.axis)
-        direction, others = _directions(normalised(aligned).aligned, _GRID)
+        similar, _ = normalised(aligned)
+        direction, others = _directions(similar, _GRID)
         # Long enough for any window; rounding may change its size by a point.
         self._stretch = np.arange(math.ceil(sum(config.window) / _SPACING) + 5)
         # Features first, so that a search reads the same range of each. The grid is
@@ -173,10 +177,8 @@ class PathPhase:
         self._handles: list[TurnedHandle | None] = [handle]
         self._turned = [0.0]
         self._config = config
-        model = SimilarityModel.of(
-            aligned, replace(config.similarity, heading_std=noise.heading)
-        )
-        self._similarities: list[PathSimilarity] = [model.unseen()]
+        model = SimilarityModel.of(aligned, config.similarity)
+        self._similarities: list[PathSimilarity] = [model.prior()]
 
     @property
     def settings(self) -> PathPhaseConfig:
@@ -193,7 +195,7 @@ class PathPhase:
         together._turned = [0.0 for rule in rules for _ in rule._handles]
         together._handles = [handle for rule in rules for handle in rule._handles]
         together._similarities = [
-            similarity.model.unseen()
+            similarity.model.prior()
             for rule in rules
             for similarity in rule._similarities
         ]
@@ -203,11 +205,11 @@ class PathPhase:
         """Forget the paths of these rows and begin at the start of the task."""
         for number in np.ravel(self._numbers[rows]).tolist():
             similarity = self._similarities[number]
-            self._similarities[number] = similarity.model.unseen()
+            self._similarities[number] = similarity.model.prior()
             self._turned[number] = 0.0
 
     def update(
-        self, poses: Poses, previous: Phases, command: Phases, rows: Rows = ALL_ROWS
+        self, poses: Axes, previous: PerRow, command: PerRow, rows: Rows = ALL_ROWS
     ) -> PhaseEstimate:
         """Return the phases of observed poses, and their uncertainty.
 
@@ -228,8 +230,8 @@ class PathPhase:
             x, y, z, *rotation = pose
             handle = self._handles[number]
             if handle is not None:
-                x, y, z = handle.place(pose)
-                leaf, turn = handle.turns(rotation)
+                x, y, z = handle.axis_displacement(pose)
+                leaf, turn = handle.swing_twist(rotation)
                 most = self._turned[number] = max(self._turned[number], turn)
                 rotation = [
                     part + most * along
@@ -281,11 +283,11 @@ class PathPhase:
                 if anywhere[2] < self._config.clearer_share * best[2]:
                     best, weights = anywhere, others
             found.append(best)
-            sizes.append(self._similarities[number].likely.weighed(weights))
+            sizes.append(self._similarities[number].posterior.reweighted(weights))
         phases, stds, misfits = np.array(found).T.reshape(3, *previous.shape)
         return PhaseEstimate(phases, stds, misfits, tuple(sizes))
 
-    def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
+    def rate(self, phases: PerRow, rows: Rows = ALL_ROWS) -> Axes:
         """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
         nearest = np.rint(phases / _SPACING).astype(np.int64)
         return self._rates.take(self._numbers[rows] * _GRID.size + nearest, axis=0)
@@ -372,11 +374,8 @@ def _directions(
         the distance [m²].
     """
     positions = np.stack(
-        [
-            [np.interp(phases, aligned.times, curve) for curve in pose.T[:3]]
-            for pose in aligned.poses
-        ]
-    ).transpose(0, 2, 1)
+        [interpolated(phases, aligned.times, pose[:, :3]) for pose in aligned.poses]
+    )
     mean = positions.mean(axis=0)
     length = np.sqrt((mean**2).sum(axis=1))
     least = np.maximum(length, 1e-3)

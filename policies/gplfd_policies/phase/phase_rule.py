@@ -9,7 +9,6 @@ observation is the one at which the *demonstrations* are nearest to it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol, runtime_checkable
@@ -17,13 +16,9 @@ from typing import Any, Final, Protocol, runtime_checkable
 import numpy as np
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, Rows
-from gplfd_policies.arrays.shapes import Float
-from gplfd_policies.demonstrations.path_similarity import LikelySizes
-
-Poses = Float[np.ndarray, "*N 6"]
-Phases = Float[Numbers, "*N"]
-
+from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
+from gplfd_policies.arrays.shapes import Axes
+from gplfd_policies.demonstrations.path_similarity import SizePosterior
 
 POSE_ERROR: Final = (2e-3, 0.15)
 """Errors of an observed pose that no demonstration shows: position [m], compliance and
@@ -42,37 +37,41 @@ class PhaseNoise(Quantities):
     rotation: float = quantity(POSE_ERROR[1], low=0.0, unit="rad")
     """Standard deviation of an observed rotation [rad]."""
 
-    heading: float = quantity(math.radians(3.0), low=0.0, unit="rad")
-    """Rotation of the whole motion about the vertical [rad]: heading error of the robot
-    at the door. 0 for no error."""
-
 
 @dataclass(frozen=True, slots=True)
 class PhaseEstimate:
     """Estimated phases of observed poses, one number of each kind per pose."""
 
-    phase: Phases
+    phase: PerRow
     """Phases of the poses, 0..1."""
-    std: Phases
+    std: PerRow
     """Standard deviations of the phases."""
-    misfit: Phases
+    misfit: PerRow
     """Deviation of the poses from the demonstrations near these phases: root mean
     square of the features' errors over their standard deviations. About 1 or less is as
     expected; NaN for a rule without comparison."""
-    sizes: Sequence[LikelySizes] = ()
+    sizes: Sequence[SizePosterior] = ()
     """Estimates of size and heading from the paths so far, one per pose; empty for a
     rule that does not estimate them."""
 
 
 @runtime_checkable
-class PhaseObserver(Protocol):
+class PhaseRule(Protocol):
     """Estimates the phases of the observed poses of N rows."""
+
+    @property
+    def settings(self) -> object:
+        """Settings that must be equal for rules to be stacked."""
+
+    @classmethod
+    def stacked(cls, rules: Sequence[Any]) -> PhaseRule:
+        """Return one rule for the rows of several rules with equal settings."""
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget the paths of these rows and begin at the start of the task."""
 
     def update(
-        self, poses: Poses, previous: Phases, command: Phases, rows: Rows = ALL_ROWS
+        self, poses: Axes, previous: PerRow, command: PerRow, rows: Rows = ALL_ROWS
     ) -> PhaseEstimate:
         """Return the phases of observed poses, and their uncertainty.
 
@@ -83,21 +82,8 @@ class PhaseObserver(Protocol):
             rows: The rows of these poses.
         """
 
-    def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
+    def rate(self, phases: PerRow, rows: Rows = ALL_ROWS) -> Axes:
         """Return dμ/ds of these rows' demonstrations at phases, (A, 6)."""
-
-
-@runtime_checkable
-class PhaseRule(PhaseObserver, Protocol):
-    """A phase observer that can be stacked with those of other rows."""
-
-    @property
-    def settings(self) -> object:
-        """Settings that must be equal for rules to be stacked."""
-
-    @classmethod
-    def stacked(cls, rules: Sequence[Any]) -> PhaseRule:
-        """Return one rule for the rows of several rules with equal settings."""
 
 
 class ClockPhase:
@@ -122,12 +108,12 @@ class ClockPhase:
         """Do nothing: a clock has no memory."""
 
     def update(
-        self, poses: Poses, previous: Phases, command: Phases, rows: Rows = ALL_ROWS
+        self, poses: Axes, previous: PerRow, command: PerRow, rows: Rows = ALL_ROWS
     ) -> PhaseEstimate:
         """Return the command phases, treated as certain."""
         certain = np.zeros_like(command)
         return PhaseEstimate(command, certain, np.full_like(command, np.nan))
 
-    def rate(self, phases: Phases, rows: Rows = ALL_ROWS) -> Poses:
+    def rate(self, phases: PerRow, rows: Rows = ALL_ROWS) -> Axes:
         """Return zero: the phase is treated as certain."""
         return np.zeros((*phases.shape, 6))

@@ -57,7 +57,6 @@ from gplfd_policies.movements.baselines.wishart_gp import (
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.phase.path_phase import PathPhaseConfig
-from gplfd_policies.phase.phase_rule import PhaseNoise
 from gplfd_policies.registry.corrections import add_correction
 from gplfd_policies.registry.method import (
     FixedProfile,
@@ -108,9 +107,6 @@ PAPER: Final = Method(
 )
 """The method as the paper states it."""
 
-KMP: Final = Method(fit=fit_kmp, adaptation=OwnAdaptation)
-"""The kernelised movement primitive as published."""
-
 UNDAMPED: Final = replace(DEFAULT_DYNAMICS, least_damping=np.zeros(6))
 """Only critical damping: stable in free motion, but not in contact with a delay."""
 
@@ -120,7 +116,7 @@ demonstrations. The published λ_c of 60 is for letters in centimetres. Converte
 standardised outputs, both published values give too narrow intervals here and pull the
 mean 5 cm inwards."""
 
-HEADING_TRUSTING: Final = PathPhaseConfig(noise=PhaseNoise(heading=0.0))
+HEADING_TRUSTING: Final = PathPhaseConfig(similarity=SimilarityConfig(heading_std=0.0))
 """Assumes that the robot has no heading error."""
 
 ONE_SIZE: Final = PathPhaseConfig(
@@ -313,13 +309,15 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             seeded=True,
             accepts_prior_mean=True,
         ),
-        "kmp": Policy(
-            summary="kernelised movement primitive, regularisation tuned for doors",
-            make=replace(KMP, fit=partial(fit_kmp, config=DOOR_KMP)),
+        "kmp": _method(
+            "kernelised movement primitive, regularisation tuned for doors",
+            partial(fit_kmp, config=DOOR_KMP),
+            adaptation=OwnAdaptation,
         ),
-        "kmp-published": Policy(
-            summary="kernelised movement primitive with the published regularisation",
-            make=KMP,
+        "kmp-published": _method(
+            "kernelised movement primitive with the published regularisation",
+            fit_kmp,
+            adaptation=OwnAdaptation,
         ),
         "gmm-gp": _method(
             "GP with a Gaussian-mixture prior and online conditioning",

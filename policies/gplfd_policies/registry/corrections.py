@@ -29,7 +29,10 @@ def add_correction(method: Method, movement: Movement, correction: Correction) -
         raise ValueError(
             f"corrections are added to a Skill, got a {type(movement).__name__}"
         )
-    shown = (*demonstrated(movement.aligned), completed(method, movement, correction))
+    shown = (
+        *as_demonstrations(movement.aligned),
+        completed(method, movement, correction),
+    )
     with warnings.catch_warnings():
         # The first learning has already warned about the demonstrations.
         warnings.simplefilter("ignore", UserWarning)
@@ -68,7 +71,7 @@ def completed(method: Method, skill: Skill, correction: Correction) -> Demonstra
     return Demonstration(times=times, poses=whole, wrenches=felt)
 
 
-def demonstrated(aligned: AlignedDemonstrations) -> tuple[Demonstration, ...]:
+def as_demonstrations(aligned: AlignedDemonstrations) -> tuple[Demonstration, ...]:
     """Return aligned demonstrations as demonstrations with common time stamps."""
     phases = np.linspace(0.0, aligned.end, len(aligned.times))
     found = []

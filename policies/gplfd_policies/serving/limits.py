@@ -1,7 +1,6 @@
 """The operator limits, enforced on every command and checked in every observation."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -10,22 +9,19 @@ from gplfd_env.spatial.se3 import compose_rotvecs, rotation_distance
 from gplfd_policies.serving.settings import ServeSettings
 
 
-class Limited(NamedTuple):
-    """A command within the limits."""
-
-    pose: np.ndarray  # (6,) [m, rad]; the same object if no limit acted.
-    stiffness: np.ndarray  # (6,) [N/m, N m/rad]; NaN if unknown.
-    acted: tuple[str, ...]  # Names of the limits that changed it.
-
-
 def limited(
     settings: ServeSettings, pose: np.ndarray, stiffness: np.ndarray, last: np.ndarray
-) -> Limited:
+) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Return a command within the limits, given the last commanded pose.
 
     The position is moved to the nearest point of the workspace. A step that exceeds the
     speed limits is shortened along the straight line and the shortest rotation from the
     last pose (6,) [m, rad].
+
+    Returns:
+        The pose (6,) [m, rad], the same object if no limit changed it; the stiffness
+        (6,) [N/m, N m/rad], NaN if unknown; and the names of the limits that changed
+        them.
     """
     acted = []
     low, high = np.reshape(settings.workspace, (2, 3))
@@ -52,7 +48,7 @@ def limited(
     if not np.array_equal(within, stiffness, equal_nan=True):
         acted.append("stiffness")
         stiffness = within
-    return Limited(pose, stiffness, tuple(acted))
+    return pose, stiffness, acted
 
 
 def exceeded(settings: ServeSettings, pose: np.ndarray, wrench: np.ndarray) -> str:
@@ -67,7 +63,9 @@ def exceeded(settings: ServeSettings, pose: np.ndarray, wrench: np.ndarray) -> s
     return ""
 
 
-def astray(settings: ServeSettings, pose: np.ndarray, command: np.ndarray) -> bool:
+def exceeds_following_error(
+    settings: ServeSettings, pose: np.ndarray, command: np.ndarray
+) -> bool:
     """Return whether the hand is farther from its command than the limits allow."""
     distance = math.hypot(*(pose[:3] - command[:3]))
     angle = rotation_distance(pose[3:], command[3:])

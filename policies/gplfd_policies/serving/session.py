@@ -14,7 +14,7 @@ from gplfd_policies.agents.agent import Agent
 from gplfd_policies.control.steps import STEP_SHAPES, AgentStep
 from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.demonstrations.npz import FRAME
-from gplfd_policies.serving.limits import astray, exceeded, limited
+from gplfd_policies.serving.limits import exceeded, exceeds_following_error, limited
 from gplfd_policies.serving.protocol import (
     MOST_TURNED,
     UNITS,
@@ -168,7 +168,7 @@ class Session:
         # The first observation may be the same as in the reset.
         self._time = math.nextafter(seen.time, -math.inf)
         self._next = seen.time - _BURST * CONTROL_PERIOD
-        self._fault_since = self._astray_since = math.inf
+        self._fault_since = self._away_since = math.inf
         self._pose = pose
         stiffness = self._softest if self._agent.control == "impedance" else np.nan
         self._stiffness = np.full(6, stiffness)
@@ -226,14 +226,14 @@ class Session:
     def _fault(self, seen: Observed) -> str:
         """Return the reason why the robot must stop, or ""."""
         pose, away = seen.values["ee_pose"], 0.0
-        if astray(self._settings, pose, self._pose):
-            self._astray_since = min(self._astray_since, seen.time)
-            away = seen.time - self._astray_since
+        if exceeds_following_error(self._settings, pose, self._pose):
+            self._away_since = min(self._away_since, seen.time)
+            away = seen.time - self._away_since
         else:
-            self._astray_since = math.inf
+            self._away_since = math.inf
         if problem := exceeded(self._settings, pose, seen.values["wrench"]):
             return problem
-        lost = self._astray_since < math.inf and away >= self._settings.follow_time
+        lost = self._away_since < math.inf and away >= self._settings.follow_time
         return "the robot does not follow" if lost else ""
 
     def _decision(self, seen: Observed, now: float) -> AgentStep | None:
@@ -246,7 +246,7 @@ class Session:
             return None
         if not finite or np.abs(step.action[3:]).max() > MOST_TURNED:
             text = f"the agent's command is not finite, or beyond ±{MOST_TURNED} rad"
-        elif not self._decided and astray(
+        elif not self._decided and exceeds_following_error(
             self._settings, seen.values["ee_pose"], step.action
         ):
             text = "the agent begins far from the hand"
@@ -292,7 +292,7 @@ class Session:
         if known and self._dynamics is not None:
             command["damping"] = numbers(self._dynamics.damping(self._stiffness))
         if acted:
-            command["limited"] = list(acted)
+            command["limited"] = acted
         if unsolicited:
             command["unsolicited"] = True
         if step is not None and self._explain:

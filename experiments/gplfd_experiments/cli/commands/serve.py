@@ -40,7 +40,7 @@ class Serve(ServeSettings):
         """Serve until the client or Ctrl-C ends it."""
         with postponed_interruption():
             from gplfd_experiments.data.teacher import Teacher
-            from gplfd_policies.agents.reaching import GRASPED, joined
+            from gplfd_policies.agents.reaching import GRASPED, join_at_grasp
             from gplfd_policies.demonstrations.npz import LabelledDemonstrations
             from gplfd_policies.serving.server import serve
 
@@ -50,7 +50,7 @@ class Serve(ServeSettings):
             shown = teacher.standard_demonstrations(seed=self.seed)
             if self.start == "approach":
                 reaches = teacher.standard_reaches(seed=self.seed)
-                shown = tuple(map(joined, reaches, shown))
+                shown = tuple(map(join_at_grasp, reaches, shown))
                 signals = [{GRASPED: 1.0 * (one.times[:, None] >= 0)} for one in shown]
             given = LabelledDemonstrations(
                 demonstrations=shown,

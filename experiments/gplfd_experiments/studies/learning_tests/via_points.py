@@ -172,7 +172,7 @@ class Forecast(NamedTuple):
     phase: float
     """Estimated phase of the hand."""
     trajectory: GaussianTrajectory
-    level_covariance: FloatArray
+    horizontal_covariance: FloatArray
     """Covariance of x and z [m²]; zero for a form without it."""
 
 
@@ -200,7 +200,7 @@ def watch(
         step = agent.act({"ee_pose": pose, "wrench": np.zeros(6)})
         if count in counts:
             form = agent.movement.distribution
-            level = getattr(form, "level_covariance", np.zeros(GRID.size))
+            level = getattr(form, "horizontal_covariance", np.zeros(GRID.size))
             phase = float(step.observed_phase)
             found[count] = Forecast(phase, agent.forecast(), level)
     return found

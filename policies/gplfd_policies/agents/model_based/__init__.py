@@ -3,5 +3,4 @@
 None of them learns from a demonstration. The oracle knows the door. The others observe
 the hand's pose and the force on it, like every agent, and use a model of doors: any
 mechanism (`mechanism_fit`), a circle (`hinge_fit`), or a constant pull (`pulling`).
-Their tuned numbers are arguments of their classes.
 """

@@ -33,6 +33,8 @@ _STIFFNESS: Final = np.repeat([5.0, 0.5], 3)
 """K, translation [N/m] and rotation [N m/rad]. Tuned."""
 _NEARLY_FREE: Final = VirtualDynamics(mass=np.repeat([1.0, 0.1], 3), damping_ratio=22.4)
 """M, and δ, with which D = 2 δ √(M K) is 100 N s/m and 10 N m s/rad. Tuned."""
+JUMP_DECAY: Final = 0.95
+"""Share of a jump between two estimates of the path left after a period. Tuned."""
 
 
 class HandPath:
@@ -79,7 +81,7 @@ def turned_towards(direction: Point) -> Point:
     return np.asarray(scale * across)
 
 
-class Yielding:
+class CompliantSetPoint:
     """Set-points that forces displace; initially at rest and not displaced."""
 
     def __init__(self) -> None:

@@ -6,44 +6,38 @@ force, which shows that the circle is wrong, displaces the command.
 """
 
 import math
+from typing import Final
 
 import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle, CirclePrior
-from gplfd_policies.agents.model_based.following import HandPath, Yielding
+from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle
+from gplfd_policies.agents.model_based.following import (
+    JUMP_DECAY,
+    CompliantSetPoint,
+    HandPath,
+)
 from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 
+_SPEED: Final = 0.25
+"""Angular speed of the opening [rad/s]. Tuned."""
+_ACCELERATION: Final = 0.125
+"""Angular acceleration and deceleration [rad/s²]. Tuned."""
+
 
 class HingeFitAgent:
-    """Finds the hinge while it opens the door, and follows the circle about it.
+    """Finds the hinge while it opens the door, and follows the circle about it."""
 
-    Args:
-        speed: Angular speed of the opening [rad/s]. Tuned.
-        acceleration: Angular acceleration and deceleration [rad/s²]. Tuned.
-        fading: Share of a jump between two estimates left after a period, 0..1. Tuned.
-        prior: Prior of the circle.
-    """
-
-    def __init__(
-        self,
-        *,
-        speed: float = 0.25,
-        acceleration: float = 0.125,
-        fading: float = 0.95,
-        prior: CirclePrior = UPRIGHT,
-    ) -> None:
-        self._top_speed, self._acceleration = speed, acceleration
-        self._fading_share, self._prior = fading, prior
+    def __init__(self) -> None:
         self._load = CarriedLoad()
         self.reset({})
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed door."""
-        self._path, self._yielding = HandPath(), Yielding()
-        self._circle = Circle.expected(self._prior)
+        self._path, self._set_point = HandPath(), CompliantSetPoint()
+        self._circle = Circle.expected(UPRIGHT)
         self._door = self._circle.door()
         # A length, not an angle: a change of radius moves the set-point only sideways.
         self._travelled = self._speed = 0.0
@@ -65,16 +59,16 @@ class HingeFitAgent:
         load = self._load.compensate(wrench, direction)
         left = max(DEMONSTRATED_ANGLE - self._angle, 0.0)
         self._speed = min(
-            self._speed + self._acceleration * CONTROL_PERIOD,
-            math.sqrt(2.0 * self._acceleration * left),
-            self._top_speed,
+            self._speed + _ACCELERATION * CONTROL_PERIOD,
+            math.sqrt(2.0 * _ACCELERATION * left),
+            _SPEED,
         )
         step = float(load.pace) * self._speed * CONTROL_PERIOD * self._door.radius
         self._travelled = max(self._travelled + step, 0.0)
 
-        self._fading *= self._fading_share
+        self._fading *= JUMP_DECAY
         observed = self.observed_angle = float(self._door.angle(hand[:3]))
-        return self._yielding.step(
+        return self._set_point.step(
             self._door.hand_poses(self._angle) + self._fading,
             load.compliant_wrench,
             phase=self._angle / DEMONSTRATED_ANGLE,

@@ -31,14 +31,11 @@ from typing import Final
 import numpy as np
 
 from gplfd_policies.agents.model_based.circle import UPRIGHT, Circle, CirclePrior
-from gplfd_policies.arrays.rows import Numbers
-from gplfd_policies.arrays.shapes import Float
+from gplfd_policies.arrays.rows import PerRow
+from gplfd_policies.arrays.shapes import Axes, Float, Vectors
 
 Array = Float[np.ndarray, "..."]
 Path = Float[np.ndarray, "N 6"]
-Lengths = Float[Numbers, "*N"]
-Points = Float[np.ndarray, "*N 3"]
-Poses = Float[np.ndarray, "*N 6"]
 Vector = Float[np.ndarray, " 3"]
 
 _STD: Final = np.repeat([1e-3, 0.2], 3)
@@ -64,11 +61,11 @@ class Mechanism:
         """Return the model fitted to a path, starting from this one."""
         return Mechanism(path.mean(axis=0))
 
-    def coordinates(self, positions: Points) -> Lengths:
+    def coordinates(self, positions: Vectors) -> PerRow:
         """Return q of the poses nearest to positions [m]."""
         return np.zeros(positions.shape[:-1])
 
-    def poses(self, coordinates: Lengths | float) -> Poses:
+    def poses(self, coordinates: PerRow | float) -> Axes:
         """Return f(q) [m, rad]."""
         return np.broadcast_to(self._pose, (*np.shape(coordinates), 6))
 
@@ -106,11 +103,11 @@ class Prismatic(Mechanism):
         line = evidence + self._pull / UPRIGHT.heading_std**2
         return Prismatic(self._pull, line / math.sqrt(line @ line))
 
-    def coordinates(self, positions: Points) -> Lengths:
+    def coordinates(self, positions: Vectors) -> PerRow:
         """Return the distances along the line."""
         return np.asarray(positions @ self._line)
 
-    def poses(self, coordinates: Lengths | float) -> Poses:
+    def poses(self, coordinates: PerRow | float) -> Axes:
         """Return poses on the line, without rotation."""
         lengths = np.asarray(coordinates)[..., None]
         return np.asarray(lengths * np.append(self._line, np.zeros(3)))
@@ -135,11 +132,11 @@ class Rotational(Mechanism):
         """Return the circle after another step of its fit."""
         return Rotational(self._circle.updated(path[:, :3]))
 
-    def coordinates(self, positions: Points) -> Lengths:
+    def coordinates(self, positions: Vectors) -> PerRow:
         """Return lengths of arc."""
         return np.asarray(self.radius * self._door.angle(positions))
 
-    def poses(self, coordinates: Lengths | float) -> Poses:
+    def poses(self, coordinates: PerRow | float) -> Axes:
         """Return poses on the circle, turned by their angle."""
         return self._door.hand_poses(coordinates / self.radius)
 
@@ -168,7 +165,7 @@ class GaussianProcess(Mechanism):
         """Return the process fitted to the path."""
         return GaussianProcess(path)
 
-    def coordinates(self, positions: Points) -> Lengths:
+    def coordinates(self, positions: Vectors) -> PerRow:
         """Return the nearest lengths, by Newton's method from training lengths."""
         apart = positions[..., None, :] - self.poses(self._places)[:, :3]
         lengths = self._places[np.argmin((apart**2).sum(axis=-1), axis=-1)]
@@ -179,7 +176,7 @@ class GaussianProcess(Mechanism):
             lengths = lengths + along / (slope**2).sum(axis=-1)
         return np.asarray(lengths)
 
-    def poses(self, coordinates: Lengths | float) -> Poses:
+    def poses(self, coordinates: PerRow | float) -> Axes:
         """Return the posterior mean."""
         return _kernel(np.asarray(coordinates)[..., None], self._places) @ self._weights
 

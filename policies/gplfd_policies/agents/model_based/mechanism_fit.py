@@ -17,7 +17,11 @@ import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
-from gplfd_policies.agents.model_based.following import HandPath, Yielding
+from gplfd_policies.agents.model_based.following import (
+    JUMP_DECAY,
+    CompliantSetPoint,
+    HandPath,
+)
 from gplfd_policies.agents.model_based.mechanism import (
     GaussianProcess,
     Mechanism,
@@ -35,21 +39,16 @@ not moving. Tuned."""
 _LEAST_RADIUS: Final = 0.25
 """Least radius of a hinged leaf [m]: the end on a smaller circle is computed with
 it."""
+_SPEED: Final = 0.12
+"""Speed of the set-point [m/s]. Tuned."""
+_ACCELERATION: Final = 0.06
+"""Acceleration and deceleration of the set-point [m/s²]. Tuned."""
 
 
 class MechanismFitAgent:
-    """Finds the mechanism while it opens the door, and follows it.
+    """Finds the mechanism while it opens the door, and follows it."""
 
-    Args:
-        speed: Speed of the set-point [m/s]. Tuned.
-        acceleration: Acceleration and deceleration of the set-point [m/s²]. Tuned.
-        fading: Share of a jump between two estimates left after a period, 0..1. Tuned.
-    """
-
-    def __init__(
-        self, *, speed: float = 0.12, acceleration: float = 0.06, fading: float = 0.95
-    ) -> None:
-        self._top_speed, self._acceleration, self._fade = speed, acceleration, fading
+    def __init__(self) -> None:
         self._load = CarriedLoad()
         self.reset({})
 
@@ -68,7 +67,7 @@ class MechanismFitAgent:
 
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed door."""
-        self._yielding = Yielding()
+        self._set_point = CompliantSetPoint()
         self._begin(0)
 
     def act(self, observation: Observation) -> AgentStep:
@@ -97,12 +96,12 @@ class MechanismFitAgent:
             end = DEMONSTRATED_ANGLE * max(self.model.radius, _LEAST_RADIUS)
             left = max(end - self._travelled, 0.0)
         self._speed = min(
-            self._speed + self._acceleration * CONTROL_PERIOD,
-            math.sqrt(2.0 * self._acceleration * left),
-            self._top_speed,
+            self._speed + _ACCELERATION * CONTROL_PERIOD,
+            math.sqrt(2.0 * _ACCELERATION * left),
+            _SPEED,
         )
         step = self._speed * CONTROL_PERIOD * (-1.0 if stuck else float(load.pace))
         self._travelled = max(self._travelled + step, 0.0)
-        self._fading *= self._fade
+        self._fading *= JUMP_DECAY
         desired = self.model.poses(self._travelled) + self._fading
-        return self._yielding.step(desired, load.compliant_wrench)
+        return self._set_point.step(desired, load.compliant_wrench)

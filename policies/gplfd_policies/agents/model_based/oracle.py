@@ -22,6 +22,8 @@ _FIRMLY: Final = 0.01
 """Distance of the command beyond the stop: 20 N of the servo [m]."""
 _LET_BACK: Final = math.radians(8.0), math.radians(25.0)
 """Opening angles between which the handle turns back [rad]."""
+_DURATION: Final = 6.0
+"""Time of the oracle from the closed door to `DEMONSTRATED_ANGLE` [s]."""
 
 
 class _HandleTurner:
@@ -74,16 +76,10 @@ class _HandleTurner:
 
 
 class OracleAgent(_HandleTurner):
-    """Turns the handle and follows the true arc stiffly, with minimum-jerk timing.
-
-    Args:
-        duration: Time from the closed door to `DEMONSTRATED_ANGLE` [s].
-    """
+    """Turns the handle and follows the true arc stiffly, with minimum-jerk timing."""
 
     _turning = 0.8
-
-    def __init__(self, *, duration: float = 6.0) -> None:
-        self._duration, self._phase = duration, 0.0
+    _phase = 0.0
 
     def reset(self, observation: Observation) -> None:
         """Begin at the closed door."""
@@ -93,7 +89,7 @@ class OracleAgent(_HandleTurner):
         """Return the next pose on the arc; nothing observed is used."""
         door = self._told()
         if not self._turns_handle(door):
-            self._phase = min(1.0, self._phase + CONTROL_PERIOD / self._duration)
+            self._phase = min(1.0, self._phase + CONTROL_PERIOD / _DURATION)
         s = self._phase
         angle = _minimum_jerk(s, DEMONSTRATED_ANGLE)
         turn = self._travel(door) * _minimum_jerk(self._turned) * self._kept(angle)

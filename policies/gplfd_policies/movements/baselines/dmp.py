@@ -142,7 +142,7 @@ class DynamicMovementPrimitive(LearnedMovement):
 
 @one_thread
 def fit_dmp(
-    aligned: AlignedDemonstrations, config: DMPConfig | None = None
+    aligned: AlignedDemonstrations, config: DMPConfig = DMPConfig()
 ) -> DynamicMovementPrimitive:
     """Learn a dynamic movement primitive from the mean of the demonstrations.
 
@@ -150,7 +150,6 @@ def fit_dmp(
     transformation system; the weights fit this term by least squares. Start and end are
     assumed to be at rest.
     """
-    config = DMPConfig() if config is None else config
     phases, mean = aligned.times, aligned.poses.mean(axis=0)
     errors = compose_rotvecs(mean[-1, 3:], -mean[:, 3:])
     # The error is zero at the end; it is computed backwards from there.

@@ -251,10 +251,9 @@ class GMMGaussianProcess(MomentMovement):
 
 @one_thread
 def fit_gmm_gp(
-    aligned: AlignedDemonstrations, config: GMMGPConfig | None = None
+    aligned: AlignedDemonstrations, config: GMMGPConfig = GMMGPConfig()
 ) -> GMMGaussianProcess:
     """Learn the process: fit the mixture, then the length-scales by likelihood."""
-    config = GMMGPConfig() if config is None else config
     regression = fit_gmr(aligned, GMRConfig(components=config.components))
     evidence = Evidence.of(regression, config.phases, config.weight_power)
     count = len(regression.weights)

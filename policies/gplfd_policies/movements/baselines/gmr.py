@@ -9,6 +9,7 @@ regularisation is an absolute number (``test_units_do_not_matter``).
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import scipy
@@ -22,6 +23,10 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import MomentMovement, Moments
 from gplfd_policies.movements.trajectory import white_covariance
 
+TOLERANCE: Final = 1e-4
+"""Expectation maximisation stops when the mean log-likelihood of a sample gains less
+than this; as published."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GMRConfig(Quantities):
@@ -33,9 +38,6 @@ class GMRConfig(Quantities):
     """Added to the diagonal of every covariance, in squared phase and squared
     standardised output. Published is 1e-4 for letters written over 2 s, whose outputs
     vary by 25 cm²: 4e-6 of that variance, and 2.5e-5 in squared phase."""
-    tolerance: float = quantity(1e-4, above=0.0)
-    """Expectation maximisation stops when the mean log-likelihood of a sample gains
-    less than this; as published."""
     max_iterations: int = quantity(300, low=1)
     """Greatest number of iterations; a warning is issued if it is reached."""
 
@@ -56,7 +58,7 @@ def warn_of_early_stop(config: GMRConfig, stacklevel: int) -> None:
     """
     warnings.warn(
         f"Expectation maximisation did not converge in {config.max_iterations} "
-        f"iterations; raise max_iterations or tolerance, or ask for fewer components.",
+        f"iterations; raise max_iterations, or ask for fewer components.",
         UserWarning,
         stacklevel=stacklevel,
     )
@@ -167,10 +169,9 @@ class GaussianMixtureRegression(MomentMovement):
 
 @one_thread
 def fit_gmr(
-    aligned: AlignedDemonstrations, config: GMRConfig | None = None
+    aligned: AlignedDemonstrations, config: GMRConfig = GMRConfig()
 ) -> GaussianMixtureRegression:
     """Fit the mixture by expectation maximisation from equal bins of time."""
-    config = GMRConfig() if config is None else config
     config.check_phases(len(aligned.times))
     standardisation = Standardisation.of(aligned.poses)
     count = len(aligned.poses)
@@ -188,7 +189,7 @@ def fit_gmr(
     precisions = [np.linalg.inv(np.cov(part.T, bias=True) + floor) for part in bins]
     mixture = GaussianMixture(
         config.components,
-        tol=config.tolerance,
+        tol=TOLERANCE,
         reg_covar=config.regularisation,
         max_iter=config.max_iterations,
         weights_init=np.array([len(part) for part in bins]) / samples[..., 0].size,

@@ -242,10 +242,9 @@ class KernelizedMovementPrimitive(MomentMovement):
 
 @one_thread
 def fit_kmp(
-    aligned: AlignedDemonstrations, config: KMPConfig | None = None
+    aligned: AlignedDemonstrations, config: KMPConfig = KMPConfig()
 ) -> KernelizedMovementPrimitive:
     """Learn a primitive: fit the mixture and take the reference from it."""
-    config = KMPConfig() if config is None else config
     regression = fit_gmr(aligned, GMRConfig(components=config.components))
     phases = np.linspace(aligned.times[0], aligned.times[-1], config.references)
     means, covariances = regression.standardised_moments(phases)

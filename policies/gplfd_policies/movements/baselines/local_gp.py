@@ -127,20 +127,16 @@ def fit_local_gp(
 ) -> LocalGaussianProcesses:
     """Learn local Gaussian processes; for one demonstration, the scatter of samples."""
     times, poses = aligned.times, aligned.poses
-    # Lloyd's k-means on sorted phases, starting from clusters of equal size.
+    # Lloyd's k-means, starting from clusters of equal size.
     count = config.clusters
     labels = np.arange(len(times)) * count // len(times)
-    for _ in range(len(times)):
-        counts = np.bincount(labels, minlength=count)
-        if not counts.all():
-            break
-        means = np.bincount(labels, weights=times, minlength=count) / counts
-        borders = 0.5 * (means[1:] + means[:-1])
-        nearest = np.searchsorted(borders, times)
-        if np.array_equal(nearest, labels):
-            break
-        labels = nearest
     counts = np.bincount(labels, minlength=count)
+    if counts.all():
+        means = np.bincount(labels, weights=times) / counts
+        _, labels = scipy.cluster.vq.kmeans2(
+            times, means, minit="matrix", iter=len(times)
+        )
+        counts = np.bincount(labels, minlength=count)
     if counts.min() < _FEWEST_SAMPLES:
         raise ValueError(
             f"{count} clusters of {len(times)} phases leave one with "

@@ -186,15 +186,14 @@ class MixtureOfDiscreteTimeGPs(LearnedMovement):
 
 @one_thread
 def fit_midigap(
-    aligned: AlignedDemonstrations, config: MiDiGaPConfig | None = None
+    aligned: AlignedDemonstrations, config: MiDiGaPConfig = MiDiGaPConfig()
 ) -> MixtureOfDiscreteTimeGPs:
     """Partition demonstrations into modes, and learn the Gaussians of each.
 
     Raises:
         ValueError: No mode has two demonstrations.
     """
-    config = MiDiGaPConfig() if config is None else config
-    parts = partition(aligned.poses, config.mode_angle)
+    parts = partition_by_angle(aligned.poses, config.mode_angle)
     if len(parts[0]) < 2:
         raise ValueError(
             "A mixture of discrete-time Gaussian processes needs at least 2 "
@@ -216,7 +215,9 @@ def fit_midigap(
     return MixtureOfDiscreteTimeGPs(aligned=aligned, modes=tuple(modes))
 
 
-def partition(poses: OutputCurves, mode_angle: float) -> list[Int[np.ndarray, " N"]]:
+def partition_by_angle(
+    poses: OutputCurves, mode_angle: float
+) -> list[Int[np.ndarray, " N"]]:
     """Indices of the demonstrations of every mode, the largest first."""
     if len(poses) < 2:
         return [np.arange(len(poses))]

@@ -36,6 +36,7 @@ from gplfd_policies.arrays.shapes import Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.baselines.dmp import DMPConfig, forcing_basis
 from gplfd_policies.movements.baselines.promp import (
+    RIDGE,
     Basis,
     WeightMovement,
     learn_weights,
@@ -59,8 +60,6 @@ class ProDMPConfig(Quantities):
     """Decay α_x of the phase variable; published."""
     overlap: float = quantity(0.22, above=0.0, below=1.0)
     """Height of a basis function at the centre of the next; published exp(-3/2)."""
-    ridge: float = quantity(1e-8, above=0.0)
-    """Penalty on the squared weights of a demonstration."""
     shrinkage: float = quantity(1e-3, low=0.0, high=1.0)
     """Share of white deviations in Σ, the covariance of weights and goal."""
 
@@ -88,21 +87,20 @@ class ProbabilisticDynamicMovementPrimitive(WeightMovement):
 
 @one_thread
 def fit_prodmp(
-    aligned: AlignedDemonstrations, config: ProDMPConfig | None = None
+    aligned: AlignedDemonstrations, config: ProDMPConfig = ProDMPConfig()
 ) -> ProbabilisticDynamicMovementPrimitive:
     """Learn weights and goals by ridge regression, and their mean and covariance."""
-    config = ProDMPConfig() if config is None else config
     tau = aligned.times[-1] - aligned.times[0]
     basis = position_basis(config)((aligned.times - aligned.times[0]) / tau)
     starts = aligned.poses[:, 0]
     rates = np.gradient(aligned.poses.mean(axis=0), aligned.times / tau, axis=0)
     basis, resting, coasting = basis[:, :-2], basis[:, -2, None], basis[:, -1, None]
     driven = aligned.poses - resting * starts[:, None] - coasting * rates[0]
-    learned = learn_weights(driven, basis, config.ridge)
+    learned = learn_weights(driven, basis)
     # Within the span of the basis, white deviations of the demonstrated variance.
     variance = driven.var(axis=0, ddof=1).mean(axis=0)
     size = basis.shape[1]
-    gram = basis.T @ basis + config.ridge * np.eye(size)
+    gram = basis.T @ basis + RIDGE * np.eye(size)
     white = np.linalg.inv(gram) * (len(basis) / size)
     covariance = (1.0 - config.shrinkage) * learned["weight_covariance"]
     covariance += config.shrinkage * np.kron(np.diag(variance), white)

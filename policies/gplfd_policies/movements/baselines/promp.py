@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import scipy
@@ -35,6 +35,9 @@ from gplfd_policies.movements.trajectory import (
 Basis = tuple[Float[np.ndarray, "M B"], Float[np.ndarray, "M B"]]
 """Basis functions at M phases and their derivatives, per unit phase."""
 
+RIDGE: Final = 1e-8
+"""Penalty on the squared weights of a demonstration; it has an effect only where the
+data are not sufficient."""
 _SINGULAR = 1e-9
 """Least tolerance of a demand, as a share of its whole variance, so that the demands'
 covariance stays positive definite despite rounding."""
@@ -48,9 +51,6 @@ class ProMPConfig(Quantities):
     """Basis functions per output B; centres evenly over phases 0 to 1."""
     overlap: float = quantity(0.7, above=0.0, below=1.0)
     """Height of a basis function at the distance 1/(2 B) from its centre."""
-    ridge: float = quantity(1e-8, above=0.0)
-    """Penalty on the squared weights of a demonstration; it has an effect only where
-    the data are not sufficient."""
     shrinkage: float = quantity(1e-6, low=0.0, high=1.0)
     """λ in Σ = (1 - λ) S + λ diag(S), with S the sample covariance. The default only
     makes Σ invertible: a floor of a thousandth of the spread. At 1, weights are
@@ -169,15 +169,14 @@ class ProbabilisticMovementPrimitive(WeightMovement):
 
 @one_thread
 def fit_promp(
-    aligned: AlignedDemonstrations, config: ProMPConfig | None = None
+    aligned: AlignedDemonstrations, config: ProMPConfig = ProMPConfig()
 ) -> ProbabilisticMovementPrimitive:
     """Learn a probabilistic movement primitive from aligned demonstrations.
 
     Every demonstration is fitted by ridge regression; μ and S are mean and sample
     covariance of the weights, and R the mean squared residual per degree of freedom.
     """
-    config = ProMPConfig() if config is None else config
-    learned = learn_weights(aligned.poses, _basis(aligned.times, config), config.ridge)
+    learned = learn_weights(aligned.poses, _basis(aligned.times, config))
     sample, share = learned["weight_covariance"], config.shrinkage
     diagonal = np.diag(np.diag(sample))
     learned["weight_covariance"] = (1.0 - share) * sample + share * diagonal
@@ -185,7 +184,7 @@ def fit_promp(
 
 
 def learn_weights(
-    poses: OutputCurves, basis: Float[np.ndarray, "M B"], ridge: float
+    poses: OutputCurves, basis: Float[np.ndarray, "M B"]
 ) -> dict[str, Any]:
     """Learn μ, Σ = S, and R of a `WeightMovement` from curves."""
     count, n_phases, _ = poses.shape
@@ -201,7 +200,7 @@ def learn_weights(
             "align with more samples, or lower n_basis."
         )
     gram = basis.T @ basis
-    regression = np.linalg.solve(gram + ridge * np.eye(size), basis.T)
+    regression = np.linalg.solve(gram + RIDGE * np.eye(size), basis.T)
     weights = np.einsum("bm,kmd->kdb", regression, poses)
     residuals = poses - np.einsum("mb,kdb->kmd", basis, weights)
     freedom = count * (n_phases - np.trace(regression @ basis))

@@ -27,6 +27,7 @@ Choices that the tutorial leaves to the user:
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import scipy
@@ -36,6 +37,7 @@ from gplfd_policies.arrays.records import freeze
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.baselines.gmr import (
+    TOLERANCE,
     GaussianMixtureRegression,
     GMRConfig,
     Standardisation,
@@ -52,6 +54,7 @@ share of that from the nearest straight line."""
 _STRONGEST = 1e-4
 """Least standard deviation of a point of a circle [m], so that contradictory via-points
 without tolerance have a solution."""
+_GMR: Final = GMRConfig()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -90,7 +93,7 @@ def hinge_frame(hinge: Float[np.ndarray, " 2"]) -> Frame:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Circle:
+class CircleDistribution:
     """A Gaussian over θ = (c_x, c_z, k) of the circle |p|² = 2 pᵀc + k; read-only."""
 
     mean: Float[np.ndarray, " 3"]
@@ -101,7 +104,7 @@ class Circle:
     def __post_init__(self) -> None:
         freeze(self, "mean", "covariance")
 
-    def through(self, via_points: Sequence[ViaPoint]) -> "Circle":
+    def through(self, via_points: Sequence[ViaPoint]) -> "CircleDistribution":
         """Return the circle conditioned on further points with known x and z.
 
         An error e of a point is an error 2 (p − c)ᵀe of its equation, which is zero for
@@ -117,7 +120,7 @@ class Circle:
         across = self.covariance @ rows.T
         factor = scipy.linalg.cho_factor(rows @ across + np.diag(variance), lower=True)
         gain = scipy.linalg.cho_solve(factor, across.T).T
-        return Circle(
+        return CircleDistribution(
             mean=self.mean + gain @ (squares - rows @ self.mean),
             covariance=self.covariance - gain @ across.T,
         )
@@ -131,7 +134,7 @@ def _equations(
     return rows, np.sum(points**2, axis=1)
 
 
-def fit_circle(points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, " 3"] | None:
+def fit_kasa_circle(points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, " 3"] | None:
     """Return θ of Kåsa's circle through points [m]; None if there is no circle."""
     theta: np.ndarray = np.linalg.lstsq(*_equations(points), rcond=None)[0]
     radius = np.sqrt(max(theta @ (*theta[:2], 1.0), 0.0))
@@ -150,7 +153,7 @@ class TaskParameterisedMixture(LearnedMovement):
     """μ_ij in the handle's frame, and in the hinge's frame if there is one."""
     covariances: Float[np.ndarray, "P C 7 7"]
     """Σ_ij."""
-    circle: Circle | None
+    circle: CircleDistribution | None
     """The estimate of the hinge; None if there is none."""
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "TaskParameterisedMixture":
@@ -177,8 +180,8 @@ class TaskParameterisedMixture(LearnedMovement):
             spreads[view] = frame.basis @ spreads[view] @ frame.basis.T
         if self.circle is not None:
             spreads[1] += hinge_uncertainty(self.means[1], self.circle)
-        middle, spread = product_of_gaussians(middles, spreads)
-        slope = product_of_gaussians(later, spreads)[0] - middle
+        middle, spread = product_over_frames(middles, spreads)
+        slope = product_over_frames(later, spreads)[0] - middle
         covariances = np.empty_like(self.covariances[0])
         covariances[:, 0, 0] = variance
         covariances[:, 0, 1:] = covariances[:, 1:, 0] = variance[:, None] * slope
@@ -198,7 +201,7 @@ class TaskParameterisedMixture(LearnedMovement):
 
 
 def hinge_uncertainty(
-    means: Float[np.ndarray, "C 7"], circle: Circle
+    means: Float[np.ndarray, "C 7"], circle: CircleDistribution
 ) -> Float[np.ndarray, "C 6 6"]:
     """G C Gᵀ of components in the hinge's frame, with G = ∂(A μ + b)/∂c."""
     x, z = means[:, 1], means[:, 3]
@@ -209,7 +212,7 @@ def hinge_uncertainty(
     return spread
 
 
-def product_of_gaussians(
+def product_over_frames(
     means: Float[np.ndarray, "P C D"], covariances: Float[np.ndarray, "P C D D"]
 ) -> tuple[Float[np.ndarray, "C D"], Float[np.ndarray, "C D D"]]:
     """The normalised product over P frames of each of C Gaussians, Eq. (6)."""
@@ -254,7 +257,7 @@ def fit_mixture_of_views(
         totals = scipy.special.logsumexp(densities, axis=1, keepdims=True)
         shares, previous, bound = np.exp(densities - totals), bound, totals.mean()
         weights, means, covariances = _maximised(samples, shares, config)
-        if abs(bound - previous) < config.tolerance:
+        if abs(bound - previous) < TOLERANCE:
             break
     else:
         # The caller of `fit_tp_gmm`.
@@ -284,12 +287,11 @@ def _maximised(
 
 @one_thread
 def fit_tp_gmm(
-    aligned: AlignedDemonstrations, config: GMRConfig | None = None
+    aligned: AlignedDemonstrations, config: GMRConfig = _GMR
 ) -> TaskParameterisedMixture:
     """Fit the mixture of all views by expectation maximisation."""
-    config = GMRConfig() if config is None else config
     config.check_phases(len(aligned.times))
-    fits = [fit_circle(poses[:, PLANE]) for poses in aligned.poses]
+    fits = [fit_kasa_circle(poses[:, PLANE]) for poses in aligned.poses]
     circles = [circle for circle in fits if circle is not None]
     views, circle = [aligned.poses], None
     if len(circles) == len(fits):
@@ -298,7 +300,7 @@ def fit_tp_gmm(
         views.append(np.stack([frame.seen(poses) for frame, poses in seen]))
         deviations = np.array(circles) - np.mean(circles, axis=0)
         free = max(len(circles) - 1, 1)
-        circle = Circle(
+        circle = CircleDistribution(
             mean=np.mean(circles, axis=0), covariance=deviations.T @ deviations / free
         )
     weights, means, covariances = fit_mixture_of_views(aligned.times, views, config)

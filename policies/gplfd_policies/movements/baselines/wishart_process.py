@@ -67,11 +67,6 @@ class WishartPrior:
         floor: float,
     ) -> "WishartPrior":
         """The prior with a radial basis function κ and the mean ν L Lᵀ = ``mean``."""
-        if degrees < len(mean):
-            raise ValueError(
-                f"A Wishart process of {len(mean)} outputs needs at least as many "
-                f"degrees of freedom, got {degrees}."
-            )
         basis = LegendreBasis.for_length_scale(*interval, length_scale)
         if basis is None:
             raise ValueError(
