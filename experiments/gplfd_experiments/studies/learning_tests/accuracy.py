@@ -51,24 +51,21 @@ def accuracy(
 ) -> Mapping[str, float | None]:
     """Score a prediction of poses (M, 6) [m, rad] that were left out.
 
-    Quantiles are those of a normal distribution for every method. For a method with its
-    own intervals, which are wider with few demonstrations, ``coverage_95_stated`` is
-    their coverage. Density and coverage exclude numbers where ``scored`` is NaN.
+    Quantiles are those of a normal distribution for every method. Density and coverage
+    exclude numbers where ``scored`` is NaN.
     """
     scored = truth if scored is None else scored
-    normal = {
+    coverage = {
         f"coverage_{percent}": known(
             predicted.coverage(scored, percent / 100, normal=True)
         )
         for percent in (50, 90, 95)
     }
-    stated = predicted.degrees_of_freedom is not None
     return {
         "rmse_position_m": rms_distance(predicted.mean, truth),
         "rmse_rotation_rad": rms_rotation(predicted.mean, truth),
         "nlpd": known(predicted.nlpd(scored)),
-        **normal,
-        "coverage_95_stated": predicted.coverage(scored) if stated else None,
+        **coverage,
     }
 
 

@@ -50,7 +50,6 @@ def tumbling(method: Method, seed: int) -> Mapping[str, object]:
     change = None if alone is None or beside is None else beside - alone
     return {
         "outputs_cpu_s": {"2": two_s, "6": six_s, "24": None},
-        "outputs_nlpd": {"2": alone, "6": beside, "24": None},
         "outputs_nlpd_change": change,
         "tumbling_error": rms_rotation(mean, truth) / (math.sqrt(3.0) * TUMBLE_STD),
     }
