@@ -19,7 +19,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import redirect_stdout
 from types import MappingProxyType
-from typing import Annotated, Any, Final, Protocol, TextIO, Union
+from typing import Annotated, Any, Final, TextIO, Union
 
 import docstring_parser
 import tyro
@@ -47,17 +47,7 @@ BAD_INPUT: Final = 2
 """Exit status for bad arguments or files."""
 
 
-class Command(Protocol):
-    """A subcommand; its fields are the options."""
-
-    def execute(self) -> int:
-        """Do the work and return the exit status.
-
-        Bad input raises a ValueError, OSError or ModuleNotFoundError.
-        """
-
-
-COMMANDS: Final[dict[str, type[Command]]] = {
+COMMANDS: Final[dict[str, type[Any]]] = {
     "run": Run,
     "learn": Learn,
     "export": Export,
@@ -77,7 +67,9 @@ COMMANDS: Final[dict[str, type[Command]]] = {
     "list": Catalogue,
     "doctor": Doctor,
 }
-"""The subcommands by name."""
+"""The subcommands by name. Their fields are the options; `execute` does the work and
+returns the exit status, and bad input raises a ValueError, OSError or
+ModuleNotFoundError."""
 
 _HELP: Final = frozenset({"-h", "--help"})
 
@@ -122,7 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         LOG.setLevel(logging.NOTSET)
 
 
-def _parsed(arguments: Sequence[str]) -> Command:
+def _parsed(arguments: Sequence[str]) -> Any:
     """Return the command that the arguments name, with its options."""
     # tyro suggests no correction for a wrong name.
     first, second = (*arguments, "", "")[:2]
@@ -152,7 +144,7 @@ def _parsed(arguments: Sequence[str]) -> Command:
     if _HELP.intersection(arguments):
         stream = _WrappedLines(sys.stdout)
     with redirect_stdout(stream):
-        command: Command = tyro.cli(
+        command: Any = tyro.cli(
             union,
             prog="gplfd",
             description="Open doors with policies learned from demonstrations. "

@@ -43,10 +43,6 @@ COLOURS: Final[tuple[Colour, ...]] = (
     colours.AXIS_X,
     (120, 230, 90),
     (255, 120, 150),
-    (60, 210, 200),
-    (235, 235, 240),
-    (150, 140, 255),
-    (190, 150, 110),
 )
 """Colours of policies, in order; their number limits the number of policies."""
 

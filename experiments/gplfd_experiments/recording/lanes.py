@@ -19,6 +19,7 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording.colours import BEFORE, FORCE, HAND, TRUTH, Colour
 from gplfd_experiments.recording.stream import Part, moving, static
+from gplfd_policies.arrays.resolution import interpolated
 
 ROOT: Final = "/stage"
 """Entity of the stages, above that of every other lane."""
@@ -160,9 +161,7 @@ def shown_stiffness(log: EpisodeLog) -> FloatArray:
 def colour_of(stiffness: FloatArray, unknown: Colour) -> NDArray[np.uint8]:
     """Colours of stiffnesses (N,) [N/m], ``unknown`` where NaN, (N, 3) in 0 to 255."""
     known = np.isfinite(stiffness)
-    channels = [
-        np.interp(np.where(known, stiffness, 0.0), list(SCALE), channel)
-        for channel in zip(*SCALE.values(), strict=True)
-    ]
-    tints = np.where(known[:, None], np.stack(channels, axis=1), unknown)
+    scale, colours = np.array([*SCALE]), np.array([*SCALE.values()], float)
+    shades = interpolated(np.where(known, stiffness, 0.0), scale, colours)
+    tints = np.where(known[:, None], shades, unknown)
     return tints.round().astype(np.uint8)

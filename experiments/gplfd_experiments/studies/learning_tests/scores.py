@@ -69,7 +69,6 @@ from gplfd_experiments.data.teacher import (
     TeacherConfig,
 )
 from gplfd_experiments.episodes.metrics import log_dimensionless_jerk
-from gplfd_experiments.files.arrays import interpolated
 from gplfd_experiments.studies.learning_tests.accuracy import (
     accuracy,
     averaged,
@@ -91,7 +90,7 @@ from gplfd_experiments.studies.learning_tests.via_points import (
     forecasts,
     online_forecasts,
 )
-from gplfd_policies.arrays.resolution import FINEST
+from gplfd_policies.arrays.resolution import FINEST, interpolated
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.registry.method import Method
