@@ -52,7 +52,6 @@ from gplfd_policies.demonstrations.demonstration import Demonstration
 COMPARED: Final = 6
 """Largest number of policies in a comparison; more would be too small."""
 
-_ORDER: Final = "success, then peak radial force, then final angle"
 _IN_EVERY_TRIAL: Final = (Side(policy="gp"), Side(policy="hinge-fit"))
 _FORECAST_PERIOD: Final = 0.2
 """Shortest time between forecasts in a recording [s]; the study has more forecasts."""
@@ -88,8 +87,7 @@ def record_extremes(folder: Path, reference: str = "gp") -> Path:
     for file, radius in zip(COMPARISONS, shown, strict=True):
         if compared := same_door(standard, radius, reference):
             comparisons.append(_compare(out / file, compared))
-    index = {"order": _ORDER, "episodes": entries, "comparisons": comparisons}
-    write_json(out / INDEX, index)
+    write_json(out / INDEX, {"episodes": entries, "comparisons": comparisons})
     return out / INDEX
 
 
