@@ -85,11 +85,11 @@ def opened_with(tasks: Sequence[EpisodeTask], resolution: float) -> list[Episode
     assert policy.method is not None
     profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
     changed = replace(policy, make=replace(policy.method, profile=profile))
-    make = {task.training: learned_agents(task, changed) for task in tasks}
+    make = {task.training_key: learned_agents(task, changed) for task in tasks}
     logs: list[EpisodeLog] = []
     for first in range(0, len(tasks), _TOGETHER):
         some = tasks[first : first + _TOGETHER]
-        logs += open_together(some, [make[task.training]() for task in some])
+        logs += open_together(some, [make[task.training_key]() for task in some])
     return logs
 
 

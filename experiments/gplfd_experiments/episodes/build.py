@@ -52,7 +52,7 @@ def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
     reach for the handle. Their openings are those of the same task with the handle in
     the hand.
     """
-    return _demonstrated(task.shown)
+    return _demonstrated(task.demonstrations_key)
 
 
 @functools.lru_cache(maxsize=32)
@@ -111,7 +111,7 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
 def learned_agents(
     task: EpisodeTask, policy: Policy, given: LabelledDemonstrations | None = None
 ) -> Callable[[], Agent]:
-    """Let the policy learn for all tasks with the same `EpisodeTask.training`.
+    """Let the policy learn for all tasks with the same `EpisodeTask.training_key`.
 
     It learns from the task's own demonstrations unless others are given. The agents
     first reach for the handle if the episode starts in front of it.
@@ -232,7 +232,7 @@ def _circumstances(task: EpisodeTask) -> dict[str, Any]:
     }
 
 
-def where(error: BaseException, policy: Policy) -> str:
+def place_in_policy(error: BaseException, policy: Policy) -> str:
     """Return file, line and function of the user's code that raised an error, or ""."""
     return place_in(source_files(policy.origin), error) if policy.origin else ""
 
@@ -253,7 +253,7 @@ def reported_errors(
         yield
     # BaseException: the user's code runs here and may call `sys.exit`.
     except (Exception, SystemExit) as error:
-        place = where(error, policy)
+        place = place_in_policy(error, policy)
         built_in = policy.origin is None or policy.origin.kind == "built-in"
         # Errors of files and arguments are clear by themselves.
         clear = OSError if acting else (OSError, ValueError)

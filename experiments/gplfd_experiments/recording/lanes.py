@@ -18,7 +18,7 @@ from gplfd_env.task.opening import STALL_ANGLE
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording.colours import BEFORE, FORCE, HAND, TRUTH, Colour
-from gplfd_experiments.recording.stream import Part, moving, static
+from gplfd_experiments.recording.stream import EpisodePart, moving, static
 from gplfd_policies.arrays.resolution import interpolated
 
 ROOT: Final = "/stage"
@@ -112,7 +112,7 @@ def stages(log: EpisodeLog) -> list[tuple[int, str]]:
     ]
 
 
-def stiffness_lane(part: Part) -> Iterator[Chunk]:
+def stiffness_lane(part: EpisodePart) -> Iterator[Chunk]:
     """Return when the hand became soft or stiff; empty for policies without σ."""
     shown = shown_stiffness(part.log)
     if not part.shows(shown):
@@ -127,7 +127,7 @@ def stiffness_lane(part: Part) -> Iterator[Chunk]:
 
 
 def new_states(
-    part: Part, entity: str, states: Iterable[tuple[int, str]]
+    part: EpisodePart, entity: str, states: Iterable[tuple[int, str]]
 ) -> list[Chunk]:
     """Return a lane of states that begin at rows of a log, of those in a part."""
     new = [one for one in states if one[0] >= part.first_row]

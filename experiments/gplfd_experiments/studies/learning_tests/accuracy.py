@@ -56,7 +56,7 @@ def accuracy(
     """
     scored = truth if scored is None else scored
     coverage = {
-        f"coverage_{percent}": known(
+        f"coverage_{percent}": none_if_nan(
             predicted.coverage(scored, percent / 100, normal=True)
         )
         for percent in (50, 90, 95)
@@ -64,12 +64,12 @@ def accuracy(
     return {
         "rmse_position_m": rms_distance(predicted.mean, truth),
         "rmse_rotation_rad": rms_rotation(predicted.mean, truth),
-        "nlpd": known(predicted.nlpd(scored)),
+        "nlpd": none_if_nan(predicted.nlpd(scored)),
         **coverage,
     }
 
 
-def known(number: float) -> float | None:
+def none_if_nan(number: float) -> float | None:
     """Return a number, or None for the NaN of a method without standard deviations."""
     return None if math.isnan(number) else number
 

@@ -11,7 +11,7 @@ from gplfd_experiments.episodes.forecast_error import squared_distances
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.learning_tests.accuracy import (
     averaged,
-    known,
+    none_if_nan,
     rms_distance,
     rms_rotation,
     root_mean_square,
@@ -150,8 +150,8 @@ def _rest_scores(
     return {
         f"{name}_position_m": rms_distance(rest.mean, truth),
         f"{name}_rotation_rad": rms_rotation(rest.mean, truth),
-        f"{name}_nlpd": known(rest.nlpd(scored)),
-        f"{name}_coverage_95": known(rest.coverage(scored, normal=True)),
+        f"{name}_nlpd": none_if_nan(rest.nlpd(scored)),
+        f"{name}_coverage_95": none_if_nan(rest.coverage(scored, normal=True)),
     }
 
 
@@ -269,6 +269,6 @@ def _force_accuracy(
     error = np.linalg.norm((predicted.mean - truth)[:, :3], axis=1)
     return {
         f"{name}_error_n": root_mean_square(error),
-        f"{name}_nlpd": known(predicted.nlpd(truth)),
-        f"{name}_coverage_95": known(predicted.coverage(truth, normal=True)),
+        f"{name}_nlpd": none_if_nan(predicted.nlpd(truth)),
+        f"{name}_coverage_95": none_if_nan(predicted.coverage(truth, normal=True)),
     }
