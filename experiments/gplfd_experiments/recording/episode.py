@@ -26,7 +26,11 @@ from gplfd_experiments.recording.motion import (
 from gplfd_experiments.recording.panels import panels
 from gplfd_experiments.recording.scene import drawn_scene, moved_scene
 from gplfd_experiments.recording.stream import EpisodePart, recording_file, static
-from gplfd_experiments.recording.tiago_meshes import TiagoLooks
+from gplfd_experiments.recording.tiago_meshes import (
+    BodyMeshes,
+    mesh_chunks,
+    without_geoms,
+)
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 
@@ -35,7 +39,7 @@ def record_episode(
     log: EpisodeLog,
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
-    looks: TiagoLooks | None = None,
+    looks: BodyMeshes | None = None,
 ) -> None:
     """Write an .rrd with scene, policy, panels and layout, complete or not at all.
 
@@ -84,12 +88,11 @@ def static_chunks(
     log: EpisodeLog,
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
-    looks: TiagoLooks | None = None,
+    looks: BodyMeshes | None = None,
 ) -> Iterator[Chunk]:
     """Return the static chunks: robot, door, demonstrations."""
-    yield from drawn_scene(model if looks is None else looks.undressed(model))
-    if looks is not None:
-        yield from looks.drawn(model)
+    yield from drawn_scene(without_geoms(model, looks) if looks else model)
+    yield from mesh_chunks(model, looks or {})
     yield from door_frame(model, log.config, demonstrations)
 
 

@@ -36,7 +36,7 @@ from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doo
 from gplfd_experiments.files.plain_data import entry, read_json, write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
 from gplfd_experiments.recording import record_episode
-from gplfd_experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
+from gplfd_experiments.recording.tiago_meshes import BodyMeshes, tiago_looks
 from gplfd_experiments.recording.video import (
     STANDARD,
     check_video,
@@ -296,7 +296,7 @@ def _open(
     policy: Policy,
     begin: Callable[[], None],
     folder: Path,
-    looks: TiagoLooks | None,
+    looks: BodyMeshes | None,
     video: Path | None,
 ) -> EpisodeMetrics:
     """Open a door, write its log, recording and video, and return its metrics."""
