@@ -22,6 +22,7 @@ from gplfd_env.doors.randomization import door_randomization
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.teacher import ForceConfig, Habits, Teacher, TeacherConfig
+from gplfd_experiments.data.teacher.reaching import with_reaches
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.practice import Practice, practised
 from gplfd_experiments.episodes.rollout import rollout, rollouts
@@ -29,9 +30,7 @@ from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.agents.lockstep import batch_agents
 from gplfd_policies.agents.reaching import (
-    GRASPED,
     ReachingAgent,
-    joined,
     learn_reach,
     openings,
     reaches,
@@ -78,11 +77,7 @@ def _demonstrated(shown: str) -> LabelledDemonstrations:
     if fields["start"] == "grasped":
         return LabelledDemonstrations(demonstrations=given, radii=labels)
     reaching = teacher.standard_reaches(per_door, seed=seed, doors=len(radii))
-    whole = tuple(map(joined, reaching, given))
-    grasped = [{GRASPED: (one.times[:, None] >= 0.0).astype(float)} for one in whole]
-    return LabelledDemonstrations(
-        demonstrations=whole, radii=labels, signals=tuple(grasped)
-    )
+    return with_reaches(reaching, given, labels)
 
 
 def demonstrations_hash(task: EpisodeTask) -> str:
