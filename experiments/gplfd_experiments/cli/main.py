@@ -23,6 +23,7 @@ from typing import Annotated, Any, Final, TextIO, Union
 
 import docstring_parser
 import tyro
+from tqdm.contrib.logging import logging_redirect_tqdm
 
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.export import Export
@@ -40,7 +41,7 @@ from gplfd_experiments.cli.commands.studies import (
 )
 from gplfd_experiments.cli.commands.teach import Correct
 from gplfd_experiments.console.interruption import os_exit_raises
-from gplfd_experiments.console.progress import LOG, MessageHandler
+from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.studies.engines import ONE_THREAD
 
 BAD_INPUT: Final = 2
@@ -88,18 +89,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = [one for one in given if one != "--debug"]
     debug, quiet = arguments != given, "--quiet" in arguments
 
-    # Messages go to stderr, each warning in one line.
-    handler = MessageHandler()
+    # Messages go to stderr, each on a line of its own above progress bars.
+    handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("gplfd: %(message)s"))
     LOG.setLevel(logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO)
     LOG.addHandler(handler)
     try:
+        with logging_redirect_tqdm([LOG]):
+            return _status(arguments, debug)
+    finally:
+        LOG.removeHandler(handler)
+        LOG.setLevel(logging.NOTSET)
+
+
+def _status(arguments: Sequence[str], debug: bool) -> int:
+    """Run the command that the arguments name, and log the error that ends it."""
+    try:
         with warnings.catch_warnings(), os_exit_raises():
-            # Without the file and the source line of the warning.
+            # In one line, without the file and the source line of the warning.
             warnings.showwarning = lambda message, *_, **__: LOG.warning(
                 "warning: %s", " ".join(str(message).split())
             )
-            return _parsed(arguments).execute()
+            status: int = _parsed(arguments).execute()
+            return status
     except BrokenPipeError:
         raise
     except (ValueError, OSError, ModuleNotFoundError) as error:
@@ -109,9 +121,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             text = f"{error.filename}: {error.strerror}"
         LOG.error(text, exc_info=debug)
         return BAD_INPUT
-    finally:
-        LOG.removeHandler(handler)
-        LOG.setLevel(logging.NOTSET)
 
 
 def _parsed(arguments: Sequence[str]) -> Any:
@@ -164,8 +173,12 @@ def _join_help(command: Any) -> None:
 
     tyro prefers the help in the metadata of a field.
     """
-    documented = docstring_parser.parse_from_object(command).params
-    texts = {one.arg_name: one.description or "" for one in documented}
+    texts = {
+        one.arg_name: one.description or ""
+        for part in reversed(command.__mro__)
+        if dataclasses.is_dataclass(part)
+        for one in docstring_parser.parse_from_object(part).params
+    }
     for field in dataclasses.fields(command):
         if field.name in texts:
             text = " ".join(texts[field.name].split())

@@ -1,4 +1,4 @@
-"""Progress on stderr, and messages above the bars; only warnings if quiet."""
+"""Progress on stderr, and the logger of messages; only warnings if quiet."""
 
 import logging
 import sys
@@ -9,17 +9,6 @@ from tqdm import tqdm
 
 LOG: Final = logging.getLogger("gplfd")
 """Progress has the level INFO, so that it is hidden if gplfd is used as a library."""
-
-
-class MessageHandler(logging.Handler):
-    """Prints messages on stderr, each on a separate line above progress bars."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Print a message."""
-        try:
-            tqdm.write(self.format(record), file=sys.stderr)
-        except Exception:
-            self.handleError(record)
 
 
 def progress_bar(items: Iterable[Any] | None = None, **options: Any) -> "tqdm[Any]":
