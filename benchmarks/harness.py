@@ -49,13 +49,13 @@ def opened(
         # Warnings about rests and noise of the demonstrations.
         warnings.simplefilter("ignore")
         for task in tasks:
-            if task.training not in make:
+            if task.training_key not in make:
                 own = policy or policy_named(task.policy)
-                make[task.training] = learned_agents(task, own, given)
+                make[task.training_key] = learned_agents(task, own, given)
     logs: list[EpisodeLog] = []
     for first in range(0, len(tasks), _TOGETHER):
         some = tasks[first : first + _TOGETHER]
-        logs += open_together(some, [make[task.training]() for task in some])
+        logs += open_together(some, [make[task.training_key]() for task in some])
     return logs
 
 

@@ -14,7 +14,7 @@ import tyro
 
 from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES
 from gplfd_experiments.analysis.results.statistics import holm, signed_rank
-from gplfd_experiments.analysis.results.trials import graded, share_of
+from gplfd_experiments.analysis.results.trials import deciding_measure, success_measure
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.trials.protocol import REFERENCES, TRIALS
@@ -34,7 +34,7 @@ GROUPS: Final[Mapping[str, Sequence[str]]] = {
     "All trials of hinged furniture": [
         name
         for name, trial in TRIALS.items()
-        if not (name.startswith("forces-") or trial.among)
+        if not (name.startswith("forces-") or trial.only_policies)
     ],
 }
 """Trials of each table by its title."""
@@ -101,7 +101,7 @@ def _mean(found: Found, name: str, policy: str, measure: str) -> float | None:
 
 
 def _share(found: Found, name: str, policy: str) -> float:
-    value = _mean(found, name, policy, share_of(TRIALS[name]))
+    value = _mean(found, name, policy, success_measure(TRIALS[name]))
     assert value is not None
     return value
 
@@ -115,7 +115,7 @@ def leaderboard(found: Found, names: Sequence[str]) -> Table:
     policies = entrants(found, names)
     cells = {one: [f"{_succeeded(found, names, one):.2f}"] for one in policies}
     for name in names:
-        measure = graded(TRIALS[name])
+        measure = deciding_measure(TRIALS[name])
         values = {one: _mean(found, name, one, measure) for one in policies}
         learned = [
             value
@@ -166,7 +166,7 @@ def separated(found: Found, names: Sequence[str]) -> str:
 
     def by_seed(policy: str) -> list[float]:
         cells = [
-            found[name][level][policy][share_of(TRIALS[name])]["seeds"]
+            found[name][level][policy][success_measure(TRIALS[name])]["seeds"]
             for name in names
             for level in levels_of(name)
         ]

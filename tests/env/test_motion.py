@@ -19,7 +19,7 @@ from gplfd_env.robot.placement import handle_position_w, task_rotation_w
 from gplfd_env.robot.stance import base_for
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene
-from gplfd_experiments.data.teacher.forces import hinge_torque, moved
+from gplfd_experiments.data.teacher.forces import hinge_torque, inertia_and_gravity
 
 OPENED = math.radians(60.0)
 OTHER = tuple(name for name, door in DOORS.items() if door.motion != "hinged")
@@ -163,7 +163,7 @@ def test_a_leaf_without_friction_keeps_its_energy(door):
         angles.append(float(data.joint("hinge").qpos[0]))
         rates.append(float(data.joint("hinge").qvel[0]))
     path = np.linspace(0.0, 1.2, 2401)
-    inertia, torque = moved(door, path)
+    inertia, torque = inertia_and_gravity(door, path)
     height = np.concatenate([[0.0], np.cumsum(0.5 * (torque[1:] + torque[:-1]))])
     potential = np.interp(angles, path, height * path[1])
     energy = 0.5 * np.interp(angles, path, inertia) * np.square(rates) + potential

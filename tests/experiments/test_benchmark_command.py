@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import logging
 import os
 import re
 import shutil
@@ -18,7 +17,6 @@ from typing import Any
 import pytest
 
 from gplfd_experiments.cli.main import main
-from gplfd_experiments.console.progress import counter
 from gplfd_experiments.studies import jobs, runner, store
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.settings_file import read_settings, write_settings
@@ -314,14 +312,3 @@ def test_a_study_that_was_interrupted_is_as_one_that_was_not(tmp_path, monkeypat
     assert list(map(timeless, stopped)) == list(map(timeless, whole))
     # What was finished was not done again.
     assert first.read_bytes() == content
-
-
-def test_the_time_left_is_estimated_once_a_tenth_of_the_work_is_done(caplog):
-    """Before, the start of the workers would be taken for the pace of the work."""
-    caplog.set_level(logging.INFO, logger="gplfd")
-    with counter("task", 110, 10) as bar:
-        bar.update(9)
-        assert "?" not in str(bar)
-        assert "<" not in str(bar)
-        bar.update(1)
-        assert "<" in str(bar)

@@ -127,7 +127,7 @@ def test_labels_say_how_it_ended(record, make_log):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ([], "shows 1 to 10 episodes, got 0"),
+        ([], "shows 1 to 6 episodes, got 0"),
         ([{}, {}], "policy gp is given twice"),
         ([{}, {"policy": "kmp", "door_config": {"radius": 0.6}}], "another door"),
         ([{"qpos": np.zeros((601, 3))}], "3 generalised positions per step"),

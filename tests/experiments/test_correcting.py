@@ -155,7 +155,7 @@ def test_levels_with_corrections_are_for_those_who_can_be_corrected():
             assert practice["corrections"] == number
             assert practice["demonstrated"] == task.level.endswith("shown")
             assert task.door_config in practice["doors"]
-            assert "practice" in json.loads(task.training)
+            assert "practice" in json.loads(task.training_key)
         assert ("practice" in task.definition) == (number > 0)
 
 

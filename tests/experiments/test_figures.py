@@ -93,7 +93,6 @@ def test_figures_draw_from_logs_without_simulating(name, measured, tmp_path):
         style.write_figure(figure, tmp_path, name)
     assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     assert b"</svg>" in (tmp_path / f"{name}.svg").read_bytes()
-    assert type(figure.canvas).__name__ == "FigureCanvasAgg"
     assert figure.canvas.manager is None
     caption = FIGURES[name].caption(shown)
     assert len(caption) > 300

@@ -16,7 +16,7 @@ from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
-from gplfd_experiments.episodes.build import reported_errors, where
+from gplfd_experiments.episodes.build import place_in_policy, reported_errors
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.names import file_name
 from gplfd_experiments.files.provenance import content_hash
@@ -363,7 +363,7 @@ def test_errors_elsewhere_are_nobody_s():
     policy = policy_named("oracle")
     with pytest.raises(KeyError) as raised, reported_errors("oracle", policy):
         raise KeyError("mine")
-    assert where(raised.value, policy) == ""
+    assert place_in_policy(raised.value, policy) == ""
 
 
 def test_names_of_files_are_different_for_different_names():

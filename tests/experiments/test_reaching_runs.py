@@ -117,7 +117,7 @@ def test_agents_are_told_how_well_the_handle_is_known():
         episode_task("small", DOORS["small"], policy="gp", seed=0, randomization=each)
         for each in ("none", "mild", "detector", {"perception": [0.02, 0.0]})
     ]
-    plain, mild, *uncertain = (task.training for task in tasks)
+    plain, mild, *uncertain = (task.training_key for task in tasks)
     assert plain == mild
     assert len({plain, *uncertain}) == 3
 

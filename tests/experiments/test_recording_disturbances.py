@@ -10,7 +10,7 @@ from gplfd_experiments.recording.disturbances import (
     kinds_of,
 )
 from gplfd_experiments.recording.layout import layout
-from gplfd_experiments.recording.stream import Part
+from gplfd_experiments.recording.stream import EpisodePart
 
 SHIFT = 1e-4 * np.clip(np.arange(601.0) - 99.0, 0.0, 120.0)
 
@@ -26,7 +26,7 @@ def held(peak: float, first: int = 200, end: int = 450) -> np.ndarray:
 def shown(columns):
     """What is shown of disturbances, of the part of an episode from a row on."""
     return lambda log, first_row=0: columns(
-        disturbance_chunks(Part(log=log, first_row=first_row))
+        disturbance_chunks(EpisodePart(log=log, first_row=first_row))
     )
 
 
@@ -52,7 +52,7 @@ def test_a_live_view_is_sent_the_past_once_something_has_happened(make_log, show
 def test_a_ball_stands_above_the_hand_while_something_acts(make_log, shown):
     log = make_log(person_force=held(32.0))
     found, ball = shown(log), "/world/task/outside/person"
-    rows = Part(log=log).frames()
+    rows = EpisodePart(log=log).frames()
     labels = found[ball, "Points3D:labels"][1]
     acts = [bool(label) for label in labels]
     assert acts == (log.person_force[rows] > 0.0).tolist()

@@ -19,7 +19,7 @@ from gplfd_experiments.recording.mechanism import (
     bolt_states,
     mechanism_of,
 )
-from gplfd_experiments.recording.stream import Part
+from gplfd_experiments.recording.stream import EpisodePart
 
 ROWS = np.arange(601)
 TURN = 0.8 * np.clip(ROWS / 100.0, 0.0, 1.0) * (ROWS < 400)
@@ -54,7 +54,7 @@ def shown(columns):
 
 
 def test_nothing_is_made_of_a_plain_bar_door(make_log, door_model, shown):
-    entities = {entity for entity, _ in shown(Part(log=make_log()), door_model)}
+    entities = {entity for entity, _ in shown(EpisodePart(log=make_log()), door_model)}
     assert not any(f"/plots/{name}/" in path for path in entities for name in PANELS)
     assert not {LATCH, ARM} & entities
 
@@ -78,7 +78,7 @@ def test_only_what_is_there_is_shown(door, base, there):
 
 
 def test_curves_are_the_log_s_in_the_units_of_the_titles(log, model, shown):
-    found = shown(Part(log=log), model)
+    found = shown(EpisodePart(log=log), model)
     curves = {"handle": np.degrees(TURN), "latch": 1e3 * BOLT, "closer": TORQUE}
     for name, values in curves.items():
         curve = found[f"/plots/{name}/motion", "Scalars:scalars"][1]
@@ -95,14 +95,16 @@ def test_the_bolt_is_held_back_where_the_door_is_free(log, model, shown):
     free = math.ceil(100.0 * 9.7 / 12.7)
     expected = [(0, "bolt thrown"), (free, "bolt held back"), (400, "bolt thrown")]
     assert states == expected
-    lane = shown(Part(log=log), model)[LATCH, "StateChange:state"][1]
+    lane = shown(EpisodePart(log=log), model)[LATCH, "StateChange:state"][1]
     assert [state for (state,) in lane] == [state for _, state in expected]
-    later = shown(Part(log=log, first_row=200), model)[LATCH, "StateChange:state"][1]
+    later = shown(EpisodePart(log=log, first_row=200), model)[
+        LATCH, "StateChange:state"
+    ][1]
     assert later == [["bolt thrown"]]
 
 
 def test_the_arm_joins_box_and_frame_in_every_frame(log, model, shown):
-    part = Part(log=log)
+    part = EpisodePart(log=log)
     strips = shown(part, model)[ARM, "LineStrips3D:strips"][1]
     data = mujoco.MjData(model)
     assert len(strips) == part.frames().size

@@ -21,7 +21,7 @@ from gplfd_experiments.recording.scene import (
     task_frame,
     visual_geoms,
 )
-from gplfd_experiments.recording.stream import Part
+from gplfd_experiments.recording.stream import EpisodePart
 from gplfd_experiments.recording.tube import (
     N_SIDES,
     QUANTILE,
@@ -97,7 +97,7 @@ def test_every_body_moves_by_its_own_joint(make_log, columns):
     """And between frames as in a video."""
     model = mujoco.MjModel.from_xml_string(SLIDES)
     log = make_log(qpos=np.outer(np.linspace(0.0, 1.0, 601), [1.0, 2.0]))
-    moved = columns(moved_scene(model, Part(log=log)))
+    moved = columns(moved_scene(model, EpisodePart(log=log)))
     for name, end in (("a", [1.0, 0.0, 0.0]), ("b", [0.0, 2.0, 0.0])):
         times, places = moved[f"/world/scene/{name}", "Transform3D:translation"]
         np.testing.assert_allclose([places[0][0], places[-1][0]], [[0.0] * 3, end])
@@ -139,13 +139,15 @@ def test_an_episode_shown_in_parts_shows_what_it_shows_at_once(
     first_row = first_forecast = 0
     for end in ends:
         log = so_far(whole, end)
-        part = Part(log=log, first_row=first_row, first_forecast=first_forecast)
+        part = EpisodePart(log=log, first_row=first_row, first_forecast=first_forecast)
         new = columns_of(part_chunks(part, door_model))
         assert not parts.keys() & new.keys()
         parts |= new
         first_row, first_forecast = end, log.forecast_times.size
     missing = []
-    for key, value in columns_of(part_chunks(Part(log=whole), door_model)).items():
+    for key, value in columns_of(
+        part_chunks(EpisodePart(log=whole), door_model)
+    ).items():
         if key not in parts:
             missing.append(key)
         elif key[1] == "LineStrips3D:strips" and "trail" in key[0]:
@@ -172,7 +174,7 @@ def so_far(log: EpisodeLog, end: int) -> EpisodeLog:
 def test_policy_without_uncertainty_is_drawn_as_its_mean(make_log, columns):
     """Its tube has no width, and no corner that a viewer could not draw."""
     unsure = make_log(forecast_std=np.full((3, 21, 6), np.nan))
-    found = columns(policy_motion(Part(log=unsure)))
+    found = columns(policy_motion(EpisodePart(log=unsure)))
     _, tubes = found["/world/task/policy_now", "Mesh3D:vertex_positions"]
     assert len(tubes) == 3
     assert np.isfinite(tubes).all()

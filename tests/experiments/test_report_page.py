@@ -76,7 +76,8 @@ def policies(episode_result):
 @pytest.fixture
 def results(episode_result, learning_result):
     """Two policies with an episode and a learning test each, and an error."""
-    timed = {"outputs_cpu_s": {"2": 0.1}}
+    # Earlier results have densities, too.
+    timed = {"outputs_cpu_s": {"2": 0.1}, "outputs_nlpd": {"2": 0.1, "24": None}}
     return [
         *(episode_result(policy, 0) for policy in ("gp", "kmp")),
         *(learning_result(policy, **timed) for policy in ("gp", "kmp")),

@@ -154,8 +154,8 @@ def test_only_tasks_with_a_base_that_drives_have_a_version_of_the_environment():
         assert mobile.definition["environment_version"] == 1
         first = dataclasses.replace(mobile, environment_version=0)
         assert first.key != mobile.key
-        assert first.training != mobile.training
-        assert first.shown == mobile.shown
+        assert first.training_key != mobile.training_key
+        assert first.demonstrations_key == mobile.demonstrations_key
         assert task_from(first.definition) == first
     fixed_by_hand = episode_task("wide", beyond, base="fixed", **given)
     assert fixed_by_hand.environment_version == 0

@@ -22,13 +22,13 @@ from gplfd_experiments.data.teacher import (
     TeacherConfig,
     doors_like,
 )
-from gplfd_experiments.data.teacher.habits import lose_samples, untidy_clock
+from gplfd_experiments.data.teacher.habits import irregular_timing, lose_samples
 from gplfd_experiments.data.teacher.handle_motion import (
     Press,
     draw_press,
     duration,
-    let_back,
-    worked,
+    handle_angles,
+    press_and_opening,
 )
 from gplfd_experiments.data.teacher.random_motion import (
     coloured_noise,
@@ -165,7 +165,7 @@ def test_habits_draw_from_a_generator_of_their_own() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_pauses_stop_the_motion_for_as_long_as_they_last(seed: int) -> None:
     habits = Habits(pauses=3, longest_pause=0.8)
-    times, clock, back = untidy_clock(habits, 6.0, 1000.0, rng(seed))
+    times, clock, back = irregular_timing(habits, 6.0, 1000.0, rng(seed))
     paused = np.diff(clock) <= 1e-12
     assert np.all(np.diff(clock) >= -1e-12)
     assert np.count_nonzero(paused) / 1000.0 == pytest.approx(times[-1] - 6.0, abs=0.01)
@@ -190,7 +190,9 @@ def test_in_a_pause_the_door_goes_back_and_forth() -> None:
 
 def test_haste_scales_durations_within_its_factor() -> None:
     draws, habits = rng(), Habits(haste=2.0)
-    durations = [untidy_clock(habits, 6.0, 100.0, draws)[0][-1] for _ in range(1000)]
+    durations = [
+        irregular_timing(habits, 6.0, 100.0, draws)[0][-1] for _ in range(1000)
+    ]
     assert 3.0 <= min(durations) < 3.05
     assert 11.9 < max(durations) <= 12.01
     assert np.median(durations) == pytest.approx(6.0, rel=0.1)
@@ -290,7 +292,7 @@ def test_a_left_door_is_the_mirror_of_a_right_one() -> None:
 def test_a_bar_is_pulled_at_once_and_as_ever() -> None:
     assert draw_press(DoorConfig(), rng(0)) == Press()
     progress = np.linspace(0.0, 1.0, 11)
-    share, opening = worked(progress, Press(), 6.0)
+    share, opening = press_and_opening(progress, Press(), 6.0)
     assert_array_equal(opening, progress)
     assert not share.any()
     assert duration(Press(), 6.0) == 6.0
@@ -305,7 +307,7 @@ def test_nobody_turns_a_handle_beyond_its_stop() -> None:
     assert max(press.angle for press in presses) <= LEVER.travel
     assert min(press.time for press in presses) >= 0.4
     angles = np.radians([0.0, 8.0, 16.5, 25.0, 60.0])
-    back = let_back(Press(time=1.0, angle=0.8), np.ones(5), angles)
+    back = handle_angles(Press(time=1.0, angle=0.8), np.ones(5), angles)
     assert_allclose(back, [0.8, 0.8, 0.48, 0.16, 0.16], atol=1e-12)
 
 

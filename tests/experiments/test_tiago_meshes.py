@@ -14,7 +14,12 @@ import trimesh
 
 from gplfd_env.conventions.assets import asset_path
 from gplfd_experiments.recording import tiago_meshes
-from gplfd_experiments.recording.tiago_meshes import description, tiago_looks
+from gplfd_experiments.recording.tiago_meshes import (
+    description,
+    mesh_chunks,
+    tiago_looks,
+    without_geoms,
+)
 
 SHARE = "cmeel.prefix/share/example-robot-data/robots/tiago_description"
 URDF = """<?xml version="1.0"?>
@@ -121,10 +126,10 @@ def test_what_is_missing_is_told(installed, monkeypatch, damage, error, message)
 
 def test_a_mesh_goes_to_the_nearest_body_of_ours_in_its_frame(installed):
     assert description() == installed
-    assert set(tiago_looks(["torso_lift_link"]).meshes) == {"torso_lift_link"}
+    assert set(tiago_looks(["torso_lift_link"])) == {"torso_lift_link"}
     looks = tiago_looks(names(model()))
-    assert set(looks.meshes) == {"base_link", "torso_lift_link"}
-    (head,) = looks.meshes["torso_lift_link"]
+    assert set(looks) == {"base_link", "torso_lift_link"}
+    (head,) = looks["torso_lift_link"]
     assert head.name == "head_1_link_0"
     assert head.colour == (255, 127, 0, 255)
     # Turned by a quarter: x and y of the box change places.
@@ -147,14 +152,14 @@ def seen(one: mujoco.MjModel) -> set[str]:
 
 def test_bodies_with_meshes_are_bare_and_the_others_stay(installed):
     ours = model()
-    bare = tiago_looks(names(ours)).undressed(ours)
+    bare = without_geoms(ours, tiago_looks(names(ours)))
     assert seen(bare) == {"arm_1_link", "door"}
     assert seen(ours) == seen(bare) | {"base_link", "torso_lift_link", "head_link"}
 
 
 def test_meshes_are_drawn_where_the_bodies_are(installed, columns):
     ours = model()
-    found = columns(tiago_looks(names(ours)).drawn(ours))
+    found = columns(mesh_chunks(ours, tiago_looks(names(ours))))
     base = "/world/scene/world/tiago_base_link_0"
     head = "/world/scene/torso_lift_link/tiago_head_1_link_0"
     assert found.entities == {base, head}
@@ -177,4 +182,4 @@ def test_meshes_are_drawn_where_the_bodies_are(installed, columns):
 
 def test_our_robot_has_the_bodies_that_meshes_go_to(installed):
     ours = mujoco.MjModel.from_xml_path(str(asset_path("tiago_like.urdf")))
-    assert set(tiago_looks(names(ours)).meshes) == {"base_link", "torso_lift_link"}
+    assert set(tiago_looks(names(ours))) == {"base_link", "torso_lift_link"}

@@ -15,10 +15,10 @@ from gplfd_experiments.analysis.report.plots import performance_profiles
 from gplfd_experiments.analysis.report.trials import aggregate_table, tier_lines
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import (
-    graded,
-    middle,
+    deciding_measure,
+    interquartile_mean_in_units,
     scores,
-    share_of,
+    success_measure,
 )
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.studies.trials.protocol import TRIALS
@@ -53,9 +53,9 @@ def test_tiers_have_trials_of_the_protocol_once_each():
 
     # Each has a share, and a measure that is none.
     for name, trial in TRIALS.items():
-        assert share_of(trial) in trial.measures, name
-        assert graded(trial) not in ("success", "grasp_kept"), name
-    assert share_of(TRIALS["locked"]) == "grasp_kept"
+        assert success_measure(trial) in trial.measures, name
+        assert deciding_measure(trial) not in ("success", "grasp_kept"), name
+    assert success_measure(TRIALS["locked"]) == "grasp_kept"
 
 
 def test_scores_are_greater_where_better_and_failures_are_worst(heavy):
@@ -67,8 +67,10 @@ def test_scores_are_greater_where_better_and_failures_are_worst(heavy):
     assert np.all(forces["hinge-fit"][:, 0] == -math.inf)
     assert np.all(np.isfinite(forces["hinge-fit"][:, 1]))
     assert np.all(np.isnan(forces["gp-fixed"][:, 1]))
-    assert middle(forces["gp"], RADIAL).estimate == pytest.approx(2.035)
-    assert middle(forces["hinge-fit"], RADIAL).estimate == math.inf
+    assert interquartile_mean_in_units(forces["gp"], RADIAL).estimate == pytest.approx(
+        2.035
+    )
+    assert interquartile_mean_in_units(forces["hinge-fit"], RADIAL).estimate == math.inf
     angles = scores(episodes, "final_angle_deg")
     assert np.all(angles["hinge-fit"][:, 0] == 30.0)
 

@@ -77,6 +77,25 @@ def test_levels_are_compared_where_they_are_what_differs(shown):
     assert found == {f"{name}, {level}": (level, 0, 0.65) for name, level in pairs}
 
 
+def test_only_episodes_at_one_door_are_compared(write_study, episode_result):
+    trials = named_trials(("corrections",))
+    tasks = trial_tasks(trials, policies=["gp", "hinge-fit"], part="small", seeds=2)
+    results = [
+        episode_result(radius=task.door_config["radius"], **task.definition)
+        for task in tasks
+        # As if gp had failed at the first seed.
+        if (task.policy, task.seed) != ("gp", 0)
+    ]
+    episodes = of_trial(read_results(write_study(results)).episodes, "corrections")
+    found = side_by_side(trials["corrections"], episodes)
+    assert {name: one.task.seed for name, one in found.items()} == {
+        "gp, overhead, 5 shown": 1,
+        "hinge-fit, overhead, 0": 1,
+        **{f"gp, overhead, {title}": 1 for title in ("1", "0", "5", "1 shown")},
+    }
+    assert len({json.dumps(one.task.door_config) for one in found.values()}) == 1
+
+
 def page(folder: Path) -> str:
     return markdown_page(report(read_results(folder), folder, folder, "gp"))
 

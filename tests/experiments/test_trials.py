@@ -39,7 +39,7 @@ from gplfd_experiments.studies.trials.protocol import (
     TRIALS,
     TUNED,
     VERSION,
-    Part,
+    ProtocolPart,
 )
 from gplfd_experiments.studies.trials.records import Contrast, Side
 from gplfd_policies.registry.catalogue import POLICIES
@@ -55,7 +55,7 @@ FEW: Any = {part: dataclasses.replace(of, seeds=2) for part, of in PARTS.items()
 
 
 @functools.cache
-def tasks_of(part: Part = "whole") -> tuple[EpisodeTask, ...]:
+def tasks_of(part: ProtocolPart = "whole") -> tuple[EpisodeTask, ...]:
     with mock.patch.object(plan, "PARTS", FEW):
         return trial_tasks(named_trials((), part), part=part)
 
@@ -64,7 +64,7 @@ def test_every_policy_of_the_protocol_meets_the_same_draws():
     tasks = tasks_of()
     first = [task for task in tasks if task.seed == 0]
     assert len({task.key for task in first}) == len(first) == len(tasks) / 2
-    later = {name for name, trial in TRIALS.items() if trial.among}
+    later = {name for name, trial in TRIALS.items() if trial.only_policies}
     assert {task.seed for task in tasks} == {0, 1}
     assert PARTS["whole"].seeds == PARTS["ideas"].seeds == SEEDS
     met = {}
@@ -77,7 +77,7 @@ def test_every_policy_of_the_protocol_meets_the_same_draws():
     # The trials that were added later have policies of their own.
     for name in later:
         theirs = {one for one in met["oracle"] if one[0] == name}
-        assert all(theirs <= met[policy] for policy in TRIALS[name].among)
+        assert all(theirs <= met[policy] for policy in TRIALS[name].only_policies)
         assert not any(one[0] == name for one in met["reflex"])
     # Who takes a prior mean also meets the levels that give one.
     given = {(trial, level) for trial, level, *_ in met["gp"] - met["dmp"]}
@@ -128,7 +128,7 @@ def test_tasks_come_back_from_their_files_and_share_what_they_learn():
     tasks = tasks_of("ideas")
     for task in tasks[::20]:
         assert task_from(task.definition) == task
-    trainings = {task.training: task.policy for task in tasks}
+    trainings = {task.training_key: task.policy for task in tasks}
     learned = Counter(trainings.values())
     # Standard, beyond, 45°, with prior, one per door, small alone, with prior, messy,
     # with rests; with forces: standard, with closers, levers, levers with closers. Then
@@ -148,7 +148,7 @@ def test_the_protocol_is_sound():
         for level in trial.levels.values():
             door_randomization(level.randomization)
             disturbance_named(level.disturbance)
-        present = {*EVERYWHERE, *trial.among, *trial.own, *TUNED}
+        present = {*EVERYWHERE, *trial.only_policies, *trial.own, *TUNED}
         assert present <= POLICIES.keys(), name
         for contrast in trial.contrasts:
             for side in (contrast.having, contrast.lacking):
@@ -487,6 +487,9 @@ def test_results_of_others_are_put_beside(tmp_path, write_study, whole):
 def test_the_same_demonstrations_have_the_same_hash(monkeypatch):
     monkeypatch.setattr(plan, "PARTS", FEW)
     first, *others = trial_tasks(named_trials(("stop", "messy")), part="small")
-    hashes = {task.shown: jobs.demonstrations_hash(task) for task in (first, *others)}
+    hashes = {
+        task.demonstrations_key: jobs.demonstrations_hash(task)
+        for task in (first, *others)
+    }
     # Two seeds, tidy and messy.
     assert len(hashes) == len(set(hashes.values())) == 4

@@ -19,10 +19,11 @@ import warnings
 from collections.abc import Sequence
 from contextlib import redirect_stdout
 from types import MappingProxyType
-from typing import Annotated, Any, Final, Protocol, TextIO, Union
+from typing import Annotated, Any, Final, TextIO, Union
 
 import docstring_parser
 import tyro
+from tqdm.contrib.logging import logging_redirect_tqdm
 
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.export import Export
@@ -40,24 +41,14 @@ from gplfd_experiments.cli.commands.studies import (
 )
 from gplfd_experiments.cli.commands.teach import Correct
 from gplfd_experiments.console.interruption import os_exit_raises
-from gplfd_experiments.console.progress import LOG, MessageHandler
+from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.studies.engines import ONE_THREAD
 
 BAD_INPUT: Final = 2
 """Exit status for bad arguments or files."""
 
 
-class Command(Protocol):
-    """A subcommand; its fields are the options."""
-
-    def execute(self) -> int:
-        """Do the work and return the exit status.
-
-        Bad input raises a ValueError, OSError or ModuleNotFoundError.
-        """
-
-
-COMMANDS: Final[dict[str, type[Command]]] = {
+COMMANDS: Final[dict[str, type[Any]]] = {
     "run": Run,
     "learn": Learn,
     "export": Export,
@@ -77,7 +68,9 @@ COMMANDS: Final[dict[str, type[Command]]] = {
     "list": Catalogue,
     "doctor": Doctor,
 }
-"""The subcommands by name."""
+"""The subcommands by name. Their fields are the options; `execute` does the work and
+returns the exit status, and bad input raises a ValueError, OSError or
+ModuleNotFoundError."""
 
 _HELP: Final = frozenset({"-h", "--help"})
 
@@ -96,18 +89,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = [one for one in given if one != "--debug"]
     debug, quiet = arguments != given, "--quiet" in arguments
 
-    # Messages go to stderr, each warning in one line.
-    handler = MessageHandler()
+    # Messages go to stderr, each on a line of its own above progress bars.
+    handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("gplfd: %(message)s"))
     LOG.setLevel(logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO)
     LOG.addHandler(handler)
     try:
+        with logging_redirect_tqdm([LOG]):
+            return _status(arguments, debug)
+    finally:
+        LOG.removeHandler(handler)
+        LOG.setLevel(logging.NOTSET)
+
+
+def _status(arguments: Sequence[str], debug: bool) -> int:
+    """Run the command that the arguments name, and log the error that ends it."""
+    try:
         with warnings.catch_warnings(), os_exit_raises():
-            # Without the file and the source line of the warning.
+            # In one line, without the file and the source line of the warning.
             warnings.showwarning = lambda message, *_, **__: LOG.warning(
                 "warning: %s", " ".join(str(message).split())
             )
-            return _parsed(arguments).execute()
+            status: int = _parsed(arguments).execute()
+            return status
     except BrokenPipeError:
         raise
     except (ValueError, OSError, ModuleNotFoundError) as error:
@@ -117,12 +121,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             text = f"{error.filename}: {error.strerror}"
         LOG.error(text, exc_info=debug)
         return BAD_INPUT
-    finally:
-        LOG.removeHandler(handler)
-        LOG.setLevel(logging.NOTSET)
 
 
-def _parsed(arguments: Sequence[str]) -> Command:
+def _parsed(arguments: Sequence[str]) -> Any:
     """Return the command that the arguments name, with its options."""
     # tyro suggests no correction for a wrong name.
     first, second = (*arguments, "", "")[:2]
@@ -152,7 +153,7 @@ def _parsed(arguments: Sequence[str]) -> Command:
     if _HELP.intersection(arguments):
         stream = _WrappedLines(sys.stdout)
     with redirect_stdout(stream):
-        command: Command = tyro.cli(
+        command: Any = tyro.cli(
             union,
             prog="gplfd",
             description="Open doors with policies learned from demonstrations. "
@@ -172,8 +173,12 @@ def _join_help(command: Any) -> None:
 
     tyro prefers the help in the metadata of a field.
     """
-    documented = docstring_parser.parse_from_object(command).params
-    texts = {one.arg_name: one.description or "" for one in documented}
+    texts = {
+        one.arg_name: one.description or ""
+        for part in reversed(command.__mro__)
+        if dataclasses.is_dataclass(part)
+        for one in docstring_parser.parse_from_object(part).params
+    }
     for field in dataclasses.fields(command):
         if field.name in texts:
             text = " ".join(texts[field.name].split())

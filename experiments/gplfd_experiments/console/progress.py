@@ -1,4 +1,4 @@
-"""Progress on stderr, and messages above the bars; only warnings if quiet."""
+"""Progress on stderr, and the logger of messages; only warnings if quiet."""
 
 import logging
 import sys
@@ -11,17 +11,6 @@ LOG: Final = logging.getLogger("gplfd")
 """Progress has the level INFO, so that it is hidden if gplfd is used as a library."""
 
 
-class MessageHandler(logging.Handler):
-    """Prints messages on stderr, each on a separate line above progress bars."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Print a message."""
-        try:
-            tqdm.write(self.format(record), file=sys.stderr)
-        except Exception:
-            self.handleError(record)
-
-
 def progress_bar(items: Iterable[Any] | None = None, **options: Any) -> "tqdm[Any]":
     """Return tqdm's bar over items, or a bar that is updated manually.
 
@@ -32,24 +21,6 @@ def progress_bar(items: Iterable[Any] | None = None, **options: Any) -> "tqdm[An
     return tqdm(items, leave=False, disable=disable, **options)
 
 
-_ESTIMATED: Final = 0.1
-"""Share of the work after which the remaining time is estimated. Before it, the start
-of the workers and the size of the first jobs dominate."""
-
-
-class _Counter(tqdm):  # type: ignore[type-arg]
-    """A bar that estimates the remaining time after enough of the work is done."""
-
-    @property
-    def format_dict(self) -> Any:
-        """Values for the format of the bar, see tqdm."""
-        known = super().format_dict
-        new, left = known["n"] - known["initial"], known["total"] - known["initial"]
-        if new < _ESTIMATED * left:
-            known["bar_format"] = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}]"
-        return known
-
-
 def counter(unit: str, total: int, done: int) -> "tqdm[Any]":
     """Log how much of a long work is done, and return a bar for the rest.
 
@@ -57,7 +28,7 @@ def counter(unit: str, total: int, done: int) -> "tqdm[Any]":
     """
     LOG.info("%d %ss, %d of them done already", total, unit, done)
     pause = 0.5 if sys.stderr.isatty() else 30.0
-    return _Counter(
+    return tqdm(
         total=total,
         initial=done,
         unit=unit,

@@ -135,12 +135,10 @@ def draw(motions: Sequence[Motion], path: Path) -> None:
     row shows those of the hand on what it holds, in the axes of the recorded and of the
     prepared poses.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     number = 2 + any(motion.demonstration.wrenches is not None for motion in motions)
     figure = Figure(figsize=(11.0, 3.25 * number), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(number, 2)
     xyz = ("x", "y", "z")
     panels: tuple[tuple[int, int, str, tuple[str, ...]], ...] = (

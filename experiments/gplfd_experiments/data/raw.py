@@ -102,8 +102,6 @@ class WrenchSensor:
             raise ValueError("gravity = 0,0,0 has no direction; 0,0,-1 is downwards")
 
 
-WRIST: Final = WrenchSensor()
-"""A force-torque sensor at the wrist."""
 OBSERVED: Final = WrenchSensor(axes="recorded")
 """Wrenches as the environment observes them: on the hand, in the frame of the poses."""
 DEMONSTRATED: Final = WrenchSensor(axes="recorded", acts_on="object")
@@ -237,7 +235,7 @@ class Preparation:
     offset: Transform | None = None
     """Pose of the moved object in the recorded frame, for example of the handle in the
     frame of a glove's tracker."""
-    sensor: WrenchSensor = WRIST
+    sensor: WrenchSensor = WrenchSensor()
     """How forces were recorded, if the file does not state it."""
     frame: FrameName | Transform = "first-pose"
     """Frame of the result: each motion's first pose, the recorded frame, the frame of a

@@ -22,6 +22,7 @@ from gplfd_env.doors.randomization import door_randomization
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_experiments.data.teacher import ForceConfig, Habits, Teacher, TeacherConfig
+from gplfd_experiments.data.teacher.reaching import with_reaches
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.practice import Practice, practised
 from gplfd_experiments.episodes.rollout import rollout, rollouts
@@ -29,9 +30,7 @@ from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.agents.lockstep import batch_agents
 from gplfd_policies.agents.reaching import (
-    GRASPED,
     ReachingAgent,
-    join_at_grasp,
     learn_reach,
     openings,
     reaches,
@@ -52,7 +51,7 @@ def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
     reach for the handle. Their openings are those of the same task with the handle in
     the hand.
     """
-    return _demonstrated(task.shown)
+    return _demonstrated(task.demonstrations_key)
 
 
 @functools.lru_cache(maxsize=32)
@@ -78,11 +77,7 @@ def _demonstrated(shown: str) -> LabelledDemonstrations:
     if fields["start"] == "grasped":
         return LabelledDemonstrations(demonstrations=given, radii=labels)
     reaching = teacher.standard_reaches(per_door, seed=seed, doors=len(radii))
-    whole = tuple(map(join_at_grasp, reaching, given))
-    grasped = [{GRASPED: (one.times[:, None] >= 0.0).astype(float)} for one in whole]
-    return LabelledDemonstrations(
-        demonstrations=whole, radii=labels, signals=tuple(grasped)
-    )
+    return with_reaches(reaching, given, labels)
 
 
 def demonstrations_hash(task: EpisodeTask) -> str:
@@ -111,7 +106,7 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
 def learned_agents(
     task: EpisodeTask, policy: Policy, given: LabelledDemonstrations | None = None
 ) -> Callable[[], Agent]:
-    """Let the policy learn for all tasks with the same `EpisodeTask.training`.
+    """Let the policy learn for all tasks with the same `EpisodeTask.training_key`.
 
     It learns from the task's own demonstrations unless others are given. The agents
     first reach for the handle if the episode starts in front of it.
@@ -232,7 +227,7 @@ def _circumstances(task: EpisodeTask) -> dict[str, Any]:
     }
 
 
-def where(error: BaseException, policy: Policy) -> str:
+def place_in_policy(error: BaseException, policy: Policy) -> str:
     """Return file, line and function of the user's code that raised an error, or ""."""
     return place_in(source_files(policy.origin), error) if policy.origin else ""
 
@@ -253,7 +248,7 @@ def reported_errors(
         yield
     # BaseException: the user's code runs here and may call `sys.exit`.
     except (Exception, SystemExit) as error:
-        place = where(error, policy)
+        place = place_in_policy(error, policy)
         built_in = policy.origin is None or policy.origin.kind == "built-in"
         # Errors of files and arguments are clear by themselves.
         clear = OSError if acting else (OSError, ValueError)

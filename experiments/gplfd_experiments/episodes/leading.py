@@ -5,7 +5,7 @@ any object with the methods of `Leader`, such as a person with a mouse.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, Protocol
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
-from gplfd_experiments.data.teacher.handle_motion import Press, let_back
+from gplfd_experiments.data.teacher.handle_motion import Press, handle_angles
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk, smooth_functions
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import Agent
@@ -28,6 +28,31 @@ _LONGEST: Final = 120.0
 """Duration of the random tremor of the leading hand [s]."""
 _SERVO: Final = 2000.0
 """Stiffness of the arm under pose commands [N/m]."""
+_DEVIATION: Final = 0.02
+"""Distance of the command from the handle's path at which the corrector takes the hand,
+and distance from the leading command below which it hands over [m]: 40 N of the servo,
+at which a friction grasp slips."""
+_STALL_TIME: Final = 3.0
+"""Time without `_PROGRESS` after which the corrector takes the hand [s]."""
+_PROGRESS: Final = math.radians(2.0)
+"""Opening that counts as progress [rad]."""
+_GOAL: Final = math.radians(64.0)
+"""Largest opening angle to which the hand is led and at which it is held [rad]."""
+_LEAD_TIME: Final = 1.5
+"""Shortest time of leading [s]."""
+_SPEED: Final = 0.25
+"""Speed of the point that pulls the hand along the path [rad/s]."""
+BLEND_TIME: Final = 0.4
+"""Duration of taking the hand and of handing over [s]."""
+PULLS: Final = (34.0, 58.0)
+"""Largest force along the path at a bar, where fingers slip at 37 N, and at a turned
+handle [N]."""
+_PRESS_TIME: Final = 0.8
+"""Duration of turning a handle [s]."""
+_TREMOR: Final = (0.001, math.radians(0.5))
+"""Standard deviation per axis of the leading hand [m, rad]."""
+_TREMOR_TIME: Final = 0.15
+"""Its correlation time [s]."""
 
 
 class Leader(Protocol):
@@ -106,37 +131,6 @@ class LedAgent:
         )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CorrectorConfig:
-    """Parameters of the synthetic corrector."""
-
-    deviation: float = 0.02
-    """Distance of the command from the handle's path at which the corrector takes the
-    hand, and distance from the leading command below which it hands over [m]: 40 N of
-    the servo, at which a friction grasp slips."""
-    stall_time: float = 3.0
-    """Time without `progress` after which the corrector takes the hand [s]."""
-    progress: float = math.radians(2.0)
-    """Opening that counts as progress [rad]."""
-    goal: float = math.radians(64.0)
-    """Largest opening angle to which the hand is led and at which it is held [rad]."""
-    lead_time: float = 1.5
-    """Shortest time of leading [s]."""
-    speed: float = 0.25
-    """Speed of the point that pulls the hand along the path [rad/s]."""
-    blend_time: float = 0.4
-    """Duration of taking the hand and of handing over [s]."""
-    forces: tuple[float, float] = (34.0, 58.0)
-    """Largest force along the path at a bar, where fingers slip at 37 N, and at a
-    turned handle [N]."""
-    press_time: float = 0.8
-    """Duration of turning a handle [s]."""
-    tremor: tuple[float, float] = (0.001, math.radians(0.5))
-    """Standard deviation per axis of the leading hand [m, rad]."""
-    tremor_time: float = 0.15
-    """Its correlation time [s]."""
-
-
 class SyntheticCorrector:
     """Leads the hand along the handle's true path if the policy deviates or stalls.
 
@@ -147,20 +141,18 @@ class SyntheticCorrector:
 
     by: Who = "synthetic"
 
-    def __init__(
-        self, rng: np.random.Generator, config: CorrectorConfig = CorrectorConfig()
-    ) -> None:
-        self.config, self._rng = config, rng
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
 
     def begin(self, door: DoorGeometry) -> None:
         """Watch an episode at a door."""
-        config, self._door = self.config, door
+        self._door = door
         turns = door.travel * np.linspace(0.0, 1.0, 5 if door.travel > 0.0 else 1)
         grid = np.meshgrid(_PATH, turns)
         self._path = door.hand_poses(*grid)[..., :3].reshape(-1, 3)
         times = np.arange(0.0, _LONGEST, CONTROL_PERIOD)
-        tremor = smooth_functions(times, config.tremor_time, 6, self._rng)
-        self._tremor = tremor * np.repeat(config.tremor, 3)
+        tremor = smooth_functions(times, _TREMOR_TIME, 6, self._rng)
+        self._tremor = tremor * np.repeat(_TREMOR, 3)
         self._mark = (0.0, 0.0)  # time [s] and angle [rad] of the last progress
         self._taken: float | None = None  # when the hand was taken [s]
         self._handed: float | None = None  # when handing it over began [s]
@@ -168,27 +160,27 @@ class SyntheticCorrector:
 
     def lead(self, observation: Observation, step: AgentStep) -> FloatArray | None:
         """Return the command while the hand is led."""
-        config, now = self.config, float(observation["time"][0])
+        now = float(observation["time"][0])
         angle = float(self._door.angle(observation["ee_pose"][:3]))
-        if angle > self._mark[1] + config.progress:
+        if angle > self._mark[1] + _PROGRESS:
             self._mark = (now, angle)
         if self._taken is None:
             apart = np.min(np.sum((self._path - step.action[:3]) ** 2, axis=1))
-            stalled = now - self._mark[0] > config.stall_time
-            if not stalled and apart <= config.deviation**2:
+            stalled = now - self._mark[0] > _STALL_TIME
+            if not stalled and apart <= _DEVIATION**2:
                 return None
             self._taken, self._handed = now, None
             self._from, self._point = np.array(step.action), max(angle, 0.0)
         since = now - self._taken
-        taken = minimum_jerk(np.array(since / config.blend_time))
+        taken = minimum_jerk(np.array(since / BLEND_TIME))
         pull = self._pull(now, since, angle)
         command: FloatArray = (1.0 - taken) * self._from + taken * pull
         if self._handed is None:
             apart = np.linalg.norm(step.action[:3] - command[:3])
-            if since >= config.lead_time and apart < config.deviation:
+            if since >= _LEAD_TIME and apart < _DEVIATION:
                 self._handed = now
             return command
-        left = (now - self._handed) / config.blend_time
+        left = (now - self._handed) / BLEND_TIME
         if left >= 1.0:
             self._taken, self._mark = None, (now, angle)
         share = minimum_jerk(np.array(left))
@@ -196,21 +188,21 @@ class SyntheticCorrector:
 
     def _pull(self, now: float, since: float, angle: float) -> FloatArray:
         """Return the pose that pulls the hand along the path, (6,)."""
-        config, door = self.config, self._door
+        door = self._door
         turns = door.travel > 0.0
         ends = door.hand_poses([angle, angle + 1e-3])[:, :3]
         metres_per_radian = float(np.linalg.norm(ends[1] - ends[0])) / 1e-3
-        ahead = config.forces[turns] / (_SERVO * metres_per_radian)
-        rate = config.speed * float(minimum_jerk(np.array(since)))
-        if turns and angle < config.progress and since <= 0.85 * config.press_time:
+        ahead = PULLS[turns] / (_SERVO * metres_per_radian)
+        rate = _SPEED * float(minimum_jerk(np.array(since)))
+        if turns and angle < _PROGRESS and since <= 0.85 * _PRESS_TIME:
             rate = 0.0  # The handle is turned before the door is moved.
         self._point += rate * CONTROL_PERIOD
-        self._point = min(self._point, max(angle, 0.0) + ahead, config.goal)
+        self._point = min(self._point, max(angle, 0.0) + ahead, _GOAL)
         turn = 0.0
         if turns:
-            share = minimum_jerk(np.array(since / config.press_time))
-            press = Press(config.press_time, door.travel)
-            turn = float(let_back(press, share, np.array(self._point)))
+            share = minimum_jerk(np.array(since / _PRESS_TIME))
+            press = Press(_PRESS_TIME, door.travel)
+            turn = float(handle_angles(press, share, np.array(self._point)))
         row = min(round(now / CONTROL_PERIOD), len(self._tremor) - 1)
         pose = door.easy_hand_poses(self._point, turn)
         return np.asarray(pose + self._tremor[row])

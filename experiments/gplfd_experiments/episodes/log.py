@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from gplfd_env.doors.config import DoorConfig
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
 
 Number = Float[np.ndarray, " T"]
@@ -199,13 +200,11 @@ class EpisodeLog:
         Raises:
             IndexError: The policy makes no forecasts.
         """
-        mean, std = (
-            np.column_stack(
-                [np.interp(phases, self.forecast_phase, c) for c in first.T]
-            )
-            for first in (self.forecast_mean[0], self.forecast_std[0])
+        mean, std = self.forecast_mean[0], self.forecast_std[0]
+        return (
+            interpolated(phases, self.forecast_phase, mean),
+            interpolated(phases, self.forecast_phase, std),
         )
-        return mean, std
 
     def save(self, path: str | Path) -> None:
         """Write the log as .npz, complete or not at all."""

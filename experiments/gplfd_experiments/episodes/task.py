@@ -88,7 +88,7 @@ class Task:
         }
 
     @property
-    def training(self) -> str:
+    def training_key(self) -> str:
         """Policy and its demonstrations as JSON; equal texts mean equal learning."""
         fields = self.definition
         learned = {name: fields[name] for name in fields if name not in _OF_THE_DOOR}
@@ -164,14 +164,14 @@ class EpisodeTask(TaughtTask):
             )
 
     @property
-    def training(self) -> str:
+    def training_key(self) -> str:
         """As for every task, and the error of the handle pose that agents are given."""
         told = door_randomization(self.randomization).perception
-        learned = super(EpisodeTask, self).training
+        learned = super(EpisodeTask, self).training_key
         return f"{learned} {told}" if any(told) else learned
 
     @property
-    def together(self) -> str | None:
+    def lockstep_key(self) -> str | None:
         """Key of tasks whose agents act in lockstep after different trainings.
 
         None if lockstep saves no time: agents that reach first act individually, and
@@ -183,7 +183,7 @@ class EpisodeTask(TaughtTask):
         return json.dumps(alike, sort_keys=True)
 
     @property
-    def shown(self) -> str:
+    def demonstrations_key(self) -> str:
         """Key of the demonstrations as JSON; equal texts mean equal demonstrations."""
         fields = {name: getattr(self, name) for name in _DEMONSTRATED_BY}
         return json.dumps(fields, sort_keys=True)

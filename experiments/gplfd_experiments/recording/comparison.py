@@ -33,7 +33,12 @@ from gplfd_experiments.recording.layout import (
 )
 from gplfd_experiments.recording.panels import Line, line_style
 from gplfd_experiments.recording.scene import moved_scene, task_frame
-from gplfd_experiments.recording.stream import Part, moving, recording_file, static
+from gplfd_experiments.recording.stream import (
+    EpisodePart,
+    moving,
+    recording_file,
+    static,
+)
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 COLOURS: Final[tuple[Colour, ...]] = (
@@ -43,10 +48,6 @@ COLOURS: Final[tuple[Colour, ...]] = (
     colours.AXIS_X,
     (120, 230, 90),
     (255, 120, 150),
-    (60, 210, 200),
-    (235, 235, 240),
-    (150, 140, 255),
-    (190, 150, 110),
 )
 """Colours of policies, in order; their number limits the number of policies."""
 
@@ -223,7 +224,7 @@ def _robot(
     number: int, log: EpisodeLog, colour: Colour, model: mujoco.MjModel
 ) -> Iterator[Chunk]:
     """A robot at its door, and its path at the common door."""
-    root, part = _below("/robots", log.policy), Part(log=log)
+    root, part = _below("/robots", log.policy), EpisodePart(log=log)
     overlay = _below(f"{_OVERLAY}{motion.ROOT}/paths", log.policy)
     hand = motion.hand_motion(part)
     yield static(f"{root}/world", rr.Transform3D(translation=SPACING * number * ROW))

@@ -16,7 +16,7 @@ from rerun.chunk import Chunk
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, motion, panels
-from gplfd_experiments.recording.stream import Part, moving, static
+from gplfd_experiments.recording.stream import EpisodePart, moving, static
 
 LOG: Final = "/outside/log"
 """Entity of the text about beginnings and ends."""
@@ -73,7 +73,7 @@ def kinds_of(log: EpisodeLog) -> tuple[str, ...]:
     return tuple(name for name, kind in KINDS.items() if kind.acts(log).any())
 
 
-def disturbance_chunks(part: Part) -> Iterator[Chunk]:
+def disturbance_chunks(part: EpisodePart) -> Iterator[Chunk]:
     """Return balls, curves, limits and texts of disturbances in part of an episode."""
     yield from balls(part)
     log, root = part.log, f"{panels.ROOT}/{PANEL}"
@@ -93,7 +93,7 @@ def disturbance_chunks(part: Part) -> Iterator[Chunk]:
             yield from panels.levels(unsent_limit, path, (limit,), colours.LIMIT)
 
 
-def balls(part: Part) -> Iterator[Chunk]:
+def balls(part: EpisodePart) -> Iterator[Chunk]:
     """Return a ball above the hand during a disturbance, with its name and strength."""
     log = part.log
     for name, kind in KINDS.items():
@@ -125,8 +125,8 @@ def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
     return said
 
 
-def _unsent(part: Part, happened: NDArray[np.bool_]) -> Part | None:
+def _unsent(part: EpisodePart, happened: NDArray[np.bool_]) -> EpisodePart | None:
     """Part to send of a disturbance: none before it happens, then all of the past."""
     if not happened.any():
         return None
-    return part if happened[: part.first_row].any() else Part(log=part.log)
+    return part if happened[: part.first_row].any() else EpisodePart(log=part.log)

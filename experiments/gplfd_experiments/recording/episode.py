@@ -25,8 +25,12 @@ from gplfd_experiments.recording.motion import (
 )
 from gplfd_experiments.recording.panels import panels
 from gplfd_experiments.recording.scene import drawn_scene, moved_scene
-from gplfd_experiments.recording.stream import Part, recording_file, static
-from gplfd_experiments.recording.tiago_meshes import TiagoLooks
+from gplfd_experiments.recording.stream import EpisodePart, recording_file, static
+from gplfd_experiments.recording.tiago_meshes import (
+    BodyMeshes,
+    mesh_chunks,
+    without_geoms,
+)
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 
@@ -35,7 +39,7 @@ def record_episode(
     log: EpisodeLog,
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
-    looks: TiagoLooks | None = None,
+    looks: BodyMeshes | None = None,
 ) -> None:
     """Write an .rrd with scene, policy, panels and layout, complete or not at all.
 
@@ -51,7 +55,7 @@ def record_episode(
         stream.send_recording_name(recording_name(log))
         # Chunks are made one by one while the previous one is written.
         stream.send_chunks(static_chunks(log, model, demonstrations, looks))
-        whole = Part(log=log, demonstrated_radius=mean_radius(demonstrations))
+        whole = EpisodePart(log=log, demonstrated_radius=mean_radius(demonstrations))
         stream.send_chunks(part_chunks(whole, model))
         stream.send_chunks(stage_lane(log))
         stream.send_chunks(page(log, len(demonstrations)))
@@ -84,16 +88,15 @@ def static_chunks(
     log: EpisodeLog,
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
-    looks: TiagoLooks | None = None,
+    looks: BodyMeshes | None = None,
 ) -> Iterator[Chunk]:
     """Return the static chunks: robot, door, demonstrations."""
-    yield from drawn_scene(model if looks is None else looks.undressed(model))
-    if looks is not None:
-        yield from looks.drawn(model)
+    yield from drawn_scene(without_geoms(model, looks) if looks else model)
+    yield from mesh_chunks(model, looks or {})
     yield from door_frame(model, log.config, demonstrations)
 
 
-def part_chunks(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
+def part_chunks(part: EpisodePart, model: mujoco.MjModel) -> Iterator[Chunk]:
     """Return the chunks of a part of an episode: motion, forecasts and time series."""
     yield from moved_scene(model, part)
     for show in (policy_motion, hand_motion, hand_stiffness, stiffness_lane, panels):

@@ -18,7 +18,8 @@ from gplfd_env.task.opening import STALL_ANGLE
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording.colours import BEFORE, FORCE, HAND, TRUTH, Colour
-from gplfd_experiments.recording.stream import Part, moving, static
+from gplfd_experiments.recording.stream import EpisodePart, moving, static
+from gplfd_policies.arrays.resolution import interpolated
 
 ROOT: Final = "/stage"
 """Entity of the stages, above that of every other lane."""
@@ -111,7 +112,7 @@ def stages(log: EpisodeLog) -> list[tuple[int, str]]:
     ]
 
 
-def stiffness_lane(part: Part) -> Iterator[Chunk]:
+def stiffness_lane(part: EpisodePart) -> Iterator[Chunk]:
     """Return when the hand became soft or stiff; empty for policies without σ."""
     shown = shown_stiffness(part.log)
     if not part.shows(shown):
@@ -126,7 +127,7 @@ def stiffness_lane(part: Part) -> Iterator[Chunk]:
 
 
 def new_states(
-    part: Part, entity: str, states: Iterable[tuple[int, str]]
+    part: EpisodePart, entity: str, states: Iterable[tuple[int, str]]
 ) -> list[Chunk]:
     """Return a lane of states that begin at rows of a log, of those in a part."""
     new = [one for one in states if one[0] >= part.first_row]
@@ -160,9 +161,7 @@ def shown_stiffness(log: EpisodeLog) -> FloatArray:
 def colour_of(stiffness: FloatArray, unknown: Colour) -> NDArray[np.uint8]:
     """Colours of stiffnesses (N,) [N/m], ``unknown`` where NaN, (N, 3) in 0 to 255."""
     known = np.isfinite(stiffness)
-    channels = [
-        np.interp(np.where(known, stiffness, 0.0), list(SCALE), channel)
-        for channel in zip(*SCALE.values(), strict=True)
-    ]
-    tints = np.where(known[:, None], np.stack(channels, axis=1), unknown)
+    scale, colours = np.array([*SCALE]), np.array([*SCALE.values()], float)
+    shades = interpolated(np.where(known, stiffness, 0.0), scale, colours)
+    tints = np.where(known[:, None], shades, unknown)
     return tints.round().astype(np.uint8)

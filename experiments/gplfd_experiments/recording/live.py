@@ -20,7 +20,7 @@ from gplfd_experiments.recording.episode import (
     static_chunks,
 )
 from gplfd_experiments.recording.lanes import stage_lane, stages
-from gplfd_experiments.recording.stream import Part, open_stream
+from gplfd_experiments.recording.stream import EpisodePart, open_stream
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 _FLUSH_TIMEOUT: Final = 10.0
@@ -48,7 +48,7 @@ class LiveRecording:
             stream.send_recording_name(recording_name(log))
             stream.send_chunks(static_chunks(log, self._model, self._demonstrations))
         if log.times.size > self._rows:
-            part = Part(
+            part = EpisodePart(
                 log=log,
                 first_row=self._rows,
                 first_forecast=self._forecasts,

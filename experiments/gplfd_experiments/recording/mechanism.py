@@ -21,7 +21,7 @@ from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, lanes, panels
 from gplfd_experiments.recording.panels import Line
 from gplfd_experiments.recording.scene import kinematics
-from gplfd_experiments.recording.stream import Part, moving, static
+from gplfd_experiments.recording.stream import EpisodePart, moving, static
 
 LATCH: Final = f"{lanes.ROOT}/latch"
 """Entity of the lane with the state of the bolt."""
@@ -86,7 +86,7 @@ def mechanism_of(
     )
 
 
-def mechanism(part: Part, model: mujoco.MjModel) -> Iterator[Chunk]:
+def mechanism(part: EpisodePart, model: mujoco.MjModel) -> Iterator[Chunk]:
     """Return curves, the latch's lane and the closer's arm in a part of an episode."""
     log = part.log
     there = mechanism_of(model, log.door_config)

@@ -18,7 +18,7 @@ from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.lanes import colour_of, shown_stiffness
 from gplfd_experiments.recording.scene import task_frame
-from gplfd_experiments.recording.stream import Part, moving, static
+from gplfd_experiments.recording.stream import EpisodePart, moving, static
 from gplfd_experiments.recording.tube import tube_triangles, tube_vertices
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
@@ -90,7 +90,7 @@ def door_frame(
     return [static(entity, look) for entity, look in looks.items()]
 
 
-def policy_motion(part: Part) -> list[Chunk]:
+def policy_motion(part: EpisodePart) -> list[Chunk]:
     """Return the first forecast as a static tube, and all as a moving tube."""
     log, first = part.log, part.first_forecast
     if log.forecast_times.size == first:
@@ -136,7 +136,7 @@ def policy_motion(part: Part) -> list[Chunk]:
     return [before, look, now]
 
 
-def hand_motion(part: Part) -> list[Chunk]:
+def hand_motion(part: EpisodePart) -> list[Chunk]:
     """Return the hand's path, its via-points, the force on it, and the leaf."""
     log, positions = part.log, part.log.ee_pose[:, :3]
     rows = part.frames()
@@ -174,7 +174,7 @@ def hand_motion(part: Part) -> list[Chunk]:
     return chunks
 
 
-def hand_stiffness(part: Part) -> Iterator[Chunk]:
+def hand_stiffness(part: EpisodePart) -> Iterator[Chunk]:
     """Return the colour of the hand's trail, and a ball that shows the stiffness."""
     log, shown = part.log, shown_stiffness(part.log)
     knots, counts = _stretches(part)
@@ -198,7 +198,7 @@ def hand_stiffness(part: Part) -> Iterator[Chunk]:
     yield moving(STIFFNESS, log.times[rows], columns)
 
 
-def _stretches(part: Part) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _stretches(part: EpisodePart) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the ends of the trail's segments, and their number after each new one."""
     log = part.log
     knots = _spaced(log.ee_pose[:, :3], np.arange(log.times.size), _KNOT_SPACING)

@@ -15,7 +15,7 @@ from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.colours import Colour
 from gplfd_experiments.recording.lanes import recent_mean
-from gplfd_experiments.recording.stream import Part, moving, static
+from gplfd_experiments.recording.stream import EpisodePart, moving, static
 from gplfd_experiments.recording.tube import QUANTILE
 
 ROOT: Final = "/plots"
@@ -39,7 +39,7 @@ class Line(NamedTuple):
     width: float = 2.0
 
 
-def panels(part: Part) -> list[Chunk]:
+def panels(part: EpisodePart) -> list[Chunk]:
     """Return every time series of the layout; values that are not finite are not drawn.
 
     A series without finite values, such as the stiffness of a policy without stiffness,
@@ -125,7 +125,9 @@ def panels(part: Part) -> list[Chunk]:
     ]
 
 
-def lines(part: Part, path: str, curves: Mapping[Line, FloatArray]) -> list[Chunk]:
+def lines(
+    part: EpisodePart, path: str, curves: Mapping[Line, FloatArray]
+) -> list[Chunk]:
     """Curves (T,) of one panel."""
     values = np.stack(list(curves.values()), axis=1)
     if not part.shows(values):
@@ -136,7 +138,7 @@ def lines(part: Part, path: str, curves: Mapping[Line, FloatArray]) -> list[Chun
 
 
 def levels(
-    part: Part, path: str, levels: tuple[float, ...], colour: Colour
+    part: EpisodePart, path: str, levels: tuple[float, ...], colour: Colour
 ) -> list[Chunk]:
     """Horizontal lines through the whole part."""
     columns = rr.Scalars.columns(scalars=np.tile(levels, (2, 1)))
@@ -147,7 +149,7 @@ def levels(
 
 
 def _bands(
-    part: Part, path: str, bands: Mapping[Line, tuple[FloatArray, FloatArray]]
+    part: EpisodePart, path: str, bands: Mapping[Line, tuple[FloatArray, FloatArray]]
 ) -> list[Chunk]:
     """Means (T,) with bands of one panel; the width is the root of a variance (T,)."""
     means, variances = np.stack([*bands.values()], axis=2)

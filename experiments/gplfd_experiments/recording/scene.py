@@ -15,7 +15,7 @@ from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.recording.stream import Part, moving, static
+from gplfd_experiments.recording.stream import EpisodePart, moving, static
 
 ROOT: Final = "/world/scene"
 """Entity above all bodies; the axes are MuJoCo's world axes, z up."""
@@ -70,7 +70,7 @@ def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
     return chunks
 
 
-def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
+def moved_scene(model: mujoco.MjModel, part: EpisodePart) -> list[Chunk]:
     """Return the poses of all moving bodies, by forward kinematics of ``qpos``."""
     bodies = [body for body in visual_geoms(model) if body != 0]
     frames = part.frames()
@@ -90,7 +90,7 @@ def moved_scene(model: mujoco.MjModel, part: Part) -> list[Chunk]:
     ]
 
 
-def kinematics(model: mujoco.MjModel, part: Part) -> Iterator[mujoco.MjData]:
+def kinematics(model: mujoco.MjModel, part: EpisodePart) -> Iterator[mujoco.MjData]:
     """Yield the state of a scene at every frame of a part; always the same object."""
     data = mujoco.MjData(model)
     for frame in part.frames():

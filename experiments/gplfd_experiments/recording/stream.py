@@ -37,7 +37,7 @@ _END: Final = b"RRF2FOOT"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Part:
+class EpisodePart:
     """Rows and forecasts of an episode so far that are not shown yet.
 
     A recording shows an episode at once, a live view part by part, with the same

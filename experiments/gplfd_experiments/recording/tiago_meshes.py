@@ -7,7 +7,7 @@ installation. A recording with the meshes contains them.
 
 import contextlib
 import importlib.metadata
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -46,39 +46,37 @@ class LinkMesh(NamedTuple):
     """Red, green, blue, opacity, 0 to 255."""
 
 
-class TiagoLooks(NamedTuple):
-    """PAL's meshes by the name of our body that carries them."""
-
-    meshes: Mapping[str, Sequence[LinkMesh]]
-
-    def undressed(self, model: mujoco.MjModel) -> mujoco.MjModel:
-        """Return a copy of the model without the geoms of bodies that have meshes."""
-        bare = model.__copy__()
-        for geom in range(bare.ngeom):
-            body = bare.body(int(bare.geom_bodyid[geom])).name
-            if body in self.meshes or body in _COVERED:
-                bare.geom_group[geom] = _NOT_DRAWN
-        return bare
-
-    def drawn(self, model: mujoco.MjModel) -> list[Chunk]:
-        """Return every mesh, on an entity below that of its moving body."""
-        chunks = []
-        for name, meshes in self.meshes.items():
-            body = model.body(name).id
-            position, quaternion = pose_on_carrier(model, body)
-            turn = Rotation.from_quat(quaternion, scalar_first=True)
-            entity = entity_of_body(model, int(model.body_weldid[body]))
-            for mesh in meshes:
-                shape = rr.Mesh3D(
-                    vertex_positions=turn.apply(mesh.vertices) + position,
-                    vertex_normals=turn.apply(mesh.normals),
-                    albedo_factor=mesh.colour,
-                )
-                chunks.append(static(f"{entity}/tiago_{mesh.name}", shape))
-        return chunks
+BodyMeshes = Mapping[str, Sequence[LinkMesh]]
+"""PAL's meshes by the name of our body that carries them."""
 
 
-def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
+def without_geoms(model: mujoco.MjModel, looks: BodyMeshes) -> mujoco.MjModel:
+    """Return a copy of the model without the geoms of bodies that have meshes."""
+    bare = model.__copy__()
+    for geom in range(bare.ngeom):
+        body = bare.body(int(bare.geom_bodyid[geom])).name
+        if body in looks or body in _COVERED:
+            bare.geom_group[geom] = _NOT_DRAWN
+    return bare
+
+
+def mesh_chunks(model: mujoco.MjModel, looks: BodyMeshes) -> Iterator[Chunk]:
+    """Return every mesh, on an entity below that of its moving body."""
+    for name, meshes in looks.items():
+        body = model.body(name).id
+        position, quaternion = pose_on_carrier(model, body)
+        turn = Rotation.from_quat(quaternion, scalar_first=True)
+        entity = entity_of_body(model, int(model.body_weldid[body]))
+        for mesh in meshes:
+            shape = rr.Mesh3D(
+                vertex_positions=turn.apply(mesh.vertices) + position,
+                vertex_normals=turn.apply(mesh.normals),
+                albedo_factor=mesh.colour,
+            )
+            yield static(f"{entity}/tiago_{mesh.name}", shape)
+
+
+def tiago_looks(bodies: Sequence[str]) -> BodyMeshes:
     """Read PAL's visual meshes from the user's installation.
 
     A mesh goes to the nearest link above it that has the name of one of our bodies;
@@ -118,7 +116,7 @@ def tiago_looks(bodies: Sequence[str]) -> TiagoLooks:
                 colour=tuple(int(channel) for channel in solid.visual.main_color),
             )
         )
-    return TiagoLooks(meshes)
+    return meshes
 
 
 def description() -> Path:

@@ -1,19 +1,21 @@
 """An episode as an MP4 video, rendered by MuJoCo and encoded by ffmpeg."""
 
 import contextlib
-import importlib.util
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from gplfd_env.envs.camera import Camera
 from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.arrays.storage import complete_or_absent
 
 SUFFIX: Final = ".mp4"
@@ -69,16 +71,8 @@ def video_paths(file: Path, doors: list[str]) -> dict[str, Path]:
 
 def check_video() -> None:
     """Raise ModuleNotFoundError or OSError if no video can be made."""
-    import mujoco
-
-    from gplfd_env.envs.camera import Camera
-
-    if importlib.util.find_spec("imageio_ffmpeg") is None:
-        raise ModuleNotFoundError(
-            "--video needs imageio-ffmpeg, which is not installed: "
-            "pip install 'gplfd[video]'"
-        )
-    import imageio_ffmpeg
+    with optional_libraries("--video needs imageio-ffmpeg", "video"):
+        import imageio_ffmpeg
 
     empty = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><camera name='any'/></worldbody></mujoco>"
@@ -132,10 +126,6 @@ def _pictures(
     log: EpisodeLog, model: Any, rows: NDArray[np.intp], size: tuple[int, int]
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield a picture (H, W, 3) of the scene in some rows of the log."""
-    import mujoco
-
-    from gplfd_env.envs.camera import Camera
-
     data = mujoco.MjData(model)
     width, height = (_OVERSAMPLING * side for side in size)
     camera = Camera(model, width, height, _CAMERA, effects=False)

@@ -17,7 +17,7 @@ from gplfd_experiments.speed.policies import (
 from gplfd_experiments.speed.report import Measurement
 
 
-class Part(NamedTuple):
+class SpeedPart(NamedTuple):
     """Measurements of a part, as functions of the number of repeats."""
 
     measures: Mapping[str, Callable[[int], Measurement]]
@@ -32,11 +32,11 @@ _ENVIRONMENT: Final = {
     "resets": measure_resets,
     "vectors": measure_vectors,
 }
-PARTS: Final[Mapping[str, Part]] = {
-    "fit": Part({"fit": compare_fits}, 9.0, ("hetgpy", "sklearn")),
-    "adapt": Part({"adapt": measure_adaptation}, 1.0),
-    "align": Part({"align": measure_alignment}, 3.0, ("dtw",)),
-    "environment": Part(_ENVIRONMENT, 8.0),
+PARTS: Final[Mapping[str, SpeedPart]] = {
+    "fit": SpeedPart({"fit": compare_fits}, 9.0, ("hetgpy", "sklearn")),
+    "adapt": SpeedPart({"adapt": measure_adaptation}, 1.0),
+    "align": SpeedPart({"align": measure_alignment}, 3.0, ("dtw",)),
+    "environment": SpeedPart(_ENVIRONMENT, 8.0),
 }
 """Parts in the order of the report."""
 

@@ -13,7 +13,7 @@ from typing import Final, get_args
 import numpy as np
 
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.files.arrays import FloatArray, interpolated
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.speed.known_process import Deviations, KnownProcess, score
 from gplfd_experiments.speed.peers import (
     NOT_INSTALLED,
@@ -25,6 +25,7 @@ from gplfd_experiments.speed.peers import (
 from gplfd_experiments.speed.report import Measurement, Target, Value, at_least, at_most
 from gplfd_experiments.speed.timing import Action, Timed, measure, repeated
 from gplfd_policies.adaptation import ADAPTATIONS, AdaptationForm
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.completion import measure_completion

@@ -12,7 +12,7 @@ from gplfd_experiments.episodes.build import (
     demonstrations_hash,
     learned_agents,
     open_together,
-    where,
+    place_in_policy,
 )
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
@@ -62,14 +62,14 @@ def run_job(
         make: dict[str, Callable[[], Agent]] = {}
         trainings: dict[str, list[EpisodeTask]] = {}
         for task in episodes:
-            trainings.setdefault(task.training, []).append(task)
+            trainings.setdefault(task.training_key, []).append(task)
         for training, tasks in trainings.items():
             try:
                 make[training] = learned_agents(tasks[0], policy)
             except (Exception, SystemExit) as error:
                 for task in tasks:
                     results[task.key] = _error_result(task, error, policy)
-        able = [task for task in episodes if task.training in make]
+        able = [task for task in episodes if task.training_key in make]
         opened = _episode_results(able, policy, make)
         results |= {task.key: one for task, one in zip(able, opened, strict=True)}
         return [results[task.key] for task in episodes]
@@ -121,7 +121,7 @@ def _origin(task: Task) -> Result:
 def _error_result(task: Task, error: BaseException, policy: Policy | None) -> Result:
     """Return an error as the result of a task, with its place in the policy's file."""
     reason = f"{type(error).__name__}: {error}"
-    if policy is not None and (place := where(error, policy)):
+    if policy is not None and (place := place_in_policy(error, policy)):
         reason = f"{reason} ({place})"
     full = isinstance(error, OSError) and error.errno in _EXHAUSTED
     # An error of a worker without the policy or memory is no result of the policy.
@@ -138,7 +138,7 @@ def _episode_results(
     if not tasks:
         return []
     try:
-        agents = [make[task.training]() for task in tasks]
+        agents = [make[task.training_key]() for task in tasks]
         logs = open_together(tasks, agents, forecast_period=FORECAST_PERIOD)
         results = []
         for task, log in zip(tasks, logs, strict=True):

@@ -130,20 +130,16 @@ def episodes(
 ) -> Iterator[EpisodeTask]:
     """Yield policies × doors × seeds under one condition; the seed varies slowest."""
     doors = named_doors(settings.doors, start=settings.start, robot=settings.robot)
-    teacher = noisy_teacher(condition.teacher_noise)
+    fields = dataclasses.asdict(condition)
+    teacher = noisy_teacher(fields.pop("teacher_noise"))
     for seed, policy, door in itertools.product(seeds, settings.policies, doors):
         yield episode_task(
             door,
             doors[door],
             **policy_fields(policy),
             seed=seed,
-            demonstrations_per_door=condition.demonstrations_per_door,
             teacher=teacher,
-            randomization=condition.randomization,
-            disturbance=condition.disturbance,
-            start=condition.start,
-            robot=condition.robot,
-            demonstrated_forces=condition.demonstrated_forces,
+            **fields,
         )
 
 

@@ -76,7 +76,8 @@ ONLINE_METRICS: Final = frozenset(
 _LARGEST: Final = 1e9
 """Largest magnitude of a metric, so that computed values stay finite."""
 _OUTPUTS: Final = frozenset({"outputs_cpu_s", "outputs_nlpd"})
-"""Metrics of learning tests with a value for several numbers of outputs."""
+"""Metrics of learning tests with a value for several numbers of outputs; only
+earlier results have the second."""
 
 
 def outcome(record: Mapping[str, Any], task: Task) -> dict[str, Any]:

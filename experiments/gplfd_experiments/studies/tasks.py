@@ -82,12 +82,12 @@ def jobs_of(study: Iterable[Task], together: int) -> tuple[Job, ...]:
     """
     trainings: dict[str, dict[str, Task]] = {}
     for task in study:
-        trainings.setdefault(task.training, {})[task.key] = task
+        trainings.setdefault(task.training_key, {})[task.key] = task
     jobs: list[list[Task]] = []
     open_jobs: dict[str, list[Task]] = {}
     for tasks in trainings.values():
         first = next(iter(tasks.values()))
-        alike = first.together if isinstance(first, EpisodeTask) else None
+        alike = first.lockstep_key if isinstance(first, EpisodeTask) else None
         job = open_jobs.get(alike or "")
         if job is None or len(job) + len(tasks) > together:
             job = []

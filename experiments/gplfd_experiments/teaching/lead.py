@@ -18,7 +18,7 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.robot.model import SERVO_STIFFNESS
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk
-from gplfd_experiments.episodes.leading import CorrectorConfig
+from gplfd_experiments.episodes.leading import BLEND_TIME, PULLS
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.demonstrations.correction import Who
 
@@ -181,12 +181,12 @@ class Person:
     by: Who = "person"
 
     def __init__(self, view: View) -> None:
-        self._view, self._config = view, CorrectorConfig()
+        self._view = view
 
     def begin(self, door: DoorGeometry) -> None:
         """Watch an episode at a door."""
         self._door = door
-        force = self._config.forces[door.travel > 0.0]
+        force = PULLS[door.travel > 0.0]
         self.spring = Lead(self._view, force=force, servo=SERVO_STIFFNESS[0])
         self._share = 0.0  # blend from the policy's command (0) to the person's (1)
 
@@ -199,7 +199,7 @@ class Person:
     ) -> Float[np.ndarray, " 6"] | None:
         """Return the command while the hand is led or handed over."""
         active = bool(self._sample[0] or self._sample[3:].any())
-        change = CONTROL_PERIOD / self._config.blend_time
+        change = CONTROL_PERIOD / BLEND_TIME
         self._share = np.clip(self._share + (change if active else -change), 0.0, 1.0)
         if active:
             self._held = self._sample  # It continues to pull during the hand-over.

@@ -15,13 +15,14 @@ from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from PIL import Image
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_experiments.files.plain_data import parsed_json
+from gplfd_experiments.teaching.corrected import CorrectedSkill
 from gplfd_experiments.teaching.lead import checked_input
 from gplfd_experiments.teaching.lesson import DemonstrationLesson, Lesson
 from gplfd_experiments.teaching.taught import TaughtSet
@@ -37,18 +38,6 @@ LOOPBACK: Final = ("127.0.0.1", "localhost")
 """Names of this machine that other machines cannot reach."""
 
 
-class Store(Protocol):
-    """Storage of the recordings of lessons."""
-
-    place: Path
-    """Its file or folder."""
-    kept: list[Any]
-    """The recordings so far."""
-
-    def keep(self, record: Any) -> None:
-        """Save a recording."""
-
-
 class Session:
     """A session of a person at several doors, in turn.
 
@@ -56,7 +45,9 @@ class Session:
     begins with the first non-zero input, or when Start is pressed.
     """
 
-    def __init__(self, doors: Sequence[Callable[[], Lesson]], store: Store) -> None:
+    def __init__(
+        self, doors: Sequence[Callable[[], Lesson]], store: TaughtSet | CorrectedSkill
+    ) -> None:
         self._doors, self._store = [*doors], store
         self._moving: list[int] = []
         self._lesson = self._doors[0]()

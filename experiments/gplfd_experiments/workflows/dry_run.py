@@ -9,7 +9,6 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 from jaxtyping import Float
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from gplfd_env import IMPEDANCE_ENVIRONMENT_ID
@@ -166,7 +165,6 @@ def dry_run(
 def draw_dry_run(run: DryRun, file: Path) -> None:
     """Draw path and postures in the workspace, from above and from the side, as PNG."""
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(1, 2)
     for panel, (across, up), title in zip(
         panels, ((0, 1), (0, 2)), ("from above", "from the side"), strict=True

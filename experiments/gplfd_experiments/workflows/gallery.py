@@ -88,11 +88,11 @@ def write_gallery(
     made, known = _read(folder)
     lacking = [task for key, (task, _) in tasks.items() if key not in known]
     # A policy learns once for doors of a kind.
-    lacking.sort(key=lambda task: (task.shown, task.training))
+    lacking.sort(key=lambda task: (task.demonstrations_key, task.training_key))
     if lacking:
         made.append(provenance(options))
     with counter("episode", len(tasks), len(tasks) - len(lacking)) as bar:
-        for _, alike in itertools.groupby(lacking, lambda task: task.training):
+        for _, alike in itertools.groupby(lacking, lambda task: task.training_key):
             first, *others = alike
             with reported_errors(first.policy, chosen[first.policy]):
                 make = learned_agents(first, chosen[first.policy])

@@ -36,7 +36,7 @@ from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doo
 from gplfd_experiments.files.plain_data import entry, read_json, write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
 from gplfd_experiments.recording import record_episode
-from gplfd_experiments.recording.tiago_meshes import TiagoLooks, tiago_looks
+from gplfd_experiments.recording.tiago_meshes import BodyMeshes, tiago_looks
 from gplfd_experiments.recording.video import (
     STANDARD,
     check_video,
@@ -156,7 +156,7 @@ def open_doors(
     started = time.perf_counter()
     with reported_errors(policy, chosen):
         learned = _learn(tasks, chosen, demonstrations, skill)
-        agents = {task.door: learned[task.shown].make() for task in tasks}
+        agents = {task.door: learned[task.demonstrations_key].make() for task in tasks}
     LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
 
     kept = {one.file: one.shown for one in learned.values()}
@@ -187,7 +187,7 @@ def open_doors(
                 name: content_hash(given or folder / name) for name in kept
             },
             "demonstrations_of": {
-                task.door: learned[task.shown].file for task in tasks
+                task.door: learned[task.demonstrations_key].file for task in tasks
             },
             "skill_sha256": None if skill is None else content_hash(skill),
             "door_configs": {task.door: task.door_config for task in tasks},
@@ -197,7 +197,7 @@ def open_doors(
     metrics: list[EpisodeMetrics | FailedEpisode] = []
     for task in tasks:
         name, agent = task.door, agents[task.door]
-        shown = learned[task.shown].shown
+        shown = learned[task.demonstrations_key].shown
         try:
             video = videos.get(name)
             metrics.append(
@@ -256,10 +256,13 @@ def _learn(
     demonstrations: Path | int,
     skill: Path | None,
 ) -> dict[str, _Learned]:
-    """Learn once per kind of doors; return learned agents by `EpisodeTask.shown`."""
+    """Learn once per kind of doors.
+
+    Returns learned agents by `EpisodeTask.demonstrations_key`.
+    """
     kinds: dict[str, list[EpisodeTask]] = {}
     for task in tasks:
-        kinds.setdefault(task.shown, []).append(task)
+        kinds.setdefault(task.demonstrations_key, []).append(task)
     learned: dict[str, _Learned] = {}
     for shown, (first, *others) in kinds.items():
         file = FILE if len(kinds) == 1 else _kept_demonstrations(first.door)
@@ -293,7 +296,7 @@ def _open(
     policy: Policy,
     begin: Callable[[], None],
     folder: Path,
-    looks: TiagoLooks | None,
+    looks: BodyMeshes | None,
     video: Path | None,
 ) -> EpisodeMetrics:
     """Open a door, write its log, recording and video, and return its metrics."""

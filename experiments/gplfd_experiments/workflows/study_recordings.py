@@ -52,7 +52,6 @@ from gplfd_policies.demonstrations.demonstration import Demonstration
 COMPARED: Final = 6
 """Largest number of policies in a comparison; more would be too small."""
 
-_ORDER: Final = "success, then peak radial force, then final angle"
 _IN_EVERY_TRIAL: Final = (Side(policy="gp"), Side(policy="hinge-fit"))
 _FORECAST_PERIOD: Final = 0.2
 """Shortest time between forecasts in a recording [s]; the study has more forecasts."""
@@ -88,8 +87,7 @@ def record_extremes(folder: Path, reference: str = "gp") -> Path:
     for file, radius in zip(COMPARISONS, shown, strict=True):
         if compared := same_door(standard, radius, reference):
             comparisons.append(_compare(out / file, compared))
-    index = {"order": _ORDER, "episodes": entries, "comparisons": comparisons}
-    write_json(out / INDEX, index)
+    write_json(out / INDEX, {"episodes": entries, "comparisons": comparisons})
     return out / INDEX
 
 
@@ -164,7 +162,7 @@ def record_trials(folder: Path) -> Path:
 def side_by_side(trial: Trial, episodes: ByLevel) -> dict[str, EpisodeResult]:
     """Return the episodes of a trial to compare, at most `COMPARED`, by their labels.
 
-    Each is of the first seed, at the widest door.
+    The first is of the first seed, at the widest door; the others open the same door.
     """
     contrasts = [side for one in trial.contrasts for side in (one.having, one.lacking)]
     found: dict[Side, EpisodeResult] = {}
@@ -176,13 +174,24 @@ def side_by_side(trial: Trial, episodes: ByLevel) -> dict[str, EpisodeResult]:
         there = [level for level in trial.levels if levels.get(level)]
         # A policy without learning has no level with a prior mean.
         level = side.level or next(reversed(there), "")
-        if level in there:
+        if level not in there:
+            continue
+        own = levels[level]
+        if found:
+            first = next(iter(found.values()))
+            own = [one for one in own if _opened(one) == _opened(first)]
+        if own:
             found[Side(policy=side.policy, level=level)] = min(
-                levels[level], key=lambda one: (one.task.seed, -one.radius, one.pair)
+                own, key=lambda one: (one.task.seed, -one.radius, one.pair)
             )
     several = len({side.level for side in found}) > 1
     shown = list(found.items())[:COMPARED]
     return {str(side) if several else side.policy: one for side, one in shown}
+
+
+def _opened(one: EpisodeResult) -> tuple[object, ...]:
+    """Return what determines the door of an episode and its draws."""
+    return one.task.door_config, one.task.randomization, one.task.reset_seed
 
 
 def _compare(

@@ -15,6 +15,7 @@ from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import Agent
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.registry.catalogue import make_agent
 
@@ -82,9 +83,8 @@ def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
                 rest = policy[policy.times > float(decision.observed_phase)]
                 # Up to the end of the episode.
                 to_come = rest.times[rest.times <= reached[-1]]
-                poses = log.handle_pose[first].T
-                truth = [np.interp(to_come, reached, column) for column in poses]
-                found.append(Forecast(rest=rest, truth=np.column_stack(truth)))
+                truth = interpolated(to_come, reached, log.handle_pose[first])
+                found.append(Forecast(rest=rest, truth=truth))
         by_form[name] = tuple(found)
     phases = tuple(float(log.observed_phase[row]) for row in rows)
     return Forecasts(log=log, phases=phases, by_form=by_form)

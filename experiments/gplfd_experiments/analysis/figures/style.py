@@ -1,7 +1,7 @@
 """Style of the figures: sizes, colours on white paper, file output."""
 
-import contextlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from string import ascii_lowercase
 from typing import Any, Final
@@ -10,7 +10,6 @@ import matplotlib.style
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -76,18 +75,14 @@ DOORS: Final = ("#3fb3bf", "#1b6fae", "#0b2a66")
 """Doors from the smallest to the largest: darker is wider."""
 
 
-@contextlib.contextmanager
-def paper_style() -> Iterator[None]:
-    """Context for drawing and writing that ignores the user's matplotlibrc."""
-    with matplotlib.style.context(dict(_STYLE), after_reset=True):
-        yield
+def paper_style() -> AbstractContextManager[None]:
+    """Return a context for drawing and writing that ignores the user's matplotlibrc."""
+    return matplotlib.style.context(dict(_STYLE), after_reset=True)
 
 
 def new_figure(width: float, height: float) -> Figure:
     """Return a figure of a size in inches with automatic layout, without a window."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> None:

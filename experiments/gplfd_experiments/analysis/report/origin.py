@@ -19,7 +19,7 @@ _LEFT_OUT: Final = "Files without a result, left out"
 
 
 def say_warnings(lead: Section, results: StudyResults) -> None:
-    """Return important warnings; empty without problems."""
+    """Add a paragraph with important warnings, if there are any."""
     warnings = [literal(said) for said in remarks(results.episodes)]
     if failed := sum(bool(one.error) for one in results.tests):
         tests = f"{failed} of {len(results.tests)} learning tests ended in an error."

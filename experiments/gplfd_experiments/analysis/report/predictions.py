@@ -376,7 +376,7 @@ def _marks(measured: Metrics, note: str) -> tuple[Table, list[str], list[bool]]:
         cells = [f"{row}\n{limit.symbol} {bound}"]
         others: dict[tuple[bool, str], list[str]] = {}
         for policy, own in measured.items():
-            found, published = mark(row, own), policy in criterion.paper
+            found, published = mark(criterion, own), policy in criterion.paper
             text, value = _SIGN[found.passed], found.value
             if value is not None and 0.0 < abs(value) < _TINY:
                 text += f" < {_TINY:g}" if value > 0.0 else f" > −{_TINY:g}"

@@ -27,13 +27,12 @@ from gplfd_experiments.analysis.results.measures import (
 from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
 from gplfd_experiments.analysis.results.statistics import Rate, success_rate
 from gplfd_experiments.analysis.results.trials import (
-    RADIAL,
     Answer,
     ByLevel,
     answered,
     changes,
-    graded,
-    middle,
+    deciding_measure,
+    interquartile_mean_in_units,
     of_trials,
     scores,
     succeeded,
@@ -42,6 +41,7 @@ from gplfd_experiments.analysis.results.trials import (
 )
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.table import Table
+from gplfd_experiments.studies.trials.contrasts import RADIAL
 from gplfd_experiments.studies.trials.protocol import SEEDS, TRIALS, VERSION
 from gplfd_experiments.studies.trials.records import Side, Trial
 from gplfd_experiments.studies.trials.tiers import TIERS
@@ -193,7 +193,7 @@ def _trial_section(
         f"on). Bold: {code(reference)}.",
         f"{title}, a row per policy",
     )
-    measure = graded(trial)
+    measure = deciding_measure(trial)
     by = EPISODE_MEASURES[measure].title
     arrays = scores(
         (o for levels in policies.values() for own in levels.values() for o in own),
@@ -292,7 +292,10 @@ def aggregate_table(
     arrays: Mapping[str, FloatArray], measure: str, reference: str
 ) -> Table:
     """Return interquartile means and probabilities of improvement, the best first."""
-    means = {policy: middle(own, measure) for policy, own in arrays.items()}
+    means = {
+        policy: interquartile_mean_in_units(own, measure)
+        for policy, own in arrays.items()
+    }
     sign = EPISODE_MEASURES[measure].sign
     rows = []
     for policy in sorted(means, key=lambda one: (-sign * means[one].estimate, one)):
@@ -326,7 +329,7 @@ def tier_lines(results: StudyResults) -> list[str]:
         learn = [one for one in order if kind_of(one) in ("method", "own")][:2]
         said = []
         for policy in (*learn, *others):
-            force = middle(arrays[policy], RADIAL).estimate
+            force = interquartile_mean_in_units(arrays[policy], RADIAL).estimate
             knows = "demonstrations" if policy in POLICIES else "own policy"
             if policy in others:
                 knows = POLICIES[policy].summary

@@ -316,7 +316,7 @@ def counted(results: Mapping[str, Sequence[ResultT]]) -> dict[str, list[ResultT]
 
 
 def of_split(runs: Runs, split: str) -> Runs:
-    """Return the episodes of one of `records.SPLITS`, by policy."""
+    """Return the episodes of one of `reading.SPLITS`, by policy."""
     return {
         policy: [one for one in own if one.split == split]
         for policy, own in runs.items()

@@ -47,9 +47,6 @@ Verdict = Literal["shows", "harms", "open"]
 ByLevel = Mapping[str, Mapping[str, Sequence[EpisodeResult]]]
 """Episodes of a trial by policy and level."""
 
-RADIAL: Final = "force_radial_peak"
-"""Force measure for the doors of a tier."""
-
 _DIGITS: Final = 5
 """Significant digits in trials.json."""
 _LISTED: Final = 3
@@ -170,22 +167,22 @@ def _value(one: EpisodeResult, measure: str) -> float | None:
     return None if value is None else float(value)
 
 
-def share_of(trial: Trial) -> str:
+def success_measure(trial: Trial) -> str:
     """Return the success measure of a trial."""
     shares = (one for one in trial.measures if EPISODE_MEASURES[one].share)
     return next(shares, "success")
 
 
-def graded(trial: Trial) -> str:
+def deciding_measure(trial: Trial) -> str:
     """Return the measure that decides a trial and is not a share."""
     measures = (*(one.measure for one in trial.contrasts), *trial.measures)
-    graded = (one for one in measures if not EPISODE_MEASURES[one].share)
-    return next(graded, trial.measures[0])
+    numbers = (one for one in measures if not EPISODE_MEASURES[one].share)
+    return next(numbers, trial.measures[0])
 
 
 def succeeded(one: EpisodeResult) -> bool:
     """Return whether an episode of a trial succeeded by the trial's measure."""
-    return bool(_value(one, share_of(TRIALS[one.task.trial])))
+    return bool(_value(one, success_measure(TRIALS[one.task.trial])))
 
 
 def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatArray]:
@@ -201,22 +198,21 @@ def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatAr
     seeds, strata = sorted({one.task.seed for one in own}), sorted(set(places))
     found: dict[str, FloatArray] = {}
     for one, place in zip(own, places, strict=True):
-        value = _value(one, measure)
-        if value is None or (less and not succeeded(one)):
-            value = math.inf if less else -math.inf
+        value, score = _value(one, measure), -math.inf
+        if value is not None and not (less and not succeeded(one)):
+            score = -value if less else value
         empty = np.full((len(seeds), len(strata)), math.nan)
         array = found.setdefault(one.policy, empty)
-        array[seeds.index(one.task.seed), strata.index(place)] = value
-    return {policy: -each if less else each for policy, each in found.items()}
+        array[seeds.index(one.task.seed), strata.index(place)] = score
+    return found
 
 
-def middle(array: FloatArray, measure: str) -> Shift:
+def interquartile_mean_in_units(array: FloatArray, measure: str) -> Shift:
     """Return the interquartile mean of scores, in the unit of the measure."""
     found = interquartile_mean(array)
     if EPISODE_MEASURES[measure].better == "more":
         return found
-    ends = {"low": -found.high, "high": -found.low}
-    return Shift(estimate=-found.estimate, **ends, n=found.n)
+    return Shift(estimate=-found.estimate, low=-found.high, high=-found.low, n=found.n)
 
 
 def tier_runs(results: StudyResults) -> dict[str, Runs]:
@@ -304,10 +300,12 @@ def protocol_problems(results: StudyResults) -> list[str]:
     problems = [f"not a result: {reason}" for reason in results.unreadable]
 
     ran = [one for one in trials if not one.error]
-    known = {one.task.shown: one.task for one in ran}
+    known = {one.task.demonstrations_key: one.task for one in ran}
     hashes = {shown: demonstrations_hash(task) for shown, task in known.items()}
     if differing := [
-        one.task for one in ran if one.demonstrations != hashes[one.task.shown]
+        one.task
+        for one in ran
+        if one.demonstrations != hashes[one.task.demonstrations_key]
     ]:
         problems.append(
             f"{len(differing)} episodes used other demonstrations, or do not state "

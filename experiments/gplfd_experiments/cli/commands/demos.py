@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final, Literal, Union
 import tyro
 
 from gplfd_experiments.cli.commands.options import (
+    EpisodeOptions,
     Quiet,
     learn_command,
     next_command,
@@ -262,7 +263,7 @@ class Export:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Record:
+class Record(EpisodeOptions):
     """Let a policy open doors and write the episodes as a Minari data set.
 
     DIR is the data set; its name is its Minari id and ends in a version. Every step
@@ -271,37 +272,11 @@ class Record:
     the seed SEED + k for teacher, policy and environment.
     """
 
-    policy: str = "gp"
-    """Policy that acts; see `gplfd list`."""
-
-    doors: tuple[str, ...] = ("small", "medium", "large")
-    """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
-    parameters."""
-
     episodes: int = 1
     """Episodes per door, 1 or more."""
 
     seed: int = 0
     """First seed, 0 or more."""
-
-    demonstrations_per_door: int = 2
-    """Number of demonstrations by the synthetic human on each of the three demonstrated
-    doors."""
-
-    demonstrated_forces: bool = False
-    """Demonstrations of the synthetic human include forces and moments of the hand."""
-
-    randomization: str = "none"
-    """Quantities that are drawn at random for each episode: none, mild, hard or
-    standard; see `gplfd list`."""
-
-    start: Literal["grasped", "approach"] = "grasped"
-    """Start of episodes: the hand holds the handle, or the open hand is 10 to 20 cm in
-    front of it and first reaches for it."""
-
-    robot: str = "tiago-like"
-    """Robot that opens the door: tiago-like, panda-like, ur5e-like, or the .urdf of an
-    arm, which is mounted on a stand or, if the door requires it, on a mobile base."""
 
     max_steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Truncate episodes after this number of steps; the environment's limit by

@@ -13,6 +13,7 @@ import tyro
 
 from gplfd_experiments.cli.commands.options import (
     FAILED,
+    EpisodeOptions,
     Json,
     Quiet,
     next_command,
@@ -23,7 +24,7 @@ from gplfd_experiments.console.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Run:
+class Run(EpisodeOptions):
     """Learn from demonstrations, open doors, and store metrics and recordings.
 
     Writes DIR/metrics.json (one object per door), DIR/<door>.rrd (Rerun recording),
@@ -32,37 +33,8 @@ class Run:
     folder.
     """
 
-    doors: tuple[str, ...] = ("small", "medium", "large")
-    """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
-    parameters."""
-
-    policy: str = "gp"
-    """Policy to use: a name from `gplfd list`, or module:function for your own."""
-
-    seed: int = 0
-    """Seed of teacher, policy and environment, 0 or more."""
-
-    randomization: str = "none"
-    """Quantities that are drawn at random for each episode: none, mild, hard or
-    standard; see `gplfd list`."""
-
     disturbance: str = "none"
     """Disturbance during the episode: none, push, person, ...; see `gplfd list`."""
-
-    start: Literal["grasped", "approach"] = "grasped"
-    """State at the start: the hand holds the handle, or the open hand is 10 to 20 cm
-    in front of it and first reaches for it."""
-
-    robot: str = "tiago-like"
-    """Robot that opens the door: tiago-like, panda-like, ur5e-like, or the .urdf of an
-    arm, which is mounted on a stand or, if the door requires it, on a mobile base."""
-
-    demonstrations_per_door: int = 2
-    """Number of demonstrations by the synthetic human on each of the three
-    demonstrated doors."""
-
-    demonstrated_forces: bool = False
-    """Demonstrations of the synthetic human include forces and moments of the hand."""
 
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None
     """Learn from this .npz file of demonstrations instead of the synthetic human."""

@@ -40,22 +40,18 @@ class Serve(ServeSettings):
         """Serve until the client or Ctrl-C ends it."""
         with postponed_interruption():
             from gplfd_experiments.data.teacher import Teacher
-            from gplfd_policies.agents.reaching import GRASPED, join_at_grasp
+            from gplfd_experiments.data.teacher.reaching import with_reaches
             from gplfd_policies.demonstrations.npz import LabelledDemonstrations
             from gplfd_policies.serving.server import serve
 
         given = None
         if self.demonstrations is None and not self.source.endswith(".npz"):
-            teacher, signals = Teacher(), []
+            teacher = Teacher()
             shown = teacher.standard_demonstrations(seed=self.seed)
+            radii = (None,) * len(shown)
+            given = LabelledDemonstrations(demonstrations=shown, radii=radii)
             if self.start == "approach":
                 reaches = teacher.standard_reaches(seed=self.seed)
-                shown = tuple(map(join_at_grasp, reaches, shown))
-                signals = [{GRASPED: 1.0 * (one.times[:, None] >= 0)} for one in shown]
-            given = LabelledDemonstrations(
-                demonstrations=shown,
-                radii=(None,) * len(shown),
-                signals=tuple(signals),
-            )
+                given = with_reaches(reaches, shown, radii)
         serve(self, given)
         return 0

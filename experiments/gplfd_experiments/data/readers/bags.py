@@ -21,8 +21,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.raw import RawRecording, Selection, chosen
-from gplfd_experiments.files.arrays import FloatArray, interpolated
+from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.storage import DecodingBudget, decompressed, regular_file
 
 with optional_libraries("ROS bags need rosbags", "ros"):

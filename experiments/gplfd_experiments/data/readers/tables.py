@@ -180,9 +180,8 @@ def recording(
 
 
 def quaternions_of(rotvecs: FloatArray) -> FloatArray:
-    """Return quaternions, scalar first, (N, 4), of rotation vectors [rad], (N, 3)."""
-    known = np.asarray(np.isfinite(rotvecs).all(axis=1))
-    quaternions = np.full((len(rotvecs), 4), np.nan)
-    rotations = Rotation.from_rotvec(np.where(known[:, None], rotvecs, 0.0))
-    quaternions[known] = rotations.as_quat(scalar_first=True)[known]
-    return quaternions
+    """Return quaternions, scalar first, (N, 4), of rotation vectors [rad], (N, 3).
+
+    Rows with a NaN are NaN.
+    """
+    return Rotation.from_rotvec(np.array(rotvecs)).as_quat(scalar_first=True)

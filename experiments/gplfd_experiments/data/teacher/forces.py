@@ -88,8 +88,8 @@ def hinge_torque(door: DoorConfig, angles: FloatArray, rate: float) -> FloatArra
         savgol_filter(angles, window, 2, deriv=order, delta=1.0 / rate, mode=mode)
         for order in (1, 2)
     )
-    inertia, weight = moved(door, angles)
-    further, _ = moved(door, angles + _STEP)
+    inertia, weight = inertia_and_gravity(door, angles)
+    further, _ = inertia_and_gravity(door, angles + _STEP)
     closer = dataclasses.replace(CloserLaw.of(door), friction=0.0)
     springs = closer.torque(angles, np.zeros_like(angles))
     torque: FloatArray = np.tanh(angles / _AT_STOP) * springs
@@ -101,7 +101,9 @@ def hinge_torque(door: DoorConfig, angles: FloatArray, rate: float) -> FloatArra
     return torque
 
 
-def moved(door: DoorConfig, angles: FloatArray) -> tuple[FloatArray, FloatArray]:
+def inertia_and_gravity(
+    door: DoorConfig, angles: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return inertia [kg m²] and gravity's closing torque [N m] at angles, each (N,).
 
     Of leaves and handle, whose centres c turn by ψ as `door_angle` φ grows:

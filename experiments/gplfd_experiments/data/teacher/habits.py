@@ -59,7 +59,7 @@ MESSY: Final = Habits(
 """An ordinary recording without corrections."""
 
 
-def untidy_clock(
+def irregular_timing(
     habits: Habits, duration: float, rate: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Draw the timing of a motion of a duration [s], with pauses and motions back.

@@ -73,7 +73,7 @@ def duration(press: Press, opening_time: float) -> float:
     return _OVERLAP * press.time + opening_time
 
 
-def worked(
+def press_and_opening(
     progress: FloatArray, press: Press, opening_time: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the progress of pressing and of opening, each (N,).
@@ -90,7 +90,7 @@ def worked(
     return minimum_jerk(elapsed / press.time), opening
 
 
-def let_back(press: Press, share: FloatArray, angles: FloatArray) -> FloatArray:
+def handle_angles(press: Press, share: FloatArray, angles: FloatArray) -> FloatArray:
     """Return handle angles [rad] for progress of pressing and door angles."""
     begins, ends = _RETURN
     back = (1.0 - _KEPT) * minimum_jerk((angles - begins) / (ends - begins))
@@ -107,7 +107,7 @@ def doors_like(door: DoorConfig) -> tuple[DoorConfig, ...]:
     return tuple(DoorConfig(radius=radius, **kind) for radius in radii)
 
 
-def reached(
+def reach_motion(
     rate: float, timing_std: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, Rotation]:
     """Return the motion of a hand that reaches the handle and closes, ending at time 0.

@@ -38,8 +38,8 @@ from gplfd_experiments.data.teacher.forces import ForceConfig, hand_wrenches
 from gplfd_experiments.data.teacher.habits import (
     TIDY,
     Habits,
+    irregular_timing,
     lose_samples,
-    untidy_clock,
 )
 from gplfd_experiments.data.teacher.handle_motion import DEMONSTRATED_RADII, doors_like
 from gplfd_experiments.files.arrays import FloatArray
@@ -159,13 +159,13 @@ class Teacher:
             times = np.arange(math.ceil(lasting * rate) + 1) / rate
             clock, back = times / lasting, np.zeros(times.size)
         else:
-            times, clock, back = untidy_clock(self.habits, lasting, rate, habit_rng)
+            times, clock, back = irregular_timing(self.habits, lasting, rate, habit_rng)
         progress = random_motion.uneven_timing(clock, config.timing_std, timing_rng)
-        share, opened = handle_motion.worked(progress, press, opening)
+        share, opened = handle_motion.press_and_opening(progress, press, opening)
         angles = np.maximum(
             final_angle * random_motion.minimum_jerk(opened) - back, 0.0
         )
-        turns = handle_motion.let_back(press, share, angles)
+        turns = handle_motion.handle_angles(press, share, angles)
         # The sensor on the hand, which is off the bar's centre and moves slightly on
         # it.
         path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
@@ -254,7 +254,9 @@ class Teacher:
         """
         motion_rng, suit_rng = rng.spawn(2)
         rate, uneven = self.config.sampling_rate, self.config.timing_std
-        times, positions, rotations = handle_motion.reached(rate, uneven, motion_rng)
+        times, positions, rotations = handle_motion.reach_motion(
+            rate, uneven, motion_rng
+        )
         poses = self._measured(times, positions, rotations, suit_rng, origin=-1)
         return Demonstration(times=times, poses=poses)
 

@@ -4,7 +4,7 @@ import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,8 +16,6 @@ from gplfd_policies.demonstrations.npz import (
     load_demonstrations,
 )
 
-WRITERS: Final = ("robomimic", "lerobot")
-"""Formats; each is a module of this package, and of the readers."""
 _EQUAL: Final = 0.05  # Largest relative difference of time steps.
 
 
@@ -92,18 +90,18 @@ def states_of(poses: FloatArray) -> FloatArray:
 def export_demonstrations(
     source: Path,
     target: Path,
-    form: str,
+    form: Literal["robomimic", "lerobot"],
     *,
     rate: int | None = None,
     cameras: Sequence[str] = (),
     size: tuple[int, int] = (320, 240),
 ) -> int:
-    """Write a set of demonstrations, or a data set of episodes, in one of `WRITERS`.
+    """Write demonstrations or a data set of episodes in another program's format.
 
     Args:
         source: The set or data set.
         target: File or folder to write.
-        form: One of `WRITERS`.
+        form: The format, a module of this package and of the readers.
         rate: Rows per second of episodes; None for 100, or 10 with pictures.
         cameras: Cameras of the pictures of episodes.
         size: Width and height of the pictures [px].
@@ -112,13 +110,11 @@ def export_demonstrations(
         The number of demonstrations.
 
     Raises:
-        ValueError: The format is unknown, the target exists, the source is damaged or
-            not sampled at equal steps, or it cannot be drawn.
+        ValueError: The target exists, the source is damaged or not sampled at equal
+            steps, or it cannot be drawn.
         OSError: A file cannot be read or written, or this machine cannot render.
         ModuleNotFoundError: The library of the format is not installed.
     """
-    if form not in WRITERS:
-        raise ValueError(f"form {form!r} must be one of {', '.join(WRITERS)}")
     if target.exists():
         raise ValueError(f"--out {target} exists; give another")
     if cameras and form != "lerobot":

@@ -51,28 +51,25 @@ def accuracy(
 ) -> Mapping[str, float | None]:
     """Score a prediction of poses (M, 6) [m, rad] that were left out.
 
-    Quantiles are those of a normal distribution for every method. For a method with its
-    own intervals, which are wider with few demonstrations, ``coverage_95_stated`` is
-    their coverage. Density and coverage exclude numbers where ``scored`` is NaN.
+    Quantiles are those of a normal distribution for every method. Density and coverage
+    exclude numbers where ``scored`` is NaN.
     """
     scored = truth if scored is None else scored
-    normal = {
-        f"coverage_{percent}": known(
+    coverage = {
+        f"coverage_{percent}": none_if_nan(
             predicted.coverage(scored, percent / 100, normal=True)
         )
         for percent in (50, 90, 95)
     }
-    stated = predicted.degrees_of_freedom is not None
     return {
         "rmse_position_m": rms_distance(predicted.mean, truth),
         "rmse_rotation_rad": rms_rotation(predicted.mean, truth),
-        "nlpd": known(predicted.nlpd(scored)),
-        **normal,
-        "coverage_95_stated": predicted.coverage(scored) if stated else None,
+        "nlpd": none_if_nan(predicted.nlpd(scored)),
+        **coverage,
     }
 
 
-def known(number: float) -> float | None:
+def none_if_nan(number: float) -> float | None:
     """Return a number, or None for the NaN of a method without standard deviations."""
     return None if math.isnan(number) else number
 

@@ -148,12 +148,8 @@ CRITERIA: Final[Mapping[str, Criterion]] = {
 """Rows of Table 1 in the paper's order."""
 
 
-def mark(criterion: str | Criterion, metrics: Sequence[Mapping[str, Any]]) -> Mark:
+def mark(criterion: Criterion, metrics: Sequence[Mapping[str, Any]]) -> Mark:
     """Return the mark of a method in a row."""
-    if isinstance(criterion, str):
-        if criterion not in CRITERIA:
-            raise ValueError(f"no criterion {criterion!r}; rows: {', '.join(CRITERIA)}")
-        criterion = CRITERIA[criterion]
     means: dict[Limit, float] = {}
     for limit in criterion.limits:
         measured = [task[limit.metric] for task in metrics if limit.metric in task]

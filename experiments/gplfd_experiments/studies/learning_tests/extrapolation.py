@@ -32,8 +32,6 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     Phase 1 is where the shortened demonstrations end. ``uncertainty_growth`` is the
     standard deviation at phases 1.4 to 1.5 over that at 0.95 to 1, as the geometric
     mean of x, z and θu_y. A method that keeps the last spread has 1.
-    ``coverage_95_beyond`` is the share of the left-out demonstrations' rest within the
-    normal 95 % interval.
     """
     starts = [_start(demonstration) for demonstration in fold.given]
     movement, _ = learn(method, starts, seed)
@@ -41,19 +39,11 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     outside = movement.predict(_BEYOND).std[:, _MOVING]
     found: dict[str, float | None] = {
         "uncertainty_growth": None,
-        "coverage_95_beyond": None,
         "prior_mean_used": prior_mean_used(method, starts, seed, movement),
     }
     if np.isfinite(border).all():
         ratios = outside.mean(axis=0) / border.mean(axis=0)
-        shares = []
-        for one in fold.left_out:
-            size = len(_start(one).times)
-            times = one.times - one.times[0]
-            rest = movement.predict(times[size:] / times[size - 1])
-            shares.append(rest.coverage(one.poses[size:], normal=True))
         found["uncertainty_growth"] = float(np.exp(np.mean(np.log(ratios))))
-        found["coverage_95_beyond"] = float(np.mean(shares))
     return found
 
 

@@ -17,7 +17,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gplfd_experiments.files.arrays import FloatArray, interpolated
+from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.completion import measure_completion
 from gplfd_policies.demonstrations.demonstration import Demonstration

@@ -8,11 +8,9 @@ synthetic human, `recorded_metrics` one of the user's motion files. Both return:
 ``rmse_rotation_rad``       the same of the angle between orientations
 ``nlpd``                    negative log predictive density per number, m and rad
 ``coverage_50/90/95``       share within the central normal intervals
-``coverage_95_stated``      share within the 95 % intervals of the method itself
 ``spread_followed``         correlation of std and the learned demonstrations' spread
 ``log_dimensionless_jerk``  of the mean, larger is smoother
 ``via_...``                 see `adaptation` in the module ``via_points``
-``..._rest_...``            the same
 ``cpu_fit_s``               to align, learn and predict once
 ``cpu_predict_s``           200 phases
 ``cpu_adapt_s``             one via-point of those of the first 30 %
@@ -24,7 +22,6 @@ additional movements. To save time, the first three are measured only with
 
 =========================== ==========================================================
 ``uncertainty_growth``      see `beyond` in the module ``extrapolation``
-``coverage_95_beyond``      the same
 ``prior_mean_used``         see `prior_mean_used` in the same module
 ``outputs_...``             see `tumbling` in the module ``tumbling``
 ``tumbling_error``          the same
@@ -72,7 +69,6 @@ from gplfd_experiments.data.teacher import (
     TeacherConfig,
 )
 from gplfd_experiments.episodes.metrics import log_dimensionless_jerk
-from gplfd_experiments.files.arrays import interpolated
 from gplfd_experiments.studies.learning_tests.accuracy import (
     accuracy,
     averaged,
@@ -94,7 +90,7 @@ from gplfd_experiments.studies.learning_tests.via_points import (
     forecasts,
     online_forecasts,
 )
-from gplfd_policies.arrays.resolution import FINEST
+from gplfd_policies.arrays.resolution import FINEST, interpolated
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.registry.method import Method

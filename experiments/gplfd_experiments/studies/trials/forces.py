@@ -5,10 +5,8 @@ from functools import partial
 from typing import Final
 
 from gplfd_experiments.studies.trials.contrasts import OPENED, contrasts
-from gplfd_experiments.studies.trials.records import Level, Trial
+from gplfd_experiments.studies.trials.records import BARS, MEDIUM, Level, Trial
 
-_ALL: Final = ("small", "medium", "large")
-_MEDIUM: Final = ("medium",)
 _LEVERS: Final = (0.65, 0.78, 0.9)
 """Radii of demonstrated levers [m]."""
 _CLOSERS: Final[tuple[Mapping[str, float], ...]] = (
@@ -34,7 +32,7 @@ FORCES: Final[Mapping[str, Trial]] = {
         measures=OPENED,
         levels={
             "lighter": _felt(
-                doors=_ALL, demonstrated_hardware=3 * ({"closer_preload": 8.0},)
+                doors=BARS, demonstrated_hardware=3 * ({"closer_preload": 8.0},)
             ),
             "14 N": _felt(doors=("heavy",)),
             "24 N": _felt(doors=("heavy",), door={"closer_preload": 10.0}),
@@ -61,15 +59,15 @@ FORCES: Final[Mapping[str, Trial]] = {
             *contrasts("success", "demonstrated forces"),
             *contrasts("force_handle_peak", "demonstrated forces"),
         ),
-        also=("stiffness-from-force",),
+        extra_policies=("stiffness-from-force",),
     ),
     "forces-person": _forces(
         question="Forces were demonstrated. How large is the force on a person who "
         "holds the hand, or is in the way?",
         measures=("person_force_peak", "success"),
         levels={
-            "holds the hand": _felt(doors=_MEDIUM, disturbance="person"),
-            "in the way": _felt(doors=_MEDIUM, disturbance="person-behind"),
+            "holds the hand": _felt(doors=MEDIUM, disturbance="person"),
+            "in the way": _felt(doors=MEDIUM, disturbance="person-behind"),
             "holds the hand, room": _felt(
                 doors=("room-834",),
                 disturbance="person",
@@ -77,24 +75,24 @@ FORCES: Final[Mapping[str, Trial]] = {
             ),
         },
         contrasts=contrasts("person_force_peak", "demonstrated forces"),
-        also=("stiffness-from-force",),
+        extra_policies=("stiffness-from-force",),
     ),
     "forces-blocked": _forces(
         question="Forces were demonstrated. The door is blocked for 2.5 s, or "
         "locked. With how much force does the hand pull?",
         measures=("stop_force_sustained", "grasp_kept"),
         levels={
-            "stop": _felt(doors=_MEDIUM, disturbance="stop"),
-            "locked": _felt(doors=_MEDIUM, disturbance="locked"),
+            "stop": _felt(doors=MEDIUM, disturbance="stop"),
+            "locked": _felt(doors=MEDIUM, disturbance="locked"),
         },
         contrasts=contrasts("stop_force_sustained", "demonstrated forces"),
-        also=("stiffness-from-force",),
+        extra_policies=("stiffness-from-force",),
     ),
     "forces-seal": _forces(
         question="Forces were demonstrated. The hinge sticks at the start and a "
         "seal holds the leaf. Is the door opened?",
         measures=OPENED,
-        levels={"breakaway": _felt(doors=_MEDIUM, disturbance="breakaway")},
+        levels={"breakaway": _felt(doors=MEDIUM, disturbance="breakaway")},
         contrasts=contrasts("force_handle_peak", "demonstrated forces"),
     ),
 }

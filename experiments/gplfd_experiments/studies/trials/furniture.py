@@ -14,10 +14,8 @@ from gplfd_experiments.studies.trials.contrasts import (
     compared_levels,
     contrasts,
 )
-from gplfd_experiments.studies.trials.records import Level, Trial
+from gplfd_experiments.studies.trials.records import BARS, MEDIUM, Level, Trial
 
-_ALL: Final = ("small", "medium", "large")
-_MEDIUM: Final = ("medium",)
 _TO_45: Final = {"angle_mean": math.radians(45.0)}
 """A teacher who opens the door only to 45°."""
 
@@ -44,8 +42,8 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         claims=("prediction uncertainty", "prior information"),
         measures=("final_angle_deg", "success"),
         levels={
-            "nothing else": Level(doors=_ALL, teacher=_TO_45),
-            "prior mean": Level(doors=_ALL, teacher=_TO_45, prior_radius=0.5),
+            "nothing else": Level(doors=BARS, teacher=_TO_45),
+            "prior mean": Level(doors=BARS, teacher=_TO_45, prior_radius=0.5),
         },
         contrasts=(
             *contrasts(
@@ -61,10 +59,10 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         claims=("prior information",),
         measures=GENTLE,
         levels={
-            "one per door": Level(doors=_ALL, demonstrations_per_door=1),
-            "two of the small door": Level(doors=_ALL, demonstrated_radii=(0.35,)),
+            "one per door": Level(doors=BARS, demonstrations_per_door=1),
+            "two of the small door": Level(doors=BARS, demonstrated_radii=(0.35,)),
             "two and a prior mean": Level(
-                doors=_ALL, demonstrated_radii=(0.35,), prior_radius=0.5
+                doors=BARS, demonstrated_radii=(0.35,), prior_radius=0.5
             ),
         },
         contrasts=(
@@ -82,7 +80,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         "back and stops early, and from recordings with gaps and outliers?",
         claims=("alignment", "task variability"),
         measures=GENTLE,
-        levels={"messy": Level(doors=_ALL, habits=dataclasses.asdict(MESSY))},
+        levels={"messy": Level(doors=BARS, habits=dataclasses.asdict(MESSY))},
         contrasts=contrasts(RADIAL, "alignment", "task variability"),
         tuned=True,
     ),
@@ -93,7 +91,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         measures=GENTLE,
         levels={
             "rests": Level(
-                doors=_ALL,
+                doors=BARS,
                 habits={"longest_rest": 2.0, "pauses": 1, "longest_pause": 2.0},
             )
         },
@@ -106,7 +104,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         measures=("success", "final_angle_deg", RADIAL),
         levels={
             "± 5°": Level(
-                doors=_ALL,
+                doors=BARS,
                 randomization={
                     "base_yaw": math.radians(5.0),
                     "grasp_height": 0.04,
@@ -118,7 +116,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
             *contrasts("final_angle_deg", "path phase"),
             *contrasts(RADIAL, "heading as a nuisance", "rotations"),
         ),
-        also=("gp-fixed",),
+        extra_policies=("gp-fixed",),
         tuned=True,
     ),
     "person": Trial(
@@ -127,14 +125,14 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         claims=("variable stiffness",),
         measures=("person_force_peak", "person_energy", "success", "release_speed"),
         levels={
-            "holds the hand": Level(doors=_MEDIUM, disturbance="person"),
-            "in the way": Level(doors=_MEDIUM, disturbance="person-behind"),
+            "holds the hand": Level(doors=MEDIUM, disturbance="person"),
+            "in the way": Level(doors=MEDIUM, disturbance="person-behind"),
         },
         contrasts=contrasts(
             "person_force_peak",
             *("variable stiffness", "stiffness along the path", "learned load"),
         ),
-        also=("gp-impedance",),
+        extra_policies=("gp-impedance",),
     ),
     "push": Trial(
         question="The hand is pushed for 0.3 s. How far does it move?",
@@ -142,7 +140,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         measures=("push_displacement_mm", "success", "recovery_time"),
         levels={
             title: Level(
-                doors=_MEDIUM,
+                doors=MEDIUM,
                 disturbance={"preset": "push", "push": {"start_angle": angles}},
             )
             for title, angles in (
@@ -151,29 +149,29 @@ FURNITURE: Final[Mapping[str, Trial]] = {
             )
         },
         contrasts=contrasts("push_displacement_mm", "variable stiffness"),
-        also=("gp-fixed",),
+        extra_policies=("gp-fixed",),
     ),
     "stop": Trial(
         question="The door is blocked for 2.5 s and then freed. Is it opened?",
         claims=("variable stiffness",),
         measures=("success", "stop_force_sustained", "release_speed"),
-        levels={"stop": Level(doors=_MEDIUM, disturbance="stop")},
+        levels={"stop": Level(doors=MEDIUM, disturbance="stop")},
         contrasts=(
             *contrasts("success", "variable stiffness"),
             *contrasts("stop_force_sustained", "variable stiffness", "learned load"),
         ),
-        also=("gp-impedance",),
+        extra_policies=("gp-impedance",),
     ),
     "locked": Trial(
         question="The door is locked. Does the hand keep the handle, and with how "
         "much force?",
         claims=("variable stiffness",),
         measures=("stop_force_sustained", "grasp_kept"),
-        levels={"locked": Level(doors=_MEDIUM, disturbance="locked")},
+        levels={"locked": Level(doors=MEDIUM, disturbance="locked")},
         contrasts=contrasts(
             "stop_force_sustained", "variable stiffness", "learned load"
         ),
-        also=("gp-impedance",),
+        extra_policies=("gp-impedance",),
     ),
     "heavy": Trial(
         question="Which policy opens doors that are heavier than all demonstrated "
@@ -185,14 +183,14 @@ FURNITURE: Final[Mapping[str, Trial]] = {
             "24 N": Level(doors=("heavy",), door={"closer_preload": 10.0}),
         },
         contrasts=contrasts("final_angle_deg", "variable stiffness", "learned load"),
-        also=("gp-impedance",),
+        extra_policies=("gp-impedance",),
     ),
     "breakaway": Trial(
         question="The hinge sticks at the start and a seal holds the leaf. Is the "
         "door opened?",
         claims=("variable stiffness",),
         measures=("success", "release_speed", "force_handle_peak"),
-        levels={"breakaway": Level(doors=_MEDIUM, disturbance="breakaway")},
+        levels={"breakaway": Level(doors=MEDIUM, disturbance="breakaway")},
         contrasts=contrasts("force_handle_peak", "variable stiffness"),
     ),
     "delay": Trial(
@@ -202,13 +200,13 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         measures=OPENED,
         levels={
             f"{10 * delay} ms": Level(
-                doors=_MEDIUM,
+                doors=MEDIUM,
                 randomization={"shortest_delay": delay, "longest_delay": delay},
             )
             for delay in (1, 2, 3)
         },
         contrasts=contrasts("force_handle_peak", "damping for contact"),
-        also=("gp-impedance", "gp-fixed", "gp-constant-100"),
+        extra_policies=("gp-impedance", "gp-fixed", "gp-constant-100"),
     ),
     "noise": Trial(
         question="Sensors are one, two and four times as noisy as those of a "
@@ -217,7 +215,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         measures=GENTLE,
         levels={
             f"× {factor}": Level(
-                doors=_MEDIUM,
+                doors=MEDIUM,
                 randomization={
                     # Noise of the sensors of `mild`.
                     "pose_noise": (factor * 0.0005, factor * 0.002),

@@ -44,7 +44,7 @@ _CORRECTIONS: Final[Mapping[str, tuple[int, bool]]] = {
 """Number of corrections of a level, and whether their time is used to demonstrate."""
 _like_opened = partial(Level, demonstrated_radii=None)
 """A level in which doors of the kind of the opened one are demonstrated."""
-_added = partial(Trial, measures=OPENED, among=_AMONG)
+_added = partial(Trial, measures=OPENED, only_policies=_AMONG)
 """A trial in which the policies `_AMONG` take part."""
 
 OTHER_DOORS: Final[Mapping[str, Trial]] = {
@@ -219,7 +219,7 @@ OTHER_DOORS: Final[Mapping[str, Trial]] = {
             )
             for kind in _FLAPS
         ),
-        among=("gp", "dmp", "promp", "hinge-fit", "mechanism-fit", "oracle"),
+        only_policies=("gp", "dmp", "promp", "hinge-fit", "mechanism-fit", "oracle"),
     ),
 }
 """Trials by name."""

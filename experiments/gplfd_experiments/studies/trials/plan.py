@@ -9,11 +9,13 @@ from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_experiments.studies.sources import chosen, policy_fields
-from gplfd_experiments.studies.trials.protocol import PARTS, TRIALS, TUNED, Part
+from gplfd_experiments.studies.trials.protocol import PARTS, TRIALS, TUNED, ProtocolPart
 from gplfd_experiments.studies.trials.records import Trial
 
 
-def named_trials(names: Sequence[str], part: Part = "whole") -> dict[str, Trial]:
+def named_trials(
+    names: Sequence[str], part: ProtocolPart = "whole"
+) -> dict[str, Trial]:
     """Return trials by name; without names, all trials of a part of the protocol."""
     for name in names:
         if name not in TRIALS:
@@ -30,7 +32,7 @@ def trial_tasks(
     trials: dict[str, Trial],
     *,
     policies: Sequence[str] = (),
-    part: Part = "whole",
+    part: ProtocolPart = "whole",
     only: Sequence[str] = (),
     seeds: int | None = None,
     robot: str = "tiago-like",
@@ -56,8 +58,8 @@ def trial_tasks(
     for seed, (name, trial) in itertools.product(numbers, trials.items()):
         own = plan.variants.get(name, trial.own)
         everywhere = plan.everywhere
-        if part == "whole" and trial.among:
-            everywhere = trial.among
+        if part == "whole" and trial.only_policies:
+            everywhere = trial.only_policies
         competing = (*everywhere, *own, *(tuned if trial.tuned else ()), *policies)
         every = dict.fromkeys(only or competing)
         for policy, title in itertools.product(every, trial.levels):

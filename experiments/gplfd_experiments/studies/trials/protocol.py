@@ -44,7 +44,7 @@ TUNED: Final = tuple(f"{name}-tuned" for name in tuned_settings())
 in which learning decides; tuning does not search settings of the controller, which
 decides the other trials."""
 
-Part = Literal["whole", "ideas", "small"]
+ProtocolPart = Literal["whole", "ideas", "small"]
 """Of the protocol."""
 
 
@@ -59,7 +59,7 @@ class PartPlan:
     variants."""
 
 
-PARTS: Final[Mapping[Part, PartPlan]] = MappingProxyType(
+PARTS: Final[Mapping[ProtocolPart, PartPlan]] = MappingProxyType(
     {
         "whole": PartPlan(seeds=SEEDS, everywhere=EVERYWHERE),
         "ideas": PartPlan(seeds=SEEDS, everywhere=("gp", "hinge-fit")),

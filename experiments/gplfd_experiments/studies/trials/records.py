@@ -2,10 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 from gplfd_env.conventions.constants import Start
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
+
+BARS: Final = ("small", "medium", "large")
+"""Doors of furniture, with a bar."""
+MEDIUM: Final = ("medium",)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -75,9 +79,9 @@ class Trial:
     """Settings by name, in the order in which they are shown."""
     contrasts: tuple[Contrast, ...] = ()
     """Contrasts that this trial decides."""
-    also: tuple[str, ...] = ()
+    extra_policies: tuple[str, ...] = ()
     """Policies that take part besides those of every trial and of the contrasts."""
-    among: tuple[str, ...] = ()
+    only_policies: tuple[str, ...] = ()
     """In the whole protocol, these replace the policies of every trial."""
     tuned: bool = False
     """Whether tuned methods also take part, because learning decides the trial."""
@@ -85,4 +89,4 @@ class Trial:
     @property
     def own(self) -> tuple[str, ...]:
         """Policies of this trial, besides those of every trial."""
-        return (*(one.lacking.policy for one in self.contrasts), *self.also)
+        return (*(one.lacking.policy for one in self.contrasts), *self.extra_policies)
