@@ -103,6 +103,16 @@ def test_a_file_from_before_sizes_were_logged_is_read(rewritten):
     assert np.isnan([getattr(log, name) for name in sizes]).all()
 
 
+def test_a_file_with_former_names_is_read(rewritten, make_log):
+    def rename(arrays):
+        arrays["give"] = arrays.pop("path_lag")
+        arrays["carried_load"] = arrays.pop("compensated_load")
+
+    log = EpisodeLog.load(rewritten(rename))
+    for name in ("path_lag", "compensated_load"):
+        np.testing.assert_array_equal(getattr(log, name), getattr(make_log(), name))
+
+
 def test_a_file_from_before_stiffness_turned_has_the_frame_of_the_axes(rewritten):
     log = EpisodeLog.load(rewritten(lambda arrays: arrays.pop("frame")))
     np.testing.assert_array_equal(log.frame, [np.eye(3)] * log.times.size)

@@ -214,10 +214,10 @@ def test_a_hand_that_is_held_becomes_soft(skill):
         step = agent.act(observed(AT_REST, force=(force, 0.0, 0.0)))
     assert force == pytest.approx(-13.0, abs=0.5)
     assert step.stiffness[0] == pytest.approx(100.0, abs=1.0)
-    assert step.give == pytest.approx(0.03, abs=2e-3)
-    assert step.std[0] >= 0.99 * step.give
+    assert step.path_lag == pytest.approx(0.03, abs=2e-3)
+    assert step.std[0] >= 0.99 * step.path_lag
     freed = [agent.act(observed(AT_REST)) for _ in range(200)]
-    assert freed[-1].give < 5e-3
+    assert freed[-1].path_lag < 5e-3
     assert stacked(freed, "stability_margin")[:, 0].min() > 0.0
 
 

@@ -121,8 +121,8 @@ class EpisodeLog:
     stiffness_rate: Pose
     stability_margin: Pose
     contact_margin: Pose
-    carried_load: Number
-    give: Number
+    compensated_load: Number
+    path_lag: Number
     phase: Number
     observed_phase: Number
     phase_misfit: Number
@@ -227,11 +227,12 @@ class EpisodeLog:
 
     @classmethod
     def _of(cls, members: Members) -> "EpisodeLog":
-        arrays: dict[str, Any] = {
-            name: members(name)
-            for name in ARRAYS
-            if name not in _LATER or name in members
-        }
+        arrays: dict[str, Any] = {}
+        for name in ARRAYS:
+            former = _FORMERLY.get(name, name)
+            stored = former if former in members else name
+            if stored in members or name not in _LATER:
+                arrays[name] = members(stored)
         steps = np.shape(arrays["times"])
         for name, value in _LATER.items():
             arrays.setdefault(name, np.full((*steps, *np.shape(value)), value))
@@ -264,6 +265,9 @@ _LATER: Final[Mapping[str, Any]] = {
     **dict.fromkeys(("expected_force", "expected_force_std"), np.full(3, np.nan)),
 }
 """Arrays that older files of this version lack, with their values there."""
+
+_FORMERLY: Final = {"compensated_load": "carried_load", "path_lag": "give"}
+"""Names of arrays in older files of this version."""
 
 _HEADER: Final[Mapping[str, Any]] = {
     field.name: get_origin(field.type) or field.type

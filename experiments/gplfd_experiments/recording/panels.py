@@ -51,7 +51,7 @@ def panels(part: EpisodePart) -> list[Chunk]:
         "force/parts": {
             Line("along the path", colours.TRUTH): log.force_tangential,
             Line("radial: against the hinge", colours.FORCE): log.force_radial,
-            Line("load compensated", colours.ADAPTED, 1.0): log.carried_load,
+            Line("load compensated", colours.ADAPTED, 1.0): log.compensated_load,
         },
         "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.phase_misfit},
         "misfit/mode": {
@@ -72,7 +72,7 @@ def panels(part: EpisodePart) -> list[Chunk]:
     ):
         curves[f"{panel}/axes"] = {along: values[:, 0], across: values[:, 2]}
     lag = Line("lag of the hand", colours.OUTSIDE, 1.0)
-    curves["uncertainty/axes"][lag] = 1e3 * log.give
+    curves["uncertainty/axes"][lag] = 1e3 * log.path_lag
 
     # Mean and ±1.96 σ of each output, before the door moved and now.
     bands: dict[str, dict[Line, tuple[FloatArray, FloatArray]]] = {}

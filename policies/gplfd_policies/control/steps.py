@@ -77,7 +77,7 @@ class AgentStep:
     T diag(k) Tᵀ; the last three are about the axes of the task frame."""
     std: Poses = _NAN
     """Standard deviation that sets the stiffness: that of the movement at the command
-    phase, plus `give` along the path [m, rad]."""
+    phase, plus `path_lag` along the path [m, rad]."""
     std_rate: Poses = _NAN
     """Rate of the σ that the controller used, including jumps [m/s, rad/s]."""
     stiffness: Poses = _NAN
@@ -91,10 +91,10 @@ class AgentStep:
     contact_margin: Poses = _NAN
     """Delay that a held hand tolerates in addition to the longest expected delay [s],
     see `gplfd_policies.control.contact`."""
-    carried_load: PerRow | float = _NAN
+    compensated_load: PerRow | float = _NAN
     """Compensated load: resistance along the path that the hand bears without yielding
     [N]."""
-    give: PerRow | float = _NAN
+    path_lag: PerRow | float = _NAN
     """Lag of the hand behind the set-point along the path; part of `std` [m]."""
     phase: PerRow | float = _NAN
     """Command phase: phase of the set-point, 0..1."""
