@@ -82,6 +82,7 @@ def test_script_runs(command, capsys, monkeypatch):
         (demonstrations, "METHODS", ("gp",)),
         (demonstrations, "RESTS", (0.0, 2.0)),
         (demonstrations, "_DOORS", ("small",)),
+        (stiffness_resolution, "CANDIDATES", (1e-4,)),
     ):
         monkeypatch.setattr(module, name, fewer)
     script, *name = command.split()

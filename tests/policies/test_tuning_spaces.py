@@ -145,8 +145,10 @@ def test_tuned_policies_are_those_of_the_file():
     rows = {name for name in POLICIES if name.endswith("-tuned")}
     assert rows == {f"{name}-tuned" for name in tuned_settings()}
     for name, values in tuned_settings().items():
-        expected = tuned(name, values)
-        assert repr(POLICIES[f"{name}-tuned"]) == repr(expected)
+        expected, found = tuned(name, values), POLICIES[f"{name}-tuned"]
+        assert found.summary == expected.summary
+        if f"{name}-tuned" not in RESOLUTIONS:
+            assert repr(found) == repr(expected)
 
 
 @pytest.mark.parametrize("name", RESOLUTIONS)
