@@ -25,7 +25,7 @@ Answers = Mapping[str, Any]
 Found = Mapping[str, Mapping[str, Mapping[str, Answers]]]
 """The same by trial, level and policy."""
 
-PROTOCOL: Final = 8
+PROTOCOL: Final = 9
 """Protocol of the stored results."""
 STORED: Final = Path(__file__).parents[1] / f"docs/results/trials-v{PROTOCOL}.json"
 """Results of the whole protocol."""
@@ -143,7 +143,7 @@ def overview(found: Found) -> Table:
         tier: {one: _succeeded(found, names, one) for one in entrants(found, names)}
         for tier, names in TIERS.items()
     }
-    policies = {one for held in shares.values() for one in held}
+    policies = sorted({one for held in shares.values() for one in held})
 
     def order(policy: str) -> tuple[int, float]:
         own = [held[policy] for held in shares.values() if policy in held]

@@ -77,7 +77,7 @@ PARTS: Final[Mapping[ProtocolPart, PartPlan]] = MappingProxyType(
     }
 )
 """The parts by name. Contrasts of "ideas" are decided as in the whole protocol. The
-small part is a first look at the strongest contrasts of docs/results/trials-v8.json,
+small part is a first look at the strongest contrasts of docs/results/trials-v9.json,
 with the smallest number of seeds that gives an interval; it decides nothing."""
 
 TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
