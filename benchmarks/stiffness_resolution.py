@@ -26,9 +26,7 @@ from harness import opened, report
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.speed.report import Measurement, Value
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
-from gplfd_policies.registry.catalogue import policy_named
-from gplfd_policies.registry.method import profile_of_spread
-from gplfd_policies.registry.policy import Policy
+from gplfd_policies.registry.catalogue import policy_named, with_resolution
 from gplfd_policies.registry.tuning_spaces import SPACES
 
 CANDIDATES: Final = (1e-4, 3e-4, 1e-3, 3e-3)
@@ -58,7 +56,8 @@ def choose(policies: Sequence[str], seeds: int) -> Measurement:
         row: dict[str, Value] = {}
         for resolution in CANDIDATES:
             LOG.info("%s opens %d doors, n = %g m", policy, len(tasks), resolution)
-            logs = opened(tasks, policy=with_resolution(policy, resolution))
+            changed = with_resolution(policy_named(policy), resolution)
+            logs = opened(tasks, policy=changed)
             peak = statistics.median(np.abs(log.force_radial).max() for log in logs)
             closed = sum(not log.success for log in logs)
             found[resolution] = closed, peak
@@ -73,14 +72,6 @@ def chosen(found: dict[float, tuple[int, float]]) -> float:
     best = min(found, key=lambda resolution: found[resolution])
     default = CANDIDATES[0]
     return best if found[best][0] < found[default][0] else default
-
-
-def with_resolution(name: str, resolution: float) -> Policy:
-    """Return a policy whose stiffness law has a resolution [m]."""
-    policy = policy_named(name)
-    assert policy.method is not None
-    profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
-    return replace(policy, make=replace(policy.method, profile=profile))
 
 
 def main(policies: tuple[str, ...] = METHODS, seeds: int = 6) -> None:

@@ -15,7 +15,7 @@ from gplfd_policies import POLICIES, ViaPoint, align
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.registry.built_in import AS_PUBLISHED, TABLE_1
-from gplfd_policies.registry.catalogue import tuned
+from gplfd_policies.registry.catalogue import tuned, with_resolution
 from gplfd_policies.registry.method import profile_of_spread
 from gplfd_policies.registry.tuning_spaces import (
     RESOLUTIONS,
@@ -163,3 +163,8 @@ def test_chosen_resolution_is_that_of_the_stiffness_law(name, demonstrations):
         default = tuned(published, tuned_settings()[published])
     assert default.method.profile is profile_of_spread
     assert repr(replace(method, profile=profile_of_spread)) == repr(default.method)
+
+
+def test_a_policy_without_stiffness_law_has_no_resolution():
+    with pytest.raises(ValueError, match="hinge from the hand's path.* is a Method"):
+        with_resolution(POLICIES["hinge-fit"], 1e-3)

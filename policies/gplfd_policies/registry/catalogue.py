@@ -130,9 +130,17 @@ def tuned(name: str, values: Values) -> Policy:
     )
 
 
-def _with_resolution(policy: Policy, resolution: float) -> Policy:
-    """Return a policy whose stiffness law has another resolution [m]."""
-    assert policy.method is not None, "resolutions are those of methods"
+def with_resolution(policy: Policy, resolution: float) -> Policy:
+    """Return a policy whose stiffness law has another resolution [m].
+
+    Raises:
+        ValueError: The policy is no `Method`, and chooses its stiffness itself.
+    """
+    if policy.method is None:
+        raise ValueError(
+            f"{policy.summary}: only a policy that is a Method has a "
+            "stiffness law with a resolution"
+        )
     profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
     return replace(policy, make=replace(policy.method, profile=profile))
 
@@ -149,7 +157,7 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
     {
         **_FOUND,
         **{
-            name: _with_resolution(_FOUND[name], resolution)
+            name: with_resolution(_FOUND[name], resolution)
             for name, resolution in RESOLUTIONS.items()
         },
     }

@@ -41,8 +41,8 @@ EVERYWHERE: Final = (*TABLE_1, "tp-gmm", *REFERENCES)
 
 TUNED: Final = tuple(f"{name}-tuned" for name in tuned_settings())
 """Methods with settings by `gplfd tune`. They take part in trials of the whole protocol
-in which learning decides; tuning does not search settings of the controller, which
-decides the other trials."""
+in which learning decides; of the controller, which decides the other trials, only the
+resolution of the stiffness law is chosen for each method."""
 
 ProtocolPart = Literal["whole", "ideas", "small"]
 """Of the protocol."""
