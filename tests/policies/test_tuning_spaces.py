@@ -166,5 +166,5 @@ def test_chosen_resolution_is_that_of_the_stiffness_law(name, demonstrations):
 
 
 def test_a_policy_without_stiffness_law_has_no_resolution():
-    with pytest.raises(ValueError, match="hinge from the hand's path.* is a Method"):
+    with pytest.raises(ValueError, match=r"hinge from the hand's path.* is a Method"):
         with_resolution(POLICIES["hinge-fit"], 1e-3)
