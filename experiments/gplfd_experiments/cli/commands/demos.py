@@ -15,7 +15,6 @@ from gplfd_experiments.cli.commands.options import (
     recorded,
 )
 from gplfd_experiments.cli.commands.teach import Teach
-from gplfd_experiments.console.interruption import postponed_interruption
 
 DEPARTED: Final = 1
 """Exit status if a replay differs from the recording in any bit."""
@@ -133,14 +132,13 @@ class Import:
 
     def execute(self) -> int:
         """Make the set, print the report and the next commands."""
-        with postponed_interruption():
-            from gplfd_experiments.data.importing import (
-                PICTURE,
-                import_recordings,
-                warnings_in,
-            )
-            from gplfd_experiments.data.preparation import Preparation
-            from gplfd_experiments.data.raw import Selection, WrenchSensor
+        from gplfd_experiments.data.importing import (
+            PICTURE,
+            import_recordings,
+            warnings_in,
+        )
+        from gplfd_experiments.data.preparation import Preparation
+        from gplfd_experiments.data.raw import Selection, WrenchSensor
 
         if not self.files:
             raise ValueError("give at least one file to import")
@@ -247,8 +245,7 @@ class Export:
 
     def execute(self) -> int:
         """Write the files, and print their location."""
-        with postponed_interruption():
-            from gplfd_experiments.data.writers import export_demonstrations
+        from gplfd_experiments.data.writers import export_demonstrations
 
         number = export_demonstrations(
             self.demonstrations,
@@ -292,9 +289,8 @@ class Record(EpisodeOptions):
 
     def execute(self) -> int:
         """Record the data set and print its location."""
-        with postponed_interruption():
-            from gplfd_experiments.episodes.dataset import record_dataset
-            from gplfd_experiments.files.names import file_name
+        from gplfd_experiments.episodes.dataset import record_dataset
+        from gplfd_experiments.files.names import file_name
 
         folder = self.out or Path("results/demos") / f"{file_name(self.policy)}-v0"
         given = {one.name: getattr(self, one.name) for one in fields(self)}
@@ -323,9 +319,8 @@ class Replay:
 
     def execute(self) -> int:
         """Print a line per episode; return `DEPARTED` if one differs."""
-        with postponed_interruption():
-            from gplfd_experiments.data.minari import open_dataset
-            from gplfd_experiments.data.replay import changes_since, replays
+        from gplfd_experiments.data.minari import open_dataset
+        from gplfd_experiments.data.replay import changes_since, replays
 
         dataset = open_dataset(self.dataset)
         numbers = self.episodes or tuple(range(dataset.n_episodes))
@@ -358,8 +353,7 @@ class Inspect:
                 f"{self.dataset} is a set of `gplfd demos import`; its contents are in "
                 f"{self.dataset / 'report.txt'}"
             )
-        with postponed_interruption():
-            from gplfd_experiments.data.minari import open_dataset
+        from gplfd_experiments.data.minari import open_dataset
 
         print(open_dataset(self.dataset).contents())
         return 0

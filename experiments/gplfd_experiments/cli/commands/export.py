@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 import tyro
 
 from gplfd_experiments.cli.commands.demos import numbers
-from gplfd_experiments.console.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -57,9 +56,8 @@ class Export:
 
     def execute(self) -> int:
         """Write the files and print their contents."""
-        with postponed_interruption():
-            from gplfd_experiments.workflows.dry_run import draw_dry_run, dry_run
-            from gplfd_experiments.workflows.exports import base_frame, export_skill
+        from gplfd_experiments.workflows.dry_run import draw_dry_run, dry_run
+        from gplfd_experiments.workflows.exports import base_frame, export_skill
 
         outs = [Path(f"{out}.{form}") for out in self.out for form in self.form]
         outs = outs or list(self.out)

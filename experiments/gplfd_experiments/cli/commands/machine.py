@@ -9,7 +9,6 @@ from typing import Annotated, Final, Literal
 import tyro
 
 from gplfd_experiments.cli.commands.options import Json, Quiet, recorded
-from gplfd_experiments.console.interruption import postponed_interruption
 
 RESULTS: Final = "speed.json"
 
@@ -38,14 +37,13 @@ class Speed:
 
     def execute(self) -> int:
         """Measure, print tables and write the results."""
-        with postponed_interruption():
-            from gplfd_experiments.console.arguments import check_folder, check_least
-            from gplfd_experiments.console.progress import LOG
-            from gplfd_experiments.files.plain_data import write_json
-            from gplfd_experiments.files.provenance import provenance
-            from gplfd_experiments.speed.machine import machine
-            from gplfd_experiments.speed.parts import PARTS, announcement
-            from gplfd_experiments.speed.report import measure_all
+        from gplfd_experiments.console.arguments import check_folder, check_least
+        from gplfd_experiments.console.progress import LOG
+        from gplfd_experiments.files.plain_data import write_json
+        from gplfd_experiments.files.provenance import provenance
+        from gplfd_experiments.speed.machine import machine
+        from gplfd_experiments.speed.parts import PARTS, announcement
+        from gplfd_experiments.speed.report import measure_all
 
         check_least("--repeats", self.repeats, 1)
         check_folder(self.out)
@@ -73,9 +71,8 @@ class Catalogue:
 
     def execute(self) -> int:
         """Print the catalogue."""
-        with postponed_interruption():
-            from gplfd_experiments.cli.catalogue import catalogue, catalogue_json
-            from gplfd_experiments.files.plain_data import json_text
+        from gplfd_experiments.cli.catalogue import catalogue, catalogue_json
+        from gplfd_experiments.files.plain_data import json_text
 
         print(json_text(catalogue_json()) if self.json else catalogue())
         return 0
@@ -92,9 +89,8 @@ class Doctor:
 
     def execute(self) -> int:
         """Check the installation and print the results."""
-        with postponed_interruption():
-            from gplfd_experiments.cli.doctor import examined, text
-            from gplfd_experiments.files.plain_data import json_text
+        from gplfd_experiments.cli.doctor import examined, text
+        from gplfd_experiments.files.plain_data import json_text
 
         found = examined()
         print(json_text(found) if self.json else text(found))

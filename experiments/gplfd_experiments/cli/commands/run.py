@@ -20,7 +20,6 @@ from gplfd_experiments.cli.commands.options import (
     open_command,
     recorded,
 )
-from gplfd_experiments.console.interruption import postponed_interruption
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -61,14 +60,13 @@ class Run(EpisodeOptions):
         """Open the doors and print a table; `FAILED` if the policy raised an error."""
         if self.video is not None:
             draw_without_screen()
-        with postponed_interruption():
-            from gplfd_experiments.analysis.results.table import run_table
-            from gplfd_experiments.console.progress import LOG
-            from gplfd_experiments.episodes.metrics import late_decisions
-            from gplfd_experiments.files.names import file_name
-            from gplfd_experiments.files.plain_data import json_text
-            from gplfd_experiments.files.table import text_table
-            from gplfd_experiments.workflows.runs import open_doors
+        from gplfd_experiments.analysis.results.table import run_table
+        from gplfd_experiments.console.progress import LOG
+        from gplfd_experiments.episodes.metrics import late_decisions
+        from gplfd_experiments.files.names import file_name
+        from gplfd_experiments.files.plain_data import json_text
+        from gplfd_experiments.files.table import text_table
+        from gplfd_experiments.workflows.runs import open_doors
 
         if self.skill is not None and self.demonstrations is not None:
             raise ValueError("--skill is already learned: omit --demonstrations")
@@ -170,14 +168,12 @@ class View:
                         f"--{option.name} needs --live and cannot be combined with a "
                         "file"
                     )
-            with postponed_interruption():
-                from gplfd_experiments.recording.served import recording_of
-                from gplfd_experiments.recording.viewer import open_recording
+            from gplfd_experiments.recording.served import recording_of
+            from gplfd_experiments.recording.viewer import open_recording
 
             return open_recording(recording_of(self.file))
-        with postponed_interruption():
-            from gplfd_experiments.console.arguments import check_circumstances
-            from gplfd_experiments.workflows.live import watch
+        from gplfd_experiments.console.arguments import check_circumstances
+        from gplfd_experiments.workflows.live import watch
 
         if self.file is not None:
             raise ValueError(
@@ -216,11 +212,10 @@ class Learn:
 
     def execute(self) -> int:
         """Learn, and print how to use the file."""
-        with postponed_interruption():
-            from gplfd_experiments.workflows.skills import (
-                demonstrated_doors,
-                learn_skill,
-            )
+        from gplfd_experiments.workflows.skills import (
+            demonstrated_doors,
+            learn_skill,
+        )
 
         out = self.out or Path(f"{self.demonstrations.stem}-skill.npz")
         skill = learn_skill(
@@ -263,8 +258,7 @@ class Gallery:
     def execute(self) -> int:
         """Run the missing episodes and make their videos."""
         draw_without_screen()
-        with postponed_interruption():
-            from gplfd_experiments.workflows.gallery import PAGE, write_gallery
+        from gplfd_experiments.workflows.gallery import PAGE, write_gallery
 
         number = write_gallery(
             self.doors, self.policies, self.out, seed=self.seed, options=recorded(self)

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import tyro
 
-from gplfd_experiments.console.interruption import postponed_interruption
 from gplfd_policies.serving.settings import ServeSettings
 
 
@@ -38,11 +37,10 @@ class Serve(ServeSettings):
 
     def execute(self) -> int:
         """Serve until the client or Ctrl-C ends it."""
-        with postponed_interruption():
-            from gplfd_experiments.data.teacher import Teacher
-            from gplfd_experiments.data.teacher.reaching import with_reaches
-            from gplfd_policies.demonstrations.npz import LabelledDemonstrations
-            from gplfd_policies.serving.server import serve
+        from gplfd_experiments.data.teacher import Teacher
+        from gplfd_experiments.data.teacher.reaching import with_reaches
+        from gplfd_policies.demonstrations.npz import LabelledDemonstrations
+        from gplfd_policies.serving.server import serve
 
         given = None
         if self.demonstrations is None and not self.source.endswith(".npz"):

@@ -20,7 +20,6 @@ from gplfd_experiments.cli.commands.options import (
     next_command,
     recorded,
 )
-from gplfd_experiments.console.interruption import postponed_interruption
 from gplfd_experiments.studies.settings import PRESETS, TABLE_1_NAME, StudySettings
 
 
@@ -60,16 +59,15 @@ class Benchmark:
 
     def execute(self) -> int:
         """Run the study, print its tables, and return `FAILED` if a task failed."""
-        with postponed_interruption():
-            from gplfd_experiments.analysis.results.table import (
-                study_rows,
-                write_tables,
-            )
-            from gplfd_experiments.console.arguments import check_folder
-            from gplfd_experiments.files.plain_data import json_text, naming
-            from gplfd_experiments.studies.plan import checked, tasks
-            from gplfd_experiments.studies.runner import run_or_resume
-            from gplfd_experiments.studies.settings_file import write_settings
+        from gplfd_experiments.analysis.results.table import (
+            study_rows,
+            write_tables,
+        )
+        from gplfd_experiments.console.arguments import check_folder
+        from gplfd_experiments.files.plain_data import json_text, naming
+        from gplfd_experiments.studies.plan import checked, tasks
+        from gplfd_experiments.studies.runner import run_or_resume
+        from gplfd_experiments.studies.settings_file import write_settings
 
         # Values of the file, except those given on the command line.
         from_file = self.config not in PRESETS
@@ -85,8 +83,7 @@ class Benchmark:
         tables = write_tables(self.out, settings)
         print(json_text(study_rows(self.out, settings)) if self.json else tables)
         if self.record:
-            with postponed_interruption():
-                from gplfd_experiments.workflows.study_recordings import record_extremes
+            from gplfd_experiments.workflows.study_recordings import record_extremes
 
             record_extremes(self.out)
         if not self.json:
@@ -102,8 +99,7 @@ def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
     given, _ = parser.parse_known_args(arguments)
     if list(arguments[:1]) != ["benchmark"] or given.config is None:
         return Benchmark
-    with postponed_interruption():
-        from gplfd_experiments.studies.settings_file import settings_named
+    from gplfd_experiments.studies.settings_file import settings_named
 
     return partial(Benchmark, study=settings_named(given.config))
 
@@ -167,12 +163,11 @@ class Trials:
             return self._compare()
         if (self.measure, self.max_seeds) != ("success", 100):
             raise ValueError("--measure and --max-seeds need --until-separated")
-        with postponed_interruption():
-            from gplfd_experiments.analysis.results.reading import read_results
-            from gplfd_experiments.analysis.results.trials import trial_answers
-            from gplfd_experiments.files.plain_data import json_text
-            from gplfd_experiments.studies.runner import run_or_resume
-            from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
+        from gplfd_experiments.analysis.results.reading import read_results
+        from gplfd_experiments.analysis.results.trials import trial_answers
+        from gplfd_experiments.files.plain_data import json_text
+        from gplfd_experiments.studies.runner import run_or_resume
+        from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 
         tasks = trial_tasks(
             named_trials(self.trials, self.part),
@@ -183,8 +178,7 @@ class Trials:
         engine = self.where.made()
         errors = run_or_resume(tasks, recorded(self), self.out, engine)
         if self.record:
-            with postponed_interruption():
-                from gplfd_experiments.workflows.study_recordings import record_trials
+            from gplfd_experiments.workflows.study_recordings import record_trials
 
             record_trials(self.out)
         if self.json:
@@ -195,9 +189,8 @@ class Trials:
         return FAILED if errors else 0
 
     def _compare(self) -> int:
-        with postponed_interruption():
-            from gplfd_experiments.files.plain_data import json_text
-            from gplfd_experiments.workflows.separation import run_until_separated
+        from gplfd_experiments.files.plain_data import json_text
+        from gplfd_experiments.workflows.separation import run_until_separated
 
         if (self.part, self.record, self.robot) != ("whole", False, "tiago-like"):
             raise ValueError(
@@ -248,8 +241,7 @@ class SkillTests:
 
     def execute(self) -> int:
         """Run the tests, print a table; return `FAILED` if a method cannot learn."""
-        with postponed_interruption():
-            from gplfd_experiments.workflows.skills import RECORDING, judge
+        from gplfd_experiments.workflows.skills import RECORDING, judge
 
         errors = judge(
             self.recordings,
@@ -291,10 +283,9 @@ class Tune:
 
     def execute(self) -> int:
         """Tune, and print results of published and tuned settings."""
-        with postponed_interruption():
-            from gplfd_experiments.files.plain_data import json_text, read_json
-            from gplfd_experiments.studies.engines import engine_named
-            from gplfd_experiments.studies.tuning import FILE, checked_policies, tune
+        from gplfd_experiments.files.plain_data import json_text, read_json
+        from gplfd_experiments.studies.engines import engine_named
+        from gplfd_experiments.studies.tuning import FILE, checked_policies, tune
 
         policies = checked_policies(self.policies)
         engine = engine_named("loky", workers=self.workers)
@@ -336,13 +327,12 @@ class Report:
 
     def execute(self) -> int:
         """Write the pages, print their location; `FAILED` if all tasks failed."""
-        with postponed_interruption():
-            from gplfd_experiments.analysis.report.origin import unfinished
-            from gplfd_experiments.analysis.report.page import write_report
-            from gplfd_experiments.analysis.results.reading import read_results
-            from gplfd_experiments.analysis.results.table import write_rows
-            from gplfd_experiments.console.arguments import check_folder
-            from gplfd_experiments.console.progress import LOG
+        from gplfd_experiments.analysis.report.origin import unfinished
+        from gplfd_experiments.analysis.report.page import write_report
+        from gplfd_experiments.analysis.results.reading import read_results
+        from gplfd_experiments.analysis.results.table import write_rows
+        from gplfd_experiments.console.arguments import check_folder
+        from gplfd_experiments.console.progress import LOG
 
         if not self.folders:
             raise ValueError("give the folder of a study: gplfd report DIR")
@@ -350,9 +340,8 @@ class Report:
             check_folder(self.out)
         results = read_results(*self.folders)
         if self.check:
-            with postponed_interruption():
-                from gplfd_experiments.analysis.results.trials import protocol_problems
-                from gplfd_experiments.studies.trials.protocol import VERSION
+            from gplfd_experiments.analysis.results.trials import protocol_problems
+            from gplfd_experiments.studies.trials.protocol import VERSION
 
             problems = protocol_problems(results)
             for problem in problems:
@@ -393,8 +382,7 @@ class Figures:
 
     def execute(self) -> int:
         """Draw the figures and print their location."""
-        with postponed_interruption():
-            from gplfd_experiments.workflows.figures import draw_figures
+        from gplfd_experiments.workflows.figures import draw_figures
 
         number = draw_figures(
             self.out, self.only, seed=self.seed, options=recorded(self)

@@ -15,7 +15,6 @@ from gplfd_experiments.cli.commands.options import (
     recorded,
 )
 from gplfd_experiments.cli.commands.run import draw_without_screen
-from gplfd_experiments.console.interruption import postponed_interruption
 
 Device = Literal["mouse", "keyboard", "spacemouse"]
 """Input device of a person who leads the hand in the browser."""
@@ -61,8 +60,7 @@ class Teach(PageOptions):
     def execute(self) -> int:
         """Serve the page until the person finishes, and print the next commands."""
         draw_without_screen()
-        with postponed_interruption():
-            from gplfd_experiments.teaching.page import teach
+        from gplfd_experiments.teaching.page import teach
 
         number = teach(
             self.doors,
@@ -114,12 +112,11 @@ class Correct(PageOptions):
         """Correct the skill, and print what changed."""
         if self.device is not None:
             draw_without_screen()
-        with postponed_interruption():
-            from gplfd_experiments.files.table import Table, text_table
-            from gplfd_experiments.workflows.corrections import (
-                correct_by_hand,
-                correct_skill,
-            )
+        from gplfd_experiments.files.table import Table, text_table
+        from gplfd_experiments.workflows.corrections import (
+            correct_by_hand,
+            correct_skill,
+        )
 
         out = self.out or self.skill.with_name(f"{self.skill.stem}-corrected.npz")
         correct: Any = correct_skill
