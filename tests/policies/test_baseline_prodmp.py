@@ -66,7 +66,8 @@ def test_every_movement_starts_in_the_boundary_state(prodmp, aligned):
 
 
 def test_the_motion_goes_on_to_the_goal(prodmp):
-    goal = prodmp.weight_mean.reshape(6, -1)[:, -3] / (1.0 - 13.5 * np.exp(-12.5))
+    scaled = prodmp.weight_mean.reshape(6, -1)[:, -3] / prodmp.triangle[-1, -1]
+    goal = scaled / (1.0 - 13.5 * np.exp(-12.5))
     assert_allclose(prodmp.predict(np.array([5.0])).mean[0], goal, atol=2e-3)
 
 

@@ -18,9 +18,12 @@ is linear. From the state (y_b, y_b') at z = 0 it has the solution
 * Outputs are position and rotation vector. The start is the mean of all starts, but
   each demonstration is fitted from its own start.
 * Responses Φ are scaled to a maximum of 1 within the task, as in the paper. They
-  overlap so much that shrinking Σ to its diagonal would increase the deviations beyond
-  the demonstrated ones. Therefore Σ is shrunk to white deviations of the demonstrated
-  variance.
+  overlap so much that their weights cancel to ten digits: conditioning on them would
+  depend on rounding. Therefore Φ is made orthonormal over the demonstrated phases,
+  Φ R⁻¹ with the weights R (w, g), where Rᵀ R = ΦᵀΦ and the ridge
+  (``test_contradicting_demands_of_no_tolerance_have_an_answer``).
+* Σ is shrunk to white deviations of the demonstrated variance: towards its diagonal,
+  the deviations would increase beyond the demonstrated ones.
 """
 
 from dataclasses import dataclass
@@ -32,7 +35,7 @@ import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.one_thread import one_thread
-from gplfd_policies.arrays.shapes import Times
+from gplfd_policies.arrays.shapes import Float, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.baselines.dmp import DMPConfig, forcing_basis
 from gplfd_policies.movements.baselines.promp import (
@@ -69,20 +72,25 @@ class ProbabilisticDynamicMovementPrimitive(WeightMovement):
     """A Gaussian over forcing terms and goals; made by `fit_prodmp`, immutable.
 
     Before the first demonstrated phase the pose is the start; after the last one the
-    attractor continues to the goal. The weights of an output are w, g, y_b and y_b'.
+    attractor continues to the goal. The weights of an output are R (w, g), y_b, y_b'.
     """
 
     config: ProDMPConfig
     """Constants of the primitive."""
+    triangle: Float[np.ndarray, "B B"]
+    """R, upper triangular, which makes the responses orthonormal."""
 
     def basis(self, times: Times) -> Basis:
-        """Position basis (Φ, y_1 + α/2 y_2, y_2), and its derivative per unit phase."""
+        """(Φ R⁻¹, y_1 + α/2 y_2, y_2), and its derivative per unit phase."""
         phases = self.aligned.times
         clock = (times - phases[0]) / (phases[-1] - phases[0])
         within = np.clip(clock, 0.0, _LONGEST)
         moving = (within == clock)[:, None] / (phases[-1] - phases[0])
-        basis = position_basis(self.config)
-        return basis(within), moving * basis(within, 1)
+        spline = position_basis(self.config)
+        basis, slope = spline(within), moving * spline(within, 1)
+        for rows in (basis, slope):
+            rows[:, :-2] = orthonormal(rows[:, :-2], self.triangle)
+        return basis, slope
 
 
 @one_thread
@@ -96,23 +104,34 @@ def fit_prodmp(
     rates = np.gradient(aligned.poses.mean(axis=0), aligned.times / tau, axis=0)
     basis, resting, coasting = basis[:, :-2], basis[:, -2, None], basis[:, -1, None]
     driven = aligned.poses - resting * starts[:, None] - coasting * rates[0]
-    learned = learn_weights(driven, basis)
+    size = basis.shape[1]
+    penalised = np.vstack([basis, np.sqrt(RIDGE) * np.eye(size)])
+    triangle = np.asarray(np.linalg.qr(penalised, mode="r"))
+    basis = orthonormal(basis, triangle)
+    learned = learn_weights(driven, basis, basis.T)
     # Within the span of the basis, white deviations of the demonstrated variance.
     variance = driven.var(axis=0, ddof=1).mean(axis=0)
-    size = basis.shape[1]
-    gram = basis.T @ basis + RIDGE * np.eye(size)
-    white = np.linalg.inv(gram) * (len(basis) / size)
+    white = np.repeat(variance * (len(basis) / size), size)
     covariance = (1.0 - config.shrinkage) * learned["weight_covariance"]
-    covariance += config.shrinkage * np.kron(np.diag(variance), white)
+    covariance += config.shrinkage * np.diag(white)
     covariance = np.pad(covariance.reshape(6, size, 6, size), ((0, 0), (0, 2)) * 2)
     mean = learned["weight_mean"].reshape(6, size).T
     return ProbabilisticDynamicMovementPrimitive(
         aligned=aligned,
         config=config,
+        triangle=triangle,
         weight_mean=np.vstack([mean, starts.mean(axis=0), rates[0]]).T.ravel(),
         weight_covariance=covariance.reshape(6 * (size + 2), -1),
         noise_variance=learned["noise_variance"],
     )
+
+
+def orthonormal(
+    responses: Float[np.ndarray, "M B"], triangle: Float[np.ndarray, "B B"]
+) -> Float[np.ndarray, "M B"]:
+    """Φ R⁻¹."""
+    solved = scipy.linalg.solve_triangular(triangle, responses.T, trans="T")
+    return np.asarray(solved.T)
 
 
 @lru_cache(maxsize=64)

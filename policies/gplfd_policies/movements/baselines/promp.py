@@ -176,7 +176,9 @@ def fit_promp(
     Every demonstration is fitted by ridge regression; μ and S are mean and sample
     covariance of the weights, and R the mean squared residual per degree of freedom.
     """
-    learned = learn_weights(aligned.poses, _basis(aligned.times, config))
+    basis = _basis(aligned.times, config)
+    gram = basis.T @ basis + RIDGE * np.eye(config.n_basis)
+    learned = learn_weights(aligned.poses, basis, np.linalg.solve(gram, basis.T))
     sample, share = learned["weight_covariance"], config.shrinkage
     diagonal = np.diag(np.diag(sample))
     learned["weight_covariance"] = (1.0 - share) * sample + share * diagonal
@@ -184,9 +186,14 @@ def fit_promp(
 
 
 def learn_weights(
-    poses: OutputCurves, basis: Float[np.ndarray, "M B"]
+    poses: OutputCurves,
+    basis: Float[np.ndarray, "M B"],
+    regression: Float[np.ndarray, "B M"],
 ) -> dict[str, Any]:
-    """Learn μ, Σ = S, and R of a `WeightMovement` from curves."""
+    """Learn μ, Σ = S, and R of a `WeightMovement` from curves.
+
+    The matrix ``regression`` turns the curve of one output into its weights.
+    """
     count, n_phases, _ = poses.shape
     size = basis.shape[1]
     if count < 2:
@@ -199,8 +206,6 @@ def learn_weights(
             f"{size} basis functions need more than {size} phases, got {n_phases}: "
             "align with more samples, or lower n_basis."
         )
-    gram = basis.T @ basis
-    regression = np.linalg.solve(gram + RIDGE * np.eye(size), basis.T)
     weights = np.einsum("bm,kmd->kdb", regression, poses)
     residuals = poses - np.einsum("mb,kdb->kmd", basis, weights)
     freedom = count * (n_phases - np.trace(regression @ basis))
