@@ -18,7 +18,6 @@ from typing import NamedTuple
 import jaxtyping
 import pytest
 from hypothesis import settings
-from threadpoolctl import threadpool_limits
 
 if "DISPLAY" not in os.environ and ctypes.util.find_library("EGL"):
     # Read by MuJoCo when it is imported: without a display, pictures come from EGL.
@@ -98,16 +97,6 @@ def unchecked_types() -> Iterator[None]:
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-        yield
-
-
-@pytest.fixture(scope="module")
-def one_blas_thread() -> Iterator[None]:
-    """Let BLAS compute on one thread: several wait for each other while others test.
-
-    For modules that call what `gplfd_policies` itself calls on one thread.
-    """
-    with threadpool_limits(1, user_api="blas"):
         yield
 
 

@@ -10,7 +10,10 @@ Nothing here depends on a simulator::
     adapted = adapt(skill, [ViaPoint(phase=0.3, pose=pose)])
     agent = make_agent("gp", demonstrations)
 
-A name is imported when it is first used: all of them together take a second.
+A name is imported when it is first used: all of them together take a second. From then
+on, the BLAS of NumPy and SciPy computes on one thread in this process, so that numbers
+do not depend on the machine's number of cores. Where threadpoolctl is not installed,
+set ``OPENBLAS_NUM_THREADS=1`` before Python starts.
 """
 
 from importlib import import_module

@@ -11,7 +11,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
 from gplfd_env import ENVIRONMENT_ID, ENVIRONMENT_IDS
 from gplfd_experiments.data.teacher import Teacher
@@ -201,18 +200,6 @@ class Softening:
         compute(self.work)
         self.stiffness -= 10.0
         return np.repeat([0.0, self.stiffness, 0.1 * self.stiffness], [6, 3, 3])
-
-
-@pytest.mark.bits
-def test_number_of_threads_changes_no_number():
-    """Of BLAS: learning and acting take one, whatever the caller has set."""
-    ends = []
-    for threads in (1, 2):
-        with threadpool_limits(limits=threads, user_api="blas"):
-            make = agents_of.__wrapped__("gp")
-            logs = in_lockstep("gp", make, max_episode_steps=30)
-        ends.append([log.action.tobytes() for log in logs])
-    assert ends[0] == ends[1]
 
 
 def test_latency_in_lockstep_is_a_share_of_the_batch_s():

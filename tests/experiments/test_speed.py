@@ -18,7 +18,7 @@ from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warp
 from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_blas_thread")]
+pytestmark = pytest.mark.slow
 
 Gplfd = Callable[..., int]
 

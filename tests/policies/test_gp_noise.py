@@ -9,7 +9,7 @@ from gplfd_policies.gp.noise import HomoscedasticNoise, KerstingNoise, MapNoise
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.usefixtures("unchecked_types", "one_blas_thread"),
+    pytest.mark.usefixtures("unchecked_types"),
 ]
 
 TIMES = np.linspace(0.0, 1.0, 120)

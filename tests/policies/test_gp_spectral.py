@@ -17,7 +17,7 @@ from gplfd_policies.gp.spectral import SpectralEvidence, SpectralPosterior
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.usefixtures("unchecked_types", "one_blas_thread"),
+    pytest.mark.usefixtures("unchecked_types"),
 ]
 
 KERNEL = RBF(length_scale=0.2, signal_std=1.0)

@@ -35,7 +35,6 @@ from gplfd_policies.agents.reaching import (
     openings,
     reaches,
 )
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations, hash_of
 from gplfd_policies.movements.prior_mean import PosePath
 from gplfd_policies.registry.method import TrainingInput
@@ -91,14 +90,12 @@ def learned(policy: Policy, training: TrainingInput) -> Callable[[], Agent]:
     Policies without a learned movement make every agent independently.
     """
     method = policy.method
-    with one_thread:
-        modes = method.learn_modes(training) if method is not None else None
+    modes = method.learn_modes(training) if method is not None else None
 
     def make() -> Agent:
-        with one_thread:
-            if method is not None and modes is not None:
-                return method.follow_modes(modes)
-            return as_agent(policy.make(training))
+        if method is not None and modes is not None:
+            return method.follow_modes(modes)
+        return as_agent(policy.make(training))
 
     return make
 

@@ -21,7 +21,6 @@ from gplfd_experiments.episodes.build import (
     reported_errors,
 )
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.registry.catalogue import policy_named
 from gplfd_policies.registry.policy import Policy
 
@@ -96,8 +95,7 @@ def _recorded(
     """Run and yield the episode of every task."""
     recorder, inner = Recorder(env), env.unwrapped
     for task in progress_bar(tasks, desc="recording", unit="episode"):
-        # Small matrices: more threads take more time and change the order of sums.
-        with reported_errors(task.policy, policy), one_thread:
+        with reported_errors(task.policy, policy):
             agent = learned_agents(task, policy)()
             observation, _ = recorder.reset(
                 seed=task.reset_seed, options={"door": dict(task.door_config)}

@@ -18,7 +18,6 @@ from gplfd_env.envs.vector import DoorOpeningVectorEnv
 from gplfd_experiments.episodes.log import PER_STEP, EpisodeLog
 from gplfd_policies.agents.agent import as_agent
 from gplfd_policies.agents.lockstep import AgentBatch
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 Arrays = dict[str, NDArray[Any]]
@@ -69,50 +68,48 @@ def rollout(
     """
     agent = as_agent(agent)
     inner: Any = env.unwrapped
-    # Matrices have a hundred rows: several threads would take ten times as long.
-    with one_thread:
-        observation, info = env.reset(seed=seed)
-        agent.inform(inner.door_geometry)
-        agent.reset(observation)
-        steps = StepRecorder()
-        forecasts = ForecastRecorder(agent.forecast, forecast_period)
-        ended = truncated = False
+    observation, info = env.reset(seed=seed)
+    agent.inform(inner.door_geometry)
+    agent.reset(observation)
+    steps = StepRecorder()
+    forecasts = ForecastRecorder(agent.forecast, forecast_period)
+    ended = truncated = False
 
-        def log() -> EpisodeLog:
-            return _log(
-                steps.arrays() | forecasts.arrays(),
-                failure=str(info["failure"]),
-                reason=str(info["reason"]),
-                truncated=truncated,
-                policy=policy,
-                door=door,
-                door_config=inner.door.as_dict(),
-                seed=seed,
-            )
+    def log() -> EpisodeLog:
+        return _log(
+            steps.arrays() | forecasts.arrays(),
+            failure=str(info["failure"]),
+            reason=str(info["reason"]),
+            truncated=truncated,
+            policy=policy,
+            door=door,
+            door_config=inner.door.as_dict(),
+            seed=seed,
+        )
 
-        while True:
-            now = float(observation["time"][0])
-            forecasts.take_if_due(now, force=ended)
-            decision, cpu, wall = _timed(partial(agent.act, observation))
-            steps.add(
-                observation,
-                info,
-                decision,
-                times=now,
-                qpos=inner.data.qpos,
-                solved=info["success"],
-                latency_s=cpu,
-                latency_wall_s=wall,
-            )
-            if on_step is not None:
-                angle = float(info["door_angle"])
-                on_step(Progress(time=now, door_angle=angle, steps=len(steps), log=log))
-            if ended:
-                return log()
-            observation, _, terminated, truncated, info = env.step(
-                decision.command(agent.control)
-            )
-            ended = terminated or truncated
+    while True:
+        now = float(observation["time"][0])
+        forecasts.take_if_due(now, force=ended)
+        decision, cpu, wall = _timed(partial(agent.act, observation))
+        steps.add(
+            observation,
+            info,
+            decision,
+            times=now,
+            qpos=inner.data.qpos,
+            solved=info["success"],
+            latency_s=cpu,
+            latency_wall_s=wall,
+        )
+        if on_step is not None:
+            angle = float(info["door_angle"])
+            on_step(Progress(time=now, door_angle=angle, steps=len(steps), log=log))
+        if ended:
+            return log()
+        observation, _, terminated, truncated, info = env.step(
+            decision.command(agent.control)
+        )
+        ended = terminated or truncated
 
 
 def rollouts(
@@ -151,43 +148,42 @@ def rollouts(
             f"{envs.num_envs} simulations need as many doors and seeds, got "
             f"{len(doors)} and {len(seeds)}"
         )
-    with one_thread:  # as in `rollout`
-        observations, infos = envs.reset(seed=list(seeds))
-        agents.inform(envs.door_geometries)
-        agents.reset(observations)
-        steps = StepRecorder()
-        forecasts = [
-            ForecastRecorder(partial(agents.forecast, row), forecast_period)
-            for row in range(envs.num_envs)
-        ]
-        lengths = np.zeros(envs.num_envs, dtype=int)
-        acting = np.ones(envs.num_envs, dtype=bool)
-        ended, truncated = ~acting, ~acting
-        while True:
-            times = observations["time"][:, 0]
-            for row in np.flatnonzero(acting).tolist():
-                forecasts[row].take_if_due(float(times[row]), force=bool(ended[row]))
-            decided, cpu, wall = _timed(partial(agents.act, observations, acting))
-            count = np.count_nonzero(acting)
-            steps.add(
-                observations,
-                infos,
-                decided,
-                times=times,
-                qpos=envs.qpos,
-                solved=infos["success"],
-                latency_s=np.full(times.shape, cpu / count),
-                latency_wall_s=np.full(times.shape, wall / count),
-            )
-            lengths += acting
-            # An episode's last row is the state in which it ended.
-            acting = acting & ~ended
-            if not acting.any():
-                break
-            observations, _, terminated, truncated, infos = envs.step(
-                decided.command(agents.control)
-            )
-            ended = terminated | truncated
+    observations, infos = envs.reset(seed=list(seeds))
+    agents.inform(envs.door_geometries)
+    agents.reset(observations)
+    steps = StepRecorder()
+    forecasts = [
+        ForecastRecorder(partial(agents.forecast, row), forecast_period)
+        for row in range(envs.num_envs)
+    ]
+    lengths = np.zeros(envs.num_envs, dtype=int)
+    acting = np.ones(envs.num_envs, dtype=bool)
+    ended, truncated = ~acting, ~acting
+    while True:
+        times = observations["time"][:, 0]
+        for row in np.flatnonzero(acting).tolist():
+            forecasts[row].take_if_due(float(times[row]), force=bool(ended[row]))
+        decided, cpu, wall = _timed(partial(agents.act, observations, acting))
+        count = np.count_nonzero(acting)
+        steps.add(
+            observations,
+            infos,
+            decided,
+            times=times,
+            qpos=envs.qpos,
+            solved=infos["success"],
+            latency_s=np.full(times.shape, cpu / count),
+            latency_wall_s=np.full(times.shape, wall / count),
+        )
+        lengths += acting
+        # An episode's last row is the state in which it ended.
+        acting = acting & ~ended
+        if not acting.any():
+            break
+        observations, _, terminated, truncated, infos = envs.step(
+            decided.command(agents.control)
+        )
+        ended = terminated | truncated
     together = steps.arrays()
     return tuple(
         _log(

@@ -26,7 +26,6 @@ from gplfd_experiments.studies.result_format import STAMP
 from gplfd_experiments.studies.sources import NO_FILES, Files, policy_of
 from gplfd_experiments.studies.tasks import Job, Result, SkillTask
 from gplfd_policies.agents.agent import Agent
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.registry.policy import Policy
 
@@ -48,31 +47,30 @@ def run_job(
     contain policies that this machine may lack; the recordings are for `RecordedTask`s.
     """
     policy: Policy | None = None
-    with one_thread:
+    try:
+        policy = policy_of(job[0], files)
+        if not isinstance(job[0], EpisodeTask):
+            return [_learning_result(job[0], policy, recordings)]
+    # A policy may raise any exception. A failure to learn is a result of the study,
+    # and must not end the tasks of other policies.
+    except (Exception, SystemExit) as error:
+        return [_error_result(task, error, policy) for task in job]
+    episodes = [task for task in job if isinstance(task, EpisodeTask)]
+    results: dict[str, Result] = {}
+    make: dict[str, Callable[[], Agent]] = {}
+    trainings: dict[str, list[EpisodeTask]] = {}
+    for task in episodes:
+        trainings.setdefault(task.training_key, []).append(task)
+    for training, tasks in trainings.items():
         try:
-            policy = policy_of(job[0], files)
-            if not isinstance(job[0], EpisodeTask):
-                return [_learning_result(job[0], policy, recordings)]
-        # A policy may raise any exception. A failure to learn is a result of the study,
-        # and must not end the tasks of other policies.
+            make[training] = learned_agents(tasks[0], policy)
         except (Exception, SystemExit) as error:
-            return [_error_result(task, error, policy) for task in job]
-        episodes = [task for task in job if isinstance(task, EpisodeTask)]
-        results: dict[str, Result] = {}
-        make: dict[str, Callable[[], Agent]] = {}
-        trainings: dict[str, list[EpisodeTask]] = {}
-        for task in episodes:
-            trainings.setdefault(task.training_key, []).append(task)
-        for training, tasks in trainings.items():
-            try:
-                make[training] = learned_agents(tasks[0], policy)
-            except (Exception, SystemExit) as error:
-                for task in tasks:
-                    results[task.key] = _error_result(task, error, policy)
-        able = [task for task in episodes if task.training_key in make]
-        opened = _episode_results(able, policy, make)
-        results |= {task.key: one for task, one in zip(able, opened, strict=True)}
-        return [results[task.key] for task in episodes]
+            for task in tasks:
+                results[task.key] = _error_result(task, error, policy)
+    able = [task for task in episodes if task.training_key in make]
+    opened = _episode_results(able, policy, make)
+    results |= {task.key: one for task, one in zip(able, opened, strict=True)}
+    return [results[task.key] for task in episodes]
 
 
 def failed(task: Task, reason: str, trace: str = "", *, lost: bool = False) -> Result:

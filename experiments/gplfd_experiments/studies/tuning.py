@@ -62,7 +62,6 @@ from gplfd_experiments.studies.learning_tests.folds import (
 )
 from gplfd_experiments.studies.learning_tests.scores import prediction_scores
 from gplfd_policies.agents.agent import Agent
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.registry.catalogue import tuned
 from gplfd_policies.registry.tuning_spaces import SPACES, Values
 
@@ -149,7 +148,7 @@ def evaluate(candidate: Candidate) -> Evaluation:
     """Evaluate a candidate; an error is its result."""
     started = time.process_time()
     outcome: Evaluation
-    with one_thread, warnings.catch_warnings():
+    with warnings.catch_warnings():
         # Warnings about few demonstrations or convergence, because their effect is
         # measured.
         warnings.simplefilter("ignore", UserWarning)

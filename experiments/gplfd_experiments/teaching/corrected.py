@@ -11,7 +11,6 @@ from gplfd_experiments.episodes.practice import LOST
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.teaching.lead import Lead, Person
 from gplfd_experiments.teaching.lesson import Lesson
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import Skill
@@ -52,15 +51,13 @@ class CorrectionLesson(Lesson):
         self._person = Person(self.view)
         agent = self._store.method.follow(self._store.skill)
         self._agent = LedAgent(agent, self._person)
-        with one_thread:
-            self._agent.inform(self._env.door_geometry)
-            self._agent.reset(self._observation)
+        self._agent.inform(self._env.door_geometry)
+        self._agent.reset(self._observation)
         return self._person.spring
 
     def _action(self, sample: Float[np.ndarray, " 9"]) -> Float[np.ndarray, " 6"]:
         self._person.take(sample, float(self._info["handle_angle"]))
-        with one_thread:
-            return self._agent.act(self._observation).command(self.control)
+        return self._agent.act(self._observation).command(self.control)
 
     def step(self, sample: Float[np.ndarray, " 9"]) -> None:
         """Simulate one control period, until the door is open."""

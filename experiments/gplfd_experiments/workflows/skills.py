@@ -20,7 +20,6 @@ from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.runner import run_or_resume
 from gplfd_experiments.teaching.taught import read_taught
 from gplfd_experiments.workflows.runs import CONFIGURATION
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.npz import demonstrations_file, load_demonstrations
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.registry.catalogue import policy_named
@@ -66,8 +65,7 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     given = load_demonstrations(demonstrations).demonstrations
     LOG.info("learning from %d demonstrations", len(given))
     started = time.perf_counter()
-    with one_thread:
-        modes = method.learn_modes(TrainingInput(demonstrations=given, seed=seed))
+    modes = method.learn_modes(TrainingInput(demonstrations=given, seed=seed))
     if len(modes) > 1:
         kinds = "; ".join(", ".join(map(str, mode.numbers)) for mode in modes)
         raise ValueError(
@@ -124,9 +122,8 @@ def judge(
     if method is None:
         return errors
     try:
-        with one_thread:
-            movement, _ = learn(method, given, 0)
-            record_learned(file, movement, reference)
+        movement, _ = learn(method, given, 0)
+        record_learned(file, movement, reference)
     # Methods raise errors of every kind if they cannot learn.
     except Exception as error:
         LOG.error(

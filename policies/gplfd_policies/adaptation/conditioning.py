@@ -25,7 +25,6 @@ from functools import partial
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.movements.trajectory import GaussianTrajectory
@@ -255,7 +254,6 @@ class ConditionedProcess:
             log_variance=2.0 * float(np.sum(np.log(root[_DIAGONAL]))),
         )
 
-    @one_thread
     def distribution(
         self, stretch: Pose, degrees_of_freedom: float | None
     ) -> GaussianTrajectory:

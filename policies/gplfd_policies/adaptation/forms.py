@@ -12,7 +12,6 @@ from gplfd_policies.adaptation.own_clock import OwnClockAdaptation
 from gplfd_policies.adaptation.process import ExactAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.adaptation.similarity import SimilarityAdaptation
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Outputs, Times
 from gplfd_policies.movements.movement import (
     Adaptable,
@@ -54,7 +53,6 @@ class AdaptedMovement:
     form: AdaptationForm
     """The form of adaptation."""
 
-    @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
         """Return the conditioned distribution at ``times``.
 
@@ -149,7 +147,6 @@ def adapt(
     )
 
 
-@one_thread
 def begin_adaptation(
     movement: Movement, form: AdaptationForm | None, grid: Times
 ) -> Adaptation:

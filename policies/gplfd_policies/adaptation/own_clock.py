@@ -32,7 +32,6 @@ from gplfd_policies.adaptation.process import (
     StudentProcess,
     demonstrated_repetition,
 )
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Curves, Float, Times
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.movements.skill import Skill
@@ -74,7 +73,6 @@ class OwnClockAdaptation(MixedProcesses):
             `ProcessAdaptation`.
     """
 
-    @one_thread
     def __init__(self, skill: Skill, grid: Times) -> None:
         aligned = skill.aligned
         if aligned.clocks is None:

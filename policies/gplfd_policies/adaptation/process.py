@@ -17,7 +17,6 @@ from gplfd_policies.adaptation.conditioning import (
     Repetition,
     basis_for_grid,
 )
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.resolution import thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.gp.deviations import conjugate_share
@@ -54,7 +53,6 @@ class StudentProcess(ConditionedProcess):
         self._observed, self._distance = np.zeros(6), np.zeros(6)
         self._sequential, self._log_variance = 0.0, 0.0
 
-    @one_thread
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place, in O(n² + M n)."""
         here, along = self.at(via_point.phase), np.asarray(via_point.along)
@@ -103,7 +101,6 @@ class MixedProcesses:
         """Mix processes with given prior probabilities."""
         self._parts, self._log_prior = tuple(parts), np.log(prior)
 
-    @one_thread
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place."""
         for part in self._parts:
@@ -131,7 +128,6 @@ class MixedProcesses:
         apart = means - _mixed(shares, means)
         return np.asarray(np.sqrt(variance + _mixed(shares, apart**2)))
 
-    @one_thread
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""
         shares, parts = self.shares, [part.trajectory() for part in self._parts]
@@ -171,7 +167,6 @@ class ProcessAdaptation(StudentProcess):
     clock see `gplfd_policies.adaptation.own_clock`.
     """
 
-    @one_thread
     def __init__(
         self, skill: Skill, grid: Times, empirical_share: float | None = None
     ) -> None:
@@ -203,7 +198,6 @@ class ForceAdaptation(MixedProcesses):
     demonstrated forces, or moments, along each axis.
     """
 
-    @one_thread
     def __init__(self, skill: Skill, grid: Times) -> None:
         """Start from at least two demonstrations, with wrenches instead of poses."""
         square = np.mean(skill.aligned.poses.reshape(-1, 2, 3) ** 2, axis=0)
@@ -225,7 +219,6 @@ class IndependentPhaseAdaptation(ProcessAdaptation):
     (``test_shared_error_leaves_what_is_across_the_path_certain``).
     """
 
-    @one_thread
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place."""
         std = np.sqrt(via_point.noise_variance)
@@ -241,7 +234,6 @@ class ExactAdaptation(ConditionedProcess):
     on the grid (``test_exact_equals_gp_on_demonstrations_and_via_points``).
     """
 
-    @one_thread
     def __init__(self, skill: Skill, grid: Times) -> None:
         """Start from the demonstrations; arguments as for `ProcessAdaptation`."""
         processes, times = skill.processes, skill.aligned.times
@@ -257,7 +249,6 @@ class ExactAdaptation(ConditionedProcess):
         super().__init__(prior, grid)
         self._degrees_of_freedom = skill.degrees_of_freedom
 
-    @one_thread
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place, in O(n² + M n)."""
         here, along = self.at(via_point.phase), np.asarray(via_point.along)

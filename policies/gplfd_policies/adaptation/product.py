@@ -5,7 +5,6 @@ from typing import Literal
 
 import numpy as np
 
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Curve, Gram, Outputs, Times
 from gplfd_policies.gp.exact import ExactGP, factorise
 from gplfd_policies.gp.kernels import RBF
@@ -53,7 +52,6 @@ class ProductAdaptation:
       (``test_zero_prior_mean_pulls_the_policy``).
     """
 
-    @one_thread
     def __init__(
         self,
         skill: Skill,
@@ -84,7 +82,6 @@ class ProductAdaptation:
         self._means = self._demonstrated.mean.copy()
         self._covariances = self._demonstrated.covariance.copy()
 
-    @one_thread
     def observe(self, via_point: ViaPoint) -> None:
         """Add a via-point: refit the via-point process and multiply again."""
         self._via_points.append(via_point)
@@ -138,7 +135,6 @@ class ProductAdaptation:
         variances = np.diagonal(self._covariances, axis1=1, axis2=2)
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)).T)
 
-    @one_thread
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution; after a via-point, rates are differences."""
         rates = (self._demonstrated.mean_rate, self._demonstrated.std_rate)

@@ -18,7 +18,6 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.path_similarity import (
@@ -52,7 +51,6 @@ class SimilarityAdaptation:
     separately.
     """
 
-    @one_thread
     def __init__(self, movement: Movement, grid: Times) -> None:
         """Start from the demonstrations, on a grid of phases (M,)."""
         predicted, aligned = movement.predict(grid), movement.aligned
@@ -78,7 +76,6 @@ class SimilarityAdaptation:
         self._covariance += np.diag([1.0, 1.0, self._rate**2])[:, :, None]
         self._forecast()
 
-    @one_thread
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place."""
         phase, pose = float(via_point.phase), via_point.pose
@@ -122,7 +119,6 @@ class SimilarityAdaptation:
         """Current standard deviation on the grid [m, rad]."""
         return self._std
 
-    @one_thread
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with smooth deviations."""
         std = self._std.copy()

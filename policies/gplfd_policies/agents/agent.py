@@ -15,7 +15,6 @@ from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.handles import HandleConfig, controller_of
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
@@ -87,20 +86,17 @@ class CheckedAgent:
             )
         self.control: Control = control
 
-    @one_thread
     def inform(self, door: DoorGeometry) -> None:
         """Pass on the door of the next episode."""
         if hasattr(self._candidate, "inform"):
             self._candidate.inform(door)
 
-    @one_thread
     def reset(self, observation: Observation) -> None:
         """Begin an episode."""
         self._step = 0
         if hasattr(self._candidate, "reset"):
             self._candidate.reset(observation)
 
-    @one_thread
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
         self._step += 1
@@ -127,7 +123,6 @@ class CheckedAgent:
             f"{self._step} of an episode; it must return {_WANTED[self.control]}"
         )
 
-    @one_thread
     def forecast(self) -> GaussianTrajectory | None:
         """Return the currently expected trajectory of the whole task, or None."""
         if not hasattr(self._candidate, "forecast"):
@@ -178,7 +173,6 @@ class CompliantAgent:
     handle: TurnedHandle | None = field(init=False, repr=False, compare=False)
     _controller: ComplianceController = field(init=False, repr=False, compare=False)
 
-    @one_thread
     def __post_init__(self) -> None:
         handle = turned_handle(self.movement.learned.aligned)
         controller = controller_of(
@@ -200,12 +194,10 @@ class CompliantAgent:
     def inform(self, door: DoorGeometry) -> None:
         """Ignore the door: the agent uses only what it learns and observes."""
 
-    @one_thread
     def reset(self, observation: Observation) -> None:
         """Forget the last door and begin at the closed door."""
         self._controller.reset()
 
-    @one_thread
     def act(self, observation: Observation) -> AgentStep:
         """Return the command from ``ee_pose`` [m, rad] and ``wrench`` [N, N m].
 
@@ -215,7 +207,6 @@ class CompliantAgent:
         """
         return self._controller.decide(*measured(observation))
 
-    @one_thread
     def forecast(self) -> GaussianTrajectory:
         """Return the current movement over the whole task."""
         return self.movement.trajectory()

@@ -15,7 +15,6 @@ from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.agents.agent import Agent, CompliantAgent, as_agent
 from gplfd_policies.agents.handles import controller_of
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.rows import Rows, rows_of
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
 from gplfd_policies.control.steps import AgentStep, Observation
@@ -34,18 +33,15 @@ class AgentBatch:
         self._actions = np.full((len(agents), 6), np.nan)
         self.control: Control = agents[0].control
 
-    @one_thread
     def inform(self, doors: Sequence[DoorGeometry]) -> None:
         """Pass the door of the next episode to every agent; only oracles use it."""
         for agent, door in zip(self._agents, doors, strict=True):
             agent.inform(door)
 
-    @one_thread
     def reset(self, observations: Observation, mask: Mask | None = None) -> None:
         """Reset the agents of the mask (N,), or all, at the closed, grasped door."""
         self._reset(observations, rows_of(mask, len(self._agents)))
 
-    @one_thread
     def act(self, observations: Observation, mask: Mask | None = None) -> AgentStep:
         """Return the next commands of the agents of the mask (N,), or of all.
 
@@ -57,7 +53,6 @@ class AgentBatch:
         self._actions = steps.action
         return steps
 
-    @one_thread
     def forecast(self, row: SupportsIndex) -> GaussianTrajectory | None:
         """Return the trajectory that one agent currently expects, or None."""
         return self._agents[row].forecast()
@@ -109,7 +104,6 @@ class _VectorisedBatch(AgentBatch):
         return self._controller.decide(poses, wrenches, rows)
 
 
-@one_thread
 def batch_agents(agents: Sequence[object]) -> AgentBatch:
     """Combine agents into a batch.
 

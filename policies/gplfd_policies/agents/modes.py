@@ -16,7 +16,6 @@ from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
 from gplfd_policies.agents.agent import CompliantAgent
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Float, Pose
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.movements.trajectory import GaussianTrajectory
@@ -92,7 +91,6 @@ class ModesAgent:
         config: When a mode is abandoned.
     """
 
-    @one_thread
     def __init__(
         self,
         agents: Sequence[CompliantAgent],
@@ -120,7 +118,6 @@ class ModesAgent:
     def inform(self, door: DoorGeometry) -> None:
         """Ignore the door: the agent uses only what it learns and observes."""
 
-    @one_thread
     def reset(self, observation: Observation) -> None:
         """Begin at the closed, grasped door with the most probable mode."""
         self._begin(measured(observation)[0])
@@ -147,7 +144,6 @@ class ModesAgent:
         probabilities: np.ndarray = weights / weights.sum()
         return probabilities
 
-    @one_thread
     def act(self, observation: Observation) -> AgentStep:
         """Return the command from ``ee_pose`` [m, rad] and ``wrench`` [N, N m]."""
         seen, wrench = measured(observation)
@@ -230,7 +226,6 @@ class ModesAgent:
         )
         return self._last
 
-    @one_thread
     def forecast(self) -> GaussianTrajectory:
         """Return the current movement of the active mode over the whole task."""
         return self.agents[self._mode].forecast()

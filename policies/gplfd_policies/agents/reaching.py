@@ -17,7 +17,6 @@ from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_policies.adaptation import adapt
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.agents.grasp_search import CLOSING, GraspSearch
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Axes, Bool, Pose
 from gplfd_policies.control.rendering import ArmRendering
@@ -104,7 +103,6 @@ def _parts(
     ]
 
 
-@one_thread
 def learn_reach(reaches: Sequence[Demonstration]) -> Movement:
     """Learn the reach from at least two demonstrations that end at the handle."""
     # The rest at the end belongs to the task: the hand closes.
@@ -126,7 +124,6 @@ class ReachingAgent:
             in `gplfd_env.doors.randomization.DoorRandomization.perception`.
     """
 
-    @one_thread
     def __init__(
         self,
         reach: Movement,
@@ -147,7 +144,6 @@ class ReachingAgent:
         self._door = door
         self._then.inform(door)
 
-    @one_thread
     def reset(self, observation: Observation) -> None:
         """Begin at the current pose of the hand."""
         self._path, self._elapsed = self._from(observation["ee_pose"]), 0.0
@@ -156,7 +152,6 @@ class ReachingAgent:
         if any(self._perception):
             self._search = GraspSearch(self._perception[0], self._reach.duration)
 
-    @one_thread
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
         if self._search is not None:

@@ -12,7 +12,6 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import freeze
 from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
@@ -98,7 +97,6 @@ class MomentMovement(LearnedMovement, ABC):
     def _covariance(self, times: Times) -> Covariances:
         """Covariance over time of every output [m², rad²]."""
 
-    @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the pose at phases ``times``, strictly increasing."""
         times = checked_times(times)

@@ -15,7 +15,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Covariances, Outputs, Times
 from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -86,7 +85,6 @@ class Skill(LearnedMovement):
         return len(self.aligned.poses)
 
     @cached_property
-    @one_thread
     def smoothness(self) -> float:
         """Correlation ρ of neighbouring samples of a deviation: 0 white, 1 smooth."""
         times, poses = self.aligned.times, self.aligned.poses
@@ -115,7 +113,6 @@ class Skill(LearnedMovement):
         return (self.count - 1) * max(looks, 1.0)
 
     @cached_property
-    @one_thread
     def deviations(self) -> tuple[DeviationProcess, ...]:
         """Model of the deviations from the mean, per output; computed on first use.
 
@@ -136,7 +133,6 @@ class Skill(LearnedMovement):
         ]
         return wobbling(likely, times, deviations, noise)
 
-    @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the pose at phases ``times``, Eqs. (10)–(11).
 
@@ -199,7 +195,6 @@ class Skill(LearnedMovement):
         start = self.processes.moments(self.aligned.times[:1]).mean
         return np.asarray(SIZE_STD * (moments.mean - start))
 
-    @one_thread
     def save(self, path: str | Path) -> None:
         """Save the skill to a file, complete or absent; `load_skill` reads it.
 
@@ -256,7 +251,6 @@ class Skill(LearnedMovement):
         }
 
 
-@one_thread
 def load_skill(path: str | Path) -> Skill:
     """Read a skill that `Skill.save` wrote.
 
@@ -382,7 +376,6 @@ def _part_of(members: Members, prefix: str, **others: Any) -> Skill:
     return skill
 
 
-@one_thread
 def fit_skill(
     aligned: AlignedDemonstrations,
     noise: str | NoiseModel = "map",

@@ -12,7 +12,6 @@ from typing import Final
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import freeze, read_only, short_repr
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.arrays.shapes import (
@@ -118,7 +117,6 @@ class GaussianTrajectory:
         )
 
     @cached_property
-    @one_thread
     def covariance(self) -> Covariances:
         """Covariance over time of every output; computed on first use."""
         return read_only(self.covariance_function())
@@ -211,7 +209,6 @@ class GaussianTrajectory:
             return float(scipy.special.ndtri(upper))
         return float(scipy.special.stdtrit(self.degrees_of_freedom, upper))
 
-    @one_thread
     def samples(
         self, count: int, rng: np.random.Generator
     ) -> Float[np.ndarray, "S M 6"]:

@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import Final
 
 from gplfd_policies.agents.agent import Agent, as_agent
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.prior_mean import PriorMean
 from gplfd_policies.registry.built_in import AS_PUBLISHED
@@ -28,7 +27,6 @@ from gplfd_policies.registry.user_policies import (
 )
 
 
-@one_thread
 def make_agent(
     name: str,
     demonstrations: Sequence[Demonstration],

@@ -12,7 +12,6 @@ import numpy as np
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import into_axes
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.correction import Correction
@@ -22,7 +21,6 @@ from gplfd_policies.movements.skill import Skill
 from gplfd_policies.registry.method import Method, TrainingInput
 
 
-@one_thread
 def add_correction(method: Method, movement: Movement, correction: Correction) -> Skill:
     """Learn again from a skill's demonstrations and a completed correction."""
     if not isinstance(movement, Skill):

@@ -12,7 +12,6 @@ from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
@@ -173,7 +172,6 @@ class Method:
                 "it as Method(profile=FixedProfile(profile=...))"
             )
 
-    @one_thread
     def learn(self, training: TrainingInput) -> Movement:
         """Learn a movement, around the prior mean if one is given.
 
@@ -206,7 +204,6 @@ class Method:
             warnings.simplefilter("ignore", UserWarning)
             return replace(movement, forces=(self.fit_forces or fit)(forces))
 
-    @one_thread
     def learn_modes(self, training: TrainingInput) -> "tuple[LearnedMode, ...]":
         """Learn a movement of every mode of the demonstrations, the largest mode first.
 
@@ -238,7 +235,6 @@ class Method:
             )
         return self.correct(self, movement, correction)
 
-    @one_thread
     def follow(self, movement: Movement) -> CompliantAgent:
         """Return an agent that follows a movement at doors.
 

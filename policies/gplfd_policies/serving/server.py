@@ -17,7 +17,6 @@ from gplfd_policies.agents.reaching import (
     openings,
     reaches,
 )
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.npz import (
     LabelledDemonstrations,
     load_demonstrations,
@@ -106,9 +105,8 @@ class Server:
         gc.freeze()
         gc.disable()
         try:
-            with one_thread:
-                while self.step():
-                    pass
+            while self.step():
+                pass
         finally:
             gc.enable()
             if self._link is not None:

@@ -20,7 +20,6 @@ from gplfd_experiments.data.preparation.samples import (
 )
 from gplfd_experiments.data.raw import Preparation, RawRecording
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.rests import moving_span
@@ -53,7 +52,6 @@ class Motion:
     """Changes and findings."""
 
 
-@one_thread
 def prepare(
     recordings: Sequence[RawRecording],
     settings: Preparation,

@@ -43,7 +43,6 @@ from gplfd_experiments.data.teacher.habits import (
 )
 from gplfd_experiments.data.teacher.handle_motion import DEMONSTRATED_RADII, doors_like
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 _BEFORE_STOP: Final = math.radians(1.0)
@@ -120,7 +119,6 @@ class Teacher:
         self.habits = habits
         self.forces = forces
 
-    @one_thread
     def demonstrate(
         self, door: float | DoorConfig, rng: np.random.Generator
     ) -> Demonstration:

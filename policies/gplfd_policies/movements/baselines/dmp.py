@@ -28,7 +28,6 @@ import scipy
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import EmpiricalDistribution, LearnedMovement
@@ -81,7 +80,6 @@ class DynamicMovementPrimitive(LearnedMovement):
     weights: Float[np.ndarray, "N 6"]
     """W, the weights of the forcing term."""
 
-    @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
         """The rollout at ``times``; without a spread, std and covariance are NaN.
 
@@ -140,7 +138,6 @@ class DynamicMovementPrimitive(LearnedMovement):
         )
 
 
-@one_thread
 def fit_dmp(
     aligned: AlignedDemonstrations, config: DMPConfig = DMPConfig()
 ) -> DynamicMovementPrimitive:

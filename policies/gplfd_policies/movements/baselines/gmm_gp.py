@@ -23,7 +23,6 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.resolution import thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Int, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -249,7 +248,6 @@ class GMMGaussianProcess(MomentMovement):
         return self.regression.standardisation.covariance(covariance)
 
 
-@one_thread
 def fit_gmm_gp(
     aligned: AlignedDemonstrations, config: GMMGPConfig = GMMGPConfig()
 ) -> GMMGaussianProcess:

@@ -15,7 +15,6 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import freeze
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
@@ -167,7 +166,6 @@ class GaussianMixtureRegression(MomentMovement):
         return white_covariance(np.diagonal(covariance, axis1=1, axis2=2))
 
 
-@one_thread
 def fit_gmr(
     aligned: AlignedDemonstrations, config: GMRConfig = GMRConfig()
 ) -> GaussianMixtureRegression:

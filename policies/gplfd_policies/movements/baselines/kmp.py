@@ -30,7 +30,6 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.kernels import RBF
@@ -240,7 +239,6 @@ class KernelizedMovementPrimitive(MomentMovement):
         return self.regression.standardisation.covariance(smoothed)
 
 
-@one_thread
 def fit_kmp(
     aligned: AlignedDemonstrations, config: KMPConfig = KMPConfig()
 ) -> KernelizedMovementPrimitive:

@@ -32,7 +32,6 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
@@ -121,7 +120,6 @@ class LocalGaussianProcesses(MomentMovement):
         return total
 
 
-@one_thread
 def fit_local_gp(
     aligned: AlignedDemonstrations, config: LocalGPConfig, *, centred: bool = True
 ) -> LocalGaussianProcesses:

@@ -34,7 +34,6 @@ import scipy
 
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.arrays.shapes import (
     Covariances,
@@ -178,13 +177,11 @@ class MixtureOfDiscreteTimeGPs(LearnedMovement):
         modes = (replace(m, via_points=(*m.via_points, *asked)) for m in self.modes)
         return replace(self, modes=tuple(modes))
 
-    @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the most probable mode; the largest if there is a tie."""
         return self.modes[int(np.argmax(self.weights))].predict(times)
 
 
-@one_thread
 def fit_midigap(
     aligned: AlignedDemonstrations, config: MiDiGaPConfig = MiDiGaPConfig()
 ) -> MixtureOfDiscreteTimeGPs:

@@ -34,7 +34,6 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Float, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.baselines.dmp import DMPConfig, forcing_basis
@@ -93,7 +92,6 @@ class ProbabilisticDynamicMovementPrimitive(WeightMovement):
         return basis, slope
 
 
-@one_thread
 def fit_prodmp(
     aligned: AlignedDemonstrations, config: ProDMPConfig = ProDMPConfig()
 ) -> ProbabilisticDynamicMovementPrimitive:

@@ -22,7 +22,6 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.shapes import Covariances, Float, OutputCurves, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.movements.movement import LearnedMovement
@@ -72,7 +71,6 @@ class WeightMovement(LearnedMovement, ABC):
     def basis(self, times: Times) -> Basis:
         """φ(t) and its derivative."""
 
-    @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the pose at ``times``, observation noise included."""
         times = checked_times(times)
@@ -104,7 +102,6 @@ class WeightMovement(LearnedMovement, ABC):
         between: np.ndarray = np.einsum("dmj,nj->dmn", spread, basis)
         return between + noise
 
-    @one_thread
     def adapt(self, via_points: Sequence[ViaPoint]) -> "WeightMovement":
         """The movement conditioned on ``via_points``, all of them at once.
 
@@ -167,7 +164,6 @@ class ProbabilisticMovementPrimitive(WeightMovement):
         return basis, basis * (slopes - np.sum(basis * slopes, axis=1, keepdims=True))
 
 
-@one_thread
 def fit_promp(
     aligned: AlignedDemonstrations, config: ProMPConfig = ProMPConfig()
 ) -> ProbabilisticMovementPrimitive:

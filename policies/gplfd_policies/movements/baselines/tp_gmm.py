@@ -32,7 +32,6 @@ from typing import Final
 import numpy as np
 import scipy
 
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.records import freeze
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -194,7 +193,6 @@ class TaskParameterisedMixture(LearnedMovement):
             covariances=covariances,
         )
 
-    @one_thread
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution of the pose at ``times``; samples are white around it."""
         return self.regression.predict(times)
@@ -285,7 +283,6 @@ def _maximised(
     return counts / counts.sum(), means, covariances
 
 
-@one_thread
 def fit_tp_gmm(
     aligned: AlignedDemonstrations, config: GMRConfig = _GMR
 ) -> TaskParameterisedMixture:

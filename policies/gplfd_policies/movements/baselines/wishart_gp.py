@@ -30,7 +30,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from gplfd_env.validation.fields import Quantities, check_quantities, quantity
-from gplfd_policies.arrays.one_thread import one_thread
 from gplfd_policies.arrays.resolution import FINEST, thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
@@ -109,7 +108,6 @@ class WishartProcessMovement(MomentMovement):
         return total
 
 
-@one_thread
 def fit_wishart_gp(
     aligned: AlignedDemonstrations,
     config: WishartGPConfig,
