@@ -10,16 +10,12 @@ import dataclasses
 import importlib.metadata
 import logging
 import os
-import re
-import shutil
 import sys
-import textwrap
-import typing
 import warnings
-from collections.abc import Sequence
-from contextlib import redirect_stdout
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
-from typing import Annotated, Any, Final, TextIO, Union
+from typing import Annotated, Any, Final, Union, get_args
 
 import docstring_parser
 import tyro
@@ -37,7 +33,6 @@ from gplfd_experiments.cli.commands.studies import (
     SkillTests,
     Trials,
     Tune,
-    benchmark_from,
 )
 from gplfd_experiments.cli.commands.teach import Correct
 from gplfd_experiments.console.interruption import os_exit_raises
@@ -47,32 +42,31 @@ from gplfd_experiments.studies.engines import ONE_THREAD
 BAD_INPUT: Final = 2
 """Exit status for bad arguments or files."""
 
-
-COMMANDS: Final[dict[str, type[Any]]] = {
-    "run": Run,
-    "learn": Learn,
-    "export": Export,
-    "serve": Serve,
-    "correct": Correct,
-    "skill": SkillTests,
-    "benchmark": Benchmark,
-    "trials": Trials,
-    "tune": Tune,
-    "report": Report,
-    "figures": Figures,
-    "demos": Demos,
-    "doors": Doors,
-    "view": View,
-    "gallery": Gallery,
-    "speed": Speed,
-    "list": Catalogue,
-    "doctor": Doctor,
-}
-"""The subcommands by name. Their fields are the options; `execute` does the work and
-returns the exit status, and bad input raises a ValueError, OSError or
-ModuleNotFoundError."""
-
-_HELP: Final = frozenset({"-h", "--help"})
+COMMANDS: Final[Mapping[str, type[Any]]] = MappingProxyType(
+    {
+        "run": Run,
+        "learn": Learn,
+        "export": Export,
+        "serve": Serve,
+        "correct": Correct,
+        "skill": SkillTests,
+        "benchmark": Benchmark,
+        "trials": Trials,
+        "tune": Tune,
+        "report": Report,
+        "figures": Figures,
+        "demos": Demos,
+        "doors": Doors,
+        "view": View,
+        "gallery": Gallery,
+        "speed": Speed,
+        "list": Catalogue,
+        "doctor": Doctor,
+    }
+)
+"""The subcommands by name. Their fields are the options, and their docstrings the help.
+`execute` does the work and returns the exit status; bad input raises a ValueError,
+OSError or ModuleNotFoundError."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -82,35 +76,48 @@ def main(arguments: Sequence[str] | None = None) -> int:
     exit status; the parser raises SystemExit for ``--help`` (0) and wrong arguments
     (2).
     """
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    if given == ["--version"]:
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words == ["--version"]:
         print(f"gplfd {importlib.metadata.version('gplfd')}")
         return 0
-    arguments = [one for one in given if one != "--debug"]
-    debug, quiet = arguments != given, "--quiet" in arguments
+    debug = "--debug" in words
 
     # Messages go to stderr, each on a line of its own above progress bars.
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("gplfd: %(message)s"))
-    LOG.setLevel(logging.DEBUG if debug else logging.WARNING if quiet else logging.INFO)
     LOG.addHandler(handler)
     try:
         with logging_redirect_tqdm([LOG]):
-            return _status(arguments, debug)
+            return _run([word for word in words if word != "--debug"], debug)
     finally:
         LOG.removeHandler(handler)
         LOG.setLevel(logging.NOTSET)
 
 
-def _status(arguments: Sequence[str], debug: bool) -> int:
-    """Run the command that the arguments name, and log the error that ends it."""
+def _run(words: Sequence[str], debug: bool) -> int:
+    """Run the command that the words name, and log the error that ends it."""
     try:
         with warnings.catch_warnings(), os_exit_raises():
             # In one line, without the file and the source line of the warning.
             warnings.showwarning = lambda message, *_, **__: LOG.warning(
                 "warning: %s", " ".join(str(message).split())
             )
-            status: int = _parsed(arguments).execute()
+            command = _parse(words, COMMANDS)
+            # Before NumPy is loaded, unless the user sets it. The policies' matrices
+            # have about a hundred rows: with several threads they take ten times as
+            # long.
+            for variable, number in ONE_THREAD.items():
+                os.environ.setdefault(variable, number)
+            if isinstance(command, Benchmark):
+                from gplfd_experiments.studies.settings_file import settings_named
+
+                # The settings of a file are the defaults of the options.
+                benchmark = partial(Benchmark, study=settings_named(command.config))
+                command = _parse(words, {**COMMANDS, "benchmark": benchmark})
+            quiet = getattr(command, "quiet", False)
+            level = logging.WARNING if quiet else logging.INFO
+            LOG.setLevel(logging.DEBUG if debug else level)
+            status: int = command.execute()
             return status
     except BrokenPipeError:
         raise
@@ -123,91 +130,42 @@ def _status(arguments: Sequence[str], debug: bool) -> int:
         return BAD_INPUT
 
 
-def _parsed(arguments: Sequence[str]) -> Any:
-    """Return the command that the arguments name, with its options."""
-    # tyro suggests no correction for a wrong name.
-    first, second = (*arguments, "", "")[:2]
-    inner = SUBCOMMANDS if first == "demos" else {}
-    for before, name, known in (("", first, COMMANDS), (f"{first} ", second, inner)):
-        if known and name and not name.startswith("-") and name not in known:
-            from gplfd_env.validation.named import nearest_name
-
-            raise ValueError(
-                f"unknown command '{before}{name}'{nearest_name(name, known)}; give "
-                f"gplfd {before}with one of {', '.join(known)}"
-            )
-    for chosen in (COMMANDS.get(first), inner.get(second)):
-        if chosen is not None:
-            _join_help(chosen)
-    options = []
-    for name, make in (COMMANDS | {"benchmark": benchmark_from(arguments)}).items():
-        # Without the line breaks of the source. The overview of all commands shows the
-        # first paragraph of each.
-        paragraphs = re.split(r"\n\s*\n", COMMANDS[name].__doc__ or "")
-        shown = paragraphs[:1] if first in _HELP else paragraphs
-        text = "\n\n".join(" ".join(one.split()) for one in shown)
-        how = tyro.conf.subcommand(name, constructor=make, description=text)
-        options.append(Annotated[Any, how])
-    union: Any = Union[tuple(options)]  # noqa: UP007
-    stream: Any = sys.stdout
-    if _HELP.intersection(arguments):
-        stream = _WrappedLines(sys.stdout)
-    with redirect_stdout(stream):
-        command: Any = tyro.cli(
-            union,
-            prog="gplfd",
-            description="Open doors with policies learned from demonstrations. "
-            "`gplfd --version` prints the version, `gplfd doctor` what is missing "
-            "here. Every command takes --debug: errors come with their tracebacks.",
-            args=arguments,
-        )
-    # Before NumPy is loaded, unless the user sets it. The policies' matrices have about
-    # a hundred rows: with several threads they take ten times as long.
-    for variable, number in ONE_THREAD.items():
-        os.environ.setdefault(variable, number)
-    return command
+def _parse(words: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> Any:
+    """Return the command that the words name, with its options."""
+    first, second = (*words, "", "")[:2]
+    for record in (COMMANDS.get(first), SUBCOMMANDS.get(second)):
+        if record is not None:
+            _join_lines(record)
+    subcommands = []
+    for name, command in commands.items():
+        summary = None
+        if first in ("", "-h", "--help"):
+            summary, *_ = (COMMANDS[name].__doc__ or "").split("\n\n")
+        how = tyro.conf.subcommand(name, constructor=command, description=summary)
+        subcommands.append(Annotated[Any, how])
+    union: Any = Union[tuple(subcommands)]  # noqa: UP007
+    return tyro.cli(
+        union,
+        prog="gplfd",
+        description="Open doors with policies learned from demonstrations. `gplfd "
+        "--version` prints the version, `gplfd doctor` what is missing here. Every "
+        "command takes --debug: errors come with their tracebacks.",
+        args=words,
+    )
 
 
-def _join_help(command: Any) -> None:
-    """Let tyro show the docstrings of options without the line breaks of the source.
+def _join_lines(record: Any) -> None:
+    """Join the lines of each option's docstring, which tyro breaks as in the source.
 
     tyro prefers the help in the metadata of a field.
     """
-    texts = {
-        one.arg_name: one.description or ""
-        for part in reversed(command.__mro__)
-        if dataclasses.is_dataclass(part)
-        for one in docstring_parser.parse_from_object(part).params
-    }
-    for field in dataclasses.fields(command):
-        if field.name in texts:
-            text = " ".join(texts[field.name].split())
-            field.metadata = MappingProxyType({"help": text})
-        # Options that several commands share are fields of a field.
-        for part in typing.get_args(field.type)[:1]:
-            if dataclasses.is_dataclass(part):
-                _join_help(part)
-
-
-class _WrappedLines:
-    """A stream that breaks long lines between words, at the width of the terminal.
-
-    tyro prints each paragraph of a command's description on one line.
-    """
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-        self._wrapper = textwrap.TextWrapper(
-            shutil.get_terminal_size().columns,
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-
-    def write(self, text: str) -> int:
-        """Write a text; coloured text is wrapped already, and contains colour codes."""
-        if "\x1b" not in text:
-            text = "\n".join(map(self._wrapper.fill, text.split("\n")))
-        return self._stream.write(text)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
+    options = {field.name: field for field in dataclasses.fields(record)}
+    for part in record.__mro__[:-1]:
+        for docstring in docstring_parser.parse_from_object(part).params:
+            text = " ".join((docstring.description or "").split())
+            options[docstring.arg_name].metadata = MappingProxyType({"help": text})
+    # Options that several commands share are fields of a field.
+    for option in options.values():
+        shared = get_args(option.type)[:1]
+        if shared and dataclasses.is_dataclass(shared[0]):
+            _join_lines(shared[0])

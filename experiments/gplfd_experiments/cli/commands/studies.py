@@ -1,11 +1,8 @@
 """Commands for studies: benchmark, trials, skill, tune, report and figures."""
 
-import argparse
 import contextlib
 import dataclasses
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -90,18 +87,6 @@ class Benchmark:
             report = next_command("report", self.out)
             print(f"\nresults are in {self.out}; compare them:  {report}")
         return FAILED if errors else 0
-
-
-def benchmark_from(arguments: Sequence[str]) -> Callable[..., Benchmark]:
-    """Return `Benchmark` with the options of ``--config`` as its defaults."""
-    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--config", nargs="?")
-    given, _ = parser.parse_known_args(arguments)
-    if list(arguments[:1]) != ["benchmark"] or given.config is None:
-        return Benchmark
-    from gplfd_experiments.studies.settings_file import settings_named
-
-    return partial(Benchmark, study=settings_named(given.config))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
