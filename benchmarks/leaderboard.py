@@ -5,7 +5,7 @@ that took part in all trials of a tier by the share of doors that they opened. P
 in the files of other people are ranked with them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Any, Final
@@ -19,11 +19,6 @@ from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.trials.protocol import REFERENCES, TRIALS
 from gplfd_experiments.studies.trials.tiers import TIERS
-
-Answers = Mapping[str, Any]
-"""What a trials.json holds of a policy at a level of a trial."""
-Found = Mapping[str, Mapping[str, Mapping[str, Answers]]]
-"""The same by trial, level and policy."""
 
 PROTOCOL: Final = 9
 """Protocol of the stored results."""
@@ -41,33 +36,28 @@ GROUPS: Final[Mapping[str, Sequence[str]]] = {
 _UNTAUGHT: Final = (*REFERENCES, "mechanism-fit")
 """Policies that learn nothing."""
 
+Answers = Mapping[str, Mapping[str, Mapping[str, Any]]]
+"""Measures by trial, level and policy."""
 
-def answers_of(files: Sequence[Path]) -> Found:
+
+def answers_of(files: Iterable[Path]) -> Answers:
     """Return what files hold together; of a policy in several what the first says.
 
-    Raises ValueError for a file of another protocol, or one that leaves out episodes in
-    which a policy raised an error.
+    Raises ValueError for a file of another protocol.
     """
-    found: dict[str, dict[str, dict[str, Answers]]] = {}
+    answers: dict[str, dict[str, dict[str, Any]]] = {}
     for file in files:
-        held = read_json(file)
-        if held.get("protocol") != PROTOCOL:
+        content = read_json(file)
+        if content.get("protocol") != PROTOCOL:
             raise ValueError(
-                f"{file} is of protocol {held.get('protocol')}, and the leaderboard of "
-                f"{PROTOCOL}: run the trials again"
+                f"{file} is of protocol {content.get('protocol')}, and the leaderboard "
+                f"of {PROTOCOL}: run the trials again"
             )
-        for trial, levels in held["trials"].items():
+        for trial, levels in content["trials"].items():
             for level, policies in levels.items():
-                for policy, own in policies.items():
-                    # Files that do not say what was lost leave errors out of rates.
-                    if own["errors"] and "lost" not in own:
-                        raise ValueError(
-                            f"{file} leaves out episodes in which {policy} raised an "
-                            "error; run `gplfd report` again on its results"
-                        )
-                here = found.setdefault(trial, {}).setdefault(level, {})
-                found[trial][level] = dict(policies) | here
-    return found
+                together = answers.setdefault(trial, {})
+                together[level] = policies | together.get(level, {})
+    return answers
 
 
 def levels_of(name: str) -> tuple[str, ...]:
@@ -76,111 +66,123 @@ def levels_of(name: str) -> tuple[str, ...]:
     return tuple(level for level, setting in levels if setting.prior_radius is None)
 
 
-def entrants(found: Found, names: Sequence[str]) -> list[str]:
+def entrants(answers: Answers, names: Sequence[str]) -> list[str]:
     """Return the policies that took part in all trials, the most successful first.
 
     Those of which the machine lost an episode have no place: nobody knows its outcome.
     """
-    levels = [
-        found.get(name, {}).get(level, {})
+    complete = [
+        {
+            policy
+            for policy, numbers in answers.get(name, {}).get(level, {}).items()
+            if not numbers["lost"]
+        }
         for name in names
         for level in levels_of(name)
     ]
-    sets = [
-        {one for one, own in held.items() if not own.get("lost")} for held in levels
-    ]
-    everywhere = sorted(set.intersection(*sets))
-    return sorted(everywhere, key=lambda policy: -_succeeded(found, names, policy))
+    everywhere = sorted(set.intersection(*complete))
+    return sorted(everywhere, key=lambda policy: -succeeded(answers, names, policy))
 
 
-def _mean(found: Found, name: str, policy: str, measure: str) -> float | None:
+def mean(answers: Answers, name: str, policy: str, measure: str) -> float | None:
     """Return the mean of a measure over the levels of a trial that have it."""
-    values = [found[name][one][policy][measure]["estimate"] for one in levels_of(name)]
-    there = [value for value in values if value is not None]
-    return fmean(there) if there else None
+    levels = [answers[name][level][policy][measure] for level in levels_of(name)]
+    values = [numbers["estimate"] for numbers in levels]
+    measured = [value for value in values if value is not None]
+    return fmean(measured) if measured else None
 
 
-def _share(found: Found, name: str, policy: str) -> float:
-    value = _mean(found, name, policy, success_measure(TRIALS[name]))
+def share(answers: Answers, name: str, policy: str) -> float:
+    """Return the share of successes of a policy in a trial."""
+    value = mean(answers, name, policy, success_measure(TRIALS[name]))
     assert value is not None
     return value
 
 
-def _succeeded(found: Found, names: Sequence[str], policy: str) -> float:
-    return fmean(_share(found, name, policy) for name in names)
+def succeeded(answers: Answers, names: Sequence[str], policy: str) -> float:
+    """Return the mean share of successes of a policy in several trials."""
+    return fmean(share(answers, name, policy) for name in names)
 
 
-def leaderboard(found: Found, names: Sequence[str]) -> Table:
+def titled(policy: str) -> str:
+    """Return the cell with the name of a policy."""
+    return f"`{policy}`{' (learns nothing)' if policy in _UNTAUGHT else ''}"
+
+
+def leaderboard(answers: Answers, names: Sequence[str]) -> Table:
     """Return a row per policy: the share of successes, and what decides, by trial."""
-    policies = entrants(found, names)
-    cells = {one: [f"{_succeeded(found, names, one):.2f}"] for one in policies}
+    policies = entrants(answers, names)
+    cells = {
+        policy: [f"{succeeded(answers, names, policy):.2f}"] for policy in policies
+    }
     for name in names:
-        measure = deciding_measure(TRIALS[name])
-        values = {one: _mean(found, name, one, measure) for one in policies}
+        measure = EPISODE_MEASURES[deciding_measure(TRIALS[name])]
+        values = {
+            policy: mean(answers, name, policy, measure.metric) for policy in policies
+        }
         learned = [
             value
-            for one, value in values.items()
-            if value is not None and one not in _UNTAUGHT
+            for policy, value in values.items()
+            if value is not None and policy not in _UNTAUGHT
         ]
-        measured = EPISODE_MEASURES[measure]
-        best = (min if measured.better == "less" else max)(learned)
-        for one, value in values.items():
-            finer = -1 if measured.unit == "°" else 0
-            text = measured.text(value, unit=True, finer=finer)
-            if value == best and one not in _UNTAUGHT:
+        best = (min if measure.better == "less" else max)(learned)
+        for policy, value in values.items():
+            finer = -1 if measure.unit == "°" else 0
+            text = measure.text(value, unit=True, finer=finer)
+            if value == best and policy not in _UNTAUGHT:
                 text = f"**{text}**"
-            cells[one].append(f"{_share(found, name, one):.2f}\n{text}")
-    rows = []
-    for policy in policies:
-        told = " (learns nothing)" if policy in _UNTAUGHT else ""
-        rows.append((f"`{policy}`{told}", *cells[policy]))
-    return Table(columns=("policy", "all", *names), rows=tuple(rows))
+            cells[policy].append(f"{share(answers, name, policy):.2f}\n{text}")
+    rows = tuple((titled(policy), *cells[policy]) for policy in policies)
+    return Table(columns=("policy", "all", *names), rows=rows)
 
 
-def overview(found: Found) -> Table:
+def overview(answers: Answers) -> Table:
     """Return the share of successes of every policy in several tiers, by tier."""
     shares = {
-        tier: {one: _succeeded(found, names, one) for one in entrants(found, names)}
+        tier: {
+            policy: succeeded(answers, names, policy)
+            for policy in entrants(answers, names)
+        }
         for tier, names in TIERS.items()
     }
-    policies = sorted({one for held in shares.values() for one in held})
+    by_policy: dict[str, list[float | None]] = {
+        policy: [tier.get(policy) for tier in shares.values()]
+        for policy in sorted({policy for tier in shares.values() for policy in tier})
+    }
 
     def order(policy: str) -> tuple[int, float]:
-        own = [held[policy] for held in shares.values() if policy in held]
-        return -len(own), -fmean(own)
+        present = [value for value in by_policy[policy] if value is not None]
+        return -len(present), -fmean(present)
 
-    rows = []
-    for policy in sorted(policies, key=order):
-        own = [held.get(policy) for held in shares.values()]
-        if len(own) - own.count(None) < 2:
-            continue
-        told = " (learns nothing)" if policy in _UNTAUGHT else ""
-        cells = ("–" if one is None else f"{one:.2f}" for one in own)
-        rows.append((f"`{policy}`{told}", *cells))
-    return Table(columns=("policy", *shares), rows=tuple(rows))
+    rows = tuple(
+        (titled(policy), *("–" if v is None else f"{v:.2f}" for v in by_policy[policy]))
+        for policy in sorted(by_policy, key=order)
+        if len(shares) - by_policy[policy].count(None) >= 2
+    )
+    return Table(columns=("policy", *shares), rows=rows)
 
 
-def separated(found: Found, names: Sequence[str]) -> str:
+def separated(answers: Answers, names: Sequence[str]) -> str:
     """Say which policies' shares of successes differ from those of gp, seed by seed."""
-    policies = entrants(found, names)
 
     def by_seed(policy: str) -> list[float]:
         cells = [
-            found[name][level][policy][success_measure(TRIALS[name])]["seeds"]
+            answers[name][level][policy][success_measure(TRIALS[name])]["seeds"]
             for name in names
             for level in levels_of(name)
         ]
         return [fmean(values) for values in zip(*cells, strict=True)]
 
-    others, own = [one for one in policies if one != "gp"], by_seed("gp")
-    corrected = holm([signed_rank(own, by_seed(one)) for one in others])
+    others = [policy for policy in entrants(answers, names) if policy != "gp"]
+    gp = by_seed("gp")
+    corrected = holm([signed_rank(gp, by_seed(policy)) for policy in others])
     groups: dict[str, list[str]] = {"more": [], "less": [], "not separated": []}
     for policy, p_value in zip(others, corrected, strict=True):
-        better = fmean(by_seed(policy)) > fmean(own)
+        better = fmean(by_seed(policy)) > fmean(gp)
         group = ("more" if better else "less") if p_value <= 0.05 else "not separated"
         groups[group].append(f"`{policy}`")
-    said = "; ".join(f"{one}: {', '.join(who)}" for one, who in groups.items() if who)
-    return f"Compared with `gp` (signed ranks of {len(own)} seeds, Holm, 5 %), {said}."
+    text = "; ".join(f"{name}: {', '.join(who)}" for name, who in groups.items() if who)
+    return f"Compared with `gp` (signed ranks of {len(gp)} seeds, Holm, 5 %), {text}."
 
 
 def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:
@@ -189,11 +191,11 @@ def main(files: tyro.conf.Positional[tuple[Path, ...]] = ()) -> None:
     Args:
         files: Files trials.json of other people.
     """
-    found = answers_of([STORED, *files])
-    print(f"## All tiers\n\n{markdown_table(overview(found))}\n")
+    answers = answers_of([STORED, *files])
+    print(f"## All tiers\n\n{markdown_table(overview(answers))}\n")
     for title, names in GROUPS.items():
-        table = markdown_table(leaderboard(found, names))
-        print(f"## {title}\n\n{table}\n\n{separated(found, names)}\n")
+        table = markdown_table(leaderboard(answers, names))
+        print(f"## {title}\n\n{table}\n\n{separated(answers, names)}\n")
 
 
 if __name__ == "__main__":

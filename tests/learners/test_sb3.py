@@ -1,10 +1,7 @@
 """Stable-Baselines3 on these environments; needs the extra sb3, run by .ci/learners."""
 
-import json
 import os
-import re
 import warnings
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -169,44 +166,3 @@ def test_gymnasium_s_tensors():
         assert observation.shape == (*shape[:-1], 33)
         assert torch.is_tensor(info["handle_pose"])
         env.close()
-
-
-ROOT = Path(__file__).parents[2]
-
-
-def test_the_benchmark_runs_and_draws(tmp_path, run_python):
-    for seed, opened in enumerate(([0, 5, 3, 5, 5], [0, 1, 1, 1, 4])):
-        rows = [
-            {"steps": 1000 * at, "of": 5, "opened": n, "return": n, "peak_force": 3.0}
-            for at, n in enumerate(opened)
-        ]
-        (tmp_path / f"seed-{seed}").mkdir()
-        (tmp_path / f"seed-{seed}/curve.json").write_text(json.dumps(rows))
-    small = ("--repeats", "1", "--counts", "2", "--policies", "gp")
-    curves = ("--curves", "seed-0/curve.json", "seed-1/curve.json")
-    drawn = ("--figure", "figure.png")
-    benchmark = ROOT / "benchmarks" / "learners.py"
-    said = run_python(benchmark, *small, *curves, *drawn)
-    assert "make_sb3, 2: of the wrapped" in said
-    assert re.search(r"^a slam's return.* met$", said, re.MULTILINE)
-    opened = next(one for one in said.splitlines() if one.startswith("gp "))
-    assert opened.split()[1] == "5"
-    lines = {one.split()[0]: one.split()[1:] for one in said.splitlines() if one}
-    assert lines["seed-0"] == ["4000", "5", "5", "5", "3", "3000"]
-    assert lines["seed-1"] == ["4000", "5", "4", "4", "3", "inf"]
-    assert lines["median"][:3] == ["4000", "5", "4.5"]
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
-
-
-def test_what_was_learned_is_a_policy_like_the_others(tmp_path, run_python):
-    """Learned for a moment, it opens nothing; that is a result, too."""
-    example = ROOT / "examples" / "learned_policy.py"
-    run_python(example, "--steps", "10000", "--out", "results/ppo")
-    curve = json.loads((tmp_path / "results/ppo/curve.json").read_text())
-    assert curve[0]["steps"] == 0
-    assert curve[0]["of"] == 5
-    assert curve[-1]["steps"] == 10240, "judged at the end, after a whole rollout"
-    command = ("run", "--policy", f"{example}:make", "--doors", "small", "--json")
-    (metrics,) = json.loads(run_python("-m", "gplfd", *command, "--quiet"))
-    assert metrics["door"] == "small"
-    assert not metrics["success"]

@@ -9,8 +9,7 @@ import importlib
 import os
 import sys
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import gymnasium as gym
 import mujoco
@@ -25,6 +24,7 @@ import mujoco_warp
 import warp
 
 from gplfd_env import RL_ENVIRONMENT_ID
+from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.config import DOORS, door_config
 from gplfd_env.doors.disturbance import (
     Breakaway,
@@ -36,15 +36,23 @@ from gplfd_env.doors.disturbance import (
 )
 from gplfd_env.doors.randomization import door_randomization
 from gplfd_env.envs.reinforcement import for_learners
+from gplfd_env.envs.vector import DoorOpeningImpedanceVectorEnv
 from gplfd_env.envs.warp import make_warp
 from gplfd_env.scene.build import build_scene
 from gplfd_env.scene.door import structure_of
+from gplfd_env.simulation.command import COMMANDS
 from gplfd_env.simulation.warp import WORLD_FIELDS
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.draw import draw_episode
+from gplfd_env.wrappers import action_of
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))  # as for a script that is run
-on_warp = importlib.import_module("on_warp")
+EIGHT: Final = (
+    *("small", "medium", "large", "heavy", "cabinet", "wardrobe"),
+    {"radius": 0.45, "swing": "push"},
+    {"radius": 0.45, "hinge_side": "left"},
+)
+"""Doors that are compared."""
+_POSE, _WRENCH = slice(0, 6), slice(27, 33)
 
 
 @pytest.fixture(autouse=True)
@@ -53,10 +61,74 @@ def on_the_processor() -> Iterator[None]:
         yield
 
 
-def pair(n: int = len(on_warp.DOORS), **arguments: Any) -> tuple[Any, Any]:
+class StiffestImpedance(DoorOpeningImpedanceVectorEnv):
+    """MuJoCo simulations of the model for Warp: commands without stiffness."""
+
+    def __init__(self, num_envs: int = 1, *args: Any, **arguments: Any) -> None:
+        super().__init__(num_envs, *args, **arguments)
+        self.single_action_space = COMMANDS["pose"].space
+
+    def step(self, poses: Any) -> Any:
+        """Command every hand for one control period."""
+        stiffest = np.tile(self.command.rest[6:], (self.num_envs, 1))
+        return super().step(np.hstack([poses, stiffest]))
+
+
+def arcs(envs: Any, rng: np.random.Generator) -> Any:
+    """Follow the true arcs of the doors to random angles within 3 s."""
+    doors = [variation.door for variation in envs.unwrapped.variations]
+    angles = np.radians(rng.uniform(20.0, 66.0, len(doors)))
+    mirrored = np.array(
+        [(door.way, 1, door.side, 1, door.way * door.side, 1) for door in doors]
+    )
+    radii = np.array([door.radius for door in doors])
+
+    def script(step: int, hands: Any) -> Any:
+        s = min(step * CONTROL_PERIOD / 3.0, 1.0)
+        progress = 10 * s**3 - 15 * s**4 + 6 * s**5
+        poses = mirrored * handle_pose_on_arc(radii, progress * angles)
+        return np.clip(action_of(poses, hands), -1.0, 1.0).astype(np.float32)
+
+    return script
+
+
+def shoves(envs: Any, rng: np.random.Generator) -> Any:
+    """Move hands in a new random direction every 0.1 s, by up to 12 mm and 0.04 rad."""
+    drawn = rng.uniform(-0.4, 0.4, (1000, envs.num_envs, 6)).astype(np.float32)
+    return lambda step, hands: drawn[step // 10]
+
+
+def differences(first: Any, second: Any, script: Any, periods: int) -> dict[str, Any]:
+    """Return absolute differences, per period and simulation until an episode ends.
+
+    The actions of the script depend on the observations of the second environment.
+    """
+    first.reset(seed=0)
+    observations, _ = second.reset(seed=0)
+    acting = np.ones(first.num_envs, dtype=bool)
+    play = script(second, np.random.default_rng(0))
+    rows: dict[str, list[Any]] = {}
+    for step in range(1, periods + 1):
+        actions = play(step, observations[:, _POSE])
+        seen, _, *ended, infos = first.step(actions)
+        observations, _, *over, expected = second.step(actions)
+        acting = acting & ~np.any([*ended, *over], axis=0)
+        apart = np.abs(seen - observations)
+        row = {
+            "hand": apart[:, _POSE].max(axis=1),
+            "wrench": apart[:, _WRENCH].max(axis=1),
+            "door": np.abs(infos["door_angle"] - expected["door_angle"]),
+            "return": np.abs(infos["return"] - expected["return"]),
+        }
+        for name, values in row.items():
+            rows.setdefault(name, []).append(values[acting])
+    return {name: np.concatenate(values) for name, values in rows.items()}
+
+
+def pair(n: int = len(EIGHT), **arguments: Any) -> tuple[Any, Any]:
     """Doors on Warp, and MuJoCo's of the same model, stepped the same way."""
-    given = {"door": on_warp.DOORS[:n], **arguments}
-    twin = on_warp.StiffestImpedance(n, **{"max_episode_steps": 1500, **given})
+    given = {"door": EIGHT[:n], **arguments}
+    twin = StiffestImpedance(n, **{"max_episode_steps": 1500, **given})
     return make_warp(n, **given), for_learners(twin)
 
 
@@ -64,11 +136,11 @@ def pair(n: int = len(on_warp.DOORS), **arguments: Any) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize("randomization", ["none", "hard"])
-@pytest.mark.parametrize("played", ["arcs", "shoves"])
+@pytest.mark.parametrize("played", [arcs, shoves])
 def test_physics_are_mujoco_s_within_float32(played, randomization):
     """Which a grip by friction enlarges where it slips; see docs/learners.md."""
     envs = pair(randomization=randomization)
-    apart = on_warp.differences(*envs, getattr(on_warp, played), 300)
+    apart = differences(*envs, played, 300)
     assert apart["door"].size > 0.7 * 8 * 300
     for name, share, bound in (
         ("door", 0.5, 1e-5),
@@ -77,7 +149,7 @@ def test_physics_are_mujoco_s_within_float32(played, randomization):
         ("return", 0.5, 1e-3),
         ("door", 0.95, 5e-4),
         ("wrench", 0.95, 0.5),
-        ("wrench", 0.9, 0.015 if played == "arcs" else np.inf),
+        ("wrench", 0.9, 0.015 if played is arcs else np.inf),
     ):
         assert np.quantile(apart[name], share) < bound, (name, share)
     assert apart["door"].max() < 5e-3
@@ -87,7 +159,7 @@ def test_handles_that_turn_agree_too():
     turning = {"radius": 0.5, "backset": 0.06}
     handles = [{"handle": "lever"}, {"handle": "knob", "hinge_side": "left"}]
     envs = pair(2, door=[{**turning, **one} for one in handles])
-    apart = on_warp.differences(*envs, on_warp.shoves, 300)
+    apart = differences(*envs, shoves, 300)
     assert apart["door"].size > 300
     assert np.quantile(apart["door"], 0.95) < 5e-4
     assert np.quantile(apart["wrench"], 0.95) < 0.5
@@ -106,16 +178,16 @@ def test_handles_that_turn_agree_too():
 def test_what_happens_from_outside_happens_there(disturbance):
     """It begins, it ends, and the next episodes are free of it."""
     ours, twin = pair(2, disturbance=disturbance)
-    apart = on_warp.differences(ours, twin, on_warp.arcs, 200)
+    apart = differences(ours, twin, arcs, 200)
     assert apart["door"].max() < 5e-4
     assert apart["door"].size == 400
     _, undisturbed = pair(2)
-    apart = on_warp.differences(ours, undisturbed, on_warp.arcs, 200)
+    apart = differences(ours, undisturbed, arcs, 200)
     assert apart["door"].max() > 5e-3
     for following in (["none", disturbance], "none"):
         for envs in (ours, twin):
             envs.reset(options={"disturbance": following})
-        apart = on_warp.differences(ours, twin, on_warp.arcs, 50)
+        apart = differences(ours, twin, arcs, 50)
         assert apart["door"].max() < 5e-4
 
 
@@ -207,16 +279,16 @@ def test_the_same_seed_gives_the_same_numbers():
 
 def test_it_is_as_far_from_the_id_as_the_other_servo():
     """Of the id itself: the same spaces and resets, and nearly the same episode."""
-    ours = make_warp(3, door=on_warp.DOORS[:3])
-    model = gym.make_vec(RL_ENVIRONMENT_ID, 3, door=on_warp.DOORS[:3])
+    ours = make_warp(3, door=EIGHT[:3])
+    model = gym.make_vec(RL_ENVIRONMENT_ID, 3, door=EIGHT[:3])
     assert ours.observation_space == model.observation_space
     assert ours.action_space == model.action_space
-    apart = on_warp.differences(ours, model, on_warp.arcs, 200)
+    apart = differences(ours, model, arcs, 200)
     assert 1e-4 < apart["door"].max() < 0.02
 
 
 def test_a_diverged_simulation_is_truncated_alone_and_begins_anew():
-    envs = make_warp(3, door=on_warp.DOORS[:3])
+    envs = make_warp(3, door=EIGHT[:3])
     fresh, _ = envs.reset(seed=0)
     (physics,) = envs.unwrapped._batch._batches.values()
     speeds = physics._data.qvel.numpy()
@@ -281,11 +353,3 @@ def test_without_mujoco_warp_the_extra_is_named(monkeypatch):
     monkeypatch.delitem(sys.modules, "gplfd_env.simulation.warp")
     with pytest.raises(ImportError, match=r"pip install 'gplfd\[warp\]'"):
         importlib.import_module("gplfd_env.envs.warp")
-
-
-def test_the_benchmark_runs(run_python):
-    small = ("--repeats", "1", "--counts", "2", "--seeds", "1", "--periods", "20")
-    printed = run_python(on_warp.__file__, *small, "--device", "cpu")
-    assert "arcs, hard: Warp" in printed
-    assert "Warp, physics, 2" in printed
-    assert "nan" not in printed

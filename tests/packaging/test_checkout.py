@@ -91,7 +91,7 @@ def test_sdist_can_be_tested(tmp_path):
         names = {name.split("/", 1)[1] for name in archive.getnames()}
     tests = {str(test.relative_to(ROOT)) for test in (ROOT / "tests").rglob("*.py")}
     top = {"pyproject.toml", "README.md", "LICENSE", "CITATION.cff", "CONTRIBUTING.md"}
-    below = {"docs/environment.md", "paper/paper.bib", "benchmarks/harness.py"}
+    below = {"docs/environment.md", "paper/paper.bib", "benchmarks/speed.py"}
     assets = {
         f"assets/{name}"
         for name in (

@@ -1,14 +1,19 @@
 """The loop that a held hand closes: its model, its condition, its margin."""
 
+from dataclasses import replace
+from itertools import product
+
+import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
+from gplfd_env import ENVIRONMENT_ID
 from gplfd_env.robot.model import SERVO_STIFFNESS
 from gplfd_policies.control.admittance import Admittance
-from gplfd_policies.control.contact import HELD_HAND, ContactLoop
+from gplfd_policies.control.contact import HELD_HAND, SERVO_LAG, ContactLoop
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -120,3 +125,47 @@ def test_fast_control_is_the_loop_in_continuous_time(k, m):
 
 def test_held_hand_is_that_of_the_robot():
     assert_array_equal(HELD_HAND.stiffness, np.repeat(SERVO_STIFFNESS, 3))
+
+
+def remaining_force(k, least, periods, held):
+    """Displace the set-point of a simulated hand once, at a locked door or without bar.
+
+    Returns the ratio of the standard deviations of the force along x in the last and in
+    the first second, infinite if the grasp is lost.
+    """
+    env = gym.make(
+        ENVIRONMENT_ID,
+        randomization={"shortest_delay": periods, "longest_delay": periods},
+        disturbance="locked" if held else "none",
+        max_episode_steps=10_000,
+    )
+    observation, _ = env.reset(seed=0)
+    if not held:
+        env.unwrapped.model.geom("handle_bar").conaffinity = 0
+    admittance = Admittance(replace(DEFAULT_DYNAMICS, least_damping=six(least)))
+    along, forces = np.eye(6)[0], []
+    for step in range(260):
+        offset = admittance.step(six(k), observation["wrench"] * along, H)
+        action = offset + 0.001 * (50 <= step < 60) * along
+        observation, _, ended, _, _ = env.step(action)
+        forces.append(observation["wrench"][0])
+        if held and ended:
+            return np.inf
+    return np.std(forces[-100:]) / np.std(forces[60:160])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("held", [True, False])
+def test_contact_model_agrees_with_the_simulation(held):
+    """0 to 3 periods of delay, 100 to 500 N/m, without and with a least damping."""
+    for periods, k, least in product(range(4), (100, 200, 330, 500), (0, 60)):
+        dynamics = replace(DEFAULT_DYNAMICS, least_damping=six(least))
+        limit = HELD_HAND.tolerated_delay(
+            six(k), dynamics.damping(six(k)), dynamics.mass
+        )
+        margin = limit[0] - (periods * H + SERVO_LAG)
+        if held and abs(margin) < 5e-4:
+            continue
+        # A free hand has no contact loop that could oscillate.
+        calm = remaining_force(k, least, periods, held) < 0.5
+        assert calm == (margin > 0.0 or not held), (periods, k, least)

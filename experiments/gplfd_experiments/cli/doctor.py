@@ -19,7 +19,6 @@ import loky
 
 from gplfd_experiments.files.provenance import versions
 from gplfd_experiments.recording.viewer import has_display, viewer
-from gplfd_experiments.speed.machine import processor
 
 EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -33,7 +32,6 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
         "warp": "doors on a GPU (experimental)",
         "video": "videos of `gplfd run --video`",
         "tiago": "the manufacturer's meshes in recordings",
-        "bench": "libraries for comparison",
     }
 )
 """Extras of this package and their purpose, without those for developers."""
@@ -127,6 +125,16 @@ def text(found: Mapping[str, Mapping[str, Any]]) -> str:
         "\n".join([title, *(f"  {k:<{width}}  {v}" for k, v in lines.items())])
         for title, lines in sections.items()
     )
+
+
+def processor() -> str:
+    """Return the name of the processor, which `platform` lacks on Linux."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if "model name" in line]
+    return names[0] if names else platform.processor()
 
 
 def ways(system: str, environment: Mapping[str, str]) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.export import Export
-from gplfd_experiments.cli.commands.machine import Catalogue, Doctor, Speed
+from gplfd_experiments.cli.commands.machine import Catalogue, Doctor
 from gplfd_experiments.cli.commands.run import Gallery, Learn, Run, View
 from gplfd_experiments.cli.commands.serve import Serve
 from gplfd_experiments.cli.commands.studies import (
@@ -59,7 +59,6 @@ COMMANDS: Final[Mapping[str, type[Any]]] = MappingProxyType(
         "doors": Doors,
         "view": View,
         "gallery": Gallery,
-        "speed": Speed,
         "list": Catalogue,
         "doctor": Doctor,
     }

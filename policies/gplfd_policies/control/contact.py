@@ -95,8 +95,8 @@ class ContactLoop:
 
 
 SERVO_LAG: Final = 0.005
-"""Delay of servo, contact and wrist sensor [s]: benchmarks/contact.py loop finds at
-most 4.6 ms when the friction grasp holds a locked door."""
+"""Delay of servo, contact and wrist sensor [s]: at most 4.6 ms were measured when the
+friction grasp holds a locked door."""
 
 HELD_HAND: Final = ContactLoop(
     stiffness=np.repeat([2000.0, 100.0], 3), delay=3.0 * CONTROL_PERIOD + SERVO_LAG

@@ -54,8 +54,8 @@ RESOLUTIONS: Final[Mapping[str, float]] = MappingProxyType(
     }
 )
 """Resolution of the stiffness law [m], by policy; others have that of
-`profile_of_spread`. Chosen for every method by one criterion and budget, with
-``benchmarks/stiffness_resolution.py``."""
+`profile_of_spread`. Chosen for every method by one criterion and budget, see
+docs/comparison.md."""
 
 Value = bool | int | float
 Values = Mapping[str, Value]

@@ -1,1 +1,0 @@
-"""Speed of learning, adaptation, alignment and environment, and of other libraries."""
