@@ -22,7 +22,7 @@ from gplfd_experiments.data.minari import open_dataset
 from gplfd_experiments.data.preparation import Preparation, prepare
 from gplfd_experiments.data.preparation.samples import Notes, usable
 from gplfd_experiments.data.raw import Selection
-from gplfd_experiments.data.readers import read_recordings
+from gplfd_experiments.data.readers.formats import read_here
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import save_demonstrations
@@ -59,7 +59,7 @@ def exported(form: str, out: str) -> int:
 )
 def test_what_was_written_is_read_back(shown, form, out, apart):
     assert exported(form, out) == 0
-    again = read_recordings(out, Selection())
+    again = read_here(Path(out), Selection())
     assert len(again) == len(shown)
     for one, recorded in zip(shown, again, strict=True):
         notes = Notes()
@@ -153,7 +153,7 @@ def test_episodes_are_read_back_with_what_was_commanded(episodes):
     out = ["--form", "lerobot", "--out", "b", "--rate", "20"]
     assert cli.main(["demos", "export", str(episodes), *out]) == 0
     dataset = open_dataset(episodes)
-    again = read_recordings("b", Selection())
+    again = read_here(Path("b"), Selection())
     assert len(again) == 2
     rows = pyarrow.parquet.read_table("b/data/chunk-000/file-000.parquet").to_pydict()
     for number, one in enumerate(again):
@@ -189,7 +189,7 @@ def test_pictures_show_the_recorded_states(episodes):
     out = ["--form", "lerobot", "--out", "b", "--rate", "10", "--size", "64", "48"]
     pictures = ["--pictures", "overview", "hand_camera"]
     assert cli.main(["demos", "export", str(episodes), *out, *pictures]) == 0
-    assert len(read_recordings("b", Selection())) == 2
+    assert len(read_here(Path("b"), Selection())) == 2
     info = json.loads(Path("b/meta/info.json").read_text())
     table = pyarrow.parquet.read_table("b/data/chunk-000/file-000.parquet")
     assert set(table.column_names) == set(info["features"])

@@ -19,7 +19,7 @@ from gplfd_experiments.data.preparation import Motion, Preparation, prepare
 from gplfd_experiments.data.preparation.frames import find_hinge, suspicious_order
 from gplfd_experiments.data.preparation.samples import Notes, usable, without_spikes
 from gplfd_experiments.data.raw import RawRecording, Selection, WrenchSensor
-from gplfd_experiments.data.readers import read_recordings
+from gplfd_experiments.data.readers.formats import read_here
 
 pytestmark = pytest.mark.slow
 
@@ -204,7 +204,7 @@ def test_a_wrong_unit_of_time_is_noticed(tmp_path, unit, s):
     table = np.column_stack([np.asarray(RAW.times) / s, RAW.positions])
     lines = [",".join(map(repr, row)) for row in table.tolist()]
     (tmp_path / "a.csv").write_text("\n".join(["t,x [m],y [m],z [m]", *lines]))
-    (read,) = read_recordings(tmp_path / "a.csv", Selection())
+    (read,) = read_here(tmp_path / "a.csv", Selection())
     tracemalloc.start()
     try:
         said = texts(only(read, Preparation()), warnings=True)
@@ -213,18 +213,18 @@ def test_a_wrong_unit_of_time_is_noticed(tmp_path, unit, s):
     assert tracemalloc.get_traced_memory()[1] < 2**28
     tracemalloc.stop()
     assert f"are times in {unit}? say --time-unit {unit}" in said
-    (read,) = read_recordings(tmp_path / "a.csv", Selection(time_unit=unit))
+    (read,) = read_here(tmp_path / "a.csv", Selection(time_unit=unit))
     assert read.notes == ()
     assert_allclose(np.asarray(read.times), np.asarray(RAW.times), rtol=0, atol=1e-12)
 
 
 def test_seconds_that_are_said_to_be_milliseconds_are_noticed(tmp_path):
     (tmp_path / "a.csv").write_text("time [ms],x,y\n0,0,0\n0.02,0,1\n0.04,0,2\n")
-    (read,) = read_recordings(tmp_path / "a.csv", Selection())
+    (read,) = read_here(tmp_path / "a.csv", Selection())
     assert "every 0.02 ms: are times in s? say --time-unit s, or" in read.notes[0]
     for rate in (1.2, 30.0, 240.0, 1000.0, 4000.0):
         (tmp_path / "b.csv").write_text(f"t,x,y\n0,0,0\n{1 / rate},0,1\n")
-        assert read_recordings(tmp_path / "b.csv", Selection())[0].notes == ()
+        assert read_here(tmp_path / "b.csv", Selection())[0].notes == ()
 
 
 def test_samples_that_would_be_made_are_counted_first():
@@ -280,7 +280,7 @@ def test_a_hand_that_turns_freely_is_seldom_told_of_its_order():
     assert told <= 3
     found, wrongly = 0, 0
     for file in sorted((ROOT / "examples/recordings/openbox").glob("*.csv")):
-        (raw,) = read_recordings(file, Selection())
+        (raw,) = read_here(file, Selection())
         opened = without_spikes(usable(raw, None, 20.0, Notes()), Notes()).poses
         wrongly += suspicious_order(opened) is not None
         for shift in (-1, 1):

@@ -12,7 +12,7 @@ from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.console.progress import progress_bar
 from gplfd_experiments.data.preparation import Motion, Preparation, prepare
 from gplfd_experiments.data.raw import RawRecording, Selection
-from gplfd_experiments.data.readers import read_recordings
+from gplfd_experiments.data.readers import read_files
 from gplfd_experiments.files.folders import check_replaceable, complete_folder
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
@@ -53,8 +53,10 @@ def import_recordings(
     check_folder(folder.parent)
     check_replaceable(folder, FILE, "set of demonstrations", overwrite=overwrite)
     recordings: list[RawRecording] = []
-    for file in progress_bar(files, desc="reading", unit="file"):
-        recordings += read_recordings(file, selection)
+    for motions_of_file in progress_bar(
+        read_files(files, selection), desc="reading", unit="file", total=len(files)
+    ):
+        recordings += motions_of_file
     motions = prepare(recordings, preparation, recorded_rate=selection.recorded_rate)
     text = report(motions, preparation)
     origin = provenance({**options, "preparation": asdict(preparation)})

@@ -8,7 +8,6 @@ import os
 import secrets
 import stat
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -93,40 +92,6 @@ class Members:
         return list(self._infos)
 
 
-def decompressed(
-    data: bytes, decompressor: Callable[[], Any], budget: DecodingBudget, what: str
-) -> bytes:
-    """Decompress frames that follow each other, to no more than a budget allows.
-
-    Each decompressor handles one frame, as in `bz2`, `lz4.frame` and
-    `compression.zstd`.
-    """
-    parts = []
-    rest: bytes | None = data
-    while rest:
-        frame = decompressor()
-        part = frame.decompress(rest, budget.left + 1)
-        budget.claim(len(part), what)
-        if not frame.eof:
-            raise ValueError(f"{what} is cut off")
-        parts.append(part)
-        rest = frame.unused_data
-    return b"".join(parts)
-
-
-def inflated(data: bytes, budget: DecodingBudget, what: str) -> bytes:
-    """Decompress one zlib stream within a budget; bytes that follow it are ignored."""
-    stream = zlib.decompressobj()
-    try:
-        content = stream.decompress(data, budget.left + 1)
-    except zlib.error as error:
-        raise ValueError(f"{what} is damaged: {error}") from error
-    budget.claim(len(content), what)
-    if not stream.eof:
-        raise ValueError(f"{what} is cut off")
-    return content
-
-
 def regular_file(path: str | Path, kind: str = "a file") -> Path:
     """Return a path that can be opened for reading without waiting for a writer."""
     path = Path(path)
@@ -209,18 +174,6 @@ def read_archive(
             "make this one again"
         ) from error
     return record
-
-
-def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """Return all arrays of numbers or text in an untrusted .npz file; skip others."""
-    content = regular_file(path).read_bytes()
-    arrays = {}
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        members = Members(archive, DecodingBudget(len(content)))
-        for name in members.left:
-            with contextlib.suppress(_NotPlainError):
-                arrays[name] = members(name)
-    return arrays
 
 
 def array_of(content: bytes, name: str) -> np.ndarray:

@@ -13,6 +13,7 @@ from gplfd_experiments.files.arrays import FloatArray
 _NORM_TOLERANCE: Final = 0.05  # Largest error of the norm of a rotation's quaternion.
 _LEAST_USABLE: Final = 0.5  # Smallest share of usable samples.
 _LARGEST_POSITION: Final = 1e9  # Larger coordinates, in any unit, count as missing.
+_LATEST: Final = 1e20  # Later times [s] count as missing.
 _MOST_STEPS: Final = 10**6
 """Longest motion in usual time steps, unless four times its samples are more."""
 _FASTEST: Final = 5.0  # Speed of a hand [m/s] above which a step may be a jump.
@@ -95,7 +96,7 @@ def usable(
                 "samples it has per second, --recorded-rate 100"
             )
         times = np.arange(number) / recorded_rate
-    there = np.isfinite(times)
+    there = np.abs(times) < _LATEST
     there &= (np.abs(raw.positions) < _LARGEST_POSITION).all(axis=1)
     quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (number, 1))
     if raw.quaternions is not None:

@@ -26,7 +26,6 @@ from gplfd_experiments.data.readers.tables import (
     understood,
 )
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.arrays.storage import array_of, read_arrays
 from gplfd_policies.demonstrations.npz import KIND, load_demonstrations
 
 _Any = TypeVar("_Any")
@@ -53,25 +52,34 @@ _INDEX: Final = re.compile(r"(\{\d+\}|\(\d+\))")
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
     """Read motions from an .npz or .npy file, or a set of demonstrations."""
-    if path.suffix.lower() == ".npy" and not path.is_dir():
-        arrays = {"the array": array_of(path.read_bytes(), path.name)}
-        return recordings(path.name, arrays, selection)
     if not path.is_dir():
-        arrays = read_arrays(path)
+        with path.open("rb") as stream:
+            loaded = np.load(stream, allow_pickle=False)
+            if isinstance(loaded, np.ndarray):
+                return recordings(path.name, {"the array": loaded}, selection)
+            arrays = {name: _numbers(loaded, name) for name in loaded.files}
         if str(arrays.get("format", "")) != KIND:
             return recordings(path.name, arrays, selection)
     return [
         RawRecording(
             name=f"{path.name}[{number}]",
-            times=one.times,
-            positions=one.poses[:, :3],
+            times=demonstration.times,
+            positions=demonstration.poses[:, :3],
             unit="m",
-            quaternions=quaternions_of(one.poses[:, 3:]),
-            wrenches=one.wrenches,
+            quaternions=quaternions_of(demonstration.poses[:, 3:]),
+            wrenches=demonstration.wrenches,
             sensor=DEMONSTRATED,
         )
-        for number, one in enumerate(load_demonstrations(path).demonstrations)
+        for number, demonstration in enumerate(load_demonstrations(path).demonstrations)
     ]
+
+
+def _numbers(archive: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
+    """Return an array of an archive; an empty one for an array of objects."""
+    try:
+        return archive[name]
+    except ValueError:  # NumPy unpickles no objects.
+        return np.zeros(0)
 
 
 def recordings(

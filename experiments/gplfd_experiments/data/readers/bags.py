@@ -5,17 +5,11 @@ link, joint states. A topic of WrenchStamped, the only one or ``--wrench``, give
 forces, on the clock of the hand.
 """
 
-import bz2
-import contextlib
-import io
-import os
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Final
-from unittest.mock import patch
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,14 +18,9 @@ from gplfd_experiments.data.raw import RawRecording, Selection, chosen
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.arrays.resolution import interpolated
-from gplfd_policies.arrays.storage import DecodingBudget, decompressed, regular_file
+from gplfd_policies.arrays.storage import regular_file
 
 with optional_libraries("ROS bags need rosbags", "ros"):
-    import apsw
-    import lz4.frame  # type: ignore[import-untyped]
-    import rosbags.rosbag1.reader as rosbag1
-    import rosbags.rosbag2.reader as rosbag2
-    import rosbags.rosbag2.storage_mcap as mcap
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
@@ -66,90 +55,6 @@ _POSES: Final = (
 """Message types that contain a pose."""
 
 
-class _BoundedReader(io.BufferedReader):
-    """Reserves no more memory for a read than the size of the file."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        rest = max(0, os.fstat(self.fileno()).st_size - self.tell())
-        return super().read(rest if size is None or size < 0 else min(size, rest))
-
-
-class _BoundedPath(type(Path())):  # type: ignore[misc]
-    """A path whose file is opened as `_BoundedReader`."""
-
-    def open(self, mode: str = "r", *arguments: Any, **options: Any) -> Any:
-        if mode == "rb":
-            return _BoundedReader(io.FileIO(self, "rb"))
-        return super().open(mode, *arguments, **options)
-
-
-class _BoundedStream:
-    """A decompressed stream that claims its bytes from a budget."""
-
-    def __init__(self, stream: Any, budget: DecodingBudget) -> None:
-        self._stream, self._budget = stream, budget
-
-    def __enter__(self) -> "_BoundedStream":
-        return self
-
-    def __exit__(self, *raised: object) -> None:
-        self._stream.close()
-
-    def read(self, size: int) -> bytes:
-        content: bytes = self._stream.read(size)
-        self._budget.claim(len(content), "a compressed file")
-        return content
-
-
-@contextlib.contextmanager
-def _bounded_decompression(size: int) -> Iterator[None]:
-    """Limit the decompression of rosbags by a `DecodingBudget` of these bytes.
-
-    rosbags decompresses chunks, messages and files without limit. Therefore its
-    functions are replaced while a bag is read; nothing else in this program uses them.
-    """
-    budget = DecodingBudget(size)
-    zstd = vars(rosbag2)["zstd"]
-    lz4_frame = lz4.frame.LZ4FrameDecompressor
-
-    def stored(data: bytes, claimed: int) -> bytes:
-        # An index may refer to one chunk many times.
-        budget.claim(len(data), "a chunk")
-        return data
-
-    def ros2(make: Callable[[], Any]) -> Callable[[bytes, int], bytes]:
-        return lambda data, claimed: decompressed(data, make, budget, "a chunk")
-
-    def ros1(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
-        # With interleaved topics, a chunk is decompressed and dropped several times, so
-        # each time has the whole budget.
-        return lambda data: decompressed(data, make, DecodingBudget(size), "a chunk")
-
-    def limit_values(connection: Any) -> None:
-        # A generated column contains values that are not in the file.
-        connection.limit(apsw.SQLITE_LIMIT_LENGTH, min(budget.left, 2**31 - 1))
-
-    mcap_chunks = {
-        "": stored,
-        "lz4": ros2(lz4_frame),
-        "zstd": ros2(zstd.ZstdDecompressor),
-    }
-    ros1_chunks = {"bz2": ros1(bz2.BZ2Decompressor), "lz4": ros1(lz4_frame)}
-    messages_and_files = SimpleNamespace(
-        decompress=lambda data: decompressed(
-            data, zstd.ZstdDecompressor, budget, "a message"
-        ),
-        open=lambda file, mode: _BoundedStream(zstd.open(file, mode), budget),
-    )
-    with (
-        patch.object(mcap, "DECOMPRESSORS", mcap_chunks),
-        patch.dict(rosbag1.decompressors, ros1_chunks),
-        patch.object(rosbag2, "zstd", messages_and_files),
-        patch.object(apsw, "connection_hooks", [*apsw.connection_hooks, limit_values]),
-    ):
-        yield
-
-
 @dataclass(frozen=True, slots=True)
 class _Track:
     """Rows of numbers with their stamps [ns]."""
@@ -172,14 +77,9 @@ class _Track:
 
 def read(path: Path, selection: Selection) -> list[RawRecording]:
     """Read the motion of a topic, and the wrenches of another."""
-    files = list(path.iterdir()) if path.is_dir() else [path]
-    size = sum(regular_file(one).stat().st_size for one in files if not one.is_dir())
     hand, wrench = _Track(), _Track()
     frames: set[str] = set()
-    with (
-        _bounded_decompression(size),
-        AnyReader([_BoundedPath(path)], default_typestore=_USUAL_TYPES) as bag,
-    ):
+    with AnyReader([path], default_typestore=_USUAL_TYPES) as bag:
         # The topic of the hand, and its frame if the topic has several.
         topics = {one.topic: one.msgtype for one in bag.connections}
         known = {*_POSES, _JOINTS, *_TRANSFORMS}

@@ -9,7 +9,6 @@ from typing import Final, Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.data.readers import READERS
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.npz import (
     LabelledDemonstrations,
@@ -122,7 +121,7 @@ def export_demonstrations(
     # The error of the reader says how to install the common requirement.
     importlib.import_module(f"gplfd_experiments.data.readers.{form}")
     module = importlib.import_module(f"{__name__}.{form}")
-    if any((source / mark).is_file() for mark in READERS["minari"].marks):
+    if (source / "data/metadata.json").is_file():
         from gplfd_experiments.data.minari import open_dataset
         from gplfd_experiments.data.writers.episodes import episode_rows
 

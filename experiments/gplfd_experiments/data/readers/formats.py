@@ -1,0 +1,93 @@
+"""The kinds of motion files, one line each: suffixes or marks, and their reader."""
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from gplfd_env.validation.named import nearest_name
+from gplfd_experiments.data.raw import RawRecording, Selection
+from gplfd_policies.arrays.storage import regular_file
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """How one kind of file is read.
+
+    The module has a function ``read(path, selection)`` that returns the motions in the
+    order of the file. Their names begin with the name of the file; units and time
+    stamps are those of the file. Any exception means that the file cannot be read, and
+    its text says why.
+    """
+
+    summary: str
+    """Name in a message."""
+    module: str
+    """Module of this package; imported when needed, for its libraries."""
+    suffixes: tuple[str, ...] = ()
+    """Suffixes of such files; none for folders."""
+    marks: tuple[str, ...] = ()
+    """A folder of this kind contains one of these."""
+
+
+READERS: Final = (
+    Reader("a table in a text file", "csv_tables", (".csv", ".tsv", ".txt", ".log")),
+    Reader("arrays of NumPy", "arrays", (".npz", ".npy")),
+    Reader("a MATLAB file", "matlab", (".mat",)),
+    Reader("a recording of Xsens MVN", "mvnx", (".mvnx",)),
+    Reader("a Biovision hierarchy", "bvh", (".bvh",)),
+    Reader("a C3D file", "c3d", (".c3d",)),
+    Reader("a bag of ROS", "bags", (".mcap", ".db3", ".bag"), ("metadata.yaml",)),
+    Reader("demonstrations of robomimic", "robomimic", (".hdf5", ".h5")),
+    Reader("a data set of LeRobot", "lerobot", marks=("meta/info.json",)),
+    Reader("a data set of Minari", "minari_episodes", marks=("data/metadata.json",)),
+    Reader("a set of demonstrations", "arrays", marks=("demonstrations.npz",)),
+)
+"""Every kind of file that is read."""
+
+
+def reader_of(path: Path) -> Reader:
+    """Return the reader of a file or folder, by its suffix or by what it contains.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is of unknown kind, or no regular file.
+    """
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        what = "folder"
+        for reader in READERS:
+            if any((path / mark).is_file() for mark in reader.marks):
+                return reader
+    else:
+        what = f"kind of file {suffix!r}"
+        regular_file(path, "a recording in a regular file")
+        for reader in READERS:
+            if suffix in reader.suffixes:
+                return reader
+    suffixes = [suffix for reader in READERS for suffix in reader.suffixes]
+    marks = [mark for reader in READERS for mark in reader.marks]
+    raise ValueError(
+        f"{path}: unknown {what}{nearest_name(suffix, suffixes)}; readable are "
+        f"{', '.join(suffixes)}, and folders with {', '.join(marks)}"
+    )
+
+
+def read_here(path: Path, selection: Selection) -> list[RawRecording]:
+    """Read all motions in a file, in this process and without limits.
+
+    Raises what `gplfd_experiments.data.readers.read_recordings` raises.
+    """
+    reader = reader_of(path)
+    module = importlib.import_module(f"gplfd_experiments.data.readers.{reader.module}")
+    try:
+        recordings: list[RawRecording] = module.read(path, selection)
+        if not recordings:
+            raise ValueError("it holds no recording")
+    # Libraries raise errors of every kind for damaged files.
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+        raise ValueError(
+            f"{path} cannot be read as {reader.summary}: {reason:.600}"
+        ) from error
+    return recordings

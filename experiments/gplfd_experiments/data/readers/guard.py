@@ -1,0 +1,160 @@
+"""Reads motion files in a child process with limits.
+
+A damaged or forged file can make a library crash, or fill memory, disk or time. It then
+ends the child, and the caller gets one error with the name of the file. The child has
+limits of memory, processor time and size of written files where the operating system
+provides them; elsewhere, time is limited.
+"""
+
+import contextlib
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from gplfd_experiments.data.raw import RawRecording, Selection
+from gplfd_experiments.data.readers.formats import read_here, reader_of
+
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
+_MEMORY, _MEMORY_PER_BYTE = 700 * 2**20, 8
+"""Memory of the child [bytes], and per byte of a file."""
+_WRITTEN, _WRITTEN_PER_BYTE = 2**26, 20
+"""Size of a temporary file, for example a decompressed bag."""
+_SECONDS, _SECONDS_PER_BYTE = 6.0, 5e-6
+"""Processor time for a file [s]; forward kinematics takes a second per megabyte."""
+_WAITING: Final = 3.0
+"""Longest time for a file, as a multiple of its processor time."""
+_CHILD: Final = "from gplfd_experiments.data.readers.guard import child; child()"
+
+
+def read_recordings(path: str | Path, selection: Selection) -> list[RawRecording]:
+    """Read all motions in a file or folder.
+
+    Args:
+        path: The file or folder; its name determines its kind.
+        selection: What to read, and properties that the file does not state.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        OSError: It cannot be read.
+        ModuleNotFoundError: Its reader needs a library that is not installed.
+        ValueError: It is damaged, of unknown kind, too large, or lacks the selected
+            item. The message names file, line or field, and says what to do.
+    """
+    (recordings,) = read_files([path], selection)
+    return recordings
+
+
+def read_files(
+    paths: Sequence[str | Path], selection: Selection
+) -> Iterator[list[RawRecording]]:
+    """Yield the motions of each file in turn; raises what `read_recordings` raises."""
+    files = [Path(path) for path in paths]
+    readers = [reader_of(path) for path in files]
+    with tempfile.TemporaryDirectory() as scratch, _started(scratch) as process:
+        pickle.dump((files, selection), process.stdin)
+        process.stdin.close()
+        for path, reader in zip(files, readers, strict=True):
+            seconds = _limits(path)[2]
+            timer = threading.Timer(_WAITING * seconds, process.kill)
+            timer.start()
+            try:
+                outcome = pickle.load(process.stdout)
+            except (EOFError, pickle.UnpicklingError):
+                # A killed child leaves nothing, or a part.
+                outcome = ValueError(
+                    f"{path} cannot be read as {reader.summary}: it makes the reader "
+                    f"{_ending(process.wait(), seconds)}. It is damaged, or made to "
+                    "fill memory or time"
+                )
+            finally:
+                timer.cancel()
+            if isinstance(outcome, Exception):
+                raise outcome
+            yield outcome
+
+
+@contextlib.contextmanager
+def _started(scratch: str) -> Iterator[Any]:
+    """Yield the child; it ends with the block."""
+    threads = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL")}
+    environment = {
+        **os.environ,
+        **threads,
+        "PYTHONPATH": os.pathsep.join(folder or os.getcwd() for folder in sys.path),
+        "TMPDIR": scratch,
+    }
+    process = subprocess.Popen(
+        [sys.executable, "-c", _CHILD],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=environment,
+    )
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def _ending(status: int, seconds: float) -> str:
+    """Return how the child ended, by its exit status."""
+    killed = {-signal.SIGKILL, -signal.SIGXCPU} if resource else {1}
+    if status in killed:
+        return f"run for more than {seconds:.0f} s"
+    return f"crash ({signal.Signals(-status).name if status < 0 else status})"
+
+
+def _limits(path: Path) -> tuple[int, int, float]:
+    """Return memory [bytes], written bytes and processor time [s] for a file."""
+    files = path.rglob("*") if path.is_dir() else [path]
+    size = sum(file.stat().st_size for file in files if file.is_file())
+    return (
+        _MEMORY + _MEMORY_PER_BYTE * size,
+        _WRITTEN + _WRITTEN_PER_BYTE * size,
+        _SECONDS + _SECONDS_PER_BYTE * size,
+    )
+
+
+def child() -> None:
+    """Read the files that the parent names, and answer with motions or an error."""
+    # Libraries may print.
+    with os.fdopen(os.dup(1), "wb") as answers:
+        os.dup2(2, 1)
+        paths, selection = pickle.load(sys.stdin.buffer)
+        for path in paths:
+            memory, written, seconds = _limits(path)
+            if resource is not None:
+                used = resource.getrusage(resource.RUSAGE_SELF)
+                end = int(used.ru_utime + used.ru_stime + seconds) + 1
+                for kind, limit in (
+                    (resource.RLIMIT_DATA, memory),
+                    (resource.RLIMIT_FSIZE, written),
+                    (resource.RLIMIT_CPU, end),
+                ):
+                    hardest = resource.getrlimit(kind)[1]
+                    resource.setrlimit(kind, (limit, hardest))
+            outcome: list[RawRecording] | Exception
+            try:
+                outcome = read_here(path, selection)
+            except (OSError, ValueError, ModuleNotFoundError) as error:
+                # Only these have arguments that can be passed on.
+                outcome = type(error)(*error.args)
+                if isinstance(error.__cause__, MemoryError):
+                    outcome = ValueError(
+                        f"{path} needs more than {memory >> 20:,} MB of memory. It is "
+                        "damaged, or made to fill the memory"
+                    )
+            pickle.dump(outcome, answers)
+            answers.flush()
