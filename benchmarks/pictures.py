@@ -33,13 +33,12 @@ from gplfd_env.conventions.constants import Base
 from gplfd_env.doors.config import DOORS, DoorSpec
 from gplfd_env.envs.camera import Camera
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.episodes.build import demonstrations_of
+from gplfd_experiments.episodes.build import demonstrations_of, make_environment
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies.jobs import episode_log
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TRIALS
-from gplfd_experiments.workflows.study_recordings import model_of
 from gplfd_policies import Demonstration, make_agent
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.agents.model_based.oracle import OracleAgent
@@ -378,11 +377,14 @@ def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
     task, shot = task_of(name), SHOTS[name]
     log = episode_log(task)
     shown = demonstrations_of(task).demonstrations
+    with contextlib.closing(make_environment(task, "pose")) as env:
+        env.reset(seed=task.reset_seed)
+        model = env.unwrapped.model  # type: ignore[attr-defined]
     curve = np.abs(getattr(log, shot.curve))
     angle, force = np.degrees(log.door_angle), _NAMES[shot.curve]
     width, height = size
     pages = []
-    for row, picture in film_frames(log, model_of(task), shown, size):
+    for row, picture in film_frames(log, model, shown, size):
         page = Image.new("RGB", (width, height + 2 * _BAR), _PAPER)
         page.paste(Image.fromarray(picture), (0, _BAR))
         draw, font = ImageDraw.Draw(page), ImageFont.load_default(13)

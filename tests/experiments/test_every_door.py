@@ -1,14 +1,12 @@
 """Every command opens a door of every kind, from both starts, alone and together."""
 
-import contextlib
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rerun as rr
 
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_experiments.analysis.results.reading import read_results
@@ -16,8 +14,7 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import make_environment
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.task import episode_task
-from gplfd_experiments.recording.stream import open_stream
-from gplfd_experiments.workflows import live, runs
+from gplfd_experiments.workflows import runs
 from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 
 pytestmark = pytest.mark.slow
@@ -136,11 +133,9 @@ def test_an_environment_of_a_task_has_everything_that_it_names():
 
 
 @pytest.mark.usefixtures("small_plots")
-def test_a_study_of_doors_of_several_kinds_can_be_read_and_recorded(
-    gplfd, tmp_path, capsys
-):
+def test_a_study_of_doors_of_several_kinds_can_be_read(gplfd, tmp_path, capsys):
     given = ("--doors", "room-834", "pushed.json", "--start", "approach")
-    where = ("--engine", "serial", "--quiet", "--record", "--out", "study")
+    where = ("--engine", "serial", "--quiet", "--out", "study")
     study = ("--policies", "oracle", "--seeds", "1", "--no-skill")
     assert gplfd("benchmark", *given, *study, *where) == 0
     found = read_results(tmp_path / "study")
@@ -149,8 +144,6 @@ def test_a_study_of_doors_of_several_kinds_can_be_read_and_recorded(
         *("room-834", "pushed")
     }
     assert "room-834" in capsys.readouterr().out
-    index = json.loads((tmp_path / "study" / "recordings" / "index.json").read_text())
-    assert [one["different"] for one in index["episodes"]] == [{}, {}]
     # A report names tasks without a result, and no later version's file is read.
     next((tmp_path / "study" / "tasks").iterdir()).unlink()
     assert gplfd("report", "study") == 0
@@ -161,37 +154,6 @@ def test_a_study_of_doors_of_several_kinds_can_be_read_and_recorded(
     about = tmp_path / "study" / "study.json"
     about.write_text(json.dumps(json.loads(about.read_text()) | {"format_version": 99}))
     assert gplfd("report", "study") == 2
-
-
-class _Viewer:
-    """A viewer that nobody closes until the episode has ended."""
-
-    def poll(self) -> None:
-        return None
-
-    def wait(self) -> int:
-        return 0
-
-
-def test_it_is_watched_live(gplfd, tmp_path, monkeypatch, capsys):
-    @contextlib.contextmanager
-    def stream_to(url: str, arrangement: object) -> Iterator[rr.RecordingStream]:
-        stream = open_stream()
-        stream.save(url, default_blueprint=arrangement)
-        yield stream
-        stream.flush()
-        stream.disconnect()
-
-    @contextlib.contextmanager
-    def viewer_process(*, serve: bool) -> Iterator[tuple[_Viewer, str]]:
-        yield _Viewer(), str(tmp_path / "live.rrd")
-
-    monkeypatch.setattr(live, "stream_to", stream_to)
-    monkeypatch.setattr(live, "viewer_process", viewer_process)
-    given = ("--door", "pushed.json", "--start", "approach", "--policy", "oracle")
-    assert gplfd("view", "--live", "--serve", *given, "--speed", "1e6") == 0
-    assert ": opened in" in capsys.readouterr().err
-    assert (tmp_path / "live.rrd").stat().st_size > 0
 
 
 def test_a_run_names_files_that_were_deleted_while_it_went_on(

@@ -148,7 +148,6 @@ def test_an_agent_that_commands_stiffness_acts_where_that_is_taken(module, capsy
         (("run",), "nowhere_at_all:make", "there is no module 'nowhere_at_all'"),
         (("benchmark",), "nowhere.py:make", "there is no file"),
         (("demos", "record"), "{}:np.pi", "is a float; it must be a function"),
-        (("view", "--live", "--serve"), "{}", "or give one of your own as module:f"),
     ],
 )
 def test_what_is_no_policy_is_refused_before_any_work(

@@ -22,7 +22,6 @@ from gplfd_experiments.analysis.report.document import (
     markdown_page,
 )
 from gplfd_experiments.analysis.report.page import report, write_report
-from gplfd_experiments.analysis.report.recordings import RANKS, recording_name
 from gplfd_experiments.analysis.results.measures import WALL_TIME
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import success_rate
@@ -337,32 +336,6 @@ def test_tuned_methods_have_a_table_of_their_own(page_of, learning_result):
     assert [("✗" in row, "✓" in row) for row in rows] == [(True, True), (False, True)]
 
 
-def test_recordings_are_linked_from_where_the_page_is(
-    write_study, tmp_path, episode_result
-):
-    folder = write_study([episode_result("gp")])
-    recordings = folder / "recordings"
-    recordings.mkdir()
-    for name in ("gp-best.rrd", "comparison.rrd"):
-        (recordings / name).write_bytes(b"")
-    about = {"door": "0.5", "seed": 0, "repeated": False, "different": {"slip_mm": []}}
-    gone = {"file": "gp-worst.rrd", "error": "ValueError: gone"}
-    entries = [{"file": "gp-best.rrd", **about}, {**about, **gone}]
-    (recordings / "index.json").write_text(json.dumps({"episodes": entries}))
-    out = tmp_path / "elsewhere"
-    write_report(read_results(folder), folder, out)
-    text = (out / "report.md").read_text()
-    for said in (
-        "[comparison.rrd](../study/recordings/comparison.rrd)",
-        "[gp-best.rrd](../study/recordings/gp-best.rrd) 0.5, seed 0 (**differs from",
-        "the stored result:** slip mm)",
-        "| – | 0.5, seed 0 (**not repeated:** `ValueError: gone`) |",
-    ):
-        assert said in text
-    for link in re.findall(r"\((\S+\.rrd)\)", text):
-        assert (out / link).resolve().is_file()
-
-
 def test_the_command_writes_beside_the_study_or_says_what_is_wrong(
     write_study, tmp_path, capsys, episode_result
 ):
@@ -541,13 +514,7 @@ def mutated(value, rng):
 def test_no_mutated_file_ends_the_report(results, write_study):
     rng = random.Random(0)
     folder = write_study(results)
-    (folder / "recordings").mkdir()
-    index = folder / "recordings" / "index.json"
-    about = {"door": "0.5", "seed": 0, "repeated": False, "different": {"work": [1, 2]}}
-    entries = [{"file": f"gp-{rank}.rrd", "rank": rank, **about} for rank in RANKS]
-    entries[0] = {**entries[0], "error": "ValueError: x"}
-    index.write_text(json.dumps({"order": "", "episodes": entries}))
-    files = [*sorted((folder / "tasks").iterdir()), folder / "study.json", index]
+    files = [*sorted((folder / "tasks").iterdir()), folder / "study.json"]
     accepted = named = 0
     for _ in range(150):
         file = rng.choice(files)
@@ -648,7 +615,7 @@ def test_no_name_becomes_anything_else(name, results, write_study):
     page, text = pages(folder)
     found = Page(page)
     assert "script" not in found.tags
-    allowed = re.compile(r"#[a-z0-9-]+|data:image/svg\+xml;base64,|recordings/[\w.%-]+")
+    allowed = re.compile(r"#[a-z0-9-]+|data:image/svg\+xml;base64,")
     assert [one for one in found.references if not allowed.fullmatch(one)] == []
     # Outside code, nothing of Markdown's is left that was not escaped.
     outside = re.sub(r"(?ms)^(`{3,})text\n.*?\n\1$", "", text)
@@ -668,19 +635,8 @@ def test_a_user_s_policy_is_everywhere(
     for result in made:
         result["task"]["policy_source"] = source
     folder = write_study([*results, *made])
-    (folder / "recordings").mkdir()
-    file = recording_name(mine, "best")
-    (folder / "recordings" / file).write_bytes(b"")
     _, text = pages(folder)
     assert "- `my_module:make`: `kind module, file my_module.py, sha256 ab12`" in text
     tables = re.findall(r"(?m)^\| [\s\S]*?\n\n", text)
     of_policies = [table for table in tables if not table.startswith("| column |")]
     assert [table for table in of_policies if f"`{mine}`" not in table] == []
-    assert f"(recordings/{file})" in text.replace("\\_", "_")
-
-
-def test_recordings_have_safe_names_of_their_own():
-    names = {recording_name(policy, "best") for policy in (*HOSTILE, "my_module/make")}
-    assert len(names) == len(HOSTILE) + 1
-    assert all(re.fullmatch(r"[\w-]{1,80}-best\.rrd", name, re.A) for name in names)
-    assert recording_name("gp-paper", "worst") == "gp-paper-worst.rrd"

@@ -149,7 +149,7 @@ def test_a_smaller_force_is_better_and_none_is_no_comparison(study):
         (("--policies", "gp", "gp"), "takes two --policies, got ['gp', 'gp']"),
         (("--max-seeds", "7"), "--max-seeds of 8 or more, got 7"),
         (("--measure", "work"), "--measure work is no measure of trial stop, which"),
-        (("--part", "small"), "takes neither --part nor --record"),
+        (("--part", "small"), "takes neither --part nor --robot"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(arguments, message, study):

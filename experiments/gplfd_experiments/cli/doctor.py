@@ -78,7 +78,7 @@ def examined() -> dict[str, Any]:
         "there is a display"
         if display
         else "neither DISPLAY nor WAYLAND_DISPLAY names a display; copy recordings to "
-        "a machine with a screen, or `gplfd view --live --serve`"
+        "a machine with a screen"
     )
     part("windows", 'render_mode="human", gplfd view', display, remark)
     try:

@@ -94,7 +94,6 @@ def layout(
     hinge: HingeSide = "right",
     *,
     forces: bool = False,
-    live: bool = False,
 ) -> rrb.Blueprint:
     """Return the layout, equal for all episodes with the same kinds of content.
 
@@ -102,7 +101,7 @@ def layout(
     mirrored for a hinge on the left. The axes of the panels scale automatically.
     ``kinds`` are names of disturbances, ``there`` names of panels of
     `gplfd_experiments.recording.mechanism`, and ``forces`` is whether the policy
-    expects forces. A live view follows the latest time.
+    expects forces.
     """
     scene_eye, plan_eye = _SCENE_EYE, _PLAN_EYE
     if "base" in there:
@@ -153,16 +152,14 @@ def layout(
         for name, each in tabs.items()
     ]
     views = rrb.Horizontal(left, rrb.Tabs(*plots, active_tab=0), column_shares=[6, 5])
-    return only(views, "following" if live else "playing")
+    return only(views)
 
 
-def only(
-    views: rrb.Container, play_state: Literal["playing", "following"] = "playing"
-) -> rrb.Blueprint:
+def only(views: rrb.Container) -> rrb.Blueprint:
     """Arrange views in a window without other panels."""
     return rrb.Blueprint(
         views,
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state=play_state),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="playing"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TopPanel(state="hidden"),

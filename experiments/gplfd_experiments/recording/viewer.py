@@ -1,24 +1,13 @@
 """The Rerun viewer on this machine, and whether there is a screen for it."""
 
-import contextlib
 import importlib.util
 import os
-import socket
 import subprocess
 import sys
-import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
-from urllib.parse import quote
 
-from gplfd_experiments.console.progress import LOG
 from gplfd_policies.arrays.storage import regular_file
-
-LOOPBACK: Final = "127.0.0.1"
-"""Address of the viewer, which other machines cannot reach."""
-
-_START_TIMEOUT: Final = 30.0
 
 
 def viewer() -> str:
@@ -66,44 +55,3 @@ def open_recording(file: Path) -> int:
         )
     # An absolute path, because the viewer would parse `--version.rrd` as an option.
     return subprocess.call([viewer(), str(file.absolute())])
-
-
-@contextlib.contextmanager
-def viewer_process(*, serve: bool) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
-    """Start a viewer on loopback; yield its process and its data address."""
-    with socket.socket() as first, socket.socket() as second:
-        # Two free ports.
-        for each in (first, second):
-            each.bind((LOOPBACK, 0))
-        port, web_port = first.getsockname()[1], second.getsockname()[1]
-    url = f"rerun+http://{LOOPBACK}:{port}/proxy"
-    command = [viewer(), "--bind", LOOPBACK, "--port", str(port)]
-    if serve:
-        command += ["--serve-web", "--web-viewer-port", str(web_port)]
-    # Only errors, unless the user sets another level.
-    process = subprocess.Popen(command, env={"RUST_LOG": "warn", **os.environ})
-    try:
-        # Until the viewer listens at the port.
-        deadline, listening = time.monotonic() + _START_TIMEOUT, False
-        while not listening:
-            if process.poll() is not None:
-                raise OSError(
-                    f"the viewer ended with status {process.returncode}; without a "
-                    "screen or graphics driver, `gplfd view --live --serve` serves a "
-                    "browser"
-                )
-            if time.monotonic() >= deadline:
-                raise OSError(f"the viewer did not answer within {_START_TIMEOUT:g} s")
-            with contextlib.suppress(OSError):
-                socket.create_connection((LOOPBACK, port), timeout=1.0).close()
-                listening = True
-            time.sleep(0.05)
-        if serve:
-            address = f"http://{LOOPBACK}:{web_port}/?url={quote(url, safe='')}"
-            LOG.info("watch it at  %s", address)
-            if sys.stdin.isatty():
-                input("press Enter to start the episode ")
-        yield process, url
-    finally:
-        process.terminate()
-        process.wait()

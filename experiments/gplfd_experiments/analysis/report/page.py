@@ -8,7 +8,6 @@ from gplfd_experiments.analysis.report import (
     doors,
     origin,
     predictions,
-    recordings,
     trials,
 )
 from gplfd_experiments.analysis.report.document import (
@@ -36,9 +35,9 @@ def write_report(
 ) -> Path:
     """Write report.html, report.md, figures/ and, for trials, trials.json.
 
-    They are written to ``out``, by default the study's folder, and link to its
-    recordings. Policies are compared with the reference, or with the best policy if the
-    study lacks the reference. Returns the path of the HTML page.
+    They are written to ``out``, by default the study's folder. Policies are compared
+    with the reference, or with the best policy if the study lacks the reference.
+    Returns the path of the HTML page.
     """
     folder = study if out is None else out
     document = report(results, study, folder, reference)
@@ -88,7 +87,7 @@ def report(
         lead.say(doors.how_to_read(first))
     origin.say_command(lead, results)
 
-    sections = trials.trial_sections(results, study, folder, reference)
+    sections = trials.trial_sections(results, reference)
     if first:
         sections += [
             doors.doors_section(shown, reference),
@@ -100,8 +99,6 @@ def report(
         sections.append(predictions.table_one_section(results.tests))
         sections.append(predictions.learning_section(results.tests, reference))
     robot = bool(results.episodes or results.tests)
-    if robot:
-        sections.append(recordings.recording_section(study, folder, policies))
     sections.append(origin.origin_section(results))
     title = f"{'Opening doors' if robot else 'Recordings'}: the policies compared"
     return Document(title, lead, sections)

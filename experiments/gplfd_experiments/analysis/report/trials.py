@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -15,7 +14,6 @@ from gplfd_experiments.analysis.report.plots import (
     kind_of,
     performance_profiles,
 )
-from gplfd_experiments.analysis.report.recordings import link_trial
 from gplfd_experiments.analysis.results.aggregates import probability_of_improvement
 from gplfd_experiments.analysis.results.measures import (
     EPISODE_MEASURES,
@@ -55,9 +53,7 @@ _VERDICTS: Final = {
 """Results of a contrast."""
 
 
-def trial_sections(
-    results: StudyResults, study: Path, page: Path, reference: str
-) -> list[Section]:
+def trial_sections(results: StudyResults, reference: str) -> list[Section]:
     """Return the sections of trials: a summary of all ideas, then each trial."""
     held = of_trials(results)
     if not held:
@@ -93,9 +89,7 @@ def trial_sections(
     _say_ideas(section, answers)
     sections = [section]
     for name, own in held.items():
-        section = _trial_section(name, own, answers[name], reference)
-        link_trial(section, study, page, name)
-        sections.append(section)
+        sections.append(_trial_section(name, own, answers[name], reference))
     return sections
 
 

@@ -113,77 +113,20 @@ def draw_without_screen() -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class View:
-    """Open a recording (.rrd) in the Rerun viewer, or watch an episode live.
+    """Open a recording (.rrd) in the Rerun viewer.
 
     A journal of `gplfd serve` is first converted to a recording in the same folder.
     """
 
-    file: Annotated[
-        tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="[FILE.rrd]")
-    ] = None
+    file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE.rrd")]
     """Recording to open, for example results/gp-seed0/medium.rrd."""
 
-    live: bool = False
-    """Run an episode and show it, instead of a recording."""
-
-    door: str = "medium"
-    """With --live: the door to open, a name (see `gplfd list`), a radius [m], or
-    a .json file of door parameters."""
-
-    policy: str = "gp"
-    """With --live: the policy to use; see `gplfd list`."""
-
-    seed: int = 0
-    """With --live: seed of teacher, policy and environment, 0 or more."""
-
-    randomization: str = "none"
-    """With --live: random quantities: none, mild, hard or standard."""
-
-    disturbance: str = "none"
-    """With --live: disturbance during the episode: none, push, person, ..."""
-
-    start: Literal["grasped", "approach"] = "grasped"
-    """With --live: start of the episode: the hand holds the handle, or the open hand is
-    in front of it."""
-
-    speed: float = 1.0
-    """With --live: simulated seconds per second of real time."""
-
-    serve: bool = False
-    """With --live: serve the viewer to a browser on this machine instead of opening a
-    window."""
-
     def execute(self) -> int:
-        """Show the recording or the episode until the viewer is closed."""
-        if not self.live:
-            if self.file is None:
-                raise ValueError(
-                    "give a recording to open, for example results/gp-seed0/medium.rrd,"
-                    " or --live to run an episode and watch it"
-                )
-            for option in dataclasses.fields(self):
-                given = getattr(self, option.name)
-                if option.name != "file" and given != option.default:
-                    raise ValueError(
-                        f"--{option.name} needs --live and cannot be combined with a "
-                        "file"
-                    )
-            from gplfd_experiments.recording.served import recording_of
-            from gplfd_experiments.recording.viewer import open_recording
+        """Show the recording until the viewer is closed."""
+        from gplfd_experiments.recording.served import recording_of
+        from gplfd_experiments.recording.viewer import open_recording
 
-            return open_recording(recording_of(self.file))
-        from gplfd_experiments.console.arguments import check_circumstances
-        from gplfd_experiments.workflows.live import watch
-
-        if self.file is not None:
-            raise ValueError(
-                f"--live runs an episode and cannot be combined with {self.file}"
-            )
-        check_circumstances(self.randomization, self.disturbance, self.start)
-        options = dataclasses.asdict(self)
-        del options["file"], options["live"]
-        watch(**options)
-        return 0
+        return open_recording(recording_of(self.file))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

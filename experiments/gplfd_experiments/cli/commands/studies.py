@@ -46,10 +46,6 @@ class Benchmark:
 
     where: Where = ON_THIS_MACHINE
 
-    record: bool = False
-    """Also write recordings of the best, the median and the worst episode of every
-    policy."""
-
     json: Json = False
 
     quiet: Quiet = False
@@ -79,10 +75,6 @@ class Benchmark:
         errors = run_or_resume(tasks(settings), options, self.out, engine)
         tables = write_tables(self.out, settings)
         print(json_text(study_rows(self.out, settings)) if self.json else tables)
-        if self.record:
-            from gplfd_experiments.workflows.study_recordings import record_extremes
-
-            record_extremes(self.out)
         if not self.json:
             report = next_command("report", self.out)
             print(f"\nresults are in {self.out}; compare them:  {report}")
@@ -122,9 +114,6 @@ class Trials:
 
     where: Where = ON_THIS_MACHINE
 
-    record: bool = False
-    """Also write a recording per trial with the compared policies side by side."""
-
     until_separated: tyro.conf.FlagCreatePairsOff[bool] = False
     """Run only the two --policies, seed after seed, until a sequential test separates
     them (5 % false findings over all looks together)."""
@@ -162,10 +151,6 @@ class Trials:
         )
         engine = self.where.made()
         errors = run_or_resume(tasks, recorded(self), self.out, engine)
-        if self.record:
-            from gplfd_experiments.workflows.study_recordings import record_trials
-
-            record_trials(self.out)
         if self.json:
             print(json_text(trial_answers(read_results(self.out))))
         else:
@@ -177,10 +162,8 @@ class Trials:
         from gplfd_experiments.files.plain_data import json_text
         from gplfd_experiments.workflows.separation import run_until_separated
 
-        if (self.part, self.record, self.robot) != ("whole", False, "tiago-like"):
-            raise ValueError(
-                "--until-separated takes neither --part nor --record nor --robot"
-            )
+        if (self.part, self.robot) != ("whole", "tiago-like"):
+            raise ValueError("--until-separated takes neither --part nor --robot")
         state, errors = run_until_separated(
             self.trials,
             self.policies,
