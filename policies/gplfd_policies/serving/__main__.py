@@ -7,7 +7,6 @@ import argparse
 import dataclasses
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_origin
 
@@ -19,28 +18,32 @@ INTERRUPTED = 130
 
 def parsed(arguments: Sequence[str] | None = None) -> ServeSettings:
     """Return the settings from arguments; exits with status 2 if they are invalid."""
-    parser = argparse.ArgumentParser("python -m gplfd_policies.serving")
+    parser = argparse.ArgumentParser(
+        "python -m gplfd_policies.serving",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     for field in dataclasses.fields(ServeSettings):
-        kinds = [one for one in get_args(field.type) or [field.type] if one != NoneType]
-        told = {"help": field.metadata["help"]}
+        options: dict[str, Any] = {"help": field.metadata["help"]}
         if field.name == "source":
-            parser.add_argument(field.name, **told)
+            parser.add_argument(field.name, **options)
             continue
-        options: dict[str, Any] = {"default": field.default, **told}
-        if kinds == [bool]:
+        options["default"] = field.default
+        types = [
+            kind for kind in get_args(field.type) or (field.type,) if kind != NoneType
+        ]
+        if types == [bool]:
             options["action"] = "store_true"
         else:
-            options["help"] += f" Default: {field.default}."
-            options["type"] = kinds[0] if kinds[0] in (int, float, Path) else str
+            options["type"] = types[0] if callable(types[0]) else str
             if get_origin(field.type) is tuple:
-                options["nargs"] = len(kinds)
+                options["nargs"] = len(types)
         parser.add_argument(f"--{field.name.replace('_', '-')}", **options)
-    given: dict[str, Any] = vars(parser.parse_args(arguments))
-    for name, value in given.items():
-        given[name] = tuple(value) if isinstance(value, list) else value
+    values: dict[str, Any] = vars(parser.parse_args(arguments))
+    for name, value in values.items():
+        values[name] = tuple(value) if isinstance(value, list) else value
     try:
-        return ServeSettings(**given)
-    except (ValueError, TypeError) as error:
+        return ServeSettings(**values)
+    except ValueError as error:
         parser.error(str(error))
 
 

@@ -15,8 +15,14 @@ import numpy as np
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.control.steps import AgentStep, Observation
-from gplfd_policies.serving.link import Link
-from gplfd_policies.serving.protocol import VERSION, array, decode, encode, numbers
+from gplfd_policies.serving.protocol import (
+    VERSION,
+    Link,
+    array,
+    decode,
+    encode,
+    numbers,
+)
 
 
 class ServerLostError(ConnectionError):
@@ -94,12 +100,13 @@ class RemoteAgent:
             ServerLostError: The server is gone or does not answer.
         """
         command = self.last = self._ask("observe", observation, "command")
-        names = ("stiffness", "frame", "phase")
-        told = {one: command[one] for one in names if command.get(one) is not None}
-        step = {**command.get("step", {}), **told, "action": command["pose"]}
+        step = {**command.get("step", {}), "action": command["pose"]}
+        for name in ("stiffness", "frame", "phase"):
+            if command.get(name) is not None:
+                step[name] = command[name]
         via_point = bool(step.pop("via_point", False))
-        known = {name: array(value) for name, value in step.items()}
-        return AgentStep(**known, via_point=via_point)
+        fields = {name: array(value) for name, value in step.items()}
+        return AgentStep(**fields, via_point=via_point)
 
     def stop(self) -> None:
         """Request the server to soften and stop."""
@@ -138,37 +145,35 @@ class RemoteAgent:
         self._link.send(encode(message))
         until = time.monotonic() + self._timeout
         while True:
-            if not self._waiting:
-                left = max(until - time.monotonic(), 0.0)
-                self._link.send()
-                self._waiting = self._link.lines(left)
-            if not self._waiting:
-                if self._link.closed or left == 0.0:
-                    what = "closed the connection" if self._link.closed else "is silent"
-                    raise ServerLostError(f"the server {what}; hold the robot")
-                continue
-            reply = decode(self._waiting.pop(0))
-            if reply["type"] == "error":
-                raise RefusedError(reply)
-            own = reply.get("seq") == seq and "unsolicited" not in reply
-            if reply["type"] == kind and own:
-                return reply
+            while self._waiting:
+                reply = decode(self._waiting.pop(0))
+                if reply["type"] == "error":
+                    raise RefusedError(reply)
+                solicited = reply.get("seq") == seq and "unsolicited" not in reply
+                if reply["type"] == kind and solicited:
+                    return reply
+            left = max(until - time.monotonic(), 0.0)
+            self._link.send()
+            self._waiting = self._link.lines(left)
+            if not self._waiting and (self._link.closed or left == 0.0):
+                what = "closed the connection" if self._link.closed else "is silent"
+                raise ServerLostError(f"the server {what}; hold the robot")
 
 
 def _connected(address: str) -> socket.socket:
     """Return a socket connected to ``unix:PATH`` or ``tcp:HOST:PORT``."""
     kind, _, place = address.partition(":")
     if kind == "unix":
-        own = socket.socket(socket.AF_UNIX)
+        connection = socket.socket(socket.AF_UNIX)
         try:
-            own.connect(place)
+            connection.connect(place)
         except OSError:
-            own.close()
+            connection.close()
             raise
-        return own
+        return connection
     host, _, port = place.rpartition(":")
     if kind != "tcp" or not port.isdecimal():
         raise ValueError(f"address {address!r} must be unix:PATH or tcp:HOST:PORT")
-    own = socket.create_connection((host.strip("[]"), int(port)))
-    own.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return own
+    connection = socket.create_connection((host.strip("[]"), int(port)))
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return connection

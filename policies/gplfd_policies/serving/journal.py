@@ -4,6 +4,7 @@ Each line is written at once, so that a killed process loses at most its last li
 file may contain several runs.
 """
 
+import io
 import json
 import os
 import sys
@@ -18,36 +19,36 @@ BEGINNING: Final = b'{"journal":1'
 
 
 class Journal:
-    """Appends to a file; does nothing without a path."""
+    """Appends to a file that only the user can read; does nothing without a path."""
 
     def __init__(self, path: Path | None, about: Mapping[str, Any]) -> None:
-        self._file: int | None = None
+        self._file: io.FileIO | None = None
         if path is not None:
-            flags = os.O_RDWR | os.O_CREAT | os.O_APPEND
-            self._file = os.open(path, flags, 0o600)
-            size = os.fstat(self._file).st_size
-            if size and os.pread(self._file, 1, size - 1) != b"\n":
-                os.write(self._file, b"\n")  # after a line that a kill truncated
-            os.write(self._file, encode({"journal": 1, **about}))
+            file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600)
+            self._file = os.fdopen(file, "ab", buffering=0)
+            # A kill may have truncated the last line of the last run.
+            begun = b"\n" if self._file.tell() else b""
+            self._file.write(begun + encode({"journal": 1, **about}))
 
     def write(
         self,
         at: float,
-        came: bytes | str | None,
+        received: bytes | str | None,
         replies: Sequence[Mapping[str, Any]],
         took: float,
     ) -> None:
         """Add a message with its replies, time and duration [s].
 
-        `came` is a line of JSON, which is copied, other text, or None for no message.
-        If the disk is full, the journal ends, but the robot continues.
+        `received` is a line of JSON, which is copied, other text, or None for no
+        message. If the disk is full, the journal ends, but the robot continues.
         """
         if self._file is None:
             return
-        text = came if isinstance(came, bytes) else json.dumps(came).encode()
+        copied = received if isinstance(received, bytes) else json.dumps(received)
+        text = copied if isinstance(copied, bytes) else copied.encode()
         rest = encode({"at": at, "took": took, "out": list(replies)})
         try:
-            os.write(self._file, b'{"in":%b,%b' % (text, rest[1:]))
+            self._file.write(b'{"in":%b,%b' % (text, rest[1:]))
         except OSError as error:
             print(f"gplfd: the journal ends here: {error}", file=sys.stderr, flush=True)
             self.close()
@@ -55,24 +56,24 @@ class Journal:
     def close(self) -> None:
         """Close the file; later messages are not written."""
         if self._file is not None:
-            os.close(self._file)
+            self._file.close()
             self._file = None
 
 
 def read_journal(path: Path) -> list[dict[str, Any]]:
-    """Return the lines of a journal, without truncated lines.
+    """Return the lines of a journal, without truncated last lines of runs.
 
     Raises:
         ValueError: The file is not a journal, or a line within a run is damaged.
     """
-    lines = path.read_bytes().split(b"\n")
-    if not lines[0].startswith(BEGINNING):
+    lines = [line for line in path.read_bytes().split(b"\n") if line]
+    if not lines or not lines[0].startswith(BEGINNING):
         raise ValueError(f"{path} is not a journal of gplfd serve")
-    found = []
-    for number, line in enumerate(lines[:-1], start=1):
+    entries = []
+    for number, line in enumerate(lines, start=1):
         try:
-            found.append(json.loads(line))
-        except (ValueError, RecursionError):
-            if number < len(lines) - 1 and not lines[number].startswith(BEGINNING):
-                raise ValueError(f"{path}: line {number} is damaged") from None
-    return found
+            entries.append(json.loads(line))
+        except ValueError:
+            if number < len(lines) and not lines[number].startswith(BEGINNING):
+                raise ValueError(f"{path}: entry {number} is damaged") from None
+    return entries

@@ -1,4 +1,4 @@
-"""Messages of the line protocol: one JSON object per line, strictly checked.
+"""Messages of the line protocol: one JSON object per line, checked, and their transfer.
 
 Numbers are written as the shortest decimal that is read as the same float64, so that
 values are transferred bit for bit. docs/serving.md has the tables of all messages.
@@ -6,12 +6,16 @@ values are transferred bit for bit. docs/serving.md has the tables of all messag
 
 import json
 import math
+import os
+import select
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from gplfd_env.validation.fields import Range
+
+Message = dict[str, Any]
 
 VERSION: Final = 1
 """Version of the protocol; clients with another version are refused."""
@@ -31,14 +35,15 @@ UNITS: Final = {
 MOST_TURNED: Final = 7.0
 """Greatest component of a rotation vector, measured or commanded [rad]."""
 
-_POSE: Final = (
-    Range(low=-10, high=10, unit="m"),
-    Range(low=-MOST_TURNED, high=MOST_TURNED, unit="rad"),
-)
-_WRENCH: Final = (Range(low=-1e4, high=1e4, unit="N"),) * 2
-_SIZED: Final = {"ee_pose": (6, _POSE), "wrench": (6, _WRENCH)}
-_MOST: Final = 64
-_COUNT: Final = 2**53
+_FINITE: Final = Range(low=-1e300, high=1e300)
+_RANGES: Final = {
+    "time": (1, Range(low=-1e10, high=1e10, unit="s")),
+    "ee_pose": (6, Range(low=-10, high=10, unit="m, and 7 rad")),
+    "wrench": (6, Range(low=-1e4, high=1e4, unit="N and N m")),
+}
+_LARGEST_COUNT: Final = 2**53
+_MOST_UNSENT: Final = 2**20
+_PIECE: Final = 4096  # what a writable pipe accepts at once
 
 
 class ProtocolError(ValueError):
@@ -54,9 +59,7 @@ class Observed(NamedTuple):
 
     seq: int
     time: float
-    values: dict[
-        str, np.ndarray
-    ]  # Also ``time`` (1,), ``ee_pose`` and ``wrench`` (6,).
+    values: dict[str, np.ndarray]  # also time (1,), ee_pose (6,) and wrench (6,)
 
 
 def encode(message: Mapping[str, Any]) -> bytes:
@@ -64,11 +67,10 @@ def encode(message: Mapping[str, Any]) -> bytes:
     return json.dumps(message, allow_nan=False, separators=(",", ":")).encode() + b"\n"
 
 
-def decode(line: bytes) -> dict[str, Any]:
+def decode(line: bytes) -> Message:
     """Return the object of a line; raises `ProtocolError` if it has no type."""
     try:
-        text = line.decode()  # json.loads would guess UTF-16 or UTF-32
-        message = json.loads(text, object_pairs_hook=_once, parse_constant=_refuse)
+        message = json.loads(line.decode())  # json.loads would guess UTF-16 or UTF-32
     except (ValueError, RecursionError) as error:
         raise ProtocolError("malformed", f"not a line of JSON: {error}") from None
     if not isinstance(message, dict) or not isinstance(message.get("type"), str):
@@ -80,72 +82,88 @@ def decode(line: bytes) -> dict[str, Any]:
 def observed(message: Mapping[str, Any]) -> Observed:
     """Check the fields of a ``reset`` or ``observe``; raises `ProtocolError`."""
     seq = message.get("seq")
-    if type(seq) is not int or not 0 <= seq < _COUNT:
+    if type(seq) is not int or not 0 <= seq < _LARGEST_COUNT:
         raise ProtocolError("field", f"seq must be a whole number, got {seq!r:.40}")
-    try:
-        values = {
-            name: _numbers(name, value)
-            for name, value in message.items()
-            if name not in ("type", "seq")
-        }
-        for name in ("time", *_SIZED):
-            if name not in values:
-                raise ProtocolError("field", f"{name} is missing")
-        for name, (size, ranges) in _SIZED.items():
-            if values[name].shape != (size,):
-                got = values[name].size
-                raise ProtocolError("field", f"{name} has {size} numbers, got {got}")
-            given = values[name].tolist()
-            for half, allowed in zip((given[:3], given[3:]), ranges, strict=True):
-                if any(one not in allowed for one in half):
-                    raise ProtocolError("range", f"{name} {half} is outside {allowed}")
-        if values["time"].size != 1 or abs(time := float(values["time"][0])) > 1e10:
-            raise ProtocolError("range", "time must be one number within ±1e10 s")
-    except ProtocolError as error:
-        error.reply["seq"] = seq
-        raise
-    return Observed(seq, time, values)
-
-
-def _numbers(name: str, value: object) -> np.ndarray:
-    """Return a number or a short list of numbers as an array of finite float64."""
-    given = value if isinstance(value, list) else [value]
-    if not 0 < len(given) <= _MOST or not {type(one) for one in given} <= {int, float}:
-        text = f"{name:.40} must be a number or up to {_MOST} numbers"
-        raise ProtocolError("field", text)
-    try:
-        array = np.array(given, dtype=np.float64)
-    except OverflowError:
-        array = np.full(1, np.inf)
-    if not np.isfinite(array).all():
-        raise ProtocolError("range", f"{name:.40} is not finite")
-    return array
+    values = {}
+    for name in {**_RANGES, **message}:
+        if name in ("type", "seq"):
+            continue
+        if name not in message:
+            raise ProtocolError("field", f"{name} is missing", seq)
+        value = message[name]
+        entries = value if isinstance(value, list) else [value]
+        if not entries or not {type(entry) for entry in entries} <= {int, float}:
+            text = f"{name:.40} must be a number or a list of numbers"
+            raise ProtocolError("field", text, seq)
+        size, allowed = _RANGES.get(name, (len(entries), _FINITE))
+        if len(entries) != size:
+            text = f"{name} has {size} numbers, got {len(entries)}"
+            raise ProtocolError("field", text, seq)
+        turned = entries[3:] if name == "ee_pose" else []
+        if not all(entry in allowed for entry in entries) or any(
+            abs(entry) > MOST_TURNED for entry in turned
+        ):
+            text = f"{name:.40} {entries!r:.80} is outside {allowed}"
+            raise ProtocolError("range", text, seq)
+        values[name] = np.array(entries, dtype=np.float64)
+    return Observed(seq, float(values["time"][0]), values)
 
 
 def numbers(array: Any) -> Any:
     """Return an array as nested lists, NaN as None and infinity as text."""
     values = np.asarray(array)
-    if values.ndim:
-        return [numbers(one) for one in values]
-    value = values.item()
-    if isinstance(value, bool) or math.isfinite(value):
-        return value
-    return None if math.isnan(value) else str(value)
+    if values.ndim and not np.isfinite(values).all():
+        return [numbers(part) for part in values]
+    if values.ndim or np.isfinite(values):
+        return values.tolist()
+    return None if np.isnan(values) else str(values.item())
 
 
-def array(given: Any) -> np.ndarray:
+def array(entries: Any) -> np.ndarray:
     """Return the float64 array from the output of `numbers`."""
-    if isinstance(given, list):
-        return np.array([array(one) for one in given])
-    return np.array(math.nan if given is None else float(given))
+    if isinstance(entries, list):
+        return np.array([array(entry) for entry in entries])
+    return np.array(math.nan if entries is None else float(entries))
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        raise ValueError("a name stands twice in an object")
-    return found
+class Link:
+    """One end of a connection: a socket (given twice), or the ends of two pipes.
 
+    Args:
+        reader: Descriptor to read from.
+        writer: Descriptor to write to.
+    """
 
-def _refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is not a number of JSON")
+    def __init__(self, reader: int, writer: int) -> None:
+        self._reader, self._writer = reader, writer
+        self._partial, self._unsent = b"", b""
+        self.closed = False
+
+    def lines(self, timeout: float = 0.0) -> list[bytes]:
+        """Return the complete lines that arrive within a time [s].
+
+        A line that is too long, or the end of the stream, sets `closed`.
+        """
+        try:
+            if not select.select([self._reader], [], [], timeout)[0]:
+                return []
+            data = os.read(self._reader, MAX_LINE)
+        except OSError:
+            data = b""
+        *whole, self._partial = (self._partial + data).split(b"\n")
+        self.closed |= not data or len(self._partial) > MAX_LINE
+        return whole
+
+    def send(self, data: bytes = b"") -> None:
+        """Send as much as possible without blocking, and keep the rest.
+
+        If the peer is gone, or a megabyte is waiting, `closed` is set.
+        """
+        self._unsent += data
+        try:
+            while self._unsent and select.select([], [self._writer], [], 0.0)[1]:
+                sent = os.write(self._writer, self._unsent[:_PIECE])
+                self._unsent = self._unsent[sent:]
+        except OSError:
+            self.closed = True
+        self.closed |= len(self._unsent) > _MOST_UNSENT

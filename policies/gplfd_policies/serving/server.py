@@ -6,7 +6,7 @@ import os
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -24,24 +24,26 @@ from gplfd_policies.demonstrations.npz import (
 from gplfd_policies.registry.catalogue import make_agent, policy_named
 from gplfd_policies.registry.skill_files import method_and_skill
 from gplfd_policies.serving.journal import Journal
-from gplfd_policies.serving.link import Link
-from gplfd_policies.serving.protocol import ProtocolError, decode, encode
-from gplfd_policies.serving.session import HEARTBEAT, Message, Session
+from gplfd_policies.serving.protocol import (
+    Link,
+    Message,
+    ProtocolError,
+    decode,
+    encode,
+)
+from gplfd_policies.serving.session import HEARTBEAT, Session
 from gplfd_policies.serving.settings import ServeSettings
 
 SILENCE: Final = 30.0
 """A client that is silent for this time counts as gone [s]."""
 
-_COLLECT_EVERY: Final = 100
-"""Number of messages between garbage collections, which run after a reply."""
-
 
 def served_agent(
-    settings: ServeSettings, given: LabelledDemonstrations | None = None
+    settings: ServeSettings, demonstrations: LabelledDemonstrations | None = None
 ) -> Agent:
     """Make the agent of a skill file, or of a policy and a file of demonstrations.
 
-    `given` replaces that file. Raises a ValueError if the agent cannot be served.
+    `demonstrations` replaces that file. Raises a ValueError if it cannot be served.
     """
     file = Path(settings.source)
     if file.suffix == ".npz":
@@ -59,18 +61,21 @@ def served_agent(
             "contains: it cannot be served"
         )
     if settings.demonstrations is not None:
-        given = load_demonstrations(settings.demonstrations)
-    if given is None and (policy.kind != "reference" or settings.start == "approach"):
+        demonstrations = load_demonstrations(settings.demonstrations)
+    if demonstrations is None and (
+        policy.kind != "reference" or settings.start == "approach"
+    ):
         what = "learns" if policy.kind != "reference" else "cannot reach by itself"
         raise ValueError(
             f"policy {settings.source!r} {what}: give --demonstrations FILE.npz, or a "
             "skill file in its place"
         )
-    shown = () if given is None else openings(given)
-    agent = make_agent(settings.source, shown, seed=settings.seed)
-    if settings.start == "grasped" or given is None:
+    if demonstrations is None:
+        return make_agent(settings.source, (), seed=settings.seed)
+    agent = make_agent(settings.source, openings(demonstrations), seed=settings.seed)
+    if settings.start == "grasped":
         return agent
-    return ReachingAgent(learn_reach(reaches(given)), agent)
+    return ReachingAgent(learn_reach(reaches(demonstrations)), agent)
 
 
 class Server:
@@ -95,20 +100,18 @@ class Server:
         self._session, self._journal, self._clock = session, journal, clock
         self._listener, self._link = listener, link
         self._client: socket.socket | None = None
-        self._messages = 0
         self._heard = clock()
         session.connect(self._heard)
 
     def run(self) -> None:
         """Serve until the only client is gone, or forever if others may connect."""
+        # Garbage collections then pass over all that exists before the first message.
         gc.collect()
         gc.freeze()
-        gc.disable()
         try:
             while self.step():
                 pass
         finally:
-            gc.enable()
             if self._link is not None:
                 self._link.send(encode({"type": "bye", "reason": "the server ends"}))
                 self._leave("the server ends")
@@ -123,31 +126,28 @@ class Server:
         link.send()
         for line in lines:
             self._heard = began = self._clock()
-            came, replies = handle(session, line, began)
-            self._say(began, came, replies)
+            self._say(link, began, *handle(session, line, began))
             if session.closed:
                 break
         now = self._clock()
-        self._say(now, None, session.tick(now))
+        if replies := session.tick(now):
+            self._say(link, now, None, replies)
         if now - self._heard > SILENCE:
             link.closed = True
         if session.closed or link.closed:
             return self._leave("bye" if session.closed else "the client has gone")
-        if self._listener is not None:
-            self._accept(0.0)
-        return True
+        return self._listener is None or self._accept(0.0)
 
     def _say(
-        self, began: float, came: bytes | str | None, replies: list[Message]
+        self,
+        link: Link,
+        began: float,
+        received: bytes | str | None,
+        replies: list[Message],
     ) -> None:
-        """Send replies first; then do the slower work (journal, garbage collection)."""
-        if self._link is None or (came is None and not replies):
-            return
-        self._link.send(b"".join(map(encode, replies)))
-        self._journal.write(began, came, replies, self._clock() - began)
-        self._messages += 1
-        if self._messages % _COLLECT_EVERY == 0:
-            gc.collect()
+        """Send replies first, and then write the journal, which is slower."""
+        link.send(b"".join(map(encode, replies)))
+        self._journal.write(began, received, replies, self._clock() - began)
 
     def _accept(self, timeout: float | None) -> bool:
         """Accept a client, or refuse it while another is connected."""
@@ -171,9 +171,10 @@ class Server:
         self._journal.write(self._heard, "a client has come", [], 0.0)
         return True
 
-    def _leave(self, why: str) -> bool:
+    def _leave(self, reason: str) -> bool:
+        """End the session of a client; return whether another may come."""
         state, now = self._session.state, self._clock()
-        self._journal.write(now, f"{why}; the session was {state}", [], 0.0)
+        self._journal.write(now, f"{reason}; the session was {state}", [], 0.0)
         self._session.connect(now)
         if self._client is not None:
             self._client.close()
@@ -192,7 +193,9 @@ def handle(
     return line, session.receive(message, now)
 
 
-def serve(settings: ServeSettings, given: LabelledDemonstrations | None = None) -> None:
+def serve(
+    settings: ServeSettings, demonstrations: LabelledDemonstrations | None = None
+) -> None:
     """Serve an agent by settings, until the client or an interruption ends it.
 
     With standard input and output, prints of a policy go to standard error.
@@ -202,13 +205,19 @@ def serve(settings: ServeSettings, given: LabelledDemonstrations | None = None) 
         OSError: The address or the journal cannot be used.
     """
     with contextlib.ExitStack() as stack:
-        listener, link = None, None
+        listener, link, address = None, None, "standard input and output"
         if settings.socket is None and settings.port is None:
-            address = "standard input and output"
-            link = Link(0, stack.enter_context(_own_output()))
-        agent = served_agent(settings, given)
+            # Prints of a policy, also in C, would otherwise be read as messages.
+            sys.stdout.flush()
+            output = os.dup(1)
+            os.dup2(2, 1)
+            stack.callback(os.close, output)
+            stack.callback(os.dup2, output, 1)
+            stack.callback(sys.stdout.flush)
+            link = Link(0, output)
+        agent = served_agent(settings, demonstrations)
         if link is None:
-            listener, address = _listening(settings)
+            listener, address = listening(settings)
             stack.enter_context(listener)
             if settings.socket is not None:
                 stack.callback(settings.socket.unlink, missing_ok=True)
@@ -216,31 +225,16 @@ def serve(settings: ServeSettings, given: LabelledDemonstrations | None = None) 
         journal = Journal(settings.journal, {"settings": settings.described()})
         stack.callback(journal.close)
         where = "beyond this machine" if settings.beyond_loopback else "on this machine"
-        said = f"serving {settings.source} ({agent.control} control) {where}: {address}"
-        print(f"gplfd: {said}", file=sys.stderr, flush=True)
+        served = f"serving {settings.source} ({agent.control} control) {where}"
+        print(f"gplfd: {served}: {address}", file=sys.stderr, flush=True)
         Server(session, journal, listener, link).run()
 
 
-@contextlib.contextmanager
-def _own_output() -> Iterator[int]:
-    """Keep standard output for the protocol; redirect all other prints to stderr."""
-    sys.stdout.flush()
-    own = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        yield own
-    finally:
-        sys.stdout.flush()
-        os.dup2(own, 1)
-        os.close(own)
-
-
-def _listening(settings: ServeSettings) -> tuple[socket.socket, str]:
+def listening(settings: ServeSettings) -> tuple[socket.socket, str]:
     """Return a listening socket and its address for clients."""
     if settings.socket is None:
-        place = settings.host, settings.port
         version = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-        listener = socket.create_server(place, family=version)
+        listener = socket.create_server((settings.host, settings.port), family=version)
         return listener, f"tcp:{settings.host}:{listener.getsockname()[1]}"
     path = str(settings.socket)
     if settings.socket.is_socket():

@@ -5,7 +5,7 @@ tested without waiting. docs/serving.md defines the states.
 """
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -19,14 +19,13 @@ from gplfd_policies.serving.protocol import (
     MOST_TURNED,
     UNITS,
     VERSION,
+    Message,
     Observed,
     ProtocolError,
     numbers,
     observed,
 )
 from gplfd_policies.serving.settings import LIMITS, WATCHDOG, ServeSettings, State
-
-Message = dict[str, Any]
 
 HEARTBEAT: Final = 0.25
 """Longest silence of the server while a client is connected [s]."""
@@ -53,7 +52,7 @@ class Session:
             getattr(agent, "config", None), "dynamics", None
         )
         self._softest = np.repeat(settings.least_stiffness, 3)
-        given = settings.described()
+        described = settings.described()
         self.greeting: Message = {
             "type": "hello",
             "protocol": VERSION,
@@ -62,8 +61,8 @@ class Session:
             "source": settings.source,
             "frame": FRAME,
             "units": UNITS,
-            "limits": {name: given[name] for name in LIMITS},
-            "watchdog": {name: given[name] for name in WATCHDOG},
+            "limits": {name: described[name] for name in LIMITS},
+            "watchdog": {name: described[name] for name in WATCHDOG},
             "heartbeat": HEARTBEAT,
             "address": address,
             "beyond_loopback": settings.beyond_loopback,
@@ -153,93 +152,97 @@ class Session:
     def _heartbeat(self) -> Message:
         return {"type": "heartbeat", "state": self.state, "reason": self.reason}
 
-    def _reset(self, seen: Observed, now: float) -> Message:
-        pose, wrench = seen.values["ee_pose"], seen.values["wrench"]
+    def _reset(self, observation: Observed, now: float) -> Message:
+        pose, wrench = observation.values["ee_pose"], observation.values["wrench"]
         if problem := exceeded(self._settings, pose, wrench):
-            raise ProtocolError("limit", f"no reset: {problem}", seen.seq)
+            raise ProtocolError("limit", f"no reset: {problem}", observation.seq)
         try:
-            self._agent.reset(seen.values)
+            self._agent.reset(observation.values)
         except Exception as error:  # whatever a user's agent raises
             self.state, self.reason = "idle", _failure(error)
-            raise ProtocolError("agent", self.reason, seen.seq) from error
+            raise ProtocolError("agent", self.reason, observation.seq) from error
         self.state, self.reason = "active", ""
         self._soft, self._heard = False, now
-        self._seq, self._offset, self._offset_at = seen.seq, now - seen.time, now
+        self._seq, self._offset_at = observation.seq, now
+        self._offset = now - observation.time
         # The first observation may be the same as in the reset.
-        self._time = math.nextafter(seen.time, -math.inf)
-        self._next = seen.time - _BURST * CONTROL_PERIOD
+        self._time = math.nextafter(observation.time, -math.inf)
+        self._next = observation.time - _BURST * CONTROL_PERIOD
         self._fault_since = self._away_since = math.inf
         self._pose = pose
         stiffness = self._softest if self._agent.control == "impedance" else np.nan
         self._stiffness = np.full(6, stiffness)
         self._decided: Message = {}
-        return {"type": "ready", "seq": seen.seq, "state": self.state}
+        return {"type": "ready", "seq": observation.seq, "state": self.state}
 
-    def _observe(self, seen: Observed, now: float) -> Message:
-        silent = seen.time - self._time
-        missed = self._check_order(seen, now)
+    def _observe(self, observation: Observed, now: float) -> Message:
+        silent = observation.time - self._time
+        missed = self._check_order(observation, now)
         self._heard, step = now, None
         if silent >= self._settings.stop_after:
             self._stop("no valid observation in the robot's time", now)
         if self.state != "stopped":
-            self.reason = self._fault(seen)
+            self.reason = self._fault(observation)
             if not self.reason:
                 self.state, self._fault_since = "active", math.inf
-                step = self._decision(seen, now)
+                step = self._decision(observation, now)
             else:
                 self.state = "holding"
-                self._fault_since = min(self._fault_since, seen.time)
-                if seen.time - self._fault_since >= self._settings.stop_after:
+                self._fault_since = min(self._fault_since, observation.time)
+                if observation.time - self._fault_since >= self._settings.stop_after:
                     self._stop(self.reason, now)
         reply = self._command(now, step)
         return {**reply, "missed": missed} if missed else reply
 
-    def _check_order(self, seen: Observed, now: float) -> int:
+    def _check_order(self, observation: Observed, now: float) -> int:
         """Raise if an observation is not the next; return the number of lost ones.
 
         An observation is late if its delay exceeds the shortest delay by `hold_after`.
         The shortest delay is increased with the greatest drift of the clocks.
         """
-        if seen.seq <= self._seq or seen.time <= self._time:
-            code = "duplicate" if seen.seq == self._seq else "order"
+        if observation.seq <= self._seq or observation.time <= self._time:
+            code = "duplicate" if observation.seq == self._seq else "order"
             text = (
-                f"seq {seen.seq} at {seen.time} s does not follow seq {self._seq} at "
-                f"{self._time} s"
+                f"seq {observation.seq} at {observation.time} s does not follow seq "
+                f"{self._seq} at {self._time} s"
             )
-            raise ProtocolError(code, text, seen.seq)
+            raise ProtocolError(code, text, observation.seq)
         drift = _DRIFT * (now - self._offset_at)
-        self._offset = min(self._offset + drift, now - seen.time)
+        self._offset = min(self._offset + drift, now - observation.time)
         self._offset_at = now
-        delay = now - seen.time - self._offset
+        delay = now - observation.time - self._offset
         if delay > self._settings.hold_after:
-            text = f"seq {seen.seq} is {delay:.3f} s older than others were"
-            raise ProtocolError("late", text, seen.seq)
-        if seen.time < self._next:
-            text = f"seq {seen.seq} comes before its time: one per {CONTROL_PERIOD} s"
-            raise ProtocolError("early", text, seen.seq)
-        earliest = seen.time - _BURST * CONTROL_PERIOD
+            text = f"seq {observation.seq} is {delay:.3f} s older than others were"
+            raise ProtocolError("late", text, observation.seq)
+        if observation.time < self._next:
+            text = (
+                f"seq {observation.seq} comes before its time: one per "
+                f"{CONTROL_PERIOD} s"
+            )
+            raise ProtocolError("early", text, observation.seq)
+        earliest = observation.time - _BURST * CONTROL_PERIOD
         self._next = max(self._next, earliest) + CONTROL_PERIOD
-        missed = seen.seq - self._seq - 1
-        self._seq, self._time = seen.seq, seen.time
+        missed = observation.seq - self._seq - 1
+        self._seq, self._time = observation.seq, observation.time
         return missed
 
-    def _fault(self, seen: Observed) -> str:
+    def _fault(self, observation: Observed) -> str:
         """Return the reason why the robot must stop, or ""."""
-        pose, away = seen.values["ee_pose"], 0.0
+        pose, away = observation.values["ee_pose"], 0.0
         if exceeds_following_error(self._settings, pose, self._pose):
-            self._away_since = min(self._away_since, seen.time)
-            away = seen.time - self._away_since
+            self._away_since = min(self._away_since, observation.time)
+            away = observation.time - self._away_since
         else:
             self._away_since = math.inf
-        if problem := exceeded(self._settings, pose, seen.values["wrench"]):
+        if problem := exceeded(self._settings, pose, observation.values["wrench"]):
             return problem
         lost = self._away_since < math.inf and away >= self._settings.follow_time
         return "the robot does not follow" if lost else ""
 
-    def _decision(self, seen: Observed, now: float) -> AgentStep | None:
+    def _decision(self, observation: Observed, now: float) -> AgentStep | None:
         """Return the step of the agent, or stop if it must not be commanded."""
         try:
-            step = self._agent.act(seen.values)
+            step = self._agent.act(observation.values)
             finite = np.isfinite(step.command(self._agent.control)).all()
         except Exception as error:  # whatever a user's agent raises
             self._stop(_failure(error), now)
@@ -247,7 +250,7 @@ class Session:
         if not finite or np.abs(step.action[3:]).max() > MOST_TURNED:
             text = f"the agent's command is not finite, or beyond ±{MOST_TURNED} rad"
         elif not self._decided and exceeds_following_error(
-            self._settings, seen.values["ee_pose"], step.action
+            self._settings, observation.values["ee_pose"], step.action
         ):
             text = "the agent begins far from the hand"
         else:

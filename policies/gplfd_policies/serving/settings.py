@@ -1,7 +1,7 @@
 """Settings of a served agent: agent, address, watchdog and operator limits.
 
-This record defines two command lines: `gplfd serve` and
-``python -m gplfd_policies.serving``. Each field contains help and range of its option.
+The fields of this record are the options of `gplfd serve` and of
+``python -m gplfd_policies.serving``. Each contains help and range of its option.
 """
 
 import dataclasses
@@ -89,25 +89,24 @@ class ServeSettings:
     def __post_init__(self) -> None:
         # Not by `gplfd_env.validation`: NumPy would make every --help slow.
         for field in dataclasses.fields(self):
-            value, allowed = getattr(self, field.name), field.metadata
-            low, above = allowed.get("low"), allowed.get("above")
-            small = (low is not None and not value >= low) or (
-                above is not None and not value > above
-            )
-            if small or value in (math.inf, -math.inf):
-                least = f"{low} or more" if above is None else f"greater than {above}"
+            value, bounds = getattr(self, field.name), field.metadata
+            low, above = bounds.get("low", -math.inf), bounds.get("above", -math.inf)
+            if bounds.keys() > {"help"} and not (
+                low <= value < math.inf and value > above
+            ):
+                least = f"{low} or more" if "low" in bounds else f"greater than {above}"
                 flag = field.name.replace("_", "-")
                 raise ValueError(f"--{flag} {value} must be finite and {least}")
         if self.start not in ("grasped", "approach"):
             raise ValueError(f"--start {self.start} must be grasped or approach")
-        for low, high in zip(self.workspace[:3], self.workspace[3:], strict=True):
-            if not -math.inf < low < high < math.inf:
-                raise ValueError(
-                    f"--workspace {self.workspace} must be least x y z and then "
-                    "greatest x y z [m], all finite, each least below its greatest"
-                )
-        ends = zip(self.least_stiffness, self.greatest_stiffness, strict=True)
-        if not all(0.0 < low <= high < math.inf for low, high in ends):
+        ends = zip(self.workspace[:3], self.workspace[3:], strict=True)
+        if not all(-math.inf < low < high < math.inf for low, high in ends):
+            raise ValueError(
+                f"--workspace {self.workspace} must be least x y z and then greatest "
+                "x y z [m], all finite, each least below its greatest"
+            )
+        pairs = zip(self.least_stiffness, self.greatest_stiffness, strict=True)
+        if not all(0.0 < low <= high < math.inf for low, high in pairs):
             raise ValueError(
                 f"--least-stiffness {self.least_stiffness} must be positive and not "
                 f"above --greatest-stiffness {self.greatest_stiffness}, which is finite"
@@ -136,8 +135,10 @@ class ServeSettings:
 
     def described(self) -> dict[str, Any]:
         """Return all settings as JSON-compatible values."""
-        given = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
-        return {n: str(v) if isinstance(v, Path) else v for n, v in given.items()}
+        return {
+            name: str(value) if isinstance(value, Path) else value
+            for name, value in dataclasses.asdict(self).items()
+        }
 
 
 LIMITS: Final = (

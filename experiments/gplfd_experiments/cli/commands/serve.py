@@ -2,18 +2,10 @@
 
 import dataclasses
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any
 
 import tyro
 
 from gplfd_policies.serving.settings import ServeSettings
-
-
-def _same(name: str) -> Any:
-    """Declare a field of `ServeSettings`; the annotation adds the help of tyro."""
-    (field,) = (one for one in dataclasses.fields(ServeSettings) if one.name == name)
-    return dataclasses.field(default=field.default, metadata=field.metadata)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -25,15 +17,9 @@ class Serve(ServeSettings):
     of doors with a bar.
     """
 
-    source: Annotated[
-        str, tyro.conf.Positional, tyro.conf.arg(metavar="SKILL.npz|POLICY")
-    ] = _same("source")
-    demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = _same(
-        "demonstrations"
+    source: tyro.conf.Positional[str] = dataclasses.field(
+        metadata={"help": "Skill file (.npz of `gplfd learn`), or name of a policy."}
     )
-    socket: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = _same("socket")
-    port: Annotated[int | None, tyro.conf.arg(metavar="PORT")] = _same("port")
-    journal: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = _same("journal")
 
     def execute(self) -> int:
         """Serve until the client or Ctrl-C ends it."""
@@ -42,14 +28,16 @@ class Serve(ServeSettings):
         from gplfd_policies.demonstrations.npz import LabelledDemonstrations
         from gplfd_policies.serving.server import serve
 
-        given = None
+        demonstrations = None
         if self.demonstrations is None and not self.source.endswith(".npz"):
             teacher = Teacher()
-            shown = teacher.standard_demonstrations(seed=self.seed)
-            radii = (None,) * len(shown)
-            given = LabelledDemonstrations(demonstrations=shown, radii=radii)
+            openings = teacher.standard_demonstrations(seed=self.seed)
+            radii = (None,) * len(openings)
+            demonstrations = LabelledDemonstrations(
+                demonstrations=openings, radii=radii
+            )
             if self.start == "approach":
                 reaches = teacher.standard_reaches(seed=self.seed)
-                given = with_reaches(reaches, shown, radii)
-        serve(self, given)
+                demonstrations = with_reaches(reaches, openings, radii)
+        serve(self, demonstrations)
         return 0
