@@ -1,6 +1,6 @@
 """Pictures and films for the documents.
 
-MUJOCO_GL=egl python benchmarks/pictures.py {gallery,films}
+MUJOCO_GL=egl python benchmarks/pictures.py {gallery,films,doors}
 
 ``gallery`` opens doors with the oracle, which knows the door, and draws them during the
 opening, side by side. The animation shows `gp`, which learned from three other doors of
@@ -9,6 +9,9 @@ that kind.
 ``films`` shows `gp` in every trial: an episode of the protocol's first seed, from its
 log, at twice the speed. Blue lines are the demonstrations, the red line is the path of
 the hand, and a ball at the hand marks an external force.
+
+``doors`` films two policies at every door of ``gplfd list``, and writes the table of
+these episodes into the gallery page.
 
 Without a screen MUJOCO_GL must be set before Python starts.
 """
@@ -34,8 +37,10 @@ from gplfd_env.doors.config import DOORS, DoorSpec
 from gplfd_env.envs.camera import Camera
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import demonstrations_of, make_environment
+from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.task import EpisodeTask
+from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
+from gplfd_experiments.recording.video import VideoFormat, write_video
 from gplfd_experiments.studies.jobs import episode_log
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TRIALS
@@ -308,6 +313,13 @@ def task_of(name: str) -> EpisodeTask:
     return task
 
 
+def model_of(task: EpisodeTask) -> mujoco.MjModel:
+    """Return the model of the scene of a task's episode."""
+    with contextlib.closing(make_environment(task, "pose")) as env:
+        env.reset(seed=task.reset_seed)
+        return env.unwrapped.model  # type: ignore[attr-defined]
+
+
 def film_frames(
     log: EpisodeLog,
     model: mujoco.MjModel,
@@ -377,9 +389,7 @@ def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
     task, shot = task_of(name), SHOTS[name]
     log = episode_log(task)
     shown = demonstrations_of(task).demonstrations
-    with contextlib.closing(make_environment(task, "pose")) as env:
-        env.reset(seed=task.reset_seed)
-        model = env.unwrapped.model  # type: ignore[attr-defined]
+    model = model_of(task)
     curve = np.abs(getattr(log, shot.curve))
     angle, force = np.degrees(log.door_angle), _NAMES[shot.curve]
     width, height = size
@@ -415,7 +425,50 @@ def films(
         film_trial(out / f"{name}.gif", name, size)
 
 
-COMMANDS: Final = {"gallery": gallery, "films": films}
+# --- Every door --------------------------------------------------------------
+
+_COMPARED: Final = ("gp", "gp-paper")
+_FORMAT: Final = VideoFormat(
+    size=(256, 192),
+    rate=10,
+    last=0.0,
+    encoding=("-crf", "31", "-preset", "veryslow", "-movflags", "+faststart"),
+)
+"""Format of the videos: about 10 kB each."""
+_MARKS: Final = "<!-- every door: begin -->\n", "<!-- every door: end -->\n"
+"""Lines of the page around the table."""
+
+
+def doors(page: Path = Path("docs/gallery.md")) -> None:
+    """Film every door and write the table of a page; takes some minutes.
+
+    Args:
+        page: Page with the table; the videos are in ``episodes`` beside it.
+    """
+    folder = page.parent / "episodes"
+    folder.mkdir(exist_ok=True)
+    rows = [f"| door | {' | '.join(f'`{name}`' for name in _COMPARED)} |"]
+    rows.append("|---" * (len(_COMPARED) + 1) + "|")
+    for door, config in named_doors(tuple(DOORS)).items():
+        cells = [door]
+        for policy in _COMPARED:
+            task = episode_task(door, config, policy=policy, seed=0)
+            log = episode_log(task)
+            name = f"{door}-{policy}.mp4"
+            write_video(folder / name, log, model_of(task), _FORMAT)
+            outcome = why_closed(log.failure, log.reason) or "opened"
+            peak = np.abs(log.force_radial).max()
+            angle = round(np.degrees(log.door_angle[-1]))
+            text = f"{outcome}, {angle}° in {log.times[-1]:.1f} s, {peak:.0f} N"
+            cells.append(f"[{text}](episodes/{name})")
+        rows.append(f"| {' | '.join(cells)} |")
+    before, _, rest = page.read_text().partition(_MARKS[0])
+    _, end, after = rest.partition(_MARKS[1])
+    table = "\n".join(["", *rows, "", ""])
+    page.write_text(f"{before}{_MARKS[0]}{table}{end}{after}")
+
+
+COMMANDS: Final = {"gallery": gallery, "films": films, "doors": doors}
 
 if __name__ == "__main__":
     tyro.extras.subcommand_cli_from_dict(COMMANDS)

@@ -277,7 +277,6 @@ def test_help_has_every_option_with_its_text(gplfd, monkeypatch, capsys, command
     assert gplfd(*command.split(), "--help") == 0
     printed = capsys.readouterr().out
     assert "\x1b" not in printed
-    assert "{None}" not in printed
     if command == "":  # The first paragraph of each description.
         assert "Learn from demonstrations, open doors" in printed
         assert "Writes DIR/" not in printed

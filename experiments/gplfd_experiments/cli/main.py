@@ -24,7 +24,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from gplfd_experiments.cli.commands.demos import SUBCOMMANDS, Demos, Doors
 from gplfd_experiments.cli.commands.export import Export
 from gplfd_experiments.cli.commands.machine import Catalogue, Doctor
-from gplfd_experiments.cli.commands.run import Gallery, Learn, Run, View
+from gplfd_experiments.cli.commands.run import Learn, Run, View
 from gplfd_experiments.cli.commands.serve import Serve
 from gplfd_experiments.cli.commands.studies import (
     Benchmark,
@@ -58,7 +58,6 @@ COMMANDS: Final[Mapping[str, type[Any]]] = MappingProxyType(
         "demos": Demos,
         "doors": Doors,
         "view": View,
-        "gallery": Gallery,
         "list": Catalogue,
         "doctor": Doctor,
     }

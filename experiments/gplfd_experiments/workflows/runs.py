@@ -4,12 +4,13 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache, partial
+from functools import partial
 from logging import DEBUG
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from gplfd_env.conventions.constants import Start
+import mujoco
+
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.scene.build import build_scene
 from gplfd_experiments.console.arguments import (
@@ -26,6 +27,7 @@ from gplfd_experiments.episodes.build import (
     reported_errors,
 )
 from gplfd_experiments.episodes.failures import why_closed
+from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import (
     EpisodeMetrics,
     FailedEpisode,
@@ -44,6 +46,7 @@ from gplfd_experiments.recording.video import (
     write_video,
 )
 from gplfd_experiments.studies.sources import source_of
+from gplfd_experiments.workflows.settings import RunSettings
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import (
@@ -62,167 +65,285 @@ METRICS: Final = "metrics.json"
 
 
 class _Learned(NamedTuple):
-    """Learned agents for a kind of doors."""
+    """Learned agents for a kind of doors, and what they learned from."""
 
-    shown: LabelledDemonstrations
+    labelled: LabelledDemonstrations
     make: Callable[[], Agent]
     file: str
     """Name of the file of these demonstrations in the run."""
 
 
+Metrics = EpisodeMetrics | FailedEpisode
+
+
 def open_doors(
-    doors: Sequence[str],
-    folder: Path,
-    *,
-    policy: str,
-    seed: int,
-    demonstrations: Path | int,
-    demonstrated_forces: bool,
-    skill: Path | None,
-    randomization: str,
-    disturbance: str,
-    start: Start,
-    robot: str,
-    looks: Literal["primitives", "tiago"],
-    options: Mapping[str, Any],
-    video: Path | None = None,
-) -> tuple[EpisodeMetrics | FailedEpisode, ...]:
+    settings: RunSettings, folder: Path, options: Mapping[str, Any]
+) -> tuple[Metrics, ...]:
     """Learn, open each door once, and write everything.
 
     Doors of several kinds are opened by several agents. Each learns from demonstrations
-    of its kind. ``demonstrations`` is their number per door, with wrenches if
-    ``demonstrated_forces``, or a file. If the policy raises an error in acting, the
-    door counts as not opened and the other doors are still opened. Nothing is written
-    before the first episode has ended; then files of an earlier run in the folder are
-    removed.
+    of its kind. If the policy raises an error in acting, the door counts as not opened
+    and the other doors are still opened. Nothing is written before the first episode
+    has ended; then files of an earlier run in the folder are removed. ``options`` are
+    stored with the results.
     """
-    check_least("--seed", seed, 0)
-    check_circumstances(randomization, disturbance, start)
-    chosen = policy_named(policy)
-    per_door = 2 if isinstance(demonstrations, Path) else demonstrations
+    policy = policy_named(settings.policy)
+    tasks = _tasks(settings, policy)
+    videos = _video_files(settings, tasks)
+    check_folder(folder)
+    earlier = _files_of_earlier_run(folder)
+    looks = _looks(settings)
+    _check_source(settings, tasks)
+
+    started = time.perf_counter()
+    with reported_errors(settings.policy, policy):
+        learned = _learn(settings, tasks, policy)
+        agents = {task.door: learned[task.demonstrations_key].make() for task in tasks}
+    LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
+
+    metrics: list[Metrics] = []
+    for task in tasks:
+        started = time.perf_counter()
+        episode = _episode(task, agents[task.door], policy)
+        if not metrics:
+            for file in earlier:
+                file.unlink(missing_ok=True)
+            _write_origin(settings, folder, tasks, learned, options)
+        if isinstance(episode, FailedEpisode):
+            metrics.append(episode)
+        else:
+            log, model = episode
+            demonstrations = learned[task.demonstrations_key].labelled.demonstrations
+            measured = episode_metrics(log)
+            metrics.append(measured)
+            log.save(folder / f"{task.door}.npz")
+            recording = folder / f"{task.door}.rrd"
+            record_episode(recording, log, model, demonstrations, looks)
+            if task.door in videos:
+                _write_video(videos[task.door], log, model)
+            seconds = time.perf_counter() - started
+            LOG.info("%s: %s (%.1f s)", task.door, _outcome(measured), seconds)
+        write_json(folder / METRICS, [door.as_json() for door in metrics])
+
+    _check_complete(folder, learned, metrics)
+    return tuple(metrics)
+
+
+def _tasks(settings: RunSettings, policy: Policy) -> list[EpisodeTask]:
+    """Return the task of each door, after checks of the settings."""
+    check_least("--seed", settings.seed, 0)
+    check_circumstances(settings.randomization, settings.disturbance, settings.start)
+    per_door = (
+        settings.demonstrations_per_door if settings.demonstrations is None else 2
+    )
     check_least("--demonstrations-per-door", per_door, 1)
-    tasks = [
+    doors = named_doors(settings.doors, start=settings.start, robot=settings.robot)
+    return [
         episode_task(
             door,
             config,
-            policy=policy,
-            policy_source=source_of(chosen),
-            seed=seed,
+            policy=settings.policy,
+            policy_source=source_of(policy),
+            seed=settings.seed,
             demonstrations_per_door=per_door,
-            demonstrated_forces=demonstrated_forces,
-            randomization=randomization,
-            disturbance=disturbance,
-            start=start,
-            robot=robot,
+            demonstrated_forces=settings.demonstrated_forces,
+            randomization=settings.randomization,
+            disturbance=settings.disturbance,
+            start=settings.start,
+            robot=settings.robot,
         )
-        for door, config in named_doors(doors, start=start, robot=robot).items()
+        for door, config in doors.items()
     ]
-    videos = {} if video is None else video_paths(video, [one.door for one in tasks])
-    if videos:
-        check_video()
-    check_folder(folder)
-    earlier = _files_of_earlier_run(folder)
-    shapes = None
-    if looks == "tiago":
-        if robot != "tiago-like":
-            raise ValueError(f"--looks tiago is not for --robot {robot}")
-        scene = build_scene(DoorConfig())
-        shapes = tiago_looks([scene.body(index).name for index in range(scene.nbody)])
-    if skill is not None and start == "approach":
+
+
+def _video_files(
+    settings: RunSettings, tasks: Sequence[EpisodeTask]
+) -> dict[str, Path]:
+    """Return the video of each door; empty if none is asked for."""
+    if settings.video is None:
+        return {}
+    videos = video_paths(settings.video, [task.door for task in tasks])
+    check_video()
+    return videos
+
+
+def _looks(settings: RunSettings) -> BodyMeshes | None:
+    """Return the manufacturer's meshes for recordings, if they are asked for."""
+    if settings.looks == "primitives":
+        return None
+    if settings.robot != "tiago-like":
+        raise ValueError(f"--looks tiago is not for --robot {settings.robot}")
+    scene = build_scene(DoorConfig())
+    return tiago_looks([scene.body(index).name for index in range(scene.nbody)])
+
+
+def _check_source(settings: RunSettings, tasks: Sequence[EpisodeTask]) -> None:
+    """Raise a ValueError if a file with one kind of motion cannot serve all doors."""
+    option = settings.source
+    if not option:
+        return
+    if option == "--skill" and settings.start == "approach":
         raise ValueError(
             "--skill contains no reaching: omit it to learn reaching as well, or omit "
             "--start approach"
         )
-    if skill is not None or isinstance(demonstrations, Path):
-        # There is only one set of demonstrations or skill.
-        option = "--skill" if skill is not None else "--demonstrations"
-        if demonstrated_forces:
-            raise ValueError(
-                "--demonstrated-forces applies to demonstrations of the synthetic "
-                f"human: omit it, or omit {option}"
-            )
-        first, *others = (
-            (task.door, {"motion": "hinged"} | DoorConfig(**task.door_config).kind)
-            for task in tasks
+    if settings.demonstrated_forces:
+        raise ValueError(
+            "--demonstrated-forces applies to demonstrations of the synthetic human: "
+            f"omit it, or omit {option}"
         )
-        for door, kind in others:
-            if differ := [name for name in kind if kind[name] != first[1][name]]:
-                raise ValueError(
-                    f"doors {first[0]} and {door} are of two kinds (they differ in "
-                    f"{', '.join(differ)}), but {option} contains one kind; use two "
-                    f"runs, or omit {option}"
-                )
-
-    started = time.perf_counter()
-    with reported_errors(policy, chosen):
-        learned = _learn(tasks, chosen, demonstrations, skill)
-        agents = {task.door: learned[task.demonstrations_key].make() for task in tasks}
-    LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
-
-    kept = {one.file: one.shown for one in learned.values()}
-    if FILE not in kept:
-        earlier.append(folder / FILE)  # by an earlier run with one kind of doors
-
-    @cache
-    def begin() -> None:
-        """Replace an earlier run, once the first door was opened."""
-        for file in earlier:
-            file.unlink(missing_ok=True)
-        LOG.info("writing to %s", folder)
-        given = None
-        if isinstance(demonstrations, Path):
-            given = demonstrations_file(demonstrations)
-        for name, shown in kept.items():
-            save_demonstrations(
-                folder / name,
-                shown.demonstrations,
-                shown.radii,
-                frame=shown.frame,
-                signals=shown.signals,
+    first, *others = (
+        (task.door, {"motion": "hinged"} | DoorConfig(**task.door_config).kind)
+        for task in tasks
+    )
+    for door, kind in others:
+        if differ := [name for name in kind if kind[name] != first[1][name]]:
+            raise ValueError(
+                f"doors {first[0]} and {door} are of two kinds (they differ in "
+                f"{', '.join(differ)}), but {option} contains one kind; use two "
+                f"runs, or omit {option}"
             )
-        record = {
-            **options,
-            "policy_source": tasks[0].policy_source,
-            "demonstrations_sha256": {
-                name: content_hash(given or folder / name) for name in kept
-            },
-            "demonstrations_of": {
-                task.door: learned[task.demonstrations_key].file for task in tasks
-            },
-            "skill_sha256": None if skill is None else content_hash(skill),
-            "door_configs": {task.door: task.door_config for task in tasks},
-        }
-        write_json(folder / CONFIGURATION, provenance(record))
 
-    metrics: list[EpisodeMetrics | FailedEpisode] = []
+
+def _learn(
+    settings: RunSettings, tasks: Sequence[EpisodeTask], policy: Policy
+) -> dict[str, _Learned]:
+    """Learn once per kind of doors.
+
+    Returns learned agents by `EpisodeTask.demonstrations_key`.
+    """
+    kinds: dict[str, list[EpisodeTask]] = {}
     for task in tasks:
-        name, agent = task.door, agents[task.door]
-        shown = learned[task.demonstrations_key].shown
-        try:
-            video = videos.get(name)
-            metrics.append(
-                _open(task, agent, shown, chosen, begin, folder, shapes, video)
+        kinds.setdefault(task.demonstrations_key, []).append(task)
+    learned: dict[str, _Learned] = {}
+    for key, (first, *others) in kinds.items():
+        file = FILE if len(kinds) == 1 else _kept_demonstrations(first.door)
+        if settings.skill is not None:
+            method, skill = method_and_skill(first.policy, settings.skill)
+            aligned = skill.aligned.demonstrated
+            times = aligned.duration * aligned.times
+            # The skill contains the forces, if any.
+            motions = [Demonstration(times=times, poses=pose) for pose in aligned.poses]
+            labelled = LabelledDemonstrations(
+                demonstrations=tuple(motions), radii=(None,) * len(motions)
             )
-        except PolicyError as error:
-            begin()
-            LOG.error("%s: %s", name, error, exc_info=LOG.isEnabledFor(DEBUG))
-            radius = task.door_config["radius"]
-            metrics.append(
-                FailedEpisode(
-                    policy=policy, door=name, radius=radius, seed=seed, error=str(error)
-                )
-            )
-        write_json(folder / METRICS, [each.as_json() for each in metrics])
+            make: Callable[[], Agent] = partial(method.follow, skill)
+        else:
+            if settings.demonstrations is not None:
+                labelled = load_demonstrations(settings.demonstrations)
+            else:
+                labelled = demonstrations_of(first)
+            if policy.kind != "reference":
+                doors = ", ".join(task.door for task in (first, *others))
+                number = len(labelled.demonstrations)
+                LOG.info(f"learning from {number} demonstrations for {doors}")
+            make = learned_agents(first, policy, labelled)
+        learned[key] = _Learned(labelled, make, file)
+    return learned
 
-    opened = [each.door for each in metrics if isinstance(each, EpisodeMetrics)]
-    names = {CONFIGURATION, METRICS, *kept}
+
+def _episode(
+    task: EpisodeTask, agent: Agent, policy: Policy
+) -> tuple[EpisodeLog, mujoco.MjModel] | FailedEpisode:
+    """Open a door; return the log and the scene, or the error of the policy."""
+    LOG.debug("%s: opening it with %s", task.door, task.policy)
+    try:
+        with (
+            contextlib.closing(make_environment(task, agent.control)) as env,
+            progress_bar(desc=task.door, unit=" s simulated") as bar,
+            reported_errors(task.policy, policy, acting=True),
+        ):
+
+            def show(progress: Progress) -> None:
+                angle = math.degrees(progress.door_angle)
+                bar.set_postfix_str(f"door at {angle:.0f} deg", refresh=False)
+                bar.update(progress.time - bar.n)
+
+            log = rollout(
+                env,
+                agent,
+                policy=task.policy,
+                door=task.door,
+                seed=task.reset_seed,
+                on_step=show,
+            )
+            return log, env.unwrapped.model  # type: ignore[attr-defined]
+    except PolicyError as error:
+        LOG.error("%s: %s", task.door, error, exc_info=LOG.isEnabledFor(DEBUG))
+        return FailedEpisode(
+            policy=task.policy,
+            door=task.door,
+            radius=task.door_config["radius"],
+            seed=task.seed,
+            error=str(error),
+        )
+
+
+def _write_origin(
+    settings: RunSettings,
+    folder: Path,
+    tasks: Sequence[EpisodeTask],
+    learned: Mapping[str, _Learned],
+    options: Mapping[str, Any],
+) -> None:
+    """Write the demonstrations, and the settings and versions of the run."""
+    LOG.info("writing to %s", folder)
+    kept = {kind.file: kind.labelled for kind in learned.values()}
+    if FILE not in kept:  # It is from an earlier run with one kind of doors.
+        (folder / FILE).unlink(missing_ok=True)
+    for name, labelled in kept.items():
+        save_demonstrations(
+            folder / name,
+            labelled.demonstrations,
+            labelled.radii,
+            frame=labelled.frame,
+            signals=labelled.signals,
+        )
+    source = None
+    if settings.demonstrations is not None:
+        source = demonstrations_file(settings.demonstrations)
+    skill = settings.skill
+    record = {
+        **options,
+        "policy_source": tasks[0].policy_source,
+        "demonstrations_sha256": {
+            name: content_hash(source or folder / name) for name in kept
+        },
+        "demonstrations_of": {
+            task.door: learned[task.demonstrations_key].file for task in tasks
+        },
+        "skill_sha256": None if skill is None else content_hash(skill),
+        "door_configs": {task.door: task.door_config for task in tasks},
+    }
+    write_json(folder / CONFIGURATION, provenance(record))
+
+
+def _write_video(file: Path, log: EpisodeLog, model: mujoco.MjModel) -> None:
+    number = write_video(file, log, model, STANDARD)
+    LOG.info("wrote %s (%d pictures, %.1f s)", file, number, number / STANDARD.rate)
+
+
+def _outcome(metrics: EpisodeMetrics) -> str:
+    """Return how an episode ended, as a text."""
+    ended = "opened"
+    if not metrics.success:
+        ended = f"not opened ({why_closed(metrics.failure, metrics.reason)})"
+    angle = round(metrics.final_angle_deg, 1) + 0.0  # not -0.0
+    return f"{ended}, {angle:.1f} deg in {metrics.duration:.1f} s"
+
+
+def _check_complete(
+    folder: Path, learned: Mapping[str, _Learned], metrics: Sequence[Metrics]
+) -> None:
+    """Raise a FileNotFoundError if files of the run were deleted meanwhile."""
+    opened = [door.door for door in metrics if isinstance(door, EpisodeMetrics)]
+    names = {CONFIGURATION, METRICS, *(kind.file for kind in learned.values())}
     names |= {f"{door}{end}" for door in opened for end in (".npz", ".rrd")}
     if gone := sorted(name for name in names if not (folder / name).is_file()):
         raise FileNotFoundError(
             f"files of this run were deleted from {folder} while it went on: "
             f"{', '.join(gone)}; run it again"
         )
-    return tuple(metrics)
 
 
 def _files_of_earlier_run(folder: Path) -> list[Path]:
@@ -241,101 +362,10 @@ def _files_of_earlier_run(folder: Path) -> list[Path]:
     names = [f"{door}{end}" for door in doors for end in (".npz", ".rrd")]
     names += [_kept_demonstrations(door) for door in doors]
     # A run does not write names outside the folder.
-    own = [name for name in names if Path(name).name == name]
-    return [folder / name for name in (METRICS, *own)]
+    inside = [name for name in names if Path(name).name == name]
+    return [folder / name for name in (METRICS, *inside)]
 
 
 def _kept_demonstrations(door: str) -> str:
     """Return the file of the demonstrations of one of several kinds of doors."""
     return f"{Path(FILE).stem}-{door}.npz"
-
-
-def _learn(
-    tasks: Sequence[EpisodeTask],
-    policy: Policy,
-    demonstrations: Path | int,
-    skill: Path | None,
-) -> dict[str, _Learned]:
-    """Learn once per kind of doors.
-
-    Returns learned agents by `EpisodeTask.demonstrations_key`.
-    """
-    kinds: dict[str, list[EpisodeTask]] = {}
-    for task in tasks:
-        kinds.setdefault(task.demonstrations_key, []).append(task)
-    learned: dict[str, _Learned] = {}
-    for shown, (first, *others) in kinds.items():
-        file = FILE if len(kinds) == 1 else _kept_demonstrations(first.door)
-        if skill is not None:
-            method, followed = method_and_skill(first.policy, skill)
-            aligned = followed.aligned.demonstrated
-            times = aligned.duration * aligned.times
-            # The skill contains the forces, if any.
-            motions = [Demonstration(times=times, poses=one) for one in aligned.poses]
-            given = LabelledDemonstrations(
-                demonstrations=tuple(motions), radii=(None,) * len(motions)
-            )
-            learned[shown] = _Learned(given, partial(method.follow, followed), file)
-            continue
-        if isinstance(demonstrations, Path):
-            given = load_demonstrations(demonstrations)
-        else:
-            given = demonstrations_of(first)
-        if policy.kind != "reference":
-            doors = ", ".join(task.door for task in (first, *others))
-            number = len(given.demonstrations)
-            LOG.info(f"learning from {number} demonstrations for {doors}")
-        learned[shown] = _Learned(given, learned_agents(first, policy, given), file)
-    return learned
-
-
-def _open(
-    task: EpisodeTask,
-    agent: Agent,
-    shown: LabelledDemonstrations,
-    policy: Policy,
-    begin: Callable[[], None],
-    folder: Path,
-    looks: BodyMeshes | None,
-    video: Path | None,
-) -> EpisodeMetrics:
-    """Open a door, write its log, recording and video, and return its metrics."""
-    started = time.perf_counter()
-    name = task.door
-    LOG.debug("%s: opening it with %s", name, task.policy)
-    with (
-        contextlib.closing(make_environment(task, agent.control)) as env,
-        progress_bar(desc=name, unit=" s simulated") as bar,
-        reported_errors(task.policy, policy, acting=True),
-    ):
-
-        def show(progress: Progress) -> None:
-            angle = math.degrees(progress.door_angle)
-            bar.set_postfix_str(f"door at {angle:.0f} deg", refresh=False)
-            bar.update(progress.time - bar.n)
-
-        log = rollout(
-            env,
-            agent,
-            policy=task.policy,
-            door=name,
-            seed=task.reset_seed,
-            on_step=show,
-        )
-        model = env.unwrapped.model  # type: ignore[attr-defined]
-    begin()
-    log.save(folder / f"{name}.npz")
-    record_episode(folder / f"{name}.rrd", log, model, shown.demonstrations, looks)
-    if video is not None:
-        number = write_video(video, log, model, STANDARD)
-        seconds = number / STANDARD.rate
-        LOG.info("wrote %s (%d pictures, %.1f s)", video, number, seconds)
-    metrics = episode_metrics(log)
-    ended = "opened"
-    if not metrics.success:
-        ended = f"not opened ({why_closed(metrics.failure, metrics.reason)})"
-    angle = round(metrics.final_angle_deg, 1) + 0.0  # not -0.0
-    seconds = time.perf_counter() - started
-    duration = f"{metrics.duration:.1f} s ({seconds:.1f} s)"
-    LOG.info(f"{name}: {ended}, {angle:.1f} deg in {duration}")
-    return metrics

@@ -8,13 +8,13 @@ from typing import Annotated, Any, Final, Literal, Union
 import tyro
 
 from gplfd_experiments.cli.commands.options import (
-    EpisodeOptions,
     Quiet,
     learn_command,
     next_command,
     recorded,
 )
 from gplfd_experiments.cli.commands.teach import Teach
+from gplfd_experiments.workflows.settings import EpisodeSettings
 
 DEPARTED: Final = 1
 """Exit status if a replay differs from the recording in any bit."""
@@ -260,7 +260,7 @@ class Export:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Record(EpisodeOptions):
+class Record(EpisodeSettings):
     """Let a policy open doors and write the episodes as a Minari data set.
 
     DIR is the data set; its name is its Minari id and ends in a version. Every step

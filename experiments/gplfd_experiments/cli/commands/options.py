@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 import tyro
 
@@ -27,40 +27,6 @@ Json = Annotated[
     tyro.conf.arg(help="Print JSON and nothing else on standard output."),
 ]
 """Option of commands that print a table."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class EpisodeOptions:
-    """Policy, doors and circumstances of episodes."""
-
-    doors: tuple[str, ...] = ("small", "medium", "large")
-    """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
-    parameters."""
-
-    policy: str = "gp"
-    """Policy to use: a name from `gplfd list`, or module:function for your own."""
-
-    seed: int = 0
-    """Seed of teacher, policy and environment, 0 or more."""
-
-    randomization: str = "none"
-    """Quantities that are drawn at random for each episode: none, mild, hard or
-    standard; see `gplfd list`."""
-
-    start: Literal["grasped", "approach"] = "grasped"
-    """State at the start: the hand holds the handle, or the open hand is 10 to 20 cm
-    in front of it and first reaches for it."""
-
-    robot: str = "tiago-like"
-    """Robot that opens the door: tiago-like, panda-like, ur5e-like, or the .urdf of an
-    arm, which is mounted on a stand or, if the door requires it, on a mobile base."""
-
-    demonstrations_per_door: int = 2
-    """Number of demonstrations by the synthetic human on each of the three
-    demonstrated doors."""
-
-    demonstrated_forces: bool = False
-    """Demonstrations of the synthetic human include forces and moments of the hand."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -1,29 +1,28 @@
-"""Commands for episodes: run, view and gallery; and learn, which makes a skill."""
+"""Commands for episodes: run and view; and learn, which makes a skill."""
 
 import contextlib
 import ctypes.util
-import dataclasses
 import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
 from gplfd_experiments.cli.commands.options import (
     FAILED,
-    EpisodeOptions,
     Json,
     Quiet,
     next_command,
     open_command,
     recorded,
 )
+from gplfd_experiments.workflows.settings import RunSettings
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Run(EpisodeOptions):
+class Run(RunSettings):
     """Learn from demonstrations, open doors, and store metrics and recordings.
 
     Writes DIR/metrics.json (one object per door), DIR/<door>.rrd (Rerun recording),
@@ -31,23 +30,6 @@ class Run(EpisodeOptions):
     DIR/run.json (versions, command, settings); removes files of an earlier run in this
     folder.
     """
-
-    disturbance: str = "none"
-    """Disturbance during the episode: none, push, person, ...; see `gplfd list`."""
-
-    demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE.npz")] = None
-    """Learn from this .npz file of demonstrations instead of the synthetic human."""
-
-    skill: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Use this skill, a file written by `gplfd learn`, instead of learning one."""
-
-    looks: Literal["primitives", "tiago"] = "primitives"
-    """Shapes of the robot in recordings: simple ones, or the manufacturer's meshes of
-    the package example-robot-data (pip install 'gplfd[tiago]')."""
-
-    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Also write a video of the episode in real time; for several doors, one file per
-    door, FILE-DOOR.mp4. Needs pip install 'gplfd[video]'."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder to write to; results/POLICY-seedSEED by default."""
@@ -73,26 +55,21 @@ class Run(EpisodeOptions):
         folder = (
             self.out or Path("results") / f"{file_name(self.policy)}-seed{self.seed}"
         )
-        given = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
-        per_door = given.pop("demonstrations_per_door")
-        given |= {"folder": folder, "demonstrations": self.demonstrations or per_door}
-        for name in ("out", "json", "quiet"):
-            del given[name]
         # Output of a policy is kept out of the table or JSON on standard output.
         with contextlib.redirect_stdout(sys.stderr):
-            metrics = open_doors(**given, options=recorded(self))
-        numbers = [one.as_json() for one in metrics]
-        if late := late_decisions(numbers):
+            metrics = open_doors(self, folder, recorded(self))
+        rows = [door.as_json() for door in metrics]
+        if late := late_decisions(rows):
             LOG.warning("warning: %s: %s", self.policy, late)
-        status = FAILED if any("error" in one for one in numbers) else 0
+        status = FAILED if any("error" in row for row in rows) else 0
         if self.json:
-            print(json_text(numbers))
+            print(json_text(rows))
             return status
         print(text_table(run_table(metrics)))
-        doors = [one["door"] for one in numbers if "error" not in one]
+        doors = [row["door"] for row in rows if "error" not in row]
         if doors:
-            shown = "medium" if "medium" in doors else doors[0]
-            print(f"\nlook at it:  {next_command('view', folder / f'{shown}.rrd')}")
+            door = "medium" if "medium" in doors else doors[0]
+            print(f"\nlook at it:  {next_command('view', folder / f'{door}.rrd')}")
         return status
 
 
@@ -167,44 +144,4 @@ class Learn:
         print(f"{out}: {skill}")
         doors = demonstrated_doors(self.demonstrations)
         print(f"open doors with it:  {open_command(out, doors, self.policy)}")
-        return 0
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Gallery:
-    """Make videos of episodes, and a web page that shows two policies side by side.
-
-    Writes DIR/index.html, DIR/episodes.js (numbers, curves, versions, settings) and a
-    video per episode. The page needs neither a server nor a network. The same command
-    continues after an interruption; other doors, policies and seeds are added. Needs
-    pip install 'gplfd[video]'.
-    """
-
-    doors: tuple[str, ...] = ()
-    """Doors to open: names (see `gplfd list`), radii in metres, or .json files of door
-    parameters; all of `gplfd list` by default."""
-
-    policies: tuple[str, ...] = (
-        *("gp", "gp-paper", "promp", "prodmp", "dmp", "gmr", "kmp", "gmm-gp"),
-        *("hinge-fit", "mechanism-fit", "oracle"),
-    )
-    """Policies to use: names from `gplfd list`, or module:function for your own."""
-
-    seed: int = 0
-    """Seed of teacher, policy and environment, 0 or more."""
-
-    out: Path = Path("results/gallery")
-    """Folder to write to."""
-
-    quiet: Quiet = False
-
-    def execute(self) -> int:
-        """Run the missing episodes and make their videos."""
-        draw_without_screen()
-        from gplfd_experiments.workflows.gallery import PAGE, write_gallery
-
-        number = write_gallery(
-            self.doors, self.policies, self.out, seed=self.seed, options=recorded(self)
-        )
-        print(f"{number} episodes, look at them in a browser: {self.out / PAGE}")
         return 0
