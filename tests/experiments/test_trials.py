@@ -169,9 +169,9 @@ def test_levers_are_demonstrated_where_a_knob_is_opened():
 
 def test_own_policies_take_part_and_unknown_names_are_refused():
     trials = named_trials(("stop",))
-    tasks = trial_tasks(trials, policies=("gp-product", "gp"), part="small")
+    tasks = trial_tasks(trials, policies=("gp-homoscedastic", "gp"), part="small")
     counts = Counter(task.policy for task in tasks)
-    assert counts["gp-product"] == counts["gp"] == 6
+    assert counts["gp-homoscedastic"] == counts["gp"] == 6
     for call, message in (
         (lambda: named_trials(("stopp",)), r"unknown trial 'stopp' \(did you mean 'st"),
         (lambda: named_trials(("stop", "stop")), "trial stop is given twice"),
@@ -393,12 +393,12 @@ def test_the_command_runs_a_part_and_goes_on(
     assert {task.trial for task in ran} == {"stop"}
     assert len(ran) == 6 * 8
     ran.clear()
-    assert main([*arguments, "--policies", "gp-product"]) == 0
-    assert {task.policy for task in ran} == {"gp-product"}
+    assert main([*arguments, "--policies", "gp-homoscedastic"]) == 0
+    assert {task.policy for task in ran} == {"gp-homoscedastic"}
     capsys.readouterr()
     assert main([*arguments, "--json"]) == 0
     (stop,) = json.loads(capsys.readouterr().out)["trials"]["stop"].values()
-    assert stop["gp"]["episodes"] == stop["gp-product"]["episodes"] == 6
+    assert stop["gp"]["episodes"] == stop["gp-homoscedastic"]["episodes"] == 6
     assert stop["gp"]["success"]["seeds"] == [metrics["success"]] * 6
     assert main(["trials", "--trials", "stops"]) == 2
 

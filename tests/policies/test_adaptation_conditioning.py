@@ -139,8 +139,6 @@ def smooth_repetition():
         mean=root * np.tile(np.sin(3.0 * basis.nodes)[:, None], 6),
         deviations=np.tile(curves, (6, 1, 1)),
         log_white=root * np.full((48, 6), np.log(1e-12)),
-        slope=np.zeros((48, 6)),
-        timing=np.zeros((48, 0)),
     )
 
 
@@ -166,6 +164,20 @@ def test_sequential_updates_equal_batch_conditioning():
     assert_allclose(process.variance()[:, 0], np.diag(covariance) + 1e-12, atol=1e-14)
     full = process.distribution(np.ones(6), None).covariance
     assert_allclose(full[3], covariance + 1e-12 * np.eye(60), atol=1e-14)
+
+
+def test_rates_are_the_slopes_of_mean_and_spread():
+    fine = np.linspace(0.0, 1.0, 2001)
+    process = ConditionedProcess(smooth_repetition(), fine)
+    pose = np.sin(3.0 * 0.35) + np.zeros(6)
+    process.update(process.at(0.4), pose, np.full(6, 1e-4), np.arange(1.0, 7.0))
+    posterior = process.distribution(np.ones(6), None)
+    for rate, curve in (
+        (posterior.mean_rate, posterior.mean),
+        (posterior.std_rate, posterior.std),
+    ):
+        differences = np.gradient(curve, fine, axis=0)
+        assert_allclose(rate[2:-2], differences[2:-2], atol=2e-4)
 
 
 def dense_conditioning(phases, poses, along, variance):

@@ -69,7 +69,7 @@ def test_order_of_via_points_does_not_matter(skill, form):
         backward.observe(behind)
     assert_allclose(forward.mean, backward.mean, atol=1e-9)
     # How surprising an output is, given the others, is asked when it is observed.
-    once = 1e-3 if form == "own-clock" else 1e-9
+    once = 1e-9
     assert_allclose(forward.std, backward.std, atol=once)
 
 

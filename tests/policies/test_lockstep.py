@@ -263,7 +263,9 @@ def test_agents_that_do_not_act_hold_still(name, agents_of):
         batch.reset(observations, np.ones(2, dtype=bool))
 
 
-@pytest.mark.parametrize("other", ["gp-clock", "gp-constant-500", "oracle", "levers"])
+@pytest.mark.parametrize(
+    "other", ["gp-one-size", "gp-constant-500", "oracle", "levers"]
+)
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_agents_of_any_configuration_act_together(other, agents_of):
     """Also where one was taught to turn a handle, and the others were not."""

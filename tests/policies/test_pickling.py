@@ -39,7 +39,7 @@ def observations(count):
         }
 
 
-LEARNED = ("gp", "gp-own-clock", "gp-clock", "gp-carried-load", "gp-impedance", "dmp")
+LEARNED = ("gp", "gp-one-size", "gp-carried-load", "gp-impedance", "dmp")
 MODEL_BASED = [name for name, policy in POLICIES.items() if policy.method is None]
 
 

@@ -156,7 +156,7 @@ def test_methods_of_these_fits_take_a_prior_mean():
     """But for one whose delays a prior mean does not know."""
     for name, policy in POLICIES.items():
         fit = getattr(policy.method, "fit", None)
-        can = getattr(fit, "func", fit) in TAKING_FITS and name != "gp-own-clock"
+        can = getattr(fit, "func", fit) in TAKING_FITS
         assert takes_one(name) == can
 
 

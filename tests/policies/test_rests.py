@@ -107,9 +107,7 @@ def test_few_samples_are_left_alone():
     assert without_rests(recorded) == (recorded, ())
 
 
-@pytest.mark.parametrize(
-    ("name", "trims"), [("gp", True), ("gp-untrimmed", False), ("gp-paper", False)]
-)
+@pytest.mark.parametrize(("name", "trims"), [("gp", True), ("gp-paper", False)])
 @pytest.mark.filterwarnings("ignore:rests")
 def test_policies_trim_rests_but_those_that_say_not(name, trims):
     aligned = POLICIES[name].method.align([opening(before=2.0)])

@@ -1,12 +1,11 @@
-"""Adapting movements to via-points; for a skill, five forms with one interface.
+"""Adapting movements to via-points; for a skill, four forms with one interface.
 
 Paper: Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
 arXiv:2002.09979, Section III-D. "product" is the form of the paper, Eqs. (19)–(21).
 "exact" conditions the same model without the product's approximation. "process" is
 ours: it models the demonstrations' deviations as smooth, so that a via-point also
-informs the rest of the motion. "own-clock" extends "process" to unknown timing.
-"similarity", for agents at doors, models that paths differ in size. Other movements are
-conditioned by their own ``adapt``.
+informs the rest of the motion. "similarity", for agents at doors, models that paths
+differ in size. Other movements are conditioned by their own ``adapt``.
 """
 
 from gplfd_policies.adaptation.forms import (
@@ -17,11 +16,9 @@ from gplfd_policies.adaptation.forms import (
     adapt,
     begin_adaptation,
 )
-from gplfd_policies.adaptation.own_clock import OwnClockAdaptation
 from gplfd_policies.adaptation.process import (
     ExactAdaptation,
     ForceAdaptation,
-    IndependentPhaseAdaptation,
     ProcessAdaptation,
 )
 from gplfd_policies.adaptation.product import ProductAdaptation
@@ -35,10 +32,8 @@ __all__ = [
     "AdaptedMovement",
     "ExactAdaptation",
     "ForceAdaptation",
-    "IndependentPhaseAdaptation",
     "NoAdaptation",
     "OwnAdaptation",
-    "OwnClockAdaptation",
     "ProcessAdaptation",
     "ProductAdaptation",
     "SimilarityAdaptation",

@@ -1,10 +1,9 @@
 """Gaussian conditioning of six smooth curves together, one via-point at a time.
 
 A repetition of the task is the mean, plus deviations given by a few standard-normal
-numbers z_i per output, plus timing (early or late) given by a few numbers z_τ that all
-outputs share. All of them are independent a priori:
+numbers z_i per output, which are independent a priori:
 
-    y_i(t) = m_i(t) + φ_i(t)ᵀ z_i + ṁ_i(t) ψ(t)ᵀ z_τ + white noise.
+    y_i(t) = m_i(t) + φ_i(t)ᵀ z_i + white noise.
 
 A via-point at *any* phase observes all outputs at once, each with its own noise and one
 shared error (`ViaPoint.along`): covariance diag(σ²) + ρ ρᵀ. With H the 6 × n matrix of
@@ -13,9 +12,8 @@ the curves,
     S = H C Hᵀ + diag(σ²) + ρ ρᵀ = L Lᵀ,  B = C Hᵀ L⁻ᵀ,
     z ← z + B L⁻¹ (y − m − H z),  C ← C − B Bᵀ,
 
-This is exact for any ρ (``test_shared_error_equals_dense_conditioning``) and ψ
-(``test_timing_equals_dense_conditioning``); the grid of the reported distribution has
-no influence. If ρ = 0 and ψ = 0 the outputs stay independent
+This is exact for any ρ (``test_shared_error_equals_dense_conditioning``); the grid of
+the reported distribution has no influence. If ρ = 0 the outputs stay independent
 (``test_sequential_updates_equal_batch_conditioning``).
 """
 
@@ -68,10 +66,6 @@ class Repetition:
     log_white: Float[np.ndarray, "Q 6"]
     """Coefficients of the logarithm of the white variance, which is independent from
     sample to sample and not reduced by via-points."""
-    slope: Float[np.ndarray, "Q 6"]
-    """Coefficients of ṁ_i, the effect of a delay on each output."""
-    timing: Float[np.ndarray, "Q T"]
-    """Coefficients of the curves ψ; T = 0 if phases are registered."""
 
     @classmethod
     def from_covariance(
@@ -87,36 +81,20 @@ class Repetition:
             mean=mean,
             deviations=leading_curves(covariance, _LEFT_OUT),
             log_white=log_white,
-            slope=basis.differentiate(mean),
-            timing=np.zeros((basis.size, 0)),
         )
 
     @property
     def table(self) -> Float[np.ndarray, "Q C"]:
-        """Coefficients of every curve: m, log white, ṁ, ψ, and φ by output."""
+        """Coefficients of every curve: m, log white, ṁ, and φ by output."""
         flat = self.deviations.transpose(1, 0, 2).reshape(self.basis.size, -1)
-        return np.concatenate(
-            [self.mean, self.log_white, self.slope, self.timing, flat], axis=1
-        )
+        slope = self.basis.differentiate(self.mean)
+        return np.concatenate([self.mean, self.log_white, slope, flat], axis=1)
 
-    def curves(self, rows: Float[np.ndarray, "M C"]) -> Float[np.ndarray, "6 M S"]:
-        """φ_i and ṁ_i ψ side by side, by output, from rows of the table."""
-        own = 18 + self.timing.shape[1]
-        deviations = rows[:, own:].reshape(len(rows), 6, -1).transpose(1, 0, 2)
-        timing = rows[:, 12:18].T[:, :, None] * rows[:, 18:own]
-        return np.concatenate([deviations, timing], axis=2)
 
-    def slopes(
-        self, rows: Float[np.ndarray, "M C"], rates: Float[np.ndarray, "M C"]
-    ) -> Float[np.ndarray, "6 M S"]:
-        """Derivatives of `curves`, from rows of the table and their derivatives."""
-        own = 18 + self.timing.shape[1]
-        slopes = self.curves(rates)
-        slopes[:, :, slopes.shape[2] - self.timing.shape[1] :] = (
-            rates[:, 12:18].T[:, :, None] * rows[:, 18:own]
-            + rows[:, 12:18].T[:, :, None] * rates[:, 18:own]
-        )
-        return slopes
+def _curves(rows: Float[np.ndarray, "M C"]) -> Float[np.ndarray, "6 M R"]:
+    """Return φ_i, or its derivatives, by output, from rows of the table."""
+    curves = rows[:, 18:].reshape(len(rows), 6, -1)
+    return np.ascontiguousarray(curves.transpose(1, 0, 2))
 
 
 def leading_curves(
@@ -139,8 +117,8 @@ class Local:
     """m_i at this phase."""
     white: Pose
     """The white variance at this phase."""
-    curves: Float[np.ndarray, "6 S"]
-    """φ_i and ṁ_i ψ at this phase."""
+    curves: Float[np.ndarray, "6 R"]
+    """φ_i at this phase."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -170,17 +148,15 @@ class ConditionedProcess:
         self._prior, self._table = prior, prior.table
         self._rows = prior.basis.matrix(grid) @ self._table
         self._mean, self._white = self._rows[:, :6].copy(), np.exp(self._rows[:, 6:12])
-        self._curves = prior.curves(self._rows)
+        self._curves = _curves(self._rows)
         self._variance = np.sum(self._curves**2, axis=2).T
         self._floor = _STRONGEST * np.max(self._variance + self._white, axis=0)
-        # Entries of the state that belong to each output; timing belongs to all.
-        shared = prior.timing.shape[1]
-        own = 6 * (self._curves.shape[2] - shared)
-        common = np.tile(np.arange(own, own + shared), (6, 1))
-        self._places = np.hstack([np.arange(own).reshape(6, -1), common])
-        self._state = np.zeros(own + shared)
-        self._covariance = np.asfortranarray(np.eye(own + shared))
-        self._design = np.zeros((6, own + shared))
+        # Entries of the state that belong to each output.
+        size = 6 * self._curves.shape[2]
+        self._places = np.arange(size).reshape(6, -1)
+        self._state = np.zeros(size)
+        self._covariance = np.asfortranarray(np.eye(size))
+        self._design = np.zeros((6, size))
 
     @property
     def mean(self) -> Outputs:
@@ -210,7 +186,7 @@ class ConditionedProcess:
         return Local(
             mean=row[:6],
             white=np.exp(row[6:12]),
-            curves=self._prior.curves(row[None])[:, 0],
+            curves=_curves(row[None])[:, 0],
         )
 
     def update(
@@ -261,7 +237,7 @@ class ConditionedProcess:
         blocks = self._covariance[self._places[:, :, None], self._places[:, None, :]]
         basis = self._prior.basis
         rates = basis.matrix(self.grid) @ basis.differentiate(self._table)
-        slopes = self._prior.slopes(self._rows, rates)
+        slopes = _curves(rates)
         spread = np.sqrt(self.variance())
         smooth_rate = 2.0 * np.sum(slopes @ blocks * self._curves, axis=2).T
         variance_rate = smooth_rate + self._white * rates[:, 6:12]
@@ -270,7 +246,7 @@ class ConditionedProcess:
             times=self.grid,
             mean=self._mean,
             std=stretch * spread,
-            mean_rate=rates[:, :6] + np.einsum("imr,ir->mi", slopes, state),
+            mean_rate=self._rows[:, 12:18] + np.einsum("imr,ir->mi", slopes, state),
             std_rate=stretch * variance_rate / (2.0 * spread),
             covariance_function=partial(
                 _covariance_on_grid, self._curves, blocks, spread**2, stretch
@@ -280,8 +256,8 @@ class ConditionedProcess:
 
 
 def _covariance_on_grid(
-    curves: Float[np.ndarray, "6 M S"],
-    covariance: Float[np.ndarray, "6 S S"],
+    curves: Float[np.ndarray, "6 M R"],
+    covariance: Float[np.ndarray, "6 R R"],
     variance: Outputs,
     stretch: Pose,
 ) -> Covariances:

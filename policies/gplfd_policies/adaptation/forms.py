@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_policies.adaptation.own_clock import OwnClockAdaptation
 from gplfd_policies.adaptation.process import ExactAdaptation, ProcessAdaptation
 from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.adaptation.similarity import SimilarityAdaptation
@@ -30,7 +29,6 @@ from gplfd_policies.movements.trajectory import (
 
 ADAPTATIONS: Final[Mapping[str, AdaptationForm]] = MappingProxyType(
     {
-        "own-clock": OwnClockAdaptation,
         "process": ProcessAdaptation,
         "product": ProductAdaptation,
         "exact": ExactAdaptation,
@@ -87,12 +85,10 @@ def adapt(
         movement: The learned movement.
         via_points: Poses to be reached, in any order; they are sorted by phase. Without
             via-points, the movement is predicted as learned.
-        form: For a skill: "own-clock" (default if the demonstrations' clocks are
-            known), for via-points by the clock of a repetition, whose timing is
-            unknown, too; "process" (default otherwise), for phases that are certain;
-            "product" (the paper's Eqs. 19–21) or "exact"; "similarity" (default for a
-            single demonstration), for successive positions on a path of unknown size in
-            the x-z plane; or a callable (movement, grid) → `Adaptation`, such as
+        form: For a skill: "process" (default), for phases that are certain; "product"
+            (the paper's Eqs. 19–21) or "exact"; "similarity" (default for a single
+            demonstration), for successive positions on a path of unknown size in the
+            x-z plane; or a callable (movement, grid) → `Adaptation`, such as
             ``partial(ProductAdaptation, prior_mean="zero")``. Other movements have only
             their own form, which is the default.
 
@@ -117,9 +113,7 @@ def adapt(
         kind = type(learned).__name__
         if isinstance(learned, Skill):
             if form is None:
-                form = "process" if learned.aligned.clocks is None else "own-clock"
-                if learned.count == 1:
-                    form = "similarity"
+                form = "process" if learned.count > 1 else "similarity"
             if form not in ADAPTATIONS:
                 raise ValueError(
                     f"Unknown adaptation form {form!r}; choose from "

@@ -163,8 +163,7 @@ class ProcessAdaptation(StudentProcess):
       order of the via-points. If they share an error along the path, the scale of the
       covariance depends on their order; `gplfd_policies.adapt` sorts them by phase.
 
-    Phases must be estimated from the path, as in the alignment. For via-points by a
-    clock see `gplfd_policies.adaptation.own_clock`.
+    Phases must be estimated from the path, as in the alignment.
     """
 
     def __init__(
@@ -209,20 +208,6 @@ class ForceAdaptation(MixedProcesses):
         free = float(skill.count - 1)
         parts = [StudentProcess(prior, free, grid) for prior in priors]
         super().__init__(parts, _OWN_PRIOR)
-
-
-class IndependentPhaseAdaptation(ProcessAdaptation):
-    """`ProcessAdaptation` with the error along the path as independent noise.
-
-    A phase error is then treated as six independent errors of the outputs. For
-    comparison: a via-point constrains the motion across the path less than possible
-    (``test_shared_error_leaves_what_is_across_the_path_certain``).
-    """
-
-    def observe(self, via_point: ViaPoint) -> None:
-        """Condition on one more via-point, in place."""
-        std = np.sqrt(via_point.noise_variance)
-        super().observe(replace(via_point, std=std, along=0.0))
 
 
 class ExactAdaptation(ConditionedProcess):

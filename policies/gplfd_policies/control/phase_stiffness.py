@@ -1,8 +1,6 @@
 """Stiffness at each phase of the task, from demonstrated forces.
 
-`demonstrated_stiffness` makes a hand soft where the demonstrators yielded, and stiff
-where they resisted. `stiffness_from_force` is the rule of Hou et al., *Adaptive
-Compliance Policy*, 2024, arXiv:2410.09309.
+The rule is that of Hou et al., *Adaptive Compliance Policy*, 2024, arXiv:2410.09309.
 """
 
 from dataclasses import dataclass
@@ -11,13 +9,10 @@ from typing import Final
 import numpy as np
 
 from gplfd_env.spatial.se3 import into_axes
-from gplfd_policies.adaptation.gridded import LOOK_AHEAD
 from gplfd_policies.arrays.records import freeze, short_repr
 from gplfd_policies.arrays.rows import PerRow
 from gplfd_policies.arrays.shapes import Axes, Float, Outputs, Vectors
-from gplfd_policies.control.frame import path_frame
 from gplfd_policies.control.stiffness import StiffnessProfile
-from gplfd_policies.demonstrations.impedance import PRIOR, estimate_impedance
 from gplfd_policies.movements.movement import LearnedMovement, Movement
 
 _PHASES: Final = np.linspace(0.0, 1.0, 101)
@@ -44,8 +39,8 @@ class PhaseStiffness:
 
     def direction_at(self, phase: PerRow, tangent: Vectors) -> Vectors:
         """Return the first direction of the frame at a phase, or the tangent."""
-        found = self.direction[self._index(phase)]
-        return np.where(np.isnan(found), tangent, found)
+        direction = self.direction[self._index(phase)]
+        return np.where(np.isnan(direction), tangent, direction)
 
     def combined(self, stiffness: Axes, phase: PerRow) -> Axes:
         """Return k^(1 - w) k_d^w: means of logarithms with the weights 1 - w and w."""
@@ -56,48 +51,6 @@ class PhaseStiffness:
 
     def _index(self, phase: PerRow) -> np.ndarray:
         return np.asarray(np.rint(phase * (len(self.share) - 1)), dtype=np.intp)
-
-
-def demonstrated_stiffness(
-    movement: Movement, profile: StiffnessProfile
-) -> PhaseStiffness:
-    """Return the stiffness of the demonstrating hands, weighted by its certainty.
-
-    Along each direction of the path's frame, w = 1 - (σ/σ_0)², with the posterior and
-    prior standard deviations of the stiffness: the share of the data in the precision.
-    k_d is limited to the profile's range.
-
-    Raises:
-        ValueError: Fewer than three demonstrations have wrenches.
-    """
-    aligned = movement.aligned
-    impedance = estimate_impedance(aligned)
-    count = impedance.times.size
-    poses = movement.predict(impedance.times * aligned.end).mean
-    length = max(round(LOOK_AHEAD * count), 1)
-    start = np.minimum(np.arange(count), count - 1 - length)
-    chord = poses[start + length, :3] - poses[start, :3]
-    size = np.linalg.norm(chord, axis=1, keepdims=True)
-    tangent = np.where(size > 0.0, chord / np.maximum(size, 1e-12), [1.0, 0.0, 0.0])
-    # Beyond the demonstrations, the last stiffness is kept.
-    phases = np.minimum(_PHASES / aligned.end, 1.0)
-    samples = np.rint(phases * (count - 1)).astype(np.intp)
-    known = []
-    for part, frames in enumerate((path_frame(tangent), np.eye(3))):
-        rows = np.broadcast_to(np.swapaxes(frames, -1, -2), (count, 3, 3))
-        own = into_axes(poses[:, None, 3:], rows).swapaxes(-1, -2)
-        found, std = (each[part, samples] for each in impedance.along(own))
-        known.append((found, 1.0 - (std / PRIOR[part, 0]) ** 2))
-    stiffness, share = (np.hstack(both) for both in zip(*known, strict=True))
-    return PhaseStiffness(
-        stiffness=np.clip(
-            stiffness,
-            profile.k_min,
-            np.repeat(profile.k_max.reshape(2, 3).min(axis=1), 3),
-        ),
-        share=np.clip(share, 0.0, 1.0),
-        direction=np.full((_PHASES.size, 3), np.nan),
-    )
 
 
 def stiffness_from_force(

@@ -9,11 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from gplfd_policies.adaptation import (
-    ExactAdaptation,
     ForceAdaptation,
-    IndependentPhaseAdaptation,
     OwnAdaptation,
-    OwnClockAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
     SimilarityAdaptation,
@@ -62,7 +59,6 @@ from gplfd_policies.registry.method import (
     FixedProfile,
     Method,
     TrainingInput,
-    clock_phase,
     demonstrated_phase,
     path_phase,
 )
@@ -95,8 +91,8 @@ PAPER: Final = Method(
     adaptation=partial(ProductAdaptation, prior_mean="zero"),
     # The same stiffness function for all axes, the whole wrench in Eq. (22), no limit
     # of the lead. Where the paper gives no details, ours are used: the phase of an
-    # observation and its via-point noise (with the clock time, no door opens, see
-    # `gp-clock`), and the governor instead of hand tuning.
+    # observation and its via-point noise (with the clock time, no door opens), and
+    # the governor instead of hand tuning.
     profile=FixedProfile(profile=PAPER_PROFILE),
     config=ComplianceConfig(
         load=YieldToAll(),
@@ -115,9 +111,6 @@ DOOR_KMP: Final = KMPConfig(mean_regularisation=1.0, covariance_regularisation=4
 demonstrations. The published λ_c of 60 is for letters in centimetres. Converted to
 standardised outputs, both published values give too narrow intervals here and pull the
 mean 5 cm inwards."""
-
-HEADING_TRUSTING: Final = PathPhaseConfig(similarity=SimilarityConfig(heading_std=0.0))
-"""Assumes that the robot has no heading error."""
 
 ONE_SIZE: Final = PathPhaseConfig(
     similarity=SimilarityConfig(size_std=0.0, size_weight=1e9)
@@ -152,9 +145,9 @@ def _constant(translation: int) -> Policy:
     """Return `GP` with constant stiffness [N/m], in rotation a tenth [N m/rad]."""
     constant = np.repeat([float(translation), 0.1 * translation], 3)
     profile = replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
-    end = {100: " (its minimum)", 500: " (its maximum)"}.get(translation, "")
+    end = {100: "minimum", 500: "maximum"}[translation]
     return _ablation(
-        f"gp with constant stiffness of {translation} N/m{end}",
+        f"gp with constant stiffness of {translation} N/m (its {end})",
         profile=FixedProfile(profile=profile),
     )
 
@@ -180,30 +173,9 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             summary="heteroscedastic GP with online adaptation and variable stiffness",
             make=GP,
         ),
-        "gp-product": _ablation(
-            "gp with the paper's adaptation (product of Gaussians)",
-            adaptation=ProductAdaptation,
-            door_adaptation=None,
-        ),
-        "gp-exact": _ablation(
-            "gp with joint conditioning on demonstrations and via-points",
-            adaptation=ExactAdaptation,
-            door_adaptation=None,
-        ),
         "gp-process": _ablation(
             "gp whose forecast infers no size: outputs deviate as demonstrated",
             door_adaptation=None,
-        ),
-        "gp-independent-phase": _ablation(
-            "gp that treats phase uncertainty as independent noise per output",
-            adaptation=IndependentPhaseAdaptation,
-            door_adaptation=None,
-        ),
-        "gp-own-clock": _ablation(
-            "gp that also adapts the timing of the motion",
-            adaptation=OwnClockAdaptation,
-            door_adaptation=None,
-            accepts_prior_mean=False,
         ),
         "gp-fixed": _ablation(
             "gp without adaptation (follows the mean of the demonstrations)",
@@ -214,25 +186,6 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-homoscedastic": _ablation(
             "gp with one noise level for the whole motion (homoscedastic)",
             fit=partial(fit_skill, noise="homoscedastic"),
-        ),
-        "gp-dtw-euclidean": _ablation(
-            "gp with dynamic time warping on poses instead of task completion",
-            align=partial(align, method="dtw-euclidean"),
-        ),
-        "gp-directions": _ablation(
-            "gp that also aligns demonstrations by direction of motion",
-            align=partial(align, method="directions"),
-        ),
-        "gp-untrimmed": _ablation(
-            "gp without trimming of rests at both ends of demonstrations",
-            align=partial(align, trim_rests=False),
-        ),
-        "gp-clock": _ablation(
-            "gp with the phase of observations taken from the clock", phases=clock_phase
-        ),
-        "gp-heading-trusting": _ablation(
-            "gp without tolerance for heading errors in the phase estimate",
-            phases=partial(path_phase, config=HEADING_TRUSTING),
         ),
         "gp-one-size": _ablation(
             "gp that assumes the demonstrations' mean size for every path",
@@ -250,10 +203,6 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             "gp without the additional damping for contact",
             config=ComplianceConfig(dynamics=UNDAMPED),
         ),
-        "gp-axis-stiffness": _ablation(
-            "gp with stiffness along the axes of the task frame, not along the path",
-            config=ComplianceConfig(stiffness_frame="axes"),
-        ),
         "gp-without-forces": _ablation(
             "gp without learning of the demonstrated forces", align=_motion_only
         ),
@@ -263,19 +212,20 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
         "gp-within-demonstrations": _ablation(
             "gp that stops where the demonstrations end", beyond=0.0
         ),
-        "gp-one-centimetre": _ablation(
-            "gp with medium stiffness at the published 1 cm and 0.05 rad",
-            profile=FixedProfile(profile=DEFAULT_PROFILE),
-        ),
         "gp-paper": Policy(
             summary="the paper's method (Kersting noise, product of Gaussians)",
             make=PAPER,
         ),
-        **{f"gp-constant-{k}": _constant(k) for k in (100, 200, 330, 500)},
-        "gp-impedance": _ablation(
-            "gp with stiffness realised by the arm's impedance control",
-            config=ComplianceConfig(
-                rendering=ArmRendering(), dynamics=ARM_DYNAMICS, stiffness_frame="axes"
+        **{f"gp-constant-{k}": _constant(k) for k in (100, 500)},
+        "gp-impedance": Policy(
+            summary="gp with stiffness realised by the arm's impedance control",
+            make=replace(
+                GP,
+                config=ComplianceConfig(
+                    rendering=ArmRendering(),
+                    dynamics=ARM_DYNAMICS,
+                    stiffness_frame="axes",
+                ),
             ),
         ),
         "stiffness-from-force": Policy(

@@ -151,7 +151,7 @@ class Method:
         None
     )
     """Function that gives an additional stiffness from demonstrated forces, such as
-    `gplfd_policies.control.phase_stiffness.demonstrated_stiffness`; None for none."""
+    `gplfd_policies.control.phase_stiffness.stiffness_from_force`; None for none."""
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
     """Other settings for following the movement: load, timing, via-points."""
     handle_config: HandleConfig = field(default_factory=HandleConfig)

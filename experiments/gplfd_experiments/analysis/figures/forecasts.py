@@ -1,7 +1,7 @@
 """Not in the paper: forecasts of an opening by three forms of adaptation."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -14,14 +14,16 @@ from gplfd_experiments.analysis.figures.fig09_adaptation import decisions, expec
 from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_policies.agents.agent import Agent
+from gplfd_policies.adaptation import ADAPTATIONS
+from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.movements.trajectory import GaussianTrajectory
-from gplfd_policies.registry.catalogue import make_agent
+from gplfd_policies.registry.built_in import GP
+from gplfd_policies.registry.method import TrainingInput
 
 TITLE: Final = "Forecasts of the rest of the opening"
-FORMS: Final = {"gp-product": "product", "gp-exact": "exact", "gp": "process"}
-"""Policies of the registry that differ only in the form of adaptation."""
+FORMS: Final = ("product", "exact", "process")
+"""Forms of adaptation of `gp` that are compared."""
 SHARES: Final = (0.05, 0.15, 0.30)
 """Observed share of the opening angle."""
 DOORS: Final = ("small", "medium", "large", "0.42")
@@ -59,8 +61,13 @@ class Forecasts:
 
 def measure(material: Material) -> dict[str, Forecasts]:
     """Let every form forecast every opening."""
-    given = material.demonstrations.demonstrations
-    agents = {name: make_agent(name, given) for name in FORMS}
+    training = TrainingInput(demonstrations=material.demonstrations.demonstrations)
+    agents = {}
+    for form in FORMS:
+        adapting = GP
+        if form != "process":
+            adapting = replace(GP, adaptation=ADAPTATIONS[form], door_adaptation=None)
+        agents[form] = as_agent(adapting(training))
     return {door: foretold(material.episodes[door], agents) for door in DOORS}
 
 
@@ -99,8 +106,8 @@ def draw(openings: Mapping[str, Forecasts]) -> Figure:
     path = arc(shown.log.radius, angles)
     titles = []
     for index, share in enumerate(SHARES):
-        for panel, (name, form) in zip(rows[index], FORMS.items(), strict=True):
-            forecast = shown.by_form[name][index]
+        for panel, form in zip(rows[index], FORMS, strict=True):
+            forecast = shown.by_form[form][index]
             shade_region(panel, forecast.rest, style.ADAPTED)
             seen = round(share * (len(path) - 1)) + 1
             panel.plot(*path[:seen].T, color=style.TRUTH, linewidth=2.4)
@@ -132,8 +139,8 @@ def caption(openings: Mapping[str, Forecasts]) -> str:
     numbers = []
     for index, share in enumerate(SHARES):
         forms = []
-        for name, form in FORMS.items():
-            each = [opening.by_form[name][index] for opening in openings.values()]
+        for form in FORMS:
+            each = [opening.by_form[form][index] for opening in openings.values()]
             error = np.mean([forecast.rms_error() for forecast in each])
             inside = np.mean([forecast.coverage() for forecast in each])
             forms.append(f"{form} {1e3 * error:.0f} mm, {100.0 * inside:.0f} %")

@@ -5,24 +5,18 @@ from typing import Final
 
 from gplfd_experiments.studies.trials.records import Contrast, Side
 
-CONSTANT: Final = tuple(f"gp-constant-{k}" for k in (100, 200, 330, 500))
+CONSTANT: Final = tuple(f"gp-constant-{k}" for k in (100, 500))
 """`gp` at constant stiffnesses."""
 
 _LACKING: Final[Mapping[str, tuple[str, ...]]] = {
     "via-points": ("gp-fixed",),
-    "shared phase error": ("gp-independent-phase",),
     "size and phase together": ("gp-one-size",),
     "forecast with size": ("gp-process",),
     "progress beyond the demonstrations": ("gp-within-demonstrations",),
-    "alignment": ("gp-dtw-euclidean",),
     "task variability": ("gp-homoscedastic",),
     "heteroscedastic noise": ("gp-homoscedastic",),
-    "rests left out": ("gp-untrimmed",),
-    "path phase": ("gp-clock",),
-    "heading as a nuisance": ("gp-heading-trusting",),
     "rotations": ("gp-position-only",),
     "variable stiffness": CONSTANT,
-    "stiffness along the path": ("gp-axis-stiffness",),
     "learned load": ("gp-carried-load",),
     "demonstrated forces": ("gp-without-forces",),
     "damping for contact": ("gp-undamped",),
@@ -42,11 +36,7 @@ def contrasts(measure: str, *ideas: str, level: str = "") -> tuple[Contrast, ...
         Contrast(
             idea=idea,
             measure=measure,
-            # The shared phase error is an idea of this form of adaptation.
-            having=Side(
-                policy="gp-process" if idea == "shared phase error" else "gp",
-                level=level,
-            ),
+            having=Side(policy="gp", level=level),
             lacking=Side(policy=policy, level=level),
         )
         for idea in ideas

@@ -30,11 +30,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
                 doors=("0.3", "0.65"), demonstrated_radii=(0.42, 0.5, 0.58)
             ),
         },
-        contrasts=contrasts(
-            RADIAL,
-            *("via-points", "shared phase error", *SIZES),
-            "stiffness along the path",
-        ),
+        contrasts=contrasts(RADIAL, "via-points", *SIZES),
         tuned=True,
     ),
     "further": Trial(
@@ -81,7 +77,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         claims=("alignment", "task variability"),
         measures=GENTLE,
         levels={"messy": Level(doors=BARS, habits=dataclasses.asdict(MESSY))},
-        contrasts=contrasts(RADIAL, "alignment", "task variability"),
+        contrasts=contrasts(RADIAL, "task variability"),
         tuned=True,
     ),
     "rests": Trial(
@@ -95,7 +91,6 @@ FURNITURE: Final[Mapping[str, Trial]] = {
                 habits={"longest_rest": 2.0, "pauses": 1, "longest_pause": 2.0},
             )
         },
-        contrasts=contrasts(RADIAL, "rests left out"),
     ),
     "turned": Trial(
         question="Which policy opens doors if the robot has a heading error of up "
@@ -112,10 +107,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
                 },
             )
         },
-        contrasts=(
-            *contrasts("final_angle_deg", "path phase"),
-            *contrasts(RADIAL, "heading as a nuisance", "rotations"),
-        ),
+        contrasts=contrasts(RADIAL, "rotations"),
         extra_policies=("gp-fixed",),
         tuned=True,
     ),
@@ -128,10 +120,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
             "holds the hand": Level(doors=MEDIUM, disturbance="person"),
             "in the way": Level(doors=MEDIUM, disturbance="person-behind"),
         },
-        contrasts=contrasts(
-            "person_force_peak",
-            *("variable stiffness", "stiffness along the path", "learned load"),
-        ),
+        contrasts=contrasts("person_force_peak", "variable stiffness", "learned load"),
         extra_policies=("gp-impedance",),
     ),
     "push": Trial(

@@ -70,7 +70,7 @@ PARTS: Final[Mapping[ProtocolPart, PartPlan]] = MappingProxyType(
                 "radius": ("gp-fixed",),
                 "turned": ("gp-position-only",),
                 "person": ("gp-constant-500", "gp-carried-load"),
-                "locked": ("gp-constant-330", "gp-carried-load"),
+                "locked": ("gp-constant-500", "gp-carried-load"),
                 "heavy": ("gp-constant-100", "gp-carried-load"),
             },
         ),
