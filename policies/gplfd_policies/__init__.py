@@ -16,87 +16,28 @@ do not depend on the machine's number of cores. Where threadpoolctl is not insta
 set ``OPENBLAS_NUM_THREADS=1`` before Python starts.
 """
 
+import ast
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from gplfd_policies.adaptation import adapt
-    from gplfd_policies.agents.agent import Agent, as_agent
-    from gplfd_policies.agents.lockstep import batch_agents
-    from gplfd_policies.control.steps import AgentStep
-    from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-    from gplfd_policies.demonstrations.alignment import align
-    from gplfd_policies.demonstrations.demonstration import Demonstration
-    from gplfd_policies.demonstrations.npz import (
-        load_demonstrations,
-        save_demonstrations,
-    )
-    from gplfd_policies.movements.prior_mean import PosePath, PriorMean
-    from gplfd_policies.movements.skill import Skill, fit_skill, load_skill
-    from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
-    from gplfd_policies.registry.catalogue import (
-        POLICIES,
-        load_policy,
-        make_agent,
-        policy_named,
-    )
-    from gplfd_policies.registry.method import Method, TrainingInput
-    from gplfd_policies.registry.policy import Policy, PolicyOrigin
+from pathlib import Path
+from typing import Any
 
 _MODULES = {
-    "adaptation": ("adapt",),
-    "agents.agent": ("Agent", "as_agent"),
-    "agents.lockstep": ("batch_agents",),
-    "control.steps": ("AgentStep",),
-    "demonstrations.aligned": ("AlignedDemonstrations",),
-    "demonstrations.alignment": ("align",),
-    "demonstrations.demonstration": ("Demonstration",),
-    "demonstrations.npz": ("load_demonstrations", "save_demonstrations"),
-    "movements.prior_mean": ("PosePath", "PriorMean"),
-    "movements.skill": ("Skill", "fit_skill", "load_skill"),
-    "movements.trajectory": ("GaussianTrajectory", "ViaPoint"),
-    "registry.catalogue": ("POLICIES", "load_policy", "make_agent", "policy_named"),
-    "registry.method": ("Method", "TrainingInput"),
-    "registry.policy": ("Policy", "PolicyOrigin"),
+    alias.name: statement.module
+    for statement in ast.parse(Path(__file__).with_suffix(".pyi").read_bytes()).body
+    if isinstance(statement, ast.ImportFrom) and statement.module
+    for alias in statement.names
 }
-"""Modules of the public names."""
+"""Modules of the public names, which the stub beside this file lists."""
 
-__all__ = [
-    "POLICIES",
-    "Agent",
-    "AgentStep",
-    "AlignedDemonstrations",
-    "Demonstration",
-    "GaussianTrajectory",
-    "Method",
-    "Policy",
-    "PolicyOrigin",
-    "PosePath",
-    "PriorMean",
-    "Skill",
-    "TrainingInput",
-    "ViaPoint",
-    "adapt",
-    "align",
-    "as_agent",
-    "batch_agents",
-    "fit_skill",
-    "load_demonstrations",
-    "load_policy",
-    "load_skill",
-    "make_agent",
-    "policy_named",
-    "save_demonstrations",
-]
+__all__ = [*_MODULES]  # noqa: PLE0604
 
 
 def __getattr__(name: str) -> Any:
-    for module, names in _MODULES.items():
-        if name in names:
-            value = getattr(import_module(f"{__name__}.{module}"), name)
-            globals()[name] = value
-            return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_MODULES[name]), name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -391,7 +391,7 @@ def test_the_command_runs_a_part_and_goes_on(
     arguments += ["--out", str(tmp_path / "out"), "--quiet"]
     assert main(arguments) == 0
     assert {task.trial for task in ran} == {"stop"}
-    assert len(ran) == 6 * 8
+    assert len(ran) == 6 * 6
     ran.clear()
     assert main([*arguments, "--policies", "gp-homoscedastic"]) == 0
     assert {task.policy for task in ran} == {"gp-homoscedastic"}

@@ -11,10 +11,12 @@ from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import Demonstration, align
-from gplfd_policies.agents.handles import HandleCompensation, HandleConfig, HandleLoad
+from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.agents.handles import HandleConfig, HandleLoad, HandleMovements
 from gplfd_policies.control.load import ContactState, LearnedLoad
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
+from gplfd_policies.movements.baselines.dmp import fit_dmp
 from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.phase.path_phase import PathPhase
 
@@ -128,8 +130,15 @@ def test_handles_that_turn_little_are_found(handle, swing):
 # --- How far it is turned on this door ---------------------------------------
 
 
+def gridded():
+    angles = np.linspace(0.0, 1.0, 200)
+    poses = GEOMETRY.hand_poses(angles, 0.8 * np.sin(3.0 * angles))
+    demonstration = Demonstration(times=5.0 * angles, poses=poses)
+    return GriddedMovement(fit_dmp(align([demonstration] * 2)), None, 100)
+
+
 def compensation(**config):
-    return HandleCompensation([EXACT], (), HandleConfig(**config))
+    return HandleMovements(gridded(), [EXACT], HandleConfig(**config))
 
 
 def held_shut(handles, turn, force=15.0):
@@ -148,7 +157,7 @@ def turned_further(seconds=0.2, **config):
 
 def gear(handles):
     """Return what a turn of 1 rad that was shown is on the row's own handle."""
-    return -float(handles.add_handle_motion(GEOMETRY.hand_poses(0.0, 1.0))[3])
+    return -float(handles.hand_poses(GEOMETRY.hand_poses(0.0, 1.0))[3])
 
 
 def test_a_door_that_does_not_give_has_its_handle_turned_on():
@@ -166,8 +175,8 @@ def test_a_handle_goes_back_as_shown_from_further_away():
     angles, turns = np.array([0.0, 0.1, 0.4, 1.0]), np.array([0.8, 0.8, 0.3, 0.1])
     for angle, turn in zip(angles, turns, strict=True):
         shown, own = GEOMETRY.hand_poses(angle, np.array([turn, 1.1 * turn]))
-        assert_allclose(handles.add_handle_motion(shown), own, atol=1e-12)
-        assert_allclose(handles.remove_handle_motion(own), shown, atol=1e-12)
+        assert_allclose(handles.hand_poses(shown), own, atol=1e-12)
+        assert_allclose(handles.movement_poses(own), shown, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -204,7 +213,7 @@ def test_a_handle_at_its_stop_is_not_turned_further():
 
 def test_a_knob_is_turned_on_by_the_hand_s_turn_alone():
     knob = replace(EXACT, point=(0.0, 0.0, 0.0))
-    handles = HandleCompensation([knob], (), HandleConfig())
+    handles = HandleMovements(gridded(), [knob], HandleConfig())
     pose = np.array([0.004, -0.008, 0.003, -0.8, 0.0, 0.0])
     assert handles.turn_further(pose, PULL, np.float64(15.0), PERIOD)
 
@@ -231,15 +240,17 @@ def test_a_door_is_told_by_its_axis_and_its_leaf(angle, turn):
     for lag in (0.0, 0.01):
         pose = GEOMETRY.hand_poses(angle, turn)
         pose[:3] += lag * way
-        assert_allclose(compensation().axis_pose(pose, mean, 0), expected, atol=1e-12)
+        axis = EXACT.without_handle_motion(pose.tolist(), mean.tolist())
+        assert_allclose(axis, expected, atol=1e-12)
 
 
 def test_a_door_s_way_begins_where_its_handle_s_axis_moves():
-    handles = HandleCompensation(
-        [replace(EXACT, opens=0.1), EXACT], (2,), HandleConfig()
-    )
-    assert_array_equal(handles.opening_phases(np.array([0.05, 0.05])), [0.1, 0.2])
-    assert_array_equal(handles.opening_phases(np.array([0.3, 0.3])), [0.3, 0.3])
+    handles = [replace(EXACT, opens=0.1), replace(EXACT, opens=0.5)]
+    movements = HandleMovements([gridded(), gridded()], handles, HandleConfig())
+    ways = [movements.ahead(np.full(2, phase))[2] for phase in (0.05, 0.1, 0.5, 0.6)]
+    assert_array_equal(ways[0][0], ways[1][0])
+    assert_array_equal(ways[0][1], ways[2][1])
+    assert not np.allclose(ways[2], ways[3], atol=1e-3)
 
 
 # --- Its load, and the door's ------------------------------------------------
@@ -257,7 +268,7 @@ def contact(force):
 
 @pytest.fixture
 def load():
-    return HandleLoad(LearnedLoad(), DEFAULT_PROFILE, compensation(), (), PERIOD)
+    return HandleLoad(LearnedLoad(), DEFAULT_PROFILE, compensation(), PERIOD)
 
 
 def test_the_spring_of_a_lever_is_carried_while_the_door_is_pulled(load):

@@ -1,12 +1,15 @@
 """One contract of all parts of the controller: a row of a batch is as if alone."""
 
+import functools
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gplfd_policies.agents.handles import HandleCompensation, HandleConfig, HandleLoad
+from gplfd_policies import Demonstration, align
+from gplfd_policies.adaptation.gridded import GriddedMovement
+from gplfd_policies.agents.handles import HandleConfig, HandleLoad, HandleMovements
 from gplfd_policies.arrays.rows import ALL_ROWS, rows_of
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.expected_force import ExpectedForce
@@ -25,6 +28,7 @@ from gplfd_policies.control.rendering import (
 from gplfd_policies.control.stability import StiffnessGovernor
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
+from gplfd_policies.movements.baselines.dmp import fit_dmp
 
 N, DT = 5, 0.01
 LEVER = TurnedHandle(point=(0.0, 0.0, 0.1), axis=(-1.0, 0.0, 0.0), travel=0.8)
@@ -45,9 +49,20 @@ def inputs(rng):
     }
 
 
+@functools.cache
+def movement():
+    phases = np.linspace(0.0, 1.0, 50)
+    motion = Demonstration(times=phases, poses=np.outer(phases, np.ones(6)))
+    return fit_dmp(align([motion] * 2))
+
+
 def handle_load(shape):
-    handles = HandleCompensation([LEVER] * (shape or (1,))[0], shape, HandleConfig())
-    return HandleLoad(LearnedLoad(), DEFAULT_PROFILE, handles, shape, DT)
+    count = (shape or (1,))[0]
+    gridded = [GriddedMovement(movement(), None, 10) for _ in range(count)]
+    movements = HandleMovements(
+        gridded if shape else gridded[0], [LEVER] * count, HandleConfig()
+    )
+    return HandleLoad(LearnedLoad(), DEFAULT_PROFILE, movements, DT)
 
 
 def admitted(part, given, rows):
@@ -148,38 +163,9 @@ def test_a_row_of_a_batch_is_as_if_alone(name):
                 assert_array_equal(batch[index], single)
 
 
-@pytest.mark.parametrize("name", MAKE)
-def test_what_is_given_stays_and_what_is_returned_may_be_changed(name):
-    """And a reset forgets everything."""
-    part, other = MAKE[name](()), MAKE[name](())
-    for _ in range(2):
-        rng = np.random.default_rng(3)
-        for _ in range(3):
-            given = row_of(inputs(rng), 0)
-            kept = {key: each.copy() for key, each in given.items()}
-            found = STEPS[name](part, given, ALL_ROWS)
-            expected = STEPS[name](other, kept, ALL_ROWS)
-            for changed, same in zip(found, expected, strict=True):
-                assert_array_equal(changed, same)
-                if isinstance(changed, np.ndarray) and name != "yield to all":
-                    changed[...] = 9.0
-            for key, each in given.items():
-                assert_array_equal(each, kept[key])
-        part.reset()
-        other = MAKE[name](())
-
-
 def test_a_mask_selects_rows():
     assert rows_of(None, 3) == rows_of(np.ones(3, bool), 3) == ALL_ROWS
     assert_array_equal(rows_of(np.array([True, False, True]), 3), [0, 2])
     for wrong in (np.ones(3), np.ones(2, bool), np.array([True])):
         with pytest.raises(ValueError, match=r"boolean of shape \(3,\)"):
             rows_of(wrong, 3)
-
-
-@pytest.mark.parametrize("dt", [0.0, -0.01, np.nan])
-@pytest.mark.parametrize("name", ["admittance", "governor"])
-def test_a_period_that_is_not_positive_is_refused(name, dt):
-    arrays = [np.ones(6)] * (2 if name == "admittance" else 1)
-    with pytest.raises(ValueError, match="dt must be positive"):
-        MAKE[name](()).step(*arrays, dt)

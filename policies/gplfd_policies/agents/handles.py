@@ -1,7 +1,7 @@
-"""Adapters that let a controller for fixed handles open doors whose handle turns.
+"""Movements and load of hands that open doors whose handle turns.
 
 The controller of `gplfd_policies.control.compliance` does not model a handle.
-`controller_of` puts adapters around its movements and its load:
+`controller_of` gives it movements and a load that do:
 
 * the phase is estimated from the hand pose that the demonstrated handle turn would
   give;
@@ -23,7 +23,7 @@ from gplfd_policies.adaptation.gridded import (
     look_ahead,
 )
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
-from gplfd_policies.arrays.shapes import Axes, Float, Pose, Vectors
+from gplfd_policies.arrays.shapes import Axes, Float, Vectors
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.expected_force import ForceForecast
 from gplfd_policies.control.load import ContactState, LoadResponse, LoadRule
@@ -74,29 +74,22 @@ def controller_of(
     Movements are on grids of equal size and are adapted in place. Without handles, the
     controller is for bars.
     """
-    shape = () if isinstance(movements, GriddedMovement) else (len(movements),)
     forecast = None
     if forces is not None:
         forecast = ForceForecast(GriddedMovements(forces), config.force_std)
     if not handles:
-        load = config.load.begin(config.profile, shape)
-        return ComplianceController(
-            GriddedMovements(movements), phases, load, config, forecast
-        )
-    compensation = HandleCompensation(handles, shape, handle_config)
-    return ComplianceController(
-        HandleMovements(movements, compensation),
-        phases,
-        HandleLoad(
-            config.load, config.profile, compensation, shape, config.control_period
-        ),
-        config,
-        forecast,
+        paths = GriddedMovements(movements)
+        load = config.load.begin(config.profile, paths.numbers.shape)
+        return ComplianceController(paths, phases, load, config, forecast)
+    turning = HandleMovements(movements, handles, handle_config)
+    handle_load = HandleLoad(
+        config.load, config.profile, turning, config.control_period
     )
+    return ComplianceController(turning, phases, handle_load, config, forecast)
 
 
-class HandleCompensation:
-    """Handle compensation for one hand, shape (), or a batch, shape (N,).
+class HandleMovements(GriddedMovements):
+    """Movements of hands that turn handles; their paths are the paths of the axes.
 
     * The path of a door is the path of the handle's axis
       (`gplfd_policies.demonstrations.turned_handle`), not of the hand.
@@ -111,26 +104,45 @@ class HandleCompensation:
 
     def __init__(
         self,
+        movements: GriddedMovement | Sequence[GriddedMovement],
         handles: Sequence[TurnedHandle],
-        shape: tuple[int, ...],
         config: HandleConfig,
     ) -> None:
+        super().__init__(movements)
         self._handles, self._config = tuple(handles), config
-        self._numbers = np.arange(len(self._handles)).reshape(shape)
         self._gears = [1.0] * len(self._handles)
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Reset the gear ratios of these rows."""
+        """Forget the via-points and the gear ratios of these rows."""
+        super().reset(rows)
         for number in self._of(rows):
             self._gears[number] = 1.0
 
-    def remove_handle_motion(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
-        """Return the hand poses that the demonstrated handle turns would give."""
-        return self._geared(poses, -1.0, rows)
+    def observe(self, member: int, via_point: ViaPoint) -> None:
+        """Condition a row's movement on a via-point, given as a pose of the hand."""
+        expected, _ = self.at_member(member, via_point.phase)
+        pose = self._handles[member].without_handle_motion(
+            via_point.pose.tolist(), expected.tolist()
+        )
+        super().observe(member, replace(via_point, pose=np.array(pose)))
 
-    def add_handle_motion(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
-        """Convert hand poses at demonstrated turns to poses at these rows' turns."""
+    def ahead(
+        self, phases: PerRow, rows: Rows = ALL_ROWS
+    ) -> tuple[Axes, Axes, Vectors]:
+        """Return mean, σ, and the direction of the axis's path in the opening ahead."""
+        opens = [self._handles[number].opens for number in self._of(rows)]
+        start = np.maximum(phases, np.reshape(opens, np.shape(phases)))
+        means, stds = self.at(look_ahead(phases, start), rows)
+        chord = self.axis_positions(means[1:], rows)
+        return means[0], stds[0], self.direction(chord)
+
+    def hand_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
+        """Return hand poses at these rows' handle turns for poses of the movements."""
         return self._geared(poses, 1.0, rows)
+
+    def movement_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
+        """Return hand poses at the demonstrated handle turns for these rows' hands."""
+        return self._geared(poses, -1.0, rows)
 
     def _geared(self, poses: Axes, power: float, rows: Rows) -> Axes:
         geared = poses.copy()
@@ -141,17 +153,6 @@ class HandleCompensation:
                 _, turn = handle.swing_twist(pose[3:])
                 row[:] = handle.with_turn(pose, gear**power * turn)
         return geared
-
-    def axis_pose(self, pose: Pose, mean: Pose, number: int) -> Pose:
-        """Return a row's hand pose [m, rad] with the handle motion of the mean."""
-        return np.array(
-            self._handles[number].without_handle_motion(pose.tolist(), mean.tolist())
-        )
-
-    def opening_phases(self, phases: PerRow, rows: Rows = ALL_ROWS) -> PerRow:
-        """Return phases, but not less than the phase at which a row's door opens."""
-        opens = [self._handles[number].opens for number in self._of(rows)]
-        return np.maximum(phases, np.reshape(opens, np.shape(phases)))
 
     def axis_positions(
         self, poses: Float[np.ndarray, "*S 6"], rows: Rows = ALL_ROWS
@@ -193,7 +194,7 @@ class HandleCompensation:
         turned = np.zeros(np.shape(load), dtype=np.bool_)
         numbers = poses.reshape(-1, 6), direction.reshape(-1, 3), np.ravel(load)
         for index, (number, pose, path, force) in enumerate(
-            zip(self._of(rows), *(each.tolist() for each in numbers), strict=True)
+            zip(self._of(rows), *(array.tolist() for array in numbers), strict=True)
         ):
             handle, gear = self._handles[number], self._gears[number]
             if force < config.latched_force or gear >= config.max_gear:
@@ -212,48 +213,8 @@ class HandleCompensation:
         return turned
 
     def _of(self, rows: Rows) -> list[int]:
-        numbers: list[int] = np.ravel(self._numbers[rows]).tolist()
+        numbers: list[int] = np.ravel(self.numbers[rows]).tolist()
         return numbers
-
-
-class HandleMovements(GriddedMovements):
-    """Movements of hands that turn handles; their paths are the paths of the axes."""
-
-    def __init__(
-        self,
-        movements: GriddedMovement | Sequence[GriddedMovement],
-        handles: HandleCompensation,
-    ) -> None:
-        super().__init__(movements)
-        self._handles = handles
-
-    def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Forget the via-points and the gear ratios of these rows."""
-        super().reset(rows)
-        self._handles.reset(rows)
-
-    def observe(self, member: int, via_point: ViaPoint) -> None:
-        """Condition a row's movement on a via-point, given as a pose of the hand."""
-        expected, _ = self.at_member(member, via_point.phase)
-        pose = self._handles.axis_pose(via_point.pose, expected, member)
-        super().observe(member, replace(via_point, pose=pose))
-
-    def ahead(
-        self, phases: PerRow, rows: Rows = ALL_ROWS
-    ) -> tuple[Axes, Axes, Vectors]:
-        """Return mean, σ, and the direction of the axis's path in the opening ahead."""
-        points = look_ahead(phases, self._handles.opening_phases(phases, rows))
-        means, stds = self.at(points, rows)
-        chord = self._handles.axis_positions(means[1:], rows)
-        return means[0], stds[0], self.direction(chord)
-
-    def hand_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
-        """Return hand poses at these rows' handle turns for poses of the movements."""
-        return self._handles.add_handle_motion(poses, rows)
-
-    def movement_poses(self, poses: Axes, rows: Rows = ALL_ROWS) -> Axes:
-        """Return hand poses at the demonstrated handle turns for these rows' hands."""
-        return self._handles.remove_handle_motion(poses, rows)
 
 
 class HandleLoad:
@@ -269,13 +230,12 @@ class HandleLoad:
         self,
         rule: LoadRule,
         profile: StiffnessProfile,
-        handles: HandleCompensation,
-        shape: tuple[int, ...],
+        movements: HandleMovements,
         period: float,
     ) -> None:
-        self._handles, self._period = handles, period
-        self._door = rule.begin(profile, shape)
-        self._handle = rule.begin(profile, shape)
+        self._movements, self._period = movements, period
+        self._door = rule.begin(profile, movements.numbers.shape)
+        self._handle = rule.begin(profile, movements.numbers.shape)
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget these rows' doors."""
@@ -285,10 +245,10 @@ class HandleLoad:
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
         """Respond along the door's path; turn handles further if doors do not open."""
         poses = contact.pose
-        axes = self._handles.axis_positions(poses, rows)
+        axes = self._movements.axis_positions(poses, rows)
         turning = replace(
             contact,
-            direction=self._handles.turning_directions(poses, rows),
+            direction=self._movements.turning_directions(poses, rows),
             pose=poses - axes,
             expected=None,
             expected_ahead=None,
@@ -301,7 +261,7 @@ class HandleLoad:
             hook_grasp=True,
         )
         response = self._door.update(opening, rows)
-        turned = self._handles.turn_further(
+        turned = self._movements.turn_further(
             poses, contact.direction, response.compensated_load, self._period, rows
         )
         # While the hand turns the handle further, it does not pull harder.

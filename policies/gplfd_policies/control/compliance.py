@@ -19,13 +19,19 @@ from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
-from gplfd_policies.arrays.shapes import Axes
-from gplfd_policies.control.expected_force import ForceForecast
+from gplfd_policies.arrays.shapes import Axes, Float, Frames, Vectors
+from gplfd_policies.control.expected_force import ExpectedForce, ForceForecast
 from gplfd_policies.control.frame import directional_std, path_frame, product
-from gplfd_policies.control.load import ContactState, LearnedLoad, Load, LoadRule
+from gplfd_policies.control.load import (
+    ContactState,
+    LearnedLoad,
+    Load,
+    LoadResponse,
+    LoadRule,
+)
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
 from gplfd_policies.control.rendering import Rendering, VirtualRendering
-from gplfd_policies.control.stability import StiffnessGovernor
+from gplfd_policies.control.stability import GovernedStiffness, StiffnessGovernor
 from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.control.stiffness import (
     DEFAULT_DYNAMICS,
@@ -34,7 +40,7 @@ from gplfd_policies.control.stiffness import (
     VirtualDynamics,
 )
 from gplfd_policies.movements.trajectory import ViaPoint
-from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseRule
+from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseEstimate, PhaseRule
 
 _PULL: Final = np.array([1.0, 0.0, 0.0])
 """Direction of the path before the first step."""
@@ -130,6 +136,46 @@ class ComplianceConfig:
                 )
 
 
+@dataclass(frozen=True, slots=True)
+class _Observation:
+    """What the controller knows of some hands before it adapts their movements."""
+
+    estimate: PhaseEstimate
+    phase: PerRow
+    mean: Axes
+    """Expected poses at these phases, and their σ [m, rad]."""
+    std: Axes
+    direction: Vectors
+    """Unit vectors along the path ahead."""
+    force: ExpectedForce | None
+    """Expected forces here, and at the end of the path ahead."""
+    force_ahead: ExpectedForce | None
+
+    def similarity(self) -> Float[np.ndarray, "*N 4"]:
+        """Return size, σ of its logarithm, heading and its σ [rad]; NaN for none."""
+        inferred = np.full((*self.mean.shape[:-1], 4), np.nan)
+        for row, similarity in enumerate(self.estimate.sizes):
+            log_size, log_size_std = similarity.log_size
+            numbers = math.exp(log_size), log_size_std, *similarity.heading
+            inferred.reshape(-1, 4)[row] = numbers
+        return inferred
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _SetPoint:
+    """Where some hands are commanded to go in this control step."""
+
+    phase: PerRow
+    desired: Axes
+    """Poses at these phases [m, rad]."""
+    velocity: Vectors
+    """Velocity of the poses [m/s]."""
+    chord: Vectors
+    """Chord of the path ahead [m]."""
+    std: Axes
+    """σ of the movements at these phases [m, rad]."""
+
+
 class ComplianceController:
     """Controls one hand, or many with one phase rule and one config.
 
@@ -175,96 +221,19 @@ class ComplianceController:
         self._tangent[rows] = _PULL
         self._offset[rows] = 0.0
 
-    def _set_point(self, phase: PerRow, observed_phase: PerRow, rows: Rows) -> Axes:
-        """Return the means of these rows' movements, with limited lead in rotation."""
-        turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
-        means, _ = self._movements.at(np.array([phase, turn_phase]), rows)
-        found: Axes = means[0]
-        found[..., 3:] = means[1, ..., 3:]
-        return found
-
     def decide(self, poses: Axes, wrenches: Axes, rows: Rows = ALL_ROWS) -> AgentStep:
         """Return the commands of these rows for the next control period.
 
         Axes [m, rad] and wrenches [N, N m] of the hands are in the task frame.
         """
-        config, movements = self._config, self._movements
-        period = config.control_period
-
-        # 1. Observe: phase of the hand, and expected pose there. The copy is needed
-        # because a phase rule may return the command phase, which changes below.
-        command_phase = self._command_phase[rows].copy()
-        seen = self._phases.update(
-            movements.movement_poses(poses, rows),
-            self._observed_phase[rows],
-            command_phase,
-            rows,
-        )
-        observed_phase = self._observed_phase[rows] = seen.phase
-        predicted_mean, predicted_std, direction = movements.ahead(observed_phase, rows)
-        inferred = np.full((*poses.shape[:-1], 4), np.nan)
-        for row, similarity in enumerate(seen.sizes):
-            log_size, log_size_std = similarity.log_size
-            numbers = math.exp(log_size), log_size_std, *similarity.heading
-            inferred.reshape(-1, 4)[row] = numbers
-
-        forces, expected, ahead = self._forces, None, None
-        if forces is not None:
-            axes = into_axes(poses[..., None, 3:], _UNITS)
-            expected, ahead = forces.expect(observed_phase, axes, rows)
-            forces.measure(wrenches, axes, rows)
-
-        # 2. Adapt the movements of rows that have moved on by `via_spacing`, or whose
-        # phase has fallen so far that the phase of the last via-point was wrong.
-        last_via = self._last_via[rows]
-        lost = observed_phase < last_via - config.phase_drop
-        due = (observed_phase >= last_via + config.via_spacing) | lost
-        if due.any():
-            before = self._set_point(command_phase, observed_phase, rows)
-            self._last_via[rows] = np.where(due, observed_phase, last_via)
-            # A phase error displaces all outputs together along the path.
-            rate = self._phases.rate(observed_phase, rows)
-            along = rate * np.asarray(seen.std)[..., None]
-            # Indexed by `due`, the arrays of one hand have a leading axis, too.
-            sizes = seen.sizes or (None,) * np.size(due)
-            for number, phase, pose, error, index in zip(
-                movements.numbers[rows][due].tolist(),
-                np.asarray(observed_phase)[due].tolist(),
-                poses[due],
-                along[due],
-                np.flatnonzero(due).tolist(),
-                strict=True,
-            ):
-                via_point = ViaPoint(
-                    phase=phase,
-                    pose=pose,
-                    std=self._via_noise,
-                    along=error,
-                    sizes=sizes[index],
-                )
-                movements.observe(number, via_point)
-            if forces is not None:
-                forces.learn(due, observed_phase, rows)
-            _, _, direction = movements.ahead(observed_phase, rows)
-            # The set-point stays where it is: along the path, whose phases may shift,
-            # by the command phase, and otherwise by an offset that decays.
-            (after, begin, end), _ = movements.at(
-                look_ahead(command_phase, command_phase), rows
-            )
-            chord = (end - begin)[..., :3] / LOOK_AHEAD
-            shift = np.add.reduce((before - after)[..., :3] * chord, axis=-1)
-            shift /= np.add.reduce(chord * chord, axis=-1) + 1e-9
-            shift = np.minimum(np.maximum(shift, -LOOK_AHEAD), LOOK_AHEAD)
-            shifted = np.minimum(np.maximum(command_phase + shift, 0.0), 1.0)
-            command_phase = np.where(due, shifted, command_phase)
-            jump = before - self._set_point(command_phase, observed_phase, rows)
-            self._offset[rows] += np.where(due[..., None], jump, 0.0)
-
-        # 3. Load: compensated force, compliant wrench, and pace of the clock.
+        # A copy, because a phase rule may return the command phase, which changes.
+        command_phase: PerRow = self._command_phase[rows].copy()
+        seen = self._observe(poses, wrenches, command_phase, rows)
+        due, command_phase, direction = self._adapt(seen, poses, command_phase, rows)
         response = self._load.update(
             ContactState(
-                expected=expected,
-                expected_ahead=ahead,
+                expected=seen.force,
+                expected_ahead=seen.force_ahead,
                 wrench=wrenches,
                 direction=direction,
                 pose=poses,
@@ -272,10 +241,136 @@ class ComplianceController:
             ),
             rows,
         )
+        target = self._advance(seen.phase, command_phase, response.pace, rows)
+        std, std_rate, frame, governed = self._stiffen(
+            target, response.path_lag, direction, rows
+        )
+        directions = np.eye(3) if frame is None else frame
+        inferred = seen.similarity()
+        expectation = {}
+        if seen.force is not None:
+            force, force_std = seen.force.along(directions)
+            expectation = {"expected_force": force, "expected_force_std": force_std}
+        return AgentStep(
+            action=self._render(
+                target, governed.stiffness, response, wrenches, frame, rows
+            ),
+            desired=target.desired,
+            frame=directions,
+            std=std,
+            std_rate=std_rate,
+            stiffness=governed.stiffness,
+            stiffness_rate=governed.rate,
+            stability_margin=governed.margin,
+            contact_margin=self._renderer.contact_margin(governed.stiffness),
+            compensated_load=response.compensated_load,
+            path_lag=response.path_lag,
+            phase=target.phase,
+            observed_phase=seen.phase,
+            phase_misfit=seen.estimate.misfit,
+            path_size=inferred[..., 0],
+            path_size_std=inferred[..., 1],
+            heading=inferred[..., 2],
+            heading_std=inferred[..., 3],
+            predicted_mean=self._movements.hand_poses(seen.mean, rows),
+            predicted_std=seen.std,
+            via_point=due,
+            **expectation,
+        )
 
-        # 4. Set-point: the mean at the command phase one period later. Its rotation
-        # leads the hand by less than its position.
-        step = response.pace * period / movements.durations[rows]
+    def _observe(
+        self, poses: Axes, wrenches: Axes, command_phase: PerRow, rows: Rows
+    ) -> _Observation:
+        """Estimate the phases of the hands, and what is expected there."""
+        estimate = self._phases.update(
+            self._movements.movement_poses(poses, rows),
+            self._observed_phase[rows],
+            command_phase,
+            rows,
+        )
+        phase = self._observed_phase[rows] = estimate.phase
+        mean, std, direction = self._movements.ahead(phase, rows)
+        force, force_ahead = None, None
+        if self._forces is not None:
+            axes = into_axes(poses[..., None, 3:], _UNITS)
+            force, force_ahead = self._forces.expect(phase, axes, rows)
+            self._forces.measure(wrenches, axes, rows)
+        return _Observation(estimate, phase, mean, std, direction, force, force_ahead)
+
+    def _adapt(
+        self, seen: _Observation, poses: Axes, command_phase: PerRow, rows: Rows
+    ) -> tuple[np.ndarray, PerRow, Vectors]:
+        """Condition movements on the observed poses of the rows that are due.
+
+        Due are rows that have moved on by `via_spacing`, or whose phase has fallen so
+        far that the phase of the last via-point was wrong. Returns which are due, and
+        the command phases and directions of the adapted paths.
+        """
+        config, movements, phase = self._config, self._movements, seen.phase
+        last_via = self._last_via[rows]
+        lost = phase < last_via - config.phase_drop
+        due = (phase >= last_via + config.via_spacing) | lost
+        if not due.any():
+            return due, command_phase, seen.direction
+        before = self._set_point(command_phase, phase, rows)
+        self._last_via[rows] = np.where(due, phase, last_via)
+        # A phase error displaces all outputs together along the path.
+        rate = self._phases.rate(phase, rows)
+        along = rate * np.asarray(seen.estimate.std)[..., None]
+        # Indexed by `due`, the arrays of one hand have a leading axis, too.
+        sizes = seen.estimate.sizes or (None,) * np.size(due)
+        for number, via_phase, pose, error, index in zip(
+            movements.numbers[rows][due].tolist(),
+            np.asarray(phase)[due].tolist(),
+            poses[due],
+            along[due],
+            np.flatnonzero(due).tolist(),
+            strict=True,
+        ):
+            via_point = ViaPoint(
+                phase=via_phase,
+                pose=pose,
+                std=self._via_noise,
+                along=error,
+                sizes=sizes[index],
+            )
+            movements.observe(number, via_point)
+        if self._forces is not None:
+            self._forces.learn(due, phase, rows)
+        _, _, direction = movements.ahead(phase, rows)
+        # The set-point stays where it is: along the path, whose phases may shift, by
+        # the command phase, and otherwise by an offset that decays.
+        (after, begin, end), _ = movements.at(
+            look_ahead(command_phase, command_phase), rows
+        )
+        chord = (end - begin)[..., :3] / LOOK_AHEAD
+        shift = np.add.reduce((before - after)[..., :3] * chord, axis=-1)
+        shift /= np.add.reduce(chord * chord, axis=-1) + 1e-9
+        shift = np.minimum(np.maximum(shift, -LOOK_AHEAD), LOOK_AHEAD)
+        shifted = np.minimum(np.maximum(command_phase + shift, 0.0), 1.0)
+        command_phase = np.where(due, shifted, command_phase)
+        jump = before - self._set_point(command_phase, phase, rows)
+        self._offset[rows] += np.where(due[..., None], jump, 0.0)
+        return due, command_phase, direction
+
+    def _set_point(self, phase: PerRow, observed_phase: PerRow, rows: Rows) -> Axes:
+        """Return the means of these rows' movements, with limited lead in rotation."""
+        turn_phase = np.minimum(phase, observed_phase + self._config.max_turn_lead)
+        means, _ = self._movements.at(np.array([phase, turn_phase]), rows)
+        poses: Axes = means[0]
+        poses[..., 3:] = means[1, ..., 3:]
+        return poses
+
+    def _advance(
+        self, observed_phase: PerRow, command_phase: PerRow, pace: PerRow, rows: Rows
+    ) -> _SetPoint:
+        """Move the set-point to the mean at the command phase one period later.
+
+        Its rotation leads the hand by less than its position.
+        """
+        config, movements = self._config, self._movements
+        period = config.control_period
+        step = pace * period / movements.durations[rows]
         phase = np.minimum(np.maximum(command_phase + step, 0.0), 1.0)
         phase_rate = (phase - command_phase) / period
         self._command_phase[rows] = phase
@@ -284,26 +379,37 @@ class ComplianceController:
             np.array([*look_ahead(phase, phase), turn_phase]), rows
         )
         chord = means[2, ..., :3] - means[1, ..., :3]
-        velocity = chord / LOOK_AHEAD * np.asarray(phase_rate)[..., None]
         desired = means[0]
         desired[..., 3:] = means[3, ..., 3:]
         remaining = config.settling_time / (period + config.settling_time)
         offset = self._offset[rows] = remaining * self._offset[rows]
-        desired = movements.hand_poses(desired + offset, rows)
+        return _SetPoint(
+            phase=phase,
+            desired=movements.hand_poses(desired + offset, rows),
+            velocity=chord / LOOK_AHEAD * np.asarray(phase_rate)[..., None],
+            chord=chord,
+            std=stds[0],
+        )
 
-        # 5. Stiffness from uncertainty, Eq. (24), with a limited rate of rise. If the
-        # hand lags along the path, the policy is wrong there: the lag is added to σ.
-        std = stds[0]
-        lag = np.asarray(response.path_lag)[..., None] * direction
+    def _stiffen(
+        self, target: _SetPoint, path_lag: PerRow, direction: Vectors, rows: Rows
+    ) -> tuple[Axes, Axes, Frames | None, GovernedStiffness]:
+        """Return σ, its rate, its frame, and the stiffness from it, Eq. (24).
+
+        The stiffness rises at a limited rate. If the hand lags along the path, the
+        policy is wrong there: the lag is added to σ.
+        """
+        config, std, period = self._config, target.std, self._config.control_period
+        lag = np.asarray(path_lag)[..., None] * direction
         frame, learned = None, config.phase_stiffness
         if config.stiffness_frame == "path":
-            tangent = chord + _HELD * self._tangent[rows]
+            tangent = target.chord + _HELD * self._tangent[rows]
             square = np.add.reduce(tangent * tangent, axis=-1, keepdims=True)
             tangent = self._tangent[rows] = tangent / np.sqrt(square)
-            frame = path_frame(
-                tangent if learned is None else learned.direction_at(phase, tangent)
-            )
-            level = movements.horizontal_covariance(phase, rows)
+            if learned is not None:
+                tangent = learned.direction_at(target.phase, tangent)
+            frame = path_frame(tangent)
+            level = self._movements.horizontal_covariance(target.phase, rows)
             std = directional_std(frame, std, level)
             lag = product(frame.swapaxes(-1, -2), lag[..., None])[..., 0]
         std[..., :3] = np.sqrt(std[..., :3] * std[..., :3] + lag * lag)
@@ -312,45 +418,27 @@ class ComplianceController:
         self._std[rows] = std
         wished = config.profile.stiffness(std, frame, rows)
         if learned is not None:
-            wished = learned.combined(wished, phase)
+            wished = learned.combined(wished, target.phase)
         governed = self._governor.step(wished, period, rows, frame)
-        directions = np.eye(3) if frame is None else frame
-        expectation = {}
-        if expected is not None:
-            force, force_std = expected.along(directions)
-            expectation = {"expected_force": force, "expected_force_std": force_std}
+        return std, (std - previous) / period, frame, governed
 
-        # 6. Render the stiffness, Eq. (22).
-        action = self._renderer.step(
-            desired,
-            velocity,
-            governed.stiffness,
-            compliant_wrench=response.compliant_wrench,
-            compensated_force=(response.compliant_wrench - wrenches)[..., :3],
+    def _render(
+        self,
+        target: _SetPoint,
+        stiffness: Axes,
+        response: LoadResponse,
+        wrenches: Axes,
+        frame: Frames | None,
+        rows: Rows,
+    ) -> Axes:
+        """Return the poses that realise the stiffness, Eq. (22)."""
+        compliant = response.compliant_wrench
+        return self._renderer.step(
+            target.desired,
+            target.velocity,
+            stiffness,
+            compliant_wrench=compliant,
+            compensated_force=(compliant - wrenches)[..., :3],
             rows=rows,
             frame=frame,
-        )
-        return AgentStep(
-            action=action,
-            desired=desired,
-            frame=directions,
-            std=std,
-            std_rate=(std - previous) / period,
-            stiffness=governed.stiffness,
-            stiffness_rate=governed.rate,
-            stability_margin=governed.margin,
-            contact_margin=self._renderer.contact_margin(governed.stiffness),
-            compensated_load=response.compensated_load,
-            path_lag=response.path_lag,
-            phase=phase,
-            observed_phase=observed_phase,
-            phase_misfit=seen.misfit,
-            path_size=inferred[..., 0],
-            path_size_std=inferred[..., 1],
-            heading=inferred[..., 2],
-            heading_std=inferred[..., 3],
-            predicted_mean=movements.hand_poses(predicted_mean, rows),
-            predicted_std=predicted_std,
-            via_point=due,
-            **expectation,
         )
