@@ -22,7 +22,7 @@ from gplfd_env import ENVIRONMENT_ID
 from gplfd_policies import make_agent
 
 DOORS = tuple(
-    {"radius": radius, "closer_preload": moment}
+    {"radius": radius, "closer": {"preload": moment}}
     for radius, moment in zip(
         (0.35, 0.40, 0.47, 0.53, 0.60, 0.65),
         (0.0, 3.0, 6.0, 2.0, 8.0, 5.0),

@@ -29,13 +29,13 @@ def fading_torques(door: DoorConfig) -> tuple[tuple[float, float], ...]:
     return (
         (door.stiction, STICTION_ANGLE),
         (door.seal, door.seal_angle),
-        (door.closer_boost, door.closer_boost_angle),
+        (door.closer.boost, door.closer.boost_angle),
     )
 
 
 def has_tendons(door: DoorConfig) -> bool:
     """Return whether the closer has more than preload, stiffness and friction."""
-    one_way = door.closing_damping + door.backcheck_damping
+    one_way = door.closer.closing_damping + door.closer.backcheck_damping
     return one_way > 0.0 or any(torque > 0.0 for torque, _ in fading_torques(door))
 
 
@@ -61,17 +61,17 @@ class CloserLaw:
     @classmethod
     def of(cls, door: DoorConfig) -> "CloserLaw":
         """Return the closer law of a door."""
-        further = door.closer_friction or door.closer_damping or has_tendons(door)
-        preload, stiffness = door.spring
+        further = door.closer.friction or door.closer.damping or has_tendons(door)
+        preload, stiffness = door.closing_spring
         return cls(
             preload=preload,
             stiffness=stiffness,
             fading=fading_torques(door),
-            friction=door.closer_friction,
-            damping=door.closer_damping,
-            closing_damping=door.closing_damping,
-            backcheck_damping=door.backcheck_damping,
-            backcheck_angle=door.backcheck_angle,
+            friction=door.closer.friction,
+            damping=door.closer.damping,
+            closing_damping=door.closer.closing_damping,
+            backcheck_damping=door.closer.backcheck_damping,
+            backcheck_angle=door.closer.backcheck_angle,
             springs_alone=not further,
         )
 

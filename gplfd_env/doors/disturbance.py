@@ -23,7 +23,7 @@ from gplfd_env.validation.fields import (
     draw_ranges,
     quantity,
 )
-from gplfd_env.validation.named import preset, with_fields
+from gplfd_env.validation.named import preset, record_of
 
 Number = Any
 """A number, or the range (low, high) from which every episode draws it."""
@@ -182,13 +182,9 @@ class Disturbance:
     def __post_init__(self) -> None:
         for name, record in CAUSES.items():
             value = getattr(self, name)
-            if isinstance(value, Mapping):
-                object.__setattr__(self, name, with_fields(record(), value, name))
-            elif not isinstance(value, record | None):
-                raise TypeError(
-                    f"disturbance {name} must be a mapping of {record.__name__} fields "
-                    f"or a {record.__name__}, got {value!r} ({type(value).__name__})"
-                )
+            if value is not None:
+                cause = record_of(value, record, f"disturbance {name}")
+                object.__setattr__(self, name, cause)
 
     @property
     def idle(self) -> bool:
@@ -209,15 +205,6 @@ class Disturbance:
                 if (cause := getattr(self, name)) is not None
             },
         )
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return every value by name, e.g. ``"push_along"``."""
-        return {
-            f"{name}_{field}": value
-            for name in CAUSES
-            if (cause := getattr(self, name)) is not None
-            for field, value in dataclasses.asdict(cause).items()
-        }
 
 
 CAUSES: Final[Mapping[str, Any]] = MappingProxyType(
@@ -261,14 +248,4 @@ def disturbance_named(spec: DisturbanceSpec) -> Disturbance:
     {"duration": 0.5}}``), or a `Disturbance`. Raises a ValueError for an unknown preset
     or field, or a value not allowed, a TypeError for anything else.
     """
-    given: Any = spec
-    if isinstance(spec, Mapping):
-        # Records in the mapping inherit from the preset the fields that they leave out.
-        name = spec.get("preset", "none")
-        start = DISTURBANCES.get(name) if isinstance(name, str) else None
-        given = dict(spec)
-        for cause in CAUSES:
-            begun, value = getattr(start, cause, None), spec.get(cause)
-            if begun and isinstance(value, Mapping):
-                given[cause] = with_fields(begun, value, cause)
-    return preset(given, DISTURBANCES, "none", "disturbance")
+    return preset(spec, DISTURBANCES, "none", "disturbance")

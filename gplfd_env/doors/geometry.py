@@ -116,9 +116,9 @@ class DoorGeometry:
             rotation: Axes of the task frame in the door frame, (3, 3).
         """
         to_task, origin = np.asarray(rotation, float).T, np.asarray(position, float)
-        side, turns = door.side, door.handle != "bar"
+        side, turns = door.hinge_sign, door.handle != "bar"
         hinge = np.array([0.0, 0.0, -side * door.hand_radius])
-        axis = np.array([0.0, side * door.way, 0.0])
+        axis = np.array([0.0, side * door.swing_sign, 0.0])
         links = links_of(door)
         if len(links) == 1 and links[0].name == "hinge":
             hinge, axis, links = np.array(links[0].anchor), np.array(links[0].axis), ()
@@ -128,7 +128,7 @@ class DoorGeometry:
             axis=to_task @ axis,
             spindle=to_task @ (spindle - origin) if turns else None,
             turn=to_task @ turn if turns else None,
-            travel=door.travel if turns else 0.0,
+            travel=door.handle_travel if turns else 0.0,
             links=tuple(
                 link._replace(
                     axis=tuple((to_task @ link.axis).tolist()),

@@ -1,13 +1,14 @@
-"""Fields of a `DoorConfig` from standards and manufacturers' tables.
+"""Parts and fields of a `DoorConfig` from standards and manufacturers' tables.
 
 assets/README.md names the clause or table of every number.
 """
 
 import math
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from gplfd_env.conventions.constants import SUCCESS_ANGLE
+from gplfd_env.doors.parts import Closer, Leaf
 from gplfd_env.validation.fields import check_choice
 
 GRAVITY: Final = 9.81
@@ -72,8 +73,8 @@ _HINGE_SPAN: Final = 1.5
 """Distance between the outer hinges of a leaf [m]; own assumption."""
 
 
-def en1154(size: int, efficiency: float | None = None) -> dict[str, float]:
-    """Return the fields of a hydraulic closer.
+def en1154(size: int, efficiency: float | None = None) -> Closer:
+    """Return a hydraulic closer.
 
     The closing moment M near the frame is the middle of the standard's range. With
     the efficiency η the opening moment there is M / η, so the spring gives their mean
@@ -99,36 +100,28 @@ def en1154(size: int, efficiency: float | None = None) -> dict[str, float]:
         )
     friction = closing * (1.0 / share - 1.0) / 2.0
     preload = 0.5 * closing + friction
-    return {
-        "closer_preload": preload,
-        "closer_boost": closing + friction - preload,
-        "closer_boost_angle": _FADED,
-        "closer_friction": friction,
-        "closer_damping": 4.0 + 2.0 * size,
-        "closing_damping": 26.0 + 8.0 * size,
-        "backcheck_damping": 40.0 + 20.0 * size,
-    }
+    return Closer(
+        preload=preload,
+        boost=closing + friction - preload,
+        boost_angle=_FADED,
+        friction=friction,
+        damping=4.0 + 2.0 * size,
+        closing_damping=26.0 + 8.0 * size,
+        backcheck_damping=40.0 + 20.0 * size,
+    )
 
 
-def spring_hinge(moment: float = 6.0) -> dict[str, float]:
-    """Return the fields of a spring hinge without a damper.
+def spring_hinge(moment: float = 6.0) -> Closer:
+    """Return a spring hinge without a damper.
 
     The closing moment at the closed door [N m] doubles over 90°.
     """
-    return {
-        "closer_preload": moment,
-        "closer_stiffness": moment / math.radians(90.0),
-        "closer_boost": 0.0,
-        "closer_friction": 0.0,
-        "closer_damping": 0.0,
-        "closing_damping": 0.0,
-        "backcheck_damping": 0.0,
-    }
+    return Closer(preload=moment, stiffness=moment / math.radians(90.0))
 
 
 def rollers(
     mass: float, way: float, coefficient: float = 0.015, soft_close: float = 0.0
-) -> dict[str, float]:
+) -> dict[str, Any]:
     """Return the fields of a leaf that hangs on rollers.
 
     The arguments are its mass [kg], its clear way [m], the rollers' coefficient of
@@ -136,17 +129,17 @@ def rollers(
     over 10 cm. The torques do the same work as these forces per rad of `door_angle`.
     """
     gain = sliding_gain(way)
-    fields = {
+    fields: dict[str, Any] = {
         "panel_mass": mass,
         "hinge_friction": coefficient * mass * GRAVITY * gain,
         "hinge_damping": _ROLLER_DAMPING * gain**2,
     }
     if soft_close > 0.0:
-        fields |= {
-            "closer_boost": soft_close * gain,
-            "closer_boost_angle": _SOFT_CLOSE_WAY / gain,
-            "closing_damping": _SOFT_CLOSE_DAMPING * gain**2,
-        }
+        fields["closer"] = Closer(
+            boost=soft_close * gain,
+            boost_angle=_SOFT_CLOSE_WAY / gain,
+            closing_damping=_SOFT_CLOSE_DAMPING * gain**2,
+        )
     return fields
 
 
@@ -161,8 +154,8 @@ def leaf(
     *,
     backset: float = 0.055,
     bearing: str = "ball",
-) -> dict[str, float]:
-    """Return the fields of an unrebated leaf of `LEAF_HEIGHT`.
+) -> dict[str, Any]:
+    """Return the fields of a door with an unrebated leaf of `LEAF_HEIGHT`.
 
     The arguments are its width [m], a key of `CONSTRUCTIONS`, the distance from the
     lock's edge to the axis of the handle [m], and a key of `BEARINGS`. Raises a
@@ -178,8 +171,7 @@ def leaf(
     moment = weight * _THRUST_RADIUS + 2.0 * sideways * _PIN_RADIUS
     return {
         "radius": width - backset,
-        "leaf_width": width,
-        "backset": backset,
+        "leaf": Leaf(width=width, backset=backset),
         "panel_mass": mass,
         "hinge_friction": BEARINGS[bearing] * moment,
     }

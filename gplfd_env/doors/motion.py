@@ -70,18 +70,18 @@ class Link(NamedTuple):
 
 def links_of(door: DoorConfig) -> tuple[Link, ...]:
     """Return the joints of a door, from the frame to the leaf."""
-    side, way, origin = door.side, door.way, (0.0, 0.0, 0.0)
+    side, way, origin = door.hinge_sign, door.swing_sign, (0.0, 0.0, 0.0)
     hinge = Link(
         "hinge", False, (0.0, side * way, 0.0), (0.0, 0.0, -side * door.hand_radius),
         (1.0,),
     )  # fmt: skip
     inwards, outwards, up = (0.0, 0.0, -side), (way, 0.0, 0.0), (0.0, 1.0, 0.0)
     if door.motion == "sliding":
-        gain = sliding_gain(door.clear_way)
+        gain = sliding_gain(door.clear_width)
         return (Link("along", True, inwards, origin, (gain,)),)
     if door.motion == "parallel-sliding":
         u = _ALONG_AT_SUCCESS / SUCCESS_ANGLE
-        w, s = door.offset, door.clear_way
+        w, s = door.mechanism.offset, door.clear_width
         out = (4.0 * w * u, -6.0 * w * u**2, 4.0 * w * u**3, -w * u**4)
         along = (0.0, 2.0 * s * u**2, -s * u**3)
         return (
@@ -89,7 +89,7 @@ def links_of(door: DoorConfig) -> tuple[Link, ...]:
             Link("along", True, inwards, origin, along),
         )
     if door.motion == "folding":
-        middle = -side * door.fold
+        middle = -side * door.fold_distance
         return (
             Link("fold", False, hinge.axis, hinge.anchor, (_FOLD_GAIN,)),
             Link("unfold", False, hinge.axis, (0.0, 0.0, middle), (-2.0 * _FOLD_GAIN,)),
@@ -102,7 +102,9 @@ def links_of(door: DoorConfig) -> tuple[Link, ...]:
             ),
         )
     if door.motion == "rising-butt":
-        return Link("rise", True, up, origin, (door.rise / (math.pi / 2.0),)), hinge
+        return Link(
+            "rise", True, up, origin, (door.mechanism.rise / (math.pi / 2.0),)
+        ), hinge
     if door.motion == "concealed-hinge":
         inwards_gains = tuple(-gain for gain in _FOUR_BAR_ALONG)
         return (
@@ -129,17 +131,17 @@ def roller_way(door: DoorConfig, angles: Array) -> Array:
     The guided edge is (R + a) cos ψ away from the jamb, so the rollers do not move at
     first.
     """
-    leaves = door.radius + door.backset
+    leaves = door.radius + door.leaf.backset
     return np.asarray(leaves * _FOLD_GAIN * np.sin(_FOLD_GAIN * angles))
 
 
 class LeafPath(NamedTuple):
     """Motion of the handle with the leaf, as numbers for one door or arrays (n,)."""
 
-    way: Number = 1.0
-    """`DoorConfig.way`."""
-    side: Number = 1.0
-    """`DoorConfig.side`."""
+    swing_sign: Number = 1.0
+    """`DoorConfig.swing_sign`."""
+    hinge_sign: Number = 1.0
+    """`DoorConfig.hinge_sign`."""
     upright: Number = 1.0
     """Rotation of the leaf about the upward axis, per φ."""
     level: Number = 0.0
@@ -160,7 +162,7 @@ class LeafPath(NamedTuple):
         for link in links_of(door):
             if not link.slides:
                 turns += link.gains[0] * np.array(link.axis)
-        path = cls(door.way, door.side, float(turns[1]), float(turns[2]))
+        path = cls(door.swing_sign, door.hinge_sign, float(turns[1]), float(turns[2]))
         if door.motion in ("hinged", "flap", "rising-butt"):
             return path
         return path._replace(circle=False, tangent=_tangent(door))
@@ -194,8 +196,8 @@ def _tangent(door: DoorConfig) -> tuple[tuple[float, ...], tuple[float, ...]]:
     x, _, z = (after - before)[:, :3].T / (2.0 * step)
     cosine, sine = (np.cos(before[:, 4]), np.sin(before[:, 4]))
     directions = (
-        door.way * (cosine * x - sine * z),
-        door.side * (sine * x + cosine * z),
+        door.swing_sign * (cosine * x - sine * z),
+        door.hinge_sign * (sine * x + cosine * z),
     )
     normal, outwards = (
         tuple(polyfit(angles, each, _DEGREE).tolist()) for each in directions

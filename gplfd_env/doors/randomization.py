@@ -5,7 +5,6 @@ also for parameters that are not varied. Two randomisations that differ in one r
 therefore draw the same values for all others.
 """
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ import numpy as np
 
 from gplfd_env.conventions.constants import Start
 from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.parts import Closer
 from gplfd_env.doors.standard import standard_door
 from gplfd_env.doors.variation import Perception, Placement, SensorNoise, Variation
 from gplfd_env.validation.fields import (
@@ -99,11 +99,11 @@ class DoorRandomization:
     def __post_init__(self) -> None:
         check_choice("DoorRandomization.doors", self.doors, get_args(Doors))
         check_quantities(self)
-        for name in _DOOR_FIELDS:
+        for name, (record, field) in _DOOR_FIELDS.items():
             bounds = getattr(self, name)
             if bounds is None:
                 continue
-            low, high = self._check_pair(name, DoorConfig, name, name)
+            low, high = self._check_pair(name, record, field, field)
             if low > high:
                 raise ValueError(
                     f"DoorRandomization.{name} = {bounds} must be (low, high) with "
@@ -120,14 +120,16 @@ class DoorRandomization:
 
     def _check_pair(self, name: str, record: type, first: str, second: str) -> Pair:
         """Store a pair as floats after checking it against a record; return it."""
-        label, given = f"DoorRandomization.{name}", getattr(self, name)
+        label, values = f"DoorRandomization.{name}", getattr(self, name)
         try:
-            one, other = given
+            before, after = values
         except (TypeError, ValueError):
-            raise ValueError(f"{label} = {given!r} must be a pair of numbers") from None
+            raise ValueError(
+                f"{label} = {values!r} must be a pair of numbers"
+            ) from None
         pair = (
-            checked_number(label, one, allowed_range(record, first)),
-            checked_number(label, other, allowed_range(record, second)),
+            checked_number(label, before, allowed_range(record, first)),
+            checked_number(label, after, allowed_range(record, second)),
         )
         object.__setattr__(self, name, pair)
         return pair
@@ -162,11 +164,12 @@ class DoorRandomization:
         draws = iter(rng.random(len(_DOOR_FIELDS) + 6).tolist())
         if self.doors == "standard":
             door = standard_door(np.random.default_rng(int(rng.integers(2**63))))
-        fields = {}
-        for name in _DOOR_FIELDS:
+        fields: dict[str, Any] = {"closer": {}}
+        for name, (record, field) in _DOOR_FIELDS.items():
             share, bounds = next(draws), getattr(self, name)
             if bounds is not None:
-                fields[name] = bounds[0] + share * (bounds[1] - bounds[0])
+                part = fields["closer"] if record is Closer else fields
+                part[field] = bounds[0] + share * (bounds[1] - bounds[0])
 
         def within(width: float) -> float:
             error: float = (2.0 * next(draws) - 1.0) * width
@@ -195,12 +198,18 @@ class DoorRandomization:
         )
 
 
-_DOOR_FIELDS: Final = tuple(
-    field.name
-    for field in dataclasses.fields(DoorRandomization)
-    if field.name in DoorConfig.__dataclass_fields__
+_DOOR_FIELDS: Final[Mapping[str, tuple[type, str]]] = MappingProxyType(
+    {
+        "radius": (DoorConfig, "radius"),
+        "hinge_friction": (DoorConfig, "hinge_friction"),
+        "hinge_damping": (DoorConfig, "hinge_damping"),
+        "closer_stiffness": (Closer, "stiffness"),
+        "closer_preload": (Closer, "preload"),
+        "panel_mass": (DoorConfig, "panel_mass"),
+        "handle_height": (DoorConfig, "handle_height"),
+    }
 )
-"""Fields that replace the door's own."""
+"""Ranges that replace a value of the door or its closer, in the order of the draws."""
 
 RandomizationSpec = str | Mapping[str, Any] | DoorRandomization
 """What `door_randomization` accepts."""

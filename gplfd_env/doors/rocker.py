@@ -31,11 +31,13 @@ def handle_axis(door: DoorConfig) -> tuple[Array, Array]:
     if door.handle == "handleset":
         # When pulled, it is level at its stop; when pushed, it is level at rest. Thus
         # the force that opens the door does not lift it.
-        tilt = door.travel if door.way > 0.0 else 0.0
+        tilt = door.handle_travel if door.swing_sign > 0.0 else 0.0
         back, below = math.cos(tilt), math.sin(tilt)
-        spindle = np.array([-door.arm * back, -door.arm * below, 0.0])
+        spindle = np.array([-door.handle_arm * back, -door.handle_arm * below, 0.0])
         return spindle, np.array([0.0, 0.0, -1.0])
     if door.handle in ROCKERS:
-        return np.array([0.0, door.arm, 0.0]), np.array([0.0, 0.0, door.way])
-    side = door.side
-    return np.array([0.0, 0.0, side * door.grip]), np.array([-side, 0.0, 0.0])
+        return np.array([0.0, door.handle_arm, 0.0]), np.array(
+            [0.0, 0.0, door.swing_sign]
+        )
+    side = door.hinge_sign
+    return np.array([0.0, 0.0, side * door.hand_offset]), np.array([-side, 0.0, 0.0])

@@ -10,6 +10,7 @@ import numpy as np
 
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.hardware import EN_1154, en1154, leaf, spring_hinge
+from gplfd_env.doors.parts import Lockset
 
 LEAVES: Final = (
     *((width, 0.055) for width in (0.584, 0.709, 0.834, 0.959)),
@@ -44,17 +45,24 @@ def standard_door(rng: np.random.Generator) -> DoorConfig:
         "seal": rng.uniform(0.0, 3.0),
         "seal_angle": math.radians(rng.uniform(2.0, 5.0)),
     }
-    fields["bolt_throw"] = (0.0127, 0.019)[rng.integers(2)]
-    fields["bolt_preload"] = rng.uniform(2.5, 8.0)
+    lockset = {
+        "bolt_throw": (0.0127, 0.019)[rng.integers(2)],
+        "bolt_preload": rng.uniform(2.5, 8.0),
+    }
     if handle == "lever":
-        fields["handle_length"] = rng.uniform(0.105, 0.125)
-        fields["handle_preload"] = rng.uniform(0.35, 0.70)
-        fields["handle_stiffness"] = rng.uniform(0.9, 1.4)
-        fields["handle_travel"] = rng.uniform(0.65, 0.96)
+        lockset |= {
+            "handle_length": rng.uniform(0.105, 0.125),
+            "handle_preload": rng.uniform(0.35, 0.70),
+            "handle_stiffness": rng.uniform(0.9, 1.4),
+            "handle_travel": rng.uniform(0.65, 0.96),
+        }
     else:
-        fields["handle_preload"] = rng.uniform(0.10, 0.25)
-        fields["handle_stiffness"] = rng.uniform(0.1, 0.3)
-        fields["handle_travel"] = rng.uniform(math.radians(45.0), math.radians(60.0))
+        lockset |= {
+            "handle_preload": rng.uniform(0.10, 0.25),
+            "handle_stiffness": rng.uniform(0.1, 0.3),
+            "handle_travel": rng.uniform(math.radians(45.0), math.radians(60.0)),
+        }
+    fields["lockset"] = Lockset(**lockset)
     # There is no closer if the leaf needs a larger one than `_LARGEST`.
     closer = _choice(_CLOSERS, rng)
     sizes = [
@@ -66,9 +74,9 @@ def standard_door(rng: np.random.Generator) -> DoorConfig:
     ]
     if closer == "EN 1154" and sizes:
         least = EN_1154[sizes[0]].efficiency
-        fields |= en1154(sizes[0], rng.uniform(least + 0.1, 0.9))
+        fields["closer"] = en1154(sizes[0], rng.uniform(least + 0.1, 0.9))
     elif closer == "spring hinge":
-        fields |= spring_hinge(rng.uniform(3.0, 8.0))
+        fields["closer"] = spring_hinge(rng.uniform(3.0, 8.0))
     return DoorConfig(**fields)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass, field
 from statistics import NormalDist
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -153,16 +153,6 @@ class Variation(Quantities):
     """External events."""
     standoff: Standoff | None = None
     """Initial position of the hand; None if it holds the handle."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Every number by name, e.g. for logs."""
-        return {
-            **self.door.as_dict(),
-            **dataclasses.asdict(self.placement),
-            **{f"{k}_noise": v for k, v in dataclasses.asdict(self.noise).items()},
-            "delay": self.delay,
-            **self.disturbance.as_dict(),
-        }
 
     @property
     def scene(self) -> tuple[DoorConfig, Placement, Standoff | None]:

@@ -98,11 +98,11 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, robot: RobotConfig) -> None
     # Azimuth of "overview" relative to the door's normal, and elevation: chosen in
     # steps of 15° and 10° by the number of visible pixels of hand and handle with the
     # door closed, half open and fully open.
-    turn, elevation = -door.side * math.radians(45.0), math.radians(-27.0)
+    turn, elevation = -door.hinge_sign * math.radians(45.0), math.radians(-27.0)
     if door.swing == "push":
         turn, elevation = math.radians(30.0), math.radians(-32.0)
     elif robot.base == "fixed" and (door.handle, door.hinge_side) != ("bar", "right"):
-        turn = door.side * math.radians(75.0)
+        turn = door.hinge_sign * math.radians(75.0)
     shown = _shown_points(door, robot)
     into_door = -task_rotation_w(door, robot)[:, 0]
     heading = math.atan2(into_door[1], into_door[0]) + turn
@@ -149,9 +149,9 @@ def _shown_points(door: DoorConfig, robot: RobotConfig) -> Array:
     """
     axes = task_rotation_w(door, robot)
     floor = handle_position_w(door, Placement(), robot) * [1.0, 1.0, 0.0]
-    hinge = floor - door.side * door.hand_radius * axes[:, 2]
-    to_lock = door.side * axes[:, 2]
-    frame_end = door.radius + door.backset + CASING
+    hinge = floor - door.hinge_sign * door.hand_radius * axes[:, 2]
+    to_lock = door.hinge_sign * axes[:, 2]
+    frame_end = door.radius + door.leaf.backset + CASING
     to_base = -hinge
     around = np.arange(8) * (math.pi / 4.0)
     circle = np.stack([np.cos(around), np.sin(around), np.zeros(8)], axis=1)
@@ -163,14 +163,14 @@ def _shown_points(door: DoorConfig, robot: RobotConfig) -> Array:
     )
     leaf, around_robot = [], [outline]
     for depth in (-0.08, 0.08):
-        wall = hinge + (depth - door.handle_standoff) * axes[:, 0]
+        wall = hinge + (depth - door.leaf.handle_standoff) * axes[:, 0]
         leaf += [wall - CASING * to_lock, wall + frame_end * to_lock]
     turning = door.motion in ABOUT_A_HINGE
     if not turning:
         links, closed = links_of(door), np.zeros((2, 6))
-        closed[:, 2] = door.side * np.array([-door.radius, door.backset])
+        closed[:, 2] = door.hinge_sign * np.array([-door.radius, door.leaf.backset])
         if door.motion == "folding":
-            closed[0, 2] = -door.side * door.fold
+            closed[0, 2] = -door.hinge_sign * door.fold_distance
         elif door.motion == "flap":
             closed[:, 2] = -FLAP_WIDTH / 2.0, FLAP_WIDTH / 2.0
         for angle in _SHOWN_ANGLES.clip(max=end_angle(door)):
@@ -179,10 +179,10 @@ def _shown_points(door: DoorConfig, robot: RobotConfig) -> Array:
             around_robot.append(axes @ moved + outline)
     for angle in _SHOWN_ANGLES if turning else ():
         sine, cosine = math.sin(angle), math.cos(angle)
-        along = cosine * to_lock + door.way * sine * axes[:, 0]
-        leaf.append(hinge + (door.radius + door.backset) * along)
+        along = cosine * to_lock + door.swing_sign * sine * axes[:, 0]
+        leaf.append(hinge + (door.radius + door.leaf.backset) * along)
         if robot.base == "mobile" and door.swing == "pull":
-            turned = door.side * sine * np.cross([0.0, 0.0, 1.0], to_base)
+            turned = door.hinge_sign * sine * np.cross([0.0, 0.0, 1.0], to_base)
             around_robot.append(hinge + cosine * to_base + turned + outline)
         elif robot.base == "mobile":
             around_robot.append(door.hand_radius * (along - to_lock) + outline)

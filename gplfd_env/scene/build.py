@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Mapping
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Final
 
 import mujoco
 
@@ -59,20 +59,6 @@ SCENE_FIELDS: Final = (
 _SETTLING_TIME: Final = 0.4
 _BAR_INDENTATION: Final = 7.3e-5
 """Penetration of the bar's soft contact under the fingers' 16 N [m]."""
-
-_WRITTEN: Final = (
-    "hinge_friction", "hinge_damping", "panel_mass", "stiction", "seal", "seal_angle",
-    "closer_stiffness", "closer_preload", "closer_boost", "closer_boost_angle",
-    "closer_friction", "closer_damping", "closing_damping", "backcheck_damping",
-    "backcheck_angle", "handle_preload", "handle_stiffness", "bolt_preload",
-    "bolt_stiffness", "strut_stiffness", "strut_dead_angle", "roller_friction",
-)  # fmt: skip
-"""Fields of a door that `set_door_physics` writes; all others define its geometry."""
-
-_NOMINAL: Final[dict[str, Any]] = {
-    name: DoorConfig.__dataclass_fields__[name].default for name in _WRITTEN
-} | {"panel_mass": NOMINAL_MASS}
-"""Values of these fields in a compiled scene."""
 
 
 def build_spec(
@@ -156,11 +142,42 @@ def load_scene(
     """
     check_reach(door, robot, "grasped" if standoff is None else "approach")
     placement = Placement() if placement is None else placement
-    geometry, structure = dataclasses.replace(door, **_NOMINAL), structure_of(door)
+    geometry, structure = _nominal(door), structure_of(door)
     settled = _settled(geometry, structure, placement, standoff, grasp, control, robot)
     for name, values in settled.items():
         getattr(model, name)[...] = values
     set_door_physics(model, data, door)
+
+
+def _nominal(door: DoorConfig) -> DoorConfig:
+    """Return a door of the same geometry, with defaults of what is written later.
+
+    `set_door_physics` writes it into the compiled scene.
+    """
+    plain = DoorConfig()
+    return dataclasses.replace(
+        door,
+        panel_mass=NOMINAL_MASS,
+        hinge_friction=plain.hinge_friction,
+        hinge_damping=plain.hinge_damping,
+        stiction=plain.stiction,
+        seal=plain.seal,
+        seal_angle=plain.seal_angle,
+        closer=plain.closer,
+        lockset=dataclasses.replace(
+            door.lockset,
+            handle_preload=None,
+            handle_stiffness=None,
+            bolt_preload=plain.lockset.bolt_preload,
+            bolt_stiffness=plain.lockset.bolt_stiffness,
+        ),
+        mechanism=dataclasses.replace(
+            door.mechanism,
+            strut_stiffness=plain.mechanism.strut_stiffness,
+            strut_dead_angle=plain.mechanism.strut_dead_angle,
+            roller_friction=plain.mechanism.roller_friction,
+        ),
+    )
 
 
 @lru_cache(maxsize=32)

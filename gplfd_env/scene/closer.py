@@ -76,21 +76,21 @@ def set_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
             model.tendon_stiffness[tendon] = torque / faded
             model.tendon_lengthspring[tendon] = -_ANYWHERE, faded
         for name, damping in (
-            (_CLOSING, door.closing_damping),
-            (_BACKCHECK, door.backcheck_damping),
+            (_CLOSING, door.closer.closing_damping),
+            (_BACKCHECK, door.closer.backcheck_damping),
         ):
             tendon = model.tendon(name).id
             # The force of a limit is its reference acceleration divided by this weight.
             weight = model.tendon_invweight0[tendon]
             model.tendon_solref_lim[tendon] = 0.0, -damping * weight
-        model.tendon_range[model.tendon(_BACKCHECK).id, 1] = door.backcheck_angle
+        model.tendon_range[model.tendon(_BACKCHECK).id, 1] = door.closer.backcheck_angle
     actuator = model.actuator("door_closer").id
     model.actuator_biasprm[actuator, :2] = _bias(door)
 
 
 def _bias(door: DoorConfig) -> tuple[float, float]:
     """Return the actuator's bias: constant [N m] and stiffness [N m/rad]."""
-    preload, stiffness = door.spring
+    preload, stiffness = door.closing_spring
     for torque, faded in fading_torques(door):
         preload += torque
         stiffness -= torque / faded

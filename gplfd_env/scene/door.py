@@ -69,7 +69,7 @@ def structure_of(door: DoorConfig) -> Structure:
         latched=door.latch != "none",
         closer=has_tendons(door),
         motion=door.motion,
-        rollers=door.roller_friction > 0.0,
+        rollers=door.mechanism.roller_friction > 0.0,
     )
 
 
@@ -98,8 +98,8 @@ def add_door(
     frame.add_site(name="task_frame", pos=grasp, quat=quaternion(axes), **UNDRAWN)
     # Edges of the leaf at hinge and lock: relative to the handle's axis, and in z of
     # the frame [m].
-    edges = -door.radius - door.overhang, door.backset
-    hinge_z, lock_z = (door.side * (edge + door.grip) for edge in edges)
+    edges = -door.radius - door.overhang, door.leaf.backset
+    hinge_z, lock_z = (door.hinge_sign * (edge + door.hand_offset) for edge in edges)
     if door.motion == "flap":
         hinge_z, lock_z = -FLAP_WIDTH / 2.0, FLAP_WIDTH / 2.0
     _add_frame(frame, door, hinge_z, lock_z)
@@ -109,9 +109,9 @@ def add_door(
         _add_flap(frame, leaf, door)
     elif door.motion == "folding":
         inner = spec.body("inner_door")
-        _add_leaf(inner, "inner_leaf", door, edges[0], -door.fold)
+        _add_leaf(inner, "inner_leaf", door, edges[0], -door.fold_distance)
         _add_hinges(inner, door)
-        _add_leaf(leaf, "leaf", door, -door.fold, edges[1])
+        _add_leaf(leaf, "leaf", door, -door.fold_distance, edges[1])
         if structure.rollers:
             _add_rollers(spec, frame, leaf, door)
     else:
@@ -120,7 +120,7 @@ def add_door(
             _add_rail(frame, door, hinge_z, lock_z)
         else:
             _add_hinges(leaf, door)
-    foot = -door.handle_standoff + door.leaf_thickness / 2
+    foot = -door.leaf.handle_standoff + door.leaf.thickness / 2
     if door.handle == "bar":
         add_bar(leaf, door, foot, grasp_height(door, placement))
     elif door.handle in ROCKERS:
@@ -153,7 +153,7 @@ def _add_joints(
     Equality constraints couple the other joints to it.
     """
     links = links_of(door)
-    origin = np.array([0.0, 0.0, -door.side * door.hand_radius])
+    origin = np.array([0.0, 0.0, -door.hinge_sign * door.hand_radius])
     if door.motion == "flap":
         origin = np.array(links[-1].anchor)
     if door.motion == "folding":
@@ -168,14 +168,14 @@ def _add_joints(
     for link in links:
         if link.name != "hinge":
             _add_joint(spec, leaf, link, origin)
-    axis = links[-1].axis if bearer is leaf else [0.0, door.side, 0.0]
+    axis = links[-1].axis if bearer is leaf else [0.0, door.hinge_sign, 0.0]
     hinge = bearer.add_joint(
         name="hinge",
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=axis,
         range=[0.0, end_angle(door)],
         limited=True,
-        damping=[door.hinge_damping + door.closer_damping, 0, 0],
+        damping=[door.hinge_damping + door.closer.damping, 0, 0],
         frictionloss=door.friction,
         # With MuJoCo's soft defaults a hinge creeps at loads below its friction.
         solref_friction=[0.004, 1.0],
@@ -225,11 +225,11 @@ def _add_frame(
     across = (hinge_z + lock_z) / 2
     upright = [0.06, DOOR_HEIGHT / 2, _JAMB / 2]
     level = [0.06, _JAMB / 2, abs(lock_z - hinge_z) / 2 + _JAMB]
-    middle, out = -door.handle_height + DOOR_HEIGHT / 2, door.side * _JAMB / 2
-    behind = -door.handle_standoff
+    middle, out = -door.handle_height + DOOR_HEIGHT / 2, door.hinge_sign * _JAMB / 2
+    behind = -door.leaf.handle_standoff
     if door.motion == "sliding":
         # The leaf slides in front of the wall.
-        behind -= upright[0] + door.leaf_thickness / 2 + _GAP
+        behind -= upright[0] + door.leaf.thickness / 2 + _GAP
     for name, y, z, size in (
         ("jamb_hinge", middle, hinge_z - out, upright),
         ("jamb_lock", middle, lock_z + out, upright),
@@ -253,17 +253,17 @@ def _add_leaf(
     lock_edge: float,
 ) -> None:
     """Add a leaf between its edges, from the handle's axis [m]."""
-    whole = door.backset + door.radius + door.overhang
+    whole = door.leaf.backset + door.radius + door.overhang
     share = (lock_edge - hinge_edge) / whole if door.motion == "folding" else 1.0
     body.add_geom(
         name=name,
         type=_BOX,
         pos=[
-            -door.handle_standoff,
+            -door.leaf.handle_standoff,
             DOOR_HEIGHT / 2 - door.handle_height,
-            door.side * ((hinge_edge + lock_edge) / 2 + door.radius),
+            door.hinge_sign * ((hinge_edge + lock_edge) / 2 + door.radius),
         ],
-        size=[door.leaf_thickness / 2, DOOR_HEIGHT / 2, (lock_edge - hinge_edge) / 2],
+        size=[door.leaf.thickness / 2, DOOR_HEIGHT / 2, (lock_edge - hinge_edge) / 2],
         rgba=_WOOD,
         mass=share * door.panel_mass,
         **INTANGIBLE,
@@ -284,8 +284,8 @@ def _add_hinges(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
         leaf.add_geom(
             name=f"{name}_arm",
             type=_BOX,
-            pos=[-door.handle_standoff / 2, height, 0],
-            size=[door.handle_standoff / 2, 0.03, 0.004],
+            pos=[-door.leaf.handle_standoff / 2, height, 0],
+            size=[door.leaf.handle_standoff / 2, 0.03, 0.004],
             **steel,
         )
 
@@ -294,13 +294,13 @@ def _add_rail(
     frame: mujoco.MjsBody, door: DoorConfig, hinge_z: float, lock_z: float
 ) -> None:
     """Add the rail on which a leaf hangs, above and beside the opening."""
-    far = hinge_z - door.side * door.clear_way
+    far = hinge_z - door.hinge_sign * door.clear_width
     top = DOOR_HEIGHT - door.handle_height
     frame.add_geom(
         name="rail",
         type=_BOX,
-        pos=[-door.handle_standoff, top + 0.025, (far + lock_z) / 2],
-        size=[door.leaf_thickness, 0.02, abs(lock_z - far) / 2],
+        pos=[-door.leaf.handle_standoff, top + 0.025, (far + lock_z) / 2],
+        size=[door.leaf.thickness, 0.02, abs(lock_z - far) / 2],
         rgba=STEEL,
         mass=0.0,
         **INTANGIBLE,
@@ -313,12 +313,12 @@ def _add_rollers(
     """Add the friction of the guided edge on its rail, as a tendon from the jamb."""
     for name, body, z in (
         ("jamb_pivot", frame, -door.radius),
-        ("rollers", leaf, door.radius + door.backset),
+        ("rollers", leaf, door.radius + door.leaf.backset),
     ):
-        body.add_site(name=name, pos=[0.0, 0.0, door.side * z], **UNDRAWN)
+        body.add_site(name=name, pos=[0.0, 0.0, door.hinge_sign * z], **UNDRAWN)
     rail = spec.add_tendon(
         name="rollers",
-        frictionloss=door.roller_friction,
+        frictionloss=door.mechanism.roller_friction,
         solref_friction=[0.004, 1.0],
         solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
     )
@@ -329,8 +329,8 @@ def _add_rollers(
 def _add_flap(frame: mujoco.MjsBody, leaf: mujoco.MjsBody, door: DoorConfig) -> None:
     """Add a leaf with a level hinge, and the front of its cabinet below and above."""
     to_handle = -float(leaf.pos[1]) / door.radius
-    edge, x = door.radius + door.backset, -door.handle_standoff
-    size = [door.leaf_thickness / 2, (edge + OVERHANG) / 2, FLAP_WIDTH / 2]
+    edge, x = door.radius + door.leaf.backset, -door.leaf.handle_standoff
+    size = [door.leaf.thickness / 2, (edge + OVERHANG) / 2, FLAP_WIDTH / 2]
     leaf.add_geom(
         name="leaf",
         type=_BOX,
@@ -374,15 +374,17 @@ def set_door_physics(
     """Set mass, hinge, springs and closer of a door compiled with `NOMINAL_MASS`."""
     hinge = int(model.joint("hinge").dofadr[0])
     model.dof_frictionloss[hinge] = door.friction
-    model.dof_damping[hinge] = door.hinge_damping + door.closer_damping
+    model.dof_damping[hinge] = door.hinge_damping + door.closer.damping
     if door.handle != "bar":
         set_spring(model, "handle", *door.handle_spring)
     if door.latch == "spring":
-        set_spring(model, "bolt", door.bolt_preload, door.bolt_stiffness)
+        set_spring(
+            model, "bolt", door.lockset.bolt_preload, door.lockset.bolt_stiffness
+        )
     more = door.panel_mass - NOMINAL_MASS
     if door.motion == "folding":
-        width = door.backset + door.radius + door.overhang
-        outer = more * (door.backset + door.fold) / width
+        width = door.leaf.backset + door.radius + door.overhang
+        outer = more * (door.leaf.backset + door.fold_distance) / width
         _add_leaf_mass(model, "door", "leaf", outer)
         _add_leaf_mass(model, "inner_door", "inner_leaf", more - outer)
     else:
@@ -391,8 +393,10 @@ def set_door_physics(
     set_closer(model, door)
     if has_tendons(door):
         show_closer(model, door)
-    if door.roller_friction > 0.0:
-        model.tendon_frictionloss[model.tendon("rollers").id] = door.roller_friction
+    if door.mechanism.roller_friction > 0.0:
+        model.tendon_frictionloss[model.tendon("rollers").id] = (
+            door.mechanism.roller_friction
+        )
 
 
 def _add_leaf_mass(model: mujoco.MjModel, of: str, geom: str, mass: float) -> None:

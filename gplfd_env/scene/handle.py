@@ -48,7 +48,7 @@ def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) 
     """
     level = door.motion == "flap"
     up = -1.0 if door.hinge_side == "top" else 1.0
-    reach = (up if level else door.side) * door.radius
+    reach = (up if level else door.hinge_sign) * door.radius
 
     def point(x: float, along: float) -> list[float]:
         return [x, reach, along] if level else [x, along, reach]
@@ -82,11 +82,11 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
     spring holds it at zero. The site ``handle`` turns with it; ``leaf_axes`` at the
     same place does not.
     """
-    reach, grip = door.side * door.radius, door.side * door.grip
-    axis = [-door.side, 0, 0]
+    reach, grip = door.hinge_sign * door.radius, door.hinge_sign * door.hand_offset
+    axis = [-door.hinge_sign, 0, 0]
     body = _add_turned_body(leaf, door, [0.0, 0.0, reach], axis, damping=0.02)
     if door.handle == "lever":
-        end = door.side * (door.handle_length - BAR_RADIUS)
+        end = door.hinge_sign * (door.lockset.handle_length - BAR_RADIUS)
         body.add_geom(
             fromto=[0, 0, 0, 0, 0, -end], size=[BAR_RADIUS, 0, 0], mass=0.2, **_HELD
         )
@@ -108,15 +108,15 @@ def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
     sphere, so that the hand may turn about the vertical, as flat fingers can. The sites
     are those of a lever.
     """
-    reach = door.side * door.radius
+    reach = door.hinge_sign * door.radius
     spindle, axis = handle_axis(door)
     place = [*spindle[:2], reach]
     body = _add_turned_body(leaf, door, place, axis, damping=_ROCKER_DAMPING)
     x, y = -spindle[:2]
     towards_hinge = _ROD
     if door.handle == "touch-bar":
-        towards_hinge = _TOUCH_BAR * (door.radius + door.backset)
-    ends = [x, y, door.side * _ROD, x, y, -door.side * towards_hinge]
+        towards_hinge = _TOUCH_BAR * (door.radius + door.leaf.backset)
+    ends = [x, y, door.hinge_sign * _ROD, x, y, -door.hinge_sign * towards_hinge]
     ball = {**_HELD, "type": mujoco.mjtGeom.mjGEOM_SPHERE}
     body.add_geom(pos=[x, y, 0.0], size=[BAR_RADIUS, 0, 0], mass=0.3, **ball)
     _add_rod(body, "handle_rod", ends, 0.8 * BAR_RADIUS)
@@ -161,7 +161,7 @@ def _add_turned_body(
         name="handle",
         type=mujoco.mjtJoint.mjJNT_HINGE,
         axis=axis,
-        range=[0.0, door.travel],
+        range=[0.0, door.handle_travel],
         limited=True,
         stiffness=[stiffness, 0, 0],
         springref=-preload / stiffness,

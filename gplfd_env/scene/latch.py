@@ -80,21 +80,21 @@ def add_latch(
     ``retraction`` between the joints ``handle`` and ``bolt``. The leaf's free edge is
     at `lock_edge`, task-frame z [m].
     """
-    side = door.side
-    edge = side * (door.radius + door.backset)
-    bolt = leaf.add_body(name="bolt", pos=[-door.handle_standoff, 0.0, edge])
+    side = door.hinge_sign
+    edge = side * (door.radius + door.leaf.backset)
+    bolt = leaf.add_body(name="bolt", pos=[-door.leaf.handle_standoff, 0.0, edge])
     bolt.add_joint(
         name="bolt",
         type=mujoco.mjtJoint.mjJNT_SLIDE,
         axis=[0, 0, -side],
-        range=[0.0, door.bolt_throw],
+        range=[0.0, door.lockset.bolt_throw],
         limited=True,
         solref_limit=[0.005, 1.0],
-        stiffness=[door.bolt_stiffness, 0, 0],
-        springref=-door.bolt_preload / door.bolt_stiffness,
+        stiffness=[door.lockset.bolt_stiffness, 0, 0],
+        springref=-door.lockset.bolt_preload / door.lockset.bolt_stiffness,
         damping=[2.0, 0, 0],
     )
-    tip = side * (door.bolt_throw - _NOSE)
+    tip = side * (door.lockset.bolt_throw - _NOSE)
     bolt.add_geom(
         name="bolt_nose",
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -115,7 +115,7 @@ def add_latch(
     mesh.uservert = np.array(
         [(x, y, z) for y in (-_HALF_HEIGHT, _HALF_HEIGHT) for x, z in corners]
     ).ravel()
-    face = -door.handle_standoff + door.way * (_NOSE + _CLEARANCE)
+    face = -door.leaf.handle_standoff + door.swing_sign * (_NOSE + _CLEARANCE)
     frame.add_geom(
         name="strike",
         type=mujoco.mjtGeom.mjGEOM_MESH,
@@ -133,11 +133,11 @@ def add_latch(
         solref=[0.005, 1.0],
         solimp=_CONTACT[base],
     )
-    ratio = door.bolt_throw / (door.travel - door.dead_travel)
+    ratio = door.lockset.bolt_throw / (door.handle_travel - door.lockset.dead_travel)
     retraction = spec.add_tendon(
         name="retraction",
         limited=True,
-        range=[-ratio * door.dead_travel, 1.0],
+        range=[-ratio * door.lockset.dead_travel, 1.0],
         springlength=[0.0, 0.0],
         solref_limit=[0.005, 1.0],
     )

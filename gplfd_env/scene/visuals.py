@@ -38,10 +38,10 @@ def add_casing(
     frame: mujoco.MjsBody, door: DoorConfig, edges: tuple[float, float], top: float
 ) -> None:
     """Add the flat boards around the opening, on both sides of the wall."""
-    wide, gap, deep, side = 0.035, 0.013, 0.072, door.side
+    wide, gap, deep, side = 0.035, 0.013, 0.072, door.hinge_sign
     hinge, lock = edges[0] - side * (gap + wide), edges[1] + side * (gap + wide)
     floor = -door.handle_height
-    x, middle = -door.handle_standoff, (floor + top) / 2.0
+    x, middle = -door.leaf.handle_standoff, (floor + top) / 2.0
     upright = [deep, (top - floor) / 2.0, wide]
     for name, place in (("casing_hinge", hinge), ("casing_lock", lock)):
         _add_box(frame, name, [x, middle, place], upright, _PAINT)
@@ -52,18 +52,18 @@ def add_casing(
 
 def add_panels(leaf: mujoco.MjsBody, door: DoorConfig, width: float) -> None:
     """Add two raised panels, visible on both sides of the leaf, and the lock."""
-    stile, floor, x = 0.11, -door.handle_height, -door.handle_standoff
-    free_edge = door.radius + door.backset
-    thick = door.leaf_thickness / 2.0
+    stile, floor, x = 0.11, -door.handle_height, -door.leaf.handle_standoff
+    free_edge = door.radius + door.leaf.backset
+    thick = door.leaf.thickness / 2.0
     size = [thick + 0.004, 0.0, width / 2.0 - stile]
-    place = door.side * (free_edge - width / 2.0)
+    place = door.hinge_sign * (free_edge - width / 2.0)
     for name, low, high in (
         ("panel_lower", floor + 0.20, floor + 0.84),
         ("panel_upper", floor + 1.02, floor + 1.84),
     ):
         size[1] = (high - low) / 2.0
         _add_box(leaf, name, [x, (low + high) / 2.0, place], size, _PANEL)
-    reach = door.side * door.radius
+    reach = door.hinge_sign * door.radius
     near, far = x - (thick + 0.006), x + (thick + 0.006)
     through = [near, -0.09, reach, far, -0.09, reach]
     _add_rod(leaf, "lock_cylinder", through, 0.014, _BRASS)
@@ -73,11 +73,11 @@ def add_far_handle(
     leaf: mujoco.MjsBody, handle: mujoco.MjsBody, door: DoorConfig
 ) -> None:
     """Add the mirrored handle on the other side of the leaf."""
-    far, surface = -2.0 * door.handle_standoff, door.leaf_thickness / 2.0
-    foot = -door.handle_standoff - surface
+    far, surface = -2.0 * door.leaf.handle_standoff, door.leaf.thickness / 2.0
+    foot = -door.leaf.handle_standoff - surface
     _add_rod(handle, "far_neck", [foot, 0.0, 0.0, far, 0.0, 0.0], 0.009, STEEL)
     if door.handle == "lever":
-        end = -door.side * (door.handle_length - BAR_RADIUS)
+        end = -door.hinge_sign * (door.lockset.handle_length - BAR_RADIUS)
         ends = [far, 0.0, 0.0, far, 0.0, end]
         _add_rod(handle, "far_handle", ends, BAR_RADIUS, STEEL, _CAPSULE)
     else:
@@ -89,7 +89,7 @@ def add_far_handle(
             rgba=STEEL,
             **_SEEN,
         )
-    reach = door.side * door.radius
+    reach = door.hinge_sign * door.radius
     _add_rod(
         leaf, "far_rose", [foot, 0.0, reach, foot - 0.008, 0.0, reach], 0.026, STEEL
     )
@@ -97,8 +97,8 @@ def add_far_handle(
 
 def add_lock_plate(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
     """Add the plate around the bolt on the leaf's free edge."""
-    edge = door.side * (door.radius + door.backset)
-    place = [-door.handle_standoff, 0.0, edge]
+    edge = door.hinge_sign * (door.radius + door.leaf.backset)
+    place = [-door.leaf.handle_standoff, 0.0, edge]
     _add_box(leaf, "lock_plate", place, [0.010, 0.10, 0.0008], STEEL)
 
 
@@ -115,12 +115,12 @@ def add_closer_visuals(
     and joints. Doors without a visible closer have the same parts, but transparent.
     """
     opacity, radius = _looks_of_closer(door)
-    colour, side = (*_ALUMINIUM, opacity), door.side
-    x = -door.handle_standoff + door.leaf_thickness / 2.0 + 0.022
+    colour, side = (*_ALUMINIUM, opacity), door.hinge_sign
+    x = -door.leaf.handle_standoff + door.leaf.thickness / 2.0 + 0.022
     box = [x, top - 0.065, side * 0.20]
     _add_box(leaf, "closer_box", box, [0.022, 0.027, 0.125], colour)
     leaf.add_site(name="closer_spindle", pos=[x, top - 0.03, side * 0.24], **UNDRAWN)
-    foot = 0.084 - door.handle_standoff
+    foot = 0.084 - door.leaf.handle_standoff
     shoe = [foot, top + 0.03, side * (0.42 - door.hand_radius)]
     _add_box(frame, "closer_shoe", shoe, [0.012, 0.012, 0.03], colour)
     frame.add_site(name="closer_foot", pos=shoe, **UNDRAWN)
@@ -143,7 +143,7 @@ def show_closer(model: mujoco.MjModel, door: DoorConfig) -> None:
 
 def _looks_of_closer(door: DoorConfig) -> tuple[float, float]:
     """Return opacity and arm radius [m]; only a hydraulic closer is visible."""
-    if door.closing_damping + door.backcheck_damping > 0.0:
+    if door.closer.closing_damping + door.closer.backcheck_damping > 0.0:
         return 1.0, _ARM_RADIUS
     # A transparent tendon would still cast a shadow, and MuJoCo rejects a zero radius.
     return 0.0, 1e-5

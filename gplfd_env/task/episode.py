@@ -189,7 +189,7 @@ class Episode:
             hand_radius=door.hand_radius,
             closer=CloserLaw.of(door),
             latched=door.latch == "spring",
-            bolt_throw=door.bolt_throw,
+            bolt_throw=door.lockset.bolt_throw,
             turned=turned_angle(door),
             # A door may also reach the end of its hinge; this is not a disturbance.
             stopped=disturbance.stop is not None,

@@ -98,11 +98,17 @@ class Intervention:
         self._stuck = self._stuck and angle < _TOUCH
         if cause.breakaway and self._stuck:
             friction += cause.breakaway.stiction
-        return Loads(hand, forearm, door.side * door.way * hinge, stop, friction)
+        return Loads(
+            hand, forearm, door.hinge_sign * door.swing_sign * hinge, stop, friction
+        )
 
     def _in_world(self, sizes: Vector, reading: DoorReading) -> Vector:
         """Return a force [N] along the motion, upwards and outwards in world axes."""
-        a, b, c = self._door.way * sizes[0], sizes[1], self._door.side * sizes[2]
+        a, b, c = (
+            self._door.swing_sign * sizes[0],
+            sizes[1],
+            self._door.hinge_sign * sizes[2],
+        )
         x, y, z = zip(*reading.axes, strict=True)
         return (
             a * x[0] + b * x[1] + c * x[2],

@@ -221,9 +221,9 @@ class Reader:
         if self.hinge_end is not None:
             limit = limit + values[self.hinge_end]
         handle_angle, bolt = (*turning, 0.0, 0.0)[:2]
-        normal = path.way * (tx * fx + ty * fy + tz * fz)
+        normal = path.swing_sign * (tx * fx + ty * fy + tz * fz)
         vertical = ux * fx + uy * fy + uz * fz
-        outwards = path.side * (rx * fx + ry * fy + rz * fz)
+        outwards = path.hinge_sign * (rx * fx + ry * fy + rz * fz)
         tangential, radial = path.split(angle, normal, outwards)
         return DoorReading(
             angle,
@@ -286,7 +286,7 @@ class DoorReading(NamedTuple):
         level = path.level * self.angle if anywhere(path.level != 0.0) else 0.0
         if not anywhere(turned):
             return 0.0, about_up, level
-        turn = -path.side * self.handle_angle
+        turn = -path.hinge_sign * self.handle_angle
         # Quaternion product: rotation about y times rotation about x.
         cy, sy = cos(0.5 * about_up), sin(0.5 * about_up)
         cx, sx = cos(0.5 * turn), sin(0.5 * turn)

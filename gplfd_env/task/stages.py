@@ -61,7 +61,7 @@ _REMEMBERED: Final = 0.5
 
 def turned_angle(door: DoorConfig) -> float:
     """Return the angle beyond which a handle counts as turned [rad]; 0 if unlatched."""
-    return _TURN * door.travel if door.latch != "none" else 0.0
+    return _TURN * door.handle_travel if door.latch != "none" else 0.0
 
 
 def stage_after(

@@ -48,17 +48,48 @@ def with_fields(
 ) -> Record:
     """Return a frozen dataclass with some fields changed.
 
-    Raises a ValueError that names the fields, and `other_keys`, if one is unknown.
+    A mapping for a field that is a record itself changes only what it names. Raises a
+    ValueError that names the fields, and `other_keys`, if one is unknown.
     """
-    given: Any = record
-    known = [field.name for field in dataclasses.fields(given)]
-    for field in fields:
-        if field not in known:
+    before: Any = record
+    names = [field.name for field in dataclasses.fields(before)]
+    changes = {}
+    for name, value in fields.items():
+        if name not in names:
             raise ValueError(
-                f"unknown {what} field {field!r}{nearest_name(field, known)}; fields: "
-                f"{', '.join([*known, *other_keys])}"
+                f"unknown {what} field {name!r}{nearest_name(name, names)}; fields: "
+                f"{', '.join([*names, *other_keys])}"
             )
-    changed: Record = dataclasses.replace(given, **fields) if fields else record
+        part = getattr(before, name)
+        nested = dataclasses.is_dataclass(part) and isinstance(value, Mapping)
+        changes[name] = with_fields(part, value, name) if nested else value
+    changed: Record = dataclasses.replace(before, **changes) if changes else record
+    return changed
+
+
+def record_of(value: object, record: type[Record], what: str) -> Record:
+    """Return a record that is given as itself or as a mapping of its fields.
+
+    Raises a ValueError for an unknown field, a TypeError for anything else.
+    """
+    if isinstance(value, Mapping):
+        return with_fields(record(), value, what)
+    if not isinstance(value, record):
+        raise TypeError(
+            f"{what} must be a mapping of {record.__name__} fields or a "
+            f"{record.__name__}, got {value!r} ({type(value).__name__})"
+        )
+    return value
+
+
+def changed_fields(record: Any) -> dict[str, Any]:
+    """Return the fields that differ from their default, nested records as mappings."""
+    changed = {}
+    for field in dataclasses.fields(record):
+        value = getattr(record, field.name)
+        if value != field.default:
+            nested = dataclasses.is_dataclass(value)
+            changed[field.name] = changed_fields(value) if nested else value
     return changed
 
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gplfd_env.doors.config import DOORS, DoorConfig, Motion, door_config
+from gplfd_env.doors.parts import Closer, Leaf, Lockset, Mechanism
 from gplfd_env.validation.fields import allowed_range
 
 CHOICES = {
@@ -21,15 +22,22 @@ CHOICES = {
 }
 MOTION = {
     "clear_width": "sliding",
-    "offset": "parallel-sliding",
-    "rise": "rising-butt",
     "strut_stiffness": "flap",
     "strut_dead_angle": "flap",
     "roller_friction": "folding",
+    "offset": "parallel-sliding",
+    "rise": "rising-butt",
 }
 """A motion for which a field is given."""
+PARTS = {"leaf": Leaf, "lockset": Lockset, "closer": Closer, "mechanism": Mechanism}
 NUMBERS = [
-    field.name for field in dataclasses.fields(DoorConfig) if field.name not in CHOICES
+    ("", field.name)
+    for field in dataclasses.fields(DoorConfig)
+    if field.name not in {*CHOICES, *PARTS}
+] + [
+    (part, field.name)
+    for part, record in PARTS.items()
+    for field in dataclasses.fields(record)
 ]
 
 
@@ -57,7 +65,7 @@ def test_presets():
         "kitchen-cupboard": 0.40,
     }
     heavy = DOORS["heavy"]
-    assert (heavy.closer_preload + heavy.hinge_friction) / heavy.radius == 14.0
+    assert (heavy.closer.preload + heavy.hinge_friction) / heavy.radius == 14.0
     with pytest.raises(TypeError):
         DOORS["small"] = DoorConfig()
 
@@ -81,27 +89,31 @@ def test_mapping_starts_from_its_preset_and_is_not_changed():
     assert mapping == {"preset": "large", "hinge_friction": 2}
 
 
-def fitting(field: str, value: float) -> dict[str, Any]:
-    """Return fields that agree with one at an end of its range."""
+def fitting(part: str, field: str, value: float) -> DoorConfig:
+    """Return a door that agrees with a field at an end of its range."""
+    fields: dict[str, Any] = {part: {field: value}} if part else {field: value}
     if field in MOTION:
-        side = "top" if MOTION[field] == "flap" else "right"
-        return {field: value, "motion": MOTION[field], "hinge_side": side}
-    if field != "leaf_width":
-        return {field: value}
-    backset = 0.05 if value < 0.9 else 0.2
-    return {field: value, "backset": backset, "radius": round(value - backset, 6)}
+        fields["motion"] = MOTION[field]
+        fields["hinge_side"] = "top" if MOTION[field] == "flap" else "right"
+    if field == "width":
+        fields[part]["backset"] = backset = 0.05 if value < 0.9 else 0.2
+        fields["radius"] = round(value - backset, 6)
+    return DoorConfig(**fields)
 
 
-@pytest.mark.parametrize("field", NUMBERS)
-def test_each_field_s_range(field):
+@pytest.mark.parametrize(("part", "field"), NUMBERS)
+def test_each_field_s_range(part, field):
     """What the ranges are is on the page; see test_environment_page.py."""
-    allowed = allowed_range(DoorConfig, field)
+    record = PARTS.get(part, DoorConfig)
+    allowed = allowed_range(record, field)
     low, high = allowed.low, allowed.high
     for end in (low, high):
-        assert getattr(DoorConfig(**fitting(field, end)), field) == end
+        door = fitting(part, field, end)
+        assert getattr(getattr(door, part) if part else door, field) == end
+    name = rf"{record.__name__}\.{field} = "
     for wrong in (low - 0.01, high + 0.01, math.nan, math.inf, -math.inf):
-        with pytest.raises(ValueError, match=rf"DoorConfig\.{field} = ") as error:
-            DoorConfig(**{field: wrong})
+        with pytest.raises(ValueError, match=name) as error:
+            record(**{field: wrong})
         assert f"{wrong!r} is outside [{low:g}, {high:g}]" in str(error.value)
 
 
@@ -132,6 +144,13 @@ def test_each_field_s_choices(field):
             ValueError,
             ["unknown door field 'radios'", "mean 'radius'?"],
         ),
+        (
+            {"closer_preload": 5.0},
+            ValueError,
+            ["unknown door field 'closer_preload'", "closer, mechanism, preset"],
+        ),
+        ({"closer": {"prelod": 5.0}}, ValueError, ["mean 'preload'?", "boost_angle"]),
+        ({"closer": 5.0}, TypeError, ["DoorConfig.closer must be a mapping", "5.0"]),
         (None, TypeError, ["door must be", "got None (NoneType)"]),
         (True, TypeError, ["got True (bool)"]),
         ([0.5], TypeError, ["got [0.5] (list)"]),
@@ -143,14 +162,29 @@ def test_each_field_s_choices(field):
             (fields, ValueError, ["no such door: ", *parts])
             for fields, *parts in (
                 ({"latch": "spring"}, "latch = 'spring'", "handle = 'bar'", "'lever'"),
-                ({"clear_width": 0.6}, "clear_width", "sliding", "parallel-sliding"),
-                ({"motion": "sliding", "rise": 0.01}, "rise", "rising-butt"),
+                (
+                    {"mechanism": {"clear_width": 0.6}},
+                    "clear_width",
+                    "sliding",
+                    "parallel-sliding",
+                ),
+                (
+                    {"motion": "sliding", "mechanism": {"rise": 0.01}},
+                    "rise",
+                    "rising-butt",
+                ),
                 ({"motion": "flap"}, "hinge_side = 'right'", "bottom or top"),
                 ({"hinge_side": "top"}, "motion = 'hinged'", "bottom or top"),
                 ({"motion": "folding", "handle": "lever"}, "'lever'", "choose 'bar'"),
                 ({"motion": "folding", "swing": "push"}, "choose swing = 'pull'"),
-                ({"leaf_width": 0.8}, "= 0.8", "backset = 0.08", "radius = 0.5"),
-                ({"handle_travel": 0.3, "dead_travel": 0.2}, "= 0.2", "travel = 0.3"),
+                ({"leaf": {"width": 0.8}}, "= 0.8", "backset = 0.08", "radius = 0.5"),
+                (
+                    {
+                        "lockset": {"handle_travel": 0.3, "dead_travel": 0.2},
+                    },
+                    "= 0.2",
+                    "travel = 0.3",
+                ),
             )
         ],
     ],
@@ -164,7 +198,10 @@ def test_wrong_doors_are_told_what_is_allowed(door, kind, parts):
 
 def test_a_leaf_s_width_follows_its_radius():
     assert DoorConfig(radius=0.4).overhang == 0.01
-    door = DoorConfig(radius=0.78, leaf_width=0.834, backset=0.055)
+    door = DoorConfig(
+        radius=0.78,
+        leaf={"width": 0.834, "backset": 0.055},
+    )
     assert door.overhang == pytest.approx(-0.001)
 
 
@@ -178,16 +215,21 @@ def test_configuration_is_a_frozen_hashable_record():
 
 
 def test_a_door_s_dictionary_is_the_door():
-    """A plain door's is what it always was.
-
-    Hashes of tasks are made of it: results of before are still found.
-    """
+    """Hashes of tasks are made of it: it has only what differs from the default."""
     for door in DOORS.values():
         assert DoorConfig(**door.as_dict()) == door
-    assert list(DOORS["heavy"].as_dict()) == [
-        *("radius", "hinge_friction", "hinge_damping", "closer_stiffness"),
-        *("closer_preload", "panel_mass", "handle_height", "handle_standoff"),
-    ]
+    assert DOORS["medium"].as_dict() == {}
+    assert DOORS["heavy"].as_dict() == {
+        "hinge_friction": 2.0,
+        "closer": {"preload": 5.0},
+    }
+
+
+def test_a_mapping_of_a_part_changes_only_what_it_names():
+    door = door_config({"preset": "oven", "closer": {"preload": 6.0}})
+    assert door.closer == Closer(preload=6.0, stiffness=12.0)
+    assert DOORS["oven"].replaced({"closer": {"preload": 6.0}}) == door
+    assert DoorConfig(closer={"preload": 6.0}).closer == Closer(preload=6.0)
 
 
 @pytest.mark.parametrize(
@@ -195,8 +237,8 @@ def test_a_door_s_dictionary_is_the_door():
     [
         ({"handle": "lever"}, (0.5, 1.2)),
         ({"handle": "knob"}, (0.175, 0.2)),
-        ({"handle": "knob", "handle_stiffness": 0.3}, (0.175, 0.3)),
-        ({"handle": "lever", "handle_preload": 0.0}, (0.0, 1.2)),
+        ({"handle": "knob", "lockset": {"handle_stiffness": 0.3}}, (0.175, 0.3)),
+        ({"handle": "lever", "lockset": {"handle_preload": 0.0}}, (0.0, 1.2)),
         ({"preset": "room-709", "handle": "knob"}, (0.175, 0.2)),
     ],
 )

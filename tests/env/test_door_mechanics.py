@@ -1,5 +1,7 @@
 """The door against closed forms: arc, inertia, friction, closer, stops, energy."""
 
+import dataclasses
+
 import mujoco
 import numpy as np
 import pytest
@@ -62,7 +64,9 @@ def test_handle_moves_on_the_closed_form_arc(radius, angle, door_alone):
 
 def test_hinge_inertia_is_that_of_leaf_and_handle(door_alone):
     radius, mass, standoff = 0.6, 20.0, 0.08
-    model, data = door_alone(radius=radius, panel_mass=mass, handle_standoff=standoff)
+    model, data = door_alone(
+        radius=radius, panel_mass=mass, leaf={"handle_standoff": standoff}
+    )
     width, thickness = radius + 0.01 + 0.08, 0.04
     middle = radius + 0.08 - width / 2
     panel = mass * ((width**2 + thickness**2) / 12 + middle**2 + standoff**2)
@@ -126,8 +130,7 @@ def test_work_at_the_handle_is_what_the_door_takes(start_env, arc_commands):
             "radius": radius,
             "hinge_friction": friction,
             "hinge_damping": damping,
-            "closer_preload": preload,
-            "closer_stiffness": stiffness,
+            "closer": {"preload": preload, "stiffness": stiffness},
         }
     )
     data = env.data
@@ -159,8 +162,8 @@ def test_work_at_the_handle_is_what_the_door_takes(start_env, arc_commands):
 @pytest.mark.parametrize("degrees", [0.2, 2.0, 10.0, 40.0, 80.0, 95.0])
 def test_the_scene_exerts_the_law(degrees, velocity, door_alone):
     """`CloserLaw` within 2 %: what a limit leaves of a damper."""
-    fields = {**OFFICE, **en1154(2), "stiction": 3.0, "seal": 2.0}
-    fields["closer_stiffness"] = 1.5
+    closer = dataclasses.replace(en1154(2), stiffness=1.5)
+    fields = {**OFFICE, "closer": closer, "stiction": 3.0, "seal": 2.0}
     angle = np.radians(degrees)
     expected = CloserLaw.of(DoorConfig(**fields)).torque(angle, velocity)
     actual = -torque_on_leaf(*door_alone(**fields), angle, velocity)
@@ -172,11 +175,11 @@ def test_a_closer_is_what_en_1154_allows(size, share):
     """Moments of the law itself, quasi-static, against the rows of table 1."""
     row = EN_1154[size]
     efficiency = row.efficiency + share * (1.0 - row.efficiency)
-    door = DoorConfig(**{**OFFICE, **en1154(size, efficiency)})
+    door = DoorConfig(**OFFICE, closer=en1154(size, efficiency))
     slow = 2e-3
 
     def moment(degrees: float, velocity: float) -> float:
-        still = door.closer_damping + door.closing_damping * (velocity < 0.0)
+        still = door.closer.damping + door.closer.closing_damping * (velocity < 0.0)
         torque = CloserLaw.of(door).torque(np.radians(degrees), velocity)
         return torque - still * velocity
 
@@ -196,10 +199,10 @@ def test_a_closer_that_the_standard_does_not_know(wrong):
 
 CLOSERS = {
     "none": {},
-    "spring hinge": spring_hinge(8.0),
-    "EN 1154 size 1": en1154(1),
-    "EN 1154 size 4": en1154(4),
-    "all at once": {**en1154(2), "stiction": 5.0, "seal": 3.0},
+    "spring hinge": {"closer": spring_hinge(8.0)},
+    "EN 1154 size 1": {"closer": en1154(1)},
+    "EN 1154 size 4": {"closer": en1154(4)},
+    "all at once": {"closer": en1154(2), "stiction": 5.0, "seal": 3.0},
 }
 
 
@@ -232,7 +235,7 @@ def test_a_released_door_loses_energy_until_it_is_closed(
     angle, speed, size, door_alone
 ):
     """Kinetic energy and that of the springs together never rise."""
-    fields = {**OFFICE, **en1154(size), "seal": 2.0}
+    fields = {**OFFICE, "closer": en1154(size), "seal": 2.0}
     model, data = door_alone(**fields)
     door = DoorConfig(**fields)
     inertia = float(1.0 / model.dof_invweight0[model.joint("hinge").dofadr[0]])
@@ -255,7 +258,9 @@ def test_a_released_door_loses_energy_until_it_is_closed(
 
 
 def test_the_closing_damper_does_not_hinder_opening(door_alone):
-    gentle = {"closer_damping": 5.0, "closing_damping": 75.0}
+    gentle = {
+        "closer": {"damping": 5.0, "closing_damping": 75.0},
+    }
     door = door_alone(**OFFICE, **gentle)
     assert -torque_on_leaf(*door, 0.5, 0.4) == pytest.approx(2.0, rel=0.01)
     assert torque_on_leaf(*door, 0.5, -0.4) == pytest.approx(32.0, rel=0.01)

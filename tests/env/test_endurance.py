@@ -124,9 +124,9 @@ def drive(
     Of each kind there are as many control periods as steps.
     """
     config, found = door_config(door), Extremes()
-    travel = config.travel - config.dead_travel
-    clear = max(1.0 - BOLT_NOSE / config.bolt_throw, 0.0)
-    needed = config.dead_travel + clear * travel
+    travel = config.handle_travel - config.lockset.dead_travel
+    clear = max(1.0 - BOLT_NOSE / config.lockset.bolt_throw, 0.0)
+    needed = config.lockset.dead_travel + clear * travel
     given = {"door": config, "base": "mobile", "disturbance": disturbance}
     with contextlib.closing(gym.make(id, start=start, **given)) as made:
         env: Any = made

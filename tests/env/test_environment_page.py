@@ -15,6 +15,7 @@ import gplfd_env
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.disturbance import CAUSES, DISTURBANCES
+from gplfd_env.doors.parts import Closer
 from gplfd_env.doors.randomization import RANDOMIZATIONS, DoorRandomization
 from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
@@ -30,6 +31,8 @@ IDS = (
     gplfd_env.MOBILE_ENVIRONMENT_ID,
     gplfd_env.GRIPPER_ENVIRONMENT_ID,
 )
+PARTS = ("leaf", "lockset", "closer", "mechanism")
+"""Parts of a door with their own parameters."""
 Rows = list[dict[str, str]]
 
 
@@ -111,7 +114,7 @@ def test_info_table_is_the_info(make_env):
 
 
 def assert_fields_are(rows: Rows, record: Any, key: str, rel: float) -> None:
-    fields = dataclasses.fields(record)
+    fields = [one for one in dataclasses.fields(record) if one.name not in PARTS]
     assert [row[key] for row in rows] == [field.name for field in fields]
     for row, field in zip(rows, fields, strict=True):
         if row["range"] == "-" or row["default"] == "None":
@@ -127,9 +130,19 @@ def assert_fields_are(rows: Rows, record: Any, key: str, rel: float) -> None:
 
 
 def test_door_tables_are_the_configuration_and_its_presets():
-    assert_fields_are(table("Door parameters"), DoorConfig, "parameter", rel=1e-5)
+    rows = table("Door parameters")
+    plain = [row for row in rows if "." not in row["parameter"]]
+    assert_fields_are(plain, DoorConfig, "parameter", rel=1e-5)
+    for part in PARTS:
+        own = [row for row in rows if row["parameter"].startswith(f"{part}.")]
+        for row in own:
+            row["parameter"] = row["parameter"].removeprefix(f"{part}.")
+        assert_fields_are(own, type(getattr(DoorConfig(), part)), "parameter", 1e-5)
     stated = {
-        row.pop("preset"): DoorConfig(**{k: float(v) for k, v in row.items()})
+        row.pop("preset"): DoorConfig(
+            closer=Closer(preload=float(row.pop("closer.preload"))),
+            **{k: float(v) for k, v in row.items()},
+        )
         for row in table("Door parameters", 1)
     }
     described = ", ".join(column("Door parameters", "preset", 2)).split(", ")

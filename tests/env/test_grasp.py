@@ -120,7 +120,12 @@ def test_grasp_survives_20_newtons(name, radius, make_env, push_hand):
     [
         (0.35, 1e-4),
         (0.65, 1e-4),
-        ({"closer_preload": 5.0, "closer_stiffness": 1.0}, 1e-3),
+        (
+            {
+                "closer": {"preload": 5.0, "stiffness": 1.0},
+            },
+            1e-3,
+        ),
     ],
 )
 def test_closed_door_is_held_still(door, slip, make_env):
@@ -151,7 +156,7 @@ def test_weld_holds_what_friction_cannot(start_env, push_hand):
 
 
 def test_pulling_far_too_hard_loses_the_grasp(start_env, push_hand):
-    env = start_env({"hinge_friction": 50.0, "closer_preload": 50.0})
+    env = start_env({"hinge_friction": 50.0, "closer": {"preload": 50.0}})
     for step in range(400):
         push_hand(env, np.array([min(2.0 * step, 200.0), 0.0, 0.0]))
         _, _, terminated, _, info = env.step(np.array([0.3, 0, 0, 0, 0, 0]))

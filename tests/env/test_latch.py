@@ -12,7 +12,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 CLOSED = np.radians(0.5)
-LEAF = {"radius": 0.53, "leaf_width": 0.584, "backset": 0.055, "panel_mass": 14.0}
+LEAF = {"radius": 0.53, "leaf": {"width": 0.584, "backset": 0.055}, "panel_mass": 14.0}
 LATCHED = {"handle": "lever", "latch": "spring", **LEAF}
 HOLD = 100.0 * LEAF["radius"]
 """Torque of 100 N at the handle [N m]."""
@@ -85,7 +85,7 @@ def test_before_a_robot_that_drives_a_latch_holds_4000_newtons(
 @pytest.mark.parametrize("dead_travel", [0.0, 0.06, 0.2])
 def test_the_bolt_follows_beyond_the_dead_travel(dead_travel, latched_door):
     """In proportion: not at the dead travel, whole at the whole travel."""
-    model, data = latched_door(dead_travel=dead_travel)
+    model, data = latched_door(lockset={"dead_travel": dead_travel})
     for angle in (0.1, 0.3, 0.5, 0.7):
         for _ in range(300):
             error = angle - data.joint("handle").qpos[0]
@@ -123,7 +123,9 @@ def test_without_a_latch_a_lever_door_opens_unturned(latched_door):
 
 def test_the_return_springs_are_what_they_are_said_to_be(latched_door):
     """At rest in mid-air a joint's force is preload + stiffness * displacement."""
-    model, data = latched_door(handle_preload=0.4, handle_stiffness=1.1)
+    model, data = latched_door(
+        lockset={"handle_preload": 0.4, "handle_stiffness": 1.1},
+    )
     for name, place, force in (("handle", 0.5, 0.4 + 1.1 * 0.5), ("bolt", 0.004, 5.2)):
         data.joint(name).qpos = place
         mujoco.mj_forward(model, data)
@@ -133,13 +135,17 @@ def test_the_return_springs_are_what_they_are_said_to_be(latched_door):
 
 # --- A hand that turns the handle ----------------------------------------------------
 
-LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
+LEVER = {
+    "handle": "lever",
+    "latch": "spring",
+    "radius": 0.53,
+    "leaf": {"backset": 0.055},
+}
 KNOB = {
     "handle": "knob",
     "latch": "spring",
     "radius": 0.45,
-    "handle_preload": 0.2,
-    "handle_stiffness": 0.3,
+    "lockset": {"handle_preload": 0.2, "handle_stiffness": 0.3},
 }
 
 

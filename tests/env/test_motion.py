@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.motion import LeafPath, carried, end_angle, links_of, roller_way
+from gplfd_env.doors.parts import Closer
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.placement import handle_position_w, task_rotation_w
 from gplfd_env.robot.stance import base_for
@@ -59,7 +60,7 @@ def test_the_scene_moves_the_handle_as_the_geometry_says(door):
 
 def test_folding_leaves_move_the_handle_on_a_trammel_ellipse():
     """And at a success 85 % of the way between the jambs is free."""
-    door = DoorConfig(motion="folding", radius=0.54, backset=0.16)
+    door = DoorConfig(motion="folding", radius=0.54, leaf={"backset": 0.16})
     angles = np.linspace(0.0, OPENED, 7)
     folded = angles * math.acos(0.15) / OPENED
     x, y, z, *turn = DoorGeometry.of(door).hand_poses(angles).T
@@ -71,8 +72,8 @@ def test_folding_leaves_move_the_handle_on_a_trammel_ellipse():
 
 def test_a_sliding_leaf_has_made_85_percent_of_its_way_at_a_success():
     for motion, out in (("sliding", 0.0), ("parallel-sliding", 0.06)):
-        offset = {"offset": out} if out else {}
-        door = DoorConfig(motion=motion, radius=0.7, clear_width=0.6, **offset)
+        mechanism = {"clear_width": 0.6} | ({"offset": out} if out else {})
+        door = DoorConfig(motion=motion, radius=0.7, mechanism=mechanism)
         opened, stopped = DoorGeometry.of(door).hand_poses([OPENED, end_angle(door)])
         assert_allclose(opened[2], -0.85 * 0.6, rtol=1e-6)
         assert_allclose(stopped, [out, 0.0, -0.6, 0.0, 0.0, 0.0], atol=1e-5)
@@ -116,8 +117,8 @@ def test_forces_are_split_along_the_path(door):
         frame = axes.T @ moved_scene(door, angle).site(site).xmat.reshape(3, 3)
         force = geometry.direction(angle) * 10.0
         normal, outwards = (
-            path.way * (frame[:, 0] @ force),
-            path.side * (frame[:, 2] @ force),
+            path.swing_sign * (frame[:, 0] @ force),
+            path.hinge_sign * (frame[:, 2] @ force),
         )
         along, across = path.split(angle, normal, outwards)
         rising = door.motion == "rising-butt"
@@ -145,9 +146,13 @@ def test_the_nearest_angle_of_a_path():
 @pytest.mark.parametrize("door", doors()[: len(OTHER)], ids=lambda door: door.motion)
 def test_a_leaf_without_friction_keeps_its_energy(door):
     """And never gains any: no joint that ties it does work."""
-    fields = {"hinge_friction": 0.0, "hinge_damping": 0.0, "closer_boost": 0.0}
-    free = {"closing_damping": 0.0, "closer_preload": 0.0, "closer_stiffness": 0.0}
-    door = dataclasses.replace(door, **fields, **free, strut_stiffness=0.0)
+    door = dataclasses.replace(
+        door,
+        hinge_friction=0.0,
+        hinge_damping=0.0,
+        closer=Closer(),
+        mechanism=dataclasses.replace(door.mechanism, strut_stiffness=0.0),
+    )
     model = build_scene(door, robot=TIAGO_LIKE.on("mobile"))
     # Out of the hand.
     model.geom_conaffinity[model.geom("handle_bar").id] = 0
@@ -176,9 +181,11 @@ def test_a_leaf_without_friction_keeps_its_energy(door):
 def test_rollers_take_the_work_of_their_way_along_the_rail():
     """Their force at the handle begins with nothing: the edge is moved across first."""
     bare = {"hinge_friction": 0.0, "hinge_damping": 0.0, "stiction": 0.0}
-    door = dataclasses.replace(DOORS["bifold-closet"], roller_friction=12.0, **bare)
+    door = dataclasses.replace(
+        DOORS["bifold-closet"], mechanism={"roller_friction": 12.0}, **bare
+    )
     angles, step, edge = np.linspace(0.0, 1.1, 12), 1e-6, np.zeros((12, 6))
-    edge[:, 2] = door.side * door.backset
+    edge[:, 2] = door.hinge_sign * door.leaf.backset
     ends = (carried(links_of(door), angles + s, edge)[:, 2] for s in (-step, step))
     slopes = np.subtract(*ends) / (2.0 * step)
     assert_allclose(roller_way(door, angles), slopes, atol=1e-8)

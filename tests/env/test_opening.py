@@ -190,7 +190,7 @@ def reading(degrees: float = 0.0, **changes: Any) -> DoorReading:
 
 def test_a_latched_door_passes_every_stage_in_order():
     """Also 90°, and what comes after the end of the task; none is lost again."""
-    turned = 0.51 * ROOM.travel
+    turned = 0.51 * ROOM.handle_travel
     story = [
         (reading(grasped=False), True, False),
         (reading(), True, False),
@@ -219,7 +219,7 @@ def test_a_latched_door_passes_every_stage_in_order():
         (
             ROOM,
             "not grasped",
-            reading(handle_angle=0.49 * ROOM.travel),
+            reading(handle_angle=0.49 * ROOM.handle_travel),
             True,
             False,
             "grasped",

@@ -31,7 +31,12 @@ from gplfd_env.wrappers.gentle_reward import FORCE_SCALE, SLIP_SCALE, Score
 pytestmark = pytest.mark.slow
 
 PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
-LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
+LEVER = {
+    "handle": "lever",
+    "latch": "spring",
+    "radius": 0.53,
+    "leaf": {"backset": 0.055},
+}
 everywhere = pytest.mark.parametrize(
     "arguments",
     [

@@ -242,8 +242,8 @@ def test_robot_and_leaf_fill_the_picture_from_the_closed_to_the_open_door(
 def test_a_base_that_drives_stays_in_the_picture(swing, hinge_side, start_env):
     door = {"radius": 0.6, "swing": swing, "hinge_side": hinge_side}
     env = start_env(door, base="mobile")
-    mirror = np.array([1.0, 1.0, env.door.side, 1.0, env.door.side, 1.0])
-    mirror[[0, 4]] *= env.door.way
+    mirror = np.array([1.0, 1.0, env.door.hinge_sign, 1.0, env.door.hinge_sign, 1.0])
+    mirror[[0, 4]] *= env.door.swing_sign
     for step in range(500):
         angle = np.radians(67.0) * min(1.0, step / 450)
         *_, info = env.step(mirror * handle_pose_on_arc(0.6, angle))

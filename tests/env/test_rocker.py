@@ -58,12 +58,12 @@ def test_the_scene_moves_the_handle_as_the_geometry_says(kind):
 @pytest.mark.parametrize("kind", KINDS, ids="-".join)
 def test_a_turn_presses_a_thumb_piece_down_and_moves_others_as_the_door_opens(kind):
     config = door(*kind)
-    x, y, z = DoorGeometry.of(config).hand_poses(0.0, config.travel)[:3]
-    way = config.arm * np.sin(config.travel)
+    x, y, z = DoorGeometry.of(config).hand_poses(0.0, config.handle_travel)[:3]
+    way = config.handle_arm * np.sin(config.handle_travel)
     if config.handle == "handleset":
         assert y == pytest.approx(-way)
     else:
-        assert x == pytest.approx(config.way * way)
+        assert x == pytest.approx(config.swing_sign * way)
     assert z == 0.0
 
 
@@ -76,9 +76,13 @@ def test_a_touch_bar_cannot_be_pulled():
 def test_what_is_not_given_is_that_of_the_kind_and_can_be_given(handle):
     swing = "push" if handle == "touch-bar" else "pull"
     plain, usual = DoorConfig(handle=handle, swing=swing), TURNING[handle]
-    assert (*plain.handle_spring, plain.travel, plain.arm) == usual
-    given = plain.replaced({"handle_travel": 0.5, "handle_arm": 0.1})
-    assert (given.travel, given.arm) == (0.5, 0.1)
+    assert (*plain.handle_spring, plain.handle_travel, plain.handle_arm) == usual
+    given = plain.replaced(
+        {
+            "lockset": {"handle_travel": 0.5, "handle_arm": 0.1},
+        }
+    )
+    assert (given.handle_travel, given.handle_arm) == (0.5, 0.1)
 
 
 @pytest.mark.parametrize(

@@ -66,14 +66,18 @@ def test_scenes_are_the_caller_s_own():
 
 @settings(max_examples=12)
 @both_bases
-@given(share=st.floats(0, 1), up=st.floats(0, 1), handle_standoff=st.floats(0.06, 0.12))
+@given(
+    share=st.floats(0, 1),
+    up=st.floats(0, 1),
+    handle_standoff=st.floats(0.06, 0.12),
+)
 def test_every_door_in_reach_can_be_held(base, share, up, handle_standoff):
     """Hand on the closed handle, arm within limits, robot at rest."""
     door = DoorConfig(
         radius=0.30 + share * (TIAGO_LIKE.on(base).stance(DoorConfig()).radius - 0.30),
         handle_height=0.50
         + up * (TIAGO_LIKE.on(base).stance(DoorConfig()).height - 0.50),
-        handle_standoff=handle_standoff,
+        leaf={"handle_standoff": handle_standoff},
     )
     model = build_scene(door, robot=TIAGO_LIKE.on(base))
     data = mujoco.MjData(model)

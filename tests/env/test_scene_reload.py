@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import gplfd_env
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.parts import Closer, Leaf, Lockset
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
@@ -29,11 +30,12 @@ doors = st.builds(
     radius=st.floats(0.30, 0.65),
     hinge_friction=st.floats(0.0, 5.0),
     hinge_damping=st.floats(0.0, 5.0),
-    closer_stiffness=st.floats(0.0, 5.0),
-    closer_preload=st.floats(0.0, 5.0),
+    closer=st.builds(
+        Closer, stiffness=st.floats(0.0, 5.0), preload=st.floats(0.0, 5.0)
+    ),
     panel_mass=st.floats(1.0, 100.0),
     handle_height=st.floats(0.70, 0.85),
-    handle_standoff=st.floats(0.06, 0.12),
+    leaf=st.builds(Leaf, handle_standoff=st.floats(0.06, 0.12)),
 )
 placements = st.builds(
     Placement,
@@ -50,27 +52,36 @@ building_doors = st.builds(
     swing=st.sampled_from(["pull", "push"]),
     hinge_side=st.sampled_from(["right", "left"]),
     radius=st.floats(0.40, 0.60),
-    backset=st.floats(0.05, 0.07),
-    leaf_thickness=st.floats(0.03, 0.05),
+    leaf=st.builds(
+        Leaf, backset=st.floats(0.05, 0.07), thickness=st.floats(0.03, 0.05)
+    ),
     stop_angle=st.floats(1.5, 2.5),
     panel_mass=st.floats(5.0, 60.0),
     seal=st.floats(0.1, 3.0),
-    closer_boost=st.floats(0.0, 10.0),
-    closer_friction=st.floats(0.0, 5.0),
-    closing_damping=st.floats(0.0, 80.0),
-    backcheck_damping=st.floats(0.0, 80.0),
-    backcheck_angle=st.floats(1.0, 1.4),
-    handle_length=st.floats(0.105, 0.125),
-    handle_preload=st.floats(0.3, 0.7),
-    handle_travel=st.floats(0.65, 0.96),
-    dead_travel=st.floats(0.0, 0.1),
-    bolt_throw=st.floats(0.012, 0.019),
-    bolt_preload=st.floats(2.5, 8.0),
+    closer=st.builds(
+        Closer,
+        boost=st.floats(0.0, 10.0),
+        friction=st.floats(0.0, 5.0),
+        closing_damping=st.floats(0.0, 80.0),
+        backcheck_damping=st.floats(0.0, 80.0),
+        backcheck_angle=st.floats(1.0, 1.4),
+    ),
+    lockset=st.builds(
+        Lockset,
+        handle_length=st.floats(0.105, 0.125),
+        handle_preload=st.floats(0.3, 0.7),
+        handle_travel=st.floats(0.65, 0.96),
+        dead_travel=st.floats(0.0, 0.1),
+        bolt_throw=st.floats(0.012, 0.019),
+        bolt_preload=st.floats(2.5, 8.0),
+    ),
 )
 scenes = st.tuples(doors, placements)
 PLAIN = DoorConfig(), Placement()
 ODD = (
-    DoorConfig(radius=0.31, panel_mass=97.0, handle_height=0.71, closer_preload=4.0),
+    DoorConfig(
+        radius=0.31, panel_mass=97.0, handle_height=0.71, closer={"preload": 4.0}
+    ),
     Placement(base_x=0.02, base_yaw=-0.05, grasp_height=0.03, grasp_depth=0.003),
 )
 
@@ -164,7 +175,12 @@ def test_an_unreachable_scene_leaves_the_model_unchanged():
 
 
 HEAVY = {"preset": "heavy", "panel_mass": 30.0}
-LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
+LEVER = {
+    "handle": "lever",
+    "latch": "spring",
+    "radius": 0.53,
+    "leaf": {"backset": 0.055},
+}
 EVERYTHING = {
     "push": {"along": (5.0, 9.0), "upward": 4.0, "start_time": 0.05},
     "person": {"start_time": 0.02, "duration": 0.1, "on": "hand"},

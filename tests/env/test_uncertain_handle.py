@@ -58,7 +58,6 @@ def test_no_other_draw_changes_and_errors_scale(make_env):
             2.0 * np.array(one.placement.belief)
         )
         assert none == dataclasses.replace(one, placement=one.placement.true)
-        assert one.as_dict()["belief_x"] == one.placement.belief_x
     assert small[0].placement.belief != small[1].placement.belief
 
 

@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ SPEC: dict[str, Any] = {
             "damping_opening": 8.0,
             "hold_open_rad": None,
             "backcheck_angle_rad": 1.25,
-            "backcheck_damping": 30.0,
+            "closer": {"backcheck_damping": 30.0},
             "latch_boost": 1.0,
         },
         "roller": {"coulomb_force_N": 7.0, "viscous_damping_N_s_per_m": 3.5},
@@ -94,9 +95,7 @@ def test_a_lever_door_is_read_whole(read):
     assert found.lost == ()
     assert found.door == DoorConfig(
         radius=0.80 - 0.07,
-        leaf_width=0.80,
-        backset=0.07,
-        leaf_thickness=0.042,
+        leaf={"width": 0.80, "backset": 0.07, "thickness": 0.042},
         panel_mass=21.5,
         handle_height=1.01,
         handle="lever",
@@ -107,20 +106,24 @@ def test_a_lever_door_is_read_whole(read):
         hinge_damping=0.15,
         stiction=0.5,
         stop_angle=math.radians(110.0),
-        closer_preload=17.0,
-        closer_stiffness=6.0,
-        closer_damping=8.0,
-        closing_damping=52.0,
-        backcheck_damping=30.0,
-        backcheck_angle=1.25,
-        handle_length=0.115,
-        handle_preload=0.4,
-        handle_stiffness=1.1,
-        handle_travel=0.75,
-        dead_travel=0.05,
-        bolt_throw=0.0127,
-        bolt_preload=3.5,
-        bolt_stiffness=310.0,
+        closer={
+            "preload": 17.0,
+            "stiffness": 6.0,
+            "damping": 8.0,
+            "closing_damping": 52.0,
+            "backcheck_damping": 30.0,
+            "backcheck_angle": 1.25,
+        },
+        lockset={
+            "handle_length": 0.115,
+            "handle_preload": 0.4,
+            "handle_stiffness": 1.1,
+            "handle_travel": 0.75,
+            "dead_travel": 0.05,
+            "bolt_throw": 0.0127,
+            "bolt_preload": 3.5,
+            "bolt_stiffness": 310.0,
+        },
     )
 
 
@@ -128,22 +131,22 @@ def test_a_lever_door_is_read_whole(read):
     ("path", "value", "line", "field", "expected"),
     [
         ("lock/engaged", True, "lock is engaged", "latch", "spring"),
-        ("leaf/count", 2, "its other leaf", "leaf_width", 0.8),
+        ("leaf/count", 2, "its other leaf", "leaf.width", 0.8),
         ("kinematics/both_ways", True, "opens the other way", "swing", "push"),
         ("kinematics/rest_angle_deg", 15, "rests open at 15°", "swing", "push"),
         ("hinge/pivot_offset_m", 0.1, "0.1 m of its leaf beyond", "radius", 0.63),
         ("physics/latch/holding_force_N", 35, "the 35 N with which", "latch", "spring"),
         ("hinge/axis_tilt_deg", 3.0, "tilted by 3°", "hinge_side", "left"),
-        ("physics/closer/latch_boost", 1.25, "boost of 1.25", "closer_boost", 0.0),
+        ("physics/closer/latch_boost", 1.25, "boost of 1.25", "closer.boost", 0.0),
         ("physics/closer/hold_open_rad", 1.6, "open at 1.6 rad", "swing", "push"),
         ("operator/height", 1.4, "handle_height = 1.4", "handle_height", 1.22),
-        ("leaf/thickness", 0.006, "leaf_thickness", "leaf_thickness", 0.015),
-        ("physics/latch/backset_m", 0.127, "", "backset", 0.127),
+        ("leaf/thickness", 0.006, "leaf.thickness", "leaf.thickness", 0.015),
+        ("physics/latch/backset_m", 0.127, "", "leaf.backset", 0.127),
     ],
 )
 def test_what_is_lost_is_said(path, value, line, field, expected, read):
     found = read(changed(path, value))
-    assert getattr(found.door, field) == pytest.approx(expected)
+    assert attrgetter(field)(found.door) == pytest.approx(expected)
     assert line in " ".join(found.lost)
     assert bool(found.lost) == bool(line)
 
@@ -196,7 +199,11 @@ PUSHED = {
 def test_handles_with_a_horizontal_axis(model, handle, read):
     door = read(operated(model, **ROTATED)).door
     assert (door.handle, door.latch) == (handle, "spring")
-    assert (door.travel, door.dead_travel, door.arm) == (0.35, 0.03, 0.05)
+    assert (door.handle_travel, door.lockset.dead_travel, door.handle_arm) == (
+        0.35,
+        0.03,
+        0.05,
+    )
     assert door.handle_spring == (0.5, 1.2)
 
 
@@ -204,11 +211,13 @@ def test_the_straight_travel_of_a_touch_bar_becomes_an_arc_of_its_forces(read):
     door = read(operated("panic_touchbar_rim", **PUSHED)).door
     assert door.handle == "touch-bar"
     assert door.radius == pytest.approx(0.75)
-    assert door.arm * math.sin(door.travel) == pytest.approx(0.016, rel=0.02)
-    assert door.arm * door.dead_travel == pytest.approx(0.002)
+    assert door.handle_arm * math.sin(door.handle_travel) == pytest.approx(
+        0.016, rel=0.02
+    )
+    assert door.handle_arm * door.lockset.dead_travel == pytest.approx(0.002)
     preload, stiffness = door.handle_spring
-    assert preload / door.arm == pytest.approx(18.0)
-    assert stiffness / door.arm**2 == pytest.approx(1200.0)
+    assert preload / door.handle_arm == pytest.approx(18.0)
+    assert stiffness / door.handle_arm**2 == pytest.approx(1200.0)
 
 
 def test_a_touch_bar_of_a_wide_leaf_is_held_where_the_robot_reaches(read):
@@ -255,8 +264,8 @@ def test_a_sliding_leaf_takes_the_force_of_its_rollers_on_any_way(way, read):
     found = read(spec)
     door = found.door
     assert (door.motion, door.handle, door.swing) == ("sliding", "bar", "pull")
-    assert (door.hinge_side, door.leaf_width) == ("right", 0.8)
-    assert door.clear_way == min(way, 1.05)
+    assert (door.hinge_side, door.leaf.width) == ("right", 0.8)
+    assert door.clear_width == min(way, 1.05)
     assert door.radius == pytest.approx(0.74)
     (link,) = links_of(door)
     along = link.gains[0]  # Metres per rad of the door's angle.
@@ -280,11 +289,11 @@ def test_folding_leaves_do_the_work_of_their_rollers_and_hinges(
     found = read(rolling(family, width, count, **kinematics))
     door = found.door
     assert (door.motion, door.swing) == ("folding", "pull")
-    assert (door.leaf_width, door.backset) == (pytest.approx(0.8), 0.06)
+    assert (door.leaf.width, door.leaf.backset) == (pytest.approx(0.8), 0.06)
     assert door.panel_mass == 21.5 / stacks
     # The guided edge goes 85 % of its way, and so far the first leaf turns for it.
     turned = math.acos(0.15)
-    assert door.roller_friction == 7.0
+    assert door.mechanism.roller_friction == 7.0
     assert door.hinge_friction * SUCCESS_ANGLE == pytest.approx(0.9 * turned)
     assert door.stiction * SUCCESS_ANGLE == pytest.approx(0.5 * turned)
     damping = 3.5 * (0.85 * 0.8) ** 2 + 0.15 * turned**2

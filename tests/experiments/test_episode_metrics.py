@@ -160,7 +160,7 @@ def test_work_is_force_times_arc_length_and_the_energy_of_a_spring(make_log):
 
 def test_work_on_a_lever_is_done_where_the_hand_is(make_log):
     """3 cm from its end, and nearer to the hinge than its axis."""
-    door = {"radius": 0.5, "handle": "lever", "handle_length": 0.12}
+    door = {"radius": 0.5, "handle": "lever", "lockset": {"handle_length": 0.12}}
     log = make_log(force_tangential=np.full(601, 10.0), door_config=door)
     turned = log.door_angle[-1] - log.door_angle[0]
     assert work_on_door(log) == pytest.approx(10.0 * 0.41 * turned)

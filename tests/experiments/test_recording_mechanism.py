@@ -71,10 +71,8 @@ def test_nothing_is_made_of_a_plain_bar_door(make_log, door_model, shown):
 )
 def test_only_what_is_there_is_shown(door, base, there):
     config = door_config(door)
-    assert (
-        mechanism_of(build_scene(config, robot=TIAGO_LIKE.on(base)), config.as_dict())
-        == there
-    )
+    model = build_scene(config, robot=TIAGO_LIKE.on(base))
+    assert mechanism_of(model, config) == there
 
 
 def test_curves_are_the_log_s_in_the_units_of_the_titles(log, model, shown):

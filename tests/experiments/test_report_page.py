@@ -280,7 +280,7 @@ def test_radii_that_are_drawn_are_in_bands_and_other_doors_apart(
     assert "| `gp` | 2/2<br>0.34–1.00<br>1.0 N | – | – | 1/1<br>" in doors
 
     heavy = episode_result("gp", 0, 0.5, door="heavy")
-    heavy["task"]["door_config"]["closer_preload"] = 5.0
+    heavy["task"]["door_config"]["closer"] = {"preload": 5.0}
     text = page_of([*policies, heavy, heavy, heavy])
     rates = {
         **dict.fromkeys(("demonstrated radii", "new radii"), "8/8<br>0.68–1.00"),

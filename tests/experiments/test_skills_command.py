@@ -49,7 +49,7 @@ def test_a_folder_is_refused_as_a_skill_before_learning(tmp_path, capsys):
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_the_command_after_learn_opens_the_doors_of_a_run_with_its_policy(capsys):
     """A bar's skill at the default doors would be no use to who has opened an oven."""
-    own = door_config("oven").as_dict() | {"closer_preload": 0.4}
+    own = door_config("oven").as_dict() | {"closer": {"preload": 0.4}}
     Path("doors").mkdir()
     Path("doors/mine.json").write_text(json.dumps(own))
     doors = ["0.50", "oven", "doors/mine.json"]

@@ -93,7 +93,7 @@ CHANGES = {
     "demonstrated_radii": (0.4,),
     "habits": {"pauses": 1},
     "demonstrated_forces": True,
-    "demonstrated_hardware": ({"closer_preload": 5.0}, {}, {}),
+    "demonstrated_hardware": ({"closer": {"preload": 5.0}}, {}, {}),
     "prior_radius": 0.5,
     "trial": "person",
     "level": "500 N/m",

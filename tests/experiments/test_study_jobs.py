@@ -158,7 +158,7 @@ def test_a_task_says_whether_forces_are_demonstrated(start):
 def test_demonstrated_doors_have_their_own_hardware():
     """The hand presses a handle harder whose door has a closer; the motion is equal."""
     forces = {"demonstrated_forces": True, "demonstrations_per_door": 1}
-    closers = ({}, {"closer_preload": 10.0}, {})
+    closers = ({}, {"closer": {"preload": 10.0}}, {})
     plain, closed = (
         build.demonstrations_of(task("gp", **forces, demonstrated_hardware=each))
         for each in ((), closers)
@@ -174,7 +174,7 @@ def test_demonstrated_doors_have_their_own_hardware():
     with pytest.raises(
         ValueError, match=r"for each of the 3 demonstrated doors.* got 1"
     ):
-        task("gp", demonstrated_hardware=({"closer_preload": 10.0},))
+        task("gp", demonstrated_hardware=({"closer": {"preload": 10.0}},))
 
 
 def test_a_prior_mean_is_the_arc_at_the_phases_of_demonstrations(monkeypatch):

@@ -276,8 +276,8 @@ def test_the_hand_follows_handle_and_door(door: DoorConfig) -> None:
     # Nobody opens a latched door: it begins to move where the handle has gone most of
     # its travel, and the handle is nearly back when the door is half open.
     begins = np.flatnonzero(opened > np.radians(0.2))[0]
-    assert turned[begins] > 0.8 * door.travel
-    assert turned.max() <= door.travel + 1e-9
+    assert turned[begins] > 0.8 * door.handle_travel
+    assert turned.max() <= door.handle_travel + 1e-9
     resting = 0.2 * turned.max()
     assert_allclose(turned[opened > np.radians(26.0)], resting, atol=1e-9)
 
@@ -304,7 +304,7 @@ def test_a_bar_is_pulled_at_once_and_as_ever() -> None:
 def test_nobody_turns_a_handle_beyond_its_stop() -> None:
     draws = rng()
     presses = [draw_press(LEVER, draws) for _ in range(200)]
-    assert max(press.angle for press in presses) <= LEVER.travel
+    assert max(press.angle for press in presses) <= LEVER.handle_travel
     assert min(press.time for press in presses) >= 0.4
     angles = np.radians([0.0, 8.0, 16.5, 25.0, 60.0])
     back = handle_angles(Press(time=1.0, angle=0.8), np.ones(5), angles)

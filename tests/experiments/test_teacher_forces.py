@@ -34,7 +34,7 @@ CLOSER = {**en1154(2), "seal": 2.0, "stiction": 1.0}
 ROOM = {"handle": "lever", "latch": "spring", "radius": 0.65}
 DOORS: dict[str, dict[str, Any]] = {
     "bar": {},
-    "pushed, left": {"swing": "push", "hinge_side": "left", "closer_preload": 5.0},
+    "pushed, left": {"swing": "push", "hinge_side": "left", "closer": {"preload": 5.0}},
     "closer": CLOSER,
     "lever": ROOM,
     "lever and closer, left": {**ROOM, **CLOSER, "hinge_side": "left"},
@@ -50,7 +50,7 @@ def shown(door, forces=NEEDED, habits=TIDY, seed: int = 0, **changes: float) -> 
 
 def bolt_ratio(door: DoorConfig) -> float:
     """How far an angle of the handle draws the bolt [m/rad]."""
-    return door.bolt_throw / (door.travel - door.dead_travel)
+    return door.lockset.bolt_throw / (door.handle_travel - door.lockset.dead_travel)
 
 
 @pytest.mark.parametrize("name", DOORS)
@@ -73,14 +73,16 @@ def test_the_hand_does_the_work_that_the_door_takes(name):
     )
     angles = np.linspace(0.0, end, 10_000)
     expected = trapezoid(CloserLaw.of(door).torque(angles, 0.0 * angles), angles)
-    damping = door.hinge_damping + door.closer_damping
+    damping = door.hinge_damping + door.closer.damping
     expected += door.friction * end + damping * 10 / 7 * end**2 / duration
     if door.handle != "bar":
         turn = abs(rotations[-1].as_euler("YXZ")[1])
-        bolt = bolt_ratio(door) * (turn - door.dead_travel)
+        bolt = bolt_ratio(door) * (turn - door.lockset.dead_travel)
         preload, stiffness = door.handle_spring
         expected += preload * turn + stiffness * turn**2 / 2
-        expected += door.bolt_preload * bolt + door.bolt_stiffness * bolt**2 / 2
+        expected += (
+            door.lockset.bolt_preload * bolt + door.lockset.bolt_stiffness * bolt**2 / 2
+        )
     assert work == pytest.approx(expected, rel=0.01)
 
 
@@ -90,10 +92,10 @@ def test_the_simulated_door_takes_the_same_torques(name):
     door, rate = DoorConfig(**DOORS[name]), 500.0
     times, ratio = np.arange(0.0, 4.0, 1.0 / rate), bolt_ratio(door)
     angles = 1.2 * minimum_jerk((times - 0.7) / 3.0)
-    turns = 0.9 * door.travel * minimum_jerk(times / 0.8)
+    turns = 0.9 * door.handle_travel * minimum_jerk(times / 0.8)
     motions = {"hinge": angles}
     if door.handle != "bar":
-        bolt = ratio * np.maximum(turns - door.dead_travel, 0.0)
+        bolt = ratio * np.maximum(turns - door.lockset.dead_travel, 0.0)
         motions |= {"handle": turns, "bolt": bolt}
     model = build_scene(door, robot=TIAGO_LIKE.on(base_for(door, TIAGO_LIKE)))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
@@ -144,7 +146,7 @@ def test_forces_are_those_of_the_hand_on_the_handle():
 
 
 def test_a_pause_holds_the_closer_and_lost_samples_lose_their_wrench():
-    door = DoorConfig(closer_preload=10.0)
+    door = DoorConfig(closer={"preload": 10.0})
     pausing = dataclasses.replace(TIDY, pauses=1, longest_pause=10.0)
     given = shown(door, habits=pausing, seed=1)
     speed = np.abs(np.gradient(given.poses[:, 4]))
@@ -164,7 +166,7 @@ def test_each_variation_has_its_size_and_axes(field):
     """In axes along the path, up, and along the leaf."""
     axes = {"effo": [0], "acro": [1, 2]}.get(field[:4], [0, 1, 2])
     axes = [3, 4, 5] if "moment" in field else axes
-    door, squares = DoorConfig(closer_preload=10.0), []
+    door, squares = DoorConfig(closer={"preload": 10.0}), []
     varied = dataclasses.replace(NEEDED, **{field: 0.2})
     for seed in range(40):
         needed, given = (shown(door, one, seed=seed) for one in (NEEDED, varied))

@@ -407,7 +407,7 @@ def test_another_door_is_another_task():
     tasks = trial_tasks(named_trials(("heavy",)), part="small")
     light, heavier = (one for one in tasks if (one.policy, one.seed) == ("gp", 0))
     assert (light.level, heavier.level) == ("14 N", "24 N")
-    assert heavier.door_config == {**light.door_config, "closer_preload": 10.0}
+    assert heavier.door_config == {**light.door_config, "closer": {"preload": 10.0}}
     assert dataclasses.replace(light, level="24 N").key != heavier.key
 
 

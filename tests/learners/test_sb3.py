@@ -24,7 +24,12 @@ from gplfd_env.wrappers import NumericInfo, VectorNumericInfo
 from gplfd_env.wrappers.sb3 import SB3VecEnv, make_sb3
 
 POSE, RL = gplfd_env.ENVIRONMENT_ID, gplfd_env.RL_ENVIRONMENT_ID
-LEVER = {"handle": "lever", "latch": "spring", "radius": 0.53, "backset": 0.055}
+LEVER = {
+    "handle": "lever",
+    "latch": "spring",
+    "radius": 0.53,
+    "leaf": {"backset": 0.055},
+}
 DOORS = ["small", LEVER, "heavy"]
 LIMIT = 60
 

@@ -156,7 +156,7 @@ def test_physics_are_mujoco_s_within_float32(played, randomization):
 
 
 def test_handles_that_turn_agree_too():
-    turning = {"radius": 0.5, "backset": 0.06}
+    turning = {"radius": 0.5, "leaf": {"backset": 0.06}}
     handles = [{"handle": "lever"}, {"handle": "knob", "hinge_side": "left"}]
     envs = pair(2, door=[{**turning, **one} for one in handles])
     apart = differences(*envs, shoves, 300)
@@ -195,18 +195,25 @@ def test_every_field_in_which_doors_differ_is_each_simulation_s_own():
     """But for what is only seen, and what MuJoCo Warp does not read in a step."""
     rng = np.random.default_rng(0)
     scenes: dict[Any, list[mujoco.MjModel]] = {}
-    turning = {"radius": 0.5, "backset": 0.06}
+    turning = {"radius": 0.5, "leaf": {"backset": 0.06}}
     doors = [
         *("small", "medium", "large", "heavy", "cabinet", "wardrobe"),
         {"radius": 0.45, "swing": "push", "stop_angle": 1.8},
         {"radius": 0.45, "hinge_side": "left"},
         {**turning, "handle": "lever"},
         {**turning, "handle": "lever", "hinge_side": "left", "swing": "push"},
-        {**turning, "handle": "lever", "handle_stiffness": 0.5},
+        {**turning, "handle": "lever", "lockset": {"handle_stiffness": 0.5}},
         {**turning, "handle": "knob", "stiction": 2.0},
-        {"backcheck_damping": 20.0, "backcheck_angle": 1.0},
+        {
+            "closer": {"backcheck_damping": 20.0, "backcheck_angle": 1.0},
+        },
         {"seal": 2.0, "seal_angle": 0.1},
-        {**turning, "handle": "knob", "closing_damping": 5.0, "hinge_side": "left"},
+        {
+            **turning,
+            "handle": "knob",
+            "closer": {"closing_damping": 5.0},
+            "hinge_side": "left",
+        },
     ]
     for door in doors:
         for name in ("none", *4 * ["hard"]):

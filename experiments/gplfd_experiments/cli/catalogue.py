@@ -45,7 +45,7 @@ def _sections() -> Mapping[str, Mapping[str, str]]:
         f"{standing:g} m with a mobile base; or a .json file)": {
             name: ("" if one.motion == "hinged" else f"{one.motion}, ")
             + f"radius {one.radius:.2f} m, hinge friction {one.hinge_friction:.2g} N m"
-            + (f", closer {one.closer_preload:.3g} N m" if one.closer_preload else "")
+            + (f", closer {one.closer.preload:.3g} N m" if one.closer.preload else "")
             + (f", {one.handle}" if one.handle != "bar" else "")
             + (" with latch" if one.latch != "none" else "")
             for name, one in DOORS.items()

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_env.doors.config import DoorConfig, Handle
 from gplfd_env.doors.hardware import CLEAR_WAY, sliding_gain
-from gplfd_env.validation.fields import allowed_range
+from gplfd_env.validation.fields import Range, allowed_range
 from gplfd_experiments.files.plain_data import entry, read_json
 
 SCHEMA: Final = "1.0"
@@ -26,8 +26,8 @@ _REACHED: Final = 1.0
 """Radius at which the robot opens doors of both swings and sides [m]."""
 _TOUCH_BAR_ARM: Final = 0.05  # Turns a touch bar's straight travel into an angle [m].
 _LEAF: Final = {
-    "leaf_width": "leaf/width",
-    "leaf_thickness": "leaf/thickness",
+    "leaf.width": "leaf/width",
+    "leaf.thickness": "leaf/thickness",
     "panel_mass": "physics/mass/total_kg",
     "handle_height": "operator/height",
 }
@@ -35,16 +35,16 @@ _HINGED: Final = {
     "hinge_friction": "physics/hinge/coulomb_torque_Nm",
     "hinge_damping": "physics/hinge/air_damping_Nms_per_rad",
     "stiction": "physics/hinge/stick_torque_Nm",
-    "closer_preload": "physics/closer/spring_preload_Nm",
-    "closer_stiffness": "physics/closer/spring_stiffness_Nm_per_rad",
-    "closer_damping": "physics/closer/damping_opening",
-    "backcheck_damping": "physics/closer/backcheck_damping",
+    "closer.preload": "physics/closer/spring_preload_Nm",
+    "closer.stiffness": "physics/closer/spring_stiffness_Nm_per_rad",
+    "closer.damping": "physics/closer/damping_opening",
+    "closer.backcheck_damping": "physics/closer/backcheck_damping",
 }
 _HANDLE: Final = {
-    "handle_preload": "physics/latch/operator_spring_preload",
-    "handle_stiffness": "physics/latch/operator_spring_rate",
-    "handle_travel": "physics/latch/operator_travel",
-    "dead_travel": "physics/latch/operator_dead_travel",
+    "lockset.handle_preload": "physics/latch/operator_spring_preload",
+    "lockset.handle_stiffness": "physics/latch/operator_spring_rate",
+    "lockset.handle_travel": "physics/latch/operator_travel",
+    "lockset.dead_travel": "physics/latch/operator_dead_travel",
 }
 _KINDS: Final[Mapping[str, Handle]] = {
     "lever": "lever",
@@ -66,11 +66,11 @@ _KINDS: Final[Mapping[str, Handle]] = {
 _NO_BARS: Final = ("pull_ring", "pull_flush_recessed", "pull_finger_cup")
 """Pulls that a gripper does not hold like a bar."""
 _LATCH: Final = {
-    "bolt_throw": "physics/latch/throw_m",
-    "bolt_preload": "physics/latch/bolt_spring_preload_N",
-    "bolt_stiffness": "physics/latch/bolt_spring_rate_N_per_m",
+    "lockset.bolt_throw": "physics/latch/throw_m",
+    "lockset.bolt_preload": "physics/latch/bolt_spring_preload_N",
+    "lockset.bolt_stiffness": "physics/latch/bolt_spring_rate_N_per_m",
 }
-"""Fields of `DoorConfig`, and their places in a specification."""
+"""Fields of `DoorConfig` and its parts, and their places in a specification."""
 
 
 class ImportedDoor(NamedTuple):
@@ -95,7 +95,7 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
     try:
         fields = _fields(spec, lost)
         name = _at(spec, "id", str)
-        door = DoorConfig(**_within(fields, lost))
+        door = DoorConfig(**_nested(_within(fields, lost)))
     except ValueError as error:
         raise ValueError(f"{path} cannot be imported as a door: {error}") from error
     return ImportedDoor(name, door, tuple(lost))
@@ -125,7 +125,7 @@ def _fields(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
         raise ValueError(f"its hinge is at the {side!r}, neither left nor right")
     fields |= _FAMILIES[family](spec, lost)
     fields |= _operated(spec, fields, lost)
-    fields["radius"] = fields["leaf_width"] - fields["backset"]
+    fields["radius"] = fields["leaf.width"] - fields["leaf.backset"]
     if held := _at(spec, "physics/latch/holding_force_N"):
         lost.append(f"the {held:g} N with which its latch holds it")
     if _at(spec, "lock/engaged", bool):
@@ -148,16 +148,16 @@ def _hinged(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
     hinge = _at(spec, "hinge", dict[str, Any])
     if beyond := entry({"pivot_offset_m": 0.0} | hinge, "pivot_offset_m", float):
         lost.append(f"the {beyond:g} m of its leaf beyond the pivot")
-        fields["leaf_width"] = _at(spec, "leaf/width") - beyond
+        fields["leaf.width"] = _at(spec, "leaf/width") - beyond
     fields["swing"] = "push" if _at(spec, "robot/is_push", bool) else "pull"
     fields["stop_angle"] = math.radians(_at(spec, "kinematics/max_open_deg"))
     if tilt := _at(spec, "hinge/axis_tilt_deg"):
         lost.append(f"its hinge axis is tilted by {tilt:g}°; here it is upright")
     closing = _at(spec, "physics/closer/damping_closing")
-    fields["closing_damping"] = closing - fields["closer_damping"]
+    fields["closer.closing_damping"] = closing - fields["closer.damping"]
     angle = _at(spec, "physics/closer/backcheck_angle_rad", float | None)
     if angle is not None:
-        fields["backcheck_angle"] = angle
+        fields["closer.backcheck_angle"] = angle
     hold = _at(spec, "physics/closer", dict[str, Any]).get("hold_open_rad")
     if hold is not None:
         lost.append(f"its closer holds the door open at {hold!r:.20} rad")
@@ -185,8 +185,12 @@ def _sliding(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
     if _at(spec, "leaf/count") > 1:
         lost.append("its other leaves, behind which it slides")
     # The force is that of the rollers also if the travel is limited to its range.
-    within = min(way, allowed_range(DoorConfig, "clear_width").high)
-    return {"motion": "sliding", "clear_width": way, **_rolling(spec, within, lost)}
+    within = min(way, _range_of("mechanism.clear_width").high)
+    return {
+        "motion": "sliding",
+        "mechanism.clear_width": way,
+        **_rolling(spec, within, lost),
+    }
 
 
 def _folding(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
@@ -206,11 +210,11 @@ def _folding(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
     fields = _rolling(spec, width, lost)
     turn = math.acos(1.0 - CLEAR_WAY) / SUCCESS_ANGLE  # Of the first leaf, per rad.
     fields["hinge_friction"] = turn * _at(spec, _HINGED["hinge_friction"])
-    fields["roller_friction"] = _at(spec, "physics/roller/coulomb_force_N")
+    fields["mechanism.roller_friction"] = _at(spec, "physics/roller/coulomb_force_N")
     fields["hinge_damping"] += turn**2 * _at(spec, _HINGED["hinge_damping"])
     stiction = turn * _at(spec, _HINGED["stiction"])
     mass = _at(spec, _LEAF["panel_mass"]) / stacks
-    fields |= {"leaf_width": width, "panel_mass": mass, "stiction": stiction}
+    fields |= {"leaf.width": width, "panel_mass": mass, "stiction": stiction}
     return fields | {"motion": "folding"}
 
 
@@ -244,7 +248,7 @@ def _operated(
     operator = _at(spec, "operator", dict[str, Any])
     model = _at(spec, "operator/model", str)
     latched = _at(spec, "physics/latch/throw_m") > 0.0
-    width, backset = fields["leaf_width"], _at(spec, "physics/latch/backset_m")
+    width, backset = fields["leaf.width"], _at(spec, "physics/latch/backset_m")
     far = operator.get("sides") == "push_side" and fields["swing"] == "pull"
     if far:
         model = str(operator.get("far_side", "none"))
@@ -260,12 +264,12 @@ def _operated(
         known = ", ".join(_KINDS)
         raise ValueError(f"its handle is {model!r}, none that begins with {known}")
     # Without a backset, the handle is where the robot can hold it.
-    nearest = min(width - _REACHED, allowed_range(DoorConfig, "backset").high)
+    nearest = min(width - _REACHED, _range_of("leaf.backset").high)
     if fields.get("motion") == "folding":  # Its path depends on where it is.
         nearest = 0.0
     found: dict[str, Any] = {
         "handle": handle,
-        "backset": backset or round(max(_BACKSET, nearest), 6),
+        "leaf.backset": backset or round(max(_BACKSET, nearest), 6),
     }
     if handle == "bar":
         travel = 0.0 if far else _at(spec, "physics/latch/operator_travel")
@@ -285,18 +289,18 @@ def _operated(
     found |= {name: _at(spec, place) for name, place in _HANDLE.items()}
     grip = _at(spec, "physics/latch/operator_grip_offset_m")
     if handle == "lever":
-        found["handle_length"] = grip + _BEYOND_GRIP
+        found["lockset.handle_length"] = grip + _BEYOND_GRIP
     elif handle == "touch-bar":
-        found["backset"] = round(max(_BESIDE_EDGE, nearest), 6)
+        found["leaf.backset"] = round(max(_BESIDE_EDGE, nearest), 6)
         if grip == 0.0:
             # A straight travel [m, N, N/m] as that of an arm.
             grip = _TOUCH_BAR_ARM
-            found["handle_travel"] /= grip
-            found["dead_travel"] /= grip
-            found["handle_preload"] *= grip
-            found["handle_stiffness"] *= grip**2
+            found["lockset.handle_travel"] /= grip
+            found["lockset.dead_travel"] /= grip
+            found["lockset.handle_preload"] *= grip
+            found["lockset.handle_stiffness"] *= grip**2
     if handle not in ("lever", "knob"):
-        found["handle_arm"] = grip
+        found["lockset.handle_arm"] = grip
     return found
 
 
@@ -308,13 +312,30 @@ def _within(fields: dict[str, Any], lost: list[str]) -> dict[str, Any]:
     """
     result = dict(fields)
     for name, value in fields.items():
-        if isinstance(value, str) or name in ("radius", "leaf_width"):
+        if isinstance(value, str) or name in ("radius", "leaf.width"):
             continue
-        allowed = allowed_range(DoorConfig, name)
+        allowed = _range_of(name)
         nearest = min(max(value, allowed.low), allowed.high)
         if nearest != value:
             lost.append(f"{name} = {value:g} is outside {allowed}; {nearest:g} instead")
             result[name] = nearest
-    if result["backset"] != fields["backset"]:
-        result["leaf_width"] = None
+    if result["leaf.backset"] != fields["leaf.backset"]:
+        result["leaf.width"] = None
     return result
+
+
+def _range_of(name: str) -> Range:
+    """Return the range of a field of a door or, as in ``closer.preload``, of a part."""
+    part, _, field = name.rpartition(".")
+    return allowed_range(
+        type(getattr(DoorConfig(), part)) if part else DoorConfig, field
+    )
+
+
+def _nested(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of `DoorConfig`, with a mapping for each part."""
+    arguments: dict[str, Any] = {}
+    for name, value in fields.items():
+        part, _, field = name.rpartition(".")
+        (arguments.setdefault(part, {}) if part else arguments)[field] = value
+    return arguments

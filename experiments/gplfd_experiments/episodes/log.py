@@ -185,7 +185,7 @@ class EpisodeLog:
     @property
     def radius(self) -> float:
         """Distance from hinge to handle [m]."""
-        return float(self.door_config["radius"])
+        return self.config.radius
 
     @property
     def config(self) -> DoorConfig:

@@ -128,7 +128,7 @@ class EpisodeTask(TaughtTask):
     """Radii of the doors that the teacher opens [m]."""
     demonstrated_kind: Mapping[str, str] | None = omit_default(None)
     """`DoorConfig.kind` of these doors; None for furniture doors with a bar."""
-    demonstrated_hardware: Sequence[Mapping[str, float | str]] = omit_default(())
+    demonstrated_hardware: Sequence[Mapping[str, Any]] = omit_default(())
     """For each of these doors, the fields of its `DoorConfig` that differ from the
     default, such as the closer, or from `demonstrated_kind`, such as the swing of doors
     that are demonstrated without a label; () for none."""

@@ -1,9 +1,10 @@
 """Write one episode as a recording with its view."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import geometric_mean
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -48,7 +49,7 @@ def record_episode(
     written.
     """
     check_model(log, model)
-    there = mechanism_of(model, log.door_config)
+    there = mechanism_of(model, log.config)
     forces = bool(np.isfinite(log.expected_force).any())
     arrangement = layout(kinds_of(log), there, log.config.hinge_side, forces=forces)
     with recording_file(path, arrangement) as stream:
@@ -105,15 +106,22 @@ def part_chunks(part: EpisodePart, model: mujoco.MjModel) -> Iterator[Chunk]:
     yield from mechanism(part, model)
 
 
+def _described(fields: Mapping[str, Any], part: str = "") -> Iterator[str]:
+    """Return the name and value of each field of a door and its parts."""
+    for name, value in fields.items():
+        if isinstance(value, Mapping):
+            yield from _described(value, f"{name} ")
+        else:
+            text = value if isinstance(value, str) else f"{value:g}"
+            yield f"{part}{name.replace('_', ' ')} {text}"
+
+
 def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk:
     """Return the page beside the scene: the run and how to read the view."""
     opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
     angle = math.degrees(log.door_angle[-1])
     end = f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s"
-    door = ", ".join(
-        f"{name.replace('_', ' ')} {value if isinstance(value, str) else f'{value:g}'}"
-        for name, value in log.door_config.items()
-    )
+    door = ", ".join(_described(log.door_config))
     notes = ""
     if np.isfinite(log.expected_force).any():
         notes += (

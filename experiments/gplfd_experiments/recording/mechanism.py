@@ -6,13 +6,15 @@ episode.
 """
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.parts import Closer
 from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.scene.latch import GAP
 from gplfd_env.scene.visuals import CLOSER_ARM
@@ -33,12 +35,6 @@ BOLT_STATES: Final[Mapping[str, colours.Colour]] = {
     "bolt thrown": colours.MARK,
     "bolt held back": colours.HAND,
 }
-
-_CLOSING: Final = (
-    "closer_preload", "closer_stiffness", "closer_boost", "closer_friction",
-    "closer_damping", "closing_damping", "backcheck_damping", "seal", "stiction",
-)  # fmt: skip
-"""Fields of a door that cause a closing torque."""
 
 
 class Panel(NamedTuple):
@@ -73,12 +69,10 @@ PANELS: Final[Mapping[str, Panel]] = {
 """Panels by the entity below `gplfd_experiments.recording.panels.ROOT`."""
 
 
-def mechanism_of(
-    model: mujoco.MjModel, door_config: Mapping[str, Any]
-) -> tuple[str, ...]:
-    """Return which of `PANELS` have data for a model and the fields of its door."""
+def mechanism_of(model: mujoco.MjModel, door: DoorConfig) -> tuple[str, ...]:
+    """Return which of `PANELS` have data for a model and its door."""
     joints = {model.joint(index).name for index in range(model.njnt)}
-    closing = any(door_config.get(field, 0.0) > 0.0 for field in _CLOSING)
+    closing = door.closer != Closer() or door.seal > 0.0 or door.stiction > 0.0
     return tuple(
         name
         for name, panel in PANELS.items()
@@ -89,7 +83,7 @@ def mechanism_of(
 def mechanism(part: EpisodePart, model: mujoco.MjModel) -> Iterator[Chunk]:
     """Return curves, the latch's lane and the closer's arm in a part of an episode."""
     log = part.log
-    there = mechanism_of(model, log.door_config)
+    there = mechanism_of(model, log.config)
     for name in there:
         curves = {
             line: scale * _positions(log, model, joint)

@@ -54,17 +54,25 @@ def door_frame(
     model: mujoco.MjModel, door: DoorConfig, demonstrations: Sequence[Demonstration]
 ) -> list[Chunk]:
     """Return static entities in the task frame, and the task frame itself."""
-    side, radius, hinge = door.side, door.radius, -door.side * door.hand_radius
+    side, radius, hinge = (
+        door.hinge_sign,
+        door.radius,
+        -door.hinge_sign * door.hand_radius,
+    )
     angles = np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
     if door.motion == "hinged":
         # About the hinge.
         path = handle_pose_on_arc(door.hand_radius, angles)[:, :3]
-        path = path * [door.way, 1.0, side]
+        path = path * [door.swing_sign, 1.0, side]
         leaf = [[[0.0, 0.0, 0.0], [0.0, 0.0, side * radius]]]
     else:
         # Relative to the handle, with which it moves.
         path = DoorGeometry.of(door).hand_poses(angles.clip(max=end_angle(door)))[:, :3]
-        far = [0.0, 0.0, -side * (door.fold if door.motion == "folding" else radius)]
+        far = [
+            0.0,
+            0.0,
+            -side * (door.fold_distance if door.motion == "folding" else radius),
+        ]
         if door.motion == "flap":
             far = list(links_of(door)[-1].anchor)
         leaf, hinge = [[far, [0.0, 0.0, 0.0]]], 0.0

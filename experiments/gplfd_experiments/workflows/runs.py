@@ -273,7 +273,7 @@ def _episode(
         return FailedEpisode(
             policy=task.policy,
             door=task.door,
-            radius=task.door_config["radius"],
+            radius=DoorConfig(**task.door_config).radius,
             seed=task.seed,
             error=str(error),
         )

@@ -173,7 +173,7 @@ _LONGEST: Final = 200
 """Largest number of characters of a name, and of a reason."""
 
 _NARROWER: Final[Mapping[str, Any]] = {
-    "door_config": dict[str, float | str | None],
+    "door_config": dict[str, Any],
     "habits": dict[str, float] | None,
 }
 """Types of fields that `EpisodeTask` does not specify."""

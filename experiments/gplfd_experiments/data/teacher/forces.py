@@ -71,10 +71,10 @@ class ForceConfig(Quantities):
 
 def hinge_inertia(door: DoorConfig) -> float:
     """Return the moment of inertia of leaf and handle about the hinge [kg m²]."""
-    width = door.radius + door.backset + door.overhang
+    width = door.radius + door.leaf.backset + door.overhang
     middle = 0.5 * width - door.overhang
-    leaf = (width**2 + door.leaf_thickness**2) / 12.0
-    leaf += middle**2 + door.handle_standoff**2
+    leaf = (width**2 + door.leaf.thickness**2) / 12.0
+    leaf += middle**2 + door.leaf.handle_standoff**2
     return door.panel_mass * leaf + _HANDLE_MASS * door.radius**2 + _ARMATURE
 
 
@@ -94,7 +94,7 @@ def hinge_torque(door: DoorConfig, angles: FloatArray, rate: float) -> FloatArra
     springs = closer.torque(angles, np.zeros_like(angles))
     torque: FloatArray = np.tanh(angles / _AT_STOP) * springs
     torque += closer.torque(angles, velocity) - springs + door.hinge_damping * velocity
-    friction = door.friction + door.roller_friction * roller_way(door, angles)
+    friction = door.friction + door.mechanism.roller_friction * roller_way(door, angles)
     torque += friction * np.tanh(velocity / _AT_REST)
     torque += inertia * acceleration + np.tanh(angles / _AT_STOP) * weight
     torque += 0.5 * (further - inertia) / _STEP * velocity**2
@@ -111,12 +111,15 @@ def inertia_and_gravity(
     """
     if door.motion == "hinged":
         return np.full_like(angles, hinge_inertia(door)), np.zeros_like(angles)
-    links, depth = links_of(door), -door.handle_standoff
+    links, depth = links_of(door), -door.leaf.handle_standoff
     # Edges of the leaves, from the handle away from the hinge [m].
-    far, near = -door.radius - door.overhang, door.backset
+    far, near = -door.radius - door.overhang, door.leaf.backset
     leaves = [(links, far, near)]
     if door.motion == "folding":
-        leaves = [(links[:1], far, -door.fold), (links, -door.fold, near)]
+        leaves = [
+            (links[:1], far, -door.fold_distance),
+            (links, -door.fold_distance, near),
+        ]
     inertia, weight = np.full_like(angles, _ARMATURE), np.zeros_like(angles)
     parts = [
         (moving, low, high, depth, door.panel_mass * (high - low) / (near - far))
@@ -127,12 +130,12 @@ def inertia_and_gravity(
         if door.motion == "flap":
             centre[:, :2] = x, -math.copysign(1.0, links[0].anchor[1]) * middle
         else:
-            centre[:, 0], centre[:, 2] = x, door.side * middle
+            centre[:, 0], centre[:, 2] = x, door.hinge_sign * middle
         before, after = (
             carried(moving, angles + step, centre) for step in (-_STEP, _STEP)
         )
         rates = (after - before) / (2.0 * _STEP)
-        thick = door.leaf_thickness if high > low else 0.0
+        thick = door.leaf.thickness if high > low else 0.0
         about = mass * ((high - low) ** 2 + thick**2) / 12.0
         inertia += mass * (rates[:, :3] ** 2).sum(axis=1)
         inertia += about * (rates[:, 3:] ** 2).sum(axis=1)
@@ -145,9 +148,11 @@ def handle_torque(door: DoorConfig, turns: FloatArray) -> FloatArray:
     preload, stiffness = door.handle_spring
     torque = np.tanh(turns / _AT_STOP) * (preload + stiffness * turns)
     if door.latch == "spring":
-        ratio = door.bolt_throw / (door.travel - door.dead_travel)
-        beyond = np.maximum(turns - door.dead_travel, 0.0)
-        bolt = door.bolt_preload + door.bolt_stiffness * ratio * beyond
+        ratio = door.lockset.bolt_throw / (
+            door.handle_travel - door.lockset.dead_travel
+        )
+        beyond = np.maximum(turns - door.lockset.dead_travel, 0.0)
+        bolt = door.lockset.bolt_preload + door.lockset.bolt_stiffness * ratio * beyond
         torque += np.tanh(beyond / _AT_STOP) * ratio * bolt
     return torque
 
@@ -200,8 +205,8 @@ def hand_wrenches(
         turn = leaf @ geometry.turn
         arm = np.cross(turn, held - spindle)  # ∂p/∂θ
         torque = effort * handle_torque(door, turns)[:, None]
-        if door.grip > 0.0:
-            force += torque * arm / door.grip**2
+        if door.hand_offset > 0.0:
+            force += torque * arm / door.hand_offset**2
         # A knob is turned by a moment, which also keeps a lever from being turned by a
         # pull up or down.
         moment += (torque - (force * arm).sum(axis=1, keepdims=True)) * turn

@@ -26,7 +26,10 @@ _RADII: Final[Mapping[str, tuple[float, float, float]]] = {
 }
 """The same for other motions."""
 
-_SHAPE: Final = {"parallel-sliding": "offset", "folding": "backset"}
+_SHAPE: Final = {
+    "parallel-sliding": ("mechanism", "offset"),
+    "folding": ("leaf", "backset"),
+}
 """Fields that determine the path in addition to the radius."""
 
 # Pressing the handle: means and standard deviations.
@@ -65,7 +68,7 @@ def draw_press(door: DoorConfig, rng: np.random.Generator) -> Press:
     longer, further = rng.standard_normal(2).tolist()
     time = max(_PRESS_TIME[0] + _PRESS_TIME[1] * longer, 0.5 * _PRESS_TIME[0])
     share = min(_PRESS_SHARE[0] + _PRESS_SHARE[1] * further, 1.0)
-    return Press(time=time, angle=share * door.travel)
+    return Press(time=time, angle=share * door.handle_travel)
 
 
 def duration(press: Press, opening_time: float) -> float:
@@ -103,7 +106,8 @@ def doors_like(door: DoorConfig) -> tuple[DoorConfig, ...]:
     radii = _RADII.get(door.motion, radii)
     kind: dict[str, Any] = door.kind
     if door.motion in _SHAPE:
-        kind[_SHAPE[door.motion]] = getattr(door, _SHAPE[door.motion])
+        part, name = _SHAPE[door.motion]
+        kind[part] = {name: getattr(getattr(door, part), name)}
     return tuple(DoorConfig(radius=radius, **kind) for radius in radii)
 
 

@@ -9,10 +9,10 @@ from gplfd_experiments.studies.trials.records import BARS, MEDIUM, Level, Trial
 
 _LEVERS: Final = (0.65, 0.78, 0.9)
 """Radii of demonstrated levers [m]."""
-_CLOSERS: Final[tuple[Mapping[str, float], ...]] = (
+_CLOSERS: Final[tuple[Mapping[str, Mapping[str, float]], ...]] = (
     {},
-    {"closer_preload": 18.0, "closer_stiffness": 2.0, "closer_damping": 6.0},
-    {"closer_preload": 40.0, "closer_stiffness": 5.0, "closer_damping": 10.0},
+    {"closer": {"preload": 18.0, "stiffness": 2.0, "damping": 6.0}},
+    {"closer": {"preload": 40.0, "stiffness": 5.0, "damping": 10.0}},
 )
 """Closers of these doors: none, and two of DoorBench."""
 _CLOSER_RANGES: Final = {
@@ -32,10 +32,10 @@ FORCES: Final[Mapping[str, Trial]] = {
         measures=OPENED,
         levels={
             "lighter": _felt(
-                doors=BARS, demonstrated_hardware=3 * ({"closer_preload": 8.0},)
+                doors=BARS, demonstrated_hardware=3 * ({"closer": {"preload": 8.0}},)
             ),
             "14 N": _felt(doors=("heavy",)),
-            "24 N": _felt(doors=("heavy",), door={"closer_preload": 10.0}),
+            "24 N": _felt(doors=("heavy",), door={"closer": {"preload": 10.0}}),
         },
         contrasts=(
             *contrasts("success", "demonstrated forces"),
@@ -49,7 +49,7 @@ FORCES: Final[Mapping[str, Trial]] = {
         levels={
             "closers": _felt(
                 doors=("room-709", "room-834", "room-959"),
-                door={"closer_damping": 8.0, "closing_damping": 30.0},
+                door={"closer": {"damping": 8.0, "closing_damping": 30.0}},
                 randomization=_CLOSER_RANGES,
                 demonstrated_radii=_LEVERS,
                 demonstrated_hardware=_CLOSERS,

@@ -169,7 +169,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         measures=("final_angle_deg", "success"),
         levels={
             "14 N": Level(doors=("heavy",)),
-            "24 N": Level(doors=("heavy",), door={"closer_preload": 10.0}),
+            "24 N": Level(doors=("heavy",), door={"closer": {"preload": 10.0}}),
         },
         contrasts=contrasts("final_angle_deg", "variable stiffness", "learned load"),
         extra_policies=("gp-impedance",),

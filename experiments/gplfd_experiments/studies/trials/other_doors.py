@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from gplfd_env.doors.config import DOORS
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, ROOM_RADII
@@ -37,6 +37,11 @@ _ROOMS: Final = {
 """Doors of buildings with leaves and closers that were not demonstrated."""
 _FLAPS: Final = {"oven": "oven", "overhead": "overhead-flap"}
 """Flaps as in `motions`, of which `gp` opened 8 of 20 in protocol v5."""
+_CLOSERS: Final[Mapping[str, dict[str, Any]]] = {
+    "oven": {"closer": {"stiffness": 12.0}},
+    "overhead-flap": {},
+}
+"""Closers of these flaps without their preload, which is drawn."""
 _CORRECTIONS: Final[Mapping[str, tuple[int, bool]]] = {
     **{str(number): (number, False) for number in (0, 1, 3, 5)},
     **{f"{number} shown": (number, True) for number in (1, 5)},
@@ -166,7 +171,7 @@ OTHER_DOORS: Final[Mapping[str, Trial]] = {
                     "folding",
                     "bifold-closet",
                     (0.44, 0.54, 0.64),
-                    {"backset": 0.16},
+                    {"leaf": {"backset": 0.16}},
                     {"radius": (0.46, 0.68)},
                 ),
             )
@@ -201,8 +206,9 @@ OTHER_DOORS: Final[Mapping[str, Trial]] = {
                 door={
                     name: value
                     for name, value in DOORS[preset].as_dict().items()
-                    if name not in ("radius", "closer_preload")
-                },
+                    if name not in ("radius", "closer")
+                }
+                | _CLOSERS[preset],
                 randomization={"closer_preload": (3.0, 6.0)},
                 corrections=number,
                 demonstrated=shown,

@@ -1,6 +1,5 @@
 """Makes the tasks of trials: policies × levels × doors × seeds."""
 
-import dataclasses
 import itertools
 from collections.abc import Sequence
 from typing import Any
@@ -47,7 +46,7 @@ def trial_tasks(
     tuned = TUNED if part == "whole" else ()
     doors = {
         (name, title): {
-            door: dataclasses.replace(config, **level.door)
+            door: config.replaced(level.door)
             for door, config in named_doors(level.doors, robot=robot).items()
         }
         for name, trial in trials.items()

@@ -29,7 +29,7 @@ class Level:
     """None: those of the three demonstrated doors for a door of this kind."""
     demonstrated_kind: Mapping[str, str] | None = None
     """None: the kind of the opened door."""
-    demonstrated_hardware: tuple[Mapping[str, float | str], ...] = ()
+    demonstrated_hardware: tuple[Mapping[str, Any], ...] = ()
     start: Start = "grasped"
     demonstrations_per_door: int = 2
     teacher: Mapping[str, float] = field(default_factory=dict)
