@@ -42,7 +42,7 @@ SPEC: dict[str, Any] = {
             "damping_opening": 8.0,
             "hold_open_rad": None,
             "backcheck_angle_rad": 1.25,
-            "closer": {"backcheck_damping": 30.0},
+            "backcheck_damping": 30.0,
             "latch_boost": 1.0,
         },
         "roller": {"coulomb_force_N": 7.0, "viscous_damping_N_s_per_m": 3.5},

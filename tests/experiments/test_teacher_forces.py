@@ -30,7 +30,7 @@ from gplfd_experiments.studies.plan import noisy_teacher
 SIZES = [one.name for one in dataclasses.fields(ForceConfig) if "time" not in one.name]
 NEEDED = ForceConfig(**dict.fromkeys(SIZES, 0.0), variation_time=0.05)
 """Neither variation nor an error of measurement."""
-CLOSER = {**en1154(2), "seal": 2.0, "stiction": 1.0}
+CLOSER = {"closer": en1154(2), "seal": 2.0, "stiction": 1.0}
 ROOM = {"handle": "lever", "latch": "spring", "radius": 0.65}
 DOORS: dict[str, dict[str, Any]] = {
     "bar": {},
