@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 import tyro
+from gplfd_experiments.speed.report import Measurement, Target, Value, at_least, at_most
 from harness import opened, report, tasks_of
 
 from gplfd_env.doors.config import DoorConfig
@@ -19,7 +20,6 @@ from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.data.teacher import ForceConfig, Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
-from gplfd_experiments.speed.report import Measurement, Target, Value, at_least, at_most
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 
 _SHOWN = 6

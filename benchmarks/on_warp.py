@@ -16,6 +16,9 @@ import mujoco_warp
 import numpy as np
 import tyro
 import warp
+from gplfd_experiments.speed.machine import load
+from gplfd_experiments.speed.report import Measurement, Value, at_most
+from gplfd_experiments.speed.timing import measure, repeated
 from harness import report
 
 from gplfd_env import RL_ENVIRONMENT_ID, TIME_LIMIT
@@ -27,9 +30,6 @@ from gplfd_env.simulation.command import COMMANDS
 from gplfd_env.simulation.loads import NO_EXTRA_INPUTS
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.wrappers import action_of
-from gplfd_experiments.speed.machine import load
-from gplfd_experiments.speed.report import Measurement, Value, at_most
-from gplfd_experiments.speed.timing import measure, repeated
 
 DOORS: Final = (
     *("small", "medium", "large", "heavy", "cabinet", "wardrobe"),
