@@ -9,8 +9,6 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from gplfd_experiments.analysis.report.document import markdown_page
-from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.report.plots import performance_profiles
 from gplfd_experiments.analysis.report.trials import aggregate_table, tier_lines
 from gplfd_experiments.analysis.results.reading import read_results
@@ -131,11 +129,3 @@ def test_rows_need_a_known_suffix_and_pyarrow(heavy, tmp_path, capsys, monkeypat
     assert main([*command, "rows.parquet"]) == 2
     assert "pip install 'gplfd[lerobot]'" in capsys.readouterr().err
     assert not (tmp_path / "page").exists()
-
-
-@pytest.mark.parametrize("ended", [True, False])
-def test_a_report_of_a_sequential_comparison_warns(ended, write_study, episode_result):
-    results = [episode_result("gp", seed) for seed in range(8)]
-    study = write_study(results, config={"until_separated": ended})
-    page = markdown_page(report(read_results(study), study, study, "gp"))
-    assert ("The runs ended when two policies were separated" in page) == ended

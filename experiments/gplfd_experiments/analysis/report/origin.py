@@ -32,12 +32,6 @@ def say_warnings(lead: Section, results: StudyResults) -> None:
         )
     if missing := unfinished(results):
         warnings.append(f"{missing}.")
-    config = results.study.get("config")
-    if isinstance(config, dict) and config.get("until_separated"):
-        warnings.append(
-            "The runs ended when two policies were separated. The intervals assume a "
-            "fixed number of seeds and are not valid here."
-        )
     if results.unreadable:
         warnings.append(f"{_LEFT_OUT}: {len(results.unreadable)}.")
     if warnings:

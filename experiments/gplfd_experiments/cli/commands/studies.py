@@ -114,16 +114,6 @@ class Trials:
 
     where: Where = ON_THIS_MACHINE
 
-    until_separated: tyro.conf.FlagCreatePairsOff[bool] = False
-    """Run only the two --policies, seed after seed, until a sequential test separates
-    them (5 % false findings over all looks together)."""
-
-    measure: str = "success"
-    """Measure for --until-separated; all its trials must have this measure."""
-
-    max_seeds: Annotated[int, tyro.conf.arg(metavar="N")] = 100
-    """Largest number of seeds for --until-separated."""
-
     json: Json = False
 
     quiet: Quiet = False
@@ -133,10 +123,6 @@ class Trials:
 
         As JSON it prints the content of trials.json as written by `gplfd report`.
         """
-        if self.until_separated:
-            return self._compare()
-        if (self.measure, self.max_seeds) != ("success", 100):
-            raise ValueError("--measure and --max-seeds need --until-separated")
         from gplfd_experiments.analysis.results.reading import read_results
         from gplfd_experiments.analysis.results.trials import trial_answers
         from gplfd_experiments.files.plain_data import json_text
@@ -156,24 +142,6 @@ class Trials:
         else:
             report = next_command("report", self.out)
             print(f"results are in {self.out}; read them:  {report}")
-        return FAILED if errors else 0
-
-    def _compare(self) -> int:
-        from gplfd_experiments.files.plain_data import json_text
-        from gplfd_experiments.workflows.separation import run_until_separated
-
-        if (self.part, self.robot) != ("whole", "tiago-like"):
-            raise ValueError("--until-separated takes neither --part nor --robot")
-        state, errors = run_until_separated(
-            self.trials,
-            self.policies,
-            self.measure,
-            self.out,
-            self.where.made(),
-            self.max_seeds,
-            recorded(self),
-        )
-        print(json_text(state) if self.json else state["text"])
         return FAILED if errors else 0
 
 

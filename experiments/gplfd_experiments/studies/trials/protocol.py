@@ -30,7 +30,7 @@ VERSION: Final = 9
 
 SEEDS: Final = 10
 """Seeds of every trial: 0, 1, ... Independent episodes needed to separate two shares of
-opened doors (power 0.8, `sequential.seeds_needed`): 24 for 0.9 and 0.4, 84 for 0.85 and
+opened doors (power 0.8): 24 for 0.9 and 0.4, 84 for 0.85 and
 0.6."""
 
 REFERENCES: Final = ("hinge-fit", "reflex", "chord", "compliant-pull", "oracle")
