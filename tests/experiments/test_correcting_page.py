@@ -277,12 +277,6 @@ def test_a_kept_correction_outlives_a_killed_process_and_is_not_replaced(
     assert "--port -1 must be 0 to 65535" in capsys.readouterr().err
 
 
-def test_only_a_correction_with_inputs_is_replayed(bars: Skill) -> None:
-    person = commands(DoorGeometry.of(DoorConfig(radius=0.5)), PULL, PULL)[1]
-    with pytest.raises(ValueError, match="not led on the page: it has no inputs"):
-        replay_correction(GP, bars, task_of(door_config("small"), "small"), person)
-
-
 @pytest.mark.needs("chromium")
 def test_a_mouse_in_a_browser_corrects_a_policy(file: Path, browser: Any) -> None:
     out = file.with_name("better.npz")

@@ -40,12 +40,6 @@ def next_command(capsys) -> list[str]:
     return arguments
 
 
-def test_a_folder_is_refused_as_a_skill_before_learning(tmp_path, capsys):
-    assert cli.main(["learn", "demos.npz", "--out", str(tmp_path)]) == 2
-    said = capsys.readouterr().err
-    assert said == f"gplfd: --out {tmp_path} is a folder; give a file\n"
-
-
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_the_command_after_learn_opens_the_doors_of_a_run_with_its_policy(capsys):
     """A bar's skill at the default doors would be no use to who has opened an oven."""

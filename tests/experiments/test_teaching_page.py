@@ -4,11 +4,7 @@ import contextlib
 import http.client
 import io
 import json
-import re
 import socket
-import struct
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -89,17 +85,8 @@ def test_time_stands_still_while_the_page_is_silent(tmp_path: Path) -> None:
     assert person(sample=PULL)["time"] == pytest.approx(before + 0.13)
 
 
-def test_a_hand_that_does_not_move_is_nothing_to_keep(tmp_path: Path) -> None:
-    person = Person(tmp_path)
-    person(sample=[1, 0.5, 0.5, 0, 0, 0, 0, 0, 0])
-    person.session._lesson._rows[1:] = person.session._lesson._rows[:1]
-    assert "did not move" in person("keep")["message"]
-    assert not (tmp_path / "taught").exists()
-
-
-@pytest.mark.parametrize("writer", ["write_archive", "save_demonstrations"])
 def test_what_cannot_be_written_can_be_kept_later(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writer: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: Any, **__: Any) -> None:
         raise OSError(28, "No space left on device")
@@ -107,7 +94,7 @@ def test_what_cannot_be_written_can_be_kept_later(
     person = Person(tmp_path)
     person(sample=PULL, times=25)
     with monkeypatch.context() as patch:
-        patch.setattr(f"gplfd_experiments.teaching.taught.{writer}", full)
+        patch.setattr("gplfd_experiments.teaching.taught.write_archive", full)
         state = person("keep")
     assert "No space left" in state["message"]
     assert (state["phase"], state["kept"]) == ("shown", 0)
@@ -163,41 +150,6 @@ def test_only_the_page_of_this_machine_is_answered(
         other = ["--out", str(tmp_path / "other"), "--port", str(port)]
         assert main(["demos", "teach", *other]) == 2
         assert "give another --port" in capsys.readouterr().err
-
-
-def test_the_server_ends_though_the_page_is_closed_as_it_finishes(
-    tmp_path: Path,
-) -> None:
-    with serving(tmp_path / "set") as port:
-        (thread,) = (one for one in threading.enumerate() if "teach" in one.name)
-        page = http.client.HTTPConnection("127.0.0.1", port)
-        body = json.dumps({"input": IDLE, "press": "finish"})
-        page.request("POST", "/exchange", body, {"Content-Type": "application/json"})
-        # No answer reaches a socket that is closed like this.
-        page.sock.setsockopt(
-            socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0)
-        )
-        page.close()
-        thread.join(10.0)
-        assert not thread.is_alive()
-
-
-def test_what_was_kept_outlives_a_killed_process(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "gplfd", "demos", "teach", "--doors", "small"]
-    process = subprocess.Popen(
-        [*command, "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True
-    )
-    assert process.stderr is not None
-    with contextlib.closing(process.stderr):
-        address = re.search(r"http://127.0.0.1:(\d+)\n", process.stderr.readline())
-        assert address
-        for number in range(32):
-            request = {"input": PULL, "press": "keep" if number == 30 else ""}
-            assert send(int(address[1]), request)[0] == 200
-        process.kill()
-        process.wait(10)
-    assert len(load_demonstrations(tmp_path).demonstrations) == 1
-    assert len(TaughtSet(tmp_path, {}).kept) == 1
 
 
 @pytest.mark.needs("chromium")

@@ -6,7 +6,6 @@ These tests need the repository itself; an installed wheel is tested without the
 import re
 import subprocess
 import tarfile
-import tomllib
 import zipfile
 from pathlib import Path
 
@@ -99,45 +98,3 @@ def test_sdist_can_be_tested(tmp_path):
         )
     }
     assert tests | top | below | assets <= names
-
-
-def test_what_brings_gigabytes_is_installed_on_request_alone():
-    """The extras sb3 and learners bring PyTorch, and warp compiles for a minute; tests
-    that need them have a script of their own."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    extras = project["project"]["optional-dependencies"]
-
-    def brought(extra: str) -> set[str]:
-        own = re.match(r"gplfd\[(.*)\]", extras[extra][0])
-        others = own[1].split(",") if own else []
-        return {extra}.union(*map(brought, others))
-
-    assert extras["sb3"] == ["stable-baselines3>=2.7"]
-    assert brought("dev") >= {"docs", "test", "minari"}
-    assert extras["learners"] == ["torch>=2.4"]
-    assert not {"sb3", "learners", "warp"} & brought("dev")
-    folders = project["tool"]["pytest"]["ini_options"]["testpaths"]
-    there = {str(each.relative_to(ROOT)) for each in (ROOT / "tests").glob("*/")}
-    assert there - {*folders, "tests/__pycache__"} == {"tests/learners"}
-    script = (ROOT / ".ci" / "learners").read_text()
-    assert "pytest -q -p no:cacheprovider tests/learners" in script
-
-
-def marked(page: str, name: str) -> str:
-    """The commands of a page that the continuous integration runs."""
-    text = (ROOT / page).read_text()
-    pattern = rf"<!-- command: {name} -->\n+```bash\n(.*?)\n```"
-    (block,) = re.findall(pattern, text, flags=re.DOTALL)
-    return str(block)
-
-
-def test_the_hosted_workflow_runs_the_script_and_pages_what_it_runs():
-    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
-    assert re.findall(r"\brun: (.*)", workflow) == ["bash .ci/run"]
-    assert marked("README.md", "run").strip()
-    assert marked("README.md", "test").strip()
-    # The environment whose commands are used is activated first.
-    text = (ROOT / "README.md").read_text()
-    first = text.index(".venv/bin/activate && pip install . && gplfd run")
-    assert ".venv/bin/gplfd" not in text
-    assert first < text.index("\ngplfd ")
