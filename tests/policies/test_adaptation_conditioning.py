@@ -225,25 +225,6 @@ def test_shared_error_leaves_what_is_across_the_path_certain():
     assert np.abs(alone.mean - np.sin(3.0 * TIMES)[:, None])[:, :2].max() < 1e-3
 
 
-def test_a_free_output_takes_no_part():
-    """A NaN among six outputs with a shared error: conditioning on the other five."""
-    poses = np.full((1, 6), np.sin(1.5)) + 0.05 * np.arange(6.0)
-    along = np.full((1, 6), 0.1)
-    process = smooth_process()
-    noise = np.full(6, 1e-4)
-    noise[2], poses[0, 2] = np.inf, np.nan
-    innovation = process.update(process.at(0.5), poses[0], noise, along[0])
-    assert_array_equal(innovation.observed, [1, 1, 0, 1, 1, 1])
-    along[0, 2], poses[0, 2] = 0.0, np.sin(1.5)
-    mean, variance = dense_conditioning(np.array([0.5]), poses, along, 1e-4)
-    others = [0, 1, 3, 4, 5]
-    assert_allclose(process.mean[:, others], mean[:, others], atol=1e-12)
-    assert_allclose(
-        process.variance()[:, others], variance[:, others] + 1e-12, atol=1e-14
-    )
-    assert_array_equal(process.mean[:, 2], smooth_process().mean[:, 2])
-
-
 def test_what_is_left_out_of_a_covariance_is_not_seen():
     repetition = smooth_repetition()
     basis = repetition.basis
@@ -282,22 +263,6 @@ def test_process_conditions_its_own_prior(skill):
         step = poses[chosen, output] - prior.mean[chosen, output]
         mean = prior.mean[:, output] + cross @ np.linalg.solve(gram, step)
         assert_allclose(adaptation.mean[:, output], mean, atol=1e-5)
-
-
-def test_process_covers_doors_never_demonstrated():
-    """Leave one radius out: 95 % intervals hold about that of the rest of the path."""
-    inside, total = 0, 0
-    for seed, radius in enumerate((0.42, 0.58)):
-        skill = door_skill((0.35, 0.5, 0.65), seed)
-        truth, adaptation = door(radius), ProcessAdaptation(skill, TIMES)
-        for index in range(0, 56, 8):
-            adaptation.observe(ViaPoint(phase=float(TIMES[index]), pose=truth[index]))
-            low, high = adaptation.trajectory().interval(0.95)
-            rest = slice(index + 8, None)
-            held = (truth[rest] > low[rest]) & (truth[rest] < high[rest])
-            inside += np.sum(held[:, [0, 2]])
-            total += held[:, [0, 2]].size
-    assert inside / total > 0.93
 
 
 def test_a_door_may_have_a_force_of_its_own(skill):

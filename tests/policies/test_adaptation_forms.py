@@ -11,13 +11,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gplfd_policies import AlignedDemonstrations, ViaPoint, adapt, fit_skill
 from gplfd_policies.adaptation import (
     ADAPTATIONS,
-    Adaptation,
     ExactAdaptation,
     ProcessAdaptation,
     ProductAdaptation,
     begin_adaptation,
 )
-from gplfd_policies.gp.deviations import conjugate_share
 from gplfd_policies.movements.baselines.promp import fit_promp
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -101,42 +99,6 @@ def test_adapt_without_via_points_is_the_prediction(skill, form):
     assert_array_equal(adapted.std, predicted.std)
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_phases_may_be_a_list(skill, form):
-    adapted = adapt(skill, [via(skill, 0.5, 0.01)], form)
-    expected = adapted.predict(np.array([0.2, 0.4]))
-    for name in ("times", "mean", "std", "mean_rate", "std_rate", "covariance"):
-        given = getattr(adapted.predict([0.2, 0.4]), name)
-        assert_array_equal(given, getattr(expected, name))
-    for wrong in ([], [np.nan], 0.4):
-        with pytest.raises(ValueError, match="list of finite phases, at least one"):
-            adapted.predict(wrong)
-
-
-@pytest.mark.parametrize("phase", [0.0, 0.4, 1.0])
-@pytest.mark.parametrize("form", [form for form in FORMS if form != "product"])
-def test_a_single_phase_is_predicted_as_among_others(skill, form, phase):
-    adapted = adapt(skill, [via(skill, 0.1, 0.01), via(skill, 0.2, 0.02)], form)
-    alone = adapted.predict(np.array([phase]))
-    among = adapted.predict(np.linspace(0.0, 1.0, 51))
-    row = [round(50 * phase)]
-    assert_allclose(alone.mean, among.mean[row], atol=5e-3)
-    assert_allclose(alone.std, among.std[row], rtol=0.02)
-    assert_allclose(alone.covariance[:, 0, 0], alone.std[0] ** 2)
-
-
-def test_phases_after_the_via_points_suffice(skill):
-    """As in a forecast of the rest, the path before the first phase counts, too."""
-    adapted = adapt(skill, [via(skill, 0.25, 0.02)], "similarity")
-    rest, whole = (
-        adapted.predict(np.linspace(start, 1.0, count))
-        for start, count in ((0.6, 21), (0.0, 51))
-    )
-    assert_allclose(rest.mean, whole.mean[30:], atol=2e-3)
-    level = (np.hypot(one.std[:, 0], one.std[:, 2]) for one in (rest, whole))
-    assert_allclose(next(level), next(level)[30:], rtol=0.02)
-
-
 @pytest.mark.parametrize("form", INDEPENDENT)
 def test_outputs_may_be_left_free(skill, form):
     point = via(skill, 0.5, 0.05)
@@ -202,25 +164,6 @@ def test_noise_free_and_contradicting_via_points_are_survived(skill, form):
     assert_allclose(at_point.mean[0], middle, atol=2e-3)
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_trajectory_is_a_snapshot_and_views_are_current(skill, form):
-    adaptation = ADAPTATIONS[form](skill, TIMES)
-    adaptation.observe(via(skill, 0.2, 0.05))
-    before = adaptation.trajectory()
-    assert_allclose(adaptation.mean, before.mean, atol=1e-12)
-    assert_allclose(adaptation.std, before.std, atol=1e-12)
-    with pytest.raises(ValueError, match="read-only"):
-        adaptation.mean[0, 0] = 1.0
-    mean = before.mean.copy()
-    adaptation.observe(via(skill, 0.6, 0.05))
-    assert_array_equal(before.mean, mean)
-    diagonal = np.diagonal(before.covariance, axis1=1, axis2=2).T
-    assert_allclose(np.sqrt(diagonal), before.std, atol=1e-9)
-    alone = adapt(skill, [via(skill, 0.2, 0.05)], form).predict(TIMES)
-    assert_allclose(before.covariance, alone.covariance, atol=1e-12)
-    assert np.abs(adaptation.mean - mean).max() > 0.01
-
-
 @pytest.mark.parametrize("form", GRID_FREE)
 def test_rates_equal_finite_differences(skill, form):
     adapted = adapt(skill, [via(skill, 0.3, 0.05), via(skill, 0.41, 0.02)], form)
@@ -264,32 +207,6 @@ def test_other_movements_adapt_in_their_own_form():
         adapt(promp, [point], "product")
 
 
-def test_movements_that_cannot_adapt_say_so(skill):
-    class Fixed:
-        aligned, duration, predict = skill.aligned, skill.duration, skill.predict
-
-    with pytest.raises(ValueError, match=r"Fixed has no via-points: .*adapt\(via"):
-        adapt(Fixed(), [])
-    still = begin_adaptation(Fixed(), None, TIMES)
-    still.observe(via(skill, 0.5, 0.1))
-    assert isinstance(still, Adaptation)
-    assert_array_equal(still.mean, skill.predict(TIMES).mean)
-
-
-@pytest.mark.usefixtures("as_for_users")
-@pytest.mark.parametrize("wrong", [lambda one: one, lambda one: [one.pose]])
-def test_only_sequences_of_via_points_are_adapted_to(skill, wrong):
-    with pytest.raises(TypeError, match=r"sequence of .*ViaPoint, got .*\[via_point\]"):
-        adapt(skill, wrong(via(skill, 0.5, 0.1)))
-
-
-@pytest.mark.parametrize("form", GRID_FREE)
-def test_grid_may_reach_beyond_the_demonstrations(skill, form):
-    grid = np.linspace(-0.05, 1.1, 40)
-    adapted = adapt(skill, [via(skill, 1.05, 0.05)], form).predict(grid)
-    assert np.isfinite(adapted.std).all()
-
-
 @pytest.mark.parametrize("form", [ExactAdaptation, ProcessAdaptation])
 def test_what_no_form_can_use_is_refused(skill, form):
     refused = {
@@ -311,13 +228,3 @@ def test_what_no_form_can_use_is_refused(skill, form):
     for message, call in refused.items():
         with pytest.raises(ValueError, match=message):
             call()
-
-
-def test_without_a_share_their_number_says_how_much_the_curves_count(skill):
-    told = ProcessAdaptation(skill, TIMES, empirical_share=conjugate_share(8))
-    for adaptation in (told, default := ProcessAdaptation(skill, TIMES)):
-        adaptation.observe(via(skill, 0.4, 0.03))
-    assert_array_equal(default.mean, told.mean)
-    other = ProcessAdaptation(skill, TIMES, empirical_share=conjugate_share(6))
-    other.observe(via(skill, 0.4, 0.03))
-    assert np.abs(other.mean - told.mean).max() > 1e-5

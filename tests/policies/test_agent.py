@@ -17,7 +17,7 @@ from gplfd_policies.adaptation.gridded import (
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.rows import ALL_ROWS
 from gplfd_policies.control.compliance import ComplianceConfig
-from gplfd_policies.control.load import CarriedLoad, YieldToAll
+from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.steps import STEP_SHAPES
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.phase.path_phase import PathPhase
@@ -78,16 +78,6 @@ def test_adaptation_finds_the_radius_of_an_ideal_door(skill, radius):
     end = agent.forecast().mean[-1]
     expected = handle_pose_on_arc(radius, end[4])
     assert_allclose(end[[0, 2]], expected[[0, 2]], atol=0.03)
-
-
-def test_step_reports_the_uncertainty_that_set_the_stiffness(skill):
-    steps, _ = ideal_door(agent_of(skill), 0.5, 400)
-    stds, stiffness = stacked(steps, "std"), stacked(steps, "stiffness")
-    for values, name in ((stds, "std_rate"), (stiffness, "stiffness_rate")):
-        expected = np.diff(values, axis=0) / PERIOD
-        assert_allclose(stacked(steps, name)[1:], expected, atol=1e-6)
-    wished = DEFAULT_PROFILE.stiffness(stds, stacked(steps, "frame"))
-    assert np.all(stiffness <= wished + 1e-9)
 
 
 @pytest.mark.parametrize("radius", [0.35, 0.65])
@@ -166,13 +156,6 @@ def test_via_point_shifts_the_clock_by_no_more_than_the_path_it_looks_at(
     assert change.max() == pytest.approx(LOOK_AHEAD)
 
 
-def test_clock_infers_no_size(skill):
-    agent = dataclasses.replace(agent_of(skill), phases=ClockPhase())
-    (step,) = held_still(agent, 1)
-    inferred = step.path_size, step.path_size_std, step.heading, step.heading_std
-    assert np.isnan(inferred).all()
-
-
 def test_via_points_share_what_the_phase_leaves_open(skill, monkeypatch):
     agent, seen = agent_of(skill), []
     monkeypatch.setattr(agent.movement, "observe", seen.append)
@@ -249,25 +232,6 @@ def test_via_points_are_taken_again_after_a_phase_that_was_wrong(
     agent = agent_of(skill, via_spacing=0.02, **config)
     steps = held_still(dataclasses.replace(agent, phases=Told()), 7)
     assert [bool(step.via_point) for step in steps] == expected
-
-
-def test_direction_is_that_of_the_path_as_just_adapted(skill):
-    directions = []
-
-    class Watching(YieldToAll):
-        def update(self, contact, rows=ALL_ROWS):
-            directions.append(contact.direction)
-            return super().update(contact, rows)
-
-    config = ComplianceConfig(load=Watching())
-    agent = dataclasses.replace(agent_of(skill), config=config)
-    agent.reset(observed(AT_REST))
-    for angle in np.linspace(0.0, 0.9, 150):
-        step = agent.act(observed(handle_pose_on_arc(0.42, angle)))
-        ahead = min(step.observed_phase + 0.05, 1.0)
-        (start, end), _ = GriddedMovements(agent.movement).at(ahead - [0.05, 0.0])
-        expected = (end - start)[:3] / np.linalg.norm((end - start)[:3])
-        assert_allclose(directions[-1], expected, atol=1e-5)
 
 
 NOT_SIX = r"observation\['{}'\] must be six finite numbers \[N, N m\], got"

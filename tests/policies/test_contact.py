@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from numpy.testing import assert_array_equal
 
 from gplfd_env import ENVIRONMENT_ID
-from gplfd_env.robot.model import SERVO_STIFFNESS
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.contact import HELD_HAND, SERVO_LAG, ContactLoop
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
@@ -53,15 +51,6 @@ def test_tolerated_delay_is_the_edge_of_stability(k, d, m, periods):
     modulus = growth(k, d, m, periods)
     assume(abs(modulus - 1.0) > 1e-6)
     assert (periods * H < tolerated(k, d, m)) == (modulus < 1.0)
-
-
-@given(
-    k=magnitudes(HELD, 10 * HELD), d=magnitudes(0.1, 1000.0), m=magnitudes(0.01, 100.0)
-)
-def test_stiffer_than_the_servo_it_is_stable_at_least_so_long(k, d, m):
-    periods = int(min(tolerated(k, d, m) / H, 20.0))
-    assume(periods * H < tolerated(k, d, m) * (1.0 - 1e-9))
-    assert growth(k, d, m, periods) < 1.0 + 1e-9
 
 
 @pytest.mark.parametrize("periods", [1, 2, 3])
@@ -121,10 +110,6 @@ def test_fast_control_is_the_loop_in_continuous_time(k, m):
     omega, d = np.sqrt((HELD - k) / m), 2.0 * np.sqrt(m * k)
     expected = np.arctan2(d * omega, m * omega**2 - k) / omega
     assert tolerated(k, d, m, fast) == pytest.approx(expected, rel=1e-4)
-
-
-def test_held_hand_is_that_of_the_robot():
-    assert_array_equal(HELD_HAND.stiffness, np.repeat(SERVO_STIFFNESS, 3))
 
 
 def remaining_force(k, least, periods, held):

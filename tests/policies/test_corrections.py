@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, align, load_skill
-from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.registry.corrections import as_demonstrations, completed
@@ -34,15 +33,6 @@ def led(radius: float, until: float, *, noise: float = 1.0, **origin) -> Correct
 @pytest.fixture(scope="module")
 def skill(demonstrations):
     return GP.learn(TrainingInput(demonstrations=demonstrations[:4]))
-
-
-def test_a_correction_knows_how_long_and_how_steadily_the_hand_was_led():
-    one = led(0.6, np.radians(40.0))
-    assert one.seconds == pytest.approx(2.5, abs=0.02)
-    assert_allclose(one.std, (1e-3, 4e-3), rtol=0.05)
-    assert_allclose(led(0.6, 0.7, noise=0.0).std, 0.0, atol=1e-7)
-    with pytest.raises(ValueError, match="read-only"):
-        one.led[0] = True
 
 
 @pytest.mark.parametrize(
@@ -78,19 +68,6 @@ def test_via_points_complete_a_correction_to_the_motion_at_its_door(skill):
     # Without via-points it would be the arc of the demonstrations' mean size.
     alone = skill.predict(np.array([skill.aligned.end])).mean[0]
     assert np.linalg.norm(whole.poses[-1, :3] - alone[:3]) > 0.1
-
-
-def test_the_noise_of_the_led_hand_is_that_of_its_via_points(skill, monkeypatch):
-    """And not the policy's own constant."""
-    seen = []
-    monkeypatch.setattr(
-        GriddedMovement, "observe", lambda self, via_point: seen.append(via_point)
-    )
-    given = led(0.5, np.radians(40.0), noise=0.1)
-    completed(GP, skill, given)
-    assert len(seen) > 20
-    assert {tuple(one.std) for one in seen} == {tuple(np.repeat(given.std, 3))}
-    assert np.all(np.diff([one.phase for one in seen]) > 0.0)
 
 
 def test_a_corrected_skill_is_another_one_that_knows_more_doors(skill):

@@ -8,10 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, TrainingInput
-from gplfd_policies.adaptation import ForceAdaptation, NoAdaptation, OwnAdaptation
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
-from gplfd_policies.movements.baselines.promp import ProbabilisticMovementPrimitive
-from gplfd_policies.registry.built_in import TABLE_1
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -94,35 +91,3 @@ def test_what_is_expected_ahead_is_that_of_the_phase_ahead(agent):
     assert_allclose(ahead.std, there.std)
     assert not np.allclose(here.mean, ahead.mean, rtol=1e-6)
     assert here.largest == pytest.approx(4.0, abs=0.1)
-
-
-def test_without_demonstrated_forces_nothing_is_expected(demonstrations):
-    agent = POLICIES["gp"].method(TrainingInput(demonstrations=demonstrations))
-    assert np.isnan(felt(agent, 9.0, count=3)[-1].expected_force).all()
-
-
-def test_forces_adapt_in_a_form_of_their_own(agent, demonstrations):
-    assert type(agent.forces.distribution) is ForceAdaptation
-    shown = [
-        replace(one, wrenches=along_the_path(one.poses, 3.0)) for one in demonstrations
-    ]
-    for name, form in (("promp", OwnAdaptation), ("gp-fixed", NoAdaptation)):
-        other = POLICIES[name].method(TrainingInput(demonstrations=shown))
-        assert type(other.forces.distribution) is form
-
-
-@pytest.mark.parametrize("name", [*TABLE_1, "prodmp", "midigap"])
-def test_every_method_can_be_shown_forces(demonstrations, name, in_few_iterations):
-    """Some state no standard deviation, and some do not adapt."""
-    shown = [
-        replace(one, wrenches=along_the_path(one.poses, 3.0)) for one in demonstrations
-    ]
-    method = POLICIES[name].method
-    method = replace(method, fit=in_few_iterations(method.fit))
-    agent = method(TrainingInput(demonstrations=shown))
-    if name == "midigap":  # to which outputs are poses, and forces are none
-        assert isinstance(agent.forces.learned, ProbabilisticMovementPrimitive)
-    steps = felt(agent, 3.0)
-    assert np.isfinite([step.action for step in steps]).all()
-    force = np.linalg.norm(steps[0].expected_force)
-    assert force == pytest.approx(3.0, abs=0.5)

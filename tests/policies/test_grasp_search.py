@@ -13,7 +13,6 @@ from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import AgentStep
 from gplfd_policies.agents.grasp_search import (
-    ATTEMPTS,
     CLOSING,
     CONTACT_FORCE,
     SHAKE,
@@ -65,23 +64,6 @@ def test_it_centres_itself_and_holds_what_resists():
     assert np.ptp(shaken[:, [0, 3, 4, 5]]) == 0.0, "a door is not pulled open"
     lasting = DURATION + CLOSING + SHAKE[1] + 0.15
     assert search.elapsed == pytest.approx(lasting, abs=3 * CONTROL_PERIOD)
-
-
-@pytest.mark.parametrize("axes", [[], [1], [2]])
-def test_what_resists_on_one_axis_alone_is_not_held(axes):
-    search, seen = run(spring(np.zeros(3), axes))
-    assert search.attempt == ATTEMPTS
-    ends = [pose for (a, pose), (b, _) in pairwise(seen) if (a, b) == ("in", "close")]
-    # Deeper every time, by 1.5 and by 1.0 standard deviations.
-    assert [end[0] for end in ends] == pytest.approx([-0.015, -0.025])
-    turns = [pose[0] for stage, pose in seen if stage == "back"]
-    assert max(turns) > 0.09, "the fingers pass the handle"
-
-
-def test_noise_is_no_handle():
-    rng = np.random.default_rng(0)
-    search, _ = run(lambda *_: np.append(rng.normal(size=3), 0.05 * rng.normal(size=3)))
-    assert search.attempt == ATTEMPTS
 
 
 @pytest.mark.parametrize("point", [(0.02, 0.045), (-0.03, 0.0), (0.0, -0.1)])

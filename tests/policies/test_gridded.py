@@ -28,8 +28,3 @@ def test_observing_changes_the_movement_and_reset_undoes_it(skill):
     assert np.abs(movement.trajectory().mean - before).max() > 0.01
     movement.reset()
     assert_array_equal(movement.trajectory().mean, before)
-
-
-def test_a_grid_of_one_point_is_refused(skill):
-    with pytest.raises(ValueError, match="n_grid must be at least 2, got 1"):
-        GriddedMovement(skill, None, 1)

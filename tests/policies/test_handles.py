@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
@@ -56,17 +55,6 @@ def test_a_bar_is_no_handle_that_turns():
     assert shown(DoorConfig()) is None
 
 
-def test_a_hand_that_turns_while_it_goes_on_turns_no_handle():
-    """About one axis first and about another later, but no point of it rests."""
-    s = np.linspace(0.0, 1.0, 200)
-    first, later = np.minimum(s / 0.4, 1.0), np.maximum(s - 0.4, 0.0)
-    turns = Rotation.from_rotvec(np.outer(2.0 * later, [0.0, 1.0, 0.0]))
-    turns = turns * Rotation.from_rotvec(np.outer(0.5 * first, [1.0, 0.0, 0.0]))
-    poses = np.hstack([np.outer(s, [0.5, 0.0, 0.0]), turns.as_rotvec()])
-    aligned = align([Demonstration(times=5.0 * s, poses=poses)] * 2)
-    assert turned_handle(aligned) is None
-
-
 def test_the_axis_goes_along_the_door_s_circle_whatever_the_handle_does():
     angles = np.linspace(0.0, 1.2, 13)
     turns = 0.7 * np.sin(5.0 * angles) ** 2
@@ -106,25 +94,6 @@ def test_a_handle_that_goes_back_tells_nothing_of_the_door():
         phases.append(float(phase))
     assert phases[0] > 0.3
     assert phases[0] == pytest.approx(phases[1], abs=0.01)
-
-
-def test_a_knob_has_no_way():
-    handle = shown(DoorConfig(handle="knob", latch="spring"))
-    assert handle is not None
-    assert handle.turning_direction([0.0] * 6) == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("handle", "swing"),
-    [("paddle", "pull"), ("touch-bar", "push"), ("handleset", "pull")],
-)
-def test_handles_that_turn_little_are_found(handle, swing):
-    door = DoorConfig(handle=handle, swing=swing, latch="spring")
-    found, geometry = shown(door), DoorGeometry.of(door)
-    assert found is not None
-    np.testing.assert_allclose(found.point, geometry.spindle, atol=0.015)
-    np.testing.assert_allclose(found.axis, geometry.turn, atol=0.05)
-    assert found.travel == pytest.approx(geometry.travel, abs=0.05)
 
 
 # --- How far it is turned on this door ---------------------------------------
@@ -211,21 +180,6 @@ def test_a_handle_at_its_stop_is_not_turned_further():
     assert 0.8 * gear(handles) == pytest.approx(1.0, abs=0.02)
 
 
-def test_a_knob_is_turned_on_by_the_hand_s_turn_alone():
-    knob = replace(EXACT, point=(0.0, 0.0, 0.0))
-    handles = HandleMovements(gridded(), [knob], HandleConfig())
-    pose = np.array([0.004, -0.008, 0.003, -0.8, 0.0, 0.0])
-    assert handles.turn_further(pose, PULL, np.float64(15.0), PERIOD)
-
-
-@pytest.mark.parametrize("most", [1.2, 1.6])
-def test_handles_are_turned_on_within_bounds(most):
-    handles = compensation(max_gear=most)
-    while held_shut(handles, 2.0):
-        pass
-    assert gear(handles) == pytest.approx(most)
-
-
 @pytest.mark.parametrize(("angle", "turn"), [(0.0, 0.4), (0.2, 0.8), (0.9, 0.1)])
 def test_a_door_is_told_by_its_axis_and_its_leaf(angle, turn):
     """However far the handle is turned, and wherever its spring has the hand."""
@@ -277,11 +231,6 @@ def test_the_spring_of_a_lever_is_carried_while_the_door_is_pulled(load):
     response = load.update(contact(spring + across - 8.0 * PULL))
     assert_allclose(response.compliant_wrench[:3], across, atol=1e-9)
     assert response.compensated_load == pytest.approx(8.0)
-
-
-def test_what_presses_a_lever_further_is_yielded_to(load):
-    response = load.update(contact(6.0 * WAY))
-    assert_allclose(response.compliant_wrench[:3], 6.0 * WAY)
 
 
 def test_a_door_behind_a_handle_may_be_heavier_than_a_friction_grasp_holds(load):

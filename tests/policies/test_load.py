@@ -1,7 +1,5 @@
 """Which forces displace the set-point, and when it waits."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -179,12 +177,6 @@ def test_a_door_that_sticks_and_slips_is_as_heavy_as_where_it_sticks():
     assert compensated_at(load, 0.6) == pytest.approx(3.0, abs=0.05)
 
 
-def test_a_light_door_is_still_expected_to_weigh_a_little():
-    load = LearnedLoad(least=3.0).begin(DEFAULT_PROFILE)
-    moved(load, 0.0, 0.5)
-    assert compensated_at(load, 0.5) == pytest.approx(3.0, abs=1e-3)
-
-
 def test_a_hand_that_stands_still_learns_nothing():
     """Nor while it is led back; but on its way forward again."""
     load = LearnedLoad().begin(DEFAULT_PROFILE)
@@ -210,22 +202,6 @@ def test_what_is_carried_falls_with_the_give(lag):
     assert response.compensated_load == pytest.approx(min(24.0, 0.02 * stiffness))
     ahead = load.update(contact(wrench(x=-24.0), displacement=(lag, 0.01, 0.0)))
     assert ahead.path_lag == 0.0
-
-
-def test_stiffness_along_the_path_is_that_of_the_directions_axes():
-    profile = dataclasses.replace(
-        DEFAULT_PROFILE, k_min=np.array([100.0, 1.0, 300.0, 1.0, 1.0, 1.0])
-    )
-    load = LearnedLoad(reach=0.02).begin(profile)
-    direction = np.array([0.6, 0.0, 0.8])
-    state = ContactState(
-        wrench=np.append(-24.0 * direction, np.zeros(3)),
-        direction=direction,
-        pose=np.zeros(6),
-        displacement=-0.5 * direction,
-    )
-    expected = 0.02 * (0.36 * 100.0 + 0.64 * 300.0)
-    assert load.update(state).compensated_load == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -260,13 +236,6 @@ def test_what_holds_the_hand_bears_the_least_stiffness():
     response = load.update(contact(wrench(x=-force), displacement=(-0.06, 0.0, 0.0)))
     assert response.pace == pytest.approx(0.0, abs=1e-3)
     assert response.compliant_wrench[0] == pytest.approx(-100.0 * 0.06, rel=1e-4)
-
-
-def test_a_path_without_direction_has_no_resistance():
-    still = dataclasses.replace(contact(wrench(x=-20.0)), direction=np.zeros(3))
-    response = LearnedLoad().begin(DEFAULT_PROFILE).update(still)
-    assert (response.compensated_load, response.pace, response.path_lag) == (0, 1, 0)
-    assert_array_equal(response.compliant_wrench, still.wrench)
 
 
 def test_fingers_behind_a_handle_carry_what_the_arm_carries():

@@ -6,13 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
-from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import ForceConfig, Teacher
 from gplfd_policies import POLICIES, AgentStep, batch_agents, make_agent
 from gplfd_policies.agents.agent import CompliantAgent
@@ -176,61 +173,11 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
             assert_array_equal(forecasts[row].std, expected.std)
 
 
-def off_by_eight_bytes(rows):
-    """Half of the rows begin where no vector register would like them to."""
-    buffer = np.empty(rows.size + 1)
-    shifted = buffer[1:].reshape(rows.shape)
-    shifted[...] = rows
-    return shifted
-
-
-LAYOUTS = {
-    "packed": np.ascontiguousarray,
-    "by columns": np.asfortranarray,
-    "every other number": lambda rows: np.repeat(rows, 2, axis=1)[:, ::2],
-    "off by eight bytes": off_by_eight_bytes,
-}
-
-
 @pytest.fixture(scope="module")
 def seven(agents_of):
     """Seven agents to act together, and the same seven to act alone."""
     agents = [agents_of("gp")[row % 3] for row in range(7)]
     return [[copy.deepcopy(agent) for agent in agents] for _ in range(2)]
-
-
-@pytest.mark.bits
-@given(
-    order=st.permutations(range(7)),
-    count=st.integers(1, 7),
-    layout=st.sampled_from(sorted(LAYOUTS)),
-    seed=st.integers(0, 2**32 - 1),
-)
-@settings(max_examples=12)
-def test_no_other_member_changes_what_one_does(seven, order, count, layout, seed):
-    """Whoever else is there, in whatever order, and wherever the numbers lie."""
-    chosen = order[:count]
-    together, alone = ([agents[row] for row in chosen] for agents in seven)
-    batch = batch_agents(together)
-    rng = np.random.default_rng(seed)
-    angles, radii = np.zeros(count), rng.uniform(0.3, 0.65, count)
-    for time in range(10):
-        poses = [handle_pose_on_arc(*door) for door in zip(radii, angles, strict=True)]
-        observations = {
-            "ee_pose": np.array(poses) + 1e-3 * rng.normal(size=(count, 6)),
-            "wrench": rng.normal(size=(count, 6)) * np.repeat([20.0, 0.5], 3),
-        }
-        if time == 0:
-            batch.reset(observations)
-            for row, agent in enumerate(alone):
-                agent.reset(row_of(observations, row))
-        acting = rng.random(count) < 0.8
-        placed = {name: LAYOUTS[layout](rows) for name, rows in observations.items()}
-        steps = batch.act(placed, acting)
-        for row in np.flatnonzero(acting):
-            own = {name: rows[row].copy() for name, rows in observations.items()}
-            assert_same_row(steps, row, alone[row].act(own))
-        angles += rng.uniform(0.0, 0.1, count)
 
 
 @pytest.mark.parametrize("name", ["gp-fixed", "oracle", "levers"])

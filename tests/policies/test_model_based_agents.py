@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies import make_agent
-from gplfd_policies.agents.model_based.following import HandPath, turned_towards
+from gplfd_policies.agents.model_based.following import turned_towards
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -65,31 +65,9 @@ def test_hinge_fit_nulls_a_lasting_radial_force():
     assert (moved.action - moved.desired)[2] == pytest.approx(0.02, rel=0.05)
 
 
-def test_hinge_fit_waits_for_a_door_that_does_not_give():
-    step = acted(make_agent("hinge-fit", ()), 300, force=[-25.0, 0.0, 0.0])[-1]
-    assert np.abs(step.action[:3]).max() < 1e-3
-
-
 def test_compliant_pull_moves_where_its_force_leads():
     step = acted(make_agent("compliant-pull", ()), 100, force=[-16.0, 0.0, 3.0])[-1]
     assert abs(step.action[0]) < 1e-9 < 0.02 < step.action[2]
-
-
-def test_a_hand_that_stands_still_adds_nothing_to_its_way():
-    path, rng = HandPath(), np.random.default_rng(0)
-    for _ in range(500):
-        assert not path.add(5e-4 * rng.normal(size=3))
-    assert_array_equal(path.direction(), [1.0, 0.0, 0.0])
-
-
-def test_the_last_displacement_is_the_chord_of_its_stretches():
-    path, door = HandPath(), DoorGeometry.of(DoorConfig(radius=0.5))
-    for angle in np.linspace(0.0, 1.0, 1000):
-        path.add(door.hand_poses(angle)[:3])
-    # Six centimetres and the mean of a stretch lag by half of their length.
-    behind = np.linalg.norm(turned_towards(path.direction()))
-    assert 0.9 < behind < 0.96
-    assert_allclose(np.linalg.norm(path.direction()), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -116,24 +94,6 @@ def test_the_oracle_turns_the_handle_first_and_lets_it_go_back():
     opened = LATCHED.hand_poses(DEMONSTRATED_ANGLE, 0.0)
     assert_allclose(poses[-1], opened, atol=1e-12)
     assert np.abs(np.diff(poses[:, :3], axis=0)).max() < 0.01
-
-
-@pytest.mark.parametrize(
-    ("fields", "share"),
-    [
-        ({"swing": "push"}, 0.5),
-        ({"swing": "push", "handle": "knob", "latch": "spring"}, 0.5),
-        ({"swing": "push", "handle": "lever", "latch": "spring"}, 1.0),
-        ({"handle": "knob", "latch": "spring"}, 1.0),
-        ({}, 1.0),
-    ],
-)
-def test_the_oracle_pushes_what_is_round_with_half_of_the_turn(fields, share):
-    door = DoorGeometry.of(DoorConfig(radius=0.6, hinge_side="left", **fields))
-    pose = acted(make_agent("oracle", ()), 700, door=door)[-1].action
-    opened = door.hand_poses(DEMONSTRATED_ANGLE)
-    assert_allclose(pose[:3], opened[:3], atol=1e-12)
-    assert_allclose(pose[3:], share * opened[3:], atol=1e-12)
 
 
 def test_what_is_told_the_handle_sees_the_leaf_through_it():
@@ -165,27 +125,3 @@ def test_what_is_told_the_handle_sees_the_leaf_through_it():
 def test_who_is_told_must_be_told(name):
     with pytest.raises(ValueError, match=r"told the door .* agent\.inform\(door\)"):
         acted(make_agent(name, ()), 1)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "hinge-fit",
-        "hinge-fit-told",
-        "mechanism-fit",
-        "reflex",
-        "chord",
-        "compliant-pull",
-    ],
-)
-def test_unusable_observation_changes_nothing(name):
-    agents = make_agent(name, ()), make_agent(name, ())
-    door = DoorGeometry.of(DoorConfig(radius=0.4))
-    for agent in agents:
-        acted(agent, 3, (-5.0, 0.0, 0.0), door)
-    with pytest.raises(ValueError, match=r"observation\['wrench'\] must be six finite"):
-        agents[0].act(observation(np.zeros(6), (np.nan, 0.0, 0.0)))
-    moved = observation(np.full(6, 0.02), (-5.0, 0.0, 0.0))
-    for _ in range(3):
-        first, second = (agent.act(moved).action for agent in agents)
-    assert_array_equal(first, second)

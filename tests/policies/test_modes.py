@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd_env.doors.config import DOORS
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import POLICIES, AlignedDemonstrations, Demonstration, TrainingInput
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
@@ -25,15 +23,6 @@ LEFT = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])  # mirrored in z
 
 def mirrored(demonstrations, signs):
     return [dataclasses.replace(one, poses=one.poses * signs) for one in demonstrations]
-
-
-def lever(signs, turn):
-    times = np.linspace(0.0, 6.0, 200)
-    turned = turn * np.clip(times / 1.5, 0.0, 1.0)
-    poses = handle_pose_on_arc(0.6, np.clip((times - 2.0) / 4.0, 0.0, 1.0))
-    poses[:, 1] -= 0.1 * np.sin(turned)
-    poses[:, 3] += turned
-    return Demonstration(times=times, poses=poses * signs)
 
 
 def partitions(numbers):
@@ -82,11 +71,6 @@ def test_two_kinds_are_two_modes(demonstrations, signs, counts):
     assert partition(align(given)) == expected
 
 
-def test_handles_that_turn_up_and_down_are_two_modes():
-    given = [lever(np.ones(6), turn) for turn in (0.7, -0.7, 0.8, -0.8)]
-    assert partition(align(given)) == ((0, 2), (1, 3))
-
-
 @pytest.mark.filterwarnings("ignore:rests")
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
 def test_one_kind_is_one_mode_at_any_radius_and_length(demonstrations, share):
@@ -96,14 +80,6 @@ def test_one_kind_is_one_mode_at_any_radius_and_length(demonstrations, share):
     assert partition(align([demonstrations[0], cut])) == ((0, 1),)
     assert partition(align(demonstrations)) == (tuple(range(6)),)
     assert partition(align([cut])) == ((0,),)
-
-
-@pytest.mark.filterwarnings("ignore:sensor noise")
-def test_chance_turns_on_a_sliding_leaf_are_no_modes():
-    """The hand does not turn there; what it turns differs between repetitions."""
-    for seed in range(3):
-        given = Teacher().standard_demonstrations(seed=seed, like=DOORS["barn-door"])
-        assert partition(align(given)) == (tuple(range(6)),)
 
 
 def test_one_mode_is_learned_and_followed_as_without_modes(demonstrations):
@@ -190,19 +166,3 @@ def test_modes_are_given_up_in_turn_at_forces_of_the_formula(modes, counts):
     assert len(given_up) >= 2
     # A force has to last for three steps.
     assert_allclose(given_up, np.array(expected[1:]) + 0.4, atol=0.25)
-
-
-def test_unusable_observation_changes_no_mode(modes):
-    agents = agent_of(modes), agent_of(modes)
-    good = {"ee_pose": np.zeros(6), "wrench": np.array([-9.0, 0, 0, 0, 0, 0])}
-    for agent in agents:
-        agent.reset(good)
-        agent.act(good)
-    for name in good:
-        with pytest.raises(ValueError, match=name):
-            agents[0].act(good | {name: np.full(6, np.nan)})
-    with pytest.raises(ValueError, match="ee_pose"):
-        agents[0].reset(good | {"ee_pose": np.full(6, np.nan)})
-    steps = [agent.act(good) for agent in agents]
-    assert_array_equal(steps[0].action, steps[1].action)
-    assert_array_equal(agents[0].probabilities, agents[1].probabilities)

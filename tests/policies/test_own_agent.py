@@ -1,6 +1,5 @@
 """Anything that can act is an agent; what it leaves out is filled in."""
 
-import pickle
 import re
 from typing import Any
 
@@ -9,10 +8,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from gplfd_env import DoorConfig, DoorGeometry
-from gplfd_policies import Agent, AgentStep, GaussianTrajectory, as_agent, batch_agents
-from gplfd_policies.agents.agent import CompliantAgent
-from gplfd_policies.control.compliance import ComplianceConfig
-from gplfd_policies.control.steps import STEP_SHAPES
+from gplfd_policies import AgentStep, GaussianTrajectory, as_agent, batch_agents
 
 EXPECTED = GaussianTrajectory.from_moments(
     np.zeros(1), np.zeros((1, 6)), np.zeros((1, 6)), lambda: np.zeros((6, 1, 1))
@@ -50,20 +46,6 @@ class Soft(Returning):
 
 
 SOFTLY = AgentStep(action=np.arange(6.0), stiffness=np.arange(6.0, 12.0), phase=0.5)
-
-
-@pytest.mark.parametrize(
-    "given",
-    [np.arange(6.0), list(range(6)), (0, 1, 2, 3, 4, 5)],
-)
-def test_a_pose_is_a_step(given):
-    agent = as_agent(Returning(given))
-    assert isinstance(agent, Agent)
-    agent.reset(OBSERVATION)
-    step = agent.act(OBSERVATION)
-    assert_array_equal(step.action, np.arange(6.0))
-    assert np.isnan(step.std).all()
-    assert agent.forecast() is None
 
 
 @pytest.mark.parametrize("given", [np.arange(12.0), list(range(12)), SOFTLY])
@@ -119,23 +101,6 @@ def test_unknown_control_is_reported_at_once():
         as_agent(own)
 
 
-@pytest.mark.parametrize(
-    ("candidate", "what"),
-    [
-        (object(), "an object of <class 'object'>"),
-        (None, "an object of <class 'NoneType'>"),
-        (Counting, r"<class '.*Counting'> itself, not an object of it,"),
-    ],
-)
-def test_what_cannot_act_is_refused(candidate, what):
-    with pytest.raises(
-        ValueError, match=rf"^{what} is not an agent: .*act\(observation\)"
-    ):
-        as_agent(candidate)
-    with pytest.raises(ValueError, match="is not an agent"):
-        batch_agents([candidate])
-
-
 class Whole(Counting):
     """Has every method that an agent may have."""
 
@@ -172,17 +137,6 @@ def test_other_methods_are_called_where_they_exist():
         agent.forecast()
 
 
-def test_agents_and_steps_are_wrapped_once():
-    step = AgentStep(action=np.zeros(6), std=np.ones(6), phase=0.25)
-    agent = as_agent(Returning(step))
-    assert agent.act(OBSERVATION) is step
-    assert as_agent(agent) is agent
-    assert isinstance(pickle.loads(pickle.dumps(agent)), type(agent))
-    compliant = object.__new__(CompliantAgent)
-    object.__setattr__(compliant, "config", ComplianceConfig())
-    assert as_agent(compliant) is compliant
-
-
 def test_agents_of_ones_own_act_in_a_batch():
     batch = batch_agents([Counting(), Counting()])
     observations = {name: np.zeros((2, 6)) for name in OBSERVATION}
@@ -205,30 +159,3 @@ def test_a_batch_commands_one_thing():
 
 
 # --- The record of a step -----------------------------------------------------
-
-
-ACTIONS = np.arange(18.0).reshape(3, 6)
-
-
-@pytest.mark.parametrize("action", [ACTIONS[0], ACTIONS])
-def test_an_action_is_a_whole_step(action):
-    step = AgentStep(action=action)
-    assert_array_equal(step.action, action)
-    assert not np.any(step.via_point)
-    for name in set(STEP_SHAPES) - {"action", "via_point"}:
-        value = getattr(step, name)
-        assert np.shape(value) == action.shape[:-1] + STEP_SHAPES[name]
-        assert (value == np.eye(3) if name == "frame" else np.isnan(value)).all()
-
-
-def test_what_was_given_stays_the_givers():
-    action = ACTIONS[0].copy()
-    step = AgentStep(action=action)
-    action[0] = 7.0
-    assert step.action[0] == 0.0
-    with pytest.raises(ValueError, match="read-only"):
-        step.action[0] = 1.0
-
-
-def test_no_steps_are_a_stack_of_none():
-    assert AgentStep.stacked([]).action.shape == (0, 6)

@@ -5,13 +5,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies import GaussianTrajectory
 from gplfd_policies.demonstrations.normalised import normalised
 from gplfd_policies.demonstrations.path_similarity import (
     SimilarityConfig,
     SimilarityModel,
 )
-from gplfd_policies.movements.movement import EmpiricalDistribution
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
 
@@ -100,26 +98,6 @@ def test_phase_stands_still_when_only_the_hand_turns(skill):
     assert follow(skill, poses)[0].max() < true_phase(skill, 0.05)
 
 
-def test_phase_follows_a_door_that_swings_back(skill):
-    rule = PathPhase(skill, skill.aligned)
-    angles = np.radians(np.concatenate([np.linspace(0, 40, 300), np.full(50, 40.0)]))
-    opened = follow(skill, arc(0.5, angles), rule=rule)[0]
-    back = np.radians(np.linspace(40, 25, 200))
-    phase = follow(skill, arc(0.5, back), rule=rule, start=opened[-1])[0]
-    assert phase[-1] == pytest.approx(true_phase(skill, back[-1]), abs=0.02)
-
-
-def test_search_begins_where_it_is_told(skill):
-    pose, true = handle_pose_on_arc(0.5, 1.0), true_phase(skill, 1.0)
-    close = estimate(skill, pose, true - 0.1)
-    # Farther than the window: the end of the search, and nothing known about it.
-    assert -0.05 <= close.phase - true < -0.04
-    assert close.std == 0.1
-    near = estimate(skill, pose, true)
-    assert near.phase == pytest.approx(true, abs=0.03)
-    assert near.std < 0.1
-
-
 def test_a_phase_that_is_stuck_is_freed(skill):
     """Far behind the hand, nothing near fits, and it is searched everywhere."""
     pose = handle_pose_on_arc(0.5, 1.0)
@@ -200,19 +178,6 @@ def test_search_is_the_one_that_is_defined(skill, previous):
         found = estimator.update(pose, np.float64(previous), NOWHERE)
         expected = nearest_by_hand(skill, pose, previous)
         assert float(found.phase) == pytest.approx(expected, abs=1e-9)
-
-
-def test_distribution_without_spread_is_refused(skill):
-    class Curve:
-        def predict(self, times):
-            mean = skill.predict(times).mean
-            return GaussianTrajectory.from_moments(
-                times, mean, np.full_like(mean, np.nan), lambda: np.empty(0)
-            )
-
-    with pytest.raises(ValueError, match=r"Curve predicts NaN.*EmpiricalDistribution"):
-        PathPhase(Curve(), skill.aligned)
-    PathPhase(EmpiricalDistribution(skill.aligned), skill.aligned)
 
 
 def test_rate_is_the_derivative_of_the_mean(skill):

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.spatial.se3 import into_axes
-from gplfd_policies import POLICIES, TrainingInput, batch_agents, make_agent
+from gplfd_policies import make_agent
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
 
@@ -66,25 +65,6 @@ def test_stiffness_from_force_is_low_along_the_force_alone(newtons, k, demonstra
 def test_stiffness_from_force_refuses_demonstrations_without(demonstrations):
     with pytest.raises(ValueError, match=r"with wrenches, got none; .* such as gp"):
         make_agent("stiffness-from-force", demonstrations)
-
-
-def test_hands_together_have_the_learned_stiffness_of_each_alone(demonstrations):
-    method = POLICIES["stiffness-from-force"].method
-    lesson = pulled(demonstrations, [3.0, 0.0, 1.0])
-    movement = method.learn(TrainingInput(demonstrations=lesson))
-    alone, *together = (method.follow(movement) for _ in range(3))
-    batch = batch_agents(together)
-    assert type(batch).__name__ == "_VectorisedBatch"
-    observation = {"ee_pose": np.zeros((2, 6)), "wrench": np.zeros((2, 6))}
-    batch.reset(observation)
-    alone.reset({name: each[1] for name, each in observation.items()})
-    for angle in np.linspace(0.0, 0.5, 20):
-        pose = handle_pose_on_arc(0.5, angle)
-        observation["ee_pose"] = np.stack([np.zeros(6), pose])
-        steps = batch.act(observation)
-        step = alone.act({name: each[1] for name, each in observation.items()})
-        assert np.array_equal(steps.stiffness[1], step.stiffness)
-        assert np.array_equal(steps.frame[1], step.frame)
 
 
 def test_learned_stiffness_is_that_of_the_commanded_phase(demonstrations, monkeypatch):

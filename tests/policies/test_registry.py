@@ -1,26 +1,18 @@
 """Policies by name."""
 
-import dataclasses
-import pickle
-from functools import partial
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies import POLICIES, Demonstration, TrainingInput, align, make_agent
+from gplfd_policies import POLICIES, Demonstration, TrainingInput, make_agent
 from gplfd_policies.adaptation import (
     NoAdaptation,
     ProductAdaptation,
 )
-from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.control.load import CarriedLoad, YieldToAll
 from gplfd_policies.control.rendering import ArmRendering
-from gplfd_policies.demonstrations.npz import LabelledDemonstrations
 from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
-from gplfd_policies.phase.path_phase import PathPhaseConfig
-from gplfd_policies.registry.method import path_phase, profile_of_spread
 
 pytestmark = pytest.mark.slow
 
@@ -148,30 +140,6 @@ def test_motions_of_any_task_are_learned(name):
         make_agent(name, shown)
 
 
-@pytest.mark.usefixtures("as_for_users")
-@pytest.mark.parametrize(
-    "wrong", [lambda ones: ones[0], lambda ones: [one.poses for one in ones], align]
-)
-def test_only_sequences_of_demonstrations_are_learned_from(wrong, demonstrations):
-    with pytest.raises(TypeError, match=r"sequence of .*Demonstration, got .*\[demo"):
-        make_agent("gp", wrong(demonstrations))
-
-
-@pytest.mark.usefixtures("as_for_users")
-@pytest.mark.parametrize("learn", [partial(make_agent, "gp"), align])
-def test_what_was_loaded_has_demonstrations(learn, demonstrations):
-    loaded = LabelledDemonstrations(demonstrations=demonstrations, radii=(None,) * 6)
-    with pytest.raises(TypeError, match=r"; pass .*loaded\.demonstrations"):
-        learn(loaded)
-
-
-@pytest.mark.parametrize("name", sorted(POLICIES))
-def test_policies_can_be_sent_to_other_processes(name):
-    policy = pickle.loads(pickle.dumps(POLICIES[name]))
-    assert policy.summary == POLICIES[name].summary
-    assert repr(policy.method) == repr(POLICIES[name].method)
-
-
 @pytest.mark.parametrize(
     ("name", "message"),
     [("gp-fixd", r"did you mean 'gp-fixed'.*gp-homoscedastic"), ("gp", "at least one")],
@@ -179,20 +147,3 @@ def test_policies_can_be_sent_to_other_processes(name):
 def test_an_unknown_policy_or_no_demonstration_is_an_error(name, message):
     with pytest.raises(ValueError, match=message):
         make_agent(name, ())
-
-
-def test_settings_of_phase_and_handles_are_those_of_a_method(demonstrations, learned):
-    """A study varies them by a policy of its own."""
-    window, handle = PathPhaseConfig(window=(0.1, 0.1)), HandleConfig(max_gear=2.0)
-    method = dataclasses.replace(
-        POLICIES["gp"].method,
-        phases=partial(path_phase, config=window),
-        profile=partial(profile_of_spread, resolution=(4e-4, 3e-2)),
-        handle_config=handle,
-    )
-    movement = learned(method, demonstrations)
-    agent, usual = method.follow(movement), POLICIES["gp"].method.follow(movement)
-    assert agent.phases.settings == window
-    assert agent.handle_config == handle
-    beta = agent.config.profile.beta / usual.config.profile.beta
-    assert_allclose(beta, [2.0, 2.0, 2.0, 1.0, 1.0, 1.0])

@@ -82,11 +82,6 @@ def test_size_and_heading_are_found_and_ever_better_known(aligned, radius, yaw):
     assert abs(found - yaw) < 3.0 * std < 0.1
 
 
-def test_trusted_heading_is_never_doubted(aligned):
-    model = SimilarityModel.of(aligned, SimilarityConfig(heading_std=0.0))
-    assert seen(model.prior(), 0.5, 0.1).heading == (0.0, 0.0)
-
-
 def test_posterior_and_forecast_are_those_of_a_dense_gaussian_process(aligned):
     """Of every size: evidence and moments by one big matrix instead of a filter."""
     # A deviation that counts beside the heading.

@@ -1,7 +1,5 @@
 """The stiffness profile, Eqs. (24) to (26), and its presets."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -95,20 +93,3 @@ def test_the_middle_is_between_an_observation_and_the_spread():
     middle = 0.5 * (law.k_min + law.k_max)
     assert_allclose(law.stiffness(law.beta), middle)
     assert_array_equal(law.k_max, DEFAULT_PROFILE.k_max)
-
-
-def test_printed_eq25_refuses_a_constant_stiffness():
-    constant = replace(PAPER_PROFILE, k_min=np.full(6, 500.0))
-    assert_array_equal(constant.rate(np.ones(6), np.ones(6)), 0.0)
-    with pytest.raises(ValueError, match="divides by k_max - k_min"):
-        constant.printed_rate(np.ones(6), np.ones(6))
-
-
-@pytest.mark.parametrize("law", PROFILES)
-def test_unknown_spread_gets_the_greatest_stiffness(law):
-    std = np.array([np.nan, 0.0, 0.01, np.nan, 0.05, np.nan])
-    stiffness = law.stiffness(std)
-    unknown = np.isnan(std)
-    assert_array_equal(stiffness[unknown], law.k_max[unknown])
-    known = np.where(unknown, 0.0, std)
-    assert_array_equal(stiffness[~unknown], law.stiffness(known)[~unknown])

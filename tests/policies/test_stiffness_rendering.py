@@ -6,11 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gplfd_env import ENVIRONMENT_IDS
-from gplfd_env.robot.model import SERVO_DAMPING, SERVO_STIFFNESS
-from gplfd_env.simulation.command import STIFFNESS_RANGES
 from gplfd_env.spatial.se3 import compose_rotvecs
-from gplfd_policies import POLICIES
 from gplfd_policies.control.admittance import Admittance
 from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.rendering import (
@@ -69,11 +65,6 @@ def test_virtual_dynamics_displace_the_set_point_by_the_yielded_force_alone():
     assert_array_equal(action[3:], turned)
 
 
-def test_the_arm_yields_by_itself():
-    """What is to be yielded to moves no set-point: the spring of the servo gives."""
-    assert_array_equal(step(arm(), wrench=FORCE), DESIRED)
-
-
 @settings(max_examples=10, deadline=None)
 @given(
     stiffness=st.floats(100.0, 2000.0),
@@ -124,10 +115,6 @@ def test_at_the_limit_of_the_load_clock_and_leads_come_to_rest(k, periods):
     assert_allclose(forces, CarriedLoad().limit, atol=0.1)
 
 
-def test_without_smoothing_they_alternate_from_period_to_period():
-    assert np.ptp(held_at_the_limit(arm(smoothing=0.0), 500.0, 0)) > 10.0
-
-
 @pytest.mark.parametrize("k", [50.0, 500.0])
 def test_a_moving_arm_does_not_lag(k):
     """The servo brakes the hand's own motion: m ẍ = k (u - x) - d ẋ."""
@@ -144,17 +131,3 @@ def test_a_moving_arm_does_not_lag(k):
             position = position + 0.1 * H * velocity
     # Within what the desired pose moves in one period.
     assert_allclose(position, desired[:3], atol=1.01 * H * 0.2)
-
-
-def test_dynamics_and_range_are_those_of_the_arm():
-    assert ArmRendering().stiffness_range == STIFFNESS_RANGES
-    stiffest = np.repeat(SERVO_STIFFNESS, 3)
-    damping = ARM_DYNAMICS.damping(stiffest)
-    assert_allclose(damping, np.repeat(SERVO_DAMPING, 3), rtol=0.01)
-
-
-def test_each_rendering_has_an_environment():
-    controls = {VirtualRendering().control, ArmRendering().control}
-    assert controls == set(ENVIRONMENT_IDS)
-    for name, control in (("gp", "pose"), ("gp-impedance", "impedance")):
-        assert POLICIES[name].method.config.rendering.control == control

@@ -1,7 +1,6 @@
 """Spaces of settings: published ones are the methods', and every corner is a method."""
 
 import itertools
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from gplfd_policies import POLICIES, ViaPoint, align
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.registry.built_in import AS_PUBLISHED, TABLE_1
-from gplfd_policies.registry.catalogue import tuned, with_resolution
+from gplfd_policies.registry.catalogue import tuned
 from gplfd_policies.registry.method import profile_of_spread
 from gplfd_policies.registry.tuning_spaces import (
     RESOLUTIONS,
@@ -70,17 +69,6 @@ def test_every_corner_is_a_method(name):
         assert space.method(registered, values) != registered
 
 
-@pytest.mark.parametrize("share", [0.0, 1.0])
-@pytest.mark.parametrize("name", SPACES)
-@pytest.mark.filterwarnings("ignore:sensor noise", "ignore:Expectation max")
-def test_extreme_settings_learn_and_adapt(name, share, demonstrations, learned):
-    space = SPACES[name]
-    values = space.at([share] * len(space.settings))
-    method = space.method(POLICIES[name].method, values)
-    movement = learned(method, demonstrations)
-    assert np.isfinite(adapted(method, movement).mean).all()
-
-
 @pytest.mark.parametrize(
     "setting",
     [
@@ -96,12 +84,6 @@ def test_a_setting_goes_from_low_to_high(setting, a, b):
     assert setting.at(1.0) == setting.high
     assert setting.at(a) in setting
     assert (setting.at(a) <= setting.at(b)) or a > b
-
-
-def test_whole_numbers_are_equally_likely():
-    setting = Setting(published=4, low=3, high=6)
-    drawn = [setting.at(share) for share in (np.arange(400) + 0.5) / 400]
-    assert np.bincount(drawn).tolist() == [0, 0, 0, 100, 100, 100, 100]
 
 
 @pytest.mark.parametrize(
@@ -123,22 +105,6 @@ def test_a_tuned_policy_has_the_settings_and_says_them():
     assert policy.summary == "gmr, tuned: components 5, regularisation 0.001"
     config = policy.method.fit.keywords["config"]
     assert (config.components, config.regularisation) == (5, 1e-3)
-
-
-def test_settings_beside_the_fit_are_those_of_via_points_and_adaptation():
-    changes = {"via_std_factor": 2.0, "empirical_share": 0.7}
-    method = tuned("gp", SPACES["gp"].published | changes).method
-    published = POLICIES["gp"].method.config.via_std
-    assert method.config.via_std == tuple(2.0 * each for each in published)
-    assert method.adaptation.keywords == {"empirical_share": 0.7}
-
-
-def test_a_file_of_tuned_settings_is_read(tmp_path):
-    file = tmp_path / "tuned.json"
-    settings = {"clusters": 3, "width": 0.5}
-    found = {"local-gp": {"tuned": {"settings": settings}}}
-    file.write_text(json.dumps({"policies": found}))
-    assert tuned_settings(file) == {"local-gp": settings}
 
 
 def test_tuned_policies_are_those_of_the_file():
@@ -163,8 +129,3 @@ def test_chosen_resolution_is_that_of_the_stiffness_law(name, demonstrations):
         default = tuned(published, tuned_settings()[published])
     assert default.method.profile is profile_of_spread
     assert repr(replace(method, profile=profile_of_spread)) == repr(default.method)
-
-
-def test_a_policy_without_stiffness_law_has_no_resolution():
-    with pytest.raises(ValueError, match=r"hinge from the hand's path.* is a Method"):
-        with_resolution(POLICIES["hinge-fit"], 1e-3)

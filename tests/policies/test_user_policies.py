@@ -120,18 +120,6 @@ def test_modules_in_packages_and_helpers_beside_them_are_found(folder):
     assert policy_named("laboratory.doors.best:mine.Still").method is None
 
 
-def test_files_elsewhere_find_what_lies_beside_them(folder, monkeypatch):
-    (folder / "beside.py").write_text("from mine import make\n")
-    elsewhere = folder / "elsewhere"
-    elsewhere.mkdir()
-    monkeypatch.chdir(elsewhere)
-    policy = policy_named("../beside.py:make")
-    assert policy.origin.file == str(folder / "beside.py")
-    del sys.modules["beside"]
-    with pytest.raises(ValueError, match="there is no module 'beside'"):
-        policy_named("beside:make")
-
-
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -282,24 +270,3 @@ def test_packages_offer_policies_by_name(install, library, tmp_path, monkeypatch
         ValueError, match=r"unknown policy 'bets' \(did you mean 'best'"
     ):
         policy_named("bets")
-
-
-def test_broken_packages_are_listed_with_the_reason(install):
-    install(
-        "theirs", "1.2", "gp = theirs:make\nabsent = theirs:absent\nfine = theirs:make"
-    )
-    install(
-        "broken", "3.0", "needy = broken:make\ntwice = broken:make", "import absent"
-    )
-    install("others", "0.1", "twice = others:make")
-    problems = packaged_summaries(POLICIES)
-    assert problems["fine"] == "Stay where the handle is closed. (theirs 1.2)"
-    assert problems["gp"] == "a built-in policy has this name (theirs 1.2)"
-    assert "theirs 1.2" in problems["absent"]
-    assert "has no 'absent'" in problems["absent"]
-    assert "of broken 3.0: importing broken failed with" in problems["needy"]
-    assert "offered by broken 3.0 and others 0.1" in problems["twice"]
-    assert policy_named("gp").make is POLICIES["gp"].make
-    for name in ("absent", "needy", "twice"):
-        with pytest.raises(ValueError, match=f"policy '{name}'"):
-            policy_named(name)
