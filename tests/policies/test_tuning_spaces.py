@@ -1,7 +1,6 @@
 """Spaces of settings: published ones are the methods', and every corner is a method."""
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,11 +12,10 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, ViaPoint, align
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.gp.noise import KerstingNoise
-from gplfd_policies.registry.built_in import AS_PUBLISHED, TABLE_1
+from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.catalogue import tuned
 from gplfd_policies.registry.method import profile_of_spread
 from gplfd_policies.registry.tuning_spaces import (
-    RESOLUTIONS,
     SPACES,
     Setting,
     tuned_settings,
@@ -111,21 +109,17 @@ def test_tuned_policies_are_those_of_the_file():
     rows = {name for name in POLICIES if name.endswith("-tuned")}
     assert rows == {f"{name}-tuned" for name in tuned_settings()}
     for name, values in tuned_settings().items():
-        expected, found = tuned(name, values), POLICIES[f"{name}-tuned"]
-        assert found.summary == expected.summary
-        if f"{name}-tuned" not in RESOLUTIONS:
-            assert repr(found) == repr(expected)
+        expected = tuned(name, values, SPACES[name].resolution)
+        assert repr(POLICIES[f"{name}-tuned"]) == repr(expected)
 
 
-@pytest.mark.parametrize("name", RESOLUTIONS)
-def test_chosen_resolution_is_that_of_the_stiffness_law(name, demonstrations):
-    aligned, method = align(demonstrations), POLICIES[name].method
-    expected = profile_of_spread(aligned, (RESOLUTIONS[name], 3e-2))
-    assert_array_equal(method.profile(aligned).beta, expected.beta)
-    # Nothing else differs from the method with its default.
-    default = AS_PUBLISHED.get(name)
-    if default is None:
-        published = name.removesuffix("-tuned")
-        default = tuned(published, tuned_settings()[published])
-    assert default.method.profile is profile_of_spread
-    assert repr(replace(method, profile=profile_of_spread)) == repr(default.method)
+@pytest.mark.parametrize(
+    ("name", "resolution"),
+    [("gp", 1e-4), ("promp", 3e-4), ("kmp-tuned", 1e-3), ("promp-tuned", 1e-4)],
+)
+def test_chosen_resolution_is_that_of_the_stiffness_law(
+    name, resolution, demonstrations
+):
+    aligned = align(demonstrations)
+    expected = profile_of_spread(aligned, (resolution, 3e-2))
+    assert_array_equal(POLICIES[name].method.profile(aligned).beta, expected.beta)

@@ -61,6 +61,7 @@ from gplfd_policies.registry.method import (
     TrainingInput,
     demonstrated_phase,
     path_phase,
+    profile_of_spread,
 )
 from gplfd_policies.registry.policy import Policy
 
@@ -152,7 +153,21 @@ def _constant(translation: int) -> Policy:
     )
 
 
-def _method(summary: str, fit: Callable[..., Movement], **fields: Any) -> Policy:
+def _method(
+    summary: str,
+    fit: Callable[..., Movement],
+    *,
+    resolution: float | None = None,
+    **fields: Any,
+) -> Policy:
+    """Return a method; its stiffness law may have another resolution than gp's [m].
+
+    The resolutions of all methods were chosen by one criterion and budget, see
+    "The resolution of the stiffness law" in docs/comparison.md.
+    """
+    if resolution is not None:
+        profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
+        fields["profile"] = profile
     return Policy(summary=summary, make=Method(fit=fit, **fields))
 
 
@@ -241,28 +256,33 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             "probabilistic movement primitive with online conditioning",
             fit_promp,
             adaptation=OwnAdaptation,
+            resolution=3e-4,
         ),
         "gmr": _method("Gaussian-mixture regression; no via-points", fit_gmr),
         "tp-gmm": _method(
             "task-parameterised mixture, frames at handle and estimated hinge",
             fit_tp_gmm,
             adaptation=OwnAdaptation,
+            resolution=3e-3,
         ),
         "local-gp": _method(
             "local Gaussian processes (reconstruction); no via-points",
             partial(fit_local_gp, config=LocalGPConfig()),
             accepts_prior_mean=True,
+            resolution=3e-3,
         ),
         "wishart-gp": _method(
             "GP, Wishart-process covariance (reconstruction); no via-points",
             partial(fit_wishart_gp, config=WishartGPConfig()),
             seeded=True,
             accepts_prior_mean=True,
+            resolution=3e-3,
         ),
         "kmp": _method(
             "kernelised movement primitive, regularisation tuned for doors",
             partial(fit_kmp, config=DOOR_KMP),
             adaptation=OwnAdaptation,
+            resolution=1e-3,
         ),
         "kmp-published": _method(
             "kernelised movement primitive with the published regularisation",
@@ -273,6 +293,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             "GP with a Gaussian-mixture prior and online conditioning",
             fit_gmm_gp,
             adaptation=OwnAdaptation,
+            resolution=3e-3,
         ),
         "prodmp": _method(
             "probabilistic dynamic movement primitive with online conditioning",
@@ -284,6 +305,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             fit_midigap,
             fit_forces=fit_promp,
             adaptation=OwnAdaptation,
+            resolution=3e-4,
         ),
         "hinge-fit": _model_based(
             HingeFitAgent, "estimates the hinge from the hand's path; compliant"

@@ -12,14 +12,13 @@ from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.prior_mean import PriorMean
 from gplfd_policies.registry.built_in import AS_PUBLISHED
-from gplfd_policies.registry.method import TrainingInput, profile_of_spread
-from gplfd_policies.registry.policy import Policy, PolicyOrigin
-from gplfd_policies.registry.tuning_spaces import (
-    RESOLUTIONS,
-    SPACES,
-    Values,
-    tuned_settings,
+from gplfd_policies.registry.method import (
+    FixedProfile,
+    TrainingInput,
+    profile_of_spread,
 )
+from gplfd_policies.registry.policy import Policy, PolicyOrigin
+from gplfd_policies.registry.tuning_spaces import SPACES, Values, tuned_settings
 from gplfd_policies.registry.user_policies import (
     module_policy,
     packaged_names,
@@ -55,8 +54,8 @@ def make_agent(
     if prior_mean is not None and name in POLICIES and not _takes_prior_mean(policy):
         takers = [
             other
-            for other, one in AS_PUBLISHED.items()
-            if one.kind == "method" and _takes_prior_mean(one)
+            for other, published in AS_PUBLISHED.items()
+            if published.kind == "method" and _takes_prior_mean(published)
         ]
         raise ValueError(
             f"{name} does not accept a prior mean; leave it out, or choose one of "
@@ -108,55 +107,38 @@ def load_policy(origin: PolicyOrigin) -> Policy:
         ValueError: The policy does not exist any more, or has changed.
     """
     policy = policy_named(origin.name, origin.folder or None)
-    found = policy.origin
-    if found is None or found.content != origin.content:
+    now = policy.origin
+    if now is None or now.content != origin.content:
         raise ValueError(
             f"policy {origin.name!r} is not the one that was chosen: that was "
-            f"{origin}, this is {found}"
+            f"{origin}, this is {now}"
         )
     return policy
 
 
-def tuned(name: str, values: Values) -> Policy:
-    """Return a policy of `SPACES` in ``tuning_spaces`` with other settings."""
+def tuned(name: str, values: Values, resolution: float = 1e-4) -> Policy:
+    """Return a policy of `SPACES` in ``tuning_spaces`` with other settings.
+
+    ``resolution`` is that of its stiffness law [m].
+    """
     method = AS_PUBLISHED[name].method
     assert method is not None, "spaces are those of methods"
+    profile = method.profile
+    if not isinstance(profile, FixedProfile):
+        profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
     text = ", ".join(f"{setting} {value}" for setting, value in values.items())
     return Policy(
         summary=f"{name}, tuned: {text.replace('_', ' ')}",
-        make=SPACES[name].method(method, values),
+        make=SPACES[name].method(replace(method, profile=profile), values),
     )
 
 
-def with_resolution(policy: Policy, resolution: float) -> Policy:
-    """Return a policy whose stiffness law has another resolution [m].
-
-    Raises:
-        ValueError: The policy is no `Method`, and chooses its stiffness itself.
-    """
-    if policy.method is None:
-        raise ValueError(
-            f"{policy.summary}: only a policy that is a Method has a "
-            "stiffness law with a resolution"
-        )
-    profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
-    return replace(policy, make=replace(policy.method, profile=profile))
-
-
-_FOUND: Final = {
-    **AS_PUBLISHED,
-    **{
-        f"{name}-tuned": tuned(name, values)
-        for name, values in tuned_settings().items()
-    },
-}
-
 POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
     {
-        **_FOUND,
+        **AS_PUBLISHED,
         **{
-            name: with_resolution(_FOUND[name], resolution)
-            for name, resolution in RESOLUTIONS.items()
+            f"{name}-tuned": tuned(name, values, SPACES[name].resolution)
+            for name, values in tuned_settings().items()
         },
     }
 )

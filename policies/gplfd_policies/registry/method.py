@@ -90,8 +90,7 @@ def profile_of_spread(
     """Scale the stiffness profile by the demonstrations' root mean square spread.
 
     ``resolution`` is the residual pose uncertainty after a long observation [m, rad].
-    The default is that of `gp`; for another, use ``functools.partial``. `RESOLUTIONS`
-    in ``tuning_spaces`` has those of the other methods.
+    The default is that of `gp`; for another, use ``functools.partial``.
     """
     poses = aligned.demonstrated.poses
     if len(poses) < 2:

@@ -4,7 +4,7 @@ No method should win only by its settings. Each method has a space of the settin
 its authors would tune, with plausible limits. The best settings, found by
 `gplfd_experiments.studies.tuning`, are stored in ``tuned.json`` and registered as
 ``<name>-tuned``. The controller is the same for all and not included, but for the
-resolution of its stiffness law: it is chosen after the settings, see `RESOLUTIONS`.
+resolution of its stiffness law, which is chosen after the settings.
 """
 
 from __future__ import annotations
@@ -32,30 +32,6 @@ from gplfd_policies.registry.method import Method
 
 TUNED_FILE: Final = Path(__file__).with_name("tuned.json")
 """Results of tuning, with their origin."""
-
-RESOLUTIONS: Final[Mapping[str, float]] = MappingProxyType(
-    {
-        "promp": 3e-4,
-        "tp-gmm": 3e-3,
-        "local-gp": 3e-3,
-        "wishart-gp": 3e-3,
-        "kmp": 1e-3,
-        "gmm-gp": 3e-3,
-        "midigap": 3e-4,
-        "dmp-tuned": 3e-4,
-        "gmr-tuned": 3e-3,
-        "tp-gmm-tuned": 1e-3,
-        "local-gp-tuned": 3e-4,
-        "wishart-gp-tuned": 3e-3,
-        "kmp-tuned": 1e-3,
-        "gmm-gp-tuned": 3e-3,
-        "prodmp-tuned": 1e-3,
-        "midigap-tuned": 3e-4,
-    }
-)
-"""Resolution of the stiffness law [m], by policy; others have that of
-`profile_of_spread`. Chosen for every method by one criterion and budget, see
-docs/comparison.md."""
 
 Value = bool | int | float
 Values = Mapping[str, Value]
@@ -110,6 +86,8 @@ class Space:
     """Function that makes the configuration of the fit from the settings."""
     argument: str = "config"
     """Name of the fit's argument for this configuration."""
+    resolution: float = 1e-4
+    """Resolution of the stiffness law with the tuned settings [m]."""
 
     @property
     def published(self) -> Values:
@@ -152,9 +130,13 @@ class Space:
 def _space(
     config: Callable[..., object],
     argument: str = "config",
+    *,
+    resolution: float = 1e-4,
     **settings: Setting,
 ) -> Space:
-    return Space(config=config, argument=argument, settings=settings)
+    return Space(
+        config=config, argument=argument, settings=settings, resolution=resolution
+    )
 
 
 _VIA_STD_FACTOR: Final = _log(1.0, 0.2, 10.0)
@@ -167,6 +149,7 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
     {
         "dmp": _space(
             DMPConfig,
+            resolution=3e-4,
             n_basis=_linear(30, 10, 60),
             alpha=_log(25.0, 10.0, 60.0),
             spread=_linear(False, False, True),
@@ -180,28 +163,33 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
         ),
         "gmr": _space(
             GMRConfig,
+            resolution=3e-3,
             components=_COMPONENTS,
             regularisation=_REGULARISATION,
         ),
         "tp-gmm": _space(
             GMRConfig,
+            resolution=1e-3,
             components=_COMPONENTS,
             regularisation=_REGULARISATION,
             via_std_factor=_VIA_STD_FACTOR,
         ),
         "local-gp": _space(
             LocalGPConfig,
+            resolution=3e-4,
             clusters=_linear(8, 2, 16),
             width=_log(0.35, 0.15, 2.0),
         ),
         "wishart-gp": _space(
             WishartGPConfig,
+            resolution=3e-3,
             degrees=_linear(7, 6, 20),
             length_scale=_log(0.15, 0.05, 1.0),
             floor=_log(1e-3, 1e-4, 0.1),
         ),
         "kmp": _space(
             KMPConfig,
+            resolution=1e-3,
             components=_linear(8, 4, 15),
             length_scale=_log(0.144, 0.05, 0.6),
             mean_regularisation=_log(1.0, 0.05, 50.0),
@@ -210,6 +198,7 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
         ),
         "gmm-gp": _space(
             GMMGPConfig,
+            resolution=3e-3,
             components=_linear(6, 3, 12),
             weight_power=_linear(1.0, 0.4, 1.0),
             shortest_length_scale=_log(0.005, 0.005, 1.0),
@@ -217,6 +206,7 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
         ),
         "prodmp": _space(
             ProDMPConfig,
+            resolution=1e-3,
             n_basis=_linear(20, 8, 40),
             alpha=_log(25.0, 10.0, 60.0),
             overlap=_linear(0.22, 0.1, 0.9),
@@ -225,6 +215,7 @@ SPACES: Final[Mapping[str, Space]] = MappingProxyType(
         ),
         "midigap": _space(
             MiDiGaPConfig,
+            resolution=3e-4,
             mode_angle=_linear(0.7, 0.3, 1.5),
             length_scale=_log(1.0, 0.05, 10.0),
             via_std_factor=_VIA_STD_FACTOR,
