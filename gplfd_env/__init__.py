@@ -85,17 +85,6 @@ _register(
     "reinforcement:door_opening_rl_vector",
 )
 
-# In version 0 a driving base could exceed the limits of its drive. With a fixed base,
-# version 0 equals version 1 bit for bit and can still be made.
-for _id, _name in (
-    (ENVIRONMENT_ID, "version_0:door_opening"),
-    (IMPEDANCE_ENVIRONMENT_ID, "version_0:impedance"),
-    (GRIPPER_ENVIRONMENT_ID, "version_0:gripper"),
-    (RL_ENVIRONMENT_ID, "version_0:rl"),
-):
-    _register(_id.replace("-v1", "-v0"), _name, f"{_name}_vector")
-del _id, _name
-
 __all__ = [
     "DISTURBANCES",
     "DOORS",

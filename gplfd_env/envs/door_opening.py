@@ -8,15 +8,19 @@ import mujoco
 import numpy as np
 from gymnasium import spaces
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Info
+from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Base, Info, Start
 from gplfd_env.doors.config import DoorConfig, DoorSpec
+from gplfd_env.doors.disturbance import DisturbanceSpec
 from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.doors.randomization import RandomizationSpec
 from gplfd_env.doors.variation import Variation
-from gplfd_env.envs.settings import Settings, Sources, made_with
+from gplfd_env.envs.settings import Settings, Sources
+from gplfd_env.robot.model import Grasp
 from gplfd_env.robot.placement import door_geometry
+from gplfd_env.robot.robots import RobotSpec
 from gplfd_env.simulation.command import COMMANDS, DRIVEN
 from gplfd_env.simulation.single import DoorSimulation
-from gplfd_env.task.episode import Episode
+from gplfd_env.task.episode import Episode, Reward
 from gplfd_env.task.info import info_of
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import check_choice
@@ -40,8 +44,10 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     the grasp is lost, and is truncated by the time limit or a diverged simulation.
 
     Args:
-        settings: The fields of `gplfd_env.envs.settings.Settings` as keyword arguments;
-            `door` may be positional.
+        door: A preset's name, a radius [m], a mapping of `DoorConfig` fields, or a
+            `DoorConfig`.
+        grasp: The other arguments are the fields of
+            `gplfd_env.envs.settings.Common`, which documents them.
 
     Raises:
         ValueError: An unknown door, grasp, start, randomisation, reward, camera or
@@ -57,8 +63,38 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     command = COMMANDS["pose"]
     """Meaning of an action."""
 
-    @made_with(Settings)
-    def __init__(self, settings: Settings) -> None:
+    def __init__(
+        self,
+        door: DoorSpec = "medium",
+        *,
+        grasp: Grasp = "contact",
+        randomization: RandomizationSpec = "none",
+        disturbance: DisturbanceSpec = "none",
+        reward: Reward = "dense",
+        robot: RobotSpec = "tiago-like",
+        base: Base | None = None,
+        start: Start = "grasped",
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+        camera_name: str = "overview",
+        effects: bool = False,
+    ) -> None:
+        settings = Settings(
+            door=door,
+            grasp=grasp,
+            randomization=randomization,
+            disturbance=disturbance,
+            reward=reward,
+            robot=robot,
+            base=base,
+            start=start,
+            render_mode=render_mode,
+            width=width,
+            height=height,
+            camera_name=camera_name,
+            effects=effects,
+        )
         self._settings, self.render_mode = settings, settings.render_mode
         self._sources = Sources.of(settings)
         (door,) = self._sources.doors

@@ -2,9 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from functools import update_wrapper
-from inspect import signature
-from typing import Any, ClassVar, Concatenate, Final, ParamSpec, TypeVar, get_args
+from typing import Any, ClassVar, Final, TypeVar, get_args
 
 import mujoco
 import numpy as np
@@ -13,8 +11,12 @@ from gymnasium.vector import AutoresetMode
 from gplfd_env.conventions.constants import Base, Mask, Start
 from gplfd_env.conventions.resets import checked_options, chosen_rows, each
 from gplfd_env.doors.config import DoorConfig, DoorSpec, door_config
-from gplfd_env.doors.disturbance import DisturbanceSpec, disturbance_named
-from gplfd_env.doors.randomization import RandomizationSpec, door_randomization
+from gplfd_env.doors.disturbance import Disturbance, DisturbanceSpec, disturbance_named
+from gplfd_env.doors.randomization import (
+    DoorRandomization,
+    RandomizationSpec,
+    door_randomization,
+)
 from gplfd_env.envs.camera import Camera, require_display
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import Grasp, Hold
@@ -26,8 +28,7 @@ from gplfd_env.task.draw import SampledEpisode, draw_episode
 from gplfd_env.task.episode import REWARDS, Reward
 from gplfd_env.validation.fields import Range, check_choice, checked_count
 
-Self = TypeVar("Self")
-Arguments = ParamSpec("Arguments")
+Record = TypeVar("Record")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +155,9 @@ class VectorSettings(Common):
         if self.max_episode_steps not in (None, -1):
             checked_count("max_episode_steps", self.max_episode_steps, Range(low=1))
         mode = getattr(self.autoreset_mode, "value", self.autoreset_mode)
-        check_choice("autoreset_mode", mode, [known.value for known in AutoresetMode])
+        check_choice(
+            "autoreset_mode", mode, [allowed.value for allowed in AutoresetMode]
+        )
 
     @property
     def limit(self) -> float:
@@ -163,46 +166,12 @@ class VectorSettings(Common):
         return np.inf if steps is None or steps == -1 else steps
 
 
-def made_with(
-    record: Callable[Arguments, Any],
-) -> Callable[
-    [Callable[[Self, Any], None]], Callable[Concatenate[Self, Arguments], None]
-]:
-    """Decorate a constructor that takes a record, so that it takes its fields."""
-
-    def decorate(
-        initialise: Callable[[Self, Any], None],
-    ) -> Callable[Concatenate[Self, Arguments], None]:
-        def __init__(
-            self: Self, /, *given: Arguments.args, **named: Arguments.kwargs
-        ) -> None:
-            try:
-                settings = record(*given, **named)
-            except TypeError as error:
-                # For an unknown keyword, Python's message names the record.
-                own = f"{record.__init__.__qualname__}()"
-                text = str(error).replace(own, f"{initialise.__qualname__}()")
-                raise TypeError(text) from None
-            initialise(self, settings)
-
-        update_wrapper(__init__, initialise)
-        own, *_ = signature(initialise).parameters.values()
-        fields = signature(record).parameters.values()
-        __init__.__signature__ = signature(initialise).replace(  # type: ignore[attr-defined]
-            parameters=[own, *fields]
-        )
-        return __init__
-
-    return decorate
-
-
-_RESOLVE: Final[Mapping[str, tuple[Callable[[Any], Any], str]]] = {
-    "door": (door_config, "name, radius, mapping or DoorConfig"),
-    "randomization": (door_randomization, "name, mapping or DoorRandomization"),
-    "disturbance": (disturbance_named, "name, mapping or Disturbance"),
+_MEANINGS: Final[Mapping[str, str]] = {
+    "door": "name, radius, mapping or DoorConfig",
+    "randomization": "name, mapping or DoorRandomization",
+    "disturbance": "name, mapping or Disturbance",
 }
-"""Function that resolves each source, and its allowed values, in the order of
-`draw_episode`."""
+"""Reset options and their allowed values."""
 
 
 class Sources:
@@ -218,16 +187,18 @@ class Sources:
         n: int | None,
         robot: RobotConfig,
         start: Start,
-        values: Mapping[str, list[Any]],
+        doors: list[DoorConfig],
+        randomizations: list[DoorRandomization],
+        disturbances: list[Disturbance],
     ) -> None:
-        self._n, self._robot, self._start, self._values = n, robot, start, values
-        pairs = zip(values["door"], values["randomization"], strict=True)
-        for door, randomization in set(pairs):
+        self._n, self._robot, self._start = n, robot, start
+        self.doors = doors
+        """The doors, before anything is drawn."""
+        self._randomizations, self._disturbances = randomizations, disturbances
+        for door, randomization in set(zip(doors, randomizations, strict=True)):
             randomization.check_start(start)
             check_reach(randomization.outermost(door), robot, start)
-        for door, disturbance in zip(
-            values["door"], values["disturbance"], strict=True
-        ):
+        for door, disturbance in zip(doors, disturbances, strict=True):
             if not (disturbance.idle or door.motion in ABOUT_A_HINGE):
                 raise ValueError(
                     f"no disturbance of a door with motion = {door.motion!r}: forces "
@@ -239,36 +210,53 @@ class Sources:
     def of(cls, settings: Settings | VectorSettings) -> "Sources":
         """Return the sources that the settings name, or raise a ValueError."""
         n = settings.num_envs if isinstance(settings, VectorSettings) else None
-        values = {
-            name: each(name, getattr(settings, name), n, resolve)
-            for name, (resolve, _) in _RESOLVE.items()
-        }
-        return cls(n, settings.robot_config, settings.start, values)
-
-    @property
-    def doors(self) -> list[DoorConfig]:
-        """The doors, before anything is drawn."""
-        return list(self._values["door"])
+        return cls(
+            n,
+            settings.robot_config,
+            settings.start,
+            each("door", settings.door, n, door_config),
+            each("randomization", settings.randomization, n, door_randomization),
+            each("disturbance", settings.disturbance, n, disturbance_named),
+        )
 
     def changed(
         self, options: Mapping[str, Any] | None, *, begun: bool = True
     ) -> tuple["Sources", Mask]:
         """Return the sources after the options of a reset, and the reset's mask."""
-        allowed = {name: meaning for name, (_, meaning) in _RESOLVE.items()}
+        allowed = dict(_MEANINGS)
         if self._n is not None:
             same = "as for the single environment, or a sequence of num_envs"
-            allowed = dict.fromkeys(_RESOLVE, same)
+            allowed = dict.fromkeys(_MEANINGS, same)
             allowed["reset_mask"] = "an array of num_envs booleans"
-        given = checked_options(options, allowed)
-        rows = chosen_rows(given.get("reset_mask"), len(self.doors), begun=begun)
-        values = {name: list(own) for name, own in self._values.items()}
-        for name in [name for name in _RESOLVE if name in given]:
-            new = each(name, given[name], self._n, _RESOLVE[name][0])
-            for row in np.flatnonzero(rows):
-                values[name][row] = new[row]
-        return Sources(self._n, self._robot, self._start, values), rows
+        changes = checked_options(options, allowed)
+        rows = chosen_rows(changes.get("reset_mask"), len(self.doors), begun=begun)
+
+        def merged(
+            name: str, before: list[Record], resolve: Callable[[Any], Record]
+        ) -> list[Record]:
+            """Return the values of an option in the rows that are reset."""
+            if name not in changes:
+                return before
+            after = each(name, changes[name], self._n, resolve)
+            pairs = zip(rows, after, before, strict=True)
+            return [new if reset else old for reset, new, old in pairs]
+
+        sources = Sources(
+            self._n,
+            self._robot,
+            self._start,
+            merged("door", self.doors, door_config),
+            merged("randomization", self._randomizations, door_randomization),
+            merged("disturbance", self._disturbances, disturbance_named),
+        )
+        return sources, rows
 
     def draw(self, row: int, random: np.random.Generator) -> SampledEpisode:
         """Draw an episode of a simulation."""
-        door, randomization, disturbance = (one[row] for one in self._values.values())
-        return draw_episode(door, randomization, disturbance, random, self._start)
+        return draw_episode(
+            self.doors[row],
+            self._randomizations[row],
+            self._disturbances[row],
+            random,
+            self._start,
+        )

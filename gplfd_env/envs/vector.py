@@ -1,6 +1,6 @@
 """Vector environments on `mujoco.batch.Batch`, as made by ``gym.make_vec``."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -10,15 +10,27 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, Array, Info, Mask
+from gplfd_env.conventions.constants import (
+    CONTROL_PERIOD,
+    Array,
+    Base,
+    Info,
+    Mask,
+    Start,
+)
 from gplfd_env.conventions.resets import Seeds, each_seed, masked, unmasked
+from gplfd_env.doors.config import DoorSpec
+from gplfd_env.doors.disturbance import DisturbanceSpec
 from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.doors.randomization import RandomizationSpec
 from gplfd_env.doors.variation import Variation
-from gplfd_env.envs.settings import Sources, VectorSettings, made_with
+from gplfd_env.envs.settings import Sources, VectorSettings
+from gplfd_env.robot.model import Grasp
 from gplfd_env.robot.placement import door_geometry
+from gplfd_env.robot.robots import RobotSpec
 from gplfd_env.simulation.batch import DoorBatch, SameStructureBatch
 from gplfd_env.simulation.command import COMMANDS, DRIVEN
-from gplfd_env.task.episode import Episode
+from gplfd_env.task.episode import Episode, Reward
 from gplfd_env.task.episodes import Episodes
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import check_choice
@@ -33,8 +45,10 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     masks in infos. If a simulation diverges, only this simulation is truncated.
 
     Args:
-        settings: The fields of `gplfd_env.envs.settings.VectorSettings` as keyword
-            arguments; `num_envs` and `door` may be positional.
+        num_envs: Number of simulations n.
+        door: As for the single environment, or a sequence of n of these.
+        grasp: The other arguments are the fields of
+            `gplfd_env.envs.settings.VectorSettings`, which documents them.
 
     Raises:
         ValueError: As the single environment, and for an unknown autoreset mode.
@@ -46,8 +60,46 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     physics: type[SameStructureBatch] = SameStructureBatch
     """Class that steps simulations with doors of equal structure."""
 
-    @made_with(VectorSettings)
-    def __init__(self, settings: VectorSettings) -> None:
+    def __init__(
+        self,
+        num_envs: int = 1,
+        door: DoorSpec | Sequence[DoorSpec] = "medium",
+        *,
+        grasp: Grasp = "contact",
+        randomization: RandomizationSpec | Sequence[RandomizationSpec] = "none",
+        disturbance: DisturbanceSpec | Sequence[DisturbanceSpec] = "none",
+        reward: Reward = "dense",
+        robot: RobotSpec = "tiago-like",
+        base: Base | None = None,
+        start: Start = "grasped",
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+        camera_name: str = "overview",
+        effects: bool = False,
+        max_episode_steps: int | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        num_threads: int = 0,
+    ) -> None:
+        settings = VectorSettings(
+            num_envs=num_envs,
+            door=door,
+            grasp=grasp,
+            randomization=randomization,
+            disturbance=disturbance,
+            reward=reward,
+            robot=robot,
+            base=base,
+            start=start,
+            render_mode=render_mode,
+            width=width,
+            height=height,
+            camera_name=camera_name,
+            effects=effects,
+            max_episode_steps=max_episode_steps,
+            autoreset_mode=autoreset_mode,
+            num_threads=num_threads,
+        )
         self._settings, self.render_mode = settings, settings.render_mode
         self.num_envs = n = int(settings.num_envs)
         self.autoreset_mode = AutoresetMode(settings.autoreset_mode)

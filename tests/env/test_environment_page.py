@@ -217,10 +217,8 @@ def test_reset_options_are_those_the_message_allows(make_env):
 
 def test_every_id_has_a_version():
     named = [*IDS, gplfd_env.RL_ENVIRONMENT_ID]
-    kept = [id for id in named if id != gplfd_env.MOBILE_ENVIRONMENT_ID]
-    every = [*named, *(id.replace("-v1", "-v0") for id in kept)]
-    assert column("Version history", "id") == every
-    assert {id for id in gym.registry if id.startswith("gplfd/")} == set(every)
+    assert column("Version history", "id") == named
+    assert {id for id in gym.registry if id.startswith("gplfd/")} == set(named)
 
 
 # --- Numbers, arguments, code --------------------------------------------------------

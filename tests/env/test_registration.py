@@ -18,7 +18,6 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 POSE, IMPEDANCE = gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID
 RL = gplfd_env.RL_ENVIRONMENT_ID
 PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
-upgrading = "ignore:.*upgrading to version:DeprecationWarning"
 
 
 @pytest.mark.parametrize(
@@ -77,23 +76,20 @@ def test_without_it_gymnasium_names_the_namespace(run_python):
 
 
 FIRST = {
-    "gplfd/DoorOpening-v0": "9be92ef08a05354b",
-    "gplfd/DoorOpeningImpedance-v0": "825d1e907beddb17",
-    "gplfd/DoorOpeningGripper-v0": "29de4787adaee984",
-    "gplfd/DoorOpeningRL-v0": "0e134be4aad67931",
+    "gplfd/DoorOpening-v1": "9be92ef08a05354b",
+    "gplfd/DoorOpeningImpedance-v1": "825d1e907beddb17",
+    "gplfd/DoorOpeningGripper-v1": "29de4787adaee984",
+    "gplfd/DoorOpeningRL-v1": "0e134be4aad67931",
 }
-"""Ids of version 0, and the digest of an episode that commit e13d8bb gives, the last
-one at which version 0 was the only one."""
+"""Ids, and the digest of an episode that commit e13d8bb gives."""
 
 
 @pytest.mark.bits
 @pytest.mark.parametrize("id", FIRST)
-def test_the_first_version_with_a_fixed_base_gives_the_numbers_it_gave(id, opened):
-    """Positions to 1e-6; Gymnasium says which version is newer."""
-    with pytest.warns(DeprecationWarning, match="upgrading to version `v1`"):
-        env = opened(gym.make(id, door="small"))
-    with pytest.warns(DeprecationWarning, match="upgrading to version `v1`"):
-        envs = opened(gym.make_vec(id, door="small"))
+def test_a_fixed_base_gives_the_numbers_it_gave(id, opened):
+    """Positions to 1e-6."""
+    env = opened(gym.make(id, door="small"))
+    envs = opened(gym.make_vec(id, door="small"))
     space: Any = env.action_space
     assert envs.single_action_space == space
     env.reset(seed=1)
@@ -108,20 +104,6 @@ def test_the_first_version_with_a_fixed_base_gives_the_numbers_it_gave(id, opene
         positions.append(env.unwrapped.data.qpos.copy())
     rounded = np.round(positions, 6) + 0.0  # No -0.0.
     assert hashlib.sha256(rounded.tobytes()).hexdigest()[:16] == FIRST[id]
-
-
-@pytest.mark.filterwarnings(upgrading)
-@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
-@pytest.mark.parametrize("id", FIRST)
-def test_the_first_version_refuses_to_drive(id, make):
-    with pytest.raises(ValueError, match=f'mobile" needs {id.replace("-v0", "-v1")}:'):
-        make(id, base="mobile")
-
-
-@pytest.mark.filterwarnings(upgrading)
-def test_an_id_that_always_drives_has_no_first_version():
-    with pytest.raises(gym.error.DeprecatedEnv, match="DoorOpeningMobile-v1"):
-        gym.make("gplfd/DoorOpeningMobile-v0")
 
 
 def test_async_vector_environments_step(make_env, opened):

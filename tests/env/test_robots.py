@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.assets import asset_path
 from gplfd_env.doors.config import BAR_RADIUS, DOORS, DoorConfig
-from gplfd_env.envs import version_0
 from gplfd_env.robot.config import StanceGroup
 from gplfd_env.robot.description import described_robot
 from gplfd_env.robot.placement import gripper_rotation_w
@@ -147,8 +146,6 @@ def test_a_robot_says_on_which_base_it_stands():
     standing = gym.make(ENVIRONMENT_ID, robot=mobile, base="fixed", door="medium")
     with pytest.raises(KeyError):
         standing.unwrapped.model.joint("base_yaw_joint")
-    with pytest.raises(ValueError, match="needs gplfd/DoorOpening-v1"):
-        version_0.door_opening(robot=mobile)
 
 
 def test_home_decides_how_the_robot_stands():
