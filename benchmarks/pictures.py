@@ -334,7 +334,7 @@ def film_frames(
     width, height = size
     with mujoco.Renderer(model, height, width) as renderer:
         for row in rows:
-            data.qpos[:] = log.qpos[row]
+            data.qpos[:] = log.motion.qpos[row]
             mujoco.mj_forward(model, data)
             site = data.site("task_frame")
             axes, origin = site.xmat.reshape(3, 3), site.xpos
@@ -352,9 +352,13 @@ def film_frames(
             above = origin + _ABOVE
             for one in demonstrations:
                 _line(scene, above + one.poses[::10, :3] @ axes.T, _SHOWN, 0.007)
-            way = log.ee_pose[: row + 1, :3] @ axes.T
+            way = log.motion.ee_pose[: row + 1, :3] @ axes.T
             _line(scene, above + way[::5], _HAND, 0.016)
-            force = max(log.push_force[row], log.person_force[row], log.stop_force[row])
+            force = max(
+                log.forces.push_force[row],
+                log.forces.person_force[row],
+                log.forces.stop_force[row],
+            )
             if force > 0.0:
                 ball = _next_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, _OUTSIDE)
                 ball.size[:], ball.pos[:] = _BALL * np.sqrt(force), above + way[-1]
@@ -390,8 +394,8 @@ def film_trial(path: Path, name: str, size: tuple[int, int]) -> None:
     log = episode_log(task)
     shown = demonstrations_of(task).demonstrations
     model = model_of(task)
-    curve = np.abs(getattr(log, shot.curve))
-    angle, force = np.degrees(log.door_angle), _NAMES[shot.curve]
+    curve = np.abs(getattr(log.forces, shot.curve))
+    angle, force = np.degrees(log.opening.door_angle), _NAMES[shot.curve]
     width, height = size
     pages = []
     for row, picture in film_frames(log, model, shown, size):
@@ -457,8 +461,8 @@ def doors(page: Path = Path("docs/gallery.md")) -> None:
             name = f"{door}-{policy}.mp4"
             write_video(folder / name, log, model_of(task), _FORMAT)
             outcome = why_closed(log.failure, log.reason) or "opened"
-            peak = np.abs(log.force_radial).max()
-            angle = round(np.degrees(log.door_angle[-1]))
+            peak = np.abs(log.forces.force_radial).max()
+            angle = round(np.degrees(log.opening.door_angle[-1]))
             text = f"{outcome}, {angle}° in {log.times[-1]:.1f} s, {peak:.0f} N"
             cells.append(f"[{text}](episodes/{name})")
         rows.append(f"| {' | '.join(cells)} |")

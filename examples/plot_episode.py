@@ -32,17 +32,17 @@ with tempfile.TemporaryDirectory() as folder:
 figure, (angle, force, stiffness) = plt.subplots(
     3, sharex=True, figsize=(7, 7), layout="constrained"
 )
-angle.plot(log.times, np.degrees(log.door_angle), color="black")
+angle.plot(log.times, np.degrees(log.opening.door_angle), color="black")
 angle.axhline(60.0, color="grey", linestyle=":", label="task")
 angle.set_ylabel("door angle [deg]")
 angle.set_title(f"{log.policy} opens the {log.door} door, radius {log.radius} m")
 
-force.plot(log.times, log.force_tangential, label="tangential: opens the door")
-force.plot(log.times, log.force_radial, label="radial: the path does not fit")
+force.plot(log.times, log.forces.force_tangential, label="tangential: opens the door")
+force.plot(log.times, log.forces.force_radial, label="radial: the path does not fit")
 force.set_ylabel("hand on handle [N]")
 
 for axis, name in ((0, "along the path"), (1, "up"), (2, "across")):
-    stiffness.plot(log.times, log.stiffness[:, axis], label=name)
+    stiffness.plot(log.times, log.decisions.stiffness[:, axis], label=name)
 stiffness.set_ylabel("stiffness [N/m]")
 stiffness.set_xlabel("time [s]")
 for axes in (angle, force, stiffness):

@@ -1,6 +1,7 @@
 """A tiny door in MuJoCo, an agent that knows its arc, logs by formula, a browser."""
 
 import contextlib
+import dataclasses
 import functools
 import json
 import math
@@ -25,7 +26,7 @@ from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import standard_teacher
-from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.log import PARTS, EpisodeLog, Forecasts, arrays_of
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.movements.trajectory import GaussianTrajectory
@@ -245,11 +246,22 @@ def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
         "latency_s": 1e-3 * one,
         "latency_wall_s": 2e-3 * one,
         "forecast_times": np.array([0.0, 2.0, 4.0]),
-        "forecast_phase": phases,
+        "forecast_phases": phases,
         "forecast_mean": np.stack([arc] * 3),
         "forecast_std": np.stack([np.full((21, 6), 0.03), *[0.01 * arc + 1e-3] * 2]),
     }
-    return EpisodeLog(**{**fields, **changes})
+    return log_of(fields | changes)
+
+
+def log_of(fields: dict[str, Any]) -> EpisodeLog:
+    """A log of its fields and arrays by name, forecasts with the prefix forecast_."""
+    names = {field.name for field in dataclasses.fields(EpisodeLog)} - PARTS.keys()
+    forecasts = {name: fields[f"forecast_{name}"] for name in arrays_of(Forecasts)}
+    parts: dict[str, Any] = {
+        part: record.of(forecasts if part == "forecasts" else fields)
+        for part, record in PARTS.items()
+    }
+    return EpisodeLog(**{name: fields[name] for name in names}, **parts)
 
 
 class Page:

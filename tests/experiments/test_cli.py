@@ -91,8 +91,8 @@ def test_run_learns_from_a_file_and_the_same_seed_gives_the_same_log(gplfd, tmp_
     assert len(second) == 3
     np.testing.assert_array_equal(second[2].poses, first[2].poses)
     logs = [EpisodeLog.load(tmp_path / name / "small.npz") for name in ("a", "b")]
-    assert logs[0].qpos.tobytes() == logs[1].qpos.tobytes()
-    assert logs[0].wrench.tobytes() == logs[1].wrench.tobytes()
+    assert logs[0].motion.qpos.tobytes() == logs[1].motion.qpos.tobytes()
+    assert logs[0].forces.wrench.tobytes() == logs[1].forces.wrench.tobytes()
 
 
 def test_a_run_that_ends_early_leaves_complete_files(

@@ -54,7 +54,7 @@ def test_curves_are_the_logs_in_the_policys_colour_and_name(record, make_log):
     chunks = record(log, other)
     times, values = chunks["/plots/angle/gp", "Scalars:scalars"]
     np.testing.assert_allclose(times, log.times, atol=1e-9)
-    np.testing.assert_allclose(np.ravel(values), np.degrees(log.door_angle))
+    np.testing.assert_allclose(np.ravel(values), np.degrees(log.opening.door_angle))
     _, values = chunks["/plots/radial/kmp", "Scalars:scalars"]
     assert np.ravel(values).tolist() == [7.0] * 601
     for policy, colour in zip(("gp", "kmp"), COLOURS, strict=False):
@@ -94,7 +94,9 @@ def test_the_measured_curves_end_in_the_metrics_of_their_names(make_log):
         name: rng.uniform(0.0, 9.0, 601)
         for name in ("force_radial", "force_vertical", "person_force", "push_force")
     }
-    log = make_log(**noise, ee_pose=make_log().ee_pose + rng.uniform(0, 1e-3, (601, 6)))
+    log = make_log(
+        **noise, ee_pose=make_log().motion.ee_pose + rng.uniform(0, 1e-3, (601, 6))
+    )
     metrics = episode_metrics(log).as_json()
     for name in ("force_radial_peak", "force_handle_peak", "person_force_peak"):
         assert MEASURED[name].values(log).max() == pytest.approx(metrics[name])
@@ -107,12 +109,12 @@ def test_the_measured_curves_end_in_the_metrics_of_their_names(make_log):
         assert measured.greatest[1] == unit, name
         assert f"[{unit}]" in measured.title
     beside = MEASURED["push_displacement_mm"].values(log)
-    away = np.linalg.norm((log.ee_pose - log.desired)[:, :3], axis=1)
+    away = np.linalg.norm((log.motion.ee_pose - log.decisions.desired)[:, :3], axis=1)
     np.testing.assert_allclose(beside, 1e3 * away)
 
 
 def test_labels_say_how_it_ended(record, make_log):
-    half = np.minimum(make_log().door_angle, math.radians(40.0))
+    half = np.minimum(make_log().opening.door_angle, math.radians(40.0))
     ended = {"success": False, "failure": "stalled", "solved": np.full(601, False)}
     stuck = make_log(policy="dmp", door_angle=half, **ended)
     lost = dataclasses.replace(stuck, policy="gmr", failure="grasp_lost")

@@ -1,6 +1,5 @@
 """Logs of episodes and their measures, forecast errors included, on logs by formula."""
 
-import dataclasses
 import json
 import math
 
@@ -18,7 +17,7 @@ from gplfd_experiments.episodes.forecast_error import (
     handle_path,
     squared_distances,
 )
-from gplfd_experiments.episodes.log import EpisodeLog
+from gplfd_experiments.episodes.log import PARTS, EpisodeLog, arrays_of
 from gplfd_experiments.episodes.metrics import (
     door_acceleration,
     episode_metrics,
@@ -36,13 +35,13 @@ def test_round_trip_is_exact(tmp_path, make_log):
     log = make_log(predicted_std=np.full((601, 6), np.nan))
     log.save(tmp_path / "log.npz")
     loaded = EpisodeLog.load(tmp_path / "log.npz")
-    for field in dataclasses.fields(EpisodeLog):
-        one, other = getattr(log, field.name), getattr(loaded, field.name)
-        if isinstance(one, np.ndarray):
-            assert one.dtype == other.dtype, field.name
-            assert one.tobytes() == other.tobytes(), field.name
-        else:
-            assert one == other, field.name
+    assert (repr(loaded), loaded.door_config) == (repr(log), log.door_config)
+    assert loaded.times.tobytes() == log.times.tobytes()
+    for part, record in PARTS.items():
+        for name in arrays_of(record):
+            one, other = (getattr(getattr(each, part), name) for each in (log, loaded))
+            assert one.dtype == other.dtype, name
+            assert one.tobytes() == other.tobytes(), name
 
 
 def test_a_log_is_printed_in_one_line(make_log):
@@ -57,19 +56,23 @@ def test_arrays_are_own_and_read_only(make_log):
     wrench = np.zeros((601, 6))
     log = make_log(wrench=wrench)
     wrench[:] = 1.0
-    assert np.all(log.wrench == 0.0)
+    assert np.all(log.forces.wrench == 0.0)
     with pytest.raises(ValueError, match="read-only"):
-        log.wrench[0, 0] = 1.0
+        log.forces.wrench[0, 0] = 1.0
     with pytest.raises(TypeError):
         log.door_config["radius"] = 1.0  # type: ignore[index]
 
 
 @pytest.mark.parametrize(
-    ("name", "shape"),
-    [("std", (600, 6)), ("joint_vel", (601, 6)), ("forecast_mean", (3, 20, 6))],
+    ("name", "shape", "place"),
+    [
+        ("std", (600, 6), "decisions.std"),
+        ("joint_vel", (600, 7), "motion.joint_vel"),
+        ("forecast_mean", (3, 20, 6), "forecasts.mean"),
+    ],
 )
-def test_wrong_shape_names_the_array(make_log, name, shape):
-    with pytest.raises(ValueError, match=rf"EpisodeLog\.{name} has shape"):
+def test_wrong_shape_names_the_array(make_log, name, shape, place):
+    with pytest.raises(ValueError, match=rf"EpisodeLog\.{place} has shape"):
         make_log(**{name: np.zeros(shape)})
 
 
@@ -89,35 +92,6 @@ def rewritten(tmp_path, make_log):
     return write
 
 
-def test_a_file_from_before_wall_times_were_measured_is_read(rewritten):
-    log = EpisodeLog.load(rewritten(lambda arrays: arrays.pop("latency_wall_s")))
-    assert np.isnan(log.latency_wall_s).all()
-    metrics = episode_metrics(log)
-    assert metrics.latency_wall_median_ms is metrics.latency_wall_p95_ms is None
-    assert late_decisions([metrics.as_json()]) == ""
-
-
-def test_a_file_from_before_sizes_were_logged_is_read(rewritten):
-    sizes = ("path_size", "path_size_std", "heading", "heading_std")
-    log = EpisodeLog.load(rewritten(lambda arrays: [*map(arrays.pop, sizes)]))
-    assert np.isnan([getattr(log, name) for name in sizes]).all()
-
-
-def test_a_file_with_former_names_is_read(rewritten, make_log):
-    def rename(arrays):
-        arrays["give"] = arrays.pop("path_lag")
-        arrays["carried_load"] = arrays.pop("compensated_load")
-
-    log = EpisodeLog.load(rewritten(rename))
-    for name in ("path_lag", "compensated_load"):
-        np.testing.assert_array_equal(getattr(log, name), getattr(make_log(), name))
-
-
-def test_a_file_from_before_stiffness_turned_has_the_frame_of_the_axes(rewritten):
-    log = EpisodeLog.load(rewritten(lambda arrays: arrays.pop("frame")))
-    np.testing.assert_array_equal(log.frame, [np.eye(3)] * log.times.size)
-
-
 def headed(header):
     """Replace the header by a text, or some of its values."""
 
@@ -133,7 +107,7 @@ def headed(header):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda arrays: arrays.pop("wrench"), "lacks 'wrench'"),
+        (lambda arrays: arrays.pop("forces.wrench"), "lacks 'forces.wrench'"),
         *((headed(text), "") for text in ("[1]", "{", "[" * 9999, '{"other": 1}')),
         *(
             (headed({name: None}), f"its {name} is None")
@@ -153,7 +127,7 @@ DT = 0.01
 def test_work_is_force_times_arc_length_and_the_energy_of_a_spring(make_log):
     angle = math.radians(66.0)
     assert episode_metrics(make_log()).work == pytest.approx(8.0 * 0.5 * angle)
-    spring = 4.0 * make_log().door_angle / 0.5  # 4 N m/rad at the hinge
+    spring = 4.0 * make_log().opening.door_angle / 0.5  # 4 N m/rad at the hinge
     log = make_log(force_tangential=spring)
     assert episode_metrics(log).work == pytest.approx(0.5 * 4.0 * angle**2, rel=1e-4)
 
@@ -162,7 +136,7 @@ def test_work_on_a_lever_is_done_where_the_hand_is(make_log):
     """3 cm from its end, and nearer to the hinge than its axis."""
     door = {"radius": 0.5, "handle": "lever", "lockset": {"handle_length": 0.12}}
     log = make_log(force_tangential=np.full(601, 10.0), door_config=door)
-    turned = log.door_angle[-1] - log.door_angle[0]
+    turned = log.opening.door_angle[-1] - log.opening.door_angle[0]
     assert work_on_door(log) == pytest.approx(10.0 * 0.41 * turned)
 
 
@@ -173,14 +147,18 @@ def test_prediction_error_is_bias_squared_plus_variance_of_the_opening(make_log)
     expected = 3 * (0.003**2 + 0.004**2)
     assert metrics.prediction_error_position == pytest.approx(expected)
     assert metrics.prediction_error_rotation == pytest.approx(expected)
-    std = np.array(log.predicted_std)
+    std = np.array(log.decisions.predicted_std)
     opening = opening_motion(log)
     std[: opening.start] = 1.0
     std[opening.stop :] = 1.0
     changed = episode_metrics(make_log(predicted_std=std))
     assert changed.prediction_error_position == metrics.prediction_error_position
-    assert math.degrees(log.door_angle[opening.start]) == pytest.approx(1.0, abs=0.2)
-    assert math.degrees(log.door_angle[opening.stop - 1]) == pytest.approx(65, abs=0.2)
+    assert math.degrees(log.opening.door_angle[opening.start]) == pytest.approx(
+        1.0, abs=0.2
+    )
+    assert math.degrees(log.opening.door_angle[opening.stop - 1]) == pytest.approx(
+        65, abs=0.2
+    )
 
 
 def test_policies_without_predictions_or_stiffness_have_none(make_log):
@@ -198,7 +176,7 @@ def test_policies_without_predictions_or_stiffness_have_none(make_log):
 
 
 def test_times_to_angles_are_those_of_the_minimum_jerk_profile(make_log):
-    to_60_degrees = make_log().door_angle * (60.0 / 66.0)
+    to_60_degrees = make_log().opening.door_angle * (60.0 / 66.0)
     metrics = episode_metrics(make_log(door_angle=to_60_degrees + 1e-9))
     assert metrics.time_to_30_deg == pytest.approx(3.0)  # half way at half time
     assert metrics.time_to_60_deg == pytest.approx(6.0, abs=0.05)
@@ -351,13 +329,15 @@ def test_recovery_begins_when_the_last_disturbance_ends(make_log):
     assert metrics.person_force_peak == 40.0
     assert metrics.person_force_sustained == pytest.approx(np.linspace(1, 40, 100)[50])
     assert metrics.person_energy == 3.0
-    speed = np.gradient(log.door_angle, DT)
+    speed = np.gradient(log.opening.door_angle, DT)
     assert metrics.release_speed == speed[150:250].max() < speed[150:].max()
-    later = log.times[log.door_angle >= log.door_angle[150] + math.radians(5.0)][0]
+    later = log.times[
+        log.opening.door_angle >= log.opening.door_angle[150] + math.radians(5.0)
+    ][0]
     assert metrics.recovery_time == pytest.approx(later - log.times[150])
     # Still held at the end: there was no release.
     assert release(make_log(person_force=np.ones(601))) is None
-    stuck = np.minimum(log.door_angle, log.door_angle[150])
+    stuck = np.minimum(log.opening.door_angle, log.opening.door_angle[150])
     assert (
         episode_metrics(make_log(stop_force=held, door_angle=stuck)).recovery_time
         is None
@@ -366,7 +346,7 @@ def test_recovery_begins_when_the_last_disturbance_ends(make_log):
 
 def test_push_displacement_is_the_change_beside_the_path(make_log):
     log = make_log()
-    pushed, pose = np.zeros(601), np.array(log.ee_pose)
+    pushed, pose = np.zeros(601), np.array(log.motion.ee_pose)
     pushed[100:130] = 15.0
     pose[:, 1] += 0.02  # beside the path all the time: not the push's doing
     pose[110:140, 2] += 0.005
@@ -393,7 +373,7 @@ def forecasting(make_log):
         arc[:50, 1] += aside
         return make_log(
             forecast_times=times,
-            forecast_phase=PHASES,
+            forecast_phases=PHASES,
             forecast_mean=np.stack([arc] * times.size),
             forecast_std=np.ones((times.size, 101, 6)),
             **changes,
@@ -435,7 +415,7 @@ def test_only_what_is_to_come_is_judged(forecasting):
 
 
 def test_a_door_that_stops_has_no_forecasts_beyond(forecasting):
-    angle = 0.5 * forecasting(0.5).door_angle
+    angle = 0.5 * forecasting(0.5).opening.door_angle
     pose = np.array([handle_pose_on_arc(0.5, phi) for phi in angle])
     stopped = forecasting(0.5, door_angle=angle, handle_pose=pose)
     errors = forecast_errors(stopped, ANGLE)
@@ -451,7 +431,7 @@ def test_a_forecast_that_comes_too_late_does_not_count(forecasting):
 
 
 def test_policies_without_forecasts_have_no_errors(make_log):
-    names = ("forecast_times", "forecast_phase")
+    names = ("forecast_times", "forecast_phases")
     curves = ("forecast_mean", "forecast_std")
     silent = make_log(
         **dict.fromkeys(names, np.empty(0)),
@@ -465,7 +445,7 @@ def test_policies_without_forecasts_have_no_errors(make_log):
 def test_the_arc_lies_as_the_handle_does(make_log):
     """A robot that stands askew by 3 degrees, with the bar off the hand's middle."""
     turn = math.radians(3.0)
-    angle = 0.1 + make_log().door_angle
+    angle = 0.1 + make_log().opening.door_angle
     pose = np.array([handle_pose_on_arc(0.5, phi) for phi in angle])
     x, z = pose[:, 0].copy(), pose[:, 2].copy()
     pose[:, 0] = math.cos(turn) * x + math.sin(turn) * z + 0.004

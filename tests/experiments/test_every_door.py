@@ -79,7 +79,7 @@ def test_a_run_of_several_kinds_learns_each_from_its_own(gplfd, tmp_path):
     given = ("--policy", "promp", "--doors", "room-584")
     assert gplfd("run", *given, "--out", "run") == 0
     alone = EpisodeLog.load(out / "room-584.npz")
-    np.testing.assert_array_equal(alone.ee_pose, together.ee_pose)
+    np.testing.assert_array_equal(alone.motion.ee_pose, together.motion.ee_pose)
     assert sorted(file.name for file in out.iterdir()) == [
         *("demonstrations.npz", "metrics.json", "room-584.npz", "room-584.rrd"),
         "run.json",

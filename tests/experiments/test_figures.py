@@ -129,13 +129,13 @@ def test_agents_of_a_log_decide_the_same_again(opened):
     repeated = decisions(log, agent)
     names = ("action", "std", "stiffness", "predicted_mean", "predicted_std")
     for row, time in enumerate(log.times[:300]):
-        for forecast in log.forecast_mean[log.forecast_times == time]:
+        for forecast in log.forecasts.mean[log.forecasts.times == time]:
             np.testing.assert_array_equal(expectation(agent).mean, forecast)
         decision = next(repeated)
         for name in names:
-            found, expected = getattr(decision, name), getattr(log, name)[row]
+            found, expected = getattr(decision, name), getattr(log.decisions, name)[row]
             np.testing.assert_array_equal(found, expected)
-        assert decision.via_point == log.via_point[row]
+        assert decision.via_point == log.decisions.via_point[row]
     silent = make_agent("oracle", opened.demonstrations.demonstrations)
     with pytest.raises(ValueError, match="makes no forecasts"):
         expectation(silent)
@@ -290,17 +290,19 @@ def test_fig09_adaptive_predicts_better_than_fixed(opening):
     np.testing.assert_array_equal(opening.fixed.width, opening.adaptive.width[0])
     # The first forecast, where the door is.
     log = opening.log
-    for output, first in enumerate(log.forecast_mean[0].T):
-        fixed = np.interp(log.observed_phase, log.forecast_phase, first)
+    for output, first in enumerate(log.forecasts.mean[0].T):
+        fixed = np.interp(log.decisions.observed_phase, log.forecasts.phases, first)
         np.testing.assert_array_equal(opening.fixed.mean[:, output], fixed)
     # Drawn in the order of the phase: the adaptive mean, and the door's truth.
     shown = dict.fromkeys(fig09_adaptation.DOORS, opening)
     rows = np.reshape(fig09_adaptation.draw(shown).axes, (3, 4))
     assert_band(rows[1, 0], opening.initial, 2)
     assert_band(rows[1, 2], opening.stages[2], 2, which=1)
-    order = np.argsort(log.observed_phase[opening.motion], kind="stable")
+    order = np.argsort(log.decisions.observed_phase[opening.motion], kind="stable")
     lines = (line.get_ydata() for line in rows[1, 3].lines[1:])
-    for line, values in zip(lines, (log.predicted_mean, log.handle_pose), strict=True):
+    for line, values in zip(
+        lines, (log.decisions.predicted_mean, log.opening.handle_pose), strict=True
+    ):
         np.testing.assert_array_equal(line, values[opening.motion][order, 2])
 
 
@@ -313,14 +315,20 @@ def test_fig10_rates_are_the_logs_and_bounds_the_controllers(make_log):
     )
     shown = fig10_stiffness.stability(log, DEFAULT_PROFILE)
     own, fall, use = fig10_stiffness.draw({"medium": shown}).axes
-    np.testing.assert_array_equal(own.lines[1].get_ydata(), log.stiffness[:, 0])
+    np.testing.assert_array_equal(
+        own.lines[1].get_ydata(), log.decisions.stiffness[:, 0]
+    )
     for line, output in zip(fall.lines, (0, 2), strict=False):
         np.testing.assert_array_equal(line.get_xdata(), log.times)
-        np.testing.assert_array_equal(line.get_ydata(), -log.std_rate[:, output])
+        np.testing.assert_array_equal(
+            line.get_ydata(), -log.decisions.std_rate[:, output]
+        )
     drawn = [float(np.asarray(line.get_ydata())[0]) for line in fall.lines[2:]]
     # 8 γ k_min^1.5 / (α (k_max - k_min) (√k_min + δγ√m)), γ = 70 /s; then 2δγ√m.
     assert drawn == pytest.approx([560e3 / (600 * 400 * c) for c in (80, 150)])
-    used = log.stiffness_rate / (log.stiffness_rate + log.stability_margin)
+    used = log.decisions.stiffness_rate / (
+        log.decisions.stiffness_rate + log.decisions.stability_margin
+    )
     np.testing.assert_array_equal(use.lines[0].get_ydata(), used[:, 0])
     # Marks are where the governor holds back.
     np.testing.assert_array_equal(np.flatnonzero(shown.governed[:, 0]), [20, 21, 22])

@@ -89,7 +89,7 @@ def test_a_run_reaches_and_keeps_what_it_learned_from(gplfd, tmp_path):
     assert metrics["success"]
     assert metrics["slip_max_mm"] < 3.0
     log = EpisodeLog.load(tmp_path / "run" / "small.npz")
-    assert np.linalg.norm(log.ee_pose[0, :3]) == pytest.approx(0.15)
+    assert np.linalg.norm(log.motion.ee_pose[0, :3]) == pytest.approx(0.15)
     names = [name for _, name in stages(log)]
     assert names == ["reach", "grasp", "open", "hold", "success"]
     kept = load_demonstrations(tmp_path / "run")
@@ -106,7 +106,7 @@ def test_a_run_finds_a_handle_that_was_detected(gplfd, tmp_path, capsys):
     assert gplfd(*uncertain, "--out", "run") == 0
     log = EpisodeLog.load(tmp_path / "run" / "small.npz")
     assert log.success
-    assert np.linalg.norm(log.handle_pose[0, :3]) > 0.003
+    assert np.linalg.norm(log.opening.handle_pose[0, :3]) > 0.003
     assert gplfd(*RUN[:-2], *uncertain[-2:], "--out", "no") == 2
     assert "needs start=" in capsys.readouterr().err
     assert not (tmp_path / "no").exists()
@@ -142,7 +142,9 @@ def test_it_closes_a_gripper_that_is_commanded():
 def test_what_a_policy_says_is_measured_once_it_acts(make_log):
     plain = make_log()
     unsaid = {
-        name: np.where(plain.times[:, None] < 1.0, np.nan, getattr(plain, name))
+        name: np.where(
+            plain.times[:, None] < 1.0, np.nan, getattr(plain.decisions, name)
+        )
         for name in ("stiffness", "stiffness_rate", "stability_margin")
     }
     late = episode_metrics(make_log(**unsaid)).as_json()

@@ -77,7 +77,7 @@ def test_bodies_move_as_forward_kinematics_says(record, make_log, door_model):
     assert times[0] == 0.0
     assert times[-1] == log.times[-1]
     data = mujoco.MjData(door_model)
-    data.qpos[:] = log.qpos[-1]
+    data.qpos[:] = log.motion.qpos[-1]
     mujoco.mj_kinematics(door_model, data)
     w, x, y, z = data.body("leaf").xquat
     np.testing.assert_allclose(quaternions[-1][0], [x, y, z, w], atol=1e-6)
@@ -94,7 +94,7 @@ def test_leaf_in_the_view_from_above_ends_at_the_handle(record, make_log):
     start, end = np.array(leaf[0][0])
     np.testing.assert_array_equal(start, 0.0)
     handle = hinge[0][0] + Rotation.from_quat(turns[-1][0]).apply(end)
-    np.testing.assert_allclose(handle, log.handle_pose[-1, :3], atol=1e-6)
+    np.testing.assert_allclose(handle, log.opening.handle_pose[-1, :3], atol=1e-6)
 
 
 def test_log_of_another_model_is_refused(record, make_log, tmp_path):
@@ -111,7 +111,7 @@ def test_policy_tube_is_still_before_and_moves_after(record, make_log):
     before, (first,) = recording[f"{root}/policy_before", component]
     times, tubes = recording[f"{root}/policy_now", component]
     assert before is None
-    np.testing.assert_allclose(times, log.forecast_times)
+    np.testing.assert_allclose(times, log.forecasts.times)
     assert {len(tube) for tube in tubes} == {N_RINGS * N_SIDES}
     np.testing.assert_allclose(tubes[0], first)
     middle = N_RINGS // 2 * N_SIDES
@@ -119,13 +119,13 @@ def test_policy_tube_is_still_before_and_moves_after(record, make_log):
     width = [np.ptp(np.array(tube)[ring, 1]) for tube in tubes]
     assert width[1] < 0.5 * width[0]
     _, lines = recording[f"{root}/policy_now", "LineStrips3D:strips"]
-    np.testing.assert_allclose(lines[1][0], log.forecast_mean[1, :, :3], atol=1e-6)
+    np.testing.assert_allclose(lines[1][0], log.forecasts.mean[1, :, :3], atol=1e-6)
 
 
 def test_bands_are_1_96_sigma_and_predictions_end_where_they_are_unknown(
     record, make_log
 ):
-    mean = np.array(make_log().predicted_mean)
+    mean = np.array(make_log().decisions.predicted_mean)
     mean[:100] = np.nan
     recording = record(make_log(predicted_mean=mean))
     _, variances = recording["/plots/turn/belief", "Measurements:variances"]
@@ -150,7 +150,7 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_lo
         make_log(
             **dict.fromkeys((*belief, *rendered), np.full((601, 6), np.nan)),
             **dict.fromkeys(forecast, np.empty((0, 0, 6))),
-            **dict.fromkeys(("forecast_times", "forecast_phase"), np.empty(0)),
+            **dict.fromkeys(("forecast_times", "forecast_phases"), np.empty(0)),
             path_size=np.full(601, np.nan),
             expected_force=np.full((601, 3), np.nan),
             via_point=np.zeros(601, dtype=bool),
@@ -172,7 +172,7 @@ def test_size_is_shown_by_its_band_and_its_true_value(record, make_log):
     _, centre = recording["/plots/size/belief", "Measurements:values"]
     _, variance = recording["/plots/size/belief", "Measurements:variances"]
     band = np.ravel(centre) + np.outer([-1.0, 1.0], np.sqrt(variance))
-    factor = np.exp(1.96 * log.path_size_std)
+    factor = np.exp(1.96 * log.decisions.path_size_std)
     np.testing.assert_allclose(band, [120.0 / factor, 120.0 * factor], rtol=1e-5)
     _, curves = recording["/plots/size/curves", "Scalars:scalars"]
     # Of the demonstrated doors, of .35 and .65 m, the mean is a geometric one.
@@ -188,7 +188,7 @@ def test_expected_force_is_shown_with_its_interval_and_what_is_measured(
     _, centre = recording["/plots/expected/belief", "Measurements:values"]
     _, variance = recording["/plots/expected/belief", "Measurements:variances"]
     np.testing.assert_allclose(np.ravel(centre), 5.0)
-    width = 1.96 * log.expected_force_std[:, 0]
+    width = 1.96 * log.decisions.expected_force_std[:, 0]
     np.testing.assert_allclose(np.sqrt(np.ravel(variance)), width, rtol=1e-4)
     # The log has the force of the door on the hand.
     _, measured = recording["/plots/expected/force", "Scalars:scalars"]
@@ -215,9 +215,9 @@ def test_true_size_is_unknown_where_no_arcs_were_demonstrated():
 
 def test_before_adaptation_is_the_first_forecast_at_the_observed_phase(make_log):
     log = make_log()
-    mean, std = log.first_forecast(log.observed_phase)
+    mean, std = log.forecasts.first(log.decisions.observed_phase)
     arc = handle_pose_on_arc(0.5, math.radians(66.0) * 0.5)
-    half = int(np.argmin(np.abs(log.observed_phase - 0.5)))
+    half = int(np.argmin(np.abs(log.decisions.observed_phase - 0.5)))
     np.testing.assert_allclose(mean[half], arc, atol=1e-3)
     np.testing.assert_allclose(std, 0.03)
 
@@ -242,10 +242,13 @@ def test_via_points_accumulate_where_they_are_apart(record, make_log):
     times, positions = record(log)["/world/task/hand/via_points", "Points3D:positions"]
     counts = [len(points) for points in positions]
     assert counts == list(range(1, len(counts) + 1))
-    shown, there = np.array(positions[-1]), log.ee_pose[log.via_point, :3]
+    shown, there = (
+        np.array(positions[-1]),
+        log.motion.ee_pose[log.decisions.via_point, :3],
+    )
     gaps = np.linalg.norm(there[:, None] - shown, axis=2).min(axis=1)
     assert gaps.max() < 0.005  # less than a dot
-    assert set(times.round(6)) <= set(log.times[log.via_point].round(6))
+    assert set(times.round(6)) <= set(log.times[log.decisions.via_point].round(6))
 
 
 def test_trail_grows_with_the_hand(record, make_log):
@@ -254,8 +257,10 @@ def test_trail_grows_with_the_hand(record, make_log):
     assert len(times) < 80
     for time, stretches in zip(times, strips, strict=True):
         row = round(time / log.dt)
-        np.testing.assert_allclose(stretches[-1][-1], log.ee_pose[row, :3], atol=1e-6)
-    steps = np.linalg.norm(np.diff(log.ee_pose[:, :3], axis=0), axis=1)
+        np.testing.assert_allclose(
+            stretches[-1][-1], log.motion.ee_pose[row, :3], atol=1e-6
+        )
+    steps = np.linalg.norm(np.diff(log.motion.ee_pose[:, :3], axis=0), axis=1)
     start, end = np.array(strips[-1]).swapaxes(0, 1)
     np.testing.assert_array_equal(start[1:], end[:-1])
     length = np.linalg.norm(end - start, axis=1).sum()
@@ -273,7 +278,7 @@ def test_trail_grows_with_the_hand(record, make_log):
 )
 def test_stages_begin_at_their_angles(make_log, failure, most, expected):
     opening = np.minimum(np.linspace(0.0, 1.5, 601), most)
-    solved = np.zeros(601) if failure else make_log().solved
+    solved = np.zeros(601) if failure else make_log().opening.solved
     outcome = {"failure": failure, "success": not failure, "solved": solved}
     began = stages(make_log(door_angle=opening, **outcome))
     found = {name: math.degrees(opening[row]) for row, name in began}

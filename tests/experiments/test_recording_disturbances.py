@@ -55,15 +55,15 @@ def test_a_ball_stands_above_the_hand_while_something_acts(make_log, shown):
     rows = EpisodePart(log=log).frames()
     labels = found[ball, "Points3D:labels"][1]
     acts = [bool(label) for label in labels]
-    assert acts == (log.person_force[rows] > 0.0).tolist()
+    assert acts == (log.forces.person_force[rows] > 0.0).tolist()
     first = acts.index(True)
-    assert labels[first] == [f"person {log.person_force[rows[first]]:.0f} N"]
+    assert labels[first] == [f"person {log.forces.person_force[rows[first]]:.0f} N"]
     place = found[ball, "Points3D:positions"][1][first][0]
-    above = log.ee_pose[rows[first], :3] + [0.0, 0.30, 0.0]
+    above = log.motion.ee_pose[rows[first], :3] + [0.0, 0.30, 0.0]
     np.testing.assert_allclose(place, above, atol=1e-6)
     # A quarter of the force is half the radius.
     radii = np.concatenate(found[ball, "Points3D:radii"][1])
-    forces = log.person_force[rows[acts]]
+    forces = log.forces.person_force[rows[acts]]
     np.testing.assert_allclose(radii / radii[0], np.sqrt(forces / forces[0]), rtol=1e-6)
 
 

@@ -107,7 +107,7 @@ def test_the_arm_joins_box_and_frame_in_every_frame(log, model, shown):
     data = mujoco.MjData(model)
     assert len(strips) == part.frames().size
     for frame in (0, -1):
-        data.qpos[:] = log.qpos[part.frames()[frame]]
+        data.qpos[:] = log.motion.qpos[part.frames()[frame]]
         mujoco.mj_kinematics(model, data)
         ends = [data.site(f"closer_{end}").xpos for end in ("spindle", "foot")]
         np.testing.assert_allclose(strips[frame][0], ends, atol=1e-6)

@@ -1,18 +1,10 @@
 """What a recording is made of: bodies drawn and moved, and an episode in parts."""
 
-import dataclasses
-from collections.abc import Iterable
-from typing import Any
-
 import mujoco
 import numpy as np
-import pyarrow as pa
 import pytest
-from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.recording.episode import part_chunks
 from gplfd_experiments.recording.motion import policy_motion
 from gplfd_experiments.recording.scene import (
     drawn_scene,
@@ -102,73 +94,6 @@ def test_every_body_moves_by_its_own_joint(make_log, columns):
         times, places = moved[f"/world/scene/{name}", "Transform3D:translation"]
         np.testing.assert_allclose([places[0][0], places[-1][0]], [[0.0] * 3, end])
         assert np.diff(times).max() <= 1.0 / 30.0
-
-
-def columns_of(chunks: Iterable[Chunk]) -> dict[tuple[str, str, int], Any]:
-    """Values by entity, component and time [ns]; of static ones, time -1."""
-    found = {}
-    for chunk in chunks:
-        batch = chunk.to_record_batch()
-        times = [-1] * batch.num_rows
-        if not chunk.is_static:
-            times = batch.column("sim_time").cast(pa.int64()).to_pylist()
-        for name in batch.schema.names:
-            if ":" in name:
-                values = batch.column(name).to_pylist()
-                for time, value in zip(times, values, strict=True):
-                    found[chunk.entity_path, name, time] = value
-    return found
-
-
-FROM_OUTSIDE = {
-    "person_force": np.where(np.arange(601) // 100 % 2, np.arange(601.0) / 2.0, 0.0),
-    "base_shift": 1e-4 * np.clip(np.arange(601.0) - 149.0, 0.0, 30.0),
-}
-"""A person in contact three times, each time harder, while the base is moved once."""
-
-
-@pytest.mark.parametrize("changes", [{}, FROM_OUTSIDE], ids=["", "from outside"])
-@pytest.mark.parametrize("ends", [[2, 4, 150, 601], [350, 450, 550, 601]])
-def test_an_episode_shown_in_parts_shows_what_it_shows_at_once(
-    make_log, door_model, ends, changes
-):
-    predicted = np.array(make_log().predicted_mean)
-    predicted[:200] = np.nan
-    whole = make_log(predicted_mean=predicted, **changes)
-    parts: dict[tuple[str, str, int], Any] = {}
-    first_row = first_forecast = 0
-    for end in ends:
-        log = so_far(whole, end)
-        part = EpisodePart(log=log, first_row=first_row, first_forecast=first_forecast)
-        new = columns_of(part_chunks(part, door_model))
-        assert not parts.keys() & new.keys()
-        parts |= new
-        first_row, first_forecast = end, log.forecast_times.size
-    missing = []
-    for key, value in columns_of(
-        part_chunks(EpisodePart(log=whole), door_model)
-    ).items():
-        if key not in parts:
-            missing.append(key)
-        elif key[1] == "LineStrips3D:strips" and "trail" in key[0]:
-            # Padded by its last point to the strips of the same part.
-            length = len(np.unique(value[0], axis=0))
-            np.testing.assert_array_equal(parts[key][0][:length], value[0][:length])
-        else:
-            np.testing.assert_array_equal(parts[key], value, err_msg=str(key))
-    assert missing == []
-
-
-def so_far(log: EpisodeLog, end: int) -> EpisodeLog:
-    """The first rows of a log."""
-    fields = {field.name: getattr(log, field.name) for field in dataclasses.fields(log)}
-    for name, value in fields.items():
-        if np.shape(value)[:1] == log.times.shape:
-            fields[name] = value[:end]
-    asked = log.forecast_times <= log.times[end - 1]
-    for name in ("forecast_times", "forecast_mean", "forecast_std"):
-        fields[name] = fields[name][asked]
-    return EpisodeLog(**fields)
 
 
 def test_policy_without_uncertainty_is_drawn_as_its_mean(make_log, columns):

@@ -1,6 +1,5 @@
 """Episodes alone and in lockstep: one log, whichever way they run."""
 
-import dataclasses
 import functools
 import math
 import time
@@ -15,10 +14,9 @@ import pytest
 from gplfd_env import ENVIRONMENT_ID, ENVIRONMENT_IDS
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import learned
-from gplfd_experiments.episodes.log import PER_STEP, EpisodeLog
+from gplfd_experiments.episodes.log import PARTS, EpisodeLog, arrays_of
 from gplfd_experiments.episodes.rollout import (
     ForecastRecorder,
-    Progress,
     rollout,
     rollouts,
 )
@@ -53,15 +51,19 @@ def test_rows_pair_each_state_with_the_decision_taken_in_it(run, door_env):
     log = run(env)
     assert log.times.size == 31
     np.testing.assert_allclose(log.times, 0.01 * np.arange(31), atol=1e-12)
-    np.testing.assert_array_equal(log.action[:-1], np.array(env.actions))
+    np.testing.assert_array_equal(log.decisions.action[:-1], np.array(env.actions))
     # The door obeys at once: the angle of a row is the command of the row before.
-    np.testing.assert_array_equal(log.door_angle[1:], log.action[:-1, 4])
-    np.testing.assert_array_equal(log.qpos[:, 0], log.door_angle)
-    np.testing.assert_array_equal(log.predicted_mean, log.ee_pose + 0.002)
+    np.testing.assert_array_equal(
+        log.opening.door_angle[1:], log.decisions.action[:-1, 4]
+    )
+    np.testing.assert_array_equal(log.motion.qpos[:, 0], log.opening.door_angle)
+    np.testing.assert_array_equal(
+        log.decisions.predicted_mean, log.motion.ee_pose + 0.002
+    )
     assert (log.seed, log.policy, log.dt) == (4, "arc", pytest.approx(0.01))
     # The last row is the state in which the episode ended.
-    assert log.solved.tolist() == [False] * 30 + [True]
-    assert math.degrees(log.door_angle[-1]) == pytest.approx(66.0)
+    assert log.opening.solved.tolist() == [False] * 30 + [True]
+    assert math.degrees(log.opening.door_angle[-1]) == pytest.approx(66.0)
 
 
 @pytest.mark.parametrize("failure", ["", "time_limit", "stalled", "grasp_lost"])
@@ -72,10 +74,10 @@ def test_failure_is_the_environments_or_the_time_limit(run, door_env, failure):
 
 def test_forecasts_are_taken_first_regularly_and_last(run):
     log = run(forecast_period=0.12)
-    np.testing.assert_allclose(log.forecast_times, [0.0, 0.12, 0.24, 0.3], atol=1e-12)
+    np.testing.assert_allclose(log.forecasts.times, [0.0, 0.12, 0.24, 0.3], atol=1e-12)
     # Before the first decision the agent has not been called: its widest belief.
-    np.testing.assert_allclose(log.forecast_std[0, -1], 0.05 + 1e-3)
-    assert np.all(np.diff(log.forecast_std[:, -1, 0]) < 0.0)
+    np.testing.assert_allclose(log.forecasts.std[0, -1], 0.05 + 1e-3)
+    assert np.all(np.diff(log.forecasts.std[:, -1, 0]) < 0.0)
 
 
 def test_of_a_forecast_nothing_but_its_moments_is_kept():
@@ -87,12 +89,12 @@ def test_of_a_forecast_nothing_but_its_moments_is_kept():
     made, left = weakref.ref(forecast), [forecast]
     del forecast
     recorder = ForecastRecorder(left.pop, period=0.1)
-    assert recorder.arrays()["forecast_mean"].shape == (0, 0, 6)
+    assert recorder.forecasts().mean.shape == (0, 0, 6)
     recorder.take_if_due(0.0, force=False)
     assert made() is None
-    kept = recorder.arrays()
-    np.testing.assert_array_equal(kept["forecast_mean"], [moments[0]])
-    np.testing.assert_array_equal(kept["forecast_std"], [moments[1]])
+    kept = recorder.forecasts()
+    np.testing.assert_array_equal(kept.mean, [moments[0]])
+    np.testing.assert_array_equal(kept.std, [moments[1]])
 
 
 def test_latency_is_the_agents_cpu_time_and_its_wall_time(run, arc_agent, door_env):
@@ -109,28 +111,14 @@ def test_latency_is_the_agents_cpu_time_and_its_wall_time(run, arc_agent, door_e
             return super().step(action)
 
     log = run(SlowDoor(n_steps=5), Thinker(n_steps=5))
-    assert 0.004 <= np.median(log.latency_s) < 0.008
-    assert log.latency_wall_s.min() >= 0.010
+    assert 0.004 <= np.median(log.decisions.latency_s) < 0.008
+    assert log.decisions.latency_wall_s.min() >= 0.010
 
 
-def test_on_step_sees_every_state_and_the_log_so_far(run):
+def test_on_step_sees_every_state(run):
     seen: list[tuple[float, float]] = []
-    so_far: list[EpisodeLog] = []
-
-    def keep(progress: Progress) -> None:
-        seen.append((progress.time, progress.door_angle))
-        if progress.steps == 15:
-            so_far.append(progress.log())
-
-    log = run(on_step=keep)
-    assert seen == list(zip(log.times, log.door_angle, strict=True))
-    (first,) = so_far
-    assert not first.success
-    assert not first.failure
-    for name in PER_STEP:
-        np.testing.assert_array_equal(getattr(first, name), getattr(log, name)[:15])
-    count = first.forecast_times.size
-    np.testing.assert_array_equal(first.forecast_mean, log.forecast_mean[:count])
+    log = run(on_step=lambda *state: seen.append(state))
+    assert seen == list(zip(log.times, log.opening.door_angle, strict=True))
 
 
 def test_missing_information_is_named(run, door_env):
@@ -181,10 +169,12 @@ def test_logs_in_lockstep_are_those_of_episodes_alone(policy, options):
         agent = agents_of(policy)()
         env = gym.make(ENVIRONMENT_IDS[agent.control], door=door, **options)
         alone = rollout(env, agent, policy=policy, door=str(door), seed=seed)
-        for field in dataclasses.fields(EpisodeLog):
-            if not field.name.startswith("latency_"):
-                first, second = getattr(log, field.name), getattr(alone, field.name)
-                np.testing.assert_array_equal(first, second, err_msg=field.name)
+        assert repr(log) == repr(alone)
+        for part, record in PARTS.items():
+            for name in arrays_of(record):
+                if not name.startswith("latency_"):
+                    pair = (getattr(getattr(one, part), name) for one in (log, alone))
+                    np.testing.assert_array_equal(*pair, err_msg=name)
 
 
 class Softening:
@@ -206,8 +196,8 @@ def test_latency_in_lockstep_is_a_share_of_the_batch_s():
     """Of its CPU time, and of its wall time, in which all three wait."""
     make = functools.partial(Softening, wait=0.004, work=0.002)
     for log in in_lockstep("own", make, max_episode_steps=4):
-        assert log.latency_wall_s.min() >= 0.006
-        assert 0.002 <= np.median(log.latency_s) < 0.005
+        assert log.decisions.latency_wall_s.min() >= 0.006
+        assert 0.002 <= np.median(log.decisions.latency_s) < 0.005
         # An episode that is cut off says so.
         assert (log.times.size, log.success, log.failure) == (5, False, "time_limit")
 
@@ -224,11 +214,15 @@ def test_an_agent_of_ones_own_commands_the_stiffness_that_is_logged():
     settings = {"door": DOORS[1], "max_episode_steps": 8}
     env = Watched(gym.make(ENVIRONMENT_IDS["impedance"], **settings))
     alone = rollout(env, Softening(), policy="own", door="medium", seed=SEEDS[1])
-    np.testing.assert_array_equal(arm, alone.stiffness[:-1])
-    np.testing.assert_array_equal(alone.stiffness[:3, 0], [390.0, 380.0, 370.0])
+    np.testing.assert_array_equal(arm, alone.decisions.stiffness[:-1])
+    np.testing.assert_array_equal(
+        alone.decisions.stiffness[:3, 0], [390.0, 380.0, 370.0]
+    )
     _, together, _ = in_lockstep("own", Softening, max_episode_steps=8)
-    np.testing.assert_array_equal(together.stiffness, alone.stiffness)
-    np.testing.assert_array_equal(together.ee_pose, alone.ee_pose)
+    np.testing.assert_array_equal(
+        together.decisions.stiffness, alone.decisions.stiffness
+    )
+    np.testing.assert_array_equal(together.motion.ee_pose, alone.motion.ee_pose)
 
 
 def test_wrong_environments_are_refused():

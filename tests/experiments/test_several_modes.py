@@ -86,10 +86,10 @@ def test_the_other_kind_is_tried_after_a_bounded_force(door, first, limit):
     make = learned_agents(task, POLICIES["gp"])
     (log,) = open_together([task], [make()])
     assert log.success
-    assert list(log.mode[[0, -1]]) == [0.0, 1.0]
-    assert np.count_nonzero(np.diff(log.mode)) == 1
-    assert log.mode_probability[0] == pytest.approx(0.5, abs=0.01)
-    assert log.mode_probability[-1] > 0.99
+    assert list(log.decisions.mode[[0, -1]]) == [0.0, 1.0]
+    assert np.count_nonzero(np.diff(log.decisions.mode)) == 1
+    assert log.decisions.mode_probability[0] == pytest.approx(0.5, abs=0.01)
+    assert log.decisions.mode_probability[-1] > 0.99
     assert episode_metrics(log).force_handle_peak < limit
 
 

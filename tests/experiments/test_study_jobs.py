@@ -68,7 +68,7 @@ def test_a_study_is_the_same_on_every_engine_and_in_any_grouping(tmp_path, monke
     assert metrics["success"]
     assert metrics["radius"] == study[2].door_config["radius"]
     final = math.radians(metrics["final_angle_deg"])
-    assert log.door_angle[-1] == pytest.approx(final)
+    assert log.opening.door_angle[-1] == pytest.approx(final)
     assert log.seed == study[2].seed
 
 

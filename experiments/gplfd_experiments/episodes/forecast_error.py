@@ -33,19 +33,21 @@ def forecast_errors(
 
 
 def _error(log: EpisodeLog, angle: float, demonstrated_angle: float) -> float | None:
-    reached = log.door_angle >= angle
+    reached = log.opening.door_angle >= angle
     if not reached.any():
         return None
     # Half a microsecond of tolerance, because both times are sums of steps.
-    asked = log.forecast_times >= log.times[np.argmax(reached)] - 5e-7
+    asked = log.forecasts.times >= log.times[np.argmax(reached)] - 5e-7
     if not asked.any():
         return None
     forecast = int(np.argmax(asked))
-    start = float(np.interp(log.forecast_times[forecast], log.times, log.door_angle))
+    start = float(
+        np.interp(log.forecasts.times[forecast], log.times, log.opening.door_angle)
+    )
     if start >= min(angle + _LATEST * demonstrated_angle, demonstrated_angle):
         return None
     rest = handle_path(log, np.linspace(start, demonstrated_angle, _ARC_POINTS))
-    squared = squared_distances(rest, log.forecast_mean[forecast, :, :3])
+    squared = squared_distances(rest, log.forecasts.mean[forecast, :, :3])
     return math.sqrt(float(squared.mean()))
 
 
@@ -56,11 +58,11 @@ def handle_path(log: EpisodeLog, angles: FloatArray) -> FloatArray:
     a placement error.
     """
     door = DoorGeometry.of(log.config)
-    logged = _plane(door.hand_poses(log.door_angle, log.handle_angle))
-    seen = _plane(log.handle_pose[:, :3])
+    logged = _plane(door.hand_poses(log.opening.door_angle, log.opening.handle_angle))
+    seen = _plane(log.opening.handle_pose[:, :3])
     turn = np.vdot(logged - logged[0], seen - seen[0])
     placed = seen[0] + turn / abs(turn) * (_plane(door.hand_poses(angles)) - logged[0])
-    height = np.full(angles.shape, log.handle_pose[0, 1])
+    height = np.full(angles.shape, log.opening.handle_pose[0, 1])
     return np.stack([placed.real, height, placed.imag], axis=1)
 
 

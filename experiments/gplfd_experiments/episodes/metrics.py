@@ -180,13 +180,17 @@ def episode_metrics(
     """
     opening = opening_motion(log)
     errors = prediction_errors(log)[opening]
-    stiffness = _known_rows(log.stiffness)
-    margin = _known_rows(log.stability_margin)
-    forces = log.force_tangential, log.force_radial, log.force_vertical
-    acceleration, smoothness = door_acceleration(log.door_angle, log.dt), None
+    stiffness = _known_rows(log.decisions.stiffness)
+    margin = _known_rows(log.decisions.stability_margin)
+    forces = (
+        log.forces.force_tangential,
+        log.forces.force_radial,
+        log.forces.force_vertical,
+    )
+    acceleration, smoothness = door_acceleration(log.opening.door_angle, log.dt), None
     if acceleration is not None and acceleration.any():
         smoothness = 1.0 / math.sqrt(float(np.sum(acceleration**2)))
-    moved = np.abs(log.door_angle - log.door_angle[0]) >= _MOVED
+    moved = np.abs(log.opening.door_angle - log.opening.door_angle[0]) >= _MOVED
     speed, recovered = recovery(log)
     return EpisodeMetrics(
         policy=log.policy,
@@ -196,22 +200,24 @@ def episode_metrics(
         success=log.success,
         failure=log.failure,
         reason=log.reason,
-        capability=int(log.capability[-1]),
-        stage=STAGES[int(log.capability[-1])],
+        capability=int(log.opening.capability[-1]),
+        stage=STAGES[int(log.opening.capability[-1])],
         duration=float(log.times[-1] - log.times[0]),
-        final_angle_deg=math.degrees(log.door_angle[-1]),
-        time_to_15_deg=_first(log, log.door_angle >= math.radians(15.0)),
-        time_to_30_deg=_first(log, log.door_angle >= math.radians(30.0)),
-        time_to_60_deg=_first(log, log.door_angle >= math.radians(60.0)),
-        force_tangential_peak=_peak(log.force_tangential),
-        force_tangential_p95=_p95(log.force_tangential),
-        force_radial_peak=_peak(log.force_radial),
-        force_radial_p95=_p95(log.force_radial),
+        final_angle_deg=math.degrees(log.opening.door_angle[-1]),
+        time_to_15_deg=_first(log, log.opening.door_angle >= math.radians(15.0)),
+        time_to_30_deg=_first(log, log.opening.door_angle >= math.radians(30.0)),
+        time_to_60_deg=_first(log, log.opening.door_angle >= math.radians(60.0)),
+        force_tangential_peak=_peak(log.forces.force_tangential),
+        force_tangential_p95=_p95(log.forces.force_tangential),
+        force_radial_peak=_peak(log.forces.force_radial),
+        force_radial_p95=_p95(log.forces.force_radial),
         work=work_on_door(log),
-        slip_max_mm=1e3 * _peak(log.slip),
+        slip_max_mm=1e3 * _peak(log.opening.slip),
         prediction_error_position=_mean_where_finite(errors[:, :3].sum(axis=1)),
         prediction_error_rotation=_mean_where_finite(errors[:, 3:].sum(axis=1)),
-        log_dimensionless_jerk=log_dimensionless_jerk(log.ee_pose[opening, :3], log.dt),
+        log_dimensionless_jerk=log_dimensionless_jerk(
+            log.motion.ee_pose[opening, :3], log.dt
+        ),
         stiffness_min=_xyz(stiffness.min(axis=0)),
         stiffness_max=_xyz(stiffness.max(axis=0)),
         stability_margin_translation=_finite(margin[:, :3].min()),
@@ -226,18 +232,20 @@ def episode_metrics(
         door_acceleration_peak=None if acceleration is None else _peak(acceleration),
         door_smoothness=smoothness,
         time_to_move=_first(log, moved),
-        person_force_peak=float(log.person_force.max()),
-        person_force_sustained=sustained(log.person_force, log.dt),
-        person_energy=float(log.person_energy[-1]),
-        stop_force_peak=float(log.stop_force.max()),
-        stop_force_sustained=sustained(log.stop_force, log.dt),
+        person_force_peak=float(log.forces.person_force.max()),
+        person_force_sustained=sustained(log.forces.person_force, log.dt),
+        person_energy=float(log.forces.person_energy[-1]),
+        stop_force_peak=float(log.forces.stop_force.max()),
+        stop_force_sustained=sustained(log.forces.stop_force, log.dt),
         push_displacement_mm=push_displacement_mm(log),
         release_speed=speed,
         recovery_time=recovered,
-        latency_median_ms=1e3 * float(np.median(log.latency_s)),
-        latency_p95_ms=1e3 * float(np.percentile(log.latency_s, 95)),
-        latency_wall_median_ms=_finite(1e3 * np.median(log.latency_wall_s)),
-        latency_wall_p95_ms=_finite(1e3 * np.percentile(log.latency_wall_s, 95)),
+        latency_median_ms=1e3 * float(np.median(log.decisions.latency_s)),
+        latency_p95_ms=1e3 * float(np.percentile(log.decisions.latency_s, 95)),
+        latency_wall_median_ms=_finite(1e3 * np.median(log.decisions.latency_wall_s)),
+        latency_wall_p95_ms=_finite(
+            1e3 * np.percentile(log.decisions.latency_wall_s, 95)
+        ),
     )
 
 
@@ -282,7 +290,7 @@ def late_decisions(metrics: Sequence[Mapping[str, Any]]) -> str:
 
 def opening_motion(log: EpisodeLog) -> slice:
     """Rows from the door's first degree to its largest angle less one degree."""
-    angle = log.door_angle
+    angle = log.opening.door_angle
     if angle.max() < _MOVED:
         return slice(0, angle.size)
     start = int(np.argmax(angle >= _MOVED))
@@ -297,13 +305,15 @@ def work_on_door(log: EpisodeLog) -> float:
     hinge; on a lever it is smaller than that of the handle.
     """
     if log.config.motion not in ("hinged", "flap"):
-        path = DoorGeometry.of(log.config).hand_poses(log.door_angle)[:, :3]
+        path = DoorGeometry.of(log.config).hand_poses(log.opening.door_angle)[:, :3]
         steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-        signed = np.sign(np.diff(log.door_angle)) * steps
-        middle = 0.5 * (log.force_tangential[1:] + log.force_tangential[:-1])
+        signed = np.sign(np.diff(log.opening.door_angle)) * steps
+        middle = 0.5 * (
+            log.forces.force_tangential[1:] + log.forces.force_tangential[:-1]
+        )
         return float(middle @ signed)
     return log.config.hand_radius * float(
-        np.trapezoid(log.force_tangential, log.door_angle)
+        np.trapezoid(log.forces.force_tangential, log.opening.door_angle)
     )
 
 
@@ -313,9 +323,9 @@ def share_of_bound(log: EpisodeLog) -> FloatArray:
     It is 1 if the bound is not positive: the frame rotated, and the stiffness must
     decrease.
     """
-    bound = log.stability_margin + log.stiffness_rate
+    bound = log.decisions.stability_margin + log.decisions.stiffness_rate
     share: FloatArray = np.ones_like(bound)
-    np.divide(log.stiffness_rate, bound, out=share, where=~(bound <= 0.0))
+    np.divide(log.decisions.stiffness_rate, bound, out=share, where=~(bound <= 0.0))
     return share
 
 
@@ -339,8 +349,8 @@ def prediction_errors(log: EpisodeLog) -> FloatArray:
     Returns:
         (T, 6) [m², rad²]; NaN where the policy made no prediction.
     """
-    bias = log.predicted_mean - log.handle_pose
-    return np.asarray(bias**2 + log.predicted_std**2)
+    bias = log.decisions.predicted_mean - log.opening.handle_pose
+    return np.asarray(bias**2 + log.decisions.predicted_std**2)
 
 
 def log_dimensionless_jerk(positions: FloatArray, dt: float) -> float | None:
@@ -396,17 +406,23 @@ def push_displacement_mm(log: EpisodeLog) -> float | None:
 
     The path is the policy's mean, or its command if it has no mean.
     """
-    pushed = np.flatnonzero(log.push_force > 0)
+    pushed = np.flatnonzero(log.forces.push_force > 0)
     if pushed.size == 0:
         return None
-    path = np.where(np.isfinite(log.desired), log.desired, log.action)
-    beside = (log.ee_pose - path)[max(pushed[0] - 1, 0) : pushed[-1] + 2, :3]
+    path = np.where(
+        np.isfinite(log.decisions.desired), log.decisions.desired, log.decisions.action
+    )
+    beside = (log.motion.ee_pose - path)[max(pushed[0] - 1, 0) : pushed[-1] + 2, :3]
     return 1e3 * float(np.linalg.norm(beside - beside[0], axis=1).max())
 
 
 def release(log: EpisodeLog) -> int | None:
     """Row after the last force of a push, person or stop; None if none ended."""
-    disturbed = (log.push_force > 0) | (log.person_force > 0) | (log.stop_force > 0)
+    disturbed = (
+        (log.forces.push_force > 0)
+        | (log.forces.person_force > 0)
+        | (log.forces.stop_force > 0)
+    )
     rows = np.flatnonzero(disturbed)
     if rows.size == 0 or rows[-1] + 1 == disturbed.size:
         return None
@@ -418,8 +434,11 @@ def recovery(log: EpisodeLog) -> tuple[float | None, float | None]:
     if (released := release(log)) is None:
         return None, None
     stop = released + round(_AFTER / log.dt)
-    speeds = np.gradient(log.door_angle, log.dt)[released:stop]
-    further = log.door_angle[released:] >= log.door_angle[released] + _RECOVERED
+    speeds = np.gradient(log.opening.door_angle, log.dt)[released:stop]
+    further = (
+        log.opening.door_angle[released:]
+        >= log.opening.door_angle[released] + _RECOVERED
+    )
     time = float(np.argmax(further) * log.dt) if further.any() else None
     return float(np.abs(speeds).max()), time
 

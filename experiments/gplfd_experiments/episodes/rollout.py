@@ -6,7 +6,6 @@ vector environment. Both give the same logs, bit for bit.
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
@@ -15,28 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
-from gplfd_experiments.episodes.log import PER_STEP, EpisodeLog
+from gplfd_experiments.episodes.log import (
+    PER_STEP,
+    Decisions,
+    EpisodeLog,
+    Forces,
+    Forecasts,
+    Motion,
+    Opening,
+)
 from gplfd_policies.agents.agent import as_agent
 from gplfd_policies.agents.lockstep import AgentBatch
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 Arrays = dict[str, NDArray[Any]]
 StepT = TypeVar("StepT")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Progress:
-    """A running episode."""
-
-    time: float
-    """Simulated time since reset [s]."""
-    door_angle: float
-    """Opening angle of the door [rad]."""
-    steps: int
-    """Number of control steps so far."""
-    log: Callable[[], EpisodeLog]
-    """Returns the log of the episode so far; needs two steps or more. A running episode
-    counts neither as solved nor as failed by the time limit."""
 
 
 def rollout(
@@ -47,7 +39,7 @@ def rollout(
     door: str,
     seed: int,
     forecast_period: float = 0.35,
-    on_step: Callable[[Progress], None] | None = None,
+    on_step: Callable[[float, float], None] | None = None,
 ) -> EpisodeLog:
     """Let an agent act until the episode ends, and log everything.
 
@@ -60,7 +52,8 @@ def rollout(
         seed: Seed of the environment's reset.
         forecast_period: Simulated time between forecasts [s]; one more is taken
             before the first decision and one at the end.
-        on_step: Called after every step.
+        on_step: Called after every step with the simulated time [s] and the angle of
+            the door [rad].
 
     Raises:
         ValueError: The agent does not return poses, or the environment's information
@@ -71,41 +64,35 @@ def rollout(
     observation, info = env.reset(seed=seed)
     agent.inform(inner.door_geometry)
     agent.reset(observation)
-    steps = StepRecorder()
+    rows: list[Arrays] = []
     forecasts = ForecastRecorder(agent.forecast, forecast_period)
     ended = truncated = False
-
-    def log() -> EpisodeLog:
-        return _log(
-            steps.arrays() | forecasts.arrays(),
-            failure=str(info["failure"]),
-            reason=str(info["reason"]),
-            truncated=truncated,
-            policy=policy,
-            door=door,
-            door_config=inner.door.as_dict(),
-            seed=seed,
-        )
-
     while True:
         now = float(observation["time"][0])
         forecasts.take_if_due(now, force=ended)
         decision, cpu, wall = _timed(partial(agent.act, observation))
-        steps.add(
-            observation,
-            info,
-            decision,
-            times=now,
-            qpos=inner.data.qpos,
-            solved=info["success"],
-            latency_s=cpu,
-            latency_wall_s=wall,
-        )
+        measured = {
+            "times": now,
+            "qpos": inner.data.qpos,
+            "solved": info["success"],
+            "latency_s": cpu,
+            "latency_wall_s": wall,
+        }
+        rows.append(_row(observation, info, decision, measured))
         if on_step is not None:
-            angle = float(info["door_angle"])
-            on_step(Progress(time=now, door_angle=angle, steps=len(steps), log=log))
+            on_step(now, float(info["door_angle"]))
         if ended:
-            return log()
+            return _log(
+                _stacked(rows),
+                forecasts.forecasts(),
+                info["failure"],
+                info["reason"],
+                truncated=truncated,
+                policy=policy,
+                door=door,
+                door_config=inner.door.as_dict(),
+                seed=seed,
+            )
         observation, _, terminated, truncated, info = env.step(
             decision.command(agent.control)
         )
@@ -151,7 +138,7 @@ def rollouts(
     observations, infos = envs.reset(seed=list(seeds))
     agents.inform(envs.door_geometries)
     agents.reset(observations)
-    steps = StepRecorder()
+    rows: list[Arrays] = []
     forecasts = [
         ForecastRecorder(partial(agents.forecast, row), forecast_period)
         for row in range(envs.num_envs)
@@ -165,16 +152,14 @@ def rollouts(
             forecasts[row].take_if_due(float(times[row]), force=bool(ended[row]))
         decided, cpu, wall = _timed(partial(agents.act, observations, acting))
         count = np.count_nonzero(acting)
-        steps.add(
-            observations,
-            infos,
-            decided,
-            times=times,
-            qpos=envs.qpos,
-            solved=infos["success"],
-            latency_s=np.full(times.shape, cpu / count),
-            latency_wall_s=np.full(times.shape, wall / count),
-        )
+        measured = {
+            "times": times,
+            "qpos": envs.qpos,
+            "solved": infos["success"],
+            "latency_s": np.full(times.shape, cpu / count),
+            "latency_wall_s": np.full(times.shape, wall / count),
+        }
+        rows.append(_row(observations, infos, decided, measured))
         lengths += acting
         # An episode's last row is the state in which it ended.
         acting = acting & ~ended
@@ -184,13 +169,13 @@ def rollouts(
             decided.command(agents.control)
         )
         ended = terminated | truncated
-    together = steps.arrays()
+    together = _stacked(rows)
     return tuple(
         _log(
-            {name: rows[: lengths[row], row] for name, rows in together.items()}
-            | forecasts[row].arrays(),
-            failure=str(infos["failure"][row]),
-            reason=str(infos["reason"][row]),
+            {name: array[: lengths[row], row] for name, array in together.items()},
+            forecasts[row].forecasts(),
+            infos["failure"][row],
+            infos["reason"][row],
             truncated=bool(truncated[row]),
             policy=policy,
             door=door,
@@ -201,44 +186,26 @@ def rollouts(
     )
 
 
-class StepRecorder:
-    """Collects a row per control step by the names of `EpisodeLog`.
-
-    The rows are of one episode, or of N with a leading axis.
-    """
-
-    def __init__(self) -> None:
-        self._columns: dict[str, list[Any]] = {name: [] for name in PER_STEP}
-
-    def __len__(self) -> int:
-        """Number of steps."""
-        return len(self._columns["times"])
-
-    def add(
-        self,
-        observation: Mapping[str, NDArray[np.float64]],
-        info: Mapping[str, Any],
-        step: object,
-        **known: Any,
-    ) -> None:
-        """Add a control step: observation, info, decision, and other values by name.
-
-        Raises:
-            ValueError: The information lacks an entry.
-        """
-        given = {**info, **observation, **known}
-        for name, column in self._columns.items():
-            if name not in given and not hasattr(step, name):
-                raise ValueError(
-                    f"the environment's info lacks {name!r}; it has {sorted(info)}"
-                )
-            column.append(
-                np.copy(given[name] if name in given else getattr(step, name))
+def _row(
+    observation: Mapping[str, NDArray[np.float64]],
+    info: Mapping[str, Any],
+    step: object,
+    measured: Mapping[str, Any],
+) -> Arrays:
+    """Return copies of all quantities of a control step, of one episode or of N."""
+    values = {**info, **observation, **measured}
+    row = {}
+    for name in ("times", *PER_STEP):
+        if name not in values and not hasattr(step, name):
+            raise ValueError(
+                f"the environment's info lacks {name!r}; it has {sorted(info)}"
             )
+        row[name] = np.copy(values[name] if name in values else getattr(step, name))
+    return row
 
-    def arrays(self) -> Arrays:
-        """Return all steps by name, stacked along the first axis."""
-        return {name: np.asarray(rows) for name, rows in self._columns.items()}
+
+def _stacked(rows: Sequence[Arrays]) -> Arrays:
+    return {name: np.asarray([row[name] for row in rows]) for name in rows[0]}
 
 
 class ForecastRecorder:
@@ -255,7 +222,7 @@ class ForecastRecorder:
         self._ask = ask
         self._period = period
         self._times: list[float] = []
-        self._phase: NDArray[np.float64] = np.empty(0)
+        self._phases: NDArray[np.float64] = np.empty(0)
         self._moments: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
 
     def take_if_due(self, now: float, *, force: bool) -> None:
@@ -267,19 +234,19 @@ class ForecastRecorder:
         if (due or force) and (forecast := self._ask()) is not None:
             # Not the trajectory, because it refers to its input, up to 1 MB.
             self._times.append(now)
-            self._phase = forecast.times
+            self._phases = forecast.times
             self._moments.append((forecast.mean, forecast.std))
 
-    def arrays(self) -> Arrays:
-        """Return the forecasts by their names in `EpisodeLog`."""
+    def forecasts(self) -> Forecasts:
+        """Return the forecasts so far."""
         means, stds = zip(*self._moments, strict=True) if self._moments else ((), ())
-        shape = (len(means), self._phase.size, 6)
-        return {
-            "forecast_times": np.array(self._times),
-            "forecast_phase": np.array(self._phase),
-            "forecast_mean": np.reshape(means, shape),
-            "forecast_std": np.reshape(stds, shape),
-        }
+        shape = (len(means), self._phases.size, 6)
+        return Forecasts(
+            times=np.array(self._times),
+            phases=self._phases,
+            mean=np.reshape(means, shape),
+            std=np.reshape(stds, shape),
+        )
 
 
 def _timed(decide: Callable[[], StepT]) -> tuple[StepT, float, float]:
@@ -295,10 +262,11 @@ def _timed(decide: Callable[[], StepT]) -> tuple[StepT, float, float]:
 
 
 def _log(
-    arrays: Mapping[str, Any],
-    *,
+    arrays: Arrays,
+    forecasts: Forecasts,
     failure: str,
     reason: str,
+    *,
     truncated: bool,
     **names: Any,
 ) -> EpisodeLog:
@@ -308,9 +276,14 @@ def _log(
         failure = reason = "time_limit"
     return EpisodeLog(
         **names,
-        **arrays,
         dt=float(np.median(np.diff(arrays["times"]))),
         success=success,
-        failure=failure,
-        reason=reason,
+        failure=str(failure),
+        reason=str(reason),
+        times=arrays["times"],
+        motion=Motion.of(arrays),
+        opening=Opening.of(arrays),
+        forces=Forces.of(arrays),
+        decisions=Decisions.of(arrays),
+        forecasts=forecasts,
     )

@@ -84,8 +84,10 @@ class Measured(NamedTuple):
 
 def _beside_path(log: EpisodeLog) -> FloatArray:
     """Distance of the hand from the policy's path, or from its command [mm]."""
-    path = np.where(np.isfinite(log.desired), log.desired, log.action)
-    beside: FloatArray = np.linalg.norm((log.ee_pose - path)[:, :3], axis=1)
+    path = np.where(
+        np.isfinite(log.decisions.desired), log.decisions.desired, log.decisions.action
+    )
+    beside: FloatArray = np.linalg.norm((log.motion.ee_pose - path)[:, :3], axis=1)
     return 1e3 * beside
 
 
@@ -96,7 +98,7 @@ MEASURED: Final[Mapping[str, Measured]] = {
     RADIAL: Measured(
         "radial",
         "Radial force [N]: against the hinge",
-        lambda log: np.abs(log.force_radial),
+        lambda log: np.abs(log.forces.force_radial),
         ("radial peak", "N"),
         "**Radial force** does no work; a large value means that the path does not "
         "fit the door.",
@@ -105,7 +107,12 @@ MEASURED: Final[Mapping[str, Measured]] = {
         "handle",
         "Force at the handle [N]",
         lambda log: np.linalg.norm(
-            (log.force_tangential, log.force_radial, log.force_vertical), axis=0
+            (
+                log.forces.force_tangential,
+                log.forces.force_radial,
+                log.forces.force_vertical,
+            ),
+            axis=0,
         ),
         ("peak at the handle", "N"),
         "**Force at the handle** is the load of the grasp.",
@@ -113,7 +120,7 @@ MEASURED: Final[Mapping[str, Measured]] = {
     "person_force_peak": Measured(
         "person",
         "Force on the person [N]",
-        lambda log: log.person_force,
+        lambda log: log.forces.person_force,
         ("on the person", "N"),
         "**Force on the person:** ISO/TS 15066 allows 140 N on a hand, and 280 N for "
         "an instant.",
@@ -121,14 +128,14 @@ MEASURED: Final[Mapping[str, Measured]] = {
     "stop_force_sustained": Measured(
         "stop",
         "Force on the stop [N]",
-        lambda log: log.stop_force,
+        lambda log: log.forces.stop_force,
         ("on the stop", "N"),
         "**Force on the stop** is the force of the door, converted to the handle.",
     ),
     "grasp_kept": Measured(
         "slip",
         "Slip of the hand on the handle [mm]",
-        lambda log: 1e3 * log.slip,
+        lambda log: 1e3 * log.opening.slip,
         ("slip", "mm"),
         "**Slip** is the distance of the hand from where it grasped the handle.",
     ),
@@ -206,7 +213,7 @@ the handle.
         for number, (log, colour) in enumerate(zip(logs, COLOURS, strict=False)):
             stream.send_chunks(_robot(number, log, colour, model))
             for panel, values in (
-                (_ANGLE, np.degrees(log.door_angle)),
+                (_ANGLE, np.degrees(log.opening.door_angle)),
                 (f"{_PLOTS}/{measured.panel}", measured.values(log)),
             ):
                 entity, line = _below(panel, log.policy), Line(log.policy, colour, 1.5)
@@ -261,7 +268,7 @@ def _below(entity: str, policy: str) -> str:
 
 def _widest(log: EpisodeLog) -> float:
     """Greatest angle of the door [deg]."""
-    return math.degrees(float(log.door_angle.max()))
+    return math.degrees(float(log.opening.door_angle.max()))
 
 
 def _layout(

@@ -48,18 +48,23 @@ class Kind(NamedTuple):
 
 
 KINDS: Final[Mapping[str, Kind]] = {
-    "push": Kind(lambda log: log.push_force, "N", "a push begins", "the push ends"),
+    "push": Kind(
+        lambda log: log.forces.push_force, "N", "a push begins", "the push ends"
+    ),
     "person": Kind(
-        lambda log: log.person_force,
+        lambda log: log.forces.person_force,
         "N",
         "contact with a person",
         "the person lets go",
     ),
     "stop": Kind(
-        lambda log: log.stop_force, "N", "the door meets a stop", "the stop is gone"
+        lambda log: log.forces.stop_force,
+        "N",
+        "the door meets a stop",
+        "the stop is gone",
     ),
     "bump": Kind(
-        lambda log: 1e3 * log.base_shift,
+        lambda log: 1e3 * log.motion.base_shift,
         "mm",
         "the base moves",
         "the base stops",
@@ -88,7 +93,7 @@ def disturbance_chunks(part: EpisodePart) -> Iterator[Chunk]:
             columns = rr.TextLog.columns(text=texts)
             yield moving(f"{LOG}/{name}", log.times[list(rows)], columns)
     for limit in LIMITS:
-        if unsent_limit := _unsent(part, log.person_force >= 0.5 * limit):
+        if unsent_limit := _unsent(part, log.forces.person_force >= 0.5 * limit):
             path = f"{root}/allowed_{limit:g}"
             yield from panels.levels(unsent_limit, path, (limit,), colours.LIMIT)
 
@@ -102,7 +107,7 @@ def balls(part: EpisodePart) -> Iterator[Chunk]:
         rows, path = unsent.frames(), f"{motion.ROOT}/outside/{name}"
         acts, values = kind.acts(log)[rows], kind.curve(log)[rows]
         columns = rr.Points3D.columns(
-            positions=log.ee_pose[rows[acts], :3] + _ABOVE,
+            positions=log.motion.ee_pose[rows[acts], :3] + _ABOVE,
             radii=_BALL * np.sqrt(values[acts]),
             labels=[f"{name} {value:.0f} {kind.unit}" for value in values[acts]],
         )

@@ -50,7 +50,7 @@ def record_episode(
     """
     check_model(log, model)
     there = mechanism_of(model, log.config)
-    forces = bool(np.isfinite(log.expected_force).any())
+    forces = bool(np.isfinite(log.decisions.expected_force).any())
     arrangement = layout(kinds_of(log), there, log.config.hinge_side, forces=forces)
     with recording_file(path, arrangement) as stream:
         stream.send_recording_name(recording_name(log))
@@ -64,11 +64,12 @@ def record_episode(
 
 def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:
     """Raise ValueError if an episode cannot have run in a model."""
-    if log.qpos.shape[1] != model.nq:
+    positions = log.motion.qpos.shape[1]
+    if positions != model.nq:
         raise ValueError(
-            f"the log of {log.policy} has {log.qpos.shape[1]} generalised positions "
-            f"per step and the model has {model.nq}; record with the model that the "
-            "episode ran in"
+            f"the log of {log.policy} has {positions} generalised positions per step "
+            f"and the model has {model.nq}; record with the model that the episode ran "
+            "in"
         )
 
 
@@ -119,17 +120,17 @@ def _described(fields: Mapping[str, Any], part: str = "") -> Iterator[str]:
 def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk:
     """Return the page beside the scene: the run and how to read the view."""
     opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
-    angle = math.degrees(log.door_angle[-1])
+    angle = math.degrees(log.opening.door_angle[-1])
     end = f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s"
     door = ", ".join(_described(log.door_config))
     notes = ""
-    if np.isfinite(log.expected_force).any():
+    if np.isfinite(log.decisions.expected_force).any():
         notes += (
             "- **panel 4**: force that the policy expected before it measured the "
             "force; outside the band the door differs from the demonstrations and the "
             "forces so far, or somebody is in the way\n"
         )
-    if np.isfinite(log.mode).any():
+    if np.isfinite(log.decisions.mode).any():
         notes += (
             "- **modes** (tab *Unsmoothed, rates*, last panel): the demonstrations "
             "contain several kinds of motion; shows the active one and its "

@@ -89,7 +89,11 @@ def stages(log: EpisodeLog) -> list[tuple[int, str]]:
     ``stuck`` after the last progress of a stalled door, ``success`` from the first
     solved step or ``failure`` in the last.
     """
-    angle, last, taken = log.door_angle, log.times.size - 1, log.capability > 0
+    angle, last, taken = (
+        log.opening.door_angle,
+        log.times.size - 1,
+        log.opening.capability > 0,
+    )
     stalled = log.failure in ("stalled", "latched") and angle.max() < SUCCESS_ANGLE
     conditions = {
         "reach": ~taken & ~taken[0],
@@ -97,12 +101,12 @@ def stages(log: EpisodeLog) -> list[tuple[int, str]]:
         "open": angle >= _MOVED,
         "stuck": stalled & (angle >= angle.max() - STALL_ANGLE),
         "hold": angle >= SUCCESS_ANGLE,
-        "success": log.solved.astype(bool),
+        "success": log.opening.solved.astype(bool),
     }
     began = [
         (int(np.argmax(held)), name) for name, held in conditions.items() if held.any()
     ]
-    if not log.solved.any() and not log.success:
+    if not log.opening.solved.any() and not log.success:
         began.append((last, "failure"))
     # A stage that did not begin before its successor did not happen.
     return [
@@ -155,7 +159,7 @@ def recent_mean(values: FloatArray, dt: float) -> FloatArray:
 
 def shown_stiffness(log: EpisodeLog) -> FloatArray:
     """Return the mean stiffness along and across, averaged over time, (T,) [N/m]."""
-    return recent_mean(log.stiffness[:, [0, 2]].mean(axis=1), log.dt)
+    return recent_mean(log.decisions.stiffness[:, [0, 2]].mean(axis=1), log.dt)
 
 
 def colour_of(stiffness: FloatArray, unknown: Colour) -> NDArray[np.uint8]:

@@ -88,7 +88,7 @@ def mechanism(part: EpisodePart, model: mujoco.MjModel) -> Iterator[Chunk]:
         curves = {
             line: scale * _positions(log, model, joint)
             for joint, (line, scale) in PANELS[name].joints.items()
-        } or {Line("closing torque", colours.FORCE): log.closer_torque}
+        } or {Line("closing torque", colours.FORCE): log.forces.closer_torque}
         yield from panels.lines(part, f"{panels.ROOT}/{name}/motion", curves)
     if "latch" in there:
         if part.first_row == 0:
@@ -126,5 +126,5 @@ def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]
 
 def _positions(log: EpisodeLog, model: mujoco.MjModel, joint: str) -> FloatArray:
     """Positions of a joint, (T,) [m or rad]."""
-    positions: FloatArray = log.qpos[:, model.joint(joint).qposadr[0]]
+    positions: FloatArray = log.motion.qpos[:, model.joint(joint).qposadr[0]]
     return positions

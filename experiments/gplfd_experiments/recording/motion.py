@@ -101,18 +101,18 @@ def door_frame(
 def policy_motion(part: EpisodePart) -> list[Chunk]:
     """Return the first forecast as a static tube, and all as a moving tube."""
     log, first = part.log, part.first_forecast
-    if log.forecast_times.size == first:
+    if log.forecasts.times.size == first:
         return []
-    paths = log.forecast_mean[first:, :, :3]
+    paths = log.forecasts.mean[first:, :, :3]
     # Without uncertainty, the tube is a line.
-    stds = np.nan_to_num(log.forecast_std[first:, :, :3])
+    stds = np.nan_to_num(log.forecasts.std[first:, :, :3])
     vertices, normals = tube_vertices(paths, stds)
     means = paths.astype(np.float32)
     tubes = rr.Mesh3D.columns(
         vertex_positions=vertices.reshape(-1, 3), vertex_normals=normals.reshape(-1, 3)
     )
     # Without a stiffness the tube has the policy's colour.
-    rows = np.searchsorted(log.times, log.forecast_times[first:]).clip(
+    rows = np.searchsorted(log.times, log.forecasts.times[first:]).clip(
         max=log.times.size - 1
     )
     tints = colour_of(shown_stiffness(log)[rows], colours.ADAPTED)
@@ -122,7 +122,7 @@ def policy_motion(part: EpisodePart) -> list[Chunk]:
         *rr.Mesh3D.columns(albedo_factor=np.hstack([tints, opacity])),
         *rr.LineStrips3D.columns(strips=means),
     ]
-    now = moving(f"{ROOT}/policy_now", log.forecast_times[first:], forecasts)
+    now = moving(f"{ROOT}/policy_now", log.forecasts.times[first:], forecasts)
     if first > 0:
         return [now]
     triangles = tube_triangles()
@@ -146,13 +146,13 @@ def policy_motion(part: EpisodePart) -> list[Chunk]:
 
 def hand_motion(part: EpisodePart) -> list[Chunk]:
     """Return the hand's path, its via-points, the force on it, and the leaf."""
-    log, positions = part.log, part.log.ee_pose[:, :3]
+    log, positions = part.log, part.log.motion.ee_pose[:, :3]
     rows = part.frames()
     arrows = rr.Arrows3D.columns(
-        origins=positions[rows], vectors=METRES_PER_NEWTON * log.wrench[rows, :3]
+        origins=positions[rows], vectors=METRES_PER_NEWTON * log.forces.wrench[rows, :3]
     )
     # Not with the handle, which may rotate in the leaf.
-    leaf = DoorGeometry.of(log.config).hand_poses(log.door_angle[rows])
+    leaf = DoorGeometry.of(log.config).hand_poses(log.opening.door_angle[rows])
     turns = Rotation.from_rotvec(leaf[:, 3:]).as_quat()
     transforms = (
         rr.Transform3D.columns(quaternion=turns)
@@ -172,7 +172,7 @@ def hand_motion(part: EpisodePart) -> list[Chunk]:
         columns = rr.LineStrips3D.columns(strips=so_far).partition(counts)
         chunks.append(moving(f"{ROOT}/hand/trail", log.times[knots[counts]], columns))
     # All via-points so far; only the first of coincident ones.
-    rows = _spaced(positions, np.flatnonzero(log.via_point), _DOT_SPACING)
+    rows = _spaced(positions, np.flatnonzero(log.decisions.via_point), _DOT_SPACING)
     counts = np.flatnonzero(rows >= part.first_row) + 1
     if counts.size:
         so_far = np.concatenate([positions[rows[:count]] for count in counts])
@@ -197,7 +197,7 @@ def hand_stiffness(part: EpisodePart) -> Iterator[Chunk]:
     there = np.isfinite(shown[rows])
     values = shown[rows[there]]
     columns = rr.Points3D.columns(
-        positions=log.ee_pose[rows[there], :3] + _ABOVE_HAND,
+        positions=log.motion.ee_pose[rows[there], :3] + _ABOVE_HAND,
         colors=colour_of(values, colours.HAND),
         labels=[f"{value:.0f} N/m" for value in values],
     ).partition(there.astype(int))
@@ -209,7 +209,7 @@ def hand_stiffness(part: EpisodePart) -> Iterator[Chunk]:
 def _stretches(part: EpisodePart) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the ends of the trail's segments, and their number after each new one."""
     log = part.log
-    knots = _spaced(log.ee_pose[:, :3], np.arange(log.times.size), _KNOT_SPACING)
+    knots = _spaced(log.motion.ee_pose[:, :3], np.arange(log.times.size), _KNOT_SPACING)
     return knots, np.flatnonzero((knots >= part.first_row) & (knots > 0))
 
 

@@ -47,44 +47,49 @@ def panels(part: EpisodePart) -> list[Chunk]:
     """
     log = part.log
     curves = {
-        "angle/door": {Line("door", colours.TRUTH, 2.5): np.degrees(log.door_angle)},
-        "force/parts": {
-            Line("along the path", colours.TRUTH): log.force_tangential,
-            Line("radial: against the hinge", colours.FORCE): log.force_radial,
-            Line("load compensated", colours.ADAPTED, 1.0): log.compensated_load,
+        "angle/door": {
+            Line("door", colours.TRUTH, 2.5): np.degrees(log.opening.door_angle)
         },
-        "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.phase_misfit},
+        "force/parts": {
+            Line("along the path", colours.TRUTH): log.forces.force_tangential,
+            Line("radial: against the hinge", colours.FORCE): log.forces.force_radial,
+            Line(
+                "load compensated", colours.ADAPTED, 1.0
+            ): log.decisions.compensated_load,
+        },
+        "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.decisions.phase_misfit},
         "misfit/mode": {
-            Line("active mode", colours.OUTSIDE): log.mode,
-            Line("its probability", colours.ADAPTED): log.mode_probability,
+            Line("active mode", colours.OUTSIDE): log.decisions.mode,
+            Line("its probability", colours.ADAPTED): log.decisions.mode_probability,
         },
     }
-    in_task_frame = np.all(log.frame == np.eye(3))
+    in_task_frame = np.all(log.decisions.frame == np.eye(3))
     along = Line("x, pull" if in_task_frame else "along the path", colours.AXIS_X)
     across = Line("z, side" if in_task_frame else "across it", colours.AXIS_Z)
     for panel, values in (
-        ("uncertainty", recent_mean(1e3 * log.std, log.dt)),
-        ("stiffness", recent_mean(log.stiffness, log.dt)),
-        ("uncertainty_raw", 1e3 * log.std),
-        ("uncertainty_rate", 1e3 * log.std_rate),
-        ("stiffness_raw", log.stiffness),
+        ("uncertainty", recent_mean(1e3 * log.decisions.std, log.dt)),
+        ("stiffness", recent_mean(log.decisions.stiffness, log.dt)),
+        ("uncertainty_raw", 1e3 * log.decisions.std),
+        ("uncertainty_rate", 1e3 * log.decisions.std_rate),
+        ("stiffness_raw", log.decisions.stiffness),
         ("stability", 100.0 * share_of_bound(log)),
     ):
         curves[f"{panel}/axes"] = {along: values[:, 0], across: values[:, 2]}
     lag = Line("lag of the hand", colours.OUTSIDE, 1.0)
-    curves["uncertainty/axes"][lag] = 1e3 * log.path_lag
+    curves["uncertainty/axes"][lag] = 1e3 * log.decisions.path_lag
 
     # Mean and ±1.96 σ of each output, before the door moved and now.
     bands: dict[str, dict[Line, tuple[FloatArray, FloatArray]]] = {}
     now = Line("policy now", colours.ADAPTED, 1.0)
-    beliefs = {now: (log.predicted_mean, log.predicted_std)}
-    if log.forecast_times.size:
+    beliefs = {now: (log.decisions.predicted_mean, log.decisions.predicted_std)}
+    if log.forecasts.times.size:
         before = Line("before", colours.BEFORE, 1.0)
-        beliefs = {before: log.first_forecast(log.observed_phase)} | beliefs
+        beliefs = {before: log.forecasts.first(log.decisions.observed_phase)} | beliefs
     for name, output, scale in OUTPUTS:
         curves[f"{name}/motion"] = {
-            Line("true", colours.TRUTH, 3.0): scale * log.handle_pose[:, output],
-            Line("hand", colours.HAND, 1.0): scale * log.ee_pose[:, output],
+            Line("true", colours.TRUTH, 3.0): scale
+            * log.opening.handle_pose[:, output],
+            Line("hand", colours.HAND, 1.0): scale * log.motion.ee_pose[:, output],
         }
         bands[f"{name}/belief"] = {
             line: (scale * mean[:, output], scale**2 * (QUANTILE * std[:, output]) ** 2)
@@ -93,25 +98,32 @@ def panels(part: EpisodePart) -> list[Chunk]:
 
     # Size of the path in % of the demonstrations' mean, ±1.96 σ of its logarithm. The
     # median is not the middle of the band, so it has its own curve.
-    bounds = QUANTILE * np.stack([-log.path_size_std, log.path_size_std])
-    low, high = 100.0 * log.path_size * np.exp(bounds)
+    bounds = QUANTILE * np.stack(
+        [-log.decisions.path_size_std, log.decisions.path_size_std]
+    )
+    low, high = 100.0 * log.decisions.path_size * np.exp(bounds)
     sizes = Line("±1.96 σ", colours.ADAPTED, 0.0)
     bands["size/belief"] = {sizes: (0.5 * (low + high), 0.25 * (high - low) ** 2)}
     if part.shows(low):
         median = Line("policy now", colours.ADAPTED)
-        curves["size/curves"] = {median: 100.0 * log.path_size}
+        curves["size/curves"] = {median: 100.0 * log.decisions.path_size}
         if log.config.handle == "bar" and math.isfinite(part.demonstrated_radius):
             truth = 100.0 * log.config.hand_radius / part.demonstrated_radius
             true = Line("true", colours.TRUTH)
             curves["size/curves"][true] = np.full_like(low, truth)
 
     # Force of the hand along the path: expected ±1.96 σ, and measured.
-    expected, std = log.expected_force[:, 0], log.expected_force_std[:, 0]
+    expected, std = (
+        log.decisions.expected_force[:, 0],
+        log.decisions.expected_force_std[:, 0],
+    )
     line = Line("expected", colours.ADAPTED)
     bands["expected/belief"] = {line: (expected, (QUANTILE * std) ** 2)}
     if part.shows(expected):
         # The expected force acts on the handle, the measured force on the hand.
-        measured = -np.sum(log.frame[:, :, 0] * log.wrench[:, :3], axis=1)
+        measured = -np.sum(
+            log.decisions.frame[:, :, 0] * log.forces.wrench[:, :3], axis=1
+        )
         curves["expected/force"] = {Line("measured", colours.HAND, 1.5): measured}
 
     chunks = [_bands(part, f"{ROOT}/{path}", own) for path, own in bands.items()]

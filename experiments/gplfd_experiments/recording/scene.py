@@ -94,7 +94,7 @@ def kinematics(model: mujoco.MjModel, part: EpisodePart) -> Iterator[mujoco.MjDa
     """Yield the state of a scene at every frame of a part; always the same object."""
     data = mujoco.MjData(model)
     for frame in part.frames():
-        data.qpos[:] = part.log.qpos[frame]
+        data.qpos[:] = part.log.motion.qpos[frame]
         mujoco.mj_kinematics(model, data)
         yield data
 

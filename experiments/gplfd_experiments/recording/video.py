@@ -131,7 +131,7 @@ def _pictures(
     camera = Camera(model, width, height, _CAMERA, effects=False)
     with contextlib.closing(camera):
         for row in rows:
-            data.qpos[:] = log.qpos[row]
+            data.qpos[:] = log.motion.qpos[row]
             mujoco.mj_forward(model, data)
             try:
                 drawn = camera.picture("rgb_array", data)

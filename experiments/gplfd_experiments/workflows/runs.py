@@ -33,7 +33,7 @@ from gplfd_experiments.episodes.metrics import (
     FailedEpisode,
     episode_metrics,
 )
-from gplfd_experiments.episodes.rollout import Progress, rollout
+from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_experiments.files.plain_data import entry, read_json, write_json
 from gplfd_experiments.files.provenance import content_hash, provenance
@@ -254,10 +254,10 @@ def _episode(
             reported_errors(task.policy, policy, acting=True),
         ):
 
-            def show(progress: Progress) -> None:
-                angle = math.degrees(progress.door_angle)
+            def show(seconds: float, door_angle: float) -> None:
+                angle = math.degrees(door_angle)
                 bar.set_postfix_str(f"door at {angle:.0f} deg", refresh=False)
-                bar.update(progress.time - bar.n)
+                bar.update(seconds - bar.n)
 
             log = rollout(
                 env,

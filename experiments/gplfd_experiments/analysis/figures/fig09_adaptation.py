@@ -36,9 +36,10 @@ def decisions(log: EpisodeLog, agent: Agent) -> Iterator[AgentStep]:
     """
 
     def observation(row: int) -> Observation:
-        names = ("ee_pose", "ee_twist", "wrench", "joint_pos", "joint_vel")
-        seen = {name: getattr(log, name)[row] for name in names}
-        return seen | {"time": log.times[row : row + 1]}
+        names = ("ee_pose", "ee_twist", "joint_pos", "joint_vel")
+        seen = {name: getattr(log.motion, name)[row] for name in names}
+        wrench = log.forces.wrench[row]
+        return seen | {"wrench": wrench, "time": log.times[row : row + 1]}
 
     agent.reset(observation(0))
     return (agent.act(observation(row)) for row in range(log.times.size))
@@ -83,14 +84,16 @@ class Opening:
 
     def errors(self) -> tuple[FloatArray, FloatArray]:
         """E[ε²] of the adaptive and of the fixed policy in the motion, (T', 6)."""
-        bias = self.fixed.mean - self.log.handle_pose
+        bias = self.fixed.mean - self.log.opening.handle_pose
         fixed = bias**2 + self.fixed.std**2
         return prediction_errors(self.log)[self.motion], fixed[self.motion]
 
     def coverage(self, prediction: Prediction) -> FloatArray:
         """Share of the motion's true poses inside the 95 % interval, (6,)."""
         low, high = prediction.interval()
-        inside = (self.log.handle_pose >= low) & (self.log.handle_pose <= high)
+        inside = (self.log.opening.handle_pose >= low) & (
+            self.log.opening.handle_pose <= high
+        )
         share: FloatArray = inside[self.motion].mean(axis=0)
         return share
 
@@ -111,13 +114,15 @@ def reviewed(log: EpisodeLog, agent: Agent, phases: Sequence[float]) -> Opening:
             belief = expectation(agent)
         reached = sum(decision.observed_phase >= phase for phase in phases)
         stages.extend([belief] * (reached - len(stages)))
-    mean, std = log.first_forecast(log.observed_phase)
+    mean, std = log.forecasts.first(log.decisions.observed_phase)
     return Opening(
         log=log,
         motion=opening_motion(log),
         stages=tuple(stages),
         initial=initial,
-        adaptive=Prediction(log.predicted_mean, log.predicted_std, width),
+        adaptive=Prediction(
+            log.decisions.predicted_mean, log.decisions.predicted_std, width
+        ),
         fixed=Prediction(mean, std, np.full(width.size, width[0])),
     )
 
@@ -135,8 +140,10 @@ def draw(openings: Mapping[str, Opening]) -> Figure:
     shown = openings[SHOWN]
     # Rows of the motion, sorted by phase, which may decrease slightly over time.
     motion = np.arange(shown.log.times.size)[shown.motion]
-    order = motion[np.argsort(shown.log.observed_phase[motion], kind="stable")]
-    phases = shown.log.observed_phase[order]
+    order = motion[
+        np.argsort(shown.log.decisions.observed_phase[motion], kind="stable")
+    ]
+    phases = shown.log.decisions.observed_phase[order]
     for row, output in zip(rows, _OUTPUTS, strict=False):
         for panel, stage, phase in zip(row, shown.stages, _STAGES, strict=False):
             panel.axvspan(0.0, phase, color=style.SEEN, linewidth=0.0, zorder=0)
@@ -156,7 +163,7 @@ def draw(openings: Mapping[str, Opening]) -> Figure:
         for panel in row:
             panel.plot(
                 phases,
-                shown.log.handle_pose[order, output],
+                shown.log.opening.handle_pose[order, output],
                 color=style.TRUTH,
                 linewidth=1.0,
                 linestyle=_DOTTED,
@@ -165,7 +172,7 @@ def draw(openings: Mapping[str, Opening]) -> Figure:
         row[0].set_ylabel(f"${_OUTPUTS[output]}$ [m]")
     for panel, opening in zip(rows[2], openings.values(), strict=True):
         adaptive, fixed = opening.errors()
-        phases = opening.log.observed_phase[opening.motion]
+        phases = opening.log.decisions.observed_phase[opening.motion]
         order = np.argsort(phases, kind="stable")
         for errors, colour in ((fixed, style.BEFORE), (adaptive, style.ADAPTED)):
             for output, line in zip(_OUTPUTS, ("-", ":"), strict=True):

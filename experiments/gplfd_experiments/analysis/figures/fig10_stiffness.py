@@ -68,9 +68,9 @@ def measure(material: Material) -> dict[str, Stability]:
 
 def stability(log: EpisodeLog, profile: StiffnessProfile) -> Stability:
     """Compare an episode, under a stiffness law, with the bounds."""
-    _, fixed = log.first_forecast(log.phase)
-    fixed = directional_std(log.frame, fixed)
-    wished = profile.stiffness(log.std, log.frame)
+    _, fixed = log.forecasts.first(log.decisions.phase)
+    fixed = directional_std(log.decisions.frame, fixed)
+    wished = profile.stiffness(log.decisions.std, log.decisions.frame)
     fixed_rate = np.diff(fixed, axis=0, prepend=fixed[:1]) / log.dt
 
     def least(bound: FloatArray) -> float:
@@ -78,13 +78,13 @@ def stability(log: EpisodeLog, profile: StiffnessProfile) -> Stability:
 
     return Stability(
         log=log,
-        fall=-log.std_rate,
-        fixed_stiffness=profile.stiffness(fixed, log.frame),
+        fall=-log.decisions.std_rate,
+        fixed_stiffness=profile.stiffness(fixed, log.decisions.frame),
         fixed_fall=-fixed_rate,
         tight=least(uncertainty_fall_bound(profile, DEFAULT_DYNAMICS)),
         printed=least(uncertainty_fall_bound(profile, DEFAULT_DYNAMICS, printed=True)),
         used=share_of_bound(log),
-        governed=wished - log.stiffness > _INTERVENTION,
+        governed=wished - log.decisions.stiffness > _INTERVENTION,
     )
 
 
@@ -97,7 +97,10 @@ def draw(shown: Mapping[str, Stability]) -> Figure:
         stiffness, fall, use = column
         times = one.log.times
         for output, (_, colour) in AXES.items():
-            fixed, own = one.fixed_stiffness[:, output], one.log.stiffness[:, output]
+            fixed, own = (
+                one.fixed_stiffness[:, output],
+                one.log.decisions.stiffness[:, output],
+            )
             stiffness.plot(times, fixed, color=colour, linestyle="--", linewidth=0.8)
             stiffness.plot(times, own, color=colour)
             # A dot per control step without interpolation.
@@ -148,8 +151,8 @@ def caption(shown: Mapping[str, Stability]) -> str:
         f"{int((one.fall[:, outputs] > printed).any(axis=1).sum())}), at most "
         f"{one.fall[:, outputs].max():.3f} m/s, and without via-points at most "
         f"{one.fixed_fall[:, outputs].max():.3f} m/s; stiffness from "
-        f"{one.log.stiffness[:, outputs].min():.0f} to "
-        f"{one.log.stiffness[:, outputs].max():.0f} N/m, its rate at most "
+        f"{one.log.decisions.stiffness[:, outputs].min():.0f} to "
+        f"{one.log.decisions.stiffness[:, outputs].max():.0f} N/m, its rate at most "
         f"{100.0 * one.used[:, outputs].max():.1f} % of the bound at that stiffness, "
         f"interventions of the governor: {int(one.governed[:, outputs].sum())}"
         for door, one in shown.items()

@@ -73,10 +73,10 @@ def measure(material: Material) -> dict[str, Forecasts]:
 
 def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
     """Replay an opening to each form and store the forecast at each share of it."""
-    wanted = [share * float(log.door_angle.max()) for share in SHARES]
-    rows = [int(np.argmax(log.door_angle >= angle)) for angle in wanted]
+    wanted = [share * float(log.opening.door_angle.max()) for share in SHARES]
+    rows = [int(np.argmax(log.opening.door_angle >= angle)) for angle in wanted]
     reached, first = np.unique(
-        np.maximum.accumulate(log.observed_phase), return_index=True
+        np.maximum.accumulate(log.decisions.observed_phase), return_index=True
     )
 
     by_form = {}
@@ -90,10 +90,10 @@ def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
                 rest = policy[policy.times > float(decision.observed_phase)]
                 # Up to the end of the episode.
                 to_come = rest.times[rest.times <= reached[-1]]
-                truth = interpolated(to_come, reached, log.handle_pose[first])
+                truth = interpolated(to_come, reached, log.opening.handle_pose[first])
                 found.append(Forecast(rest=rest, truth=truth))
         by_form[name] = tuple(found)
-    phases = tuple(float(log.observed_phase[row]) for row in rows)
+    phases = tuple(float(log.decisions.observed_phase[row]) for row in rows)
     return Forecasts(log=log, phases=phases, by_form=by_form)
 
 
@@ -102,7 +102,7 @@ def draw(openings: Mapping[str, Forecasts]) -> Figure:
     shown = openings[SHOWN]
     figure = style.new_figure(style.PAGE, 5.9)
     rows = figure.subplots(3, 3, sharex=True, sharey=True)
-    angles = np.linspace(0.0, float(shown.log.door_angle.max()), 200)
+    angles = np.linspace(0.0, float(shown.log.opening.door_angle.max()), 200)
     path = arc(shown.log.radius, angles)
     titles = []
     for index, share in enumerate(SHARES):
