@@ -7,11 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
-import h5py
 import numpy as np
 import pyarrow.parquet
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
@@ -50,16 +49,14 @@ def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Demonstratio
 AS_RECORDED = Preparation(frame="recorded", trim_rests=False, cutoff=None, rate=None)
 
 
-def exported(form: str, out: str) -> int:
-    return cli.main(["demos", "export", ".", "--form", form, "--out", out])
+def exported(out: str) -> int:
+    return cli.main(["demos", "export", ".", "--out", out])
 
 
-@pytest.mark.parametrize(
-    ("form", "out", "apart"), [("robomimic", "a.hdf5", 1e-9), ("lerobot", "b", 1e-6)]
-)
-def test_what_was_written_is_read_back(shown, form, out, apart):
-    assert exported(form, out) == 0
-    again = read_here(Path(out), Selection())
+def test_what_was_written_is_read_back(shown):
+    apart = 1e-6  # Of float32.
+    assert exported("b") == 0
+    again = read_here(Path("b"), Selection())
     assert len(again) == len(shown)
     for one, recorded in zip(shown, again, strict=True):
         notes = Notes()
@@ -78,29 +75,8 @@ def test_what_was_written_is_read_back(shown, form, out, apart):
         assert_allclose(motion.demonstration.wrenches, one.wrenches, atol=apart)
 
 
-def test_robomimic_finds_what_it_looks_for(shown):
-    assert exported("robomimic", "a.hdf5") == 0
-    with h5py.File("a.hdf5") as file:
-        data = file["data"]
-        assert data.attrs["total"] == sum(len(one.times) for one in shown)
-        assert set(json.loads(data.attrs["env_args"])) == {
-            "env_name",
-            "env_type",
-            "env_kwargs",
-        }
-        demo = data["demo_1"]
-        assert demo.attrs["num_samples"] == len(shown[1].times)
-        assert set(demo) == {"actions", "dones", "next_obs", "obs", "rewards", "states"}
-        position = demo["obs/robot0_eef_pos"][()]
-        assert_array_equal(demo["actions"][:-1, :3], position[1:])
-        assert_array_equal(demo["next_obs/robot0_eef_pos"][:-1], position[1:])
-        assert_array_equal(demo["obs/robot0_gripper_qpos"][()], 0.04)
-        assert_array_equal(demo["obs/grasped"][:, 0], shown[1].times)
-        assert demo["dones"][()].sum() == demo["dones"][-1] == 1
-
-
 def test_lerobot_finds_what_it_looks_for(shown):
-    assert exported("lerobot", "b") == 0
+    assert exported("b") == 0
     info = json.loads(Path("b/meta/info.json").read_text())
     lengths = [len(one.times) for one in shown]
     assert (info["total_episodes"], info["total_frames"]) == (2, sum(lengths))
@@ -123,19 +99,18 @@ def test_lerobot_finds_what_it_looks_for(shown):
 
 
 def test_uneven_steps_and_what_is_there_are_refused(shown, caplog):
-    assert exported("robomimic", "demonstrations.npz") == 2
+    assert exported("demonstrations.npz") == 2
     assert "--out demonstrations.npz exists" in caplog.text
     one = shown[0]
     uneven = Demonstration(times=one.times**1.2, poses=one.poses)
     save_demonstrations("demonstrations.npz", [uneven])
-    assert exported("robomimic", "a.hdf5") == 2
+    assert exported("b") == 2
     assert "not sampled at equal steps; import it with --rate 100" in caplog.text
     save_demonstrations("demonstrations.npz", [one])
     slow = Demonstration(times=2.123 * one.times, poses=one.poses)
     save_demonstrations("demonstrations.npz", [one, slow])
-    assert exported("lerobot", "b") == 2
+    assert exported("b") == 2
     assert not Path("b").exists()
-    assert not Path("a.hdf5").exists()
 
 
 # ------------------------------------------------------------------ episodes
@@ -230,12 +205,10 @@ def test_pictures_show_the_recorded_states(episodes):
         (["SET", "--rate", "30"], "must divide the 100 steps per second"),
         (["SET", "--pictures", "side"], "camera_name = 'side' is not one of 'overv"),
         ([".", "--pictures", "top"], "--pictures and --rate are for episodes of"),
-        (["SET", "--form", "robomimic", "--pictures", "top"], "form lerobot alone"),
     ],
 )
 def test_what_cannot_be_exported_is_said(episodes, arguments, message, caplog):
     given = [str(episodes) if word == "SET" else word for word in arguments]
-    form = [] if "--form" in given else ["--form", "lerobot"]
-    assert cli.main(["demos", "export", *given, *form, "--out", "b"]) == 2
+    assert cli.main(["demos", "export", *given, "--out", "b"]) == 2
     assert message in caplog.text
     assert not Path("b").exists()

@@ -16,11 +16,6 @@ from gplfd_experiments.cli.commands.options import (
 from gplfd_experiments.cli.commands.teach import Teach
 from gplfd_experiments.workflows.settings import EpisodeSettings
 
-DEPARTED: Final = 1
-"""Exit status if a replay differs from the recording in any bit."""
-
-DatasetPath = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DATASET")]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Import:
@@ -219,8 +214,8 @@ def numbers(option: str, text: str | None, names: str) -> Any:
 class Export:
     """Write demonstrations or episodes in the format of another program.
 
-    robomimic's format is one .hdf5 file, LeRobot's (version 3) a folder. An action is
-    the pose at the next sample; in episodes, the last command before it.
+    LeRobot's format (version 3) is a folder. An action is the pose at the next sample;
+    in episodes, the last command before it.
     """
 
     demonstrations: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SET")]
@@ -228,14 +223,14 @@ class Export:
     of `gplfd demos record`."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="PATH")]
-    """File or folder to write."""
+    """Folder to write."""
 
-    form: Literal["robomimic", "lerobot"]
+    form: Literal["lerobot"] = "lerobot"
     """Format to write."""
 
     pictures: tuple[str, ...] = ()
-    """Cameras whose pictures of episodes are written in LeRobot's format: overview,
-    top, head, hand_camera."""
+    """Cameras whose pictures of episodes are written: overview, top, head,
+    hand_camera."""
 
     size: Annotated[tuple[int, int], tyro.conf.arg(metavar="W H")] = (320, 240)
     """Width and height of the pictures [px]."""
@@ -250,7 +245,6 @@ class Export:
         number = export_demonstrations(
             self.demonstrations,
             self.out,
-            self.form,
             rate=self.rate,
             cameras=self.pictures,
             size=self.size,
@@ -264,9 +258,8 @@ class Record(EpisodeSettings):
     """Let a policy open doors and write the episodes as a Minari data set.
 
     DIR is the data set; its name is its Minari id and ends in a version. Every step
-    contains the complete state of MuJoCo, so that `gplfd demos replay` can check
-    whether this machine and this version compute the same. Episode k of every door has
-    the seed SEED + k for teacher, policy and environment.
+    contains the complete state of MuJoCo. Episode k of every door has the seed SEED + k
+    for teacher, policy and environment.
     """
 
     episodes: int = 1
@@ -293,57 +286,20 @@ class Record(EpisodeSettings):
         from gplfd_experiments.files.names import file_name
 
         folder = self.out or Path("results/demos") / f"{file_name(self.policy)}-v0"
-        given = {one.name: getattr(self, one.name) for one in fields(self)}
-        del given["out"], given["quiet"]
+        settings = {field.name: getattr(self, field.name) for field in fields(self)}
+        del settings["out"], settings["quiet"]
         options = recorded(self) | {"out": folder.name}
-        number = record_dataset(folder, **given, options=options)
+        number = record_dataset(folder, **settings, options=options)
         print(f"{number} {'episode' if number == 1 else 'episodes'} in {folder}")
-        print(f"run them again:  {next_command('demos', 'replay', folder)}")
+        print(f"look at them:  {next_command('demos', 'inspect', folder)}")
         return 0
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Replay:
-    """Run recorded episodes again and compare with the recording, bit for bit.
-
-    Exit status: 0 if all episodes are equal, 1 if one differs, 2 for bad input.
-    """
-
-    dataset: DatasetPath
-    """Folder that `gplfd demos record` wrote."""
-
-    episodes: tuple[int, ...] = ()
-    """Episodes to run, from 0; all by default."""
-
-    quiet: Quiet = False
-
-    def execute(self) -> int:
-        """Print a line per episode; return `DEPARTED` if one differs."""
-        from gplfd_experiments.data.minari import open_dataset
-        from gplfd_experiments.data.replay import changes_since, replays
-
-        dataset = open_dataset(self.dataset)
-        numbers = self.episodes or tuple(range(dataset.n_episodes))
-        dataset.check(numbers)
-        print(dataset)
-        changes = changes_since(dataset.origin)
-        for what, (then, now) in changes.items():
-            print(f"not as recorded: {what} was {then}, is {now}")
-        if changes:
-            print("so equal to a tolerance only, see docs/reproducibility.md")
-        exact = 0
-        for number, comparison in replays(dataset, numbers):
-            exact += comparison.exact
-            print(f"episode {number}: {comparison}", flush=True)
-        print(f"{exact} of {len(numbers)} episodes are the recording, bit for bit")
-        return 0 if exact == len(numbers) else DEPARTED
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Inspect:
     """Print the contents of a data set, one line per episode."""
 
-    dataset: DatasetPath
+    dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DATASET")]
     """Folder that `gplfd demos record` wrote."""
 
     def execute(self) -> int:
@@ -364,7 +320,6 @@ SUBCOMMANDS: Final[Mapping[str, type[Any]]] = {
     "export": Export,
     "teach": Teach,
     "record": Record,
-    "replay": Replay,
     "inspect": Inspect,
 }
 _ANY: Any = Union[  # noqa: UP007

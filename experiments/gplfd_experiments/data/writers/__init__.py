@@ -1,10 +1,9 @@
 """Writes demonstrations and episodes in formats of other programs."""
 
-import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -46,9 +45,10 @@ def demonstration_rows(labelled: LabelledDemonstrations) -> list[Rows]:
         ValueError: The time steps are not equal, or differ from those of the others.
     """
     rows: list[Rows] = []
-    for number, one in enumerate(labelled.demonstrations):
-        steps = np.diff(one.times)
-        rate = (len(steps)) / float(one.times[-1] - one.times[0])
+    for number, demonstration in enumerate(labelled.demonstrations):
+        times, wrenches = demonstration.times, demonstration.wrenches
+        steps = np.diff(times)
+        rate = len(steps) / float(times[-1] - times[0])
         if np.abs(steps * rate - 1.0).max() > _EQUAL:
             raise ValueError(
                 f"demonstration {number} is not sampled at equal steps; import it with "
@@ -59,7 +59,7 @@ def demonstration_rows(labelled: LabelledDemonstrations) -> list[Rows]:
                 f"demonstration {number} has {rate:.4g} samples per second, and the "
                 f"first {rows[0].rate:.4g}; import them with --rate 100"
             )
-        states = states_of(one.poses)
+        states = states_of(demonstration.poses)
         actions = np.vstack([states[1:], states[-1:]])
         signals = labelled.signals[number] if labelled.signals else {}
         rows.append(
@@ -68,7 +68,7 @@ def demonstration_rows(labelled: LabelledDemonstrations) -> list[Rows]:
                 states=states,
                 actions=actions,
                 # As the environment observes them: of the opposite sign.
-                wrenches=None if one.wrenches is None else -one.wrenches,
+                wrenches=None if wrenches is None else -wrenches,
                 signals=signals,
             )
         )
@@ -89,18 +89,16 @@ def states_of(poses: FloatArray) -> FloatArray:
 def export_demonstrations(
     source: Path,
     target: Path,
-    form: Literal["robomimic", "lerobot"],
     *,
     rate: int | None = None,
     cameras: Sequence[str] = (),
     size: tuple[int, int] = (320, 240),
 ) -> int:
-    """Write demonstrations or a data set of episodes in another program's format.
+    """Write demonstrations or a data set of episodes as a data set of LeRobot.
 
     Args:
         source: The set or data set.
-        target: File or folder to write.
-        form: The format, a module of this package and of the readers.
+        target: Folder to write.
         rate: Rows per second of episodes; None for 100, or 10 with pictures.
         cameras: Cameras of the pictures of episodes.
         size: Width and height of the pictures [px].
@@ -116,11 +114,8 @@ def export_demonstrations(
     """
     if target.exists():
         raise ValueError(f"--out {target} exists; give another")
-    if cameras and form != "lerobot":
-        raise ValueError("--pictures are written in the form lerobot alone")
-    # The error of the reader says how to install the common requirement.
-    importlib.import_module(f"gplfd_experiments.data.readers.{form}")
-    module = importlib.import_module(f"{__name__}.{form}")
+    from gplfd_experiments.data.writers import lerobot
+
     if (source / "data/metadata.json").is_file():
         from gplfd_experiments.data.minari import open_dataset
         from gplfd_experiments.data.writers.episodes import episode_rows
@@ -134,5 +129,5 @@ def export_demonstrations(
         )
     else:
         rows = demonstration_rows(load_demonstrations(source))
-    module.write(target, rows)
+    lerobot.write(target, rows)
     return len(rows)

@@ -12,8 +12,7 @@ from PIL import Image
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.envs.camera import Camera
 from gplfd_experiments.console.progress import progress_bar
-from gplfd_experiments.data.minari import Dataset
-from gplfd_experiments.data.minari.episode import STATE
+from gplfd_experiments.data.minari import STATE, Dataset
 from gplfd_experiments.data.writers import Rows, states_of
 
 _CONTROL_RATE: Final = round(1.0 / CONTROL_PERIOD)

@@ -11,15 +11,18 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import pyarrow
-import pyarrow.parquet
 from PIL import Image
 
 from gplfd_experiments.data.readers.lerobot import AS_OBSERVED, INFO, STATE, WRENCH
 from gplfd_experiments.data.readers.tables import FORCE
 from gplfd_experiments.data.writers import Rows
 from gplfd_experiments.files.folders import complete_folder
+from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.plain_data import write_json
+
+with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
+    import pyarrow
+    import pyarrow.parquet
 
 _NAMES: Final = ["x", "y", "z", "qx", "qy", "qz", "qw"]
 _SAMPLED: Final = 50  # Number of pictures for the statistics of colours.

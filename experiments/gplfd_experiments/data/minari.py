@@ -1,0 +1,430 @@
+"""Episodes as Minari data sets, with MuJoCo's physics state at every step.
+
+A data set is written and read by Minari's storage. It also has the versions and the
+kind of processor that computed it.
+"""
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+import gplfd_env  # noqa: F401 - registers the ids
+from gplfd_experiments.files.folders import check_replaceable, complete_folder
+from gplfd_experiments.files.libraries import optional_libraries
+from gplfd_experiments.files.plain_data import entry, naming, parsed_json, read_json
+from gplfd_experiments.files.provenance import provenance
+from gplfd_experiments.files.table import Table, text_table
+
+with optional_libraries("data sets need Minari and h5py", "minari"):
+    import h5py  # noqa: F401 - Minari's storage needs it
+    import minari
+    from minari.data_collector.episode_buffer import EpisodeBuffer
+    from minari.dataset.minari_storage import MinariStorage
+
+STATE: Final = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+"""All input of a step; MuJoCo continues from it bit for bit."""
+PHYSICS_STATE: Final = "physics_state"
+"""Name of the physics state among the infos."""
+_KIND: Final = "gplfd"
+"""Name of this package's own entries of a data set."""
+_METADATA: Final = "data/metadata.json"
+_REPRODUCING: Final = ("gplfd", "mujoco", "gymnasium", "numpy", "scipy")
+"""Distributions whose versions can change what an environment computes."""
+_ID: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]*-v[0-9]+")
+_NAMESPACE: Final = "gplfd/"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordedEpisode:
+    """What an environment was given and returned in one episode of T steps."""
+
+    seed: int
+    """Seed of the reset."""
+    options: Mapping[str, Any]
+    """Options of the reset."""
+    observations: Mapping[str, NDArray[Any]]
+    """Observations by name, (T + 1, ...); the first is from the reset."""
+    actions: NDArray[Any]
+    """Actions that the agent took, (T, A)."""
+    rewards: NDArray[Any]
+    """Rewards of the steps, (T,)."""
+    terminations: NDArray[Any]
+    """Whether the task ended at this step, (T,)."""
+    truncations: NDArray[Any]
+    """Whether the episode was truncated at this step, (T,)."""
+    infos: Mapping[str, Any]
+    """The environment's infos by name, (T + 1, ...), and `PHYSICS_STATE`, (T + 1, S):
+    MuJoCo's state [SI] after the reset and after every step."""
+
+    def __len__(self) -> int:
+        """Return the number of steps T."""
+        return len(self.rewards)
+
+    @property
+    def states(self) -> NDArray[Any]:
+        """Physics states, (T + 1, S)."""
+        states: NDArray[Any] = self.infos[PHYSICS_STATE]
+        return states
+
+    @property
+    def outcome(self) -> str:
+        """How it ended: "opened", "stalled", "time limit", ..."""
+        if self.infos["success"][-1]:
+            return "opened"
+        failure = self.infos["failure"][-1]
+        text = failure.decode() if isinstance(failure, bytes) else str(failure)
+        return text.replace("_", " ") or "time limit"
+
+
+class Recorder(gym.Wrapper[Any, Any, Any, Any]):
+    """Records the data between an agent and an environment of this package.
+
+    Wrap the environment, run an episode, and read `episode` before the next reset.
+    (`minari.DataCollector` needs JAX.)
+    """
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self._reset: dict[str, Any] = {}
+        self._observations: list[Mapping[str, Any]] = []
+        self._infos: list[Mapping[str, Any]] = []
+        self._actions: list[NDArray[Any]] = []
+        self._results: list[tuple[float, bool, bool]] = []
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment with a seed and begin a new recording."""
+        given = dict(options or {})
+        observation, info = self.env.reset(seed=seed, options=given or None)
+        self._reset = {"seed": seed, "options": _storable(given)}
+        for rows in (self._observations, self._infos, self._actions, self._results):
+            rows.clear()
+        self._keep(observation, info)
+        return observation, info
+
+    def step(self, action: NDArray[Any]) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step the environment and store a row."""
+        taken = np.array(action, dtype=np.float64)
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._actions.append(taken)
+        self._results.append((float(reward), terminated, truncated))
+        self._keep(observation, info)
+        return observation, reward, terminated, truncated, info
+
+    @property
+    def episode(self) -> RecordedEpisode:
+        """Everything since the last reset, of at least one step."""
+        rewards, terminations, truncations = zip(*self._results, strict=True)
+        return RecordedEpisode(
+            **self._reset,
+            observations=_stacked(self._observations),
+            actions=np.array(self._actions),
+            rewards=np.array(rewards),
+            terminations=np.array(terminations),
+            truncations=np.array(truncations),
+            infos=_stacked(self._infos),
+        )
+
+    def _keep(self, observation: Mapping[str, Any], info: Mapping[str, Any]) -> None:
+        inner: Any = self.unwrapped
+        state = np.empty(mujoco.mj_stateSize(inner.model, STATE))
+        mujoco.mj_getState(inner.model, inner.data, state, STATE)
+        self._observations.append(_copied(observation))
+        self._infos.append(_copied(info) | {PHYSICS_STATE: state})
+
+
+def _copied(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: _copied(value) if isinstance(value, Mapping) else np.copy(value)[()]
+        for name, value in values.items()
+    }
+
+
+def _stacked(rows: list[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return one array per name, nested as the rows are."""
+    return {
+        name: _stacked([row[name] for row in rows])
+        if isinstance(first, Mapping)
+        else np.array([row[name] for row in rows])
+        for name, first in rows[0].items()
+    }
+
+
+def _storable(value: Any) -> Any:
+    """Return options with records as mappings, which resets also accept."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = dataclasses.asdict(value)
+    if not isinstance(value, Mapping):
+        return value
+    return {name: _storable(part) for name, part in value.items() if part is not None}
+
+
+def write_dataset(
+    folder: str | Path,
+    episodes: Iterable[RecordedEpisode],
+    *,
+    env: gym.Env[Any, Any],
+    policy: str,
+    config: Mapping[str, Any],
+    overwrite: bool = False,
+) -> None:
+    """Write a data set; ``folder`` appears after the last episode.
+
+    Args:
+        folder: Where the data set goes. Its name is the data set's id, so
+            ``MINARI_DATASETS_PATH`` set to the folder above it lets
+            ``minari.load_dataset`` find it.
+        episodes: At least one; iterated after the check that the folder is writable.
+        env: Environment made by ``gym.make`` in which the episodes ran. Its
+            specification is stored for Minari's ``recover_environment``.
+        policy: Name of the policy that acted.
+        config: Settings of the recording, stored as metadata; JSON-able.
+        overwrite: Replace an existing data set.
+
+    Raises:
+        ValueError: The name is not an id, the folder exists, or there is no episode.
+        OSError: The folder cannot be written.
+    """
+    target = Path(folder).absolute()
+    if not _ID.fullmatch(target.name):
+        raise ValueError(
+            f"{target}: a data set's folder is named after its Minari id, letters, "
+            "digits, _ and - with a version at the end, for example door-opening-v0"
+        )
+    check_replaceable(target, _METADATA, "data set", overwrite=overwrite)
+    with complete_folder(target) as whole:
+        whole.mkdir()
+        storage = MinariStorage.new(
+            whole / "data", env.observation_space, env.action_space, env.spec
+        )
+        doors = set()
+        for number, episode in enumerate(episodes):
+            doors.add(repr(episode.options.get("door")))
+            parts = {
+                field.name: getattr(episode, field.name)
+                for field in dataclasses.fields(episode)
+            }
+            parts["infos"] = _with_texts(episode.infos)
+            storage.update_episodes([EpisodeBuffer(id=number, **parts)])
+        if not doors:
+            raise ValueError("a data set needs at least one episode; none was added")
+        description = "Door opening, recorded by gplfd."
+        if len(doors) > 1:
+            description += (
+                f" It holds {len(doors)} doors, and recover_environment() makes one: "
+                "reset it with the options of an episode to have that episode's door."
+            )
+        origin = provenance(config)
+        installed = origin["versions"]
+        requirements = [f"{name}=={installed[name]}" for name in _REPRODUCING]
+        storage.update_metadata(
+            {
+                "dataset_id": target.name,
+                "algorithm_name": policy,
+                "description": description,
+                "minari_version": minari.__version__,
+                "requirements": requirements,
+                _KIND: origin,
+            }
+        )
+
+
+def _with_texts(infos: Mapping[str, Any]) -> dict[str, Any]:
+    """Return infos with lists of texts, as HDF5 stores them."""
+    return {
+        name: _with_texts(values)
+        if isinstance(values, Mapping)
+        else values.tolist()
+        if values.dtype.kind == "U"
+        else values
+        for name, values in infos.items()
+    }
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Dataset:
+    """A data set on disk; episodes are read on request."""
+
+    path: Path
+    """Folder of the data set."""
+    stored: Any
+    """The data set as Minari opens it."""
+    policy: str
+    """Name of the policy that acted."""
+    environment: str
+    """Id of the environment."""
+    arguments: Mapping[str, Any]
+    """Arguments of ``gym.make`` besides the id."""
+    origin: Mapping[str, Any]
+    """Versions, processor, command, settings and source state of the recording."""
+
+    @property
+    def n_episodes(self) -> int:
+        """Number of episodes in it."""
+        return len(self.stored)
+
+    def make_environment(self) -> gym.Env[Any, Any]:
+        """Make the environment anew.
+
+        Raises:
+            ValueError: The installed version cannot make it with these arguments.
+        """
+        try:
+            # By its spec, because Gymnasium warns about an id with a newer version.
+            return gym.make(gym.spec(self.environment), **self.arguments)
+        except (gym.error.Error, TypeError, ValueError) as error:
+            raise ValueError(
+                f"{self.path}: the installed gplfd cannot make {self.environment} with "
+                f"{dict(self.arguments)!s:.200}: {error!s:.300}"
+            ) from error
+
+    def __str__(self) -> str:
+        """The data set in one line."""
+        arguments = ", ".join(
+            f"door of {value['radius']:g} m"
+            if name == "door" and isinstance(value, Mapping) and "radius" in value
+            else f"{name}={value!r}"
+            for name, value in self.arguments.items()
+        )
+        return (
+            f"{self.stored.id}: policy {self.policy} in {self.environment}"
+            f"{f' ({arguments})' if arguments else ''}, {self.n_episodes} episodes"
+        )
+
+    def contents(self) -> str:
+        """Return the origin of the data set, and a line per episode."""
+        origin, git = self.origin, self.origin["git"]
+        rows = []
+        for number in range(self.n_episodes):
+            episode = self.episode(number)
+            row = {
+                "episode": str(number),
+                "radius [m]": f"{episode.infos['door_radius'][-1]:.3f}",
+                "seed": str(episode.seed),
+                "steps": str(len(episode)),
+                "time [s]": f"{episode.observations['time'][-1, 0]:.2f}",
+                "angle [deg]": f"{math.degrees(episode.infos['door_angle'][-1]):.1f}",
+                "outcome": episode.outcome,
+                "return": f"{episode.rewards.sum():.3f}",
+            }
+            rows.append(row)
+        recorded = f"recorded {origin['created']} by `{' '.join(origin['command'])}`"
+        if git:
+            edited = " with edits" if git.get("dirty") else ""
+            recorded += f" at git {str(git.get('commit'))[:10]}{edited}"
+        made_by = origin["versions"] | origin["arithmetic"]
+        return "\n".join(
+            [
+                str(self),
+                self.stored.storage.metadata["description"],
+                recorded,
+                ", ".join(f"{name} {value}" for name, value in made_by.items()),
+                "",
+                text_table(Table.of(rows)),
+            ]
+        )
+
+    def episode(self, number: int) -> RecordedEpisode:
+        """Read an episode.
+
+        Raises:
+            ValueError: It cannot be read, or is incomplete.
+        """
+        try:
+            (metadata,) = self.stored.storage.get_episode_metadata([number])
+            data = self.stored[number]
+            return RecordedEpisode(
+                seed=metadata["seed"],
+                options=_plain(metadata.get("options", {})),
+                observations=data.observations,
+                actions=data.actions,
+                rewards=data.rewards,
+                terminations=data.terminations,
+                truncations=data.truncations,
+                infos=data.infos,
+            )
+        # h5py and Minari raise errors of every kind for damaged files.
+        except Exception as error:
+            raise ValueError(
+                f"{self.path}: episode {number} cannot be read: {error!s:.300}"
+            ) from error
+
+
+def _plain(value: Any) -> Any:
+    """Return attributes of HDF5 as numbers, texts and nested mappings."""
+    if isinstance(value, Mapping):
+        return {name: _plain(part) for name, part in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def open_dataset(path: str | Path) -> Dataset:
+    """Open a data set that ``gplfd demos record`` wrote.
+
+    Args:
+        path: Folder of the data set, or the folder ``data`` in it.
+
+    Raises:
+        FileNotFoundError: There is no data set.
+        ValueError: It is damaged or of another kind.
+    """
+    folder = Path(path)
+    if not (folder / _METADATA).is_file() and (folder / "metadata.json").is_file():
+        folder = folder.absolute().parent
+    if not (folder / _METADATA).is_file():
+        raise FileNotFoundError(
+            f"{path} is not a data set: there is no {_METADATA} in it; give the folder "
+            "that `gplfd demos record` wrote"
+        )
+    metadata = read_json(folder / _METADATA)
+    with naming(folder):
+        if _KIND not in metadata:
+            raise ValueError(
+                "this data set was not recorded by `gplfd demos record`; it lacks the "
+                "physics states"
+            )
+        origin = entry(metadata, _KIND, dict[str, Any])
+        for name, kind in (
+            ("created", str),
+            ("command", tuple[str, ...]),
+            ("versions", dict[str, str]),
+            ("arithmetic", dict[str, str]),
+            ("git", dict[str, Any] | None),
+        ):
+            entry(origin, name, kind)
+        # Without spaces, Minari makes the environment, which can be any code.
+        for name in ("observation_space", "action_space"):
+            entry(metadata, name, str)
+        spec = parsed_json(entry(metadata, "env_spec", str))
+        environment = entry(spec, "id", str)
+        if not (environment.startswith(_NAMESPACE) and environment in gym.registry):
+            raise ValueError(
+                f"the data set was recorded in {environment}, which is no environment "
+                "of gplfd"
+            )
+        arguments = entry(spec, "kwargs", dict[str, Any])
+        limit = entry(spec, "max_episode_steps", int | None)
+        if limit is not None:
+            arguments["max_episode_steps"] = limit
+        arguments.pop("render_mode", None)
+        try:
+            stored = minari.MinariDataset(folder / "data")
+        except Exception as error:
+            raise ValueError(f"Minari cannot open it: {error!s:.300}") from error
+        return Dataset(
+            path=folder,
+            stored=stored,
+            policy=entry(metadata, "algorithm_name", str),
+            environment=environment,
+            arguments=arguments,
+            origin=origin,
+        )
