@@ -24,6 +24,7 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
     {
         "dask": "studies on a cluster",
         "ros": "ROS bags",
+        "c3d": "C3D files of motion capture",
         "lerobot": "LeRobot data sets",
         "robomimic": "robomimic files",
         "minari": "episode data sets",
