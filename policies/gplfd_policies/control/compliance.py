@@ -19,7 +19,7 @@ from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
-from gplfd_policies.arrays.shapes import Axes, Float, Frames, Vectors
+from gplfd_policies.arrays.shapes import Axes, Bool, Float, Frames, Vectors
 from gplfd_policies.control.expected_force import ExpectedForce, ForceForecast
 from gplfd_policies.control.frame import directional_std, path_frame, product
 from gplfd_policies.control.load import (
@@ -299,7 +299,7 @@ class ComplianceController:
 
     def _adapt(
         self, seen: _Observation, poses: Axes, command_phase: PerRow, rows: Rows
-    ) -> tuple[np.ndarray, PerRow, Vectors]:
+    ) -> tuple[Bool[np.ndarray | np.bool_, "*N"], PerRow, Vectors]:
         """Condition movements on the observed poses of the rows that are due.
 
         Due are rows that have moved on by `via_spacing`, or whose phase has fallen so
