@@ -2,8 +2,6 @@
 
 import copy
 import pickle
-import subprocess
-import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -30,7 +28,6 @@ COPIERS: dict[str, Callable[[Any], Any]] = {
     "deepcopy": copy.deepcopy,
     "pickle": lambda original: pickle.loads(pickle.dumps(original)),
 }
-both_copiers = pytest.mark.parametrize("copied", COPIERS.values(), ids=COPIERS)
 
 
 @pytest.fixture
@@ -80,52 +77,6 @@ def test_a_copy_does_what_the_original_does_and_leaves_it_alone(
     assert_they_go_on_alike(env, twin, copied(twin), seed=3)
 
 
-@both_copiers
-def test_a_copy_has_a_simulation_of_its_own_that_may_diverge(copied, start_env):
-    env = start_env()
-    twin = copied(env)
-    assert twin.data.model is twin.model is not env.model
-    for name in ("xpos", "sensordata", "ncon"):
-        assert np.array_equal(getattr(twin.data, name), getattr(env.data, name))
-    twin.data.qvel[:] = np.nan
-    rest = env.command.rest
-    for each, diverged in (
-        (twin, True),
-        (twin, True),
-        (copied(twin), True),
-        (env, False),
-    ):
-        *_, truncated, info = each.step(rest)
-        assert (truncated, info["simulation_error"]) == (diverged, diverged)
-
-
-@both_copiers
-def test_a_copy_made_before_the_first_reset(
-    copied, make_env, make_vec, assert_they_go_on_alike
-):
-    for env in (make_env(), make_vec(2)):
-        twin = copied(env)
-        with pytest.raises(gym.error.ResetNeeded):
-            twin.step(twin.action_space.sample())
-        assert data_equivalence(twin.reset(seed=0), env.reset(seed=0), exact=True)
-        assert_they_go_on_alike(env, twin, n=5)
-
-
-@pytest.mark.needs("opengl")
-@pytest.mark.parametrize(("copier", "n"), [("deepcopy", None), ("pickle", 2)])
-def test_a_copy_draws_itself(copier, n, make_env, make_vec):
-    look = {"render_mode": "rgb_array", "width": 64, "height": 48}
-    env = make_env(**look) if n is None else make_vec(n, **look)
-    env.reset(seed=0)
-    before = np.array(env.render())
-    twin = COPIERS[copier](env)
-    assert np.array_equal(twin.render(), before)
-    twin.reset(options={"door": "large"})
-    assert not np.array_equal(twin.render(), before)
-    assert np.array_equal(env.render(), before)
-    twin.close()
-
-
 @pytest.mark.parametrize(
     ("mode", "id", "numbers", "copier"),
     [
@@ -159,25 +110,3 @@ def test_a_copy_of_many(
     twin._batch.qpos_of(2)[:] = np.nan
     assert twin.step(steps[0])[3][2]
     assert not envs.step(steps[0])[3][2]
-
-
-@pytest.mark.parametrize("id", [IMPEDANCE, MOBILE])
-def test_a_copy_in_another_process(id, start_env, draw_actions):
-    env = start_env(id=id, randomization="mild")
-    env.step(env.command.rest)
-    program = (
-        "import pickle, sys\n"
-        "env, steps = pickle.load(sys.stdin.buffer)\n"
-        "sys.stdout.buffer.write(pickle.dumps([env.step(step) for step in steps]))"
-    )
-    steps = draw_actions(env.action_space, 10)
-    ran = subprocess.run(
-        [sys.executable, "-c", program],
-        input=pickle.dumps((env, steps)),
-        capture_output=True,
-        check=False,
-        timeout=120,
-    )
-    assert ran.returncode == 0, ran.stderr.decode()
-    here = [env.step(step) for step in steps]
-    assert data_equivalence(here, pickle.loads(ran.stdout), exact=True)

@@ -12,9 +12,6 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 import gplfd_env
-from gplfd_env.conventions.assets import asset_path
-from gplfd_env.envs.door_opening import DoorOpeningEnv
-from gplfd_env.envs.vector import DoorOpeningVectorEnv
 
 POSE, IMPEDANCE = gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID
 
@@ -90,19 +87,6 @@ def test_wrong_arguments_of_many(arguments, message, make_vec):
 def test_wrong_disturbances(disturbance, kind, message, make_env):
     with pytest.raises(kind, match=message):
         make_env(disturbance=disturbance)
-
-
-def test_what_gymnasium_s_make_does_not_pass_on():
-    with pytest.raises(ValueError, match="'human', 'rgb_array', 'depth_array'"):
-        DoorOpeningEnv(render_mode="ansi")
-    for wrong in (0, -1, 1.5, True):
-        with pytest.raises(ValueError, match=r"num_envs = .* whole number from 1"):
-            DoorOpeningVectorEnv(wrong)
-    for make in (gym.make, gym.make_vec):
-        with pytest.raises(ValueError, match="base = 'fixed' is not one of 'mobile'"):
-            make(gplfd_env.MOBILE_ENVIRONMENT_ID, base="fixed")
-        with pytest.raises(ValueError, match=r"has its own reward.*reward='d"):
-            make(gplfd_env.RL_ENVIRONMENT_ID, reward="dense")
 
 
 def assert_refused(
@@ -218,27 +202,3 @@ def test_wrong_actions_move_nothing(make, makers):
     assert not np.any(truncated)
     observation, *_ = env.step(np.full(rest.shape, 1e308))
     assert observation in env.observation_space, "clamped, not refused"
-
-
-def test_a_closed_environment_goes_on(makers):
-    """Only the renderer is freed; closing twice is as good as once."""
-    for make in makers:
-        env = make()
-        env.reset(seed=0)
-        env.close()
-        env.close()
-        env.step(np.zeros(env.action_space.shape))
-        env.reset()
-
-
-def test_rendering_without_a_mode_warns(makers):
-    for make in makers:
-        env = make()
-        env.reset(seed=0)
-        with pytest.warns(UserWarning, match=r'make.*render_mode="rgb_array"'):
-            assert env.render() is None
-
-
-def test_missing_asset_is_named():
-    with pytest.raises(FileNotFoundError, match=r"'nothing.urdf' was not found.*reins"):
-        asset_path("nothing.urdf")

@@ -2,7 +2,6 @@
 
 import hashlib
 import pickle
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -17,7 +16,6 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 
 POSE, IMPEDANCE = gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID
 RL = gplfd_env.RL_ENVIRONMENT_ID
-PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
 
 
 @pytest.mark.parametrize(
@@ -47,32 +45,6 @@ def test_spec_survives_json_and_pickle(id, arguments, opened):
         assert data_equivalence(twin.reset(seed=9), first, exact=True)
         assert twin.unwrapped.variation == env.unwrapped.variation
         assert twin.unwrapped.model.neq == env.unwrapped.model.neq
-
-
-def test_the_package_s_name_in_the_id_replaces_the_import(run_python):
-    program = (
-        "import gymnasium\n"
-        f"for id in {POSE, RL}:\n"
-        "    for make in (gymnasium.make, gymnasium.make_vec):\n"
-        "        env = make('gplfd_env:' + id, door=0.4)\n"
-        "        env.reset(seed=0); print(env.spec.id); env.close()"
-    )
-    ran = run_python("-W", "error", "-c", program)
-    assert (ran.stderr, ran.stdout.split()) == ("", [POSE, POSE, RL, RL])
-
-
-def test_without_it_gymnasium_names_the_namespace(run_python):
-    program = (
-        "import gymnasium\n"
-        "for make in (gymnasium.make, gymnasium.make_vec, gymnasium.spec):\n"
-        "    try:\n"
-        f"        make('{RL}')\n"
-        "    except gymnasium.error.NamespaceNotFound as error:\n"
-        "        print(type(error).__name__, error, sep=': ')"
-    )
-    said = "NamespaceNotFound: Namespace gplfd not found"
-    assert run_python("-W", "error", "-c", program).stdout.count(said) == 3
-    assert said in PAGE.replace("\n", " ")
 
 
 FIRST = {

@@ -1,6 +1,5 @@
 """Robots besides the default one: from their URDF to an open door."""
 
-import contextlib
 import dataclasses
 import json
 import math
@@ -17,7 +16,6 @@ from gplfd_env import ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.assets import asset_path
 from gplfd_env.doors.config import BAR_RADIUS, DOORS, DoorConfig
 from gplfd_env.robot.config import StanceGroup
-from gplfd_env.robot.description import described_robot
 from gplfd_env.robot.placement import gripper_rotation_w
 from gplfd_env.robot.robots import robot_named
 from gplfd_env.robot.tiago import TIAGO_LIKE
@@ -309,22 +307,6 @@ def test_a_mistake_in_a_urdf_is_told(tmp_path, old, new, message):
         robot_of_urdf(described(tmp_path, text.replace(old, new)))
 
 
-def test_joints_in_a_ring_are_told(tmp_path):
-    ring = '<joint name="ring" type="fixed"><parent link="tool0"/>'
-    ring += '<child link="base_link"/></joint></robot>'
-    text = UR5E.read_text().replace("</robot>", ring)
-    with pytest.raises(ValueError, match="form a ring"):
-        robot_of_urdf(described(tmp_path, text))
-
-
-def test_a_wrist_may_turn_by_more_than_a_turn_and_a_half(tmp_path):
-    text = UR5E.read_text().replace(LIMIT, '<limit lower="-9.5" upper="9.5"')
-    robot = robot_of_urdf(described(tmp_path, text))
-    assert_allclose(
-        described_robot(robot).compile().joint("wrist_3_joint").range, (-9.5, 9.5)
-    )
-
-
 def test_a_joint_without_limits_turns_a_whole_turn_to_each_side(tmp_path):
     text = UR5E.read_text()
     for name in ("shoulder_pan_joint", "wrist_3_joint"):
@@ -341,53 +323,3 @@ def test_a_joint_without_limits_turns_a_whole_turn_to_each_side(tmp_path):
     for name in ("shoulder_pan_joint", "wrist_3_joint"):
         assert_allclose(env.unwrapped.model.joint(name).range, [-math.tau, math.tau])
     env.close()
-
-
-def test_fingers_that_do_not_open_are_told(tmp_path):
-    text = PANDA.read_text()
-    first = text.index("<limit", text.index('<joint name="panda_finger_joint1"'))
-    end = text.index("/>", first) + 2
-    shut = '<limit lower="-0.04" upper="0" effort="20" velocity="0.2"/>'
-    for limit in ("", shut):
-        other = described(tmp_path, text[:first] + limit + text[end:])
-        with pytest.raises(ValueError, match="panda_finger_joint1 must open from zero"):
-            robot_of_urdf(other, **HAND)
-
-
-@pytest.mark.parametrize(
-    ("file", "drawn"), [("flat.stl", True), ("pointer.stl", False), ("bad.dae", False)]
-)
-def test_a_mesh_without_a_body_does_not_matter(tmp_path, file, drawn):
-    """A flat one, and what Git LFS leaves where it has not fetched a file."""
-    (tmp_path / file).write_text("version https://git-lfs.github.com/spec/v1")
-    if drawn:
-        corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-        flat = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]])
-        flat.export(tmp_path / file)
-    visual = f'<visual><geometry><mesh filename="{file}"/></geometry></visual>'
-    text = UR5E.read_text().replace("</link>", f"{visual}</link>", 1)
-    home = robot_named("ur5e-like").stances[0][1].closed_posture
-    with contextlib.nullcontext() if drawn else pytest.warns(match="is drawn without"):
-        robot = robot_of_urdf(described(tmp_path, text), home=home)
-    assert described_robot(robot).compile().nmesh == drawn
-
-
-def test_a_hand_that_its_last_joint_does_not_roll_holds_bars_alone():
-    # The gripper beside the flange, across the axis of the last joint.
-    robot = robot_of_urdf(UR5E, approach=(1.0, 0.0, 0.0), closing=(0.0, 1.0, 0.0))
-    assert robot.stance(DoorConfig()).radius > 0.0
-    with pytest.raises(ValueError, match="has no posture for a door with handle='lev"):
-        robot.stance(DoorConfig(handle="lever", latch="spring"))
-
-
-def test_a_link_without_mass_is_told(tmp_path):
-    text = UR5E.read_text()
-    start = text.index("<inertial>", text.index('<link name="wrist_2_link">'))
-    end = text.index("</inertial>", start) + len("</inertial>")
-    with pytest.raises(ValueError, match="every link that moves needs a mass"):
-        robot_of_urdf(described(tmp_path, text[:start] + text[end:]))
-
-
-def test_a_missing_file_is_told(tmp_path):
-    with pytest.raises(FileNotFoundError, match="there is no such URDF"):
-        robot_named(str(tmp_path / "no.urdf"))

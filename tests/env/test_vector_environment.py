@@ -22,13 +22,6 @@ IDS = {
 PULL = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_metadata_tells_the_autoreset_mode(mode, make_vec):
-    for given in (mode.value, mode):
-        assert make_vec(1, autoreset_mode=given).metadata["autoreset_mode"] is mode
-    assert DoorOpeningVectorEnv.metadata.get("autoreset_mode") is None, "its own copy"
-
-
 def test_time_limit_is_the_id_s_and_can_be_changed(make_vec):
     for limit, periods, expected in (
         ({}, 1501, [1500]),
@@ -134,17 +127,6 @@ def test_properties_tell_doors_and_joints(make_vec):
     qpos[:] = 9.0
     assert np.abs(envs.qpos).max() < 3.2, "a copy"
     assert envs.np_random_seed == (4, 5)
-
-
-def test_seeds_may_be_numbers_of_numpy(make_vec):
-    envs = make_vec(2)
-    for seeds, expected in (
-        (np.array([3, 2**40]), (3, 2**40)),
-        ([np.int64(7), 2**70], (7, 2**70)),
-        (np.uint8(255), (255, 256)),
-    ):
-        envs.reset(seed=seeds)
-        assert envs.np_random_seed == expected
 
 
 @pytest.mark.parametrize("id", IDS)

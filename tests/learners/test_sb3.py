@@ -15,12 +15,10 @@ if os.environ.get("GPLFD_REQUIRE_ALL") != "1":
     pytest.importorskip("stable_baselines3", reason="needs pip install '.[sb3]'")
 
 import torch
-from stable_baselines3 import PPO, SAC
+from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
-from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
-from gplfd_env.wrappers import NumericInfo, VectorNumericInfo
 from gplfd_env.wrappers.sb3 import SB3VecEnv, make_sb3
 
 POSE, RL = gplfd_env.ENVIRONMENT_ID, gplfd_env.RL_ENVIRONMENT_ID
@@ -107,15 +105,6 @@ def test_learners_learn_from_it_and_equal_seeds_learn_equally(seed):
     assert torch.equal(*weights)
 
 
-def test_an_off_policy_learner_and_its_evaluation():
-    envs = VecMonitor(make_sb3(2, door="small", max_episode_steps=30))
-    model = SAC("MlpPolicy", envs, learning_starts=20, batch_size=16, seed=0)
-    model.learn(60)
-    mean, _ = evaluate_policy(model, envs, n_eval_episodes=2)
-    assert np.isfinite(mean)
-    envs.close()
-
-
 def test_seeds_and_options_are_used_once():
     envs = make_sb3(2, door="small", randomization="hard")
     envs.seed(5)
@@ -150,24 +139,3 @@ def test_what_it_does_not_have_is_said():
     ):
         SB3VecEnv(gym.make_vec(RL, 2))
     envs.close()
-
-
-@pytest.mark.needs("opengl")
-def test_pictures_are_tiled():
-    envs = make_sb3(2, render_mode="rgb_array", width=64, height=48)
-    envs.reset()
-    assert envs.render("rgb_array").shape == (96, 64, 3)
-    envs.close()
-
-
-def test_gymnasium_s_tensors():
-    """`NumpyToTorch` takes numbers alone, hence the wrapper below it."""
-    one = gym.wrappers.NumpyToTorch(NumericInfo(gym.make(RL)))
-    many = gym.wrappers.vector.NumpyToTorch(VectorNumericInfo(gym.make_vec(RL, 2)))
-    for env, shape in ((one, (6,)), (many, (2, 6))):
-        env.reset(seed=0)
-        observation, *_, info = env.step(torch.zeros(shape))
-        assert observation.dtype == torch.float32
-        assert observation.shape == (*shape[:-1], 33)
-        assert torch.is_tensor(info["handle_pose"])
-        env.close()

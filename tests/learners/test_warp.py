@@ -3,7 +3,6 @@
 Warp compiles its kernels at their first use, which takes half a minute.
 """
 
-import copy
 import dataclasses
 import importlib
 import os
@@ -25,7 +24,7 @@ import warp
 
 from gplfd_env import RL_ENVIRONMENT_ID
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.doors.config import DOORS, door_config
+from gplfd_env.doors.config import door_config
 from gplfd_env.doors.disturbance import (
     Breakaway,
     Disturbance,
@@ -311,24 +310,7 @@ def test_a_diverged_simulation_is_truncated_alone_and_begins_anew():
     assert np.isfinite(envs.step(np.zeros((3, 6)))[0]).all()
 
 
-@pytest.mark.needs("opengl")
-def test_pictures_are_mujoco_s():
-    shown = []
-    for envs in pair(2, render_mode="rgb_array", width=64, height=48):
-        envs.reset(seed=0)
-        shown.append(np.array(envs.render()))
-        envs.close()
-    assert shown[0].std() > 1.0
-    assert np.array_equal(*shown)
-
-
 # --- What is refused ---------------------------------------------------------
-
-
-def test_the_servo_of_the_pose_id_is_what_mujoco_warp_has_not():
-    """Should this fail, the environment may have the servo of the id itself."""
-    with pytest.raises(NotImplementedError, match="mjTRN_SO3"):
-        mujoco_warp.put_model(build_scene(DOORS["medium"]))
 
 
 @pytest.mark.parametrize(
@@ -346,12 +328,6 @@ def test_the_servo_of_the_pose_id_is_what_mujoco_warp_has_not():
 def test_what_cannot_be_had_is_said(arguments, message):
     with pytest.raises(ValueError, match=message):
         make_warp(2, **arguments)
-
-
-def test_copies_are_refused():
-    envs = make_warp(2)
-    with pytest.raises(TypeError, match="on MuJoCo Warp cannot be copied or pickled"):
-        copy.deepcopy(envs)
 
 
 def test_without_mujoco_warp_the_extra_is_named(monkeypatch):
