@@ -64,7 +64,7 @@ def test_prior_draws_average_to_nu_l_lt():
     draws = np.array(
         [
             process.covariance(rng.standard_normal(process.shape), times)
-            for _ in range(4000)
+            for _ in range(16000)
         ]
     )
     assert_allclose(draws.mean(axis=0), np.tile(MEAN, (3, 1, 1)), atol=0.1)

@@ -133,7 +133,7 @@ def test_predictions_have_their_shapes_and_a_covariance_of_their_variances(
 @pytest.mark.parametrize("name", ANALYTIC)
 def test_rates_are_the_derivatives_of_mean_and_spread(name, learned, aligned):
     """Also outside the demonstrations, and after a via-point."""
-    movement, step = learned(name), 1e-6
+    movement, step = learned(name), 1e-5
     times = np.append(np.linspace(0.013, 0.987, 37), [-0.27, -0.1, 1.1, 1.27])
     movements = [movement]
     if name in ADAPTABLE:

@@ -31,13 +31,6 @@ def saved(small, tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def copy(saved, tmp_path):
-    path = tmp_path / "copy.npz"
-    path.write_bytes(saved.read_bytes())
-    return path
-
-
 def same_bits(one, other):
     names = ("times", "mean", "std", "mean_rate", "std_rate", "covariance")
     return one.degrees_of_freedom == other.degrees_of_freedom and all(
@@ -98,65 +91,29 @@ def test_a_movement_around_a_prior_mean_cannot_be_saved(demonstrations, tmp_path
     assert list(tmp_path.iterdir()) == []
 
 
-def rewrite(path, **changes):
-    with np.load(path) as archive:
-        arrays = dict(archive) | changes
-    np.savez(path, **{name: each for name, each in arrays.items() if each is not None})
-
-
-def test_every_member_is_needed_and_checked(saved, copy):
-    """Missing, of another type, shape or size, not finite: always a clear refusal."""
-    with np.load(saved) as archive:
-        arrays = dict(archive)
-    for name, array in arrays.items():
-        wrong = [None, np.array("text"), np.zeros((2, 3, 4, 5)), np.zeros(0)]
-        if array.dtype == np.float64:
-            wrong += [array.astype(np.float32), np.full_like(array, np.nan)]
-            wrong += [array.astype(str), array[..., None], -np.abs(array) - 1.0]
-        wrong = wrong[: -1 if name in SIGNED else None]
-        for each in wrong:
-            rewrite(copy, **(arrays | {name: each}))
-            with pytest.raises(ValueError, match="cannot be read as a gplfd skill: "):
-                load_skill(copy)
-
-
-SIGNED = {"poses", "offset", "noise_level", "noise_coefficients"}
-"""Members of which every finite number is allowed."""
-
-
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
+        ({"poses": None}, "it lacks 'poses'"),
+        ({"poses": np.full((6, 20, 6), np.nan)}, "'poses' must be finite numbers"),
+        ({"scale": np.array("text")}, "'scale' must be finite numbers of type float64"),
         ({"scale": np.zeros(6)}, "'scale' must be positive"),
         ({"length_scale": np.zeros(6)}, "length_scale must be positive"),
         ({"white": np.full(6, 1.1)}, "no process of deviations has these parameters"),
-        (
-            {"wobble": np.zeros(6), "white": np.zeros(6)},
-            "no process of deviations has these parameters",
-        ),
         ({"wobble": np.zeros(0)}, r"'wobble' must have shape \(6,\), got \(0,\)"),
         ({"noise_coefficients": np.zeros((6, 96))}, r"must have shape \(6, 48\)"),
         ({"duration": np.array(0.0)}, "duration must be positive"),
         ({"clocks": np.full((6, 20), 1.01)}, r"clocks must be .* within \[0, 1\]"),
-        ({"extra": np.zeros(3)}, "it holds 'extra', which does not belong there"),
-        (
-            {"format_version": np.array(1)},
-            "version 1, and this program reads version 3",
-        ),
-        ({"format": np.array("a gplfd episode log")}, "it holds a gplfd episode log"),
+        ({"format_version": np.array(1)}, "version 1, and this program reads"),
     ],
 )
-def test_what_is_wrong_is_said(copy, changes, reason):
-    rewrite(copy, **changes)
+def test_wrong_content_is_refused(saved, tmp_path, changes, reason):
+    with np.load(saved) as archive:
+        arrays = dict(archive) | changes
+    copy = tmp_path / "copy.npz"
+    np.savez(copy, **{name: a for name, a in arrays.items() if a is not None})
     with pytest.raises(ValueError, match=rf"copy\.npz cannot be read .*{reason}"):
         load_skill(copy)
-
-
-def test_a_skill_that_cannot_be_written_leaves_nothing(small, tmp_path):
-    (tmp_path / "folder.npz").mkdir()
-    with pytest.raises(OSError, match=r"folder\.npz"):
-        small.save(tmp_path / "folder.npz")
-    assert [path.name for path in tmp_path.iterdir()] == ["folder.npz"]
 
 
 def test_forces_are_kept_with_the_skill(demonstrations, tmp_path):

@@ -278,15 +278,15 @@ class EpisodeLog:
 
     @classmethod
     def _of(cls, members: Members) -> "EpisodeLog":
-        header = settings(members("header"))
+        header = settings(members["header"])
         for name, declared in _HEADER.items():
             if not isinstance(header.get(name), declared):
                 raise ValueError(f"its {name} is {header.get(name)!r:.40}")
         parts: dict[str, Any] = {
-            part: record(**{n: members(f"{part}.{n}") for n in arrays_of(record)})
+            part: record(**{n: members[f"{part}.{n}"] for n in arrays_of(record)})
             for part, record in PARTS.items()
         }
-        return cls(**header, times=members("times"), **parts)
+        return cls(**header, times=members["times"], **parts)
 
 
 def arrays_of(record: type[Any]) -> dict[str, Any]:

@@ -115,11 +115,11 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _taught(members: Members) -> Taught:
-    [(name, door)] = settings(members("door")).items()
-    config = entry(settings(members("origin")), "config", dict[str, Any])
+    [(name, door)] = settings(members["door"]).items()
+    config = entry(settings(members["origin"]), "config", dict[str, Any])
     among = entry({"doors": []} | config, "doors", tuple[str, ...])
-    inputs = members("inputs")
-    times, poses, wrenches = map(members, ("times", "poses", "wrenches"))
+    inputs = members["inputs"]
+    times, poses, wrenches = map(members.__getitem__, ("times", "poses", "wrenches"))
     if inputs.shape != (len(times) - 1, 9):
         raise ValueError(f"inputs have shape {inputs.shape} for {len(times)} poses")
     recorded = Demonstration(times=times, poses=poses, wrenches=wrenches)

@@ -75,12 +75,12 @@ class LabelledDemonstrations:
                 f"{number} demonstrations and {len(self.signals)} of signals; give one "
                 "mapping for each, or none"
             )
-        for one, signals in zip(self.demonstrations, self.signals, strict=False):
+        for motion, signals in zip(self.demonstrations, self.signals, strict=False):
             for name, array in signals.items():
-                if array.ndim != 2 or len(array) != len(one.times):
+                if array.ndim != 2 or len(array) != len(motion.times):
                     raise ValueError(
                         f"signal {name!r:.40} has shape {array.shape}, must be "
-                        f"({len(one.times)}, d)"
+                        f"({len(motion.times)}, d)"
                     )
         for radius in self.radii:
             if radius is not None and not 0.0 < radius < math.inf:
@@ -115,27 +115,27 @@ def save_demonstrations(
         ValueError: As for `LabelledDemonstrations`.
         OSError: The file cannot be written.
     """
-    given = LabelledDemonstrations(
+    labelled = LabelledDemonstrations(
         demonstrations=tuple(demonstrations),
         radii=tuple([None] * len(demonstrations) if radii is None else radii),
         frame=frame,
         signals=tuple(signals),
     )
-    names = sorted({name for each in given.signals for name in each})
+    names = sorted({name for arrays in labelled.signals for name in arrays})
     arrays: dict[str, Any] = {
         "units": np.array(UNITS),
-        "frame": np.array(given.frame),
+        "frame": np.array(labelled.frame),
         "signals": np.array(names, dtype=str),
-        "radii": np.array([math.nan if r is None else r for r in given.radii]),
+        "radii": np.array([math.nan if r is None else r for r in labelled.radii]),
     }
-    for number, demonstration in enumerate(given.demonstrations):
+    for number, demonstration in enumerate(labelled.demonstrations):
         arrays[f"times_{number}"] = demonstration.times
         arrays[f"poses_{number}"] = demonstration.poses
         if demonstration.wrenches is not None:
             arrays[f"wrenches_{number}"] = demonstration.wrenches
         for name in names:
             empty = np.zeros((0, 0))
-            arrays[f"{name}_{number}"] = given.signals[number].get(name, empty)
+            arrays[f"{name}_{number}"] = labelled.signals[number].get(name, empty)
     write_archive(path, kind=KIND, version=VERSION, arrays=arrays)
 
 
@@ -151,20 +151,16 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
             another version, other units or frame, or an invalid demonstration.
     """
     file = demonstrations_file(path)
-    advice = f"gplfd demos import {path} --out SET makes a set of a recording"
     if Path(path).is_dir() and not file.exists():
         raise FileNotFoundError(
             f"there is no {FILE} in {path}; gplfd demos import FILES --out SET makes a "
             "set of recordings"
         )
     regular_file(file, f"a set, a folder with {FILE}")
-    with file.open("rb") as stream:
-        is_archive = stream.read(2) == b"PK"
-    if not is_archive:
-        raise ValueError(f"{path} cannot be read as {KIND}: it is no .npz; {advice}")
     try:
         return read_archive(file, kind=KIND, version=VERSION, build=_labelled)
     except ValueError as error:
+        advice = f"gplfd demos import {path} --out SET makes a set of a recording"
         raise ValueError(f"{error}; {advice}") from error
 
 
@@ -177,44 +173,35 @@ def demonstrations_file(path: str | Path) -> Path:
 def hash_of(demonstrations: Sequence[Demonstration]) -> str:
     """Return a hash of demonstrations, rounded (1 µm, 1 µN) to be equal everywhere."""
     digest = hashlib.sha256()
-    for one in demonstrations:
-        wrenches = () if one.wrenches is None else (one.wrenches,)
-        for values in (one.times, one.poses, *wrenches):
+    for motion in demonstrations:
+        wrenches = () if motion.wrenches is None else (motion.wrenches,)
+        for values in (motion.times, motion.poses, *wrenches):
             digest.update(np.rint(values * 1e6).astype(np.int64).tobytes())
     return digest.hexdigest()[:16]
 
 
 def _labelled(members: Members) -> LabelledDemonstrations:
-    def numbers(name: str) -> NDArray[Any]:
-        array = members(name)
-        if array.dtype.kind not in "iuf":
-            raise ValueError(f"{name} holds {array.dtype}, must hold numbers")
-        return array
-
-    units = str(members("units"))
-    if units != UNITS:
+    if (units := str(members["units"])) != UNITS:
         raise ValueError(f"units is {units!r:.80}, must be {UNITS!r}")
-    names = members("signals")
-    if names.dtype.kind != "U" or names.ndim != 1:
-        raise ValueError("signals must be a list of names")
-    radii = numbers("radii")
-    if radii.ndim != 1:
-        raise ValueError(f"radii has shape {radii.shape}, must be a list of numbers")
+    radii = np.array(members["radii"], dtype=np.float64, ndmin=1)
     demonstrations, signals = [], []
     for number in range(radii.size):
-        times, poses = numbers(f"times_{number}"), numbers(f"poses_{number}")
-        name = f"wrenches_{number}"
-        wrenches = numbers(name) if name in members else None
         try:
-            one = Demonstration(times=times, poses=poses, wrenches=wrenches)
-            demonstrations.append(one)
+            demonstration = Demonstration(
+                times=members[f"times_{number}"],
+                poses=members[f"poses_{number}"],
+                wrenches=members.get(f"wrenches_{number}"),
+            )
         except ValueError as error:
             raise ValueError(f"demonstration {number}: {error}") from error
-        arrays = {str(name): numbers(f"{name}_{number}") for name in names}
+        demonstrations.append(demonstration)
+        arrays = {str(name): members[f"{name}_{number}"] for name in members["signals"]}
         signals.append({name: array for name, array in arrays.items() if array.size})
     return LabelledDemonstrations(
         demonstrations=tuple(demonstrations),
-        radii=tuple(None if math.isnan(r) else float(r) for r in radii),
-        frame=str(members("frame")),
-        signals=tuple(signals) if names.size else (),
+        radii=tuple(
+            None if math.isnan(radius) else radius for radius in radii.tolist()
+        ),
+        frame=str(members["frame"]),
+        signals=tuple(signals) if members["signals"].size else (),
     )

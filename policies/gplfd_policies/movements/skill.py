@@ -271,7 +271,7 @@ def _skill_of(members: Members) -> Skill:
     if _CORRECTIONS in members:
         others["corrections"] = _corrections_of(members)
     if "wrenches" in members:
-        others["wrenches"] = members("wrenches")
+        others["wrenches"] = members["wrenches"]
         others["forces"] = _part_of(members, _FORCES)
     return _part_of(members, "", **others)
 
@@ -279,12 +279,10 @@ def _skill_of(members: Members) -> Skill:
 def _kept(corrections: Sequence[Correction]) -> dict[str, np.ndarray]:
     """Return the arrays of corrections, and their origins as JSON."""
     origins, arrays = [], {}
-    for number, one in enumerate(corrections):
-        origin = {name: getattr(one, name) for name in _ORIGIN}
-        # Older versions can read corrections that were not made by a person.
-        origins.append({name: given for name, given in origin.items() if given != ""})
-        kept = {name: getattr(one.motion, name) for name in _MOTION}
-        kept |= {"led": one.led, "inputs": one.inputs}
+    for number, correction in enumerate(corrections):
+        origins.append({name: getattr(correction, name) for name in _ORIGIN})
+        kept = {name: getattr(correction.motion, name) for name in _MOTION}
+        kept |= {"led": correction.led, "inputs": correction.inputs}
         for name, array in kept.items():
             if array is not None:
                 arrays[f"{_CORRECTIONS}_{number}_{name}"] = array
@@ -293,23 +291,26 @@ def _kept(corrections: Sequence[Correction]) -> dict[str, np.ndarray]:
 
 
 def _corrections_of(members: Members) -> tuple[Correction, ...]:
-    found = []
-    for number, origin in enumerate(settings(members(_CORRECTIONS))["origins"]):
+    corrections = []
+    for number, origin in enumerate(settings(members[_CORRECTIONS])["origins"]):
         prefix = f"{_CORRECTIONS}_{number}_"
-        given = [name for name in _MOTION if prefix + name in members]
-        motion = Demonstration(**{name: members(prefix + name) for name in given})
-        for name in ("led", "inputs"):
-            if prefix + name in members:
-                origin[name] = members(prefix + name)
-        found.append(Correction(motion=motion, **origin))
-    return tuple(found)
+        arrays: dict[str, Any] = {
+            name: members[prefix + name]
+            for name in (*_MOTION, "led", "inputs")
+            if prefix + name in members
+        }
+        motion = {name: arrays.pop(name) for name in _MOTION if name in arrays}
+        corrections.append(
+            Correction(motion=Demonstration(**motion), **arrays, **origin)
+        )
+    return tuple(corrections)
 
 
 def _part_of(members: Members, prefix: str, **others: Any) -> Skill:
     """Build the skill of the motion or of the forces, given the prefix of names."""
 
     def finite(name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
-        array = members(prefix + name)
+        array = members[prefix + name]
         if array.dtype != np.float64 or not np.isfinite(array).all():
             raise ValueError(f"{name!r} must be finite numbers of type float64")
         if shape is not None and array.shape != shape:
