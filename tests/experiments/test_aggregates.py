@@ -1,4 +1,4 @@
-"""Interquartile means, profiles and improvement against rliable and by hand."""
+"""Interquartile means and improvement against rliable and by hand."""
 
 import math
 
@@ -8,7 +8,6 @@ from scipy.stats import mannwhitneyu, trim_mean
 
 from gplfd_experiments.analysis.results.aggregates import (
     interquartile_mean,
-    performance_profile,
     probability_of_improvement,
 )
 from gplfd_experiments.analysis.results.statistics import FEWEST_PAIRS
@@ -20,14 +19,8 @@ Y = np.round(RNG.normal(0.5, 1.5, (12, 4)) + np.arange(4), 2)
 #   metrics.aggregate_iqm(X), metrics.probability_of_improvement(X, Y)
 #   library.get_interval_estimates({"x": X}, aggregate_iqm, reps=50000)
 #   library.get_interval_estimates({"p": (X, Y)}, probability_of_improvement, reps=5000)
-#   library.create_performance_profile({"x": X}, [0.0, 2.0, 4.0], reps=50000)
 IQM = 2.64125, 2.28875, 2.96875
 IMPROVEMENT = 0.6397569444444444, 0.52256944, 0.75
-PROFILE = (
-    [0.95833333, 0.625, 0.10416667],
-    [0.89583333, 0.52083333, 0.02083333],
-    [1.0, 0.70833333, 0.1875],
-)
 
 
 def test_the_numbers_are_those_of_rliable():
@@ -39,10 +32,6 @@ def test_the_numbers_are_those_of_rliable():
     found = probability_of_improvement(X, Y, "run")
     assert found.estimate == pytest.approx(IMPROVEMENT[0], abs=1e-12)
     assert (found.low, found.high) == pytest.approx(IMPROVEMENT[1:], abs=0.01)
-    profile = performance_profile(X, np.array([0.0, 2.0, 4.0]), "run")
-    np.testing.assert_allclose(profile[0], PROFILE[0], atol=1e-8)
-    # One run more or less of 48.
-    np.testing.assert_allclose(profile[1:], PROFILE[1:], atol=1 / 48 + 1e-8)
 
 
 def test_missing_runs_are_left_out():
@@ -60,8 +49,6 @@ def test_missing_runs_are_left_out():
     holes[:, 3] = math.nan
     found = probability_of_improvement(holes, Y)
     assert found.estimate == pytest.approx(np.mean(by_hand[:3]), abs=1e-12)
-    profile = performance_profile(holes, np.array([2.0]))
-    assert profile[0, 0] == np.mean(holes[~np.isnan(holes)] > 2.0)
 
 
 def test_failures_are_worse_than_every_number():
@@ -76,7 +63,6 @@ def test_failures_are_worse_than_every_number():
     nothing = np.full_like(X, -math.inf)
     assert probability_of_improvement(nothing, nothing).estimate == 0.5
     assert probability_of_improvement(X, nothing).low == 1.0
-    assert performance_profile(nothing, np.array([-1e300]))[2] == 0.0
 
 
 def test_few_seeds_have_no_interval():

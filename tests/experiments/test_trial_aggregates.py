@@ -9,8 +9,8 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from gplfd_experiments.analysis.report.plots import performance_profiles
-from gplfd_experiments.analysis.report.trials import aggregate_table, tier_lines
+from gplfd_experiments.analysis.report.document import Section
+from gplfd_experiments.analysis.report.trials import add_tiers, aggregate_table
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import (
     deciding_measure,
@@ -83,26 +83,17 @@ def test_the_table_has_the_best_first_and_the_reference_against_all(heavy):
     assert rows[3][1:] == ("–", "0.50\n0.50 to 0.50")
 
 
-def test_a_profile_is_the_share_that_reaches_a_value(heavy):
-    arrays = scores(read_results(heavy).episodes, RADIAL)
-    shown = {name: arrays[name] for name in ("gp", "hinge-fit")}
-    figure = performance_profiles(shown, RADIAL, "gp")
-    for axes, own in zip(figure.axes, shown.values(), strict=False):
-        line = axes.lines[-1]
-        for at, share in zip(*line.get_data(), strict=True):
-            assert share == np.mean(-own <= at + 1e-8)
-    first, last = figure.axes[1].lines[-1].get_ydata()[[0, -1]]
-    assert (first, last) == (1 / 16, 0.5)  # who fails reaches none
-
-
-def test_a_line_per_tier_says_who_opens_what_how_gently_and_told_what(heavy):
-    (line,) = tier_lines(read_results(heavy))
-    assert line == (
-        "**Tier furniture**, 2 of 7 trials: successes and interquartile mean of the "
-        "peak radial force: `gp` (demonstrations) 1.00 (0.81–1.00), 2.0 N; `promp` "
-        "(demonstrations) 1.00 (0.81–1.00), 4.0 N; `hinge-fit` (estimates the hinge "
-        "from the hand's path; compliant) 0.50 (0.28–0.72)."
-    )
+def test_a_table_per_tier_has_successes_and_radial_force(heavy):
+    section = Section()
+    add_tiers(section, read_results(heavy))
+    title, table = section.blocks
+    assert title.text == "**Tier furniture**, 2 of 7 trials"
+    assert [row[:3] for row in table.rows] == [
+        ("`gp`", "method", "16/16\n0.81–1.00"),
+        ("`promp`", "method", "16/16\n0.81–1.00"),
+        ("`hinge-fit`", "reference", "8/16\n0.28–0.72"),
+    ]
+    assert [row[3][:3] for row in table.rows] == ["2.0", "4.0", "–"]
 
 
 def test_rows_are_the_same_as_csv_and_parquet(heavy, tmp_path, capsys):
@@ -118,7 +109,7 @@ def test_rows_are_the_same_as_csv_and_parquet(heavy, tmp_path, capsys):
     first = next(row for row in table if row["policy"] == "hinge-fit")
     assert (first["trial"], first["success"], first["seed"]) == ("heavy", False, 0)
     assert first["time_to_60_deg"] is None
-    assert json.loads(first["door_config"])["radius"] > 0.0
+    assert json.loads(first["door_config"])
 
 
 def test_rows_need_a_known_suffix_and_pyarrow(heavy, tmp_path, capsys, monkeypatch):

@@ -12,18 +12,12 @@ from gplfd_experiments.analysis.report.document import (
     code,
     literal,
     medians,
-    names,
     policy_table,
-)
-from gplfd_experiments.analysis.report.sentences import (
-    PRIVILEGED,
-    rate_sentence,
-    value_sentence,
 )
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
-    HEADLINES,
+    PRIVILEGED,
     TESTED,
     WALL_TIME,
     Runs,
@@ -40,7 +34,6 @@ from gplfd_experiments.analysis.results.measures import (
 )
 from gplfd_experiments.analysis.results.reading import (
     SPLITS,
-    UNDEMONSTRATED,
     EpisodeResult,
 )
 from gplfd_experiments.analysis.results.statistics import (
@@ -159,43 +152,6 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
     return Table(columns=("policy", *columns), rows=tuple(rows), note=note)
 
 
-def standing(runs: Runs, reference: str) -> list[str]:
-    """Rank the reference by measure, in episodes of one condition."""
-    texts = [rate_sentence("Doors opened to 60°", _successes(runs), reference)]
-    splits = {one.split for own in runs.values() for one in own}
-    if len(splits) > 1 and UNDEMONSTRATED in splits:
-        new = _successes(of_split(runs, UNDEMONSTRATED))
-        texts.append(rate_sentence("Of these, doors of new radii", new, reference))
-    title = "Opened and held, the handle in the hand"
-    texts.append(rate_sentence(title, _successes(runs, held=True), reference))
-    # Policies that opened no door are not ranked.
-    able = {
-        policy: own
-        for policy, own in runs.items()
-        if policy == reference or any(one.opened() for one in own)
-    }
-    return texts + [
-        value_sentence(measure, numbers(able, measure), reference)
-        for measure in map(EPISODE_MEASURES.__getitem__, HEADLINES)
-    ]
-
-
-def how_to_read(runs: Runs) -> str:
-    """Explain how the sentences of `standing` are obtained."""
-    text = (
-        "Policies are compared seed by seed, by their mean difference on the tasks of "
-        "a seed that both ran (for forces, times and slip: doors that both opened), "
-        "not by their medians: typical difference, its 95 % interval, number of seeds. "
-        "Beaten: the interval leaves zero out."
-    )
-    if privileged := sorted(PRIVILEGED & runs.keys()):
-        text += (
-            f" {names(privileged)} has information that no robot has and is not "
-            "compared."
-        )
-    return text
-
-
 def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
     """All measures of all conditions, with lost episodes; plots of the first one."""
     section = Section("Doors opened", "doors")
@@ -307,8 +263,6 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
         opened = partial(_rate, methodcaller("opened", angle))
         columns[f"to {angle}°"] = opened, meaning
     measured = dict(_COLUMNS)
-    if all(one.number(WALL_TIME) is None for one in episodes):
-        del measured[WALL_TIME,]  # Results of earlier versions lack wall times.
     for metrics, meaning in _DISTURBED.items():
         if any(one.number(metrics[0]) for one in disturbed):
             measured[metrics] = meaning
@@ -327,13 +281,11 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
 
 
 def tests_section(conditions: Mapping[str, Runs], reference: str) -> Section:
-    """Paired tests of every condition; rank of the reference in the others."""
+    """Paired tests of every condition."""
     section = Section("Paired tests", "tests")
-    for place, (title, runs) in enumerate(conditions.items()):
+    for title, runs in conditions.items():
         if len(conditions) > 1:
             section.say(f"**{title[0].upper()}{title[1:]}**")
-        if place:
-            section.items(standing(runs, reference))
         if reference in runs and len(runs) > 1:
             against = f"{reference} against each other policy"
             section.table(_paired_tests(runs, reference), folded=against)
@@ -381,11 +333,11 @@ def _paired_tests(runs: Runs, reference: str) -> Table:
     return Table(columns=("against", *measured), rows=rows, note=note)
 
 
-def _successes(runs: Runs, *, held: bool = False) -> dict[str, dict[Key, bool]]:
-    """Return success by policy and task: opened to 60 degrees, or also held there."""
+def _successes(runs: Runs) -> dict[str, dict[Key, bool]]:
+    """Return by policy and task whether the door was opened to 60 degrees."""
     return {
-        policy: {one.key: one.solved if held else one.opened() for one in own}
-        for policy, own in runs.items()
+        policy: {episode.key: episode.opened() for episode in episodes}
+        for policy, episodes in runs.items()
     }
 
 

@@ -18,8 +18,12 @@ from gplfd_experiments.analysis.report.document import (
     html_page,
     markdown_page,
 )
-from gplfd_experiments.analysis.report.sentences import PRIVILEGED
-from gplfd_experiments.analysis.results.measures import by_condition, counted, ranked
+from gplfd_experiments.analysis.results.measures import (
+    PRIVILEGED,
+    by_condition,
+    counted,
+    ranked,
+)
 from gplfd_experiments.analysis.results.reading import StudyResults
 from gplfd_experiments.analysis.results.trials import FILE as ANSWERS
 from gplfd_experiments.analysis.results.trials import trial_answers
@@ -70,7 +74,7 @@ def report(
 
     lead = Section()
     origin.say_warnings(lead, results)
-    lead.items(trials.tier_lines(results))
+    trials.add_tiers(lead, results)
     if shown:
         lead.table(doors.summary_table(ran))
     if reference not in policies:
@@ -80,11 +84,6 @@ def report(
             f"{code(reference)} is not in this study; {code(best)} takes its place."
         )
         reference = best
-    if len(shown) > 1:
-        lead.say(f"**{next(iter(shown))}**; the other {len(shown) - 1} below:")
-    if first:
-        lead.items(doors.standing(first, reference))
-        lead.say(doors.how_to_read(first))
     origin.say_command(lead, results)
 
     sections = trials.trial_sections(results, reference)

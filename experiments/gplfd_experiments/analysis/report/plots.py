@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from gplfd_experiments.analysis.figures import style
-from gplfd_experiments.analysis.results.aggregates import performance_profile
 from gplfd_experiments.analysis.results.measures import (
     ADA_FORCE,
     EPISODE_MEASURES,
@@ -36,7 +35,6 @@ from gplfd_experiments.analysis.results.trials import (
     summary,
 )
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII
-from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.registry.catalogue import POLICIES
 
 LeftOut = LearningTestResult | RecordedResult
@@ -316,30 +314,6 @@ def deciding_numbers(
     panels[-1].set_xlabel(EPISODE_MEASURES[measure].title)
     kinds = {kind_of(policy) for own in levels.values() for policy in own}
     _legend(figure, (look for kind, look in _KINDS.items() if kind in kinds))
-    return figure
-
-
-def performance_profiles(
-    arrays: Mapping[str, FloatArray], measure: str, reference: str
-) -> Figure:
-    """Draw the share of episodes that reach a value, from policies' scores."""
-    sign = EPISODE_MEASURES[measure].sign
-    values = sign * np.concatenate([own.ravel() for own in arrays.values()])
-    low, high = np.percentile(values[np.isfinite(values)], (0.0, 100.0))
-    wide = low > 0.0 and high > _WIDE * low
-    at = (np.geomspace if wide else np.linspace)(low, high, 61)
-    # An episode at a threshold reaches it.
-    thresholds = sign * at - 1e-9 * max(abs(low), abs(high))
-    title = EPISODE_MEASURES[measure].title
-    figure, panels = _panels(arrays, reference, title, "share of episodes")
-    for policy, (axes, tint, points) in panels.items():
-        axes.set(ylim=(-0.05, 1.05), yticks=[0.0, 0.5, 1.0])
-        if wide:
-            log_scale(axes, "x")
-        share, lower, upper = performance_profile(arrays[policy], thresholds)
-        style.band(axes, at, lower, upper, tint)
-        points.extend(zip(at, share, strict=True))
-    _draw_curves(panels, reference, marker="")
     return figure
 
 

@@ -6,7 +6,7 @@ limits are in `gplfd_experiments.studies.learning_tests.criteria`.
 
 import math
 import statistics
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final
@@ -20,7 +20,6 @@ from gplfd_experiments.analysis.report.document import (
     policy_table,
 )
 from gplfd_experiments.analysis.report.plots import LeftOut, coverage, prediction_scores
-from gplfd_experiments.analysis.report.sentences import value_sentence
 from gplfd_experiments.analysis.results.measures import (
     FORCE_MEASURES,
     LEARNING_HEADLINES,
@@ -30,7 +29,6 @@ from gplfd_experiments.analysis.results.measures import (
     by_condition,
     by_policy,
     median,
-    numbers,
 )
 from gplfd_experiments.analysis.results.reading import (
     LearningTestResult,
@@ -56,7 +54,7 @@ _FORECASTS: Final = (
     *("forecast_25_nlpd", "forecast_25_position_m"),
     *("online_25_nlpd", "online_25_position_m"),
 )
-"""Forecasts that are ranked in a sentence."""
+"""Forecasts in the summary."""
 _FORCES: Final = tuple(FORCE_MEASURES)
 _TABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "A recording that was not seen": tuple(
@@ -112,9 +110,6 @@ def learning_section(tests: Tests, reference: str) -> Section:
         for held_out, left_out in _LEFT_OUT.items()
         if (own := [one for one in those if one.task.held_out == held_out])
     }
-    for group, runs in groups.items():
-        section.say(f"**{group}**")
-        section.items(_sentences(runs, LEARNING_HEADLINES, reference, "seeds"))
     note = (
         "What is left out is predicted and compared with what was done: medians over "
         "the seeds. NLPD in natural units of metres and radians; inside: share of the "
@@ -162,8 +157,6 @@ def recorded_section(results: Results, reference: str) -> Section:
         "forecasts use the phase from the whole path."
     )
     section.table(_summary(results))
-    headlines = (*LEARNING_HEADLINES, *_FORECASTS)
-    section.items(_sentences(runs, headlines, reference, "recordings"))
     _add_plots(section, [one for one in results if not one.error], reference)
     section.say("**What to make of it**")
     section.items(advice(runs.get(reference, ()), reference))
@@ -227,17 +220,6 @@ def _columns(metrics: Iterable[str]) -> dict[str, Cell]:
     for name in metrics:
         columns |= medians(_MEASURES[name])
     return columns
-
-
-def _sentences(
-    runs: Mapping[str, Sequence[LeftOut]],
-    metrics: Sequence[str],
-    reference: str,
-    trials: str,
-) -> Iterator[str]:
-    """Rank the reference in some measures."""
-    for measure in map(_MEASURES.__getitem__, metrics):
-        yield value_sentence(measure, numbers(runs, measure), reference, trials)
 
 
 def _add_plots(section: Section, tests: Sequence[LeftOut], reference: str) -> None:
@@ -334,18 +316,18 @@ def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
     )
     if missing := [policy for policy in TABLE_1 if policy not in measured]:
         note += f" Not in this study, or only with errors: {names(missing)}."
-    table, explained, disagree = _marks(measured, note)
-    section.table(table, folded="Marks with their numbers")
-    section.say(
-        f"Measurement and paper disagree in {sum(disagree)} of {len(disagree)} marks. "
-        "The paper judges what was published about a method; here one "
-        "implementation of it is measured on one task."
+    section.table(_marks(measured, note), folded="Marks with their numbers")
+    section.table(
+        Table(
+            columns=("row", "what is measured"),
+            rows=tuple((item.row, item.sentence) for item in CRITERIA.values()),
+            left=True,
+        ),
+        folded="What the rows mean",
     )
-    section.items(explained)
     if tuned:
         note = "The same with the settings that `gplfd tune` found for each method."
-        table, _, _ = _marks(tuned, note)
-        section.table(table, folded="Marks of the tuned methods")
+        section.table(_marks(tuned, note), folded="Marks of the tuned methods")
     return section
 
 
@@ -360,21 +342,14 @@ def _measured(tests: Sequence[LearningTestResult], shown: Sequence[str]) -> Metr
     }
 
 
-def _marks(measured: Metrics, note: str) -> tuple[Table, list[str], list[bool]]:
-    """Return a row per criterion with a mark and a number per policy.
-
-    Also returns, for each criterion, its definition and the numbers that differ from
-    the paper; and for each mark of a method in the paper, whether it differs.
-    """
+def _marks(measured: Metrics, note: str) -> Table:
+    """Return a row per criterion with a mark and a number per policy."""
     rows: list[tuple[str, ...]] = []
-    explained: list[str] = []
-    disagree: list[bool] = []
     for row, criterion in CRITERIA.items():
         limit = criterion.limits[0]
         bounded = limit.high < math.inf
         bound = f"≤ {limit.high:g}" if bounded else f"≥ {limit.low:g}"
         cells = [f"{row}\n{limit.symbol} {bound}"]
-        others: dict[tuple[bool, str], list[str]] = {}
         for policy, own in measured.items():
             found, published = mark(criterion, own), policy in criterion.paper
             text, value = _SIGN[found.passed], found.value
@@ -382,21 +357,8 @@ def _marks(measured: Metrics, note: str) -> tuple[Table, list[str], list[bool]]:
                 text += f" < {_TINY:g}" if value > 0.0 else f" > −{_TINY:g}"
             elif value is not None:
                 text += f" {value:.3g}".replace("-", "−")
-            if found.passed is not None and policy in TABLE_1:
-                disagree.append(found.passed != published)
-                if disagree[-1]:
-                    text = f"**{text}**\n(paper {_SIGN[published]})"
-                    others.setdefault((found.passed, found.text), []).append(policy)
+            if policy in TABLE_1 and found.passed not in (None, published):
+                text = f"**{text}**\n(paper {_SIGN[published]})"
             cells.append(text)
         rows.append(tuple(cells))
-        differing = "; ".join(
-            f"{names(policies)} {_SIGN[passed]}, the paper {_SIGN[not passed]} ({said})"
-            for (passed, said), policies in others.items()
-        )
-        verdict = f"Otherwise than in the paper: {differing}."
-        explained.append(
-            f"**{criterion.row}.** {criterion.sentence} "
-            f"{verdict if others else 'As in the paper.'}"
-        )
-    table = Table(columns=("", *map(code, measured)), rows=tuple(rows), note=note)
-    return table, explained, disagree
+    return Table(columns=("", *map(code, measured)), rows=tuple(rows), note=note)

@@ -5,14 +5,11 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Final
 
-import numpy as np
-
 from gplfd_experiments.analysis.report.document import Section, code
 from gplfd_experiments.analysis.report.plots import (
     deciding_numbers,
     ideas,
     kind_of,
-    performance_profiles,
 )
 from gplfd_experiments.analysis.results.aggregates import probability_of_improvement
 from gplfd_experiments.analysis.results.measures import (
@@ -43,7 +40,6 @@ from gplfd_experiments.studies.trials.contrasts import RADIAL
 from gplfd_experiments.studies.trials.protocol import SEEDS, TRIALS, VERSION
 from gplfd_experiments.studies.trials.records import Side, Trial
 from gplfd_experiments.studies.trials.tiers import TIERS
-from gplfd_policies.registry.catalogue import POLICIES
 
 _VERDICTS: Final = {
     "shows": "**better with it**",
@@ -94,7 +90,7 @@ def trial_sections(results: StudyResults, reference: str) -> list[Section]:
 
 
 def _say_ideas(section: Section, answers: Mapping[str, Sequence[Answer]]) -> None:
-    """Show all contrasts in sentences, a table and a plot."""
+    """Show all contrasts in a table and a plot."""
     rows = sorted(
         (
             answer.contrast.idea,
@@ -117,7 +113,6 @@ def _say_ideas(section: Section, answers: Mapping[str, Sequence[Answer]]) -> Non
         "harm)."
     )
     columns = ("idea", "trial", "measure", "with : without", "difference", "result")
-    section.items(_together(answers))
     section.table(Table(columns=columns, rows=tuple(rows), note=note, left=True))
     if any(answer.shift for own in answers.values() for answer in own):
         section.picture(
@@ -129,41 +124,6 @@ def _say_ideas(section: Section, answers: Mapping[str, Sequence[Answer]]) -> Non
             "the measure is better.",
             "Differences of all contrasts, a panel per measure",
         )
-
-
-def _together(answers: Mapping[str, Sequence[Answer]]) -> list[str]:
-    """Summarise the contrasts with a policy that takes part in several trials."""
-    asked: dict[tuple[str, str], dict[str, dict[str, None]]] = {}
-    for trial, own in answers.items():
-        for one in own:
-            if one.contrast.having.policy != one.contrast.lacking.policy:
-                pair = one.contrast.idea, one.contrast.lacking.policy
-                asked.setdefault(pair, {}).setdefault(one.verdict, {})[trial] = None
-    texts = []
-    for (idea, lacking), trials in asked.items():
-        better, worse = trials.get("shows", {}), trials.get("harms", {})
-        undecided = [one for one in trials.get("open", ()) if one not in better | worse]
-        if len(better | worse) + len(undecided) < 2:
-            continue
-        subject = f"**{idea[0].upper()}{idea[1:]}:**"
-        if not better and not worse:
-            texts.append(
-                f"{subject} no significant difference to {code(lacking)} "
-                f"({', '.join(undecided)})."
-            )
-            continue
-        found = "; ".join(
-            f"{said} in {', '.join(places)}"
-            for said, places in (
-                ("better", better),
-                ("worse", worse),
-                ("no significant difference", undecided),
-            )
-            if places
-        )
-        never = "" if better else " **It is better in no trial.**"
-        texts.append(f"{subject} compared with {code(lacking)}, {found}.{never}")
-    return texts
 
 
 def _trial_section(
@@ -188,22 +148,11 @@ def _trial_section(
         f"{title}, a row per policy",
     )
     measure = deciding_measure(trial)
-    by = EPISODE_MEASURES[measure].title
     arrays = scores(
         (o for levels in policies.values() for own in levels.values() for o in own),
         measure,
     )
     section.table(aggregate_table(arrays, measure, reference))
-    shown = {one: own for one, own in arrays.items() if kind_of(one) != "ablation"}
-    if any(np.any(np.isfinite(own)) for own in shown.values()):
-        section.picture(
-            f"trial_{name}_profile",
-            partial(performance_profiles, shown, measure, reference),
-            "**Performance profiles:** share of the episodes that reach a value or a "
-            "better one, with 95 % bands; failures reach none. Pale: "
-            f"{code(reference)}.",
-            f"Share of episodes over {by}, a panel per policy",
-        )
     texts = []
     for answer in answers:
         contrast, counts = answer.contrast, changes(answer.contrast, policies)
@@ -308,36 +257,29 @@ def aggregate_table(
     )
 
 
-def tier_lines(results: StudyResults) -> list[str]:
-    """Return a line per tier: success, radial force and knowledge of each policy."""
-    lines = []
+def add_tiers(section: Section, results: StudyResults) -> None:
+    """Add a table per tier: policies by share of successes, and their radial force."""
     for tier, runs in tier_runs(results).items():
-        every = [one for own in runs.values() for one in own]
-        arrays = scores(every, RADIAL)
+        episodes = [episode for group in runs.values() for episode in group]
+        arrays = scores(episodes, RADIAL)
         rates = {
-            policy: success_rate((one.task.seed, succeeded(one)) for one in own)
-            for policy, own in runs.items()
+            policy: success_rate((ep.task.seed, succeeded(ep)) for ep in group)
+            for policy, group in runs.items()
         }
-        order = sorted(rates, key=lambda one: (-rates[one].estimate, one))
-        others = [one for one in order if kind_of(one) == "reference"][:2]
-        learn = [one for one in order if kind_of(one) in ("method", "own")][:2]
-        said = []
-        for policy in (*learn, *others):
-            force = interquartile_mean_in_units(arrays[policy], RADIAL).estimate
-            knows = "demonstrations" if policy in POLICIES else "own policy"
-            if policy in others:
-                knows = POLICIES[policy].summary
-            gentle = f", {force:.1f} N" if math.isfinite(force) else ""
-            rate = f"{rates[policy].estimate:.2f} ({rates[policy].interval})"
-            said.append(f"{code(policy)} ({knows}) {rate}{gentle}")
-        number = (
-            f"{len({one.task.trial for one in every})} of {len(TIERS[tier])} trials"
+        rows = []
+        for policy in sorted(rates, key=lambda name: (-rates[name].estimate, name)):
+            force = interquartile_mean_in_units(arrays[policy], RADIAL)
+            text = shift_cell(force, _digits(RADIAL))
+            rows.append((code(policy), kind_of(policy), rates[policy].cell, text))
+        ran = len({episode.task.trial for episode in episodes})
+        section.say(f"**Tier {tier}**, {ran} of {len(TIERS[tier])} trials")
+        columns = (
+            "policy",
+            "kind",
+            "successes",
+            "radial force [N],\ninterquartile mean",
         )
-        lines.append(
-            f"**Tier {tier}**, {number}: successes and interquartile mean of the peak "
-            f"radial force: {'; '.join(said)}."
-        )
-    return lines
+        section.table(Table(columns=columns, rows=tuple(rows)))
 
 
 def _found(answer: Answer) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""Interquartile mean, performance profile and probability of improvement.
+"""Interquartile mean and probability of improvement.
 
 After Agarwal et al., *Deep reinforcement learning at the edge of the statistical
 precipice*, NeurIPS 2021. Scores have shape (seeds, strata), greater is better. A
@@ -58,18 +58,6 @@ def probability_of_improvement(
     )
     total = np.nansum(_ratio(won, pairs), axis=1)
     return _interval(_ratio(total, np.sum(pairs > 0.0, axis=1)), len(first))
-
-
-def performance_profile(
-    scores: FloatArray, thresholds: FloatArray, unit: Unit = "seed"
-) -> FloatArray:
-    """Return the share of runs above each threshold, and its band; shape (3, n)."""
-    counts = _drawn(scores.shape, unit)[0].reshape(-1, scores.size)
-    runs = scores.reshape(-1, 1)
-    present = np.broadcast_to(counts @ ~np.isnan(runs), (len(counts), thresholds.size))
-    shares = _ratio(counts @ (runs > thresholds), present)
-    found = (_interval(one, len(scores)) for one in shares.T)
-    return np.transpose([(one.estimate, one.low, one.high) for one in found])
 
 
 def _drawn(shape: tuple[int, ...], unit: Unit) -> FloatArray:

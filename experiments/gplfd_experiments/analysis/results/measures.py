@@ -131,7 +131,7 @@ _of_opened = partial(Measure, digits=1, if_opened=True)
 _share = partial(Measure, share=True, better="more")
 
 WALL_TIME: Final = "latency_wall_median_ms"
-"""Metric of the wall time of a decision; results of earlier versions lack it."""
+"""Metric of the wall time of a decision; of the policy alone."""
 
 EPISODE_MEASURES: Final = _by_metric(
     _share("success", "opened", name="doors opened and held"),
@@ -231,13 +231,8 @@ FORCE_MEASURES: Final = _by_metric(
 )
 """Measures of learning tests on demonstrations with forces."""
 
-HEADLINES: Final = (
-    *("force_radial_peak", "force_tangential_peak", "time_to_60_deg"),
-    *("slip_max_mm", "prediction_error_position", "latency_median_ms"),
-)
-"""Episode measures with a sentence, in the order of the sentences."""
 LEARNING_HEADLINES: Final = ("nlpd", "rmse_position_m", "rmse_rotation_rad")
-"""Measures of learning tests with a sentence."""
+"""Measures of learning tests in summaries and plots."""
 TESTED: Final = (
     *("force_radial_peak", "force_radial_p95", "force_tangential_peak"),
     *("force_tangential_p95", "time_to_60_deg"),
@@ -251,6 +246,9 @@ GroupT = TypeVar("GroupT")
 
 Runs = Mapping[str, Sequence[EpisodeResult]]
 """Episodes by the name of their policy."""
+
+PRIVILEGED: Final = frozenset({"oracle"})
+"""Policies with information that no robot has: listed, but never called the best."""
 
 _BAND: Final = 0.1
 """Width of a band of random radii [m]."""
