@@ -36,7 +36,6 @@ from gplfd_experiments.studies.store import stored_results
 from gplfd_experiments.studies.tasks import (
     TOGETHER,
     SkillTask,
-    episodes_together,
     jobs_of,
     task_from,
 )
@@ -220,33 +219,23 @@ def test_a_job_acts_together_whatever_it_learned_from():
         SkillTask(policy="gp", seed=0, held_out="demonstration"),
     ]
     alone = [episode(start="approach", seed=1), episode(practice={"corrections": 2})]
-    found = jobs_of(
-        [one[0], *apart, *others, one[1], *alone, one[0], *one[2:]], TOGETHER
-    )
+    found = jobs_of([one[0], *apart, *others, one[1], *alone, one[0], *one[2:]])
     assert found == ((*one, *others), *((task,) for task in [*apart, *alone]))
 
 
 def test_a_job_has_a_limited_number_of_tasks_and_whole_trainings():
     study = [episode(door=door, seed=seed) for seed in range(30) for door in DOORS]
-    found = jobs_of(study, TOGETHER)
+    found = jobs_of(study)
     assert [task for job in found for task in job] == study
     largest = TOGETHER // len(DOORS) * len(DOORS)
     assert {len(job) for job in found[:-1]} == {largest}
     # What is learned from one set of demonstrations is learned once.
     many = [episode(trial="mine", level=str(number)) for number in range(30)]
-    assert jobs_of(many, TOGETHER) == (tuple(many),)
+    assert jobs_of(many) == (tuple(many),)
 
 
-@pytest.mark.parametrize(("cores", "most"), [(1, 24), (4, 12), (64, 0), (None, 24)])
-def test_a_small_study_is_shared_among_the_cores(cores, most, monkeypatch):
-    monkeypatch.setattr(os, "cpu_count", lambda: cores)
-    study = episodes(("gp",), range(100))
-    assert episodes_together(study) == most
-    sizes = {len(job) for job in jobs_of(study, episodes_together(study))}
-    assert sizes <= {max(most, len(DOORS)), len(study) % max(most, len(DOORS))}
-
-
-def test_interrupted_study_goes_on_where_it_stopped(tmp_path, runs):
+def test_interrupted_study_goes_on_where_it_stopped(tmp_path, runs, monkeypatch):
+    monkeypatch.setattr("gplfd_experiments.studies.tasks.TOGETHER", 2)
     study, engine = episodes(("gp",), range(4)), Losing()
     results = run_study(tmp_path, study, engine)
     for _ in range(3):
@@ -358,28 +347,25 @@ def test_a_later_version_s_result_is_neither_read_nor_replaced(tmp_path, runs):
 class Losing:
     """An engine that loses the items with some doors."""
 
-    def __init__(self, *doors, crash=False):
-        self.doors, self.crash, self.closed = doors, crash, False
+    def __init__(self, *doors):
+        self.doors, self.closed = doors, False
 
     def run(self, work, items):
         try:
             for item in items:
-                crashed = self.crash and len(item) == 1
                 lost = any(task.door in self.doors for task in item)
-                end = Lost(reason="it died", crashed=crashed)
+                end = Lost(reason="it died")
                 yield item, end if lost else work(item)
         finally:
             self.closed = True
 
 
-@pytest.mark.parametrize("crash", [True, False])
-def test_tasks_whose_worker_died_are_run_alone(tmp_path, runs, crash):
-    """One that ended its worker failed; what the machine ended is lost."""
-    engine = Losing("large", crash=crash)
+def test_tasks_whose_worker_died_are_run_alone(tmp_path, runs):
+    engine = Losing("large")
     opened, died = run_study(tmp_path, episodes(("gp",), range(1)), engine)
     assert opened["metrics"]["success"]
     assert (died["error"], died["task"]["door"]) == ("it died", "large")
-    assert lost(died) != crash
+    assert lost(died)
 
 
 def test_results_from_before_versions_say_who_failed():

@@ -16,13 +16,13 @@ from gplfd_env.doors.config import door_config
 from gplfd_experiments.episodes import build
 from gplfd_experiments.episodes.metrics import EpisodeMetrics
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_experiments.studies import jobs, runner
-from gplfd_experiments.studies.engines.processes import Processes
+from gplfd_experiments.studies import jobs
+from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.jobs import episode_log, run_job
 from gplfd_experiments.studies.result_format import VERSION
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.store import stored_results
-from gplfd_experiments.studies.tasks import TOGETHER, SkillTask, jobs_of
+from gplfd_experiments.studies.tasks import SkillTask, jobs_of
 from gplfd_policies.adaptation import ProcessAdaptation
 from gplfd_policies.agents.model_based.oracle import OracleAgent
 from gplfd_policies.movements.skill import fit_skill
@@ -56,9 +56,8 @@ def timeless(folder: Path, task: EpisodeTask) -> dict[str, Any]:
 
 def test_a_study_is_the_same_on_every_engine_and_in_any_grouping(tmp_path, monkeypatch):
     study = [task("gp", 0.35), task("gp", 0.6, seed=1), task("oracle", 0.35)]
-    assert len(jobs_of(study, TOGETHER)) == 2
-    monkeypatch.setattr(runner, "episodes_together", lambda _: TOGETHER)
-    list(run_study(tmp_path / "loky", study, Processes(workers=1)))
+    assert len(jobs_of(study)) == 2
+    list(run_study(tmp_path / "loky", study, Engine(workers=1)))
     list(run_study(tmp_path / "alone", study[1:2]))
     together = timeless(tmp_path / "loky", study[1])
     assert together == timeless(tmp_path / "alone", study[1])
@@ -124,7 +123,7 @@ def test_what_happens_at_a_door_is_no_matter_of_learning(opened):
         task("oracle", door=0.35, disturbance="person", trial="person", level="1"),
         task("oracle", door=0.5, randomization=slowed),
     )
-    assert jobs_of(job, TOGETHER) == (job,)
+    assert jobs_of(job) == (job,)
     results = run_job(job)
     assert [one["metrics"]["door"] for one in results] == ["0.35", "0.35", "0.5"]
     assert [one["task"] for one in results] == [one.definition for one in job]
@@ -232,7 +231,7 @@ def test_one_training_s_error_leaves_the_others_alone(monkeypatch, opened):
 
     monkeypatch.setattr(jobs, "learned_agents", learn)
     job = tuple(task("oracle", 0.35, seed=seed) for seed in (0, 1, 2))
-    assert jobs_of(job, TOGETHER) == (job,)
+    assert jobs_of(job) == (job,)
     results = run_job(job)
     assert [result["task"] for result in results] == [one.definition for one in job]
     assert [result.get("error") for result in results] == [

@@ -124,11 +124,3 @@ def test_the_code_of_the_page_acts(alone, tmp_path):
     ended = alone(f"{given}{code}print(step.action)")
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout.startswith("[")
-
-
-def test_the_command_says_what_is_missing(alone):
-    ended = alone("from gplfd.__main__ import main\nsys.exit(main())", "list")
-    assert (ended.returncode, ended.stdout) == (2, "")
-    assert ended.stderr.startswith("gplfd: docstring_parser is not installed. With Num")
-    assert "`pip install gplfd`" in ended.stderr
-    assert ended.stderr.count("\n") == 1

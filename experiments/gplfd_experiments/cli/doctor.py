@@ -15,7 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-import loky
+import joblib
 
 from gplfd_experiments.files.provenance import versions
 from gplfd_experiments.recording.viewer import has_display, viewer
@@ -108,7 +108,7 @@ def examined() -> dict[str, Any]:
         "processor": processor(),
         "cores": os.cpu_count(),
         # Fewer in a container, or with a CPU affinity.
-        "default_workers": loky.cpu_count(),
+        "default_workers": joblib.cpu_count(),
         "installed_in": str(Path(__file__).parents[1]),
     }
     return {"machine": machine, "packages": dict(versions()), "parts": parts}

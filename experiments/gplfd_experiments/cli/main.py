@@ -32,12 +32,9 @@ from gplfd_experiments.cli.commands.studies import (
     Report,
     SkillTests,
     Trials,
-    Tune,
 )
 from gplfd_experiments.cli.commands.teach import Correct
-from gplfd_experiments.console.interruption import os_exit_raises
 from gplfd_experiments.console.progress import LOG
-from gplfd_experiments.studies.engines import ONE_THREAD
 
 BAD_INPUT: Final = 2
 """Exit status for bad arguments or files."""
@@ -52,7 +49,6 @@ COMMANDS: Final[Mapping[str, type[Any]]] = MappingProxyType(
         "skill": SkillTests,
         "benchmark": Benchmark,
         "trials": Trials,
-        "tune": Tune,
         "report": Report,
         "figures": Figures,
         "demos": Demos,
@@ -95,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(words: Sequence[str], debug: bool) -> int:
     """Run the command that the words name, and log the error that ends it."""
     try:
-        with warnings.catch_warnings(), os_exit_raises():
+        with warnings.catch_warnings():
             # In one line, without the file and the source line of the warning.
             warnings.showwarning = lambda message, *_, **__: LOG.warning(
                 "warning: %s", " ".join(str(message).split())
@@ -104,8 +100,8 @@ def _run(words: Sequence[str], debug: bool) -> int:
             # Before NumPy is loaded, unless the user sets it. The policies' matrices
             # have about a hundred rows: with several threads they take ten times as
             # long.
-            for variable, number in ONE_THREAD.items():
-                os.environ.setdefault(variable, number)
+            for library in ("OPENBLAS_NUM", "OMP_NUM", "MKL_NUM", "VECLIB_MAXIMUM"):
+                os.environ.setdefault(f"{library}_THREADS", "1")
             if isinstance(command, Benchmark):
                 from gplfd_experiments.studies.settings_file import settings_named
 

@@ -1,1 +1,1 @@
-"""Command line: checks of arguments, progress, interruption."""
+"""Command line: checks of arguments, progress."""

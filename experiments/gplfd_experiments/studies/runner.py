@@ -1,20 +1,18 @@
 """Run or resume a study: one result file per task, on any engine."""
 
 import contextlib
-import queue
 import sys
-import threading
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.console.progress import LOG, counter
-from gplfd_experiments.episodes.task import Task, definition_hash
+from gplfd_experiments.episodes.task import Task
 from gplfd_experiments.files.plain_data import write_json
 from gplfd_experiments.files.provenance import provenance
-from gplfd_experiments.studies.engines import Engine, Lost, Serial
+from gplfd_experiments.studies.engines import Engine, Lost
 from gplfd_experiments.studies.jobs import failed, run_job
 from gplfd_experiments.studies.sources import files_of
 from gplfd_experiments.studies.store import (
@@ -27,13 +25,9 @@ from gplfd_experiments.studies.store import (
 from gplfd_experiments.studies.tasks import (
     Job,
     Result,
-    episodes_together,
     jobs_of,
 )
 from gplfd_policies.demonstrations.demonstration import Demonstration
-
-_PATIENCE: Final = 600.0
-"""Time without a result after which a warning names the first unfinished task [s]."""
 
 
 def run_or_resume(
@@ -61,13 +55,11 @@ def run_or_resume(
     with (
         contextlib.closing(run_study(folder, study, engine, recordings)) as results,
         counter("task", total, len(stored.finished)) as bar,
-        _warnings_of_silence(stored.unfinished) as finished,
         # Output of a policy is kept out of the table or JSON on standard output.
         contextlib.redirect_stdout(sys.stderr),
     ):
-        for result in results:
+        for _ in results:
             bar.update()
-            finished.put(definition_hash(result["task"]))
 
     # Read the files again: the results are the files, not the return values of the
     # engine.
@@ -121,17 +113,18 @@ def run_study(
     """
     missing = stored_results(folder, study).unfinished
     work = partial(run_job, files=files_of(missing), recordings=tuple(recordings))
-    jobs = jobs_of(missing, episodes_together(missing))
+    jobs = jobs_of(missing)
     while jobs:
         alone: list[Job] = []
         # Closed at once if the reader stops, so that workers end with an interruption.
-        with contextlib.closing((engine or Serial()).run(work, jobs)) as finished:
+        with contextlib.closing(
+            (engine or Engine(engine="serial")).run(work, jobs)
+        ) as finished:
             for job, outcome in finished:
                 if not isinstance(outcome, Lost):
                     results = outcome
                 elif len(job) == 1:
-                    lost = not outcome.crashed
-                    results = [failed(job[0], outcome.reason, lost=lost)]
+                    results = [failed(job[0], outcome.reason, lost=True)]
                 else:
                     # One task may have ended the worker of all tasks, so run each
                     # alone.
@@ -141,37 +134,6 @@ def run_study(
                     write_json(result_path(folder, task), result)
                     yield result
         jobs = tuple(alone)
-
-
-@contextlib.contextmanager
-def _warnings_of_silence(study: Sequence[Task]) -> Iterator["queue.SimpleQueue[str]"]:
-    """Warn if no task finishes for `_PATIENCE`, because a policy may hang.
-
-    Yields a queue of the keys of finished tasks.
-    """
-    finished: queue.SimpleQueue[str] = queue.SimpleQueue()
-    waiting = {task.key: task for task in study}
-
-    def watch() -> None:
-        while waiting:
-            try:
-                waiting.pop(finished.get(timeout=_PATIENCE), None)
-            except queue.Empty:
-                first = _title(next(iter(waiting.values())).definition)
-                LOG.warning(
-                    f"warning: no task has finished for {_PATIENCE / 60.0:g} minutes. "
-                    "Perhaps a policy hangs; the first task without a result is: "
-                    f"{first}. Ctrl-C ends the study and keeps what is finished"
-                )
-
-    watcher = threading.Thread(target=watch, daemon=True)
-    watcher.start()
-    try:
-        yield finished
-    finally:
-        for key in list(waiting):
-            finished.put(key)
-        watcher.join()
 
 
 def _title(task: Mapping[str, Any]) -> str:

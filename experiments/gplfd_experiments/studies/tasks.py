@@ -1,8 +1,7 @@
 """Tasks of a study: episodes and learning tests, each named by its hash."""
 
 import dataclasses
-import os
-from collections.abc import Iterable, Mapping, Sized
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -35,11 +34,8 @@ class RecordedTask(Task):
 Job = tuple[Task, ...]
 """Episodes of one policy that are opened in lockstep, or a single learning test."""
 
-TOGETHER: Final = 24
-"""Largest number of episodes in a job of several trainings: a step of a door then takes
-a third of its time alone, and hardly less with more doors."""
-_JOBS_PER_CORE: Final = 4
-"""Jobs become larger than a training only if every core has this number of them."""
+TOGETHER: Final = 12
+"""Largest number of episodes in a job of several trainings."""
 
 KINDS: Final[Mapping[str, type[Task]]] = {
     "episode": EpisodeTask,
@@ -65,20 +61,12 @@ def task_from(record: Mapping[str, Any]) -> Task:
         raise ValueError(reason) from error
 
 
-def episodes_together(study: Sized) -> int:
-    """Return the largest number of episodes of a job of several trainings in a study.
-
-    A small study is distributed over the cores instead, and written continuously.
-    """
-    return min(TOGETHER, len(study) // (_JOBS_PER_CORE * (os.cpu_count() or 1)))
-
-
-def jobs_of(study: Iterable[Task], together: int) -> tuple[Job, ...]:
+def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
     """Group tasks that learn and act together, in their given order.
 
-    Tasks with one training are in one job, and so are, up to so many episodes, several
-    trainings of a policy whose agents compute their steps together. The result of a
-    task does not depend on the others of its job.
+    Tasks with one training are in one job, and so are, up to `TOGETHER` episodes,
+    several trainings of a policy whose agents compute their steps together. The result
+    of a task does not depend on the others of its job.
     """
     trainings: dict[str, dict[str, Task]] = {}
     for task in study:
@@ -89,7 +77,7 @@ def jobs_of(study: Iterable[Task], together: int) -> tuple[Job, ...]:
         first = next(iter(tasks.values()))
         alike = first.lockstep_key if isinstance(first, EpisodeTask) else None
         job = open_jobs.get(alike or "")
-        if job is None or len(job) + len(tasks) > together:
+        if job is None or len(job) + len(tasks) > TOGETHER:
             job = []
             jobs.append(job)
             if alike is not None:

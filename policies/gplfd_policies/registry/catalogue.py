@@ -142,4 +142,4 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
         },
     }
 )
-"""The built-in policies: as published, and as `gplfd tune` found them."""
+"""The built-in policies: as published, and as tuning found them."""

@@ -1,10 +1,10 @@
-"""The settings of each method that `gplfd tune` searches, and their limits.
+"""The settings of each method that ``benchmarks/tune.py`` searches, and their limits.
 
 No method should win only by its settings. Each method has a space of the settings that
-its authors would tune, with plausible limits. The best settings, found by
-`gplfd_experiments.studies.tuning`, are stored in ``tuned.json`` and registered as
-``<name>-tuned``. The controller is the same for all and not included, but for the
-resolution of its stiffness law, which is chosen after the settings.
+its authors would tune, with plausible limits. The best settings found are stored in
+``tuned.json`` and registered as ``<name>-tuned``. The controller is the same for all
+and not included, but for the resolution of its stiffness law, which is chosen after the
+settings.
 """
 
 from __future__ import annotations

@@ -5,13 +5,12 @@ import shlex
 import shutil
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import tyro
 
-from gplfd_experiments.studies.engines import Engine, EngineName, engine_named
+from gplfd_experiments.studies.engines import Engine
 
 FAILED: Final = 1
 """Exit status of a command if some or all of its tasks ended in errors."""
@@ -29,29 +28,10 @@ Json = Annotated[
 """Option of commands that print a table."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class EngineOptions:
-    """Where the tasks of a study are run."""
-
-    engine: EngineName = "loky"
-    """Where tasks run: loky (processes on this machine), serial (one after another in
-    this process), or dask (a cluster; pip install 'gplfd[dask]')."""
-
-    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Number of processes of loky; one per core by default."""
-
-    address: Annotated[str | None, tyro.conf.arg(metavar="tcp://HOST:PORT")] = None
-    """Scheduler of the Dask cluster."""
-
-    def made(self) -> Engine:
-        """Return the engine."""
-        return engine_named(self.engine, workers=self.workers, address=self.address)
-
-
-Where = Annotated[EngineOptions, tyro.conf.arg(name="")]
+Where = Annotated[Engine, tyro.conf.arg(name="")]
 """Option of commands that run a study."""
 
-ON_THIS_MACHINE: Final = EngineOptions()
+ON_THIS_MACHINE: Final = Engine()
 """In processes, one per core."""
 
 

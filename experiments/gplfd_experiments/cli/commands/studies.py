@@ -66,13 +66,13 @@ class Benchmark:
         from_file = self.config not in PRESETS
         with naming(Path(self.config)) if from_file else contextlib.nullcontext():
             settings = checked(self.study)
-        engine = self.where.made()
+        self.where.check()
         options = recorded(self)
         del options["study"]
         options = dataclasses.asdict(settings) | options
         check_folder(self.out)
         write_settings(self.out / "study.toml", settings)
-        errors = run_or_resume(tasks(settings), options, self.out, engine)
+        errors = run_or_resume(tasks(settings), options, self.out, self.where)
         tables = write_tables(self.out, settings)
         print(json_text(study_rows(self.out, settings)) if self.json else tables)
         if not self.json:
@@ -135,8 +135,8 @@ class Trials:
             part=self.part,
             robot=self.robot,
         )
-        engine = self.where.made()
-        errors = run_or_resume(tasks, recorded(self), self.out, engine)
+        self.where.check()
+        errors = run_or_resume(tasks, recorded(self), self.out, self.where)
         if self.json:
             print(json_text(trial_answers(read_results(self.out))))
         else:
@@ -184,7 +184,7 @@ class SkillTests:
             self.out,
             policies=self.policies,
             reference=self.reference,
-            engine=self.where.made(),
+            engine=self.where,
             options=recorded(self) | {"recordings": self.recordings.name},
         )
         print(f"{self.out / 'report.html'} and report.md")
@@ -192,45 +192,6 @@ class SkillTests:
         if recording.is_file():
             print(f"look at what was learned:  {next_command('view', recording)}")
         return FAILED if errors else 0
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Tune:
-    """Tune methods with equal budgets on doors and seeds that studies do not use.
-
-    Writes DIR/evaluations/<hash>.json and, at the end, DIR/tuned.json: the best
-    settings of each method, with the results of these and of the published settings.
-    Run with an existing folder, it skips finished evaluations. If the file is copied to
-    policies/tuned.json, it defines the policies <name>-tuned.
-    """
-
-    policies: tuple[str, ...] = ()
-    """Methods to tune; by default all of Table 1 and the additional ones."""
-
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("results/tuning")
-    """Folder to write to; unfinished tuning in it is resumed."""
-
-    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Number of processes; one per core by default."""
-
-    json: Json = False
-
-    quiet: Quiet = False
-
-    def execute(self) -> int:
-        """Tune, and print results of published and tuned settings."""
-        from gplfd_experiments.files.plain_data import json_text, read_json
-        from gplfd_experiments.studies.engines import engine_named
-        from gplfd_experiments.studies.tuning import FILE, checked_policies, tune
-
-        policies = checked_policies(self.policies)
-        engine = engine_named("loky", workers=self.workers)
-        table = tune(policies, self.out, engine)
-        if self.json:
-            print(json_text(read_json(self.out / FILE)["policies"]))
-        else:
-            print(f"{table}\n\nthe settings are in {self.out / FILE}")
-        return 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

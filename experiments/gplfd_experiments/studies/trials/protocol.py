@@ -40,7 +40,7 @@ EVERYWHERE: Final = (*TABLE_1, "tp-gmm", *REFERENCES)
 """Policies that take part in every trial."""
 
 TUNED: Final = tuple(f"{name}-tuned" for name in tuned_settings())
-"""Methods with settings by `gplfd tune`. They take part in trials of the whole protocol
+"""Methods with settings by tuning. They take part in trials of the whole protocol
 in which learning decides; of the controller, which decides the other trials, only the
 resolution of the stiffness law is chosen for each method."""
 

@@ -1,0 +1,141 @@
+"""Tune methods with equal budgets on doors and seeds that studies do not use.
+
+``pip install optuna`` and ``python benchmarks/tune.py DIR [POLICY ...]``. The
+evaluations are kept in DIR/tuning.db: the same command resumes them. DIR/tuned.json has
+the best settings. Copied to ``policies/gplfd_policies/registry/tuned.json``, it defines
+the policies ``<name>-tuned``.
+
+The objective was fixed before any measurement. It is the mean of two ranks among a
+method's candidates: by the mean negative log predictive density of demonstrations left
+out, and by the task, first the doors that stayed closed, then the median peak radial
+force. Ties are decided by the task, then by the order; the published settings are
+first.
+"""
+
+import json
+import statistics
+import sys
+import warnings
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import optuna
+from scipy.stats import rankdata
+
+from gplfd_env.doors.config import DoorConfig
+from gplfd_experiments.episodes.build import (
+    demonstrations_of,
+    learned_agents,
+    open_together,
+)
+from gplfd_experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.episodes.task import episode_task
+from gplfd_experiments.files.plain_data import write_json
+from gplfd_experiments.files.provenance import provenance
+from gplfd_experiments.studies.learning_tests.folds import (
+    aligned_to,
+    by_door,
+    folds,
+    learn,
+)
+from gplfd_experiments.studies.learning_tests.scores import prediction_scores
+from gplfd_policies.registry.catalogue import tuned
+from gplfd_policies.registry.tuning_spaces import SPACES, Values
+
+EVALUATIONS: Final = 24
+"""Candidates per method; the first has the published settings."""
+SEEDS: Final = (1000, 1001, 1002)
+RADII: Final = (0.38, 0.46, 0.54)
+"""Of the doors to open [m]."""
+PER_DOOR: Final = 2
+"""Number of demonstrations at each demonstrated door."""
+WORST: Final = sys.float_info.max
+
+
+def proposed(policy: str, trial: optuna.Trial) -> Values:
+    """Return the settings of a candidate."""
+    values: dict[str, bool | int | float] = {}
+    for name, setting in SPACES[policy].settings.items():
+        if isinstance(setting.published, bool):
+            values[name] = trial.suggest_categorical(name, [False, True])
+        elif isinstance(setting.published, int):
+            values[name] = trial.suggest_int(name, int(setting.low), int(setting.high))
+        else:
+            values[name] = trial.suggest_float(
+                name, setting.low, setting.high, log=setting.logarithmic
+            )
+    return values
+
+
+def objective(policy: str, trial: optuna.Trial) -> tuple[float, float, float]:
+    """Return density, number of closed doors, and median peak radial force [N]."""
+    candidate = tuned(policy, proposed(policy, trial))
+    assert candidate.method is not None
+    densities, tasks, agents = [], [], []
+    for seed in SEEDS:
+        doors = [
+            episode_task(
+                f"{radius:g}",
+                DoorConfig(radius=radius),
+                policy=policy,
+                seed=seed,
+                demonstrations_per_door=PER_DOOR,
+            )
+            for radius in RADII
+        ]
+        demonstrations = demonstrations_of(doors[0]).demonstrations
+        for fold in folds(by_door(demonstrations, PER_DOOR), "demonstration", seed):
+            movement, _ = learn(candidate.method, fold.given, seed)
+            for demonstration in fold.left_out:
+                left_out = aligned_to(demonstration, movement.aligned)
+                nlpd = prediction_scores(movement, left_out)["nlpd"]
+                densities.append(WORST if nlpd is None else nlpd)
+        make = learned_agents(doors[0], candidate)
+        tasks += doors
+        agents += [make() for _ in doors]
+    metrics = [episode_metrics(log) for log in open_together(tasks, agents)]
+    closed = sum(not episode.success for episode in metrics)
+    force = statistics.median(episode.force_radial_peak for episode in metrics)
+    return min(float(np.mean(densities)), WORST), float(closed), force
+
+
+def main(folder: Path, policies: tuple[str, ...]) -> None:
+    """Evaluate missing candidates and write the best."""
+    folder.mkdir(parents=True, exist_ok=True)
+    results = {}
+    for policy in policies:
+        study = optuna.create_study(
+            storage=f"sqlite:///{folder / 'tuning.db'}",
+            study_name=policy,
+            directions=["minimize"] * 3,
+            sampler=optuna.samplers.QMCSampler(scramble=True, seed=1),
+            load_if_exists=True,
+        )
+        if not study.trials:
+            study.enqueue_trial(dict(SPACES[policy].published))
+        done = sum(trial.state.is_finished() for trial in study.trials)
+        with warnings.catch_warnings():
+            # Their effect is measured.
+            warnings.simplefilter("ignore", UserWarning)
+            study.optimize(
+                lambda trial, policy=policy: objective(policy, trial),
+                n_trials=max(EVALUATIONS - done, 0),
+                catch=(Exception,),
+            )
+        values = [trial.values or [WORST] * 3 for trial in study.trials]
+        tasks = [tuple(numbers[1:]) for numbers in values]
+        ranks = rankdata([numbers[0] for numbers in values])
+        ranks += rankdata([sorted(set(tasks)).index(task) for task in tasks])
+        order = range(len(values))
+        best = min(order, key=lambda k: (ranks[k], tasks[k], k))
+        results[policy] = {
+            name: {"settings": study.trials[k].params, "values": values[k]}
+            for name, k in (("published", 0), ("tuned", best))
+        }
+    write_json(folder / "tuned.json", provenance({}) | {"policies": results})
+    print(json.dumps(results, indent=1))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), tuple(sys.argv[2:]) or tuple(SPACES))
