@@ -43,12 +43,13 @@ def _sections() -> Mapping[str, Mapping[str, str]]:
     return {
         f"doors (or any radius from {radius.low:g} to {radius.high:g} m, beyond "
         f"{standing:g} m with a mobile base; or a .json file)": {
-            name: ("" if one.motion == "hinged" else f"{one.motion}, ")
-            + f"radius {one.radius:.2f} m, hinge friction {one.hinge_friction:.2g} N m"
-            + (f", closer {one.closer.preload:.3g} N m" if one.closer.preload else "")
-            + (f", {one.handle}" if one.handle != "bar" else "")
-            + (" with latch" if one.latch != "none" else "")
-            for name, one in DOORS.items()
+            name: ("" if door.motion == "hinged" else f"{door.motion}, ")
+            + f"radius {door.radius:.2f} m, "
+            + f"hinge friction {door.hinge_friction:.2g} N m"
+            + (f", closer {door.closer.preload:.3g} N m" if door.closer.preload else "")
+            + (f", {door.handle}" if door.handle != "bar" else "")
+            + (" with latch" if door.latch != "none" else "")
+            for name, door in DOORS.items()
         },
         "methods that learn (or a policy of your own: module:function)": _policies(
             "method"

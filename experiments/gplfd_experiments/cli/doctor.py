@@ -24,8 +24,8 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
     {
         "dask": "studies on a cluster",
         "ros": "ROS bags",
-        "c3d": "C3D files of motion capture",
         "lerobot": "LeRobot data sets",
+        "c3d": "C3D files",
         "robomimic": "robomimic files",
         "minari": "episode data sets",
         "sb3": "Stable-Baselines3 learners",
@@ -61,8 +61,8 @@ def examined() -> dict[str, Any]:
         parts[name] = {"purpose": purpose, "present": present, "remark": remark}
 
     # Try the backends with which MuJoCo may render here.
-    given = os.environ.get("MUJOCO_GL")
-    remark = f"MUJOCO_GL={given} does not work here; unset it, or " if given else ""
+    chosen = os.environ.get("MUJOCO_GL")
+    remark = f"MUJOCO_GL={chosen} does not work here; unset it, or " if chosen else ""
     remark += (
         "install EGL (Debian, Ubuntu: apt-get install libegl1 libegl-mesa0 "
         "libgl1-mesa-dri) or OSMesa, see docs/environment.md"
@@ -89,15 +89,16 @@ def examined() -> dict[str, Any]:
 
     # Every distribution that an extra requires.
     for name, purpose in EXTRAS.items():
-        found, missing = [], []
+        installed, missing = [], []
         for requirement in importlib.metadata.requires("gplfd") or ():
             if re.search(rf"""extra == ['"]{name}['"]""", requirement):
-                one = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
+                package = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
                 try:
-                    found.append(f"{one} {importlib.metadata.version(one)}")
+                    version = importlib.metadata.version(package)
+                    installed.append(f"{package} {version}")
                 except importlib.metadata.PackageNotFoundError:
-                    missing.append(one)
-        remark = ", ".join(found)
+                    missing.append(package)
+        remark = ", ".join(installed)
         if missing:
             remark = f"{', '.join(missing)} missing; pip install 'gplfd[{name}]'"
         part(name, purpose, not missing, remark)
@@ -114,13 +115,14 @@ def examined() -> dict[str, Any]:
     return {"machine": machine, "packages": dict(versions()), "parts": parts}
 
 
-def text(found: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return the results as text."""
+def text(results: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the results of `examined` as text."""
     parts = {
-        name: f"{'yes' if one['present'] else 'NO '}  {one['purpose']}: {one['remark']}"
-        for name, one in found["parts"].items()
+        name: ("yes  " if part["present"] else "NO   ")
+        + f"{part['purpose']}: {part['remark']}"
+        for name, part in results["parts"].items()
     }
-    sections = {**found, "parts": parts}
+    sections = {**results, "parts": parts}
     width = max(len(name) for lines in sections.values() for name in lines)
     return "\n\n".join(
         "\n".join([title, *(f"  {k:<{width}}  {v}" for k, v in lines.items())])

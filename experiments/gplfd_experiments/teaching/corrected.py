@@ -67,14 +67,14 @@ class CorrectionLesson(Lesson):
 
     def record(self) -> Correction:
         """Return the correction; raise a ValueError if there is none."""
-        found = self._agent.correction(door=self.task.door, seed=self.task.seed)
-        if found is None:
+        correction = self._agent.correction(door=self.task.door, seed=self.task.seed)
+        if correction is None:
             raise ValueError(
                 f"{self._ended}. The hand was not led: there is nothing to keep"
             )
         if self._info["failure"] in (LOST, "simulation_error"):
             raise ValueError(f"{self._ended}. This gives no correction")
-        return replace(found, device=self._device, inputs=np.array(self._inputs))
+        return replace(correction, device=self._device, inputs=np.array(self._inputs))
 
     def result(self) -> str:
         """Return how the episode ended, and the time of leading."""

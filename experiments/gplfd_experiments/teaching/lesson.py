@@ -59,8 +59,8 @@ class Lesson(ABC):
     def restart(self) -> None:
         """Close the door and delete the recording."""
         self._observation, self._info = self._env.reset(seed=self.task.reset_seed)
-        shown = SIZE[0] / SIZE[1], self.door.motion
-        self.view = View.of(self._env.data, self._camera, *shown)
+        aspect = SIZE[0] / SIZE[1]
+        self.view = View.of(self._env.data, self._camera, aspect, self.door.motion)
         self.over = ""
         self._inputs: list[Any] = []
         self._rows: list[tuple[Any, Any, Any]] = []

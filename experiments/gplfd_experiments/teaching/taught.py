@@ -94,8 +94,8 @@ class TaughtSet:
     def _write_index(self) -> None:
         save_demonstrations(
             self.place / FILE,
-            [one.demonstration for one in self.kept],
-            [one.door.radius for one in self.kept],
+            [taught.demonstration for taught in self.kept],
+            [taught.door.radius for taught in self.kept],
         )
 
 

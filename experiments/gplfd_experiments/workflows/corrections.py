@@ -29,26 +29,26 @@ def correct_skill(
     """
     check_least("--seed", seed, 0)
     _check_absent(out)
-    method, given = method_and_skill(policy, file)
-    skill: Movement = given
+    method, learned = method_and_skill(policy, file)
+    skill: Movement = learned
     rows = []
     for name, config in named_doors(doors).items():
         task = episode_task(name, config, policy=policy, seed=seed)
         LOG.info("%s: watching", name)
         opened = partial(open_watched, task)
-        log, found = corrected(method.follow(skill), seed, name, opened)
+        log, correction = corrected(method.follow(skill), seed, name, opened)
         row = {
             "door": name,
             "watched": why_closed(log.failure, log.reason) or "opened alone",
             "then": "-",
         }
-        if found is not None:
-            skill = method.update(skill, found)
-            row["watched"] = _led(found)
+        if correction is not None:
+            skill = method.update(skill, correction)
+            row["watched"] = _led(correction)
             alone = open_watched(task, method.follow(skill))
             row["then"] = why_closed(alone.failure, alone.reason) or "opened alone"
         rows.append(row)
-    if skill is not given and isinstance(skill, Skill):
+    if skill is not learned and isinstance(skill, Skill):
         skill.save(out)
     return skill, rows
 
@@ -70,8 +70,8 @@ def correct_by_hand(
     """
     check_least("--seed", seed, 0)
     _check_absent(out)
-    method, given = method_and_skill(policy, file)
-    store = CorrectedSkill(method, given, out)
+    method, learned = method_and_skill(policy, file)
+    store = CorrectedSkill(method, learned, out)
     tasks = [
         episode_task(*door, policy=policy, seed=seed)
         for door in named_doors(doors).items()
@@ -81,7 +81,8 @@ def correct_by_hand(
     ]
     serve(Session(lessons, store), "correct", device=device, host=host, port=port)
     rows = [
-        {"door": one.door, "watched": _led(one), "then": "kept"} for one in store.kept
+        {"door": correction.door, "watched": _led(correction), "then": "kept"}
+        for correction in store.kept
     ]
     return store.skill, rows
 
@@ -95,5 +96,5 @@ def _check_absent(out: Path) -> None:
         )
 
 
-def _led(found: Correction) -> str:
-    return f"led for {found.seconds:.1f} s, phase {found.phase:.2f}"
+def _led(correction: Correction) -> str:
+    return f"led for {correction.seconds:.1f} s, phase {correction.phase:.2f}"

@@ -41,18 +41,18 @@ def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
     try:
         if record.is_file():
             config = entry(read_json(record), "config", dict[str, Any])
-            given = entry(config, "doors", tuple[str, ...])
+            doors = entry(config, "doors", tuple[str, ...])
             kept = entry(config, "demonstrations_of", dict[str, str])
-            shown = [(name, given) for name in kept if kept[name] == file.name]
+            names = [(name, doors) for name in kept if kept[name] == file.name]
         else:
-            shown = [(one.name, one.among) for one in read_taught(file.parent)]
-        found = [
-            dict(zip(named_doors(doors), doors, strict=True))[name]
-            for name, doors in shown
+            names = [(taught.name, taught.among) for taught in read_taught(file.parent)]
+        asked = [
+            dict(zip(named_doors(among), among, strict=True))[name]
+            for name, among in names
         ]
     except (OSError, ValueError, KeyError):
         return ()
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(asked))
 
 
 def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> Skill:
@@ -62,10 +62,10 @@ def learn_skill(demonstrations: Path, file: Path, *, policy: str, seed: int) -> 
     check_folder(file.parent)
     if file.is_dir():
         raise ValueError(f"--out {file} is a folder; give a file")
-    given = load_demonstrations(demonstrations).demonstrations
-    LOG.info("learning from %d demonstrations", len(given))
+    motions = load_demonstrations(demonstrations).demonstrations
+    LOG.info("learning from %d demonstrations", len(motions))
     started = time.perf_counter()
-    modes = method.learn_modes(TrainingInput(demonstrations=given, seed=seed))
+    modes = method.learn_modes(TrainingInput(demonstrations=motions, seed=seed))
     if len(modes) > 1:
         kinds = "; ".join(", ".join(map(str, mode.numbers)) for mode in modes)
         raise ValueError(
@@ -90,30 +90,30 @@ def judge(
     options: Mapping[str, Any],
 ) -> int:
     """Leave each recording out in turn, let every method predict it, write a report."""
-    given = load_demonstrations(recordings).demonstrations
-    if len(given) < FEWEST:
+    motions = load_demonstrations(recordings).demonstrations
+    if len(motions) < FEWEST:
         raise ValueError(
-            f"{recordings} holds {len(given)} demonstration(s); leaving one out and "
+            f"{recordings} holds {len(motions)} demonstration(s); leaving one out and "
             f"learning a spread from the others needs {FEWEST} or more"
         )
-    tasks = recorded_tasks(policies, given)
+    tasks = recorded_tasks(policies, motions)
     names = list(dict.fromkeys(task.policy for task in tasks))
     if reference not in names:
         raise ValueError(
             f"--reference {reference} is not among the tested methods: "
             f"{', '.join(names)}"
         )
-    found, _ = read_files((folder / TASKS).glob("[!.]*.json"))
-    own = tasks[0].recordings
-    if any(getattr(one.task, "recordings", "") != own for one in found):
+    results, _ = read_files((folder / TASKS).glob("[!.]*.json"))
+    digest = tasks[0].recordings
+    if any(getattr(result.task, "recordings", "") != digest for result in results):
         raise ValueError(
             f"{folder} has results of other recordings, which one report cannot mix; "
             "choose another --out"
         )
-    errors = run_or_resume(tasks, options, folder, engine, given)
-    results = read_results(folder)
-    write_report(results, folder, reference=reference)
-    print(overview(results.recorded))
+    errors = run_or_resume(tasks, options, folder, engine, motions)
+    study = read_results(folder)
+    write_report(study, folder, reference=reference)
+    print(overview(study.recorded))
 
     # The movement of the reference from all recordings, as a recording.
     file = folder / RECORDING
@@ -122,7 +122,7 @@ def judge(
     if method is None:
         return errors
     try:
-        movement, _ = learn(method, given, 0)
+        movement, _ = learn(method, motions, 0)
         record_learned(file, movement, reference)
     # Methods raise errors of every kind if they cannot learn.
     except Exception as error:

@@ -34,6 +34,6 @@ class Doctor:
         from gplfd_experiments.cli.doctor import examined, text
         from gplfd_experiments.files.plain_data import json_text
 
-        found = examined()
-        print(json_text(found) if self.json else text(found))
+        results = examined()
+        print(json_text(results) if self.json else text(results))
         return 0

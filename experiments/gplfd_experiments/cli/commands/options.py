@@ -40,11 +40,11 @@ def recorded(options: Any) -> dict[str, Any]:
 
     Shared options are on the same level as its own options.
     """
-    own = dataclasses.asdict(options)
-    shared = own.pop("where", {})
+    settings = dataclasses.asdict(options)
+    shared = settings.pop("where", {})
     return {
         name: str(value) if isinstance(value, Path) else value
-        for name, value in (own | shared).items()
+        for name, value in (settings | shared).items()
     }
 
 
@@ -70,8 +70,10 @@ def next_command(*words: object) -> str:
     Without an activated environment the name is not just ``gplfd``, because the
     program's folder is not on the search path.
     """
-    program, found = sys.argv[0], shutil.which("gplfd")
+    program, installed = sys.argv[0], shutil.which("gplfd")
     is_command = Path(program).name in ("gplfd", "gplfd.exe")
-    if not is_command or (found and Path(found).resolve() == Path(program).resolve()):
+    if not is_command or (
+        installed and Path(installed).resolve() == Path(program).resolve()
+    ):
         program = "gplfd"
     return shlex.join([program, *map(str, words)])
