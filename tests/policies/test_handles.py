@@ -24,7 +24,7 @@ LEVER = DoorConfig(radius=0.65, handle="lever", latch="spring")
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 GEOMETRY = DoorGeometry.of(LEVER)
-ARM = LEVER.handle_length - 0.03
+ARM = LEVER.lockset.handle_length - 0.03
 EXACT = TurnedHandle(
     point=(0.0, 0.0, ARM), axis=(-1.0, 0.0, 0.0), travel=0.8, opens=0.2
 )
