@@ -8,6 +8,7 @@ from typing import Any
 import gymnasium as gym
 
 from gplfd_env.conventions.constants import Start
+from gplfd_env.doors.config import door_config
 from gplfd_experiments.console.arguments import (
     check_circumstances,
     check_folder,
@@ -97,8 +98,11 @@ def _recorded(
     for task in progress_bar(tasks, desc="recording", unit="episode"):
         with reported_errors(task.policy, policy):
             agent = learned_agents(task, policy)()
+            # HDF5 keeps no empty mapping, which the default door would be.
+            radius = door_config(dict(task.door_config)).radius
+            door = {"radius": radius, **task.door_config}
             observation, _ = recorder.reset(
-                seed=task.reset_seed, options={"door": dict(task.door_config)}
+                seed=task.reset_seed, options={"door": door}
             )
             agent.inform(inner.door_geometry)  # type: ignore[attr-defined]
             agent.reset(observation)
