@@ -162,31 +162,6 @@ def slow_start(time):
     return minimum_jerk(time**1.8)
 
 
-@pytest.mark.parametrize(
-    "warp",
-    [
-        lambda time: time**1.8,
-        lambda time: 1 - (1 - time) ** 2.2,
-        lambda time: (
-            0.5 * minimum_jerk(time / 0.4) + 0.5 * minimum_jerk(2.5 * time - 1.5)
-        ),
-    ],
-    ids=["slow start", "slow end", "pause"],
-)
-def test_time_warped_copies_align_to_the_same_poses(warp):
-    recorded = [
-        demonstration(n=400),
-        demonstration(lambda time: minimum_jerk(warp(time)), n=700, duration=11.0),
-    ]
-    aligned = align(recorded, trim_rests=False)
-    # The denoiser rounds abrupt changes of speed, which the copies have elsewhere.
-    assert_allclose(aligned.poses[0], aligned.poses[1], atol=5e-3)
-    exact = align(recorded, denoise=False, trim_rests=False)
-    assert_allclose(exact.poses[0], exact.poses[1], atol=1e-3)
-    unaligned = minimum_jerk(warp(aligned.times)) - minimum_jerk(aligned.times)
-    assert np.abs(unaligned).max() > 0.2
-
-
 def test_common_clock_keeps_the_shared_timing():
     recorded = [
         demonstration(path=lambda s, r=radius: door_arc(s, r), n=n, duration=duration)
@@ -212,24 +187,6 @@ def test_rest_shared_by_all_is_a_rest_of_the_result():
     assert np.abs(aligned.poses[:, aligned.times > 0.5]).max(axis=(1, 2)).min() > 0.1
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_endpoints_map_to_endpoints(method):
-    recorded = [demonstration(n=150), demonstration(slow_start, n=230)]
-    aligned = align(recorded, method=method, n_samples=80, trim_rests=False)
-    assert aligned.times[0] == 0.0
-    assert aligned.times[-1] == 1.0
-    for poses, demo in zip(aligned.poses, recorded, strict=True):
-        assert_allclose(poses[[0, -1]], demo.poses[[0, -1]], atol=2e-3)
-
-
-def test_aligned_poses_are_the_samples_as_recorded():
-    # Smoothed poses would hide the noise that the regression must learn.
-    noisy = demonstration(n=200, noise=1e-3)
-    with pytest.warns(UserWarning, match="sensor noise"):
-        aligned = align([noisy], n_samples=200)
-    assert_allclose(aligned.poses[0], noisy.poses, atol=1e-12)
-
-
 def test_rotations_of_all_demonstrations_share_one_branch():
     def turned(angle):
         poses = door_arc(np.linspace(0.0, 1.0, 60))
@@ -242,13 +199,6 @@ def test_rotations_of_all_demonstrations_share_one_branch():
         [[0.02] * 200, [0.04] * 200],
         atol=1e-3,
     )
-
-
-@pytest.mark.usefixtures("as_for_users")
-@pytest.mark.parametrize("wrong", [np.zeros((5, 6)), demonstration(), [None]])
-def test_only_sequences_of_demonstrations_are_aligned(wrong):
-    with pytest.raises(TypeError, match=r"sequence of .*Demonstration, got .*\[demo"):
-        align(wrong)
 
 
 # --- Dynamic time warping ----------------------------------------------------

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.spatial.se3 import compose_rotvecs, rotation_distance
-from gplfd_policies import AlignedDemonstrations, align
+from gplfd_policies import AlignedDemonstrations
 from gplfd_policies.movements.baselines.dmp import DMPConfig, fit_dmp
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -70,11 +70,6 @@ def forcing(dmp, clock):
     gap = np.abs(np.diff(centres))
     heights = config.overlap ** ((x - centres) / np.append(gap, gap[-1])) ** 2
     return x * (heights / heights.sum()) @ dmp.weights
-
-
-def test_it_reproduces_the_mean_of_the_demonstrations(dmp, aligned):
-    error = dmp.predict(aligned.times).mean - aligned.poses.mean(axis=0)
-    assert np.sqrt(np.mean(error**2, axis=0)).max() < 5e-4
 
 
 def test_rollout_solves_the_transformation_system(dmp):
@@ -139,16 +134,6 @@ def test_forcing_superposes_in_the_error_and_not_in_the_angular_velocity():
         (goal * ude_rotations(each, clock)[coarse].inv()).as_rotvec() for each in cases
     )
     assert np.abs(both + none - one - two).max() > 0.05
-
-
-def test_both_forms_agree_for_a_turn_about_one_axis():
-    along = np.outer(100.0 * np.cos(np.arange(30.0) / 5.0), TURN)
-    dmp = turning(along)
-    clock = np.linspace(0.0, 1.0, 2001)
-    theirs = ude_rotations(dmp, clock).as_rotvec()[::20]
-    ours = dmp.predict(GRID).mean[:, 3:]
-    assert np.abs(ours - turning().predict(GRID).mean[:, 3:]).max() > 0.1
-    assert_allclose(ours, theirs, atol=5e-3)
 
 
 def test_another_goal_enters_along_the_step_response(dmp):
@@ -229,18 +214,3 @@ def test_rollout_tends_to_the_library_s_for_small_steps(as_in_the_library, libra
     steps = library["dmp_steps"]
     assert_allclose(np.divide(gaps[1:], gaps[:-1]), steps[1:] / steps[:-1], rtol=0.1)
     assert gaps[-1] < 1e-3
-
-
-def test_reproduction_is_no_worse_than_the_library_s(as_in_the_library, library):
-    mean = library["poses"].mean(axis=0)[:, :3]
-    library_error = np.sqrt(np.mean((library["dmp_reproduction"] - mean) ** 2))
-    ours = as_in_the_library.predict(library["phases"]).mean[:, :3]
-    assert np.sqrt(np.mean((ours - mean) ** 2)) < 0.3 * library_error
-
-
-def test_with_a_spread_it_has_that_of_the_demonstrations(demonstrations):
-    aligned = align(demonstrations)
-    plain, spread = fit_dmp(aligned), fit_dmp(aligned, DMPConfig(spread=True))
-    ours = spread.predict(aligned.times)
-    assert_array_equal(ours.mean, plain.predict(aligned.times).mean)
-    assert_allclose(ours.std, aligned.poses.std(axis=0, ddof=1), atol=1e-12)

@@ -10,11 +10,7 @@ from sklearn.gaussian_process.kernels import Matern
 
 from gplfd_policies import ViaPoint
 from gplfd_policies.movements.baselines.gmm_gp import (
-    FIRST_LENGTH_SCALE,
-    LONGEST_LENGTH_SCALE,
-    NOISE_RANGE,
     Evidence,
-    GMMGPConfig,
     MixtureKernel,
     fit_gmm_gp,
 )
@@ -143,18 +139,3 @@ def test_likelihood_is_that_of_all_demonstrations_stacked(process):
     assert reduced(*one) - reduced(*other) == pytest.approx(
         dense(*one) - dense(*other), rel=1e-6
     )
-
-
-def test_length_scales_are_the_most_likely_within_their_range(process):
-    config = GMMGPConfig()
-    scales = process.kernel.length_scales
-    low, high = config.shortest_length_scale, LONGEST_LENGTH_SCALE
-    assert ((low <= scales) & (scales <= high)).all()
-    evidence = Evidence.of(process.regression, config.phases, 1.0)
-    noise = NOISE_RANGE[1]
-    best, gradient = evidence.negative_log_likelihood(np.log([*scales, noise]))
-    inside = (scales > low * 1.001) & (scales < high * 0.999)
-    assert inside.sum() >= 3
-    assert np.abs(gradient[:-1][inside]).max() < 0.05
-    first = np.log([*np.full(6, FIRST_LENGTH_SCALE), noise])
-    assert best < evidence.negative_log_likelihood(first)[0] - 10.0

@@ -50,18 +50,3 @@ def test_one_component_is_linear_regression_on_phase():
     assert_allclose(predicted.mean, expected, atol=1e-9)
     residual = (samples - line[0] - phases[:, None] * line[1]).std(axis=0)
     assert_allclose(predicted.std, np.tile(residual, (60, 1)), rtol=1e-6)
-
-
-@pytest.mark.parametrize("phase", [-60.0, 60.0])
-def test_far_outside_one_component_goes_on(regression, phase):
-    """Every density underflows there; their ratio does not."""
-    far = np.array([phase, phase + 1.0])
-    shares = regression.responsibilities(far)
-    assert_allclose(shares.sum(axis=1), 1.0)
-    widest = np.argmax(regression.covariances[:, 0, 0])
-    assert (shares[:, widest] > 0.999).all()
-    mean, covariance = regression.standardised_moments(far)
-    assert_allclose(mean[1] - mean[0], regression.slopes[widest])
-    assert_allclose(
-        covariance[0], regression.conditional_covariances[widest], rtol=1e-6
-    )

@@ -107,14 +107,3 @@ def test_a_via_point_takes_the_place_of_an_entry_at_its_phase(primitive):
     here = both.predict(np.array([again.phase]))
     scale = primitive.regression.standardisation.scale
     assert (np.abs(here.mean[0] - again.pose) < 0.01 * scale).all()
-
-
-def test_an_error_that_outputs_share_counts_as_one_of_each(primitive):
-    along = np.array([0.02, 0.0, -0.01, 0.0, 0.05, 0.01])
-    asked = shifted(primitive, 0.4321, 1.0, 2e-3)
-    reference = primitive.adapt([replace(asked, along=along)]).reference
-    entry = int(np.flatnonzero(reference.phases == 0.4321)[0])
-    scale = primitive.regression.standardisation.scale
-    variance = (asked.own_variance + along**2) / scale**2
-    expected = np.diag(primitive.config.references / variance)
-    assert_allclose(reference.precisions[entry], expected)

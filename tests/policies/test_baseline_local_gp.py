@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.stats import norm
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF as SklearnRBF
@@ -94,16 +94,6 @@ def test_prediction_is_the_product_of_powers_of_the_local_densities(movement):
         assert predicted.std[i, output] == pytest.approx(std, rel=1e-6)
 
 
-def test_local_noise_tracks_a_step_of_the_variance(movement):
-    quiet, loud = TIMES < 0.4, TIMES > 0.6
-    std = movement.predict(TIMES).std
-    assert_allclose(std[quiet].mean(), 0.01, rtol=0.1)
-    assert_allclose(std[loud].mean(), 0.05, rtol=0.1)
-    one = fit_local_gp(movement.aligned, LocalGPConfig(clusters=1)).predict(TIMES)
-    assert_allclose(one.std[quiet].mean(), 0.036, rtol=0.1)
-    assert_allclose(one.std[loud].mean(), 0.036, rtol=0.1)
-
-
 def test_plain_product_is_over_confident(movement):
     """Where nothing was seen the weighted product keeps the prior variance."""
     unseen = np.array([30.0])
@@ -119,19 +109,3 @@ def test_plain_product_is_over_confident(movement):
     plain = np.sqrt(1.0 / np.sum(1.0 / seen, axis=0))
     assert np.mean(deviation < 1.96 * plain) < 0.9
     assert np.mean(deviation < 1.96 * movement.predict(TIMES).std) > 0.93
-
-
-def test_clusters_of_uneven_phases_are_those_of_k_means():
-    times = np.linspace(0.0, 1.0, 120) ** 2
-    poses = np.stack([curves(times) for _ in range(2)])
-    poses[1] += 0.01
-    movement = fit_local_gp(
-        AlignedDemonstrations(times=times, poses=poses), LocalGPConfig(clusters=5)
-    )
-    learned = [outputs[0].replicates.times for outputs in movement.processes]
-    assert_array_equal(np.concatenate(learned), times)
-    assert_allclose([own.mean() for own in learned], movement.centres)
-    for cluster, own in enumerate(learned):
-        distance = np.abs(np.subtract.outer(own, movement.centres))
-        assert (distance.argmin(axis=1) == cluster).all()
-    assert len({len(own) for own in learned}) > 1

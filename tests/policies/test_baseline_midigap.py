@@ -11,7 +11,6 @@ from gplfd_policies import AlignedDemonstrations, ViaPoint
 from gplfd_policies.movements.baselines.midigap import (
     MiDiGaPConfig,
     fit_midigap,
-    frechet_mean,
     partition_by_angle,
     rotvec_jacobian,
 )
@@ -69,12 +68,6 @@ def test_a_step_has_the_moments_of_its_demonstrations_on_the_manifold(tumbling):
     assert_array_equal(found.covariance[:, ~np.eye(21, dtype=bool)], 0.0)
 
 
-def test_frechet_mean_keeps_to_the_branch_of_the_rotation_vectors():
-    turned = np.zeros((3, 1, 6))
-    turned[:, 0, 4] = [3.0, 3.4, 3.6]
-    assert_allclose(frechet_mean(turned)[0, 3:], [0.0, 10.0 / 3.0, 0.0], atol=1e-12)
-
-
 @pytest.mark.parametrize("other", [OTHER_SIDE, PUSHED])
 def test_modes_are_found_without_labels_and_hold_their_demonstrations(other):
     pulled, foreign = doors((0.35, 0.5, 0.65), 1), other * doors((0.35, 0.5), 2)
@@ -87,13 +80,6 @@ def test_modes_are_found_without_labels_and_hold_their_demonstrations(other):
         alone = fit_midigap(aligned_of(own)).predict(TIMES)
         assert_array_equal(mode.predict(TIMES).mean, alone.mean)
         assert_array_equal(mode.predict(TIMES).std, alone.std)
-
-
-def test_the_size_of_a_door_makes_no_mode(aligned):
-    assert len(partition_by_angle(doors((0.35, 0.35, 0.9, 0.9)), 0.7)) == 1
-    assert len(fit_midigap(aligned).modes) == 1
-    still = np.zeros((3, 21, 6))
-    assert len(partition_by_angle(still, 0.7)) == 1
 
 
 def test_observations_choose_the_mode_that_is_followed():
@@ -167,15 +153,3 @@ def test_a_mode_of_one_demonstration_has_the_spread_of_the_largest():
         ValueError, match="at least 2 demonstrations of one mode, got 1"
     ):
         fit_midigap(aligned_of(doors((0.35,)), PUSHED * doors((0.5,), 2)))
-
-
-def test_published_steps_learn_nothing_of_each_other(aligned):
-    """Without correlation a via-point changes its own step alone."""
-    movement = fit_midigap(aligned, MiDiGaPConfig(length_scale=1e-6))
-    point = ViaPoint(phase=aligned.times[100], pose=aligned.poses[0, 100])
-    before, after = (
-        m.predict(aligned.times) for m in (movement, movement.adapt([point]))
-    )
-    others = np.arange(200) != 100
-    assert_allclose(after.mean[others], before.mean[others], atol=1e-12)
-    assert np.abs(after.mean[100] - point.pose).max() < 1e-3

@@ -65,12 +65,6 @@ def test_every_movement_starts_in_the_boundary_state(prodmp, aligned):
         assert_allclose(begun.std[0], np.sqrt(prodmp.noise_variance))
 
 
-def test_the_motion_goes_on_to_the_goal(prodmp):
-    scaled = prodmp.weight_mean.reshape(6, -1)[:, -3] / prodmp.triangle[-1, -1]
-    goal = scaled / (1.0 - 13.5 * np.exp(-12.5))
-    assert_allclose(prodmp.predict(np.array([5.0])).mean[0], goal, atol=2e-3)
-
-
 def test_mean_and_spread_are_those_of_the_demonstrations(prodmp, aligned):
     learned = prodmp.predict(aligned.times)
     assert_allclose(learned.mean, aligned.poses.mean(axis=0), atol=3e-4)
@@ -99,10 +93,3 @@ def test_conditioning_equals_that_of_a_joint_gaussian(prodmp, aligned, along):
     adapted = prodmp.adapt(points).predict(GRID)
     assert_allclose(adapted.mean, expected, atol=1e-8)
     assert_allclose(adapted.std**2, variance + prodmp.noise_variance, atol=1e-9)
-
-
-def test_shrinkage_adds_white_deviations_of_the_demonstrated_variance(aligned):
-    """All of it: deviations that are as large on average, and the same throughout."""
-    white = fit_prodmp(aligned, ProDMPConfig(shrinkage=1.0)).predict(aligned.times)
-    demonstrated = aligned.poses.var(axis=0, ddof=1).mean(axis=0)
-    assert_allclose((white.std**2).mean(axis=0), demonstrated, rtol=0.01)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from gplfd_policies import AlignedDemonstrations, ViaPoint
 from gplfd_policies.movements.baselines.promp import ProMPConfig, fit_promp
@@ -15,12 +15,6 @@ GRID = np.linspace(0.0, 1.0, 101)
 @pytest.fixture(scope="module")
 def promp(aligned):
     return fit_promp(aligned)
-
-
-@pytest.fixture(scope="module")
-def spread_out(aligned):
-    """With a covariance of full rank."""
-    return fit_promp(aligned, ProMPConfig(shrinkage=0.3))
 
 
 def via_point(phase=0.4, shift=0.01, std=1e-3, free=()):
@@ -98,36 +92,6 @@ def test_distribution_equals_the_library_for_the_same_weights(
     )
 
 
-def test_learning_agrees_with_the_library(learned_as_in_the_library, library):
-    times = library["phases"][::2]
-    ours = learned_as_in_the_library.predict(times)
-    assert_allclose(library["promp_learned"], ours.mean, atol=1e-6)
-    # Its own learning is another estimator, EM, whose covariance has divisor D.
-    assert_allclose(library["promp_em_mean"], ours.mean, atol=2e-3)
-    share = np.sqrt(5.0 / 6.0)
-    theirs = np.sqrt(library["promp_em_variance"])
-    assert_allclose(theirs[10:, [0, 2, 4]], share * ours.std[10:, [0, 2, 4]], rtol=0.05)
-
-
-def test_conditioning_equals_the_library(as_in_the_library, library):
-    points = [
-        ViaPoint(phase=float(phase), pose=pose, std=float(std))
-        for phase, pose, std in zip(
-            library["via_phases"],
-            library["via_poses"],
-            library["via_stds"],
-            strict=True,
-        )
-    ]
-    adapted = as_in_the_library.adapt(points)
-    assert_allclose(adapted.weight_mean, library["conditioned_mean"], atol=1e-9)
-    assert_allclose(
-        adapted.weight_covariance[:, library["conditioned_columns"]],
-        library["conditioned_covariance"],
-        atol=1e-10,
-    )
-
-
 def test_conditioning_equals_that_of_a_joint_gaussian(promp):
     """Also where the outputs of a via-point share an error."""
     along = np.array([0.02, 0.3, -0.01, 0.0, 0.05, 0.01])
@@ -148,16 +112,6 @@ def test_conditioning_equals_that_of_a_joint_gaussian(promp):
     adapted = promp.adapt(points).predict(GRID)
     assert_allclose(adapted.mean, expected, atol=1e-8)
     assert_allclose(adapted.std**2, variance + promp.noise_variance, atol=1e-9)
-
-
-@pytest.mark.parametrize("std", [0.0, 1e-9])
-def test_strong_via_points_are_met(promp, spread_out, std):
-    points = [via_point(0.3, std=std), via_point(0.6, shift=0.1, std=std)]
-    for movement, accuracy in ((spread_out, 1e-7), (promp, 2e-5)):
-        met = movement.adapt(points).predict(np.array([0.3, 0.6]))
-        for index, point in enumerate(points):
-            assert_allclose(met.mean[index], point.pose, atol=accuracy)
-        assert_allclose(met.std, np.sqrt([promp.noise_variance] * 2), rtol=1e-3)
 
 
 def test_few_demonstrations_span_few_movements(aligned):
@@ -192,25 +146,3 @@ def test_outside_the_task_the_distribution_stands_still(promp):
     assert_allclose(far.std**2, variance + promp.noise_variance)
     assert_allclose(far.mean_rate, 0.0)
     assert_allclose(far.std_rate, 0.0)
-
-
-def test_equal_demonstrations_have_no_spread_to_adapt_with(aligned):
-    poses = np.stack([np.zeros((200, 6))] * 3)
-    still = fit_promp(AlignedDemonstrations(times=aligned.times, poses=poses))
-    adapted = still.adapt([via_point(), via_point(0.6, std=0.0)]).predict(GRID)
-    assert_array_equal(adapted.mean, 0.0)
-    assert_array_equal(adapted.std, 0.0)
-    assert_array_equal(adapted.std_rate, 0.0)
-
-
-def test_demonstrations_without_noise_can_be_conditioned_exactly():
-    levels = np.array([1.0, 2.0, 4.0])[:, None, None]
-    poses = np.broadcast_to(levels, (3, GRID.size, 6))
-    aligned = AlignedDemonstrations(times=GRID, poses=poses)
-    still = fit_promp(aligned, ProMPConfig(shrinkage=0.0))
-    pose = np.array([3.0, np.nan, np.nan, np.nan, np.nan, np.nan])
-    points = [ViaPoint(phase=phase, pose=pose, std=0.0) for phase in (0.2, 0.5, 0.9)]
-    adapted = still.adapt(points).predict(GRID)
-    # All outputs are known from one. Rounding leaves variances on both sides of zero.
-    assert_allclose(adapted.mean, 3.0, atol=1e-6)
-    assert (adapted.std < 1e-6).all()

@@ -1,7 +1,5 @@
 """Where demonstrations end, the motion goes on as it was going."""
 
-import pickle
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -70,13 +68,6 @@ def test_a_screw_about_any_axis_goes_on():
     assert_allclose(on, path[[250, 300]], atol=1e-4)
 
 
-def test_a_turn_goes_on_through_half_a_turn_without_a_jump():
-    """Rotation vectors stay on the branch of the path."""
-    on = carried_on(arc(0.4, 2.9), np.linspace(0.01, 0.4, 60))
-    assert np.linalg.norm(on[-1, 3:]) > np.pi
-    assert np.abs(np.diff(on[:, 3:], axis=0)).max() < 0.05
-
-
 def test_the_demonstrated_part_stays_what_it_was():
     shown = aligned(arc(0.4, 0.8), arc(0.6, 0.8))
     longer = continued(shown, 0.5)
@@ -129,12 +120,6 @@ def test_clocks_go_on_with_the_mean_one():
     assert_allclose(again.clocks[0], expected, atol=1e-9)
 
 
-def test_a_turn_without_a_way_goes_on_however_it_was_timed():
-    poses = np.zeros((200, 6))
-    poses[:, 4] = 0.8 * PHASES**2
-    assert carried_on(poses, np.array([0.5]))[0, 4] == pytest.approx(1.2, abs=1e-3)
-
-
 def test_sigma_grows_beyond_the_demonstrations_by_the_drift(skill):
     longer = skill.aligned
     gridded = GriddedMovement(skill, ProcessAdaptation, 100)
@@ -165,16 +150,6 @@ def test_what_was_seen_beyond_the_demonstrations_is_known(skill):
     assert_allclose(gridded.drift, expected)
     gridded.reset()
     assert gridded.drift[70].max() > 0.0
-
-
-def test_a_forecast_has_the_drift_and_its_rate(skill):
-    forecast = GriddedMovement(skill, ProcessAdaptation, 400).trajectory()
-    variance = np.diagonal(forecast.covariance, axis1=1, axis2=2).T
-    assert_allclose(variance, forecast.std**2, rtol=1e-6)
-    slope = np.gradient(forecast.std, forecast.times, axis=0)
-    beyond = forecast.times > skill.aligned.end + 0.02
-    assert_allclose(forecast.std_rate[beyond][1:-1], slope[beyond][1:-1], atol=0.02)
-    assert pickle.loads(pickle.dumps(forecast)).std.tobytes() == forecast.std.tobytes()
 
 
 @pytest.mark.parametrize("count", [2, 3, 20])

@@ -152,8 +152,6 @@ REFUSED = {
     "must be finite": lambda: factorise(np.array([[np.nan]])),
     "finite and >= 0": lambda: noisy(-1.0),
     "length_scale must be positive and finite": lambda: scaled(0.0),
-    "length_scale must be positive and": lambda: scaled(np.nan),
-    "length_scale must be positive": lambda: scaled(np.inf),
 }
 
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies import POLICIES, ViaPoint, align
+from gplfd_policies import POLICIES, ViaPoint
 from gplfd_policies.adaptation import ADAPTATIONS
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
@@ -70,8 +70,3 @@ def test_adaptations_go_on_where_they_were(form, skill):
     adaptation.observe(another)
     copy.observe(another)
     assert_equal(adaptation.trajectory(), copy.trajectory())
-
-
-def test_demonstrations_and_via_points(demonstrations):
-    for record in (demonstrations[0], align(demonstrations), VIA_POINT):
-        assert_equal(record, sent(record))

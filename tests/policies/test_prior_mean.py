@@ -8,7 +8,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_policies import (
-    POLICIES,
     PosePath,
     PriorMean,
     ViaPoint,
@@ -36,8 +35,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 BESIDE = np.array([0.1, 0.02, -0.1, 0.05, 0.3, -0.05])
 GRID = np.linspace(0.0, 1.0, 31)
 FAR = np.array([-40.0, -30.0, 30.0, 40.0])
-TAKING_FITS = fit_skill, fit_local_gp, fit_wishart_gp
-"""Which take a prior mean of zero."""
 SHORT_CHAIN = WishartGPConfig(steps=20, discarded=5, times=15, degrees=6)
 FITS = {
     "map": partial(fit_skill, noise="map"),
@@ -147,18 +144,6 @@ def test_adaptation_is_that_of_the_residual_plus_the_prior_mean(form, doors):
     assert_allclose(trajectory.mean_rate, other.mean_rate + Line().slope, atol=1e-3)
 
 
-def takes_one(name):
-    method = POLICIES[name].method
-    return method is not None and method.accepts_prior_mean
-
-
-def test_methods_of_these_fits_take_a_prior_mean():
-    for name, policy in POLICIES.items():
-        fit = getattr(policy.method, "fit", None)
-        can = getattr(fit, "func", fit) in TAKING_FITS
-        assert takes_one(name) == can
-
-
 @pytest.mark.parametrize("name", ["dmp", "oracle"])
 def test_methods_that_cannot_be_given_a_prior_mean_say_so(name, demonstrations):
     takers = "gp, gp-impedance, gp-paper, local-gp, stiffness-from-force, wishart-gp"
@@ -177,16 +162,6 @@ def test_an_agent_is_made_around_a_prior_mean(name, demonstrations):
     assert np.abs(step.action[:3]).max() < 0.01
     agent.movement.observe(ViaPoint(phase=0.5, pose=np.full(6, 0.01)))
     assert np.isfinite(agent.movement.trajectory().mean).all()
-
-
-@pytest.mark.parametrize("wrong", [np.nan, np.inf])
-def test_prior_mean_that_is_not_finite_is_refused(doors, wrong):
-    class Broken(Line):
-        def mean(self, times):
-            return np.where(times[:, None] > 0.5, wrong, super().mean(times))
-
-    with pytest.raises(ValueError, match="finite pose at each of 40 phases"):
-        fit_residual(doors, Broken(), partial(fit_skill, centred=False))
 
 
 def test_path_passes_its_poses_without_overshoot_and_rests_at_its_ends():
@@ -208,7 +183,6 @@ def test_path_passes_its_poses_without_overshoot_and_rests_at_its_ends():
     ("phases", "poses", "message"),
     [
         (np.zeros(1), np.zeros((1, 6)), "N at least 2"),
-        (np.arange(2.0), np.full((2, 6), np.nan), "finite"),
         (np.array([0.0, 1.0, 1.0]), np.zeros((3, 6)), "increase strictly"),
     ],
 )

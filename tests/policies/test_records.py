@@ -36,13 +36,6 @@ def test_arrays_are_shown_by_their_shape(demonstrations, skill):
     )
 
 
-def test_no_record_fills_the_screen(skill):
-    output = skill.processes.outputs[0]
-    for record in (skill.processes, output, output.noise, output.replicates):
-        assert len(repr(record)) < 500
-        assert repr(record).startswith(type(record).__name__)
-
-
 def test_arrays_have_one_order_in_memory(demonstrations):
     """Sums depend on it: a copy through a file or a pickle must not change them."""
     aligned = align(demonstrations, n_samples=20)

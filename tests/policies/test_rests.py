@@ -101,12 +101,6 @@ def test_alignment_says_what_it_left_out():
     assert whole.duration == pytest.approx(MOVING + 1.0)
 
 
-def test_few_samples_are_left_alone():
-    times = np.array([0.0, 1.0, 2.0])
-    recorded = Demonstration(times=times, poses=np.outer(times, np.ones(6)))
-    assert without_rests(recorded) == (recorded, ())
-
-
 @pytest.mark.parametrize(("name", "trims"), [("gp", True), ("gp-paper", False)])
 @pytest.mark.filterwarnings("ignore:rests")
 def test_policies_trim_rests_but_those_that_say_not(name, trims):
@@ -127,12 +121,3 @@ def test_a_slow_hand_that_gets_somewhere_does_not_rest(creep):
     shown, rests = without_rests(Demonstration(times=times, poses=poses))
     assert rests == ()
     assert shown.poses[0, 0] == 0.0
-
-
-def test_forces_stay_with_their_samples():
-    recorded = opening(before=1.0, pause=2.0, noise=3e-4)
-    wrenches = 30.0 * recorded.poses
-    shown = Demonstration(times=recorded.times, poses=recorded.poses, wrenches=wrenches)
-    left, rests = without_rests(shown)
-    assert rests
-    assert_array_equal(left.wrenches, 30.0 * left.poses)

@@ -1,7 +1,5 @@
 """Skills: six heteroscedastic outputs learned from aligned demonstrations."""
 
-import warnings
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -9,7 +7,7 @@ from scipy.stats import t as student
 
 from gplfd_policies import AlignedDemonstrations, ViaPoint, adapt, fit_skill
 from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.noise import KerstingNoise, MapNoise
+from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.movements.skill import SIZE_STD
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
@@ -104,14 +102,6 @@ def test_inside_and_outside_agree_at_the_ends(skill):
     assert_allclose(inside.std, outside.std, atol=1e-7)
 
 
-def test_uncertainty_grows_outside_the_demonstrations(skill):
-    after = skill.predict(np.linspace(1.0, 3.0, 50)).std
-    before = skill.predict(np.linspace(0.0, -2.0, 50)).std
-    for std in (after, before):
-        assert (np.diff(std, axis=0) >= -1e-9).all()
-        assert (std[-1] > 2.0 * std[0]).all()
-
-
 def test_covariance_stretches_that_of_the_mean(skill):
     """The floor r/D on the variance of the mean scales it; correlations stay."""
     predicted, moments = skill.predict(TIMES), skill.processes.moments(TIMES)
@@ -186,13 +176,6 @@ def test_intervals_use_student_t_with_the_looks_at_the_spread(skill):
         assert_allclose(high - low, 2.0 * width * predicted.std, rtol=1e-9)
 
 
-@pytest.mark.parametrize("count", [2, 3])
-def test_three_demonstrations_or_fewer_warn_of_the_consequences(count):
-    poses = independent_noise(count, np.random.default_rng(0))
-    with pytest.warns(UserWarning, match="degree.*of freedom.*far too small"):
-        fit_skill(aligned(poses))
-
-
 @pytest.mark.parametrize(
     "noise", ["map", "homoscedastic", KerstingNoise(n_iterations=1)]
 )
@@ -212,69 +195,6 @@ def test_one_demonstration_leaves_the_size_open(noise):
     up, down = (skill.predict(TIMES[5:-5] + h).std for h in (step, -step))
     rate = (up - down) / (2.0 * step)
     assert_allclose(predicted.std_rate[5:-5], rate, rtol=1e-4, atol=1e-5)
-
-
-def test_a_spread_is_not_learned_from_one_demonstration():
-    poses = independent_noise(1, np.random.default_rng(0))
-    with pytest.raises(ValueError, match=r'at least 2 .*noise="homosc'):
-        fit_skill(aligned(poses), noise=MapNoise())
-
-
-def crossing():
-    slope = np.multiply.outer(np.array([1.0, -1.0]), TIMES - 0.5)
-    return np.repeat(slope[:, :, None], 6, axis=2)
-
-
-def constant():
-    poses = independent_noise(4, np.random.default_rng(0))
-    poses[:, :, 1:] = np.array([0.0, 1.0, -3.0, 1e-9, 1e6])
-    return poses
-
-
-HOSTILE = {
-    "identical": np.tile(arcs([0.5], np.random.default_rng(0)), (4, 1, 1)),
-    "two crossing": crossing(),
-    "constant outputs": constant(),
-    "all zero": np.zeros((3, 60, 6)),
-    "huge": 1e6 * independent_noise(4, np.random.default_rng(0)),
-    "tiny": 1e-9 * independent_noise(4, np.random.default_rng(0)),
-    "white noise": np.random.default_rng(0).normal(size=(5, 60, 6)),
-    "one outlier": np.concatenate(
-        [
-            np.tile(arcs([0.5], np.random.default_rng(0)), (5, 1, 1)),
-            9.0 + crossing()[:1],
-        ]
-    ),
-}
-
-
-WORST = ("identical", "two crossing", "all zero", "white noise")
-"""For the noise models that are not the default."""
-
-
-@pytest.mark.parametrize(
-    ("name", "noise"),
-    [
-        *((name, "map") for name in HOSTILE),
-        *((name, "homoscedastic") for name in WORST),
-        *((name, KerstingNoise(n_iterations=1)) for name in WORST),
-    ],
-)
-def test_hostile_demonstrations_are_learned_and_adapted(name, noise):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        skill = fit_skill(aligned(HOSTILE[name][:, ::3], TIMES[::3]), noise=noise)
-    predicted = skill.predict(np.linspace(-0.1, 1.1, 30))
-    for values in (predicted.mean, predicted.mean_rate, predicted.std_rate):
-        assert np.isfinite(values).all()
-    assert (predicted.std > 0.0).all()
-    assert np.isfinite(predicted.std).all()
-    assert np.isfinite(predicted.covariance).all()
-    points = [ViaPoint(phase=0.5, pose=np.ones(6), std=std) for std in (0.0, 1e-3)]
-    for form in ("process", "exact", "product"):
-        adapted = adapt(skill, points, form).predict(TIMES[::3])
-        for values in (adapted.mean, adapted.std, adapted.covariance):
-            assert np.isfinite(values).all()
 
 
 @pytest.mark.parametrize("size", [2, 3, 5000])
@@ -316,21 +236,13 @@ def test_via_point_frees_outputs_by_nan_or_infinite_noise():
             {"phase": np.nan, "pose": np.zeros(6)},
             "phase of a via-point must be a finite",
         ),
-        ({"phase": "a", "pose": np.zeros(6)}, "must be a finite number, got 'a'"),
-        ({"phase": np.ones(2), "pose": np.zeros(6)}, "finite number, got array"),
         ({"phase": 0.1, "pose": np.zeros(6), "std": np.ones(3)}, "std must be one .*3"),
         ({"phase": 0.1, "pose": np.zeros(6), "along": np.ones((1, 6))}, "along must"),
         ({"phase": 0.1, "pose": np.full(6, np.inf)}, "pose must be finite, or NaN"),
         ({"phase": 0.1, "pose": np.zeros(6), "std": -1.0}, "must be >= 0"),
-        ({"phase": 0.1, "pose": np.zeros(6), "std": np.nan}, "must be >= 0"),
     ],
 )
 @pytest.mark.usefixtures("as_for_users")
 def test_impossible_via_points_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         ViaPoint(**arguments)
-
-
-def test_demonstrations_that_are_not_aligned_are_refused(demonstrations):
-    with pytest.raises(TypeError, match=r"tuple; call fit_skill\(align\(demo"):
-        fit_skill(demonstrations)

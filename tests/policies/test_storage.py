@@ -1,6 +1,5 @@
 """Files that are complete or absent, and archives of arrays."""
 
-import json
 import os
 import stat
 
@@ -10,7 +9,6 @@ import pytest
 from gplfd_policies.arrays.storage import (
     complete_or_absent,
     read_archive,
-    settings,
     write_archive,
 )
 
@@ -106,9 +104,3 @@ def test_a_file_with_other_content_is_refused(archive, kind, version, arrays, re
     message = f"archive.npz cannot be read as a test: .*{reason}.*make this one again"
     with pytest.raises(ValueError, match=message):
         read(archive)
-
-
-def test_settings_are_a_json_object():
-    assert settings(np.array(json.dumps({"a": 0.1}))) == {"a": 0.1}
-    with pytest.raises(ValueError, match=r"must be a JSON object, got \[1\]"):
-        settings(np.array("[1]"))

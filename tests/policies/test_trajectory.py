@@ -43,30 +43,12 @@ def test_coverage_is_the_level_where_the_distribution_is_right(level):
     assert found == pytest.approx(normal, abs=0.005)
 
 
-def test_inside_is_what_lies_in_the_interval():
-    distribution = predicted(0.02, 5.0)
-    poses = distribution.mean + 0.05 * np.linspace(-1.0, 1.0, 300).reshape(50, 6)
-    low, high = distribution.interval(0.9)
-    inside = distribution.inside(poses, 0.9)
-    assert_array_equal(inside, (poses >= low) & (poses <= high))
-    assert inside.mean() == distribution.coverage(poses, 0.9)
-    with pytest.raises(ValueError, match=r"level must be in \(0, 1\), got 1.0"):
-        distribution.inside(poses, 1.0)
-
-
 def test_density_is_that_of_a_normal_distribution():
     std = np.linspace(0.01, 0.1, 300).reshape(50, 6)
     distribution = predicted(std, 5.0)
     poses = distribution.mean + np.linspace(-0.1, 0.1, 600).reshape(2, 50, 6)
     expected = -norm.logpdf(poses, distribution.mean, std).mean()
     assert distribution.nlpd(poses) == pytest.approx(expected, rel=1e-12)
-
-
-def test_without_a_spread_there_is_neither_coverage_nor_density():
-    distribution = predicted(np.nan)
-    assert np.isnan(distribution.coverage(distribution.mean))
-    assert np.isnan(distribution.nlpd(distribution.mean))
-    assert not distribution.inside(distribution.mean).any()
 
 
 def test_nothing_is_known_more_finely_than_a_micrometre():
@@ -130,12 +112,6 @@ def test_the_file_says_frame_and_units(skill, tmp_path):
     assert_array_equal(
         np.loadtxt(text.splitlines()[7:], delimiter=","), table(tmp_path / "a.csv")
     )
-
-
-def test_a_method_without_spread_writes_nan(skill, tmp_path):
-    none = np.full((50, 6), np.nan)
-    replace(skill.predict(TIMES), std=none).to_csv(tmp_path / "a.csv", duration=8.0)
-    assert np.isnan(table(tmp_path / "a.csv")[:, 8:]).all()
 
 
 def test_what_is_no_table_is_refused(skill, tmp_path):
