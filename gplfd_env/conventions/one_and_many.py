@@ -73,10 +73,8 @@ sin, cos = _by_element(math.sin), _by_element(math.cos)
 atan2, hypot = _by_element(math.atan2), _by_element(math.hypot)
 
 
-def columns(components: Sequence[Number], n: int | None) -> NDArray[np.float64]:
-    """Return a vector as a new array, (k,), or (n, k) for n simulations."""
-    if n is None:
-        return np.array(components)
+def columns(components: Sequence[Number], n: int) -> NDArray[np.float64]:
+    """Return a vector of k numbers as a new array (n, k), for n simulations."""
     result = np.empty((n, len(components)))
     for place, component in enumerate(components):
         result[:, place] = component

@@ -32,6 +32,7 @@ from gplfd_env.simulation.batch import DoorBatch, SameStructureBatch
 from gplfd_env.simulation.command import COMMANDS, DRIVEN
 from gplfd_env.task.episode import Episode, Reward
 from gplfd_env.task.episodes import Episodes
+from gplfd_env.task.info import infos_of
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import check_choice
 
@@ -197,7 +198,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             for row in range(self.num_envs)
         ]
         episodes = self._restart(rows)
-        return episodes.observation(self._sensed), episodes.infos(rows)
+        return episodes.observation(self._sensed), masked(infos_of(episodes), rows)
 
     def step(self, actions: Array) -> tuple[Observation, Array, Mask, Mask, Info]:
         """Command every hand for one control period.
@@ -225,12 +226,14 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             stepped = ~diverged if stepped is None else stepped & ~diverged
             rows = np.flatnonzero(stepped).tolist()
         self._sensed = self._batch.read(rows, self._sensed)
-        episodes.advance(self._sensed, stepped, diverged)
+        episodes.advance(np.ascontiguousarray(self._sensed.T), stepped)
+        if diverged is not None:
+            episodes.mark_diverged(diverged)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and resting is not None:
             self._restart(resting)
         rewards, terminations, truncations = episodes.outcome(self._settings.limit)
         self._ended = terminations | truncations
-        infos = episodes.infos(self._everyone)
+        infos = masked(infos_of(episodes), self._everyone)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             infos = self._reset_at_once(episodes, infos)
         observations = episodes.observation(self._sensed)
@@ -283,7 +286,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         final_info = masked(unmasked(infos), ended)
         self._restart(ended)
         final = {"final_obs": final_obs, "final_info": final_info}
-        return episodes.infos(self._everyone) | masked(final, ended)
+        new = masked(infos_of(episodes), self._everyone)
+        return new | masked(final, ended)
 
 
 class DoorOpeningImpedanceVectorEnv(DoorOpeningVectorEnv):

@@ -1,4 +1,4 @@
-"""Episodes of one simulation or of many: circumstances, progress, outcome."""
+"""Episode of one simulation: circumstances, progress, outcome."""
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,14 +19,9 @@ from gplfd_env.conventions.one_and_many import (
     Number,
     anywhere,
     by_row,
-    columns,
-    mapped,
     negated,
-    row_of,
     sqrt,
-    stacked,
     where,
-    with_rows,
 )
 from gplfd_env.doors.closer import CloserLaw
 from gplfd_env.doors.motion import LeafPath
@@ -133,10 +128,9 @@ class DisturbanceEffects(NamedTuple):
 
 
 class Episode:
-    """State of one episode, or of n, besides the state in MuJoCo.
+    """State of one episode besides the state in MuJoCo; numbers are Python floats.
 
-    For a single simulation `n` is None and numbers are Python floats. `together` makes
-    one object of n episodes whose numbers are arrays (n,). Both give the same bits.
+    `gplfd_env.task.episodes.Episodes` inherits the same arithmetic for arrays (n,).
     """
 
     readings: Readings
@@ -144,14 +138,13 @@ class Episode:
 
     def __init__(
         self,
-        n: int | None,
         command: Command,
         reader: Reader,
         reward: Reward,
         parts: Sequence[EpisodeParts],
         constants: Constants,
     ) -> None:
-        self.n, self.command, self.constants = n, command, constants
+        self.command, self.constants = command, constants
         self.reader = dataclasses.replace(reader, hand=constants.hand)
         self._reward, self._terms = reward, REWARDS[reward]
         self._parts = list(parts)
@@ -197,7 +190,7 @@ class Episode:
         parts = EpisodeParts(
             variation, rest, noise, delay, intervention, drive, gripper
         )
-        episode = cls(None, command, reader, reward, [parts], constants)
+        episode = cls(command, reader, reward, [parts], constants)
         readings = episode.readings = episode._read(values, 0, None)
         episode.progress = Progress(
             steps=0,
@@ -212,44 +205,15 @@ class Episode:
         )
         return episode
 
-    @classmethod
-    def together(cls, episodes: Sequence["Episode"]) -> "Episode":
-        """Return the episodes of n simulations as one."""
-        first = episodes[0]
-        many = cls(
-            len(episodes),
-            first.command,
-            first.reader,
-            first._reward,
-            [episode._parts[0] for episode in episodes],
-            stacked([episode.constants for episode in episodes]),
-        )
-        many.readings = stacked([episode.readings for episode in episodes])
-        many.progress = stacked([episode.progress for episode in episodes])
-        return many
-
-    def replace(self, begun: Mapping[int, "Episode"]) -> None:
-        """Replace some of n episodes by new single episodes."""
-        if self.n is None or not begun:
-            return
-        for name in ("constants", "readings", "progress"):
-            ones = [getattr(one, name) for one in begun.values()]
-            changed = with_rows(getattr(self, name), self.n, list(begun), ones)
-            setattr(self, name, changed)
-        self.reader = dataclasses.replace(self.reader, hand=self.constants.hand)
-        for row, one in begun.items():
-            self._parts[row] = one._parts[0]
-        self._index()
-
     def _index(self) -> None:
         """Collect the simulations that have noise, a delay, a drive and so on."""
-        own = list(enumerate(self._parts))
-        self._noises = {row: one.noise for row, one in own if one.noise}
-        self._delays = {row: one.delay for row, one in own if one.delay}
-        self._drives = {row: one.drive for row, one in own if one.drive}
-        self._grippers = {row: one.gripper for row, one in own if one.gripper}
+        rows = list(enumerate(self._parts))
+        self._noises = {row: parts.noise for row, parts in rows if parts.noise}
+        self._delays = {row: parts.delay for row, parts in rows if parts.delay}
+        self._drives = {row: parts.drive for row, parts in rows if parts.drive}
+        self._grippers = {row: parts.gripper for row, parts in rows if parts.gripper}
         self._interventions = {
-            row: one.intervention for row, one in own if one.intervention
+            row: parts.intervention for row, parts in rows if parts.intervention
         }
         rare = self._delays, self._drives, self._grippers, self._interventions
         self._commands_alone = not any(rare)
@@ -258,13 +222,9 @@ class Episode:
     def _read_effects(self) -> None:
         """Read the effects of the disturbances."""
         zeros = DisturbanceEffects._field_defaults.items()
-        each = [self._each(self._interventions, name, zero) for name, zero in zeros]
-        self.effects = DisturbanceEffects(*each)
-
-    @property
-    def variations(self) -> tuple[Variation, ...]:
-        """Door and circumstances of every simulation."""
-        return tuple(own.variation for own in self._parts)
+        self.effects = DisturbanceEffects(
+            *(self._each(self._interventions, name, zero) for name, zero in zeros)
+        )
 
     def prepare_step(self, commands: Array, stepped: Mask | None = None) -> ExtraInputs:
         """Delay commands (n, ...) in place; return loads, base rates and widths."""
@@ -311,12 +271,9 @@ class Episode:
         """Update the episode from the sensor values after one control period.
 
         The values are a list for one simulation, or an array (number of values, n).
-        Simulations that were not `stepped` get no reward and keep their state.
         """
         progress, opening = self.progress, self.progress.opening
-        before = self.readings
-        # Arrays are never modified in place: copies of the records are enough.
-        old = None if stepped is None else mapped(lambda entry: entry, progress)
+        angle_before = self.readings.door.angle
         progress.steps = progress.steps + 1
         self.readings = readings = self._read(values, progress.steps, stepped)
         door, latched = readings.door, readings.latched
@@ -353,15 +310,8 @@ class Episode:
             self.reader.arm_limits,
             stalled=(failure == STALLED) | (failure == NOT_GRASPED),
         )
-        gain = door.angle - before.door.angle
+        gain = door.angle - angle_before
         progress.terms = self._terms(gain, door.forces.radial, opening.success)
-        if old is not None:
-            old.terms = self._terms(0.0, 0.0, False)
-            self.readings, self.progress = mapped(
-                lambda now, then: where(stepped, now, then),
-                (readings, progress),
-                (before, old),
-            )
 
     def mark_diverged(self, diverged: Flag = True) -> None:
         """Mark simulations as diverged; their readings stay the last good ones."""
@@ -373,34 +323,20 @@ class Episode:
             for name, term in progress.terms.items()
         }
 
-    def rest(self) -> None:
-        """Set the reward of an ended episode, which was not stepped, to zero."""
-        self.progress.terms = self._terms(0.0, 0.0, False)
-
     def observation(self, sensordata: Array) -> Observation:
         """Return the observation, with noise and the error of a moved base."""
         readings = self.readings
-        wrench = columns(readings.wrench, self.n)
-        time = columns((readings.time,), self.n)
+        wrench, time = self._column(readings.wrench), self._column((readings.time,))
         observation = self.reader.observation(sensordata, wrench, time, self.command)
-        self.add_errors(observation)
-        return observation
-
-    def add_errors(self, observation: Observation, place: Any = ...) -> None:
-        """Add noise and the error of a moved base to an observation, in place.
-
-        A single simulation is at index `place` of the observation.
-        """
         for row, intervention in self._interventions.items():
-            at = place if self.n is None else row
-            observation["ee_pose"][at][..., :3] -= intervention.base_shift
-            observation["ee_twist"][at][..., :3] -= intervention.base_velocity
-        if self._noises:
-            samples = [noise.sample for noise in self._noises.values()]
-            at = place if self.n is None else list(self._noises)
-            noise = samples[0] if self.n is None else np.array(samples)
-            observation["ee_pose"][at] += noise[..., :6]
-            observation["wrench"][at] += noise[..., 6:]
+            of_row = self._index_of(row)
+            observation["ee_pose"][of_row][..., :3] -= intervention.base_shift
+            observation["ee_twist"][of_row][..., :3] -= intervention.base_velocity
+        for row, noise in self._noises.items():
+            of_row = self._index_of(row)
+            observation["ee_pose"][of_row] += noise.sample[:6]
+            observation["wrench"][of_row] += noise.sample[6:]
+        return observation
 
     def _read(self, values: Values, steps: Number, stepped: Mask | None) -> Readings:
         """Return the sensor readings, and draw the noise of the observation."""
@@ -420,19 +356,19 @@ class Episode:
 
     def _of(self, row: int, record: Thing) -> Thing:
         """Return one simulation's part of a record."""
-        return record if self.n is None else row_of(record, row)
+        return record
+
+    def _index_of(self, row: int) -> Any:
+        """Return the index of a simulation in the arrays of an observation."""
+        return ...
+
+    def _column(self, vector: Sequence[Number]) -> Array:
+        """Return a vector (k,) as a new array, or (n, k) for n simulations."""
+        return np.array(vector)
 
     def _each(self, things: Mapping[int, Any], name: str, default: Any) -> Any:
         """Return an attribute of optional parts; simulations without get a default."""
-        if not things:
-            return default
-        if self.n is None:
-            return getattr(things[0], name)
-        values = np.empty((self.n, *np.shape(default)), np.asarray(default).dtype)
-        values[:] = default
-        for row, thing in things.items():
-            values[row] = getattr(thing, name)
-        return tuple(values.T) if values.ndim > 1 else values
+        return getattr(things[0], name) if things else default
 
     @property
     def slip(self) -> Number:

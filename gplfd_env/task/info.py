@@ -1,6 +1,6 @@
 """Declaration of the keys of an info, for one simulation and for many."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from gplfd_env.conventions.one_and_many import columns
 from gplfd_env.task.episode import Episode
+from gplfd_env.task.episodes import Episodes
 from gplfd_env.task.opening import FAILURES
 from gplfd_env.task.stages import REASONS, STAGES
 
@@ -99,16 +100,10 @@ def info_of(episode: Episode) -> dict[str, Any]:
     return info
 
 
-def infos_of(episodes: Sequence[Episode]) -> dict[str, Any]:
-    """Return the infos of n simulations as new arrays (n, ...).
-
-    The argument holds n single episodes, or one object with n episodes.
-    """
-    n = episodes[0].n
-    if n is None:
-        each = zip(INFO, zip(*map(_ALL_OF, episodes), strict=True), strict=True)
-        return {name: _joined(name, values) for name, values in each}
-    infos = dict(zip(INFO, _ALL_OF(episodes[0]), strict=True))
+def infos_of(episodes: Episodes) -> dict[str, Any]:
+    """Return the infos of n episodes as new arrays (n, ...)."""
+    n = episodes.n
+    infos = dict(zip(INFO, _ALL_OF(episodes), strict=True))
     for name, value in infos.items():
         kind = INFO[name].kind
         if kind is dict:
@@ -121,13 +116,3 @@ def infos_of(episodes: Sequence[Episode]) -> dict[str, Any]:
             infos[name] = np.empty(n, kind)
             infos[name][:] = value
     return infos
-
-
-def _joined(name: str, values: Sequence[Any]) -> Any:
-    """Return the values of single simulations as an array (n, ...)."""
-    kind = INFO[name].kind
-    if kind is dict:
-        return {term: np.array([each[term] for each in values]) for term in values[0]}
-    if kind is str:
-        return _WORD_ARRAYS[name][list(values)]
-    return np.array(values)

@@ -77,14 +77,6 @@ def make_vec(opened: Callable) -> Callable[..., DoorOpeningVectorEnv]:
 
 
 @pytest.fixture
-def count_as(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
-    """Return a function: a few simulations are counted as "floats" or as "arrays"."""
-    return lambda numbers: monkeypatch.setattr(
-        "gplfd_env.task.episodes.MANY", {"arrays": 2, "floats": 100}[numbers]
-    )
-
-
-@pytest.fixture
 def scratch_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where MuJoCo writes MUJOCO_LOG.TXT if a simulation diverges."""
     monkeypatch.chdir(tmp_path)
