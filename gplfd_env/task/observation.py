@@ -283,7 +283,7 @@ class DoorReading(NamedTuple):
         """
         about_up = path.upright * self.angle
         turned = self.handle_angle != 0.0
-        level = path.level * self.angle if anywhere(path.level != 0.0) else 0.0
+        level = where(path.level != 0.0, path.level * self.angle, 0.0)
         if not anywhere(turned):
             return 0.0, about_up, level
         turn = -path.hinge_sign * self.handle_angle
