@@ -89,16 +89,6 @@ def test_where_it_begins_is_drawn_and_nothing_else_changes(make_env):
     assert drawn[-1] == drawn[3]
 
 
-def test_left_and_above_are_the_robot_s():
-    door = gplfd_env.DoorConfig()
-    straight = standoff_pose(door, Standoff(), TIAGO_LIKE)
-    left = standoff_pose(door, Standoff(aside=0.2), TIAGO_LIKE) - straight
-    above = standoff_pose(door, Standoff(above=0.2), TIAGO_LIKE) - straight
-    assert left[2] > 0.02
-    assert left[1] == 0.0
-    assert above[1] == pytest.approx(0.15 * np.sin(0.2))
-
-
 @pytest.mark.parametrize(
     ("id", "door", "base"),
     [
@@ -190,15 +180,6 @@ def test_closed_it_is_the_environment_without_a_gripper(make_env, arc_commands):
             assert np.array_equal(first[0][key], value)
         assert data_equivalence(first[-1], second[-1], exact=True)
         first, second = env.step(np.append(pose, 0.0)), plain.step(pose)
-
-
-def test_a_late_command_finds_the_hand_where_it_began(make_env):
-    late = {"shortest_delay": 10, "longest_delay": 10}
-    env = make_env(id=GRIPPER, start="approach", randomization=late)
-    pose = env.reset(seed=0)[0]["ee_pose"]
-    observation, *_ = hold(env, np.zeros(7), 10)
-    assert observation["ee_pose"] == pytest.approx(pose, abs=2e-3)
-    assert observation["gripper_width"] == pytest.approx(GRIPPER_WIDTH, abs=1e-4)
 
 
 def test_what_does_not_go_together_is_refused(make_env):

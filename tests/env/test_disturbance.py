@@ -14,7 +14,6 @@ from scipy.integrate import solve_ivp
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.disturbance import (
-    Disturbance,
     Person,
     Push,
     Stop,
@@ -293,16 +292,6 @@ def test_what_is_drawn(make_env):
     assert [env.variation.disturbance.push.along] == drawn[3][:1]
 
 
-def test_ranges_share_all_other_draws():
-    narrow = Disturbance(push=Push(along=3.0, outward=(0.0, 9.0)))
-    wide = Disturbance(push=Push(along=(0.0, 9.0), outward=(0.0, 9.0)))
-    one, other = (d.drawn(np.random.default_rng(1)).push for d in (narrow, wide))
-    assert one is not None
-    assert other is not None
-    assert one.outward == other.outward
-    assert one.along == 3.0 != other.along
-
-
 def test_a_mapping_changes_what_it_names_of_a_preset():
     spec = {"preset": "push", "push": {"duration": 0.5}, "stop": {"angle": 0.3}}
     standard, changed = disturbance_named("push"), disturbance_named(spec)
@@ -313,12 +302,3 @@ def test_a_mapping_changes_what_it_names_of_a_preset():
     assert disturbance_named({"push": {"along": 3.0}}).push == Push(along=3.0)
     with pytest.raises(ValueError, match="unknown push field 'length'"):
         disturbance_named({"preset": "push", "push": {"length": 0.5}})
-
-
-def test_the_end_of_the_hinge_is_no_disturbance(free_door):
-    for disturbance, blocked in (("push", False), ({"stop": {"angle": 1.6}}, True)):
-        env = free_door(disturbance)
-        env.data.joint("hinge").qpos, env.data.joint("hinge").qvel = 1.5, 2.0
-        forces = [env.step(REST)[-1]["stop_force"] for _ in range(40)]
-        assert (max(forces) > 1.0) == blocked
-        assert env._episode.readings.door.angle > 1.5

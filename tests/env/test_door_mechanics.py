@@ -191,12 +191,6 @@ def test_a_closer_is_what_en_1154_allows(size, share):
     assert moment(90.0, -slow) >= row.closing_open
 
 
-@pytest.mark.parametrize("wrong", [{"size": 5}, {"size": 2, "efficiency": 0.4}])
-def test_a_closer_that_the_standard_does_not_know(wrong):
-    with pytest.raises(ValueError, match="EN 1154"):
-        en1154(**wrong)
-
-
 CLOSERS = {
     "none": {},
     "spring hinge": {"closer": spring_hinge(8.0)},

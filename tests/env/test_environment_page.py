@@ -9,18 +9,14 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 import gplfd_env
-from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.disturbance import CAUSES, DISTURBANCES
 from gplfd_env.doors.parts import Closer
 from gplfd_env.doors.randomization import RANDOMIZATIONS, DoorRandomization
 from gplfd_env.envs.door_opening import DoorOpeningEnv
 from gplfd_env.envs.vector import DoorOpeningVectorEnv
-from gplfd_env.robot.model import SERVO_DAMPING, SERVO_STIFFNESS
-from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.task.info import INFO
 from gplfd_env.validation.fields import allowed_range
 
@@ -196,19 +192,6 @@ def test_randomization_table_is_the_presets_and_the_widest_ranges():
             DoorRandomization(**{name: beyond})
 
 
-def test_camera_table_is_the_cameras(make_env):
-    model = make_env().model
-    cameras = {model.camera(index).name for index in range(model.ncam)}
-    assert set(column("Rendering", "camera")) == cameras
-    modes = [mode.strip('"') for mode in column("Rendering", "render mode", 1)]
-    assert sorted(modes) == sorted(DoorOpeningEnv.metadata["render_modes"])
-
-
-def test_autoreset_table_is_gymnasium_s_modes():
-    modes = [mode.value for mode in AutoresetMode]
-    assert column("Many doors at once", "autoreset mode", 1) == modes
-
-
 def test_reset_options_are_those_the_message_allows(make_env):
     with pytest.raises(ValueError, match="unknown reset option") as error:
         make_env().reset(options={"": 0})
@@ -222,30 +205,6 @@ def test_every_id_has_a_version():
 
 
 # --- Numbers, arguments, code --------------------------------------------------------
-
-
-def test_turned_arc_is_the_one_stated():
-    """That the formula holds is shown in test_door_geometry.py."""
-    stated = re.search(r"x = R \((.*?)\), {4}z = R \((.*?)\),\n\nwith the rot", PAGE)
-    assert stated is not None
-    assert stated[1] == "cos ψ sin φ + sin ψ (1 - cos φ)"
-    assert stated[2] == "sin ψ sin φ - cos ψ (1 - cos φ)"
-
-
-def test_stated_numbers_are_the_code_s(make_env):
-    env = make_env()
-    for index, row in enumerate(table("Servo")):
-        assert float(row["stiffness"].split()[0]) == SERVO_STIFFNESS[index]
-        assert float(row["damping"].split()[0]) == SERVO_DAMPING[index]
-    arm_limits = ", ".join(f"{limit:g}" for limit in env.model.jnt_actfrcrange[1:8, 1])
-    (stated,) = re.findall(r"effort limits \((.*?) N m", PAGE)
-    assert stated.replace(" and ", ", ") == arm_limits
-    hand = env.model.body_subtreemass[env.model.body(TIAGO_LIKE.sensor).id]
-    assert f"({hand:.2f} kg)" in PAGE
-    assert f"{1000 * CONTROL_PERIOD:g} ms: five physics steps of 2 ms" in PAGE
-    assert env.model.opt.timestep == 0.002
-    for id in IDS:
-        assert f"truncated after {gym.spec(id).max_episode_steps} steps" in PAGE
 
 
 def stated_defaults(begin: str, end: str) -> dict[str, str]:
@@ -276,12 +235,3 @@ def test_arguments_and_their_defaults():
         if name == "max_episode_steps":
             default = gplfd_env.TIME_LIMIT
         assert str(default) == (single | stated)[name], name
-
-
-@pytest.mark.parametrize("code", re.findall(r"```python\n(.*?)```", PAGE, re.S))
-def test_code_on_the_page_runs(code):
-    env = gym.make(IDS[0])
-    names = {"gym": gym, "env": env, "action": np.zeros(6)}
-    exec(code, names)
-    names["env"].close()
-    env.close()

@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose
 
 import gplfd_env
 from gplfd_env.robot.tiago import TIAGO_LIKE
-from gplfd_env.simulation.command import servo_gains
 from gplfd_env.spatial.arc import handle_pose_on_arc
 
 pytestmark = pytest.mark.slow
@@ -18,7 +17,6 @@ pytestmark = pytest.mark.slow
 IMPEDANCE = gplfd_env.IMPEDANCE_ENVIRONMENT_ID
 SOFTEST = np.repeat([20.0, 1.0], 3)
 STIFFEST = np.repeat([2000.0, 100.0], 3)
-DAMPING = np.repeat([179.0, 7.7], 3)
 MASS = np.repeat([4.0, 0.15], 3)
 MIDDLE = handle_pose_on_arc(0.5, np.radians(35.0))
 
@@ -61,22 +59,6 @@ def test_each_servo_has_the_stiffness_commanded_and_keeps_its_damping_ratio(
     assert_allclose(env.data.actuator_force[:6], expected, atol=0.01 * scale)
 
 
-def test_the_range_of_stiffness_and_the_damping_at_its_end(make_env):
-    """Beyond it, actions are clamped; see test_mobile_base.py."""
-    env = make_env(id=IMPEDANCE)
-    assert_allclose(env.action_space.low[6:], SOFTEST)
-    assert_allclose(env.action_space.high[6:], STIFFEST)
-    assert_allclose(env.action_space.low[:6], make_env().action_space.low)
-    assert_allclose(env.model.actuator_biasprm[:6, 2], -DAMPING)
-
-
-def test_gains_of_many_are_the_gains_of_each():
-    rows = np.random.default_rng(0).uniform(-10.0, 3000.0, (5, 6))
-    each = zip(*map(servo_gains, rows), strict=True)
-    for part, parts in zip(servo_gains(rows), each, strict=True):
-        assert np.array_equal(part, np.array(parts))
-
-
 @pytest.mark.parametrize(
     ("axis", "share"),
     [(0, 1.0), (0, 0.1), (1, 0.1), (2, 1.0), (3, 0.1), (4, 1.0), (5, 0.1)],
@@ -102,7 +84,7 @@ def test_deflection_under_a_known_load_is_load_over_stiffness(
 
 
 def test_greatest_stiffness_follows_the_pose_environment(start_env, arc_commands):
-    """To 1 µm and 0.2 mrad along an arc; not bit for bit, as the next test shows."""
+    """To 2 µm and 0.4 mrad along an arc: every axis has a servo of its own."""
     pose_env, env = start_env("medium"), start_env("medium", id=IMPEDANCE)
     for pose in arc_commands(0.5, duration=6.0):
         expected, _, ended, _, expected_info = pose_env.step(pose)
@@ -114,29 +96,6 @@ def test_greatest_stiffness_follows_the_pose_environment(start_env, arc_commands
         if ended:
             break
     assert info["success"]
-
-
-def test_an_oblique_turn_shows_that_axes_have_servos_of_their_own(
-    make_env, release_handle
-):
-    """Hand free, turned by 0.9 rad: 0.6 mm and 10 mrad from the geodesic at most.
-
-    Along the geodesic one servo turns the hand of the pose environment.
-    """
-    pose = np.array([0.1, 0.02, -0.05, -0.6, 0.5, 0.4])
-    pose_env, env = make_env("medium"), make_env("medium", id=IMPEDANCE)
-    for one in (pose_env, env):
-        one.reset(seed=0)
-        release_handle(one)
-    apart = []
-    for step in range(300):
-        target = min(1.0, step / 150) * pose
-        expected, *_ = pose_env.step(target)
-        observation, *_ = env.step(command(target))
-        apart.append(np.abs(observation["ee_pose"] - expected["ee_pose"]))
-    assert np.max(apart, axis=0)[:3].max() < 6e-4
-    assert 1e-3 < np.max(apart, axis=0)[3:].max() < 1e-2
-    assert np.abs(observation["ee_pose"] - pose).max() < 4e-3
 
 
 @many_examples

@@ -126,16 +126,6 @@ def test_forces_are_split_along_the_path(door):
         assert across == pytest.approx(0.0, abs=0.15)
 
 
-def test_another_origin_is_another_point_of_the_same_leaf():
-    for name in OTHER:
-        geometry, place = DoorGeometry.of(DOORS[name]), np.array([0.01, -0.02, 0.03])
-        there = geometry.seen_from(place).hand_poses(0.6)
-        pose = geometry.hand_poses(0.6)
-        turned = Rotation.from_rotvec(pose[3:]).apply(place)
-        assert_allclose(there[:3] + place, pose[:3] + turned, atol=1e-12)
-        assert_allclose(there[3:], pose[3:], atol=1e-12)
-
-
 def test_the_nearest_angle_of_a_path():
     geometry = DoorGeometry.of(DOORS["bifold-closet"])
     angles = np.random.default_rng(0).uniform(0.0, 1.1, 20)

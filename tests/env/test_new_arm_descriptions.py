@@ -125,17 +125,3 @@ def test_both_readers_follow_the_published_chain(name):
         pose = np.column_stack([tool.xmat.reshape(3, 3), tool.xpos])
         assert_allclose(pose, expected[:3], atol=1e-9)
         assert_allclose(robot.get_transform(arm.tool), expected, atol=1e-9)
-
-
-def test_the_tool_point_of_the_panda_lies_between_its_closed_pads():
-    model = mujoco.MjModel.from_xml_path(str(asset_path("panda_like.urdf")))
-    data = mujoco.MjData(model)
-    assert_allclose(model.body("panda_hand").mass, 0.73)
-    assert list(model.eq_type) == [mujoco.mjtEq.mjEQ_JOINT], "the fingers are coupled"
-    mujoco.mj_kinematics(model, data)
-    tip = data.body("panda_hand_tcp")
-    for side, sign in (("left", 1), ("right", -1)):
-        pad, size = data.geom(f"{side}_finger_pad"), model.geom(f"{side}_finger_pad")
-        away = tip.xmat.reshape(3, 3).T @ (pad.xpos - tip.xpos)
-        assert_allclose(away[1], sign * size.size[1], atol=1e-9)
-        assert abs(away[2]) < size.size[2]

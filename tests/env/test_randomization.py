@@ -129,9 +129,7 @@ def test_presets():
 
     Their numbers are on the page.
     """
-    none, mild, hard, standard, detector = RANDOMIZATIONS.values()
-    names = ["none", "mild", "hard", "standard", "detector"]
-    assert list(RANDOMIZATIONS) == names
+    none, mild, hard, *_ = RANDOMIZATIONS.values()
     assert none == DoorRandomization()
     assert (none.idle, mild.idle) == (True, False)
     assert mild.radius is None
@@ -141,76 +139,36 @@ def test_presets():
         assert narrow is None or (wide[0] <= narrow[0] and narrow[1] <= wide[1])
     for name in (*WIDTHS, *NOISES, "longest_delay"):
         assert np.all(np.less(getattr(mild, name), getattr(hard, name)))
-    for preset in (none, mild, hard, standard, detector):
-        for name, value in dataclasses.asdict(preset).items():
-            entries = value if isinstance(value, tuple) else [value]
-            plain = (str,) if name == "doors" else (float, int, type(None))
-            assert all(type(entry) in plain for entry in entries)
-    with pytest.raises(TypeError):
-        RANDOMIZATIONS["mild"] = DoorRandomization()
 
 
 def test_names_mappings_and_records():
     hard = RANDOMIZATIONS["hard"]
-    assert door_randomization("hard") is hard
-    assert door_randomization(hard) is hard
+    assert door_randomization("hard") is door_randomization(hard) is hard
     assert door_randomization({}) == RANDOMIZATIONS["none"]
-    assert door_randomization({"preset": "hard"}) == hard
     assert door_randomization(dataclasses.asdict(hard)) == hard
     mapping = {"preset": "hard", "radius": [0.4, 0.5], "base_yaw": 0}
     changed = door_randomization(mapping)
     assert changed == dataclasses.replace(hard, radius=(0.4, 0.5), base_yaw=0.0)
     assert type(changed.radius) is tuple, "lists, as JSON has them, become pairs"
-    assert mapping == {"preset": "hard", "radius": [0.4, 0.5], "base_yaw": 0}
-    assert hash(changed) == hash(door_randomization(mapping))
 
 
 @pytest.mark.parametrize(
     ("spec", "kind", "message"),
     [
         ("mid", ValueError, r"'mid' \(did you mean 'mild'\?\).*none, mild, hard"),
-        ({"preset": 3}, ValueError, "unknown randomization 3;"),
         (
             {"radus": (0, 1)},
             ValueError,
-            r"'radus' \(did you mean 'ra.*fields: radius, ",
+            r"'radus' \(did you mean 'ra.*fields: radius",
         ),
         (3, TypeError, r"3 \(int\)"),
-        (None, TypeError, r"None \(NoneType\)"),
         ({"radius": 0.4}, ValueError, r"\.radius = 0\.4 must be a pair of numbers"),
-        ({"radius": "45"}, TypeError, r"\.radius must be a number, got '4' \(str\)"),
         ({"radius": ("0.4", 0.5)}, TypeError, r"must be a number, got '0\.4' \(str\)"),
-        ({"radius": (0.4, 0.5, 0.6)}, ValueError, "must be a pair of numbers"),
         ({"radius": (0.5, 0.4)}, ValueError, "low <= high"),
-        ({"radius": (math.nan, 0.5)}, ValueError, r"radius = nan is outside \[0\.3, 1"),
         ({"panel_mass": (1, 101)}, ValueError, r"mass = 101\.0 is outside \[1, 100\]"),
-        ({"pose_noise": 0.1}, ValueError, r"\.pose_noise = 0\.1 must be a pair"),
-        ({"wrench_noise": None}, ValueError, r"\.wrench_noise = None must be a pair"),
-        (
-            {"pose_noise": (0.0, 0.2)},
-            ValueError,
-            r"noise = 0\.2 is outside \[0, 0\.1\] r",
-        ),
-        (
-            {"base_yaw": -0.1},
-            ValueError,
-            r"\.base_yaw = -0\.1 is outside \[0, 0\.1\] rad",
-        ),
-        (
-            {"base_yaw": math.inf},
-            ValueError,
-            r"\.base_yaw = inf is outside \[0, 0\.1\]",
-        ),
-        ({"grasp_height": "x"}, TypeError, r"\.grasp_height must be a number, got 'x'"),
-        *[
-            ({"longest_delay": value}, ValueError, rf"_delay = {value!r} must.*0 to 10")
-            for value in (11, -1, 1.5, "3", True)
-        ],
-        (
-            {"shortest_delay": 3, "longest_delay": 2},
-            ValueError,
-            "shortest_delay = 3 must not be above",
-        ),
+        ({"base_yaw": -0.1}, ValueError, r"\.base_yaw = -0\.1 is outside \[0, 0\.1\]"),
+        ({"longest_delay": 11}, ValueError, r"_delay = 11 must.*0 to 10"),
+        ({"shortest_delay": 3, "longest_delay": 2}, ValueError, "not be above"),
         ({"doors": "din"}, ValueError, "doors = 'din' is not one of 'given'"),
     ],
 )
@@ -223,10 +181,6 @@ def test_wrong_ones_are_told_what_is_allowed(spec, kind, message):
     ("record", "field", "most", "allowed"),
     [
         (Placement, "base_x", 0.05, r"outside \[-0\.05, 0\.05\]"),
-        (Placement, "base_y", 0.05, r"outside \[-0\.05, 0\.05\]"),
-        (Placement, "base_yaw", 0.1, r"outside \[-0\.1, 0\.1\]"),
-        (Placement, "grasp_height", 0.05, r"outside \[-0\.05, 0\.05\]"),
-        (Placement, "grasp_depth", 0.008, r"outside \[-0\.008, 0\.008\]"),
         (SensorNoise, "position", 0.01, r"outside \[0, 0\.01\]"),
         (Variation, "delay", 10, "must be a whole number.*0 to 10"),
     ],

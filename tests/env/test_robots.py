@@ -35,7 +35,7 @@ HAND = {
 def opened(robot, door, base, id=ENVIRONMENT_ID, seconds=7.5):
     """Follow the true path to 63 degrees; return the environment and the infos."""
     env = gym.make(id, robot=robot, door=door, base=base)
-    observation, _ = env.reset(seed=0)
+    env.reset(seed=0)
     geometry, infos = env.unwrapped.door_geometry, []
     lever = env.unwrapped.door.handle != "bar"
     for step in range(round(100 * seconds)):
@@ -48,12 +48,12 @@ def opened(robot, door, base, id=ENVIRONMENT_ID, seconds=7.5):
         action = (
             pose if id == ENVIRONMENT_ID else np.r_[pose, [2000.0] * 3, [100.0] * 3]
         )
-        observation, _, ended, _, info = env.step(action)
+        *_, ended, _, info = env.step(action)
         infos.append(info)
         if ended:
             break
     env.close()
-    return env.unwrapped, observation, infos
+    return env.unwrapped, infos
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def opened(robot, door, base, id=ENVIRONMENT_ID, seconds=7.5):
     ],
 )
 def test_an_arm_opens_a_door_within_its_limits(robot, door, base):
-    env, _, infos = opened(robot, door, base)
+    env, infos = opened(robot, door, base)
     assert infos[-1]["success"]
     assert max(info["slip"] for info in infos) < 3e-3
     efforts = env.model.jnt_actfrcrange[
@@ -113,7 +113,7 @@ def test_the_wrist_sensor_measures_what_acts_on_the_hand(robot):
 
 
 def test_impedance_control_and_many_doors_take_other_robots():
-    _, _, infos = opened("ur5e-like", "medium", "fixed", IMPEDANCE_ENVIRONMENT_ID)
+    _, infos = opened("ur5e-like", "medium", "fixed", IMPEDANCE_ENVIRONMENT_ID)
     assert infos[-1]["success"]
     one = gym.make(ENVIRONMENT_ID, robot="ur5e-like", door="small")
     many = gym.make_vec(
@@ -127,23 +127,6 @@ def test_impedance_control_and_many_doors_take_other_robots():
         batch, *_ = many.step(np.tile(action, (2, 1)))
     for name, values in single.items():
         assert_array_equal(batch[name][1], values)
-
-
-def test_the_default_robot_is_the_tiago_like_one():
-    env = gym.make(ENVIRONMENT_ID, door="medium")
-    same = gym.make(ENVIRONMENT_ID, door="medium", robot=TIAGO_LIKE, base="fixed")
-    for name in ("body_pos", "body_mass", "site_quat", "geom_size", "key_qpos"):
-        fields = [getattr(one.unwrapped.model, name) for one in (env, same)]
-        assert_array_equal(*fields)
-
-
-def test_a_robot_says_on_which_base_it_stands():
-    mobile = robot_of_urdf(UR5E, base="mobile")
-    env = gym.make(ENVIRONMENT_ID, robot=mobile, door="medium")
-    assert env.unwrapped.model.joint("base_yaw_joint").id >= 0
-    standing = gym.make(ENVIRONMENT_ID, robot=mobile, base="fixed", door="medium")
-    with pytest.raises(KeyError):
-        standing.unwrapped.model.joint("base_yaw_joint")
 
 
 def test_home_decides_how_the_robot_stands():
@@ -206,10 +189,9 @@ def test_meshes_are_drawn_and_a_missing_one_is_told(tmp_path):
     model = env.unwrapped.model
     assert model.nmesh == 1
     assert_allclose(np.ptp(model.mesh_vert, axis=0).sum(), 1.2, rtol=1e-6)
-    broken = described(tmp_path, text.replace(geometry, mesh.replace("part", "no"), 1))
     (tmp_path / "other").mkdir()
-    other = (tmp_path / "other" / "arm.urdf").resolve()
-    other.write_text(broken.read_text())
+    mesh = mesh.replace("part", "no")
+    other = described(tmp_path / "other", text.replace(geometry, mesh, 1))
     with pytest.warns(UserWarning, match=r"drawn without no\.stl: no such file"):
         gym.make(ENVIRONMENT_ID, robot=str(other), door="medium")
 
@@ -221,7 +203,8 @@ def test_a_file_describes_a_robot(tmp_path):
     file.write_text(json.dumps({"path": "arm.urdf", "base": "mobile", **HAND}))
     robot = robot_named(str(file))
     assert (robot.base, robot.tool) == ("mobile", "panda_hand")
-    assert gym.make(ENVIRONMENT_ID, robot=file, door="medium").reset(seed=0)
+    env = gym.make(ENVIRONMENT_ID, robot=file, door="medium").unwrapped
+    assert env.model.joint("base_yaw_joint").id >= 0, "its base is the file's"
     file.write_text(json.dumps({"path": "arm.urdf", "hand": "panda_hand"}))
     other = file.rename(tmp_path / "other.json")
     with pytest.raises(
@@ -230,16 +213,9 @@ def test_a_file_describes_a_robot(tmp_path):
         robot_named(str(other))
 
 
-@pytest.mark.parametrize(
-    ("spec", "message"),
-    [
-        ("panda", "unknown robot 'panda' .did you mean 'panda-like'"),
-        (3, "robot must be a name, a path or a RobotConfig, got int"),
-    ],
-)
-def test_an_unknown_robot_is_told(spec, message):
-    with pytest.raises((ValueError, TypeError), match=message):
-        gym.make(ENVIRONMENT_ID, robot=spec)
+def test_an_unknown_robot_is_told():
+    with pytest.raises(ValueError, match=r"unknown robot 'panda' .did you mean 'pand"):
+        gym.make(ENVIRONMENT_ID, robot="panda")
 
 
 @pytest.mark.parametrize(
@@ -248,14 +224,11 @@ def test_an_unknown_robot_is_told(spec, message):
         (PANDA, {"fingers": ("panda_joint1", "x")}, "prismatic joints, got 'panda_jo"),
         (PANDA, {"fingers": HAND["fingers"]}, "give grasp_point, where"),
         (PANDA, HAND | {"closing": (0, 1, 1)}, "must be perpendicular"),
-        (PANDA, HAND | {"approach": (0, 0, 0)}, "approach must be a direction"),
         (UR5E, {"tool": "hand"}, "has no link 'hand'; it has base_link"),
         (UR5E, {"tool": "forearm_link"}, "3 turning joints lead to 'forearm_link'"),
         (UR5E, {"home": [0.0] * 7}, "home must be 6 joint positions"),
-        (UR5E, {"home": [math.nan] * 6}, "home must be 6 joint positions"),
         (UR5E, {"home": [0, 0, 4.0, 0, 0, 0]}, "beyond the limits of elbow_joint"),
         (UR5E, {"home": [0.0, -1.0, 0.5, -1.0, 1.57, 0]}, "approach level; it points"),
-        (UR5E, {"armature": [0.1, 0.2]}, "armature"),
     ],
 )
 def test_what_does_not_fit_a_urdf_is_told(path, arguments, message):
@@ -270,34 +243,13 @@ LIMIT = '<limit lower="-6.28318530718" upper="6.28318530718"'
     ("old", "new", "message"),
     [
         (UR5E.read_text(), "", "is not a URDF of an arm"),
-        (UR5E.read_text(), "<robot name='a'><link name='b'/></robot>", "has no joints"),
         ("wrist_2_joint", "wrist_1_joint", "two joints are named 'wrist_1_joint'"),
-        ('name="wrist_2_link"', 'name="wrist_1_link"', "two links are named 'wrist_1"),
         ("tool0", "gripper_link", "link gripper_link has the name of a part of the gr"),
-        ("base_link", "stand_base", "link stand_base has the name of a part of the st"),
-        (
-            'child link="tool0"',
-            'child link="tool"',
-            "joins 'tool', which is none of it",
-        ),
+        ('child link="tool0"', 'child link="tool"', "joins 'tool', which is none"),
         ('child link="tool0"', 'child link="wrist_1_link"', "the second that leads to"),
-        (
-            'child link="tool0"',
-            'child link="base_link"',
-            "no joints lead from tool0 to base",
-        ),
         ("</robot>", '<link name="lonely"/></robot>', "lead from base_link to lonely"),
-        (
-            LIMIT,
-            '<limit lower="-360" upper="360"',
-            "limits -360 to 360; give .* not deg",
-        ),
+        (LIMIT, '<limit lower="-360" upper="360"', "-360 to 360; give .* not deg"),
         (LIMIT, "<limit", "the limits 0 to 0; give .* or type=.continuous."),
-        (
-            LIMIT,
-            '<limit lower="1" upper="-1"',
-            "limits 1 to -1; give .* lower to upper",
-        ),
     ],
 )
 def test_a_mistake_in_a_urdf_is_told(tmp_path, old, new, message):

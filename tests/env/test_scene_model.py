@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gplfd_env.conventions.assets import asset_path
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
 from gplfd_env.doors.variation import Placement
-from gplfd_env.robot.stance import base_for
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
 from gplfd_env.scene.door import structure_of
@@ -54,14 +53,6 @@ def test_scene_keeps_the_urdf_bodies(base):
     ):
         limits = scene.jnt_actfrcrange[scene.joint(joint).id]
         assert_allclose(limits, (-effort, effort))
-
-
-def test_scenes_are_the_caller_s_own():
-    first, second = build_scene(DoorConfig()), build_scene(DoorConfig())
-    first.opt.timestep = 1.0
-    first.body_mass[:] = 0.0
-    assert second.opt.timestep == 0.002
-    assert build_scene(DoorConfig()).body_mass.sum() > 50
 
 
 @settings(max_examples=12)
@@ -153,41 +144,6 @@ def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
         assert looks(dressed) == (set() if door == "medium" else set(CLOSER_PARTS))
 
 
-@pytest.mark.parametrize("door", DOORS)
-def test_every_door_stands_in_a_wall(door):
-    for base in {base_for(DOORS[door], TIAGO_LIKE), "mobile"}:
-        model = build_scene(DOORS[door], robot=TIAGO_LIKE.on(base))
-        for wall in WALLS:
-            assert model.geom(wall).rgba[3] == 1.0
-            assert model.geom(wall).size[2] > 0.5
-
-
-def test_no_wall_hides_the_arm_of_a_robot_that_stands_still_and_pushes():
-    """It reaches through beside the lock; the scene is loaded in place."""
-    model = build_scene(DOORS["medium"])
-    load_scene(model, mujoco.MjData(model), DoorConfig(swing="push"))
-    assert model.geom("wall_lock").size[2] < 0.01
-    assert model.geom("wall_hinge").size[2] > 0.5
-
-
-@pytest.mark.parametrize("handle", ["lever", "knob"])
-@pytest.mark.parametrize("hinge_side", ["right", "left"])
-def test_the_far_handle_is_the_near_one_in_the_mirror(handle, hinge_side):
-    fields = {"preset": "room-834", "handle": handle, "hinge_side": hinge_side}
-    model = build_scene(door_config(fields), robot=TIAGO_LIKE.on("mobile"))
-    data = mujoco.MjData(model)
-    data.joint("handle").qpos = 0.5
-    mujoco.mj_kinematics(model, data)
-    axes = data.body("door").xmat.reshape(3, 3)
-    near, far, leaf = (
-        axes.T @ (data.geom(name).xpos - data.body("door").xpos)
-        for name in ("handle_bar", "far_handle", "leaf")
-    )
-    assert_allclose(far[1:], near[1:], atol=1e-9)
-    assert near[0] + far[0] == pytest.approx(2.0 * leaf[0])
-    assert model.geom("far_handle").size[0] == model.geom("handle_bar").size[0]
-
-
 def test_only_a_hydraulic_closer_is_seen():
     """A lever's seal has tendons, too: the scene is the same, and loaded in place."""
     lever, closed_by = DOORS["room-834"], DOORS["heavy-fire"]
@@ -199,17 +155,3 @@ def test_only_a_hydraulic_closer_is_seen():
         assert [model.geom(part).rgba[3] for part in CLOSER_PARTS] == [seen, seen]
         assert model.tendon_rgba[arm, 3] == seen
         assert (model.tendon_width[arm] > 1e-3) == (seen > 0.0)
-
-
-@pytest.mark.parametrize("hinge_side", ["right", "left"])
-def test_the_closer_s_arm_ends_at_its_box_however_far_the_door_is_open(hinge_side):
-    door = door_config({"preset": "heavy-fire", "hinge_side": hinge_side})
-    model = build_scene(door, robot=TIAGO_LIKE.on("mobile"))
-    data = mujoco.MjData(model)
-    for angle in (0.0, 0.8, 1.6):
-        data.joint("hinge").qpos = angle
-        mujoco.mj_kinematics(model, data)
-        spindle, foot = data.site("closer_spindle").xpos, data.site("closer_foot").xpos
-        assert np.linalg.norm(spindle - data.geom("closer_box").xpos) < 0.13
-        assert_array_equal(foot, data.geom("closer_shoe").xpos)
-        assert 0.05 < np.linalg.norm(spindle - foot) < 0.65

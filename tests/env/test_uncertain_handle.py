@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import data_equivalence
-from gymnasium.utils.seeding import np_random
 
 import gplfd_env
 from gplfd_env.conventions.constants import GRIPPER_WIDTH
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_env.doors.randomization import DoorRandomization, door_randomization
+from gplfd_env.doors.randomization import DoorRandomization
 from gplfd_env.doors.variation import BELIEF_LIMIT, Perception
 from gplfd_env.robot.gripper import AT_REST, RELEASE_DISTANCE, SPEED, Gripper
 from gplfd_env.spatial.se3 import into_axes
@@ -59,17 +57,6 @@ def test_no_other_draw_changes_and_errors_scale(make_env):
         )
         assert none == dataclasses.replace(one, placement=one.placement.true)
     assert small[0].placement.belief != small[1].placement.belief
-
-
-def test_it_takes_no_number_of_the_environment_s_generator(make_env):
-    """What it has: the ranges', and seeds of noise, disturbance and standoff."""
-    ranges = {"preset": "mild", "perception": (0.01, 0.02)}
-    env = make_env(start="approach", randomization=ranges, disturbance="push")
-    env.reset(seed=3)
-    rng, _ = np_random(3)
-    door_randomization("mild").sample(env.door, rng)
-    rng.integers(2**63, size=3)
-    assert env.np_random.bit_generator.state == rng.bit_generator.state
 
 
 @pytest.mark.parametrize("door", ["small", {"handle": "lever", "latch": "spring"}])
@@ -150,30 +137,3 @@ def test_a_handle_that_slips_away_at_first_can_be_taken_again(make_env):
         info = command(goal + y * np.eye(6)[1], 0.0, 1)
     assert (info["grasped"], info["failure"]) == (False, "")
     assert abs(info["door_angle"]) < TRIED_ANGLE
-
-
-@pytest.mark.parametrize("counted", ["floats", "arrays"])
-def test_many_are_as_one(counted, count_as, make_env, make_vec):
-    count_as(counted)
-    doors = ["small", "medium", "large"]
-    envs = make_vec(3, door=doors, num_threads=1, **UNCERTAIN)
-    ones = [make_env(door, **UNCERTAIN) for door in doors]
-    together, _ = envs.reset(seed=5)
-    for row, one in enumerate(ones):
-        one.reset(seed=5 + row)
-    assert envs.variations == tuple(one.variation for one in ones)
-    goals = np.zeros((3, 6))
-    goals[:, :3] = [np.negative(one.variation.placement.belief[:3]) for one in ones]
-    starts = together["ee_pose"]
-    for step in range(260):
-        share = min(step / 120, 1.0)
-        actions = starts + share * (goals - starts)
-        actions[:, 0] += 2e-3 * max(step - 220, 0)
-        together, _, _, _, infos = envs.step(actions)
-        for row, one in enumerate(ones):
-            observation, *_, info = one.step(actions[row])
-            for name, value in observation.items():
-                assert data_equivalence(value, together[name][row])
-            for name in ("grasped", "failure", "slip"):
-                assert info[name] == infos[name][row]
-    assert infos["grasped"].any()

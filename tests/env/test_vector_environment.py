@@ -22,18 +22,6 @@ IDS = {
 PULL = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
-def test_time_limit_is_the_id_s_and_can_be_changed(make_vec):
-    for limit, periods, expected in (
-        ({}, 1501, [1500]),
-        ({"max_episode_steps": 4}, 14, [4, 9, 14]),
-        ({"max_episode_steps": -1}, 1501, []),
-    ):
-        envs = make_vec(1, **limit)
-        envs.reset(seed=0)
-        steps = range(1, periods + 1)
-        assert [s for s in steps if envs.step(np.zeros((1, 6)))[3][0]] == expected
-
-
 def test_ended_simulations_stand_still_until_reset(make_vec):
     """Disabled autoreset: the others go on as if alone."""
     envs, alone = (make_vec(n, autoreset_mode="Disabled") for n in (3, 1))

@@ -1,9 +1,7 @@
 """Wrappers, Gymnasium's and ours, around these environments, one and many."""
 
-import re
 import warnings
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -23,7 +21,6 @@ from gplfd_env.wrappers import FAILURES, REASONS, NumericInfo
 pytestmark = pytest.mark.slow
 
 POSE, RL = gplfd_env.ENVIRONMENT_ID, gplfd_env.RL_ENVIRONMENT_ID
-PAGE = (Path(__file__).parents[2] / "docs" / "environment.md").read_text("utf-8")
 AWAY = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
 """So fast that the hand loses the handle."""
 
@@ -99,11 +96,6 @@ def leaves(value: Any) -> Iterator[Any]:
             yield from leaves(inner)
     else:
         yield value
-
-
-def test_codes_are_those_of_the_page():
-    (row,) = re.findall(r"^\| `failure` \| str .*$", PAGE, re.MULTILINE)
-    assert re.findall(r'`"(\w*)"`', row) == list(FAILURES)
 
 
 def test_an_info_holds_numbers_only(make_env):
