@@ -7,26 +7,22 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.recording.comparison import (
     COLOURS,
-    MEASURED,
     ROW,
     SPACING,
     record_comparison,
 )
-from gplfd_experiments.studies.trials.protocol import TRIALS
 
 
 @pytest.fixture
 def record(tmp_path, door_model, columns):
     demonstrations = Teacher().demonstrate_doors([0.5], 1, rng=np.random.default_rng(0))
 
-    def record(*logs, **options):
+    def record(*logs):
         path = tmp_path / "comparison.rrd"
-        record_comparison(path, logs, door_model, demonstrations, **options)
+        record_comparison(path, logs, door_model, demonstrations)
         return columns(RrdReader(path).stream())
 
     return record
@@ -67,50 +63,13 @@ def test_curves_are_the_logs_in_the_policys_colour_and_name(record, make_log):
         assert chunks[overlay, "LineStrips3D:colors"][1] == [[packed(colour)]]
 
 
-def test_policies_are_compared_by_what_decides(record, make_log):
-    """Whatever their names are."""
+def test_a_policy_may_have_any_name_and_disturbances_are_shown(record, make_log):
     force = np.where(np.arange(601) > 300, 30.0, 0.0)
-    chunks = record(
-        make_log(person_force=force),
-        make_log(policy="gp, prior mean"),
-        measure="person_force_peak",
-        heading="Who holds?",
-    )
+    chunks = record(make_log(person_force=force), make_log(policy="gp, prior mean"))
     entity = r"/plots/angle/gp\,\ prior\ mean"
     assert chunks[entity, "SeriesLines:names"][1] == [["gp, prior mean"]]
-    _, values = chunks["/plots/person/gp", "Scalars:scalars"]
-    assert np.ravel(values).tolist() == force.tolist()
-    text = chunks["/about", "TextDocument:text"][1][0][0]
-    assert text.startswith("### Who holds?")
-    assert "| gp | opened | 66° | 30.0 N |" in text
     ball = "/robots/gp/world/task/outside/person"
     assert chunks[ball, "Points3D:labels"][1][-1] == ["person 30 N"]
-    assert not any("/plots/radial" in entity for entity in chunks.entities)
-
-
-def test_the_measured_curves_end_in_the_metrics_of_their_names(make_log):
-    rng = np.random.default_rng(0)
-    noise = {
-        name: rng.uniform(0.0, 9.0, 601)
-        for name in ("force_radial", "force_vertical", "person_force", "push_force")
-    }
-    log = make_log(
-        **noise, ee_pose=make_log().motion.ee_pose + rng.uniform(0, 1e-3, (601, 6))
-    )
-    metrics = episode_metrics(log).as_json()
-    for name in ("force_radial_peak", "force_handle_peak", "person_force_peak"):
-        assert MEASURED[name].values(log).max() == pytest.approx(metrics[name])
-    deciding = {measure for trial in TRIALS.values() for measure in trial.measures}
-    assert MEASURED.keys() <= deciding
-    for name, measured in MEASURED.items():
-        # Of a grasp that is lost or kept, the slip is shown.
-        metric = "slip_max_mm" if name == "grasp_kept" else name
-        unit = EPISODE_MEASURES[metric].unit
-        assert measured.greatest[1] == unit, name
-        assert f"[{unit}]" in measured.title
-    beside = MEASURED["push_displacement_mm"].values(log)
-    away = np.linalg.norm((log.motion.ee_pose - log.decisions.desired)[:, :3], axis=1)
-    np.testing.assert_allclose(beside, 1e3 * away)
 
 
 def test_labels_say_how_it_ended(record, make_log):

@@ -10,7 +10,7 @@ from gplfd_experiments.recording.disturbances import (
     kinds_of,
 )
 from gplfd_experiments.recording.layout import layout
-from gplfd_experiments.recording.stream import EpisodePart
+from gplfd_experiments.recording.stream import frames
 
 SHIFT = 1e-4 * np.clip(np.arange(601.0) - 99.0, 0.0, 120.0)
 
@@ -24,10 +24,7 @@ def held(peak: float, first: int = 200, end: int = 450) -> np.ndarray:
 
 @pytest.fixture
 def shown(columns):
-    """What is shown of disturbances, of the part of an episode from a row on."""
-    return lambda log, first_row=0: columns(
-        disturbance_chunks(EpisodePart(log=log, first_row=first_row))
-    )
+    return lambda log: columns(disturbance_chunks(log))
 
 
 def test_the_curve_is_the_log_s(make_log, shown):
@@ -41,18 +38,10 @@ def test_the_curve_is_the_log_s(make_log, shown):
     np.testing.assert_allclose(np.ravel(curve), 1e3 * SHIFT)  # mm
 
 
-def test_a_live_view_is_sent_the_past_once_something_has_happened(make_log, shown):
-    """Until then nothing of it has been sent, after it only what is new."""
-    log, curve = make_log(person_force=held(33.0)), "/plots/outside/person"
-    for first_row, sent in ((150, held(33.0)), (300, held(33.0)[300:])):
-        found = shown(log, first_row)[curve, "Scalars:scalars"][1]
-        np.testing.assert_allclose(np.ravel(found), sent)
-
-
 def test_a_ball_stands_above_the_hand_while_something_acts(make_log, shown):
     log = make_log(person_force=held(32.0))
     found, ball = shown(log), "/world/task/outside/person"
-    rows = EpisodePart(log=log).frames()
+    rows = frames(log)
     labels = found[ball, "Points3D:labels"][1]
     acts = [bool(label) for label in labels]
     assert acts == (log.forces.person_force[rows] > 0.0).tolist()

@@ -10,7 +10,7 @@ from gplfd_env.doors.config import DOORS, door_config
 from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene
-from gplfd_experiments.recording.episode import part_chunks, static_chunks
+from gplfd_experiments.recording.episode import episode_chunks, static_chunks
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.mechanism import (
     ARM,
@@ -19,7 +19,7 @@ from gplfd_experiments.recording.mechanism import (
     bolt_states,
     mechanism_of,
 )
-from gplfd_experiments.recording.stream import EpisodePart
+from gplfd_experiments.recording.stream import frames
 
 ROWS = np.arange(601)
 TURN = 0.8 * np.clip(ROWS / 100.0, 0.0, 1.0) * (ROWS < 400)
@@ -50,11 +50,11 @@ def log(make_log, model):
 
 @pytest.fixture
 def shown(columns):
-    return lambda part, model: columns(part_chunks(part, model))
+    return lambda log, model: columns(episode_chunks(log, model))
 
 
 def test_nothing_is_made_of_a_plain_bar_door(make_log, door_model, shown):
-    entities = {entity for entity, _ in shown(EpisodePart(log=make_log()), door_model)}
+    entities = {entity for entity, _ in shown(make_log(), door_model)}
     assert not any(f"/plots/{name}/" in path for path in entities for name in PANELS)
     assert not {LATCH, ARM} & entities
 
@@ -76,7 +76,7 @@ def test_only_what_is_there_is_shown(door, base, there):
 
 
 def test_curves_are_the_log_s_in_the_units_of_the_titles(log, model, shown):
-    found = shown(EpisodePart(log=log), model)
+    found = shown(log, model)
     curves = {"handle": np.degrees(TURN), "latch": 1e3 * BOLT, "closer": TORQUE}
     for name, values in curves.items():
         curve = found[f"/plots/{name}/motion", "Scalars:scalars"][1]
@@ -93,26 +93,21 @@ def test_the_bolt_is_held_back_where_the_door_is_free(log, model, shown):
     free = math.ceil(100.0 * 9.7 / 12.7)
     expected = [(0, "bolt thrown"), (free, "bolt held back"), (400, "bolt thrown")]
     assert states == expected
-    lane = shown(EpisodePart(log=log), model)[LATCH, "StateChange:state"][1]
+    lane = shown(log, model)[LATCH, "StateChange:state"][1]
     assert [state for (state,) in lane] == [state for _, state in expected]
-    later = shown(EpisodePart(log=log, first_row=200), model)[
-        LATCH, "StateChange:state"
-    ][1]
-    assert later == [["bolt thrown"]]
 
 
 def test_the_arm_joins_box_and_frame_in_every_frame(log, model, shown):
-    part = EpisodePart(log=log)
-    strips = shown(part, model)[ARM, "LineStrips3D:strips"][1]
+    rows, strips = frames(log), shown(log, model)[ARM, "LineStrips3D:strips"][1]
     data = mujoco.MjData(model)
-    assert len(strips) == part.frames().size
+    assert len(strips) == rows.size
     for frame in (0, -1):
-        data.qpos[:] = log.motion.qpos[part.frames()[frame]]
+        data.qpos[:] = log.motion.qpos[rows[frame]]
         mujoco.mj_kinematics(model, data)
         ends = [data.site(f"closer_{end}").xpos for end in ("spindle", "foot")]
         np.testing.assert_allclose(strips[frame][0], ends, atol=1e-6)
     plain = build_scene(DOORS["room-834"], robot=TIAGO_LIKE.on("mobile"))
-    assert (ARM, "LineStrips3D:strips") not in shown(part, plain)
+    assert (ARM, "LineStrips3D:strips") not in shown(log, plain)
 
 
 @pytest.mark.parametrize("swing", ["pull", "push"])

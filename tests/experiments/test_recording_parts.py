@@ -1,4 +1,4 @@
-"""What a recording is made of: bodies drawn and moved, and an episode in parts."""
+"""What a recording is made of: bodies drawn and moved, and tubes."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,6 @@ from gplfd_experiments.recording.scene import (
     task_frame,
     visual_geoms,
 )
-from gplfd_experiments.recording.stream import EpisodePart
 from gplfd_experiments.recording.tube import (
     N_SIDES,
     QUANTILE,
@@ -65,18 +64,6 @@ def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them(columns):
     np.testing.assert_allclose(rotation.as_matrix().ravel(), site.xmat, atol=1e-12)
 
 
-def test_what_is_the_same_is_drawn_once_for_all_recordings(door_model):
-    def ids() -> dict[str, str]:
-        return {chunk.entity_path: chunk.id for chunk in drawn_scene(door_model)}
-
-    leaf, first = "/world/scene/leaf", ids()
-    assert first[leaf] == ids()[leaf]
-    door_model.geom("knob").size[:] = 0.03
-    changed = ids()
-    assert changed[leaf] != first[leaf]
-    assert changed["/world/scene/world"] == first["/world/scene/world"]
-
-
 SLIDES = """
 <mujoco><worldbody>
   <body name="a"><joint type="slide" axis="1 0 0"/><geom size="0.1"/></body>
@@ -89,7 +76,7 @@ def test_every_body_moves_by_its_own_joint(make_log, columns):
     """And between frames as in a video."""
     model = mujoco.MjModel.from_xml_string(SLIDES)
     log = make_log(qpos=np.outer(np.linspace(0.0, 1.0, 601), [1.0, 2.0]))
-    moved = columns(moved_scene(model, EpisodePart(log=log)))
+    moved = columns(moved_scene(model, log))
     for name, end in (("a", [1.0, 0.0, 0.0]), ("b", [0.0, 2.0, 0.0])):
         times, places = moved[f"/world/scene/{name}", "Transform3D:translation"]
         np.testing.assert_allclose([places[0][0], places[-1][0]], [[0.0] * 3, end])
@@ -99,7 +86,7 @@ def test_every_body_moves_by_its_own_joint(make_log, columns):
 def test_policy_without_uncertainty_is_drawn_as_its_mean(make_log, columns):
     """Its tube has no width, and no corner that a viewer could not draw."""
     unsure = make_log(forecast_std=np.full((3, 21, 6), np.nan))
-    found = columns(policy_motion(EpisodePart(log=unsure)))
+    found = columns(policy_motion(unsure))
     _, tubes = found["/world/task/policy_now", "Mesh3D:vertex_positions"]
     assert len(tubes) == 3
     assert np.isfinite(tubes).all()

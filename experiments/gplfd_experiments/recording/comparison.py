@@ -5,9 +5,9 @@ policy has a colour for its robot's label, the path of its hand and its curves.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import mujoco
 import numpy as np
@@ -33,12 +33,7 @@ from gplfd_experiments.recording.layout import (
 )
 from gplfd_experiments.recording.panels import Line, line_style
 from gplfd_experiments.recording.scene import moved_scene, task_frame
-from gplfd_experiments.recording.stream import (
-    EpisodePart,
-    moving,
-    recording_file,
-    static,
-)
+from gplfd_experiments.recording.stream import moving, recording_file, static
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 COLOURS: Final[tuple[Colour, ...]] = (
@@ -69,100 +64,16 @@ _LABEL: Final = (1.15, -0.8, -0.2)
 """Position of a robot's name, behind the robot, in its task frame [m]."""
 
 
-class Measured(NamedTuple):
-    """The curve of a metric by which policies are compared."""
-
-    panel: str
-    """Name of the panel's entity."""
-    title: str
-    values: Callable[[EpisodeLog], FloatArray]
-    greatest: tuple[str, str]
-    """Name of its greatest value, and its unit."""
-    meaning: str
-    """Explanation for new users."""
-
-
-def _beside_path(log: EpisodeLog) -> FloatArray:
-    """Distance of the hand from the policy's path, or from its command [mm]."""
-    path = np.where(
-        np.isfinite(log.decisions.desired), log.decisions.desired, log.decisions.action
-    )
-    beside: FloatArray = np.linalg.norm((log.motion.ee_pose - path)[:, :3], axis=1)
-    return 1e3 * beside
-
-
-RADIAL: Final = "force_radial_peak"
-"""Default measure of comparisons."""
-
-MEASURED: Final[Mapping[str, Measured]] = {
-    RADIAL: Measured(
-        "radial",
-        "Radial force [N]: against the hinge",
-        lambda log: np.abs(log.forces.force_radial),
-        ("radial peak", "N"),
-        "**Radial force** does no work; a large value means that the path does not "
-        "fit the door.",
-    ),
-    "force_handle_peak": Measured(
-        "handle",
-        "Force at the handle [N]",
-        lambda log: np.linalg.norm(
-            (
-                log.forces.force_tangential,
-                log.forces.force_radial,
-                log.forces.force_vertical,
-            ),
-            axis=0,
-        ),
-        ("peak at the handle", "N"),
-        "**Force at the handle** is the load of the grasp.",
-    ),
-    "person_force_peak": Measured(
-        "person",
-        "Force on the person [N]",
-        lambda log: log.forces.person_force,
-        ("on the person", "N"),
-        "**Force on the person:** ISO/TS 15066 allows 140 N on a hand, and 280 N for "
-        "an instant.",
-    ),
-    "stop_force_sustained": Measured(
-        "stop",
-        "Force on the stop [N]",
-        lambda log: log.forces.stop_force,
-        ("on the stop", "N"),
-        "**Force on the stop** is the force of the door, converted to the handle.",
-    ),
-    "grasp_kept": Measured(
-        "slip",
-        "Slip of the hand on the handle [mm]",
-        lambda log: 1e3 * log.opening.slip,
-        ("slip", "mm"),
-        "**Slip** is the distance of the hand from where it grasped the handle.",
-    ),
-    "push_displacement_mm": Measured(
-        "beside",
-        "Hand off its path [mm]",
-        _beside_path,
-        ("beside its path", "mm"),
-        "**Off its path** is the distance of the hand from the policy's path, or "
-        "from the command if the policy has no path.",
-    ),
-}
-"""Measures by the name of the metric of an episode."""
-
-
 def record_comparison(
     path: str | Path,
     logs: Sequence[EpisodeLog],
     model: mujoco.MjModel,
     demonstrations: Sequence[Demonstration],
-    measure: str = RADIAL,
-    heading: str = "",
 ) -> None:
     """Write an .rrd in which policies open the same door, complete or not at all.
 
-    The first log is leftmost; ``measure`` is one of `MEASURED`. Raises ValueError
-    for logs that cannot be compared, and OSError if the file cannot be written.
+    The first log is leftmost. Raises ValueError for logs that cannot be compared, and
+    OSError if the file cannot be written.
     """
     if not 1 <= len(logs) <= len(COLOURS):
         raise ValueError(
@@ -178,29 +89,28 @@ def record_comparison(
                 "shows one door"
             )
         check_model(log, model)
-    first, measured = logs[0], MEASURED[measure]
-    greatest, unit = measured.greatest
+    first = logs[0]
     rows = "\n".join(
         f"| {log.policy} | "
         f"{'opened' if log.success else failure_name(log.failure, '')} | "
         f"{_widest(log):.0f}° | "
-        f"{float(measured.values(log).max()):.1f} {unit} |"
+        f"{float(np.abs(log.forces.force_radial).max()):.1f} N |"
         for log in logs
     )
     text = f"""\
-### {heading or f"{len(logs)} policies at the {first.door} door"}
+### {len(logs)} policies at the {first.door} door
 
-| policy | outcome | widest | {greatest} |
+| policy | outcome | widest | radial peak |
 |---|---|---|---|
 {rows}
 
 All policies learned from the same demonstrations and open the same door (handle at \
-{first.radius:g} m, seed {first.seed}), on one clock. {measured.meaning} The tube is \
-the policy's forecast of the rest of the motion, ±1.96 σ; green is the true arc of \
-the handle.
+{first.radius:g} m, seed {first.seed}), on one clock. **Radial force** does no work; a \
+large value means that the path does not fit the door. The tube is the policy's \
+forecast of the rest of the motion, ±1.96 σ; green is the true arc of the handle.
 """
     page = rr.TextDocument(text, media_type="text/markdown")
-    with recording_file(path, _layout(logs, model, measured)) as stream:
+    with recording_file(path, _layout(logs, model)) as stream:
         stream.send_recording_name(f"{first.door} door, {len(logs)} policies")
         stream.send_chunks(static(TEXT, page))
         door = motion.door_frame(model, first.config, demonstrations)
@@ -214,7 +124,7 @@ the handle.
             stream.send_chunks(_robot(number, log, colour, model))
             for panel, values in (
                 (_ANGLE, np.degrees(log.opening.door_angle)),
-                (f"{_PLOTS}/{measured.panel}", measured.values(log)),
+                (f"{_PLOTS}/radial", np.abs(log.forces.force_radial)),
             ):
                 entity, line = _below(panel, log.policy), Line(log.policy, colour, 1.5)
                 stream.send_chunks(_curve(entity, line, log.times, values))
@@ -231,13 +141,13 @@ def _robot(
     number: int, log: EpisodeLog, colour: Colour, model: mujoco.MjModel
 ) -> Iterator[Chunk]:
     """A robot at its door, and its path at the common door."""
-    root, part = _below("/robots", log.policy), EpisodePart(log=log)
+    root = _below("/robots", log.policy)
     overlay = _below(f"{_OVERLAY}{motion.ROOT}/paths", log.policy)
-    hand = motion.hand_motion(part)
+    hand = motion.hand_motion(log)
     yield static(f"{root}/world", rr.Transform3D(translation=SPACING * number * ROW))
-    scene = [*static_chunks(log, model, []), *moved_scene(model, part)]
-    yield from _moved_to(root, [*scene, *motion.policy_motion(part), *hand])
-    yield from _moved_to(root, balls(part))
+    scene = [*static_chunks(log, model, []), *moved_scene(model, log)]
+    yield from _moved_to(root, [*scene, *motion.policy_motion(log), *hand])
+    yield from _moved_to(root, balls(log))
     for chunk in hand:
         if chunk.entity_path == _TRAIL:
             yield chunk.with_entity_path(overlay)
@@ -271,9 +181,7 @@ def _widest(log: EpisodeLog) -> float:
     return math.degrees(float(log.opening.door_angle.max()))
 
 
-def _layout(
-    logs: Sequence[EpisodeLog], model: mujoco.MjModel, measured: Measured
-) -> rrb.Blueprint:
+def _layout(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> rrb.Blueprint:
     """All robots, from behind and above; their curves and paths are below."""
     handle, _ = task_frame(model)
     middle = handle + 0.5 * SPACING * (len(logs) - 1) * ROW + [-0.2, 0.0, -0.2]
@@ -294,7 +202,7 @@ def _layout(
         Eye(above, target, (1.0, 0.0, 0.0)),
     )
     angle = series_view(Plot("angle", "Door angle [deg]", "LeftTop"), _PLOTS)
-    curves = series_view(Plot(measured.panel, measured.title), _PLOTS)
+    curves = series_view(Plot("radial", "Radial force [N]: against the hinge"), _PLOTS)
     about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     panels = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
     return only(rrb.Vertical(robots, panels, row_shares=[5, 4]))

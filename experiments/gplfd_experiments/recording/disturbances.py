@@ -16,7 +16,7 @@ from rerun.chunk import Chunk
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, motion, panels
-from gplfd_experiments.recording.stream import EpisodePart, moving, static
+from gplfd_experiments.recording.stream import frames, moving, static
 
 LOG: Final = "/outside/log"
 """Entity of the text about beginnings and ends."""
@@ -78,42 +78,36 @@ def kinds_of(log: EpisodeLog) -> tuple[str, ...]:
     return tuple(name for name, kind in KINDS.items() if kind.acts(log).any())
 
 
-def disturbance_chunks(part: EpisodePart) -> Iterator[Chunk]:
-    """Return balls, curves, limits and texts of disturbances in part of an episode."""
-    yield from balls(part)
-    log, root = part.log, f"{panels.ROOT}/{PANEL}"
-    for name, kind in KINDS.items():
-        if (unsent := _unsent(part, kind.acts(log))) is None:
-            continue
-        curve = {panels.Line(name, colours.OUTSIDE): kind.curve(log)}
-        yield from panels.lines(unsent, f"{root}/{name}", curve)
-        new = [event for event in events(log, name) if event[0] >= part.first_row]
-        if new:
-            rows, texts = zip(*new, strict=True)
-            columns = rr.TextLog.columns(text=texts)
-            yield moving(f"{LOG}/{name}", log.times[list(rows)], columns)
+def disturbance_chunks(log: EpisodeLog) -> Iterator[Chunk]:
+    """Return balls, curves, limits and texts of the disturbances in an episode."""
+    yield from balls(log)
+    root = f"{panels.ROOT}/{PANEL}"
+    for name in kinds_of(log):
+        curve = {panels.Line(name, colours.OUTSIDE): KINDS[name].curve(log)}
+        yield from panels.lines(log, f"{root}/{name}", curve)
+        rows, texts = zip(*events(log, name), strict=True)
+        columns = rr.TextLog.columns(text=texts)
+        yield moving(f"{LOG}/{name}", log.times[list(rows)], columns)
     for limit in LIMITS:
-        if unsent_limit := _unsent(part, log.forces.person_force >= 0.5 * limit):
+        if (log.forces.person_force >= 0.5 * limit).any():
             path = f"{root}/allowed_{limit:g}"
-            yield from panels.levels(unsent_limit, path, (limit,), colours.LIMIT)
+            yield from panels.levels(log, path, (limit,), colours.LIMIT)
 
 
-def balls(part: EpisodePart) -> Iterator[Chunk]:
+def balls(log: EpisodeLog) -> Iterator[Chunk]:
     """Return a ball above the hand during a disturbance, with its name and strength."""
-    log = part.log
-    for name, kind in KINDS.items():
-        if (unsent := _unsent(part, kind.acts(log))) is None:
-            continue
-        rows, path = unsent.frames(), f"{motion.ROOT}/outside/{name}"
+    rows = frames(log)
+    for name in kinds_of(log):
+        kind, path = KINDS[name], f"{motion.ROOT}/outside/{name}"
         acts, values = kind.acts(log)[rows], kind.curve(log)[rows]
         columns = rr.Points3D.columns(
             positions=log.motion.ee_pose[rows[acts], :3] + _ABOVE,
             radii=_BALL * np.sqrt(values[acts]),
             labels=[f"{name} {value:.0f} {kind.unit}" for value in values[acts]],
         )
-        if unsent.first_row == 0:
-            look = rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
-            yield static(path, look)
+        yield static(
+            path, rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
+        )
         yield moving(path, log.times[rows], columns.partition(acts.astype(int)))
 
 
@@ -121,17 +115,10 @@ def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
     """Rows in which a disturbance begins or ends, and the text."""
     kind = KINDS[name]
     edges = np.diff(kind.acts(log), prepend=False, append=False).nonzero()[0]
-    said = []
+    texts = []
     for first, end in edges.reshape(-1, 2):
-        said.append((int(first), kind.begins))
+        texts.append((int(first), kind.begins))
         if end < log.times.size:
             most = kind.curve(log)[first:end].max()
-            said.append((int(end), f"{kind.ends}: {most:.0f} {kind.unit} at most"))
-    return said
-
-
-def _unsent(part: EpisodePart, happened: NDArray[np.bool_]) -> EpisodePart | None:
-    """Part to send of a disturbance: none before it happens, then all of the past."""
-    if not happened.any():
-        return None
-    return part if happened[: part.first_row].any() else EpisodePart(log=part.log)
+            texts.append((int(end), f"{kind.ends}: {most:.0f} {kind.unit} at most"))
+    return texts

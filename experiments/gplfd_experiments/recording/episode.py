@@ -26,7 +26,7 @@ from gplfd_experiments.recording.motion import (
 )
 from gplfd_experiments.recording.panels import panels
 from gplfd_experiments.recording.scene import drawn_scene, moved_scene
-from gplfd_experiments.recording.stream import EpisodePart, recording_file, static
+from gplfd_experiments.recording.stream import recording_file, static
 from gplfd_experiments.recording.tiago_meshes import (
     BodyMeshes,
     mesh_chunks,
@@ -49,15 +49,15 @@ def record_episode(
     written.
     """
     check_model(log, model)
-    there = mechanism_of(model, log.config)
+    parts = mechanism_of(model, log.config)
     forces = bool(np.isfinite(log.decisions.expected_force).any())
-    arrangement = layout(kinds_of(log), there, log.config.hinge_side, forces=forces)
+    arrangement = layout(kinds_of(log), parts, log.config.hinge_side, forces=forces)
     with recording_file(path, arrangement) as stream:
-        stream.send_recording_name(recording_name(log))
+        name = f"{log.door} door, {log.policy}, seed {log.seed}"
+        stream.send_recording_name(name)
         # Chunks are made one by one while the previous one is written.
         stream.send_chunks(static_chunks(log, model, demonstrations, looks))
-        whole = EpisodePart(log=log, demonstrated_radius=mean_radius(demonstrations))
-        stream.send_chunks(part_chunks(whole, model))
+        stream.send_chunks(episode_chunks(log, model, mean_radius(demonstrations)))
         stream.send_chunks(stage_lane(log))
         stream.send_chunks(page(log, len(demonstrations)))
 
@@ -71,11 +71,6 @@ def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:
             f"and the model has {model.nq}; record with the model that the episode ran "
             "in"
         )
-
-
-def recording_name(log: EpisodeLog) -> str:
-    """Return the name of the episode in the viewer."""
-    return f"{log.door} door, {log.policy}, seed {log.seed}"
 
 
 def mean_radius(demonstrations: Sequence[Demonstration]) -> float:
@@ -98,13 +93,19 @@ def static_chunks(
     yield from door_frame(model, log.config, demonstrations)
 
 
-def part_chunks(part: EpisodePart, model: mujoco.MjModel) -> Iterator[Chunk]:
-    """Return the chunks of a part of an episode: motion, forecasts and time series."""
-    yield from moved_scene(model, part)
-    for show in (policy_motion, hand_motion, hand_stiffness, stiffness_lane, panels):
-        yield from show(part)
-    yield from disturbance_chunks(part)
-    yield from mechanism(part, model)
+def episode_chunks(
+    log: EpisodeLog, model: mujoco.MjModel, demonstrated_radius: float = math.nan
+) -> Iterator[Chunk]:
+    """Return the chunks that move: scene, forecasts and time series.
+
+    ``demonstrated_radius`` is the mean radius of the demonstrated paths [m].
+    """
+    yield from moved_scene(model, log)
+    for chunks_of in (policy_motion, hand_motion, hand_stiffness, stiffness_lane):
+        yield from chunks_of(log)
+    yield from panels(log, demonstrated_radius)
+    yield from disturbance_chunks(log)
+    yield from mechanism(log, model)
 
 
 def _described(fields: Mapping[str, Any], part: str = "") -> Iterator[str]:
@@ -117,7 +118,7 @@ def _described(fields: Mapping[str, Any], part: str = "") -> Iterator[str]:
             yield f"{part}{name.replace('_', ' ')} {text}"
 
 
-def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk:
+def page(log: EpisodeLog, n_demonstrations: int) -> Chunk:
     """Return the page beside the scene: the run and how to read the view."""
     opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
     angle = math.degrees(log.opening.door_angle[-1])
@@ -139,7 +140,7 @@ def page(log: EpisodeLog, n_demonstrations: int, *, ended: bool = True) -> Chunk
     if outside := ", ".join(kinds_of(log)):
         notes += f"- **from outside** (white, a ball above the hand): {outside}\n"
     text = f"""\
-### {log.door} door, policy `{log.policy}`: {end if ended else "being opened"}
+### {log.door} door, policy `{log.policy}`: {end}
 
 **Small σ means stiff, large σ means soft.** Where the policy's σ is small, the hand \
 is stiff (**yellow**, 500 N/m); where σ is large, it is soft (**violet**, 100 N/m) and \

@@ -5,7 +5,7 @@ of the stiffness, in the lane and in the scene, show its mean over both directio
 """
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -18,7 +18,7 @@ from gplfd_env.task.opening import STALL_ANGLE
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording.colours import BEFORE, FORCE, HAND, TRUTH, Colour
-from gplfd_experiments.recording.stream import EpisodePart, moving, static
+from gplfd_experiments.recording.stream import moving, static
 from gplfd_policies.arrays.resolution import interpolated
 
 ROOT: Final = "/stage"
@@ -58,27 +58,19 @@ _STAGES: Final = {
 
 def lane_style(entity: str, states: Mapping[str, Colour], failure: str = "") -> Chunk:
     """Return the colours of a lane's states; the label contains the failure."""
-    labels = [f"failure: {failure}" if one == "failure" else one for one in states]
+    labels = [f"failure: {failure}" if name == "failure" else name for name in states]
     colours = np.array([*states.values()], dtype=np.uint8)
     style = rr.StateConfiguration(values=[*states], labels=labels, colors=colours)
     return static(entity, style)
 
 
-def stage_lane(
-    log: EpisodeLog, shown: Collection[str] = (), *, ended: bool = True
-) -> list[Chunk]:
-    """Return the beginnings of stages in the log so far that are not shown yet."""
-    began = [(log.times[row], name) for row, name in stages(log)]
-    new = [stage for stage in began if stage[1] not in shown]
-    if ended:
-        # The last stage gets a visible width.
-        new.append((_ROOM * log.times[-1], began[-1][1]))
-    if not new:
-        return []
-    times, names = zip(*new, strict=True)
-    lane = moving(ROOT, np.array(times), rr.StateChange.columns(state=names))
-    style = lane_style(ROOT, _STAGES, log.failure)
-    return [lane] if shown and not log.failure else [style, lane]
+def stage_lane(log: EpisodeLog) -> list[Chunk]:
+    """Return the stages of an episode, with their colours."""
+    rows, names = zip(*stages(log), strict=True)
+    # The last stage gets a visible width.
+    times = np.append(log.times[list(rows)], _ROOM * log.times[-1])
+    columns = rr.StateChange.columns(state=[*names, names[-1]])
+    return [lane_style(ROOT, _STAGES, log.failure), moving(ROOT, times, columns)]
 
 
 def stages(log: EpisodeLog) -> list[tuple[int, str]]:
@@ -116,30 +108,25 @@ def stages(log: EpisodeLog) -> list[tuple[int, str]]:
     ]
 
 
-def stiffness_lane(part: EpisodePart) -> Iterator[Chunk]:
+def stiffness_lane(log: EpisodeLog) -> list[Chunk]:
     """Return when the hand became soft or stiff; empty for policies without σ."""
-    shown = shown_stiffness(part.log)
-    if not part.shows(shown):
-        return
-    known = np.isfinite(shown)
-    level = np.where(known, np.digitize(shown, _EDGES), -1)
-    rows = np.flatnonzero(np.diff(level, prepend=-1))
-    if part.begins(shown):
-        yield lane_style(STIFFNESS, LEVELS)
-    states = [(int(row), list(LEVELS)[level[row]]) for row in rows if known[row]]
-    yield from new_states(part, STIFFNESS, states)
-
-
-def new_states(
-    part: EpisodePart, entity: str, states: Iterable[tuple[int, str]]
-) -> list[Chunk]:
-    """Return a lane of states that begin at rows of a log, of those in a part."""
-    new = [one for one in states if one[0] >= part.first_row]
-    if not new:
+    stiffness = shown_stiffness(log)
+    finite = np.isfinite(stiffness)
+    if not finite.any():
         return []
-    rows, names = zip(*new, strict=True)
+    level = np.where(finite, np.digitize(stiffness, _EDGES), -1)
+    rows = np.flatnonzero(np.diff(level, prepend=-1))
+    states = [(int(row), list(LEVELS)[level[row]]) for row in rows if finite[row]]
+    return [lane_style(STIFFNESS, LEVELS), state_changes(log, STIFFNESS, states)]
+
+
+def state_changes(
+    log: EpisodeLog, entity: str, states: Sequence[tuple[int, str]]
+) -> Chunk:
+    """Return a lane of states that begin at rows of a log."""
+    rows, names = zip(*states, strict=True)
     columns = rr.StateChange.columns(state=names)
-    return [moving(entity, part.log.times[list(rows)], columns)]
+    return moving(entity, log.times[list(rows)], columns)
 
 
 def recent_mean(values: FloatArray, dt: float) -> FloatArray:
@@ -164,8 +151,8 @@ def shown_stiffness(log: EpisodeLog) -> FloatArray:
 
 def colour_of(stiffness: FloatArray, unknown: Colour) -> NDArray[np.uint8]:
     """Colours of stiffnesses (N,) [N/m], ``unknown`` where NaN, (N, 3) in 0 to 255."""
-    known = np.isfinite(stiffness)
+    finite = np.isfinite(stiffness)
     scale, colours = np.array([*SCALE]), np.array([*SCALE.values()], float)
-    shades = interpolated(np.where(known, stiffness, 0.0), scale, colours)
-    tints = np.where(known[:, None], shades, unknown)
+    shades = interpolated(np.where(finite, stiffness, 0.0), scale, colours)
+    tints = np.where(finite[:, None], shades, unknown)
     return tints.round().astype(np.uint8)

@@ -1,6 +1,5 @@
 """The view of a recording: scene, policy, and reasons for the stiffness."""
 
-import functools
 from collections.abc import Sequence
 from typing import Final, Literal, NamedTuple
 
@@ -86,11 +85,9 @@ EXPECTED_FORCE: Final = Plot(
 """Additional panel of the first tab if the policy expects forces."""
 
 
-# A layout has its own identifiers, so it is cached by its arguments.
-@functools.cache
 def layout(
     kinds: tuple[str, ...],
-    there: tuple[str, ...] = (),
+    parts: tuple[str, ...] = (),
     hinge: HingeSide = "right",
     *,
     forces: bool = False,
@@ -99,12 +96,12 @@ def layout(
 
     Both 3-D views are fixed in the task frame, so that every door has the same view,
     mirrored for a hinge on the left. The axes of the panels scale automatically.
-    ``kinds`` are names of disturbances, ``there`` names of panels of
+    ``kinds`` are names of disturbances, ``parts`` names of panels of
     `gplfd_experiments.recording.mechanism`, and ``forces`` is whether the policy
     expects forces.
     """
     scene_eye, plan_eye = _SCENE_EYE, _PLAN_EYE
-    if "base" in there:
+    if "base" in parts:
         scene_eye, plan_eye = _WIDE_EYE, _WIDE_PLAN_EYE
     everything = ["/world/**", f"- {motion.PLAN}/**"]
     scene = view_3d("Scene", motion.VIEW, everything, _seen_from(hinge, scene_eye))
@@ -128,30 +125,32 @@ def layout(
         scene,
         rrb.StateTimelineView(origin=lanes.ROOT, name="Stage and stiffness"),
         rrb.Horizontal(plan, about),
-        row_shares=[5, 2.4 if "latch" in there else 1.9, 4],
+        row_shares=[5, 2.4 if "latch" in parts else 1.9, 4],
     )
     tabs = dict(PLOTS)
     first = next(iter(tabs))
     if forces:
         tabs[first] = (*tabs[first], EXPECTED_FORCE)
     if kinds:
-        shown = ", ".join(f"{name} [{disturbances.KINDS[name].unit}]" for name in kinds)
-        plot = Plot(disturbances.PANEL, f"From outside: {shown}", from_zero=True)
+        units = ", ".join(f"{name} [{disturbances.KINDS[name].unit}]" for name in kinds)
+        plot = Plot(disturbances.PANEL, f"From outside: {units}", from_zero=True)
         tabs[first] = (*tabs[first], plot)
-    if there:
-        titles = {name: mechanism.PANELS[name].title for name in there}
+    if parts:
+        titles = {name: mechanism.PANELS[name].title for name in parts}
         tabs["Handle, latch, closer, base"] = tuple(
             Plot(name, title, "LeftTop" if name == "base" else None)
             for name, title in titles.items()
         )
-    plots = [
+    columns_of_plots = [
         rrb.Vertical(
-            *(series_view(one, panels.ROOT) for one in each),
+            *(series_view(plot, panels.ROOT) for plot in plots),
             name=name,
         )
-        for name, each in tabs.items()
+        for name, plots in tabs.items()
     ]
-    views = rrb.Horizontal(left, rrb.Tabs(*plots, active_tab=0), column_shares=[6, 5])
+    views = rrb.Horizontal(
+        left, rrb.Tabs(*columns_of_plots, active_tab=0), column_shares=[6, 5]
+    )
     return only(views)
 
 

@@ -23,7 +23,7 @@ from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, lanes, panels
 from gplfd_experiments.recording.panels import Line
 from gplfd_experiments.recording.scene import kinematics
-from gplfd_experiments.recording.stream import EpisodePart, moving, static
+from gplfd_experiments.recording.stream import frames, moving, static
 
 LATCH: Final = f"{lanes.ROOT}/latch"
 """Entity of the lane with the state of the bolt."""
@@ -80,20 +80,18 @@ def mechanism_of(model: mujoco.MjModel, door: DoorConfig) -> tuple[str, ...]:
     )
 
 
-def mechanism(part: EpisodePart, model: mujoco.MjModel) -> Iterator[Chunk]:
-    """Return curves, the latch's lane and the closer's arm in a part of an episode."""
-    log = part.log
-    there = mechanism_of(model, log.config)
-    for name in there:
+def mechanism(log: EpisodeLog, model: mujoco.MjModel) -> Iterator[Chunk]:
+    """Return curves, the latch's lane and the closer's arm in an episode."""
+    parts = mechanism_of(model, log.config)
+    for name in parts:
         curves = {
             line: scale * _positions(log, model, joint)
             for joint, (line, scale) in PANELS[name].joints.items()
         } or {Line("closing torque", colours.FORCE): log.forces.closer_torque}
-        yield from panels.lines(part, f"{panels.ROOT}/{name}/motion", curves)
-    if "latch" in there:
-        if part.first_row == 0:
-            yield lanes.lane_style(LATCH, BOLT_STATES)
-        yield from lanes.new_states(part, LATCH, bolt_states(log, model))
+        yield from panels.lines(log, f"{panels.ROOT}/{name}/motion", curves)
+    if "latch" in parts:
+        yield lanes.lane_style(LATCH, BOLT_STATES)
+        yield lanes.state_changes(log, LATCH, bolt_states(log, model))
     # The tendon of a closer's arm, if it has a colour.
     tendons = [model.tendon(index).name for index in range(model.ntendon)]
     if CLOSER_ARM not in tendons:
@@ -102,14 +100,13 @@ def mechanism(part: EpisodePart, model: mujoco.MjModel) -> Iterator[Chunk]:
     if model.tendon_rgba[arm, 3] == 0.0:
         return
     sites = [model.site(f"closer_{end}").id for end in ("spindle", "foot")]
-    strips = np.array([data.site_xpos[sites] for data in kinematics(model, part)])
-    if part.first_row == 0:
-        tint = (255.0 * model.tendon_rgba[arm]).round().astype(np.uint8)
-        radius = model.tendon_width[arm]
-        yield static(ARM, rr.LineStrips3D.from_fields(colors=tint, radii=radius))
+    strips = np.array([data.site_xpos[sites] for data in kinematics(model, log)])
+    tint = (255.0 * model.tendon_rgba[arm]).round().astype(np.uint8)
+    radius = model.tendon_width[arm]
+    yield static(ARM, rr.LineStrips3D.from_fields(colors=tint, radii=radius))
     columns = rr.LineStrips3D.columns(strips=strips.astype(np.float32))
-    each = columns.partition(np.ones(len(strips), int))
-    yield moving(ARM, log.times[part.frames()], each)
+    one_per_frame = columns.partition(np.ones(len(strips), int))
+    yield moving(ARM, log.times[frames(log)], one_per_frame)
 
 
 def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]:

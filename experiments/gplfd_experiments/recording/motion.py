@@ -14,11 +14,12 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.motion import end_angle, links_of
 from gplfd_env.spatial.arc import handle_pose_on_arc
+from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.lanes import colour_of, shown_stiffness
 from gplfd_experiments.recording.scene import task_frame
-from gplfd_experiments.recording.stream import EpisodePart, moving, static
+from gplfd_experiments.recording.stream import frames, moving, static
 from gplfd_experiments.recording.tube import tube_triangles, tube_vertices
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
@@ -98,33 +99,29 @@ def door_frame(
     return [static(entity, look) for entity, look in looks.items()]
 
 
-def policy_motion(part: EpisodePart) -> list[Chunk]:
+def policy_motion(log: EpisodeLog) -> list[Chunk]:
     """Return the first forecast as a static tube, and all as a moving tube."""
-    log, first = part.log, part.first_forecast
-    if log.forecasts.times.size == first:
+    forecasts = log.forecasts
+    if not forecasts.times.size:
         return []
-    paths = log.forecasts.mean[first:, :, :3]
+    paths = forecasts.mean[:, :, :3]
     # Without uncertainty, the tube is a line.
-    stds = np.nan_to_num(log.forecasts.std[first:, :, :3])
+    stds = np.nan_to_num(forecasts.std[:, :, :3])
     vertices, normals = tube_vertices(paths, stds)
     means = paths.astype(np.float32)
     tubes = rr.Mesh3D.columns(
         vertex_positions=vertices.reshape(-1, 3), vertex_normals=normals.reshape(-1, 3)
     )
     # Without a stiffness the tube has the policy's colour.
-    rows = np.searchsorted(log.times, log.forecasts.times[first:]).clip(
-        max=log.times.size - 1
-    )
+    rows = np.searchsorted(log.times, forecasts.times).clip(max=log.times.size - 1)
     tints = colour_of(shown_stiffness(log)[rows], colours.ADAPTED)
     opacity = np.full((len(tints), 1), _OPACITY_ADAPTED, np.uint8)
-    forecasts = [
+    columns = [
         *tubes.partition(np.full(len(vertices), vertices.shape[1])),
         *rr.Mesh3D.columns(albedo_factor=np.hstack([tints, opacity])),
         *rr.LineStrips3D.columns(strips=means),
     ]
-    now = moving(f"{ROOT}/policy_now", log.forecasts.times[first:], forecasts)
-    if first > 0:
-        return [now]
+    now = moving(f"{ROOT}/policy_now", forecasts.times, columns)
     triangles = tube_triangles()
     before = static(
         f"{ROOT}/policy_before",
@@ -144,10 +141,9 @@ def policy_motion(part: EpisodePart) -> list[Chunk]:
     return [before, look, now]
 
 
-def hand_motion(part: EpisodePart) -> list[Chunk]:
+def hand_motion(log: EpisodeLog) -> list[Chunk]:
     """Return the hand's path, its via-points, the force on it, and the leaf."""
-    log, positions = part.log, part.log.motion.ee_pose[:, :3]
-    rows = part.frames()
+    positions, rows = log.motion.ee_pose[:, :3], frames(log)
     arrows = rr.Arrows3D.columns(
         origins=positions[rows], vectors=METRES_PER_NEWTON * log.forces.wrench[rows, :3]
     )
@@ -164,7 +160,8 @@ def hand_motion(part: EpisodePart) -> list[Chunk]:
         moving(f"{PLAN}/leaf", log.times[rows], transforms),
     ]
     # The trail so far, a strip per stretch of about `_KNOT_SPACING`.
-    knots, counts = _stretches(part)
+    knots = _spaced(positions, np.arange(log.times.size), _KNOT_SPACING)
+    counts = np.arange(1, knots.size)
     if counts.size:
         ends = positions.astype(np.float32)
         strips = np.stack([ends[knots[:-1]], ends[knots[1:]]], axis=1)
@@ -173,44 +170,36 @@ def hand_motion(part: EpisodePart) -> list[Chunk]:
         chunks.append(moving(f"{ROOT}/hand/trail", log.times[knots[counts]], columns))
     # All via-points so far; only the first of coincident ones.
     rows = _spaced(positions, np.flatnonzero(log.decisions.via_point), _DOT_SPACING)
-    counts = np.flatnonzero(rows >= part.first_row) + 1
+    counts = np.arange(1, rows.size + 1)
     if counts.size:
         so_far = np.concatenate([positions[rows[:count]] for count in counts])
         dots = rr.Points3D.columns(positions=so_far).partition(counts)
-        times = log.times[rows[counts - 1]]
-        chunks.append(moving(f"{ROOT}/hand/via_points", times, dots))
+        chunks.append(moving(f"{ROOT}/hand/via_points", log.times[rows], dots))
     return chunks
 
 
-def hand_stiffness(part: EpisodePart) -> Iterator[Chunk]:
+def hand_stiffness(log: EpisodeLog) -> Iterator[Chunk]:
     """Return the colour of the hand's trail, and a ball that shows the stiffness."""
-    log, shown = part.log, shown_stiffness(part.log)
-    knots, counts = _stretches(part)
+    positions, stiffness = log.motion.ee_pose[:, :3], shown_stiffness(log)
+    knots = _spaced(positions, np.arange(log.times.size), _KNOT_SPACING)
+    counts = np.arange(1, knots.size)
     if counts.size:
-        tints = colour_of(shown[knots[1:]], colours.HAND)
+        tints = colour_of(stiffness[knots[1:]], colours.HAND)
         so_far = np.concatenate([tints[:count] for count in counts])
         columns = rr.LineStrips3D.columns(colors=so_far).partition(counts)
         yield moving(f"{ROOT}/hand/trail", log.times[knots[counts]], columns)
-    if not part.shows(shown):
+    if not np.isfinite(stiffness).any():
         return
-    rows = part.frames()
-    there = np.isfinite(shown[rows])
-    values = shown[rows[there]]
+    rows = frames(log)
+    finite = np.isfinite(stiffness[rows])
+    values = stiffness[rows[finite]]
     columns = rr.Points3D.columns(
-        positions=log.motion.ee_pose[rows[there], :3] + _ABOVE_HAND,
+        positions=positions[rows[finite]] + _ABOVE_HAND,
         colors=colour_of(values, colours.HAND),
         labels=[f"{value:.0f} N/m" for value in values],
-    ).partition(there.astype(int))
-    if part.begins(shown):
-        yield static(STIFFNESS, rr.Points3D.from_fields(radii=_BALL, show_labels=True))
+    ).partition(finite.astype(int))
+    yield static(STIFFNESS, rr.Points3D.from_fields(radii=_BALL, show_labels=True))
     yield moving(STIFFNESS, log.times[rows], columns)
-
-
-def _stretches(part: EpisodePart) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the ends of the trail's segments, and their number after each new one."""
-    log = part.log
-    knots = _spaced(log.motion.ee_pose[:, :3], np.arange(log.times.size), _KNOT_SPACING)
-    return knots, np.flatnonzero((knots >= part.first_row) & (knots > 0))
 
 
 def _spaced(

@@ -1,6 +1,5 @@
 """Time series beside the scene, all on the same time axis."""
 
-import functools
 import itertools
 import math
 from collections.abc import Mapping
@@ -10,12 +9,13 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
+from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.colours import Colour
 from gplfd_experiments.recording.lanes import recent_mean
-from gplfd_experiments.recording.stream import EpisodePart, moving, static
+from gplfd_experiments.recording.stream import moving, static
 from gplfd_experiments.recording.tube import QUANTILE
 
 ROOT: Final = "/plots"
@@ -39,13 +39,13 @@ class Line(NamedTuple):
     width: float = 2.0
 
 
-def panels(part: EpisodePart) -> list[Chunk]:
+def panels(log: EpisodeLog, demonstrated_radius: float) -> list[Chunk]:
     """Return every time series of the layout; values that are not finite are not drawn.
 
     A series without finite values, such as the stiffness of a policy without stiffness,
-    is left out.
+    is left out. ``demonstrated_radius`` is the mean radius of the demonstrated paths
+    [m]; NaN if they are not circles.
     """
-    log = part.log
     curves = {
         "angle/door": {
             Line("door", colours.TRUTH, 2.5): np.degrees(log.opening.door_angle)
@@ -104,11 +104,11 @@ def panels(part: EpisodePart) -> list[Chunk]:
     low, high = 100.0 * log.decisions.path_size * np.exp(bounds)
     sizes = Line("±1.96 σ", colours.ADAPTED, 0.0)
     bands["size/belief"] = {sizes: (0.5 * (low + high), 0.25 * (high - low) ** 2)}
-    if part.shows(low):
+    if np.isfinite(low).any():
         median = Line("policy now", colours.ADAPTED)
         curves["size/curves"] = {median: 100.0 * log.decisions.path_size}
-        if log.config.handle == "bar" and math.isfinite(part.demonstrated_radius):
-            truth = 100.0 * log.config.hand_radius / part.demonstrated_radius
+        if log.config.handle == "bar" and math.isfinite(demonstrated_radius):
+            truth = 100.0 * log.config.hand_radius / demonstrated_radius
             true = Line("true", colours.TRUTH)
             curves["size/curves"][true] = np.full_like(low, truth)
 
@@ -119,65 +119,55 @@ def panels(part: EpisodePart) -> list[Chunk]:
     )
     line = Line("expected", colours.ADAPTED)
     bands["expected/belief"] = {line: (expected, (QUANTILE * std) ** 2)}
-    if part.shows(expected):
+    if np.isfinite(expected).any():
         # The expected force acts on the handle, the measured force on the hand.
         measured = -np.sum(
             log.decisions.frame[:, :, 0] * log.forces.wrench[:, :3], axis=1
         )
         curves["expected/force"] = {Line("measured", colours.HAND, 1.5): measured}
 
-    chunks = [_bands(part, f"{ROOT}/{path}", own) for path, own in bands.items()]
-    chunks += [lines(part, f"{ROOT}/{path}", own) for path, own in curves.items()]
+    chunks = [_bands(log, f"{ROOT}/{path}", of) for path, of in bands.items()]
+    chunks += [lines(log, f"{ROOT}/{path}", of) for path, of in curves.items()]
     return [
         *itertools.chain.from_iterable(chunks),
-        *levels(part, f"{ROOT}/angle/marks", ANGLE_MARKS_DEG, colours.MARK),
-        *levels(part, f"{ROOT}/force/marks", FORCE_MARKS, colours.MARK),
-        *levels(part, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT),
-        *levels(part, ZERO, (0.0,), colours.MARK),
+        *levels(log, f"{ROOT}/angle/marks", ANGLE_MARKS_DEG, colours.MARK),
+        *levels(log, f"{ROOT}/force/marks", FORCE_MARKS, colours.MARK),
+        *levels(log, f"{ROOT}/stability/bound", (100.0,), colours.LIMIT),
+        *levels(log, ZERO, (0.0,), colours.MARK),
     ]
 
 
-def lines(
-    part: EpisodePart, path: str, curves: Mapping[Line, FloatArray]
-) -> list[Chunk]:
-    """Curves (T,) of one panel."""
+def lines(log: EpisodeLog, path: str, curves: Mapping[Line, FloatArray]) -> list[Chunk]:
+    """Curves (T,) of one panel; none without finite values."""
     values = np.stack(list(curves.values()), axis=1)
-    if not part.shows(values):
+    if not np.isfinite(values).any():
         return []
-    columns = rr.Scalars.columns(scalars=values[part.first_row :])
-    data = moving(path, part.times, columns)
-    return [line_style(path, *curves), data] if part.begins(values) else [data]
+    columns = rr.Scalars.columns(scalars=values)
+    return [line_style(path, *curves), moving(path, log.times, columns)]
 
 
 def levels(
-    part: EpisodePart, path: str, levels: tuple[float, ...], colour: Colour
+    log: EpisodeLog, path: str, levels: tuple[float, ...], colour: Colour
 ) -> list[Chunk]:
-    """Horizontal lines through the whole part."""
+    """Horizontal lines through the whole episode."""
     columns = rr.Scalars.columns(scalars=np.tile(levels, (2, 1)))
-    data = moving(path, part.times[[0, -1]], columns)
-    if part.first_row:
-        return [data]
-    return [line_style(path, *(Line(f"{at:g}", colour, 1.0) for at in levels)), data]
+    style = line_style(path, *(Line(f"{at:g}", colour, 1.0) for at in levels))
+    return [style, moving(path, log.times[[0, -1]], columns)]
 
 
 def _bands(
-    part: EpisodePart, path: str, bands: Mapping[Line, tuple[FloatArray, FloatArray]]
+    log: EpisodeLog, path: str, bands: Mapping[Line, tuple[FloatArray, FloatArray]]
 ) -> list[Chunk]:
     """Means (T,) with bands of one panel; the width is the root of a variance (T,)."""
     means, variances = np.stack([*bands.values()], axis=2)
-    if not part.shows(means):
+    if not np.isfinite(means).any():
         return []
-    columns = rr.Measurements.columns(
-        values=means[part.first_row :].ravel(),
-        variances=variances[part.first_row :].ravel(),
-    )
-    each = columns.partition(np.full(part.times.size, len(bands)))
-    data = moving(path, part.times, each)
+    columns = rr.Measurements.columns(values=means.ravel(), variances=variances.ravel())
+    per_row = columns.partition(np.full(log.times.size, len(bands)))
     style = line_style(path, *bands, archetype=rr.Measurements)
-    return [style, data] if part.begins(means) else [data]
+    return [style, moving(path, log.times, per_row)]
 
 
-@functools.cache
 def line_style(path: str, *lines: Line, archetype: Any = rr.SeriesLines) -> Chunk:
     """Static style of the lines of an entity."""
     names, tints, widths = zip(*lines, strict=True)

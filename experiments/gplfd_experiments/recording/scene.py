@@ -4,7 +4,6 @@ Bodies that are fixed to each other move together. Their geoms are on the entity
 moving body that carries them, or of the world, which is body 0.
 """
 
-import functools
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
@@ -14,8 +13,9 @@ import rerun as rr
 from rerun.chunk import Chunk
 from scipy.spatial.transform import Rotation
 
+from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.recording.stream import EpisodePart, moving, static
+from gplfd_experiments.recording.stream import frames, moving, static
 
 ROOT: Final = "/world/scene"
 """Entity above all bodies; the axes are MuJoCo's world axes, z up."""
@@ -49,10 +49,10 @@ def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
     chunks = [static(ROOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)]
     for body, geoms in visual_geoms(model).items():
         entity = entity_of_body(model, body)
-        primitives: dict[int, list[bytes]] = {}
+        primitives: dict[int, list[FloatArray]] = {}
         for geom in geoms:
             if kinds[geom] in _PRIMITIVES:
-                primitives.setdefault(kinds[geom], []).append(rows[geom].tobytes())
+                primitives.setdefault(kinds[geom], []).append(rows[geom])
             elif kinds[geom] == _GEOM.mjGEOM_MESH:
                 mesh, row = int(model.geom_dataid[geom]), rows[geom]
                 first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
@@ -65,23 +65,23 @@ def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
                 turn = rr.Quaternion(xyzw=_xyzw(row[6:10]))
                 place = rr.Transform3D(translation=row[3:6], quaternion=turn)
                 chunks.append(static(f"{entity}/mesh_{geom}", shape, place))
-        packed = tuple((kind, b"".join(each)) for kind, each in primitives.items())
-        chunks.append(_body(entity, packed))
+        shapes = [_shape(kind, np.array(solids)) for kind, solids in primitives.items()]
+        chunks.append(static(entity, *shapes))
     return chunks
 
 
-def moved_scene(model: mujoco.MjModel, part: EpisodePart) -> list[Chunk]:
+def moved_scene(model: mujoco.MjModel, log: EpisodeLog) -> list[Chunk]:
     """Return the poses of all moving bodies, by forward kinematics of ``qpos``."""
     bodies = [body for body in visual_geoms(model) if body != 0]
-    frames = part.frames()
-    positions = np.empty((frames.size, model.nbody, 3))
-    quaternions = np.empty((frames.size, model.nbody, 4))
-    for row, data in enumerate(kinematics(model, part)):
-        positions[row], quaternions[row] = data.xpos, data.xquat
+    rows = frames(log)
+    positions = np.empty((rows.size, model.nbody, 3))
+    quaternions = np.empty((rows.size, model.nbody, 4))
+    for frame, data in enumerate(kinematics(model, log)):
+        positions[frame], quaternions[frame] = data.xpos, data.xquat
     return [
         moving(
             entity_of_body(model, body),
-            part.log.times[frames],
+            log.times[rows],
             rr.Transform3D.columns(
                 translation=positions[:, body], quaternion=_xyzw(quaternions[:, body])
             ),
@@ -90,11 +90,11 @@ def moved_scene(model: mujoco.MjModel, part: EpisodePart) -> list[Chunk]:
     ]
 
 
-def kinematics(model: mujoco.MjModel, part: EpisodePart) -> Iterator[mujoco.MjData]:
-    """Yield the state of a scene at every frame of a part; always the same object."""
+def kinematics(model: mujoco.MjModel, log: EpisodeLog) -> Iterator[mujoco.MjData]:
+    """Yield the state of a scene at every frame; always the same object."""
     data = mujoco.MjData(model)
-    for frame in part.frames():
-        data.qpos[:] = part.log.motion.qpos[frame]
+    for row in frames(log):
+        data.qpos[:] = log.motion.qpos[row]
         mujoco.mj_kinematics(model, data)
         yield data
 
@@ -176,30 +176,24 @@ def _solids(model: mujoco.MjModel) -> tuple[list[int], FloatArray]:
     return kinds.tolist(), rows
 
 
-# The robot's bodies are equal at every door.
-@functools.lru_cache(maxsize=256)
-def _body(entity: str, primitives: tuple[tuple[int, bytes], ...]) -> Chunk:
-    """Draw the primitives of one body; arguments are the bytes of rows of `_solids`."""
-    drawn: list[Any] = []
-    for kind, packed in primitives:
-        rows = np.frombuffer(packed).reshape(-1, 14)
-        sizes, positions, quaternions = rows[:, :3], rows[:, 3:6], _xyzw(rows[:, 6:10])
-        size: dict[str, Any] = {"half_sizes": sizes}
-        if kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
-            size = {"lengths": 2.0 * sizes[:, 1], "radii": sizes[:, 0]}
-        if kind == _GEOM.mjGEOM_CAPSULE:
-            # MuJoCo centres a capsule; Rerun's runs from its origin along +z.
-            positions = positions - sizes[:, 1, None] * _axes(quaternions)
-        archetype, places = _PRIMITIVES[kind]
-        shape = archetype(
-            quaternions=quaternions,
-            colors=(255.0 * rows[:, 10:]).round().astype(np.uint8),
-            fill_mode="solid",
-            **{places: positions},
-            **size,
-        )
-        drawn.append(shape)
-    return static(entity, *drawn)
+def _shape(kind: int, solids: FloatArray) -> Any:
+    """Draw the primitives of one kind of one body: rows of `_solids`, (N, 14)."""
+    sizes, positions = solids[:, :3], solids[:, 3:6]
+    quaternions = _xyzw(solids[:, 6:10])
+    size: dict[str, Any] = {"half_sizes": sizes}
+    if kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
+        size = {"lengths": 2.0 * sizes[:, 1], "radii": sizes[:, 0]}
+    if kind == _GEOM.mjGEOM_CAPSULE:
+        # MuJoCo centres a capsule; Rerun's runs from its origin along +z.
+        positions = positions - sizes[:, 1, None] * _axes(quaternions)
+    archetype, places = _PRIMITIVES[kind]
+    return archetype(
+        quaternions=quaternions,
+        colors=(255.0 * solids[:, 10:]).round().astype(np.uint8),
+        fill_mode="solid",
+        **{places: positions},
+        **size,
+    )
 
 
 def _colours(model: mujoco.MjModel) -> FloatArray:
