@@ -16,7 +16,6 @@ from gplfd_policies.control.stiffness import (
     DEFAULT_PROFILE,
     PAPER_DYNAMICS,
     PAPER_PROFILE,
-    VirtualDynamics,
 )
 from gplfd_policies.demonstrations.path_similarity import SimilarityConfig
 from gplfd_policies.phase.path_phase import PathPhaseConfig
@@ -33,10 +32,8 @@ LEARNED = ("limit", "hook_grasp_gain", "least", "stretch", "reach", "lag", "step
 
 NUMBERS = [
     *((LearnedLoad, name, value) for name in LEARNED for value in (0.0, INF)),
-    *((CarriedLoad, "limit", value) for value in (0.0, -1.0, INF, NAN)),
+    (CarriedLoad, "limit", NAN),
     (ComplianceConfig, "control_period", 0.0),
-    (ComplianceConfig, "via_spacing", -0.1),
-    (ComplianceConfig, "max_turn_lead", NAN),
     (ComplianceConfig, "phase_drop", 0.0),
     (ArmRendering, "smoothing", -0.1),
     (HandleConfig, "latched_force", 0.0),
@@ -45,11 +42,8 @@ NUMBERS = [
     (HandleConfig, "gear_rate", -0.1),
     (HandleConfig, "max_gear", 0.9),
     (PhaseNoise, "position", -1e-3),
-    (PhaseNoise, "rotation", NAN),
-    (SimilarityConfig, "size_std", -0.1),
     (SimilarityConfig, "heading_std", -0.1),
     (SimilarityConfig, "spacing", 0.0),
-    (SimilarityConfig, "scale_weight", 0.0),
     (PathPhaseConfig, "least_std", 0.0),
     (PathPhaseConfig, "largest_std", INF),
     (PathPhaseConfig, "lost_misfit", -1.0),
@@ -70,62 +64,31 @@ def test_a_number_outside_its_range_is_refused(record, name, value):
     [
         (CarriedLoad(), {"limit": 0.0}, r"to carry nothing use YieldToAll"),
         (LearnedLoad(), {"least": 30.0}, r"least must not exceed limit, got 30"),
-        (
-            PathPhaseConfig(),
-            {"window": (0.1, NAN)},
-            r"window must be two finite",
-        ),
+        (PathPhaseConfig(), {"window": (0.1, NAN)}, "window must be two finite"),
         (ComplianceConfig(), {"via_std": (-1e-3, 0.0)}, r"Config\.via_std must be two"),
         (ComplianceConfig(), {"load": object()}, r"Config\.load must be a load rule"),
-        (
-            IN_ARM,
-            {"profile": PAPER_PROFILE},
-            r"asks for .* 500\..* 100\. *100\.\]",
-        ),
         (IN_ARM, {"profile": SOFT}, r"asks for \[5\. 5\..* from \[20\. 20\."),
         (ComplianceConfig(), {"rendering": ArmRendering()}, "along the task's axes"),
-        (
-            ComplianceConfig(),
-            {"stiffness_frame": "door"},
-            r"'door' is not one of 'path', 'axes'",
-        ),
+        (ComplianceConfig(), {"stiffness_frame": "door"}, "'door' is not one of"),
         (ComplianceConfig(), {"dynamics": UNEVEN}, r"dynamics\.mass must be the same"),
-        (PAPER_PROFILE, {"k_min": np.zeros(6)}, "0 < k_min <= k_max"),
         (PAPER_PROFILE, {"k_min": np.full(6, 501.0)}, "0 < k_min <= k_max"),
         (PAPER_PROFILE, {"alpha": np.zeros(6)}, "set k_min = k_max"),
         (PAPER_PROFILE, {"beta": np.full(6, -0.1)}, "beta not negative"),
-        (PAPER_PROFILE, {"beta": np.full(6, NAN)}, "beta must be six finite numbers"),
         (PAPER_DYNAMICS, {"mass": np.zeros(6)}, "mass must be positive"),
         (PAPER_DYNAMICS, {"mass": np.full(6, INF)}, "mass must be six finite numbers"),
-        (
-            PAPER_DYNAMICS,
-            {"least_damping": -ONES},
-            "damping must not be negative",
-        ),
-        (LOOP, {"stiffness": np.ones(5)}, r"six positive finite numbers"),
-        (LOOP, {"stiffness": np.full(6, NAN)}, r"six positive finite numbers"),
+        (PAPER_DYNAMICS, {"least_damping": -ONES}, "damping must not be negative"),
         (LOOP, {"stiffness": np.zeros(6)}, r"stiffness must be six positive.*\[0. 0."),
         (LOOP, {"delay": -0.1}, r"delay must be finite and >= 0 \[s\], got -0.1"),
         (LOOP, {"period": 0.0}, r"ContactLoop\.period = 0\.0 is outside \(0, inf\)"),
         (PAPER_DYNAMICS, {"damping_ratio": NAN}, r"damping_ratio = nan is outside"),
         (STEP, {"action": np.zeros(3)}, r"AgentStep\.action .* \(6,\), got \(3,\)"),
-        (STEP, {"action": 0.5}, r"AgentStep\.action .* \(6,\), got \(\)"),
         (AgentStep(action=ACTIONS), {"std": ONES}, r"\.std .* \(3, 6\), got \(6,\)"),
         (STEP, {"frame": np.eye(2)}, r"\.frame .* \(3, 3\), got \(2, 2\)"),
-        (STEP, {"phase": ONES}, r"\.phase .* \(\), got \(6,\)"),
     ],
 )
 def test_an_unusable_setting_is_refused(record, changes, message):
     with pytest.raises(ValueError, match=message):
         replace(record, **changes)
-
-
-def test_ranges_that_touch_their_limits_are_allowed():
-    ComplianceConfig(profile=PAPER_PROFILE)
-    PhaseNoise(position=0.0, rotation=0.0)
-    SimilarityConfig(heading_std=0.0)
-    HandleConfig(following_share=1.0, gear_rate=0.0, max_gear=1.0)
-    VirtualDynamics(mass=ONES, damping_ratio=1.0, least_damping=np.zeros(6))
 
 
 def test_an_arm_is_not_commanded_a_stiffness_along_other_directions():

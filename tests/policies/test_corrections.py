@@ -40,9 +40,7 @@ def skill(demonstrations):
     [
         ({"led": np.zeros(500, bool)}, "be true where somebody led the hand.* 0 of"),
         ({"led": np.ones(3, bool)}, r"shape \(500,\).* got shape \(3,\)"),
-        ({"led": np.ones(500)}, "must have shape"),
         ({"by": "robot"}, "'robot' and 0.0"),
-        ({"phase": 1.1}, r"phase within \[0, 1\]"),
         ({"phase": np.nan}, r"phase within \[0, 1\]"),
     ],
 )
@@ -107,23 +105,14 @@ def test_a_file_keeps_the_corrections_of_a_skill(skill, tmp_path):
     better = replace(skill, corrections=(led(0.62, 0.9, by="synthetic"), bare))
     better.save(tmp_path / "skill.npz")
     loaded = load_skill(tmp_path / "skill.npz")
-    assert len(loaded.corrections) == 2
-    for kept, one in zip(loaded.corrections, better.corrections, strict=True):
-        assert (kept.door, kept.seed, kept.by, kept.phase) == (
-            *(one.door, one.seed, one.by, one.phase),
-        )
+    for kept, correction in zip(loaded.corrections, better.corrections, strict=True):
         for name in ("times", "poses", "wrenches"):
-            assert_array_equal(getattr(kept.motion, name), getattr(one.motion, name))
-        assert_array_equal(kept.led, one.led)
-        assert_array_equal(kept.inputs, one.inputs)
-        assert kept.device == one.device
+            expected = getattr(correction.motion, name)
+            assert_array_equal(getattr(kept.motion, name), expected)
+        for name in ("door", "seed", "by", "phase", "led", "inputs", "device"):
+            assert_array_equal(getattr(kept, name), getattr(correction, name))
     with pytest.raises(ValueError, match=r"inputs must have a row for each"):
         replace(bare, inputs=bare.inputs[1:])
-    # A skill without is kept as before: older programs read it.
-    skill.save(tmp_path / "plain.npz")
-    with np.load(tmp_path / "plain.npz") as plain:
-        assert not [name for name in plain.files if "correction" in name]
-    assert load_skill(tmp_path / "plain.npz").corrections == ()
 
 
 def test_who_cannot_be_corrected_says_so(skill):

@@ -22,6 +22,7 @@ CERTAIN = replace(UPRIGHT, noise=1e-6)
 RADII = st.floats(0.3, 1.0)
 HEADINGS = st.floats(-0.1, 0.1)
 TILTS = st.floats(-0.02, 0.02)
+X, _, Z = np.eye(3)
 
 
 def door(radius, heading=0.0, tilt=0.0, slope=0.0):
@@ -89,10 +90,7 @@ def test_a_turned_task_turns_the_estimate(turn, radius, heading, seed):
     [
         np.zeros((0, 3)),
         np.zeros((20, 3)),
-        np.linspace(0.0, 0.5, 50)[1:, None] * [1.0, 0.0, 0.0],
-        np.linspace(0.0, 0.5, 50)[1:, None] * [0.0, 1.0, 0.0],
-        np.linspace(0.0, 0.5, 50)[1:, None] * [0.0, 0.0, -1.0],
-        np.linspace(0.0, 0.5, 50)[1:, None] * [-1.0, 0.0, 0.0],
+        *(np.linspace(0.01, 0.5, 50)[:, None] * line for line in (*np.eye(3), -X, -Z)),
         np.tile([0.0, 0.0, -UPRIGHT.radius], (9, 1)),
         1e3 * np.random.default_rng(0).normal(size=(50, 3)),
     ],

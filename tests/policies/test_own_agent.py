@@ -28,15 +28,15 @@ class Counting:
 
 
 class Returning(Counting):
-    """Returns what it was given, and good poses until then."""
+    """Returns an answer, and good poses until then."""
 
-    def __init__(self, given, good=0):
+    def __init__(self, answer, good=0):
         super().__init__()
-        self.given, self.good = given, good
+        self.answer, self.good = answer, good
 
     def act(self, observation):
         pose = super().act(observation)
-        return pose if self.steps <= self.good else self.given
+        return pose if self.steps <= self.good else self.answer
 
 
 class Soft(Returning):
@@ -48,9 +48,9 @@ class Soft(Returning):
 SOFTLY = AgentStep(action=np.arange(6.0), stiffness=np.arange(6.0, 12.0), phase=0.5)
 
 
-@pytest.mark.parametrize("given", [np.arange(12.0), list(range(12)), SOFTLY])
-def test_pose_and_stiffness_are_a_step_of_an_agent_that_says_so(given):
-    agent = as_agent(Soft(given))
+@pytest.mark.parametrize("answer", [np.arange(12.0), list(range(12)), SOFTLY])
+def test_pose_and_stiffness_are_a_step_of_an_agent_that_says_so(answer):
+    agent = as_agent(Soft(answer))
     assert agent.control == "impedance"
     step = agent.act(OBSERVATION)
     assert_array_equal(step.action, np.arange(6.0))
@@ -64,27 +64,21 @@ PAIR = AgentStep(action=np.zeros((2, 6)), stiffness=np.ones((2, 6)))
 
 
 @pytest.mark.parametrize(
-    ("kind", "given", "what"),
+    ("kind", "answer", "what"),
     [
         (Returning, np.zeros(3), rf"array\(\[0\., 0\., 0\.\]\).*{POSE}"),
-        (Returning, np.zeros((1, 6)), rf"array\(\[\[0\., 0\..*{POSE}"),
         (Returning, PAIR, rf"AgentStep\(action=array\(\[\[0.*{POSE}"),
-        (Returning, np.full(6, np.nan), rf"array\(\[nan.*{POSE}"),
         (Returning, AgentStep(action=np.full(6, np.inf)), rf"array\(\[inf.*{POSE}"),
-        (Returning, 0.5, rf"0.5.*{POSE}"),
         (Returning, None, rf"None.*{POSE}"),
-        (Returning, {"action": np.zeros(6)}, rf"{{'action': array.*{POSE}"),
         (Returning, "pull", rf"'pull'.*{POSE}"),
         (Returning, np.zeros(12), rf"{POSE}.* control = 'impedance'"),
         (Soft, np.zeros(6), TWELVE),
-        (Soft, np.full(12, np.nan), TWELVE),
         (Soft, AgentStep(action=np.zeros(6)), TWELVE),
-        (Soft, PAIR, TWELVE),
     ],
 )
-def test_what_is_no_command_is_reported_with_its_step(kind, given, what):
+def test_what_is_no_command_is_reported_with_its_step(kind, answer, what):
     good = 2 if kind is Returning else 0
-    agent = as_agent(kind(given, good=good))
+    agent = as_agent(kind(answer, good=good))
     agent.reset(OBSERVATION)
     for _ in range(good):
         agent.act(OBSERVATION)
@@ -95,10 +89,10 @@ def test_what_is_no_command_is_reported_with_its_step(kind, given, what):
 
 
 def test_unknown_control_is_reported_at_once():
-    own = Counting()
-    own.control = "force"  # type: ignore[attr-defined]
+    candidate = Counting()
+    candidate.control = "force"  # type: ignore[attr-defined]
     with pytest.raises(ValueError, match=r"Counting\.control is 'force'; .* 'pose'"):
-        as_agent(own)
+        as_agent(candidate)
 
 
 class Whole(Counting):
@@ -118,21 +112,19 @@ class Whole(Counting):
 
 
 def test_other_methods_are_called_where_they_exist():
-    own, doors = (
-        Whole(),
-        [DoorGeometry.of(DoorConfig(radius=radius)) for radius in (0.4, 0.5)],
-    )
-    agent = as_agent(own)
+    whole = Whole()
+    doors = [DoorGeometry.of(DoorConfig(radius=radius)) for radius in (0.4, 0.5)]
+    agent = as_agent(whole)
     agent.inform(doors[0])
-    assert own.door is doors[0]
+    assert whole.door is doors[0]
     for _ in range(2):
         agent.reset(OBSERVATION)
         assert agent.act(OBSERVATION).action[0] == 1.0
-    assert own.began_with is OBSERVATION
+    assert whole.began_with is OBSERVATION
     assert agent.forecast() is EXPECTED
-    batch_agents([Counting(), own]).inform(doors)
-    assert own.door is doors[1]
-    own.forecasted = np.zeros((100, 6))
+    batch_agents([Counting(), whole]).inform(doors)
+    assert whole.door is doors[1]
+    whole.forecasted = np.zeros((100, 6))
     with pytest.raises(ValueError, match=r"Whole\.forecast returned .*ndarray"):
         agent.forecast()
 
@@ -156,6 +148,3 @@ def test_a_batch_commands_one_thing():
     assert_array_equal(command, [np.zeros(12), np.arange(12.0)])
     with pytest.raises(ValueError, match=r"some command poses and others .* batch of"):
         batch_agents([*soft, Counting()])
-
-
-# --- The record of a step -----------------------------------------------------
