@@ -28,9 +28,10 @@ EPOCHS = 30
 class Clone:
     """An agent: the action of the network for the observation, as a pose."""
 
-    def __init__(self, seen, said, seed):
-        self.inputs, self.outputs = StandardScaler().fit(seen), StandardScaler()
-        targets = self.outputs.fit_transform(said)
+    def __init__(self, observations, actions, seed):
+        self.inputs, self.outputs = StandardScaler(), StandardScaler()
+        scaled = self.inputs.fit_transform(observations)
+        targets = self.outputs.fit_transform(actions)
         self.network = MLPRegressor(
             hidden_layer_sizes=(64, 64),
             activation="tanh",
@@ -38,11 +39,11 @@ class Clone:
             random_state=np.random.RandomState(seed),
         )
         for _ in range(EPOCHS):
-            self.network.partial_fit(self.inputs.transform(seen), targets)
+            self.network.partial_fit(scaled, targets)
 
     def act(self, observation):
-        seen = self.inputs.transform(flat_of(observation)[None])
-        action = self.outputs.inverse_transform(self.network.predict(seen))[0]
+        scaled = self.inputs.transform(flat_of(observation)[None])
+        action = self.outputs.inverse_transform(self.network.predict(scaled))[0]
         return command_of(action, observation["ee_pose"])
 
 
@@ -59,30 +60,21 @@ def lessons(teacher, seed):
     observations, _ = envs.reset(seed=seed)
     teachers.reset(observations)
     acting = np.ones(len(RADII), dtype=bool)
-    seen, said = [], []
+    inputs, targets = [], []
     while acting.any():
         commands = teachers.act(observations, acting).action
-        seen.append(flat_of(observations)[acting])
-        said.append(action_of(commands, observations["ee_pose"])[acting])
+        inputs.append(flat_of(observations)[acting])
+        targets.append(action_of(commands, observations["ee_pose"])[acting])
         observations, _, terminated, truncated, _ = envs.step(commands)
         acting &= ~(terminated | truncated)
     envs.close()
-    return np.concatenate(seen), np.concatenate(said)
+    return np.concatenate(inputs), np.concatenate(targets)
 
 
 def make(training):
     """Imitation of `gp` by a network of two layers of 64."""
     seed = training.seed
     teacher = make_agent("gp", training.demonstrations, seed=seed)
-    rounds = [lessons(teacher, 1000 * seed + each) for each in range(EPISODES)]
-    seen, said = map(np.concatenate, zip(*rounds, strict=True))
-    return Clone(seen, np.clip(said, -1.0, 1.0), seed)
-
-
-if __name__ == "__main__":
-    from gplfd_experiments.cli.main import (
-        main,  # the command line is only needed to run this file
-    )
-
-    chosen = ["--policy", f"{__file__}:make", "--doors", "medium"]
-    main(["run", *chosen, "--out", "results/clone"])
+    rounds = [lessons(teacher, 1000 * seed + number) for number in range(EPISODES)]
+    observations, actions = map(np.concatenate, zip(*rounds, strict=True))
+    return Clone(observations, np.clip(actions, -1.0, 1.0), seed)

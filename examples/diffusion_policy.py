@@ -1,32 +1,22 @@
 """A diffusion policy that learns from demonstrations; needs the extra learners.
 
-    python examples/diffusion_policy.py --per-door 2 17 67 --seeds 3
     gplfd run --policy examples/diffusion_policy.py:make
     gplfd benchmark --config small --policies gp examples/diffusion_policy.py:make
 
-The first command trains networks and writes them into `results/diffusion`. The others
-load the network of their demonstrations and seed, or train it.
+Networks are kept in `results/diffusion`, one per set of demonstrations and seed.
 
-Model: Chi et al., *Diffusion Policy: Visuomotor Policy Learning via Action Diffusion*,
-RSS 2023, arXiv:2303.04137. A network predicts the noise in a chunk of future poses,
-given the present pose. Noise schedule: Nichol and Dhariwal, arXiv:2102.09672. Sampling:
-Song et al., arXiv:2010.02502 (DDIM). Assumptions and deviations:
-
-* Demonstrations have poses only, so the learned command is the demonstrated pose 0.1 s
-  later. The state is the pose: no time, no phase, no force, no radius.
-* Poses of a chunk are relative to the present pose of the hand, in its axes: Chi et
-  al., *Universal Manipulation Interface*, RSS 2024, arXiv:2402.10329.
-* The network is a residual MLP instead of a U-Net over time: the state has six numbers.
-* One pose of every chunk is executed, and commands are continuous. Chunks are not
-  averaged over time (Zhao et al., *ACT*, RSS 2023, arXiv:2304.13705), because earlier
-  predictions had less information about the door.
+Model: Chi et al., *Diffusion Policy*, RSS 2023, arXiv:2303.04137. Noise schedule:
+Nichol and Dhariwal, arXiv:2102.09672. Sampling: DDIM, Song et al., arXiv:2010.02502. A
+network predicts the noise in a chunk of future poses, given the present pose; it knows
+no time, phase, force or radius. Poses of a chunk are relative to the present pose, in
+its axes (Chi et al., *Universal Manipulation Interface*, arXiv:2402.10329). Deviations:
+the network is a residual MLP instead of a U-Net, because the state has six numbers;
+one pose of every chunk is executed.
 """
 
-import argparse
 import hashlib
 import math
 import os
-import time
 from pathlib import Path
 
 import numpy as np
@@ -36,12 +26,11 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies.demonstrations.npz import hash_of
 
 FOLDER = Path("results/diffusion")
 PERIOD = 0.1  # [s]; time between the poses of a chunk
-CHUNK, EXECUTED = 16, 1  # predicted poses, and executed poses
+CHUNK = 16  # predicted poses; the first is executed
 WIDTH, BLOCKS = 256, 3  # size of the network
 LEVELS, DENOISED = 50, 10  # noise levels in training, and denoising steps
 STEPS, BATCH, RATE, AVERAGE = 3000, 128, 1e-3, 0.995  # of training
@@ -91,8 +80,8 @@ class Denoiser(nn.Module):
 
     def forward(self, chunks, states, levels):
         angles = levels[:, None] * self.frequencies
-        given = (chunks, states, angles.sin(), angles.cos())
-        return self.blocks(torch.cat(given, dim=1))
+        inputs = chunks, states, angles.sin(), angles.cos()
+        return self.blocks(torch.cat(inputs, dim=1))
 
     def fit_scales(self, **values):
         for name, rows in values.items():
@@ -124,11 +113,11 @@ class Denoiser(nn.Module):
 def lessons(demonstrations):
     """Return states (N, 6) and the chunk after each, (N, 96), for every sample."""
     states, chunks = [], []
-    for one in demonstrations:
-        poses = np.array(one.poses)
-        times = one.times[:, None] + PERIOD * np.arange(1, CHUNK + 1)
+    for demonstration in demonstrations:
+        poses, recorded = np.array(demonstration.poses), demonstration.times
+        times = recorded[:, None] + PERIOD * np.arange(1, CHUNK + 1)
         # After its end, a demonstration stays at the last pose.
-        ahead = np.stack([np.interp(times, one.times, each) for each in poses.T], -1)
+        ahead = np.stack([np.interp(times, recorded, curve) for curve in poses.T], -1)
         here = np.repeat(poses, CHUNK, axis=0)
         ahead, axes = ahead.reshape(-1, 6), Rotation.from_rotvec(here[:, 3:]).inv()
         moved = axes.apply(ahead[:, :3] - here[:, :3])
@@ -136,8 +125,8 @@ def lessons(demonstrations):
         states.append(poses)
         chunks.append(np.hstack([moved, turned]).reshape(len(poses), -1))
     return (
-        torch.tensor(np.concatenate(each), dtype=torch.float32)
-        for each in (states, chunks)
+        torch.tensor(np.concatenate(rows), dtype=torch.float32)
+        for rows in (states, chunks)
     )
 
 
@@ -187,7 +176,7 @@ def learned(demonstrations, seed):
 class Diffusion:
     """An agent: the network predicts poses from the pose of the hand at 10 Hz.
 
-    The command is interpolated linearly between them, from the last command.
+    The command goes linearly from the last command to the first predicted pose.
     """
 
     def __init__(self, network, seed):
@@ -198,37 +187,22 @@ class Diffusion:
         self.step, self.command = 0, observation["ee_pose"]
 
     def act(self, observation):
-        every = round(PERIOD / CONTROL_PERIOD)
-        since = self.step % (EXECUTED * every)
+        period = round(PERIOD / CONTROL_PERIOD)
+        since = self.step % period
         if since == 0:
             hand = observation["ee_pose"]
             noise = torch.randn(1, 6 * CHUNK, generator=self.random)
-            chunk = self.network.sample(hand, noise)
+            ahead = self.network.sample(hand, noise)[0]
             axes = Rotation.from_rotvec(hand[3:])
-            moved = hand[:3] + axes.apply(chunk[:, :3])
-            turned = (axes * Rotation.from_rotvec(chunk[:, 3:])).as_rotvec()
-            self.plan = np.vstack([self.command, np.hstack([moved, turned])])
+            moved = hand[:3] + axes.apply(ahead[:3])
+            turned = (axes * Rotation.from_rotvec(ahead[3:])).as_rotvec()
+            self.plan = np.stack([self.command, np.hstack([moved, turned])])
         self.step += 1
-        at, knots = (since + 1) / every, np.arange(CHUNK + 1)
-        self.command = np.array([np.interp(at, knots, each) for each in self.plan.T])
+        at = (since + 1) / period
+        self.command = np.array([np.interp(at, (0, 1), ends) for ends in self.plan.T])
         return self.command
 
 
 def make(training):
     """Diffusion over chunks of poses."""
-    network = learned(training.demonstrations, training.seed)
-    return Diffusion(network, training.seed)
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--per-door", type=int, nargs="+", default=[2])
-    parser.add_argument("--seeds", type=int, default=1)
-    given = parser.parse_args()
-    for number in given.per_door:
-        for seed in range(given.seeds):
-            shown = Teacher().standard_demonstrations(number, seed=seed)
-            began = time.process_time()
-            learned(shown, seed)
-            spent = time.process_time() - began
-            print(f"{len(shown)} demonstrations, seed {seed}: {spent:.0f} s of CPU")
+    return Diffusion(learned(training.demonstrations, training.seed), training.seed)

@@ -1,9 +1,7 @@
-"""Reinforcement learning at one door: spaces, wrappers, and a small learner.
+"""Reinforcement learning at one door, by a cross-entropy method.
 
-The learner is a cross-entropy method with two parameters: radius and duration of the
-arc that the hand follows. The environment is the same for any library: a flat
-observation, actions within ±1, and a reward that penalises the greatest force. The file
-learned_policy.py trains a network with Stable-Baselines3 instead.
+It searches two parameters, radius and duration of the arc that the hand follows. The
+file learned_policy.py trains a network instead.
 """
 
 import gymnasium as gym
@@ -23,7 +21,6 @@ envs = gym.make_vec(
     max_episode_steps=STEPS,
     autoreset_mode="Disabled",
 )
-print(f"observation {envs.single_observation_space.shape}, action within ±1 (6,)")
 
 
 def evaluate(candidates):

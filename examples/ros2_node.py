@@ -37,7 +37,7 @@ class Player(Node):
         self.frame, samples = table["frame"]["name"], table["samples"]
         until = math.inf if whole else table["demonstrated_until_s"]
         columns = "position", "quaternion_xyzw", "path_position", "stiffness"
-        rows = zip(samples["time"], *(samples[one] for one in columns), strict=True)
+        rows = zip(samples["time"], *(samples[name] for name in columns), strict=True)
         self.rows = [row for time, *row in rows if time <= until]
         self.next, self.hand, self.silent = 0, None, 0.0
         self.period = 1.0 / table["rate_hz"]
@@ -91,13 +91,13 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="play an exported skill")
     parser.add_argument("file", help="JSON file of gplfd export --frame")
     parser.add_argument("--whole", action="store_true", help="beyond demonstrations")
-    given = parser.parse_args()
-    with open(given.file, encoding="utf-8") as file:
+    arguments = parser.parse_args()
+    with open(arguments.file, encoding="utf-8") as file:
         table = json.load(file)
     if table["frame"]["name"] != "base":
-        parser.error(f"{given.file} is in the task frame; export it with --frame")
+        parser.error(f"{arguments.file} is in the task frame; export it with --frame")
     rclpy.init()
-    node = Player(table, given.whole)
+    node = Player(table, arguments.whole)
     try:
         rclpy.spin(node)
     finally:

@@ -1,9 +1,6 @@
 """Your own policy at the same doors, logged and evaluated like the others.
 
-The policy follows the demonstrations from the demonstrated pose nearest to the hand.
-Run it as a script, or by name:
-
-    gplfd run --policy examples/your_own_policy.py:make
+gplfd run --policy examples/your_own_policy.py:make
 """
 
 import numpy as np
@@ -27,11 +24,3 @@ class Imitate:
 def make(training):
     """Nearest neighbours among the demonstrated poses."""
     return Imitate(training.demonstrations)
-
-
-if __name__ == "__main__":
-    from gplfd_experiments.cli.main import (
-        main,  # the command line: only to run this file
-    )
-
-    main(["run", "--policy", f"{__file__}:make", "--out", "results/imitate"])

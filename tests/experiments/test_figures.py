@@ -348,8 +348,7 @@ def test_fig10_uses_the_law_of_the_policy_that_it_shows(opened):
 def test_forecasts_are_of_what_is_still_to_come(opened, monkeypatch):
     monkeypatch.setattr(forecasts, "SHARES", (0.05, 0.15))
     log = opened.episodes["large"]
-    given = opened.demonstrations.demonstrations
-    agents = {name: make_agent(name, given) for name in forecasts.FORMS}
+    agents = forecasts.agents_of_forms(opened.demonstrations.demonstrations)
     shown = forecasts.foretold(log, agents)
     for each in shown.by_form.values():
         for forecast, phase in zip(each, shown.phases, strict=True):

@@ -1,6 +1,6 @@
 """Not in the paper: forecasts of an opening by three forms of adaptation."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -14,6 +14,7 @@ from gplfd_experiments.analysis.figures.fig09_adaptation import decisions, expec
 from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
+from gplfd_policies import Demonstration
 from gplfd_policies.adaptation import ADAPTATIONS
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.arrays.resolution import interpolated
@@ -61,14 +62,20 @@ class Forecasts:
 
 def measure(material: Material) -> dict[str, Forecasts]:
     """Let every form forecast every opening."""
-    training = TrainingInput(demonstrations=material.demonstrations.demonstrations)
+    agents = agents_of_forms(material.demonstrations.demonstrations)
+    return {door: foretold(material.episodes[door], agents) for door in DOORS}
+
+
+def agents_of_forms(demonstrations: Sequence[Demonstration]) -> dict[str, Agent]:
+    """Return agents of `gp` that differ in the form of adaptation, by form."""
+    training = TrainingInput(demonstrations=demonstrations)
     agents = {}
     for form in FORMS:
-        adapting = GP
+        method = GP
         if form != "process":
-            adapting = replace(GP, adaptation=ADAPTATIONS[form], door_adaptation=None)
-        agents[form] = as_agent(adapting(training))
-    return {door: foretold(material.episodes[door], agents) for door in DOORS}
+            method = replace(GP, adaptation=ADAPTATIONS[form], door_adaptation=None)
+        agents[form] = as_agent(method(training))
+    return agents
 
 
 def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
