@@ -12,8 +12,9 @@ def main() -> int:
         status = run()
         sys.stdout.flush()
         return status
-    except KeyboardInterrupt:
-        print("gplfd: interrupted; finished files are kept", file=sys.stderr)
+    except KeyboardInterrupt as interruption:
+        parts = ("gplfd: interrupted", "finished files are kept", *interruption.args)
+        print("; ".join(map(str, parts)), file=sys.stderr)
         return 130
     except BrokenPipeError:  # as in ``gplfd list | head``
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -28,6 +28,7 @@ from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.log import PARTS, EpisodeLog, Forecasts, arrays_of
 from gplfd_experiments.episodes.metrics import episode_metrics
+from gplfd_experiments.studies.store import RESULT_STAMP, STUDY_STAMP
 from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 
@@ -502,6 +503,7 @@ def episode_file(
 ) -> dict[str, Any]:
     """What the file of an episode says; its numbers grow a little with the seed."""
     return {
+        **RESULT_STAMP,
         "task": {
             "kind": "episode",
             "policy": policy,
@@ -568,7 +570,7 @@ def write_study(tmp_path: Path) -> Callable[..., Path]:
             path = folder / "tasks" / f"{number:04}.json"
             path.write_text(json.dumps(result))
         command = ["gplfd", "benchmark", "--seeds", "8"]
-        header = {"command": command, "created": "2020-02-02", **study}
+        header = {**STUDY_STAMP, "command": command, "created": "2020-02-02", **study}
         (folder / "study.json").write_text(json.dumps(header))
         return folder
 

@@ -294,8 +294,10 @@ def test_a_study_that_was_interrupted_is_as_one_that_was_not(tmp_path, monkeypat
     # Ends when the last process that could write has ended: the workers, too.
     _, printed = process.communicate()
     assert process.returncode == 130
-    last = printed.splitlines()[-1]
-    assert last.startswith("gplfd: interrupted")
+    assert printed.splitlines()[-1] == (
+        "gplfd: interrupted; finished files are kept; run the same command again to go "
+        "on"
+    )
     assert "Traceback" not in printed
     content = {path: path.read_bytes() for path in files(Path("stopped"))}
     Path("allowed").write_text("13")

@@ -16,10 +16,13 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.plain_data import read_json, write_json
-from gplfd_experiments.studies.result_format import STAMP
 from gplfd_experiments.studies.settings import StudySettings
 from gplfd_experiments.studies.settings_file import read_settings, write_settings
-from gplfd_experiments.studies.store import result_path, stored_results
+from gplfd_experiments.studies.store import (
+    RESULT_STAMP,
+    result_path,
+    stored_results,
+)
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 
@@ -62,7 +65,7 @@ def result(folder: Path, log: EpisodeLog) -> Case:
     task = EpisodeTask(policy="gp", door="small", door_config={"radius": 0.35}, seed=0)
     metrics = episode_metrics(log).as_json()
     file = result_path(folder, task)
-    write_json(file, {**STAMP, "task": task.definition, "metrics": metrics})
+    write_json(file, {**RESULT_STAMP, "task": task.definition, "metrics": metrics})
 
     def read(_: Path) -> None:
         for reason in stored_results(folder, [task]).damaged:

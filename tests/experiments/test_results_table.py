@@ -21,7 +21,7 @@ from gplfd_experiments.files.table import Table, markdown_table, text_table
 SMALL = Table(columns=("name", "a|b\n[m]"), rows=(("x", "1"), ("long", "2.5\nmore")))
 RAISED = {"error": "ValueError: x", "traceback": "Traceback ..."}
 """Of an episode in which the policy raised an error."""
-LOST = {"error": "its worker died", "traceback": ""}
+LOST = {"error": "its worker died", "traceback": "", "lost": True}
 """Of one whose worker was killed."""
 
 
@@ -137,21 +137,6 @@ def test_what_the_machine_lost_counts_nowhere(rows, episodes_of, episode_result)
     assert said.startswith("2 of 3 episodes were lost, because the machine failed, and")
     assert [*ranked(episodes)] == ["gp", "kmp"]
     assert counted({"gp": episodes[:2]}) == {"gp": [episodes[0]]}
-
-
-def test_metrics_that_older_results_lack_are_named(rows, episodes_of, episode_result):
-    whole, older = episode_result("gp", 0), episode_result("gp", 1)
-    lacking = ["capability", "latency_wall_median_ms", "latency_wall_p95_ms", "stage"]
-    for name in lacking:
-        del older["metrics"][name]
-    episodes = episodes_of(whole, older)
-    assert remarks(episodes) == [
-        "1 of 2 episodes were made by an earlier version and lack metrics that were "
-        f"added since: {', '.join(lacking)}."
-    ]
-    assert [one.number("capability") for one in episodes] == [6, None]
-    assert remarks(episodes[:1]) == []
-    assert rows(older, older)["gp"]["wall time per decision [ms]"] == "–"
 
 
 def test_doors_are_in_groups_of_their_kind(episodes_of, episode_result):

@@ -2,39 +2,34 @@
 
 import dataclasses
 import errno
-import hashlib
 import json
 import os
 import re
 
 import pytest
 
-from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.analysis.results.measures import (
     EPISODE_MEASURES,
     LEARNING_MEASURES,
     RECORDED_MEASURES,
 )
 from gplfd_experiments.data.teacher import synthetic_human
-from gplfd_experiments.episodes.build import make_environment
-from gplfd_experiments.episodes.task import EpisodeTask, episode_task
+from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files import provenance
 from gplfd_experiments.files.plain_data import NewerFormatError
 from gplfd_experiments.studies import jobs, runner, store
 from gplfd_experiments.studies.engines import Lost
-from gplfd_experiments.studies.result_format import (
-    EPISODE_METRICS,
+from gplfd_experiments.studies.runner import run_study
+from gplfd_experiments.studies.store import (
     FORECAST_METRICS,
     LEARNING_METRICS,
-    ONLINE_METRICS,
-    STAMP,
-    VERSION,
-    lost,
+    RESULT_STAMP,
+    outcome,
+    stored_results,
 )
-from gplfd_experiments.studies.runner import run_study
-from gplfd_experiments.studies.store import stored_results
 from gplfd_experiments.studies.tasks import (
     TOGETHER,
+    RecordedTask,
     SkillTask,
     jobs_of,
     task_from,
@@ -101,7 +96,6 @@ CHANGES = {
     "base": "mobile",
     "robot": "panda-like",
     "practice": {"corrections": 1},
-    "environment_version": 1,
     "start": "approach",
     "policy_source": {"kind": "module", "file": "mine.py", "sha256": "ab12"},
 }
@@ -138,36 +132,6 @@ def test_keys_are_the_same_in_every_process_but_for_another_teacher(monkeypatch)
     monkeypatch.setattr(synthetic_human, "TeacherConfig", lambda: slower)
     assert episode().teacher["duration_mean"] == 9.0
     assert episode().key != "729ae4581ec21027"
-
-
-def test_only_tasks_with_a_base_that_drives_have_a_version_of_the_environment():
-    reached, beyond = DoorConfig(radius=0.35), DoorConfig(radius=0.9)
-    given = {"policy": "gp", "seed": 0}
-    fixed = episode_task("small", reached, **given)
-    assert "environment_version" not in fixed.definition
-    assert fixed.key == "599532e18a9ec223"
-    for mobile in (
-        episode_task("wide", beyond, **given),
-        episode_task("small", reached, base="mobile", **given),
-    ):
-        assert mobile.definition["environment_version"] == 1
-        first = dataclasses.replace(mobile, environment_version=0)
-        assert first.key != mobile.key
-        assert first.training_key != mobile.training_key
-        assert first.demonstrations_key == mobile.demonstrations_key
-        assert task_from(first.definition) == first
-    fixed_by_hand = episode_task("wide", beyond, base="fixed", **given)
-    assert fixed_by_hand.environment_version == 0
-
-
-def test_episodes_of_an_older_environment_are_not_repeated():
-    old = episode(base="mobile")
-    for repeat in (
-        lambda: make_environment(old, "pose"),
-        lambda: jobs.episode_log(old),
-    ):
-        with pytest.raises(ValueError, match=r"version 0 .* run the study again"):
-            repeat()
 
 
 @pytest.mark.parametrize(
@@ -277,7 +241,11 @@ DAMAGES = {
         lambda text: text.replace('"gplfd result"', '"gplfd study"'),
         "it holds gplfd study, not gplfd result",
     ),
-    "strange task": (lambda text: '{"error": "", "task": {}}', "not a task of a study"),
+    "strange task": (
+        lambda text: text.replace('"kind": "episode"', '"kind": "dance"'),
+        "not a task of a study",
+    ),
+    "no format": (lambda text: '{"error": ""}', "it lacks format"),
     "other task": (lambda text: text.replace("small", "large"), "of another task"),
 }
 
@@ -299,36 +267,14 @@ def test_a_damaged_result_is_named_and_its_task_run_again(
     assert stored_results(tmp_path, study).damaged == ()
 
 
-def test_a_version_of_results_has_its_metrics():
-    # Another metric of an episode makes another version, so that older results, which
-    # lack it, stay complete: name it in `_ADDED`, and raise `VERSION`.
-    assert [
-        hashlib.sha256(" ".join(sorted(names)).encode()).hexdigest()[:8]
-        for names in EPISODE_METRICS.values()
-    ] == ["46f63489", "a83b9fff", "a83b9fff"]
-    assert max(EPISODE_METRICS) == VERSION
-    assert EPISODE_METRICS[1] - EPISODE_METRICS[0] == {
-        *("reason", "capability", "stage"),
-        *("latency_wall_median_ms", "latency_wall_p95_ms"),
-    }
-    assert EPISODE_MEASURES.keys() - {"grasp_kept"} <= EPISODE_METRICS[VERSION]
+def test_every_metric_has_a_measure_and_every_result_all_metrics():
+    assert EPISODE_MEASURES.keys() - {"grasp_kept"} <= store._EPISODE_METRICS.keys()
     assert LEARNING_MEASURES.keys() == LEARNING_METRICS
-    assert RECORDED_MEASURES.keys() == FORECAST_METRICS | ONLINE_METRICS
-
-
-def test_an_older_result_lacks_only_later_metrics(tmp_path, runs):
-    task = episode()
-    (result,) = run_study(tmp_path, [task])
-    path = store.result_path(tmp_path, task)
-    older = {name: result[name] for name in result.keys() - STAMP}
-    later = EPISODE_METRICS[1] - EPISODE_METRICS[0]
-    old = result["metrics"].keys() - later
-    older["metrics"] = {name: result["metrics"][name] for name in old}
-    path.write_text(json.dumps(older))
-    assert list(run_study(tmp_path, [task])) == []
-    # A result of this version must have them.
-    path.write_text(json.dumps({**older, **STAMP}))
-    assert list(run_study(tmp_path, [task])) == [result]
+    assert RECORDED_MEASURES.keys() == FORECAST_METRICS
+    task = RecordedTask(policy="gp", seed=0, recordings="x")
+    record = {**RESULT_STAMP, "metrics": dict.fromkeys(LEARNING_METRICS, 0.5)}
+    with pytest.raises(ValueError, match="it lacks forecast_10_coverage_95"):
+        outcome(record, task)
 
 
 def test_a_later_version_s_result_is_neither_read_nor_replaced(tmp_path, runs):
@@ -337,7 +283,7 @@ def test_a_later_version_s_result_is_neither_read_nor_replaced(tmp_path, runs):
     path = store.result_path(tmp_path, task)
     later = json.dumps(json.loads(path.read_text()) | {"format_version": 99})
     path.write_text(later)
-    said = f"{path}: it has version 99 of gplfd result, .* up to version {VERSION}"
+    said = f"{path}: it has version 99 of gplfd result, .* up to version 1"
     for look in (run_study, stored_results):
         with pytest.raises(NewerFormatError, match=said):
             next(iter(look(tmp_path, [task])))
@@ -365,13 +311,7 @@ def test_tasks_whose_worker_died_are_run_alone(tmp_path, runs):
     opened, died = run_study(tmp_path, episodes(("gp",), range(1)), engine)
     assert opened["metrics"]["success"]
     assert (died["error"], died["task"]["door"]) == ("it died", "large")
-    assert lost(died)
-
-
-def test_results_from_before_versions_say_who_failed():
-    assert lost({"error": "its worker died", "traceback": ""})
-    assert not lost({"error": "ValueError: x", "traceback": "Traceback ..."})
-    assert not lost({"metrics": {}, "traceback": ""})
+    assert died["lost"]
 
 
 @pytest.mark.parametrize("step", ["os.fsync", "pathlib.Path.touch"])

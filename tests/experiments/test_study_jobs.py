@@ -19,7 +19,6 @@ from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies import jobs
 from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.jobs import episode_log, run_job
-from gplfd_experiments.studies.result_format import VERSION
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.store import stored_results
 from gplfd_experiments.studies.tasks import SkillTask, jobs_of
@@ -219,7 +218,7 @@ def test_an_error_is_the_policy_s_or_the_machine_s(error, machine, monkeypatch, 
     for result in run_job((task("oracle", 0.35), task("oracle", 0.5))):
         assert result["error"].startswith(type(error).__name__)
         assert result.get("lost", False) == machine
-        assert result["format_version"] == VERSION
+        assert result["format_version"] == 1
     assert (learn.call_count, opened) == (1, [])
 
 

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gplfd_env.doors.config import door_config
 from gplfd_experiments.data.teacher import TeacherConfig, standard_teacher
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies.plan import checked, noisy_teacher, tasks
@@ -107,7 +108,7 @@ def test_the_whole_comparison_is_table_1_on_known_and_new_doors():
     assert len({task.key for task in study}) == len(study)
     assert {task.policy for task in tested} == set(TABLE_1)
     assert {task.policy for task in opened} == {*TABLE_1, "hinge-fit"}
-    assert sorted({task.door_config["radius"] for task in opened}) == [
+    assert sorted({door_config(dict(task.door_config)).radius for task in opened}) == [
         *(0.30, 0.35, 0.42, 0.50, 0.58, 0.62, 0.65)
     ]
 

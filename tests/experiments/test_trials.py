@@ -28,6 +28,7 @@ from gplfd_experiments.analysis.results.trials import (
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies import jobs, runner
+from gplfd_experiments.studies.store import RESULT_STAMP
 from gplfd_experiments.studies.tasks import task_from
 from gplfd_experiments.studies.trials import plan
 from gplfd_experiments.studies.trials.contrasts import CONSTANT
@@ -265,7 +266,7 @@ def test_an_error_of_the_policy_is_a_failure_in_every_share(
     results = [episode_result("gp", n, trial="stop", level="stop") for n in range(16)]
     for result in results[:8]:
         result.update(error="ValueError: no", traceback="Traceback ...")
-    results[8].update(error="its worker died", traceback="")
+    results[8].update(error="its worker died", lost=True)
     found = read_results(write_study(results))
     rate = summary(of_trial(found.episodes, "stop")["gp"]["stop"], share)
     assert (rate.successes, rate.trials) == (7, 15)
@@ -348,9 +349,7 @@ def test_the_command_runs_a_part_and_goes_on(
 
     def run_job(job: Any, **_: Any) -> list[Any]:
         ran.extend(job)
-        return [
-            {"task": t.definition, **jobs.code_state(), "metrics": metrics} for t in job
-        ]
+        return [{**jobs._origin(task), "metrics": metrics} for task in job]
 
     monkeypatch.setattr(runner, "run_job", run_job)
     arguments = ["trials", "--trials", "stop", "--part", "small", "--engine", "serial"]
@@ -384,6 +383,7 @@ def stored(policy: str) -> str:
     return json.dumps(
         [
             {
+                **RESULT_STAMP,
                 "task": task.definition,
                 "versions": {"gplfd": "0.1.0"},
                 "git": {"commit": "0123456789abcdef", "dirty": False},
@@ -426,7 +426,7 @@ def test_a_whole_trial_follows_the_protocol(write_study, whole, capsys):
         ),
         (lambda r: r[1]["git"].update(dirty=True), "made by code with edits"),
         (lambda r: r[1]["git"].update(commit="f" * 16), "made by 2 versions of the c"),
-        (lambda r: r[1].update(error="", traceback=""), "1 episodes were lost by the"),
+        (lambda r: r[1].update(error="x", lost=True), "1 episodes were lost by the"),
         (lambda r: r[1]["metrics"].clear(), "not a result: 0001.json"),
         (lambda r: [one["task"].pop("trial") for one in r], "no episode of a trial"),
     ],

@@ -211,12 +211,6 @@ def open_together(
 
 
 def _circumstances(task: EpisodeTask) -> dict[str, Any]:
-    if task.base == "mobile" and task.environment_version == 0:
-        raise ValueError(
-            f"the episode of door {task.door} was made by version 0 of the "
-            "environment, whose driving base exceeded its limits; it cannot be "
-            "repeated: run the study again"
-        )
     return {
         "door": dict(task.door_config),
         "randomization": task.randomization,

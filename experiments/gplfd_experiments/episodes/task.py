@@ -52,8 +52,8 @@ _DEMONSTRATED_BY: Final = (
 """Fields of an episode that determine the demonstrations."""
 
 _IN_LOCKSTEP: Final = (
-    *("policy", "policy_source", "base", "robot", "environment_version"),
-    *("demonstrated_kind", "demonstrated_forces"),
+    *("policy", "policy_source", "base", "robot", "demonstrated_kind"),
+    "demonstrated_forces",
 )
 """Fields that simulations and agents of one lockstep have in common."""
 
@@ -135,9 +135,6 @@ class EpisodeTask(TaughtTask):
     base: Base = omit_default("fixed")
     robot: str = omit_default("tiago-like")
     """Name of a robot, or path of the URDF of an arm."""
-    environment_version: int = omit_default(0)
-    """Version of the environment's physics; 0 for a fixed base, because its physics are
-    equal in all versions."""
     start: Start = omit_default("grasped")
     """Whether the hand holds the handle at the start or has to reach for it."""
     habits: Mapping[str, Any] | None = omit_default(None)
@@ -210,8 +207,6 @@ def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
     """
     robot = robot_named(fields.get("robot", "tiago-like"))
     fields = {"base": base_for(config, robot)} | fields
-    if fields["base"] == "mobile":
-        fields.setdefault("environment_version", 1)
     if config.kind != DoorConfig().kind:
         given: dict[str, Any] = {
             "demonstrated_radii": [one.radius for one in doors_like(config)],

@@ -42,14 +42,12 @@ def stamp(kind: str, version: int) -> dict[str, Any]:
     return {"format": kind, "format_version": version}
 
 
-def check_stamp(entries: Mapping[str, Any], kind: str, version: int) -> int:
-    """Return the version of a file's layout; 0 for files from before versions.
+def check_stamp(entries: Mapping[str, Any], kind: str, version: int) -> None:
+    """Check that the entries are of a kind of file, in a version up to the given one.
 
-    Raises NewerFormatError for a later version than the given one, and ValueError for
-    another kind.
+    Raises NewerFormatError for a later version, and ValueError for another kind or
+    without a version.
     """
-    if "format_version" not in entries and "format" not in entries:
-        return 0
     if (found := entry(entries, "format", str)) != kind:
         raise ValueError(f"it holds {found:.{_SHOWN}}, not {kind}")
     found_version: int = entry(entries, "format_version", int)
@@ -60,7 +58,6 @@ def check_stamp(entries: Mapping[str, Any], kind: str, version: int) -> int:
         )
     if found_version < 1:
         raise ValueError(f"format_version = {found_version} must be 1 or more")
-    return found_version
 
 
 def refuse_newer(read: Callable[[Path], object], path: Path) -> None:

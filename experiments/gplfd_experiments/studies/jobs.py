@@ -22,8 +22,8 @@ from gplfd_experiments.studies.learning_tests.scores import (
     method_metrics,
     recorded_metrics,
 )
-from gplfd_experiments.studies.result_format import STAMP
 from gplfd_experiments.studies.sources import NO_FILES, Files, policy_of
+from gplfd_experiments.studies.store import RESULT_STAMP
 from gplfd_experiments.studies.tasks import Job, Result, SkillTask
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -113,7 +113,7 @@ def _learning_result(
 
 
 def _origin(task: Task) -> Result:
-    return {**STAMP, "task": task.definition, **code_state()}
+    return {**RESULT_STAMP, "task": task.definition, **code_state()}
 
 
 def _error_result(task: Task, error: BaseException, policy: Policy | None) -> Result:

@@ -58,8 +58,11 @@ def run_or_resume(
         # Output of a policy is kept out of the table or JSON on standard output.
         contextlib.redirect_stdout(sys.stderr),
     ):
-        for _ in results:
-            bar.update()
+        try:
+            for _ in results:
+                bar.update()
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("run the same command again to go on") from None
 
     # Read the files again: the results are the files, not the return values of the
     # engine.

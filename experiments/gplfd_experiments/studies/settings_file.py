@@ -42,7 +42,8 @@ def read_settings(path: Path) -> StudySettings:
     """Read settings; missing ones have the defaults of `StudySettings`."""
     entries = read_toml(path)
     with naming(path):
-        check_stamp(entries, KIND, VERSION)
+        if entries.keys() & _STAMP.keys():
+            check_stamp(entries, KIND, VERSION)
         # In a file, a radius may be a number.
         kinds = typing.get_type_hints(StudySettings)
         kinds["doors"] = tuple[str | float, ...]

@@ -28,7 +28,6 @@ from gplfd_experiments.analysis.results.measures import (
     Measure,
     by_condition,
     by_policy,
-    median,
 )
 from gplfd_experiments.analysis.results.reading import (
     LearningTestResult,
@@ -122,19 +121,6 @@ def learning_section(tests: Tests, reference: str) -> Section:
         section.table(table, folded="Forces of the learning tests")
 
     standard = next(iter(by_condition(ran).values()))
-    if timed := by_policy(one for one in standard if one.outputs_cpu_s):
-
-        def seconds(outputs: int, own: Tests) -> str:
-            value = median(one.outputs_cpu_s.get(outputs) for one in own)
-            return "–" if value is None else f"{value:.3g}"
-
-        columns: dict[str, Cell] = {
-            f"{outputs} outputs": partial(seconds, outputs)
-            for outputs in sorted({n for one in standard for n in one.outputs_cpu_s})
-        }
-        note = "CPU time to learn [s] as the number of outputs grows, medians."
-        table = policy_table({"": timed}, columns, note)
-        section.table(table, folded="CPU time to learn by number of outputs")
     _add_plots(section, standard, reference)
     return section
 

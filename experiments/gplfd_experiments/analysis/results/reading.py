@@ -19,9 +19,13 @@ from gplfd_experiments.data.teacher import Habits, TeacherConfig
 from gplfd_experiments.episodes.failures import failure_name
 from gplfd_experiments.episodes.task import EpisodeTask, Task, TaughtTask
 from gplfd_experiments.files.plain_data import NewerFormatError, entry, read_json
-from gplfd_experiments.studies.result_format import POLICY_ERROR, lost, outcome
 from gplfd_experiments.studies.settings import Condition
-from gplfd_experiments.studies.store import STUDY, read_study
+from gplfd_experiments.studies.store import (
+    POLICY_ERROR,
+    STUDY,
+    outcome,
+    read_study,
+)
 from gplfd_experiments.studies.tasks import KINDS, RecordedTask, SkillTask, task_from
 
 DEMONSTRATED: Final = "demonstrated radii"
@@ -51,7 +55,7 @@ class TaskResult:
     pair: str
     """Key of the task without its policy: results with the same key are a pair."""
     metrics: Mapping[str, Any]
-    """Numbers are finite or None; older results lack metrics that were added later."""
+    """Numbers are finite or None."""
     error: str
     """Why there is no measurement; "" if there is one."""
     lost: bool
@@ -136,8 +140,6 @@ class LearningTestResult(TaughtResult):
     """Prediction errors of a policy on left-out demonstrations."""
 
     task: SkillTask
-    outputs_cpu_s: Mapping[int, float]
-    """CPU time to learn by number of outputs [s]; empty where it was not measured."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -230,12 +232,6 @@ def read_results(*folders: Path) -> StudyResults:
             except (OSError, ValueError) as error:
                 unreadable.append(_reason(folder / STUDY, error))
 
-    repeated = {
-        dataclasses.replace(one.task, environment_version=0).key
-        for _, one in results
-        if isinstance(one, EpisodeResult) and one.task.environment_version > 0
-    }
-    results = [each for each in results if each[1].task.key not in repeated]
     owner: dict[str, Path] = {}
     for folder, one in results:
         if (other := owner.setdefault(one.task.key, folder)) != folder:
@@ -303,7 +299,7 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         "pair": dataclasses.replace(task, policy="", policy_source=None).key,
         "metrics": metrics,
         "error": str(record.get("error", "")) or ("" if metrics else "no reason given"),
-        "lost": lost(record),
+        "lost": entry({"lost": False, **record}, "lost", bool),
         "code": code,
         "machine": str(record.get("arithmetic", "")),
         "policy_source": ", ".join(f"{k} {v}" for k, v in source.items()),
@@ -312,9 +308,7 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         return RecordedResult(**shared)
     shared["condition"] = _condition(task)
     if not isinstance(task, EpisodeTask):
-        outputs = metrics.get("outputs_cpu_s") or {}
-        seconds = {int(n): float(s) for n, s in outputs.items() if s is not None}
-        return LearningTestResult(outputs_cpu_s=seconds, **shared)
+        return LearningTestResult(**shared)
 
     door = door_config(dict(task.door_config))
     if shared["error"]:

@@ -31,7 +31,6 @@ from gplfd_experiments.episodes.metrics import (
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.plan import conditions, episodes
-from gplfd_experiments.studies.result_format import EPISODE_METRICS, VERSION
 from gplfd_experiments.studies.settings import Condition, StudySettings
 from gplfd_experiments.studies.store import result_path
 from gplfd_policies.arrays.storage import complete_or_absent
@@ -77,7 +76,7 @@ def _medians(
 
 
 def remarks(episodes: Sequence[EpisodeResult]) -> list[str]:
-    """Return notes for readers of rates: errors, lost episodes, missing metrics."""
+    """Return notes for readers of rates: errors, lost episodes."""
 
     def of_all(some: Sequence[EpisodeResult]) -> str:
         return f"{len(some)} of {len(episodes)} episodes"
@@ -97,13 +96,6 @@ def remarks(episodes: Sequence[EpisodeResult]) -> list[str]:
             f"run the study again: {whose(lost)}."
         )
     measured = [one for one in episodes if not one.error]
-    now = EPISODE_METRICS[VERSION]
-    if older := [one for one in measured if now - one.metrics.keys()]:
-        lacking = {name for one in older for name in now - one.metrics.keys()}
-        said.append(
-            f"{of_all(older)} were made by an earlier version and lack metrics that "
-            f"were added since: {', '.join(sorted(lacking))}."
-        )
     for name, own in by_policy(measured).items():
         if late := late_decisions([one.metrics for one in own]):
             said.append(f"{name}: {late}.")

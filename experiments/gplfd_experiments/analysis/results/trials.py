@@ -32,7 +32,7 @@ from gplfd_experiments.analysis.results.statistics import (
 from gplfd_experiments.episodes.build import demonstrations_hash
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.studies.result_format import POLICY_ERROR
+from gplfd_experiments.studies.store import POLICY_ERROR
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
 from gplfd_experiments.studies.trials.records import Contrast, Side, Trial
