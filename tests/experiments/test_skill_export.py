@@ -191,14 +191,6 @@ def test_a_dry_run_says_what_to_expect_of_a_robot(skill_file, tmp_path, capsys):
     assert run.stiffness == pytest.approx(500.0, rel=0.05)
 
 
-def test_a_dry_run_with_an_unknown_robot_writes_nothing(skill_file, tmp_path, caplog):
-    out = tmp_path / "door.json"
-    given = ["export", str(skill_file), "--out", str(out), "--robot", "ur5"]
-    assert cli.main(given) == cli.BAD_INPUT
-    assert "unknown robot 'ur5'" in caplog.text
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_dry_run_stands_where_the_frame_says(skill_file):
     """In the base frame the hand begins at the handle and is pulled along its x."""
     axes = Rotation.from_euler("z", -0.3) * Rotation.from_quat(

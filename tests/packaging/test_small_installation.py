@@ -40,6 +40,12 @@ sys.meta_path.insert(0, Alone())
 """Hides every other installed package."""
 
 
+EVERY_MODULE = """\
+import importlib, pkgutil, gplfd_policies
+for module in pkgutil.walk_packages(gplfd_policies.__path__, "gplfd_policies."):
+    importlib.import_module(module.name)
+"""
+
 ACT = """\
 import numpy as np
 from gplfd_policies import POLICIES, load_demonstrations, load_skill, make_agent
@@ -80,6 +86,11 @@ def alone(tmp_path):
         )
 
     return run
+
+
+def test_every_module_of_the_policies_can_be_imported(alone):
+    ended = alone(EVERY_MODULE)
+    assert ended.returncode == 0, ended.stderr
 
 
 def test_agents_act_bit_for_bit_as_with_everything(alone, tmp_path, monkeypatch):

@@ -165,17 +165,6 @@ def test_any_forcing_ends_at_the_goal_and_stays(dmp, seed, size):
     assert_array_equal(late.mean_rate[2], 0.0)
 
 
-def test_part_of_the_task_is_learned_at_its_own_pace(aligned, dmp):
-    late = AlignedDemonstrations(times=0.2 + 0.6 * aligned.times, poses=aligned.poses)
-    part, whole = fit_dmp(late), dmp.predict(GRID)
-    predicted = part.predict(0.2 + 0.6 * GRID)
-    assert_allclose(predicted.mean, whole.mean, atol=1e-9)
-    assert_allclose(predicted.mean_rate, whole.mean_rate / 0.6, atol=1e-6)
-    before = part.predict(np.array([0.0, 0.1]))
-    assert_allclose(before.mean, [dmp.start] * 2, atol=1e-12)
-    assert_array_equal(before.mean_rate, 0.0)
-
-
 def test_turns_beyond_half_a_turn_stay_continuous():
     end = np.array([0.0, 0.0, 0.0, 0.5, 4.0, 0.0])
     dmp = fit_dmp(movement(minimum_jerk(end)))

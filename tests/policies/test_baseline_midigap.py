@@ -143,13 +143,3 @@ def test_conditioning_equals_that_of_a_dense_gaussian(aligned, length_scale):
     tangent = np.linalg.solve(jacobian[::20], change[:, 3:, None])[:, :, 0]
     turned = rotations(tangent) * rotations(mean[:, 3:])
     assert_allclose(adapted.mean[:, 3:], turned.as_rotvec(), atol=1e-9)
-
-
-def test_a_mode_of_one_demonstration_has_the_spread_of_the_largest():
-    movement = fit_midigap(aligned_of(doors((0.35, 0.5)), PUSHED * doors((0.5,), 2)))
-    large, small = (mode.predict(TIMES) for mode in movement.modes)
-    assert_array_equal(small.std[:, :3], large.std[:, :3])
-    with pytest.raises(
-        ValueError, match="at least 2 demonstrations of one mode, got 1"
-    ):
-        fit_midigap(aligned_of(doors((0.35,)), PUSHED * doors((0.5,), 2)))

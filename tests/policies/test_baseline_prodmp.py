@@ -65,13 +65,6 @@ def test_every_movement_starts_in_the_boundary_state(prodmp, aligned):
         assert_allclose(begun.std[0], np.sqrt(prodmp.noise_variance))
 
 
-def test_mean_and_spread_are_those_of_the_demonstrations(prodmp, aligned):
-    learned = prodmp.predict(aligned.times)
-    assert_allclose(learned.mean, aligned.poses.mean(axis=0), atol=3e-4)
-    spread = aligned.poses.std(axis=0, ddof=1)
-    assert_allclose(learned.std[80:], spread[80:], rtol=0.05)
-
-
 @pytest.mark.parametrize("along", [0.0, 0.02])
 def test_conditioning_equals_that_of_a_joint_gaussian(prodmp, aligned, along):
     """Of all outputs at all phases, with the covariance that the weights give them."""

@@ -206,14 +206,3 @@ def test_variance_is_that_of_the_mean_and_of_repetitions(movement):
         white = covariance - np.diag(spread[:, output])
         latent = movement.processes.latent_covariance(grid)[output]
         assert_allclose(white, latent, atol=1e-12)
-
-
-@pytest.mark.bits
-def test_mean_and_spread_are_the_demonstrated_ones():
-    # So many that the prior, twenty times as wide at the end, hardly counts there.
-    many = fit_wishart_gp(demonstrations(200), QUICK, 0)
-    predicted = many.predict(TIMES)
-    assert_allclose(predicted.mean, curves(), atol=0.02)
-    ratio = predicted.std.mean(axis=1) / STD
-    assert_allclose(ratio[2:-2], 1.0, atol=0.15)
-    assert_allclose(ratio, 1.0, atol=0.3)

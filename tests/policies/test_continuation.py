@@ -108,18 +108,6 @@ def test_drift_is_nothing_for_arcs_and_what_it_is_for_a_bent_path():
     assert_allclose(longer.drift * longer.end, found)
 
 
-def test_clocks_go_on_with_the_mean_one():
-    clocks = np.stack([PHASES**1.2, PHASES**0.9])
-    poses = np.stack([arc(0.4, 0.8), arc(0.6, 0.8)])
-    shown = AlignedDemonstrations(times=PHASES, poses=poses, clocks=clocks)
-    longer = continued(shown, 0.5)
-    beyond = longer.times > longer.end
-    assert_array_equal(longer.clocks[0, beyond], longer.times[beyond])
-    again = longer.demonstrated
-    expected = np.interp(again.times, PHASES, clocks[0])
-    assert_allclose(again.clocks[0], expected, atol=1e-9)
-
-
 def test_sigma_grows_beyond_the_demonstrations_by_the_drift(skill):
     longer = skill.aligned
     gridded = GriddedMovement(skill, ProcessAdaptation, 100)

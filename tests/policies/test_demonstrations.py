@@ -43,14 +43,6 @@ def test_from_quaternions_gives_continuous_rotation_vectors():
     assert_array_equal(recorded.poses[:, :3], positions)
 
 
-@pytest.mark.parametrize("width", [2, 3])
-def test_positions_alone_are_a_demonstration(width):
-    positions = np.random.default_rng(0).normal(size=(5, width))
-    poses = Demonstration.from_positions(np.arange(5.0), positions).poses
-    assert_array_equal(poses[:, :width], positions)
-    assert not poses[:, width:].any()
-
-
 @given(steps=arrays(np.float64, (5, 6), elements=NUMBERS), seed=st.integers(0, 9))
 def test_relative_poses_composed_with_the_first_are_the_poses(steps, seed):
     """T_0 (T_0⁻¹ T) = T, with SciPy's rotations."""

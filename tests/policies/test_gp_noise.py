@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import digamma, polygamma
 
-from gplfd_policies.gp.noise import HomoscedasticNoise, KerstingNoise, MapNoise
+from gplfd_policies.gp.noise import KerstingNoise, MapNoise
 
 pytestmark = [
     pytest.mark.slow,
@@ -62,12 +62,6 @@ def test_kersting_depends_on_when_it_is_stopped():
     late = log_bias(KerstingNoise(n_iterations=10), 6, seeds=2)
     assert early > 0.3
     assert late < 0.0
-
-
-def test_homoscedastic_estimate_averages_the_spread():
-    profile = HomoscedasticNoise().fit(TIMES, samples(6, 0))
-    assert_allclose(profile.log_variance_rate(TIMES), 0.0, atol=1e-12)
-    assert profile.variance(TIMES)[0] == pytest.approx(np.mean(TRUE), rel=0.15)
 
 
 def test_default_estimate_is_the_mode_of_the_gamma_likelihood():

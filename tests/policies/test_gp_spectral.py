@@ -69,13 +69,6 @@ def test_basis_represents_rbf_to_rounding(size):
         assert_allclose(rebuilt, kernel(times, times), atol=1e-12)
 
 
-def test_smallest_sufficient_basis_is_chosen():
-    assert LegendreBasis.for_length_scale(0.0, 1.0, 0.2).size == 48
-    assert LegendreBasis.for_length_scale(0.0, 1.0, 0.07).size == 96
-    assert LegendreBasis.for_length_scale(0.0, 2.0, 0.07).size == 192
-    assert LegendreBasis.for_length_scale(0.0, 1.0, 0.001) is None
-
-
 @pytest.mark.parametrize(("size", "accuracy"), [(48, 1e-10), (96, 1e-9), (192, 2e-8)])
 def test_basis_interpolates_and_differentiates_smooth_curves(size, accuracy):
     basis = LegendreBasis(start=0.0, stop=2.0, size=size)
@@ -85,14 +78,6 @@ def test_basis_interpolates_and_differentiates_smooth_curves(size, accuracy):
     assert_allclose(matrix @ coefficients, np.sin(3.0 * times), atol=1e-13)
     slopes = matrix @ basis.differentiate(coefficients)
     assert_allclose(slopes, 3.0 * np.cos(3.0 * times), rtol=0.0, atol=accuracy)
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_one_row_of_a_basis_is_that_of_its_matrix(size):
-    basis = LegendreBasis(start=-0.5, stop=2.0, size=size)
-    times = np.array([-0.5, 0.1234, basis.nodes[3], 2.0])
-    rows = np.stack([basis.row(float(time)) for time in times])
-    assert_allclose(rows, basis.matrix(times), rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("size", [30, 200])
@@ -108,6 +93,14 @@ def test_spectral_evidence_equals_dense(size, scale):
         expected, expected_gradient = dense(kernel, scale)
         assert value == pytest.approx(expected, rel=1e-10)
         assert_allclose(gradient, expected_gradient, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_one_row_of_a_basis_is_that_of_its_matrix(size):
+    basis = LegendreBasis(start=-0.5, stop=2.0, size=size)
+    times = np.array([-0.5, 0.1234, basis.nodes[3], 2.0])
+    rows = np.stack([basis.row(float(time)) for time in times])
+    assert_allclose(rows, basis.matrix(times), rtol=1e-9, atol=1e-12)
 
 
 def test_spectral_posterior_equals_dense():

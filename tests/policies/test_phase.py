@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies.demonstrations.normalised import normalised
 from gplfd_policies.demonstrations.path_similarity import (
     SimilarityConfig,
     SimilarityModel,
+    normalised,
 )
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise

@@ -28,7 +28,7 @@ from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
     fit_wishart_gp,
 )
-from gplfd_policies.movements.prior_mean import ResidualMovement, fit_residual
+from gplfd_policies.movements.prior_mean import fit_residual
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -150,18 +150,6 @@ def test_methods_that_cannot_be_given_a_prior_mean_say_so(name, demonstrations):
     message = f"^{name} does not accept a prior mean;.* {takers}$"
     with pytest.raises(ValueError, match=message):
         make_agent(name, demonstrations, prior_mean=Line())
-
-
-@pytest.mark.parametrize("name", ["gp-constant-100", "local-gp"])
-def test_an_agent_is_made_around_a_prior_mean(name, demonstrations):
-    agent = make_agent(name, demonstrations, prior_mean=Line())
-    assert isinstance(agent.movement.learned, ResidualMovement)
-    observation = {"ee_pose": np.zeros(6), "wrench": np.zeros(6)}
-    agent.reset(observation)
-    step = agent.act(observation)
-    assert np.abs(step.action[:3]).max() < 0.01
-    agent.movement.observe(ViaPoint(phase=0.5, pose=np.full(6, 0.01)))
-    assert np.isfinite(agent.movement.trajectory().mean).all()
 
 
 def test_path_passes_its_poses_without_overshoot_and_rests_at_its_ends():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gplfd_policies
-from gplfd_policies import AlignedDemonstrations, PosePath, align
+from gplfd_policies import AlignedDemonstrations, align
 
 
 def test_a_continued_skill_tells_its_demonstrations_from_what_follows(skill):
@@ -16,23 +16,6 @@ def test_a_continued_skill_tells_its_demonstrations_from_what_follows(skill):
     aligned = replace(skill.aligned, duration=7.0, end=5.0 / 7.0)
     assert repr(replace(skill, aligned=aligned)) == (
         "Skill(6 demonstrations, 200 phases, 5 s, continued to 7 s)"
-    )
-
-
-def test_arrays_are_shown_by_their_shape(demonstrations, skill):
-    assert (
-        repr(demonstrations[0])
-        == "Demonstration(times=array(200,), poses=array(200, 6), wrenches=None)"
-    )
-    aligned = align(demonstrations, n_samples=50)
-    assert repr(aligned).startswith(
-        "AlignedDemonstrations(times=array(50,), poses=array(6, 50, 6), duration="
-    )
-    path = PosePath(phases=np.array([0.0, 1.0]), poses=np.zeros((2, 6)))
-    assert repr(path) == "PosePath(phases=array([0., 1.]), poses=array(2, 6))"
-    trajectory = repr(skill.predict(np.linspace(0.0, 1.0, 30)))
-    assert trajectory.startswith(
-        "GaussianTrajectory(times=array(30,), mean=array(30, 6)"
     )
 
 

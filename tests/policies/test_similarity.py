@@ -8,12 +8,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations
 from gplfd_policies.demonstrations.continuation import continued
-from gplfd_policies.demonstrations.normalised import normalised
 from gplfd_policies.demonstrations.path_similarity import (
     SimilarityConfig,
     SimilarityModel,
     advance,
     gradient,
+    normalised,
     size_visibility,
 )
 from gplfd_policies.movements.movement import EmpiricalDistribution

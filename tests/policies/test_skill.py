@@ -139,15 +139,6 @@ def test_spectral_and_dense_moments_agree(skill):
         )
 
 
-def test_samples_have_the_predicted_moments(skill):
-    predicted = skill.predict(np.linspace(1.0, 0.0, 7))
-    draws = predicted.samples(4000, np.random.default_rng(1))
-    assert draws.shape == (4000, 7, 6)
-    error = np.abs(draws.mean(axis=0) - predicted.mean)
-    assert (error < 5.0 * predicted.std / np.sqrt(4000)).all()
-    assert_allclose(draws.std(axis=0), predicted.std, rtol=0.08)
-
-
 def test_intervals_cover_as_promised():
     """Fig. 2: the heteroscedastic interval covers everywhere, the other does not."""
     rng = np.random.default_rng(5)
@@ -211,12 +202,6 @@ def test_any_number_of_samples(size):
     adapted = adapt(skill, [ViaPoint(phase=0.5, pose=np.ones(6))])
     for each in (predicted, adapted.predict(predicted.times)):
         assert np.isfinite(each.std).all()
-
-
-def test_unknown_noise_model_lists_the_known():
-    poses = independent_noise(4, np.random.default_rng(0))
-    with pytest.raises(ValueError, match=r"'gamma'.*homoscedastic.*kersting.*map"):
-        fit_skill(aligned(poses), noise="gamma")
 
 
 def test_via_point_frees_outputs_by_nan_or_infinite_noise():

@@ -58,17 +58,6 @@ def test_nothing_is_known_more_finely_than_a_micrometre():
     assert np.isfinite(distribution.nlpd(distribution.mean + 3e-6))
 
 
-@pytest.mark.parametrize("rows", [slice(10, None), TIMES > 0.3, np.array([4, 9])])
-def test_some_of_the_times(skill, rows):
-    whole = skill.predict(TIMES)
-    part = whole[rows]
-    for name in ("times", "mean", "std", "mean_rate", "std_rate"):
-        assert_array_equal(getattr(part, name), getattr(whole, name)[rows])
-    variance = np.diagonal(part.covariance, axis1=1, axis2=2).T
-    assert_allclose(variance, part.std**2, rtol=1e-12)
-    assert part.degrees_of_freedom == whole.degrees_of_freedom
-
-
 # --- As a table ---------------------------------------------------------------
 
 
@@ -89,18 +78,6 @@ def test_rows_are_the_predicted_poses_at_their_times(skill, tmp_path):
     expected = Rotation.from_rotvec(trajectory.mean[:, 3:].copy())
     apart = (Rotation.from_quat(found[:, 4:8]) * expected.inv()).magnitude()
     assert_allclose(apart, 0.0, atol=1e-15)
-
-
-def test_quaternions_keep_their_sign_beyond_half_a_turn(skill, tmp_path):
-    """Rotations up to one and a half turns, from the identity on."""
-    trajectory = skill.predict(TIMES)
-    turning = np.array(trajectory.mean)
-    turning[:, 3:] = np.outer(3.0 * np.pi * TIMES, [0.6, 0.0, 0.8])
-    replace(trajectory, mean=turning).to_csv(tmp_path / "a.csv", duration=1.0)
-    quaternions = table(tmp_path / "a.csv")[:, 4:8]
-    assert_allclose(np.linalg.norm(quaternions, axis=1), 1.0, atol=1e-15)
-    assert (np.vecdot(quaternions[1:], quaternions[:-1]) > 0.9).all()
-    assert_array_equal(quaternions[0], [0.0, 0.0, 0.0, 1.0])
 
 
 def test_the_file_says_frame_and_units(skill, tmp_path):

@@ -6,41 +6,11 @@ import os
 import secrets
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-_LARGEST_EXPANSION: Final = 20
-"""Greatest ratio of decoded size to file size; logs reach 2.1."""
-_ALLOWANCE: Final = 2**26
-"""Bytes that every file may decode to: constant arrays compress a thousandfold."""
-
 RecordT = TypeVar("RecordT")
-
-
-class DecodingBudget:
-    """Bytes of memory that may still be used to decode one file.
-
-    A compressed file of some kilobytes can hold gigabytes. Therefore every reader
-    claims the size of an array, converted to float64, before it allocates the array.
-    """
-
-    def __init__(self, size: int, *, least: int = _ALLOWANCE) -> None:
-        self._size = size
-        self._limit = max(_LARGEST_EXPANSION * size, least)
-        self.left = self._limit
-        """Bytes that may still be claimed."""
-
-    def claim(self, amount: int, what: str) -> None:
-        """Claim bytes for ``what`` before its allocation, or raise."""
-        if not 0 <= amount <= self.left:
-            raise ValueError(
-                f"it unpacks to more than its size allows: with {what} of {amount:,} "
-                f"bytes it would take more than {self._limit:,} bytes of memory, and "
-                f"the file has {self._size:,}. It is damaged, or made to fill the "
-                "memory"
-            )
-        self.left -= amount
 
 
 class Members(dict[str, np.ndarray]):

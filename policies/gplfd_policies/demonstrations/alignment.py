@@ -140,14 +140,14 @@ def align(
         recorded = demonstrations
         demonstrations, rests = zip(*map(without_rests, recorded), strict=True)
         warn_of_rests(recorded, rests)
-    completions = [
+    measured = [
         measure_completion(demo, rotation_weight, denoise) for demo in demonstrations
     ]
-    warn_of_noise(completions, denoise)
+    warn_of_noise([length_ratio for _, length_ratio in measured], denoise)
 
     # Normalise time, and unwrap the rotations from the first demonstration's branch.
     courses = []
-    for demo, completion in zip(demonstrations, completions, strict=True):
+    for demo, (completion, _) in zip(demonstrations, measured, strict=True):
         times, poses = demo.times, demo.poses
         branch = np.stack([demonstrations[0].poses[0, 3:], poses[0, 3:]])
         first = unwrap_rotvecs(branch)[1]
@@ -156,7 +156,7 @@ def align(
             rotvecs = unwrap_rotvecs(np.vstack([first, poses[1:, 3:]]))
             poses = np.hstack([poses[:, :3], rotvecs])
         clock = (times - times[0]) / (times[-1] - times[0])
-        courses.append(_Course(clock=clock, poses=poses, completion=completion.index))
+        courses.append(_Course(clock=clock, poses=poses, completion=completion))
 
     def completion_cost(reference: _Course, row: int, other: _Course) -> np.ndarray:
         return np.asarray(np.abs(other.completion - reference.completion[row]))

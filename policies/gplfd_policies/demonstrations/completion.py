@@ -6,7 +6,6 @@ Demonstration*, arXiv:2002.09979.
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -27,17 +26,6 @@ _REACH: Final = 4.0
 """Half-width at which the filter's weights are cut off, in standard deviations."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Completion:
-    """The task completion index of one demonstration, Eq. (16)."""
-
-    index: Float[np.ndarray, " N"]
-    """ζ at each sample: 0 at the first, 1 at the last, never decreasing."""
-    length_ratio: float
-    """Length of the recorded path divided by its length without noise; about 1 for a
-    clean path."""
-
-
 def task_completion_index(
     demonstration: Demonstration, rotation_weight: float = 0.5, denoise: bool = True
 ) -> Float[np.ndarray, " N"]:
@@ -46,15 +34,18 @@ def task_completion_index(
     Computed from the raw path, as printed, ζ measures mainly noise; therefore the noise
     is removed first (`test_phase_error_with_noise_stays_below`).
     """
-    completion = measure_completion(demonstration, rotation_weight, denoise)
-    warn_of_noise([completion], denoise)
-    return completion.index
+    index, length_ratio = measure_completion(demonstration, rotation_weight, denoise)
+    warn_of_noise([length_ratio], denoise)
+    return index
 
 
 def measure_completion(
     demonstration: Demonstration, rotation_weight: float, denoise: bool
-) -> Completion:
-    """Return ζ and the length ratio, which measures the noise of the recording."""
+) -> tuple[Float[np.ndarray, " N"], float]:
+    """Return ζ, and the length of the path over its length without noise.
+
+    The ratio is about 1 for a clean recording.
+    """
     poses = demonstration.poses
     raw = pose_steps(poses, rotation_weight)
     raw_length = float(np.sum(raw))
@@ -72,12 +63,11 @@ def measure_completion(
     steps = clean if denoise else raw
     index = np.concatenate([[0.0], np.cumsum(steps)])
     index /= index[-1]
-    return Completion(index=index, length_ratio=raw_length / clean_length)
+    return index, raw_length / clean_length
 
 
-def warn_of_noise(completions: Sequence[Completion], denoise: bool) -> None:
+def warn_of_noise(ratios: Sequence[float], denoise: bool) -> None:
     """Warn once if recorded paths are more than 1.1 times as long as denoised ones."""
-    ratios = [completion.length_ratio for completion in completions]
     noisy = sum(ratio > _NOISY_LENGTH_RATIO for ratio in ratios)
     if not noisy:
         return

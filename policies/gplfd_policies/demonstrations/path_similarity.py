@@ -18,7 +18,6 @@ import numpy as np
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.shapes import Complex, Float
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.demonstrations.normalised import normalised
 
 _STEPS: Final = np.linspace(-2.5, 2.5, 31)
 """Grid of sizes, in prior standard deviations of the logarithm of size."""
@@ -35,6 +34,8 @@ _NEAR: Final = 1e-3
 """Least distance from the start used as a divisor of deviations [m]."""
 _NEAREST: Final = 1e-6
 """Least divisor."""
+_STILL: Final = 1e-3
+"""Root mean square displacement below which a motion has no size [m]."""
 
 Sizes = Float[np.ndarray, " C"]
 Phases = Float[np.ndarray, " M"]
@@ -415,9 +416,41 @@ class SizePosterior:
         return means, np.maximum(variance, 0.0)
 
 
+def normalised(
+    aligned: AlignedDemonstrations,
+) -> tuple[AlignedDemonstrations, Float[np.ndarray, " K"]]:
+    """Return demonstrations without their differences of size and heading.
+
+    The size of a demonstration is the root mean square of its displacement from the
+    start. Its heading is the rotation about the vertical that fits the mean to it by
+    least squares.
+
+    Returns:
+        The demonstrations, scaled about the start and rotated about the vertical, and
+        the logarithms of the original sizes, with a mean of zero.
+    """
+    positions = aligned.poses[..., :3]
+    lengths = np.sqrt((positions**2).sum(axis=2).mean(axis=1))
+    log_sizes = np.log(np.maximum(lengths, _STILL))
+    log_sizes -= log_sizes.mean()
+    # In the horizontal plane a rotation about the vertical is a complex factor.
+    level = (positions[..., 0] - 1j * positions[..., 2]) / np.exp(log_sizes)[:, None]
+    mean = level.mean(axis=0)
+    headings = np.zeros(len(level))
+    # The mean becomes sharper as headings are removed; a few iterations are enough.
+    for _ in range(5):
+        headings = np.angle((level * mean.conj()).sum(axis=1))
+        headings -= headings.mean()
+        mean = (level * np.exp(-1j * headings)[:, None]).mean(axis=0)
+    level *= np.exp(-1j * headings)[:, None]
+    poses = aligned.poses.copy()
+    poses[..., 0], poses[..., 2] = level.real, -level.imag
+    poses[..., 1] /= np.exp(log_sizes)[:, None]
+    return replace(aligned, poses=poses), log_sizes
+
+
 def size_visibility(
-    poses: Float[np.ndarray, "D M 6"],
-    config: SimilarityConfig = SimilarityConfig(),
+    poses: Float[np.ndarray, "D M 6"], config: SimilarityConfig = SimilarityConfig()
 ) -> float:
     """Return how well size and phase of a path can be distinguished, 0 to 1.
 

@@ -7,7 +7,6 @@ priori, each with the kernel of Eq. (13) and its own noise r(t), Eq. (15).
 
 import json
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from pathlib import Path
@@ -215,8 +214,18 @@ class Skill(LearnedMovement):
             felt = self.forces._arrays()
             arrays |= {f"{_FORCES}{name}": array for name, array in felt.items()}
             arrays["wrenches"] = np.asarray(self.aligned.wrenches)
+        for number, correction in enumerate(self.corrections):
+            kept = {name: getattr(correction.motion, name) for name in _MOTION}
+            kept |= {"led": correction.led, "inputs": correction.inputs}
+            for name, array in kept.items():
+                if array is not None:
+                    arrays[f"{_CORRECTIONS}_{number}_{name}"] = array
         if self.corrections:
-            arrays |= _kept(self.corrections)
+            origins = [
+                {name: getattr(correction, name) for name in _ORIGIN}
+                for correction in self.corrections
+            ]
+            arrays[_CORRECTIONS] = np.array(json.dumps({"origins": origins}))
         write_archive(path, kind=_KIND, version=_VERSION, arrays=arrays)
 
     def _arrays(self) -> dict[str, np.ndarray]:
@@ -268,42 +277,23 @@ def load_skill(path: str | Path) -> Skill:
 def _skill_of(members: Members) -> Skill:
     """Build a skill from the members of its archive; raise if one is wrong."""
     others: dict[str, Any] = {}
-    if _CORRECTIONS in members:
-        others["corrections"] = _corrections_of(members)
     if "wrenches" in members:
         others["wrenches"] = members["wrenches"]
         others["forces"] = _part_of(members, _FORCES)
-    return _part_of(members, "", **others)
-
-
-def _kept(corrections: Sequence[Correction]) -> dict[str, np.ndarray]:
-    """Return the arrays of corrections, and their origins as JSON."""
-    origins, arrays = [], {}
-    for number, correction in enumerate(corrections):
-        origins.append({name: getattr(correction, name) for name in _ORIGIN})
-        kept = {name: getattr(correction.motion, name) for name in _MOTION}
-        kept |= {"led": correction.led, "inputs": correction.inputs}
-        for name, array in kept.items():
-            if array is not None:
-                arrays[f"{_CORRECTIONS}_{number}_{name}"] = array
-    arrays[_CORRECTIONS] = np.array(json.dumps({"origins": origins}))
-    return arrays
-
-
-def _corrections_of(members: Members) -> tuple[Correction, ...]:
     corrections = []
-    for number, origin in enumerate(settings(members[_CORRECTIONS])["origins"]):
-        prefix = f"{_CORRECTIONS}_{number}_"
-        arrays: dict[str, Any] = {
-            name: members[prefix + name]
-            for name in (*_MOTION, "led", "inputs")
-            if prefix + name in members
-        }
-        motion = {name: arrays.pop(name) for name in _MOTION if name in arrays}
-        corrections.append(
-            Correction(motion=Demonstration(**motion), **arrays, **origin)
-        )
-    return tuple(corrections)
+    if _CORRECTIONS in members:
+        for number, origin in enumerate(settings(members[_CORRECTIONS])["origins"]):
+            prefix = f"{_CORRECTIONS}_{number}_"
+            arrays: dict[str, Any] = {
+                name: members[prefix + name]
+                for name in (*_MOTION, "led", "inputs")
+                if prefix + name in members
+            }
+            motion = {name: arrays.pop(name) for name in _MOTION if name in arrays}
+            corrections.append(
+                Correction(motion=Demonstration(**motion), **arrays, **origin)
+            )
+    return _part_of(members, "", corrections=tuple(corrections), **others)
 
 
 def _part_of(members: Members, prefix: str, **others: Any) -> Skill:

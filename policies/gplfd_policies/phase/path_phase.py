@@ -21,11 +21,11 @@ from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Int
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.demonstrations.normalised import normalised
 from gplfd_policies.demonstrations.path_similarity import (
     PathSimilarity,
     SimilarityConfig,
     SimilarityModel,
+    normalised,
 )
 from gplfd_policies.demonstrations.turned_handle import (
     TurnedHandle,

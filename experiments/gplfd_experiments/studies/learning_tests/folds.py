@@ -151,7 +151,7 @@ def aligned_to(
 def _progress(times: FloatArray, poses: FloatArray) -> FloatArray:
     """Completion from 0 to 1, strictly increasing, (N,)."""
     recorded = Demonstration(times=times, poses=poses)
-    index = measure_completion(recorded, _ROTATION_WEIGHT, denoise=True).index
+    index, _ = measure_completion(recorded, _ROTATION_WEIGHT, denoise=True)
     clock = (times - times[0]) / (times[-1] - times[0])
     return np.asarray((1.0 - _CLOCK_SHARE) * index + _CLOCK_SHARE * clock)
 

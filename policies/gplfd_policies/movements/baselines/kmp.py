@@ -30,7 +30,7 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import Quantities, quantity
-from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
+from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.kernels import RBF
 from gplfd_policies.movements.baselines.gmr import (
@@ -91,21 +91,6 @@ class Reference:
     def __post_init__(self) -> None:
         for array in (self.phases, self.means, self.precisions):
             array.setflags(write=False)
-
-    def insert(
-        self,
-        phase: float,
-        mean: Pose,
-        precision: Float[np.ndarray, "6 6"],
-        tolerance: float,
-    ) -> "Reference":
-        """Return the reference with an entry in place of those within ``tolerance``."""
-        kept = np.abs(self.phases - phase) >= tolerance
-        return Reference(
-            phases=np.append(self.phases[kept], phase),
-            means=np.concatenate([self.means[kept], mean[None]]),
-            precisions=np.concatenate([self.precisions[kept], precision[None]]),
-        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -217,11 +202,13 @@ class KernelizedMovementPrimitive(MomentMovement):
             variance = via_point.noise_variance / standardisation.scale**2
             precision = count / np.maximum(variance, _STRONGEST**2)
             pose = standardisation.apply(via_point.pose)
-            reference = reference.insert(
-                via_point.phase,
-                np.where(precision > 0.0, pose, 0.0),
-                np.diag(precision),
-                tolerance,
+            mean = np.where(precision > 0.0, pose, 0.0)[None]
+            kept = np.abs(reference.phases - via_point.phase) >= tolerance
+            precisions = reference.precisions[kept], np.diag(precision)[None]
+            reference = Reference(
+                phases=np.append(reference.phases[kept], via_point.phase),
+                means=np.concatenate([reference.means[kept], mean]),
+                precisions=np.concatenate(precisions),
             )
         return replace(self, reference=reference)
 

@@ -27,7 +27,6 @@ Choices that the tutorial leaves to the user:
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 import scipy
@@ -53,7 +52,7 @@ share of that from the nearest straight line."""
 _STRONGEST = 1e-4
 """Least standard deviation of a point of a circle [m], so that contradictory via-points
 without tolerance have a solution."""
-_GMR: Final = GMRConfig()
+_GMR = GMRConfig()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -76,10 +75,6 @@ class Frame:
         """ξ = A X + b."""
         poses: np.ndarray = seen @ self.basis.T + self.origin
         return poses
-
-
-HANDLE = Frame(basis=np.eye(6), origin=np.zeros(6))
-"""The task frame, at the closed handle."""
 
 
 def hinge_frame(hinge: Float[np.ndarray, " 2"]) -> Frame:
@@ -170,14 +165,10 @@ class TaskParameterisedMixture(LearnedMovement):
         spreads = self.covariances[:, :, 1:, 1:] - explained
         # Pose of every component at its centre, and one unit of phase later.
         middles, later = self.means[..., 1:].copy(), self.means[..., 1:] + slopes
-        frames = [HANDLE]
-        if self.circle is not None:
-            frames.append(hinge_frame(self.circle.mean[:2]))
-        for view, frame in enumerate(frames):
-            middles[view] = frame.pose(middles[view])
-            later[view] = frame.pose(later[view])
-            spreads[view] = frame.basis @ spreads[view] @ frame.basis.T
-        if self.circle is not None:
+        if self.circle is not None:  # the other view is that of the task frame
+            frame = hinge_frame(self.circle.mean[:2])
+            middles[1], later[1] = frame.pose(middles[1]), frame.pose(later[1])
+            spreads[1] = frame.basis @ spreads[1] @ frame.basis.T
             spreads[1] += hinge_uncertainty(self.means[1], self.circle)
         middle, spread = product_over_frames(middles, spreads)
         slope = product_over_frames(later, spreads)[0] - middle
