@@ -32,7 +32,7 @@ MOBILE_ENVIRONMENT_ID = "gplfd/DoorOpeningMobile-v1"
 
 GRIPPER_ENVIRONMENT_ID = "gplfd/DoorOpeningGripper-v1"
 """Commands are poses and widths of the gripper; see
-`gplfd_env.envs.gripper.DoorOpeningGripperEnv`."""
+`gplfd_env.envs.door_opening.DoorOpeningGripperEnv`."""
 
 RL_ENVIRONMENT_ID = "gplfd/DoorOpeningRL-v1"
 """Flat observations, actions within ±1 relative to the hand, a reward that prefers a
@@ -76,8 +76,8 @@ _register(
 )
 _register(
     GRIPPER_ENVIRONMENT_ID,
-    "gripper:DoorOpeningGripperEnv",
-    "gripper:DoorOpeningGripperVectorEnv",
+    "door_opening:DoorOpeningGripperEnv",
+    "vector:DoorOpeningGripperVectorEnv",
 )
 _register(
     RL_ENVIRONMENT_ID,

@@ -26,7 +26,7 @@ from gplfd_env.validation.named import (
 Handle = Literal["bar", "lever", "knob", "paddle", "touch-bar", "handleset"]
 """What the hand holds: a vertical bar that is fixed, a horizontal arm or a round knob
 that turns about an axis normal to the leaf, or a part that turns about a horizontal
-axis in the leaf (`gplfd_env.doors.rocker`)."""
+axis in the leaf (`gplfd_env.doors.geometry`)."""
 
 Latch = Literal["none", "spring"]
 """Whether a sprung bolt holds the closed door until the handle is turned."""

@@ -1,4 +1,4 @@
-"""Single environments: ``gplfd/DoorOpening-v1``, impedance and mobile variants."""
+"""Single environments: ``gplfd/DoorOpening-v1`` and variants with other commands."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,7 +18,7 @@ from gplfd_env.envs.settings import Settings, Sources
 from gplfd_env.robot.model import Grasp
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.robot.robots import RobotSpec
-from gplfd_env.simulation.command import COMMANDS, DRIVEN
+from gplfd_env.simulation.command import COMMANDS, DRIVEN, GRIPPING
 from gplfd_env.simulation.single import DoorSimulation
 from gplfd_env.task.episode import Episode, Reward
 from gplfd_env.task.info import info_of
@@ -261,3 +261,16 @@ class DoorOpeningMobileEnv(DoorOpeningEnv):
     def __init__(self, door: DoorSpec = "medium", **arguments: Any) -> None:
         check_choice("base", arguments.setdefault("base", "mobile"), ("mobile",))
         super().__init__(door, **arguments)
+
+
+class DoorOpeningGripperEnv(DoorOpeningEnv):
+    """The same door, opened by commanding the hand's pose and its gripper.
+
+    Action, (7,): commanded position [m] and rotation vector [rad] of the hand in the
+    task frame, then the width between the fingers, from 0 (closed with full force) to
+    0.09 m. A width larger than the handle releases it; the fingers may grasp it again.
+    The observation also contains ``gripper_width`` (1,) [m] and ``grasped`` (1,): 1 if
+    both fingers touch the handle, else 0. Everything else is as in `DoorOpeningEnv`.
+    """
+
+    command = GRIPPING

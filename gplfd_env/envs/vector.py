@@ -29,7 +29,7 @@ from gplfd_env.robot.model import Grasp
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.robot.robots import RobotSpec
 from gplfd_env.simulation.batch import DoorBatch, SameStructureBatch
-from gplfd_env.simulation.command import COMMANDS, DRIVEN
+from gplfd_env.simulation.command import COMMANDS, DRIVEN, GRIPPING
 from gplfd_env.task.episode import Episode, Reward
 from gplfd_env.task.episodes import Episodes
 from gplfd_env.task.info import infos_of
@@ -304,3 +304,9 @@ class DoorOpeningMobileVectorEnv(DoorOpeningVectorEnv):
     def __init__(self, num_envs: int = 1, *args: Any, **arguments: Any) -> None:
         check_choice("base", arguments.setdefault("base", "mobile"), ("mobile",))
         super().__init__(num_envs, *args, **arguments)
+
+
+class DoorOpeningGripperVectorEnv(DoorOpeningVectorEnv):
+    """n simulations of `gplfd_env.envs.door_opening.DoorOpeningGripperEnv`."""
+
+    command = GRIPPING

@@ -88,51 +88,43 @@ def read_urdf(path: str) -> Any:
 
 def _check_urdf(tree: ET.Element) -> None:
     """Raise a ValueError for mistakes that yourdfpy and MuJoCo do not explain."""
-    joints = {str(one.get("name")): one for one in tree.findall("joint")}
-    links = [str(one.get("name")) for one in tree.findall("link")]
+    joints = tree.findall("joint")
+    names = {
+        kind: [e.get("name") for e in tree.findall(kind)] for kind in ("link", "joint")
+    }
     if not joints:
         raise ValueError("it has no joints")
-    for kind in ("link", "joint"):
-        names = [one.get("name") for one in tree.findall(kind)]
-        if twice := [name for name in names if names.count(name) > 1]:
+    for kind, of_kind in names.items():
+        if twice := [name for name in of_kind if of_kind.count(name) > 1]:
             raise ValueError(f"two {kind}s are named {twice[0]!r}; rename one")
-    roots, pairs = list(links), []
-    for name, joint in joints.items():
-        parent, child = (
-            None if (end := joint.find(kind)) is None else end.get("link")
-            for kind in ("parent", "child")
-        )
-        for link in (parent, child):
-            if link not in links:
-                raise ValueError(
-                    f"joint {name} joins {link!r}, which is none of its links; it has "
-                    f"{', '.join(links)}"
-                )
-        if child not in roots:
-            raise ValueError(f"joint {name} is the second that leads to link {child}")
-        roots.remove(child)
-        pairs.append((parent, child))
-        if joint.get("type") != "revolute":
-            continue
-        limit = joint.find("limit")
-        given = {} if limit is None else limit.attrib
-        low, high = (float(given.get(end, 0.0)) for end in ("lower", "upper"))
-        if not low < high or max(-low, high) > _MOST_TURNED:
-            raise ValueError(
-                f"the revolute joint {name} has the limits {low:g} to {high:g}; give "
-                "<limit lower=... upper=...> in radians, not degrees, from lower to "
-                'upper and within two turns, or type="continuous" if it has none'
-            )
-    if not roots:
-        raise ValueError("its joints form a ring; one link must be the root")
-    reached = {roots[0]}
-    for _ in pairs:
-        reached |= {child for parent, child in pairs if parent in reached}
-    if lonely := [link for link in links if link not in reached]:
+    ends = [
+        [end.get("link") for end in (*e.findall("parent"), *e.findall("child"))]
+        for e in joints
+    ]
+    children = [end[-1] for end in ends]
+    reached = {name for name in names["link"] if name not in children}
+    wrong = set(reached) if len(reached) != 1 else set()
+    for _ in ends:
+        reached |= {end[-1] for end in ends if end[0] in reached}
+    wrong |= reached.symmetric_difference(names["link"])
+    wrong |= {name for name in children if children.count(name) > 1}
+    if wrong:
         raise ValueError(
-            f"no joints lead from {roots[0]} to {', '.join(lonely)}; join them or "
-            "leave them out"
+            "its joints must lead from one root link to each other link, once; this "
+            f"does not hold for {', '.join(sorted(map(str, wrong)))}"
         )
+    for joint in joints:
+        limit = joint.find("limit")
+        limits = {} if limit is None else limit.attrib
+        low, high = (float(limits.get(end, 0.0)) for end in ("lower", "upper"))
+        turns = joint.get("type") == "revolute"
+        if turns and (not low < high or max(-low, high) > _MOST_TURNED):
+            raise ValueError(
+                f"the revolute joint {joint.get('name')} has the limits {low:g} to "
+                f"{high:g}; give <limit lower=... upper=...> in radians, not degrees, "
+                "from lower to upper and within two turns, or "
+                'type="continuous" if it has none'
+            )
 
 
 def _completed(robot: RobotConfig) -> str:

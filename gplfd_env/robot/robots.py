@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import math
 import os
 from collections.abc import Mapping
 from functools import lru_cache
@@ -11,35 +10,13 @@ from typing import Any, Final, get_args
 
 from gplfd_env.doors.config import HingeSide, Swing
 from gplfd_env.robot.config import HELD, RobotConfig, Stance, StanceGroup
-from gplfd_env.robot.tiago import TIAGO_LIKE
+from gplfd_env.robot.tiago import TIAGO_LIKE, stance_of
 from gplfd_env.robot.urdf import robot_of_urdf
 from gplfd_env.validation.named import nearest_name
 
 RobotSpec = str | os.PathLike[str] | RobotConfig
 """Name of a robot, path of the URDF of an arm, path of a .json with the arguments of
 `gplfd_env.robot.urdf.robot_of_urdf`, or a `RobotConfig`."""
-
-
-def _stance(
-    handle_xy_w: tuple[float, float],
-    door_yaw: float,
-    grasp_yaw: float,
-    quarters: int,
-    height_above_root: float,
-    radius: float,
-    *closed_posture: float,
-) -> Stance:
-    """Return a stance on the stand, whose lift position is the height of the root."""
-    return Stance(
-        handle_xy_w=handle_xy_w,
-        door_yaw=door_yaw,
-        grasp_yaw=grasp_yaw,
-        roll=quarters * math.pi / 2,
-        below_handle=height_above_root,
-        closed_posture=closed_posture,
-        radius=radius,
-        height=1.22,
-    )
 
 
 def _all_stances(
@@ -65,33 +42,33 @@ def _all_stances(
 
 _PANDA: Final = _all_stances(
     {
-        ("pull", True): _stance(
+        ("pull", True): stance_of(
             (0.775, 0.170), 0.170, 0.356, 0, 0.346, 0.65,
             -0.599, 0.744, 0.969, -1.613, 2.495, 2.714, -2.369,
         ),
-        ("push", True): _stance(
+        ("push", True): stance_of(
             (0.278, 0.231), -0.391, -0.491, 0, 0.446, 0.65,
             -0.274, -1.370, 1.268, -2.561, -0.364, 1.983, 2.364,
         ),
-        ("pull", False): _stance(
+        ("pull", False): stance_of(
             (0.867, 0.038), 0.060, 0.0, 1, 0.133, 0.60,
             -0.557, 1.360, 0.928, -1.193, 2.766, 2.531, -1.401,
         ),
-        ("push", False): _stance(
+        ("push", False): stance_of(
             (0.308, 0.134), -0.695, 0.0, 1, 0.030, 0.65,
             0.476, 0.859, 0.484, -2.496, -1.587, 1.205, -0.649,
         ),
     },
     (
-        _stance(
+        stance_of(
             (0.534, 0.195), 0.350, 0.500, 0, 0.550, 1.05,
             -0.883, -0.689, 0.878, -2.368, 2.226, 1.983, -1.083,
         ),
-        _stance(
+        stance_of(
             (0.534, -0.195), -0.350, -0.500, 0, 0.550, 1.05,
             0.883, -0.689, -0.878, -2.368, -2.226, 1.983, 2.654,
         ),
-        _stance(
+        stance_of(
             (0.536, 0.196), 0.350, 0.0, 1, 0.620, 1.05,
             2.043, 1.174, -2.131, -2.241, 2.316, 2.416, 1.004,
         ),
@@ -101,33 +78,33 @@ _PANDA: Final = _all_stances(
 
 _UR5E: Final = _all_stances(
     {
-        ("pull", True): _stance(
+        ("pull", True): stance_of(
             (0.943, -0.216), -1.032, 0.744, 0, 0.431, 0.65,
             3.129, -2.422, -1.007, 0.287, 1.296, 0.000,
         ),
-        ("push", True): _stance(
+        ("push", True): stance_of(
             (0.304, 0.187), -0.229, 0.047, 0, 0.395, 0.65,
             0.774, -2.037, 2.158, -0.121, 2.527, -3.142,
         ),
-        ("pull", False): _stance(
+        ("pull", False): stance_of(
             (0.920, -0.032), -0.326, 0.0, -1, 0.253, 0.65,
             -0.123, 0.262, -1.134, 0.872, 1.774, 1.571,
         ),
-        ("push", False): _stance(
+        ("push", False): stance_of(
             (0.210, 0.088), -0.307, 0.0, 1, 0.400, 0.65,
             0.895, -2.306, 2.250, 0.056, 2.773, -1.571,
         ),
     },
     (
-        _stance(
+        stance_of(
             (0.705, 0.257), 0.350, 0.298, 0, 0.030, 1.05,
             -2.677, -2.783, -1.692, 1.333, 1.755, 0.000,
         ),
-        _stance(
+        stance_of(
             (0.705, 0.257), 0.350, -0.298, 0, 0.030, 1.05,
             0.234, -0.358, 1.692, 1.808, -1.753, 0.000,
         ),
-        _stance(
+        stance_of(
             (0.705, 0.257), 0.350, 0.0, 1, 0.030, 1.05,
             -2.517, -2.774, -1.744, 1.377, 1.296, 1.571,
         ),

@@ -3,10 +3,9 @@
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Final
+from typing import Final, get_args
 
-from gplfd_env.conventions.constants import Base
-from gplfd_env.doors.config import Handle, Swing
+from gplfd_env.doors.config import Handle, HingeSide, Swing
 from gplfd_env.robot.config import (
     BASE_RADIUS,
     HELD,
@@ -16,102 +15,79 @@ from gplfd_env.robot.config import (
     StanceGroup,
 )
 
-_AT_BAR: Final = (1.119, 0.225, -1.569, 1.569, -1.352, -0.219, -1.564)
 
-_DRIVING: Final = Stance(
-    handle_xy_w=(0.814, 0.340),
-    door_yaw=math.radians(26.05),
-    grasp_yaw=math.radians(25.4),
-    below_handle=0.78,
-    closed_posture=_AT_BAR,
-    radius=1.05,
-    height=1.22,
-)
+def stance_of(
+    handle_xy_w: tuple[float, float],
+    door_yaw: float,
+    grasp_yaw: float,
+    quarters: int,
+    below_handle: float,
+    radius: float,
+    *closed_posture: float,
+    height: float = 1.22,
+) -> Stance:
+    """Return a stance with a roll of the wrist in quarter turns."""
+    return Stance(
+        handle_xy_w=handle_xy_w,
+        door_yaw=door_yaw,
+        grasp_yaw=grasp_yaw,
+        roll=quarters * math.pi / 2,
+        below_handle=below_handle,
+        closed_posture=closed_posture,
+        radius=radius,
+        height=height,
+    )
+
+
+_RIGHT, _LEFT, _YAW = math.radians(26.05), math.radians(51.45), math.radians(25.4)
+_AHEAD: Final = math.radians(67.2)
+
+_DRIVING: Final = stance_of(
+    (0.814, 0.340), _RIGHT, _YAW, 0, 0.78, 1.05,
+    1.119, 0.225, -1.569, 1.569, -1.352, -0.219, -1.564,
+)  # fmt: skip
 """Stance of a mobile base: the arm is in a posture in which it is strong."""
 
-_DRIVING_TURNED: Final = Stance(
-    handle_xy_w=(0.742, 0.602),
-    door_yaw=0.692,
-    below_handle=0.86,
-    closed_posture=(1.789, 0.634, -1.197, 1.295, -1.015, -0.662, 0.200),
-    roll=math.pi / 2,
-    radius=1.05,
-    height=1.22,
-)
+_DRIVING_TURNED: Final = stance_of(
+    (0.742, 0.602), 0.692, 0.0, 1, 0.86, 1.05,
+    1.789, 0.634, -1.197, 1.295, -1.015, -0.662, 0.200,
+)  # fmt: skip
 
-_DRIVING_LEFT: Final = Stance(
-    handle_xy_w=(0.814, 0.340),
-    door_yaw=math.radians(51.45),
-    below_handle=0.78,
-    closed_posture=(1.119, 0.225, -1.569, 1.569, -1.352, -0.219, 0.006),
-    roll=math.pi / 2,
-    radius=1.0,
-    height=1.22,
-)
+_DRIVING_LEFT: Final = stance_of(
+    (0.814, 0.340), _LEFT, 0.0, 1, 0.78, 1.0,
+    1.119, 0.225, -1.569, 1.569, -1.352, -0.219, 0.006,
+)  # fmt: skip
 """Stance to the left of the handle, where the passage of a left-hinged door is free."""
 
-_DRIVING_LEFT_BAR: Final = replace(_DRIVING_LEFT, roll=0.0, closed_posture=_AT_BAR)
-"""The same for a bar. With a yaw on the bar the palm would hit the jamb beside the
-lock; without a yaw it passes through the frame."""
-
-_BAR: Final[Mapping[tuple[Base, Swing], Stance]] = {
-    ("fixed", "pull"): Stance(
-        handle_xy_w=(0.7345, 0.7004),
-        door_yaw=math.radians(26.05),
-        grasp_yaw=math.radians(25.4),
-        below_handle=0.50,
-        closed_posture=(2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900),
-        radius=0.65,
-        height=0.90,
+_FIXED: Final[Mapping[tuple[Swing, bool], Stance]] = {
+    ("pull", True): stance_of(
+        (0.7345, 0.7004), _RIGHT, _YAW, 0, 0.50, 0.65,
+        2.183, -0.730, -2.699, 0.803, 0.995, 0.034, 0.900, height=0.90,
     ),
-    ("fixed", "push"): Stance(
-        handle_xy_w=(0.593, -0.027),
-        door_yaw=math.radians(67.2),
-        below_handle=0.72,
-        closed_posture=(0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -2.019),
-        radius=0.65,
-        height=1.07,
+    ("push", True): stance_of(
+        (0.593, -0.027), _AHEAD, 0.0, 0, 0.72, 0.65,
+        0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -2.019, height=1.07,
     ),
-    ("mobile", "pull"): _DRIVING,
-    ("mobile", "push"): _DRIVING,
-}
-"""By base and swing. With a fixed base the arm has to reach the whole motion: the robot
-stands far from a door that it pulls and near to one that it pushes."""
-
-_TURNED: Final[Mapping[tuple[Base, Swing], Stance]] = {
-    ("fixed", "pull"): Stance(
-        handle_xy_w=(0.7345, 0.7004),
-        door_yaw=math.radians(51.45),
-        below_handle=0.50,
-        closed_posture=(2.183, -0.730, -2.699, 0.803, 0.995, 0.034, -0.671),
-        roll=-math.pi / 2,
-        radius=0.91,
-        height=1.07,
+    ("pull", False): stance_of(
+        (0.7345, 0.7004), _LEFT, 0.0, -1, 0.50, 0.91,
+        2.183, -0.730, -2.699, 0.803, 0.995, 0.034, -0.671, height=1.07,
     ),
-    ("fixed", "push"): Stance(
-        handle_xy_w=(0.593, -0.027),
-        door_yaw=math.radians(67.2),
-        below_handle=0.72,
-        closed_posture=(0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -0.448),
-        roll=math.pi / 2,
-        radius=0.91,
-        height=1.07,
+    ("push", False): stance_of(
+        (0.593, -0.027), _AHEAD, 0.0, 1, 0.72, 0.91,
+        0.200, 0.341, -1.368, 1.925, -0.969, 0.746, -0.448, height=1.07,
     ),
-    ("mobile", "pull"): _DRIVING_TURNED,
-    ("mobile", "push"): _DRIVING_TURNED,
-}
-"""The same for a lever or knob. With a fixed base the arm reaches the whole motion of
-doors that are pulled with the hinge on the right, or pushed with the hinge on the left;
-on the other side it reaches less (docs/environment.md)."""
-
+}  # fmt: skip
+"""By swing and whether a bar is held. With a fixed base the arm has to reach the whole
+motion: the robot stands far from a door that it pulls and near to one that it pushes.
+With a lever or knob it reaches less of doors that are pulled with the hinge on the
+left, or pushed with the hinge on the right (docs/environment.md)."""
 
 _PUSHING_LEFT: Final[Mapping[Handle, Stance]] = {
-    "bar": _DRIVING_LEFT_BAR,
+    # With a yaw on the bar the palm would hit the jamb beside the lock; without a yaw
+    # it passes through the frame.
+    "bar": replace(_DRIVING_LEFT, roll=0.0, closed_posture=_DRIVING.closed_posture),
     "lever": replace(_DRIVING_LEFT, radius=1.05),
-    "knob": _DRIVING_LEFT,
-    "paddle": _DRIVING_LEFT,
-    "touch-bar": _DRIVING_LEFT,
-    "handleset": _DRIVING_LEFT,
+    **dict.fromkeys(("knob", "paddle", "touch-bar", "handleset"), _DRIVING_LEFT),
 }
 """Before doors that are pushed with the hinge on the left, with a base that drives.
 Farther from the hinge the base hits the leaf; on a lever the hand is nearer to the
@@ -120,15 +96,18 @@ hinge."""
 
 def _stances() -> dict[StanceGroup, Stance]:
     """Return the stances for all doors."""
-    found: dict[StanceGroup, Stance] = {}
-    for (base, swing), bar in _BAR.items():
+    stances: dict[StanceGroup, Stance] = {}
+    for swing in get_args(Swing):
         for held in HELD:
-            stance = bar if held == "bar" else _TURNED[base, swing]
-            found[StanceGroup(base, swing, held, "right")] = stance
-            found[StanceGroup(base, swing, held, "left")] = stance
+            bar = held == "bar"
+            mobile = _DRIVING if bar else _DRIVING_TURNED
+            sides: tuple[HingeSide, ...] = ("right", "left")
+            for side in sides:
+                stances[StanceGroup("fixed", swing, held, side)] = _FIXED[swing, bar]
+                stances[StanceGroup("mobile", swing, held, side)] = mobile
     for handle, stance in _PUSHING_LEFT.items():
-        found[StanceGroup("mobile", "push", handle, "left")] = stance
-    return found
+        stances[StanceGroup("mobile", "push", handle, "left")] = stance
+    return stances
 
 
 TIAGO_LIKE: Final = RobotConfig(

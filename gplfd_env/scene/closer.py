@@ -17,8 +17,8 @@ from typing import Final
 
 import mujoco
 
-from gplfd_env.doors.closer import fading_torques, has_tendons
 from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.motion import fading_torques, has_tendons
 
 _FADING: Final = ("stiction", "seal", "closer_boost")
 """Torques that fade; each is a tendon of that name."""

@@ -6,10 +6,9 @@ import mujoco
 import numpy as np
 
 from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array
-from gplfd_env.doors.closer import has_tendons
 from gplfd_env.doors.config import OVERHANG, DoorConfig, Handle, Motion
-from gplfd_env.doors.motion import Link, end_angle, links_of
-from gplfd_env.doors.rocker import ROCKERS
+from gplfd_env.doors.geometry import ROCKERS
+from gplfd_env.doors.motion import Link, end_angle, has_tendons, links_of
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.mobile_base import HARD_STOP, SOFT_STOP

@@ -8,7 +8,7 @@ import mujoco
 
 from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array
 from gplfd_env.doors.config import BAR_RADIUS, KNOB_RADIUS, DoorConfig
-from gplfd_env.doors.rocker import handle_axis
+from gplfd_env.doors.geometry import handle_axis
 
 BAR_HALF_LENGTH: Final = 0.10
 
@@ -104,7 +104,7 @@ def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
     """Add a paddle, a touch bar or a thumb piece on the joint ``handle``.
 
     The hand holds a horizontal rod that turns about an axis parallel to it
-    (`gplfd_env.doors.rocker`). The geom that touches the hand, ``handle_bar``, is a
+    (`gplfd_env.doors.geometry`). The geom that touches the hand, ``handle_bar``, is a
     sphere, so that the hand may turn about the vertical, as flat fingers can. The sites
     are those of a lever.
     """

@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 
 from gplfd_env.conventions.constants import INTANGIBLE, Base
-from gplfd_env.conventions.one_and_many import Flag, Number
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.scene.handle import STEEL
 
@@ -54,16 +53,8 @@ _MIRRORED: Final = {
 
 _BOLT_MASS: Final = 0.1
 
-_PLAY: Final = math.radians(1.0)
+PLAY: Final = math.radians(1.0)
 """A latched door opens by less than this [rad]."""
-
-
-def latch_holds(sprung: Flag, throw: Number, angle: Number, bolt: Number) -> Flag:
-    """Return whether a bolt with a throw [m] holds the door at the strike.
-
-    The door is open by an angle [rad], and the bolt is retracted by `bolt` [m].
-    """
-    return sprung & (angle < _PLAY) & (bolt < throw - GAP)
 
 
 def add_latch(

@@ -23,13 +23,12 @@ from gplfd_env.conventions.one_and_many import (
     sqrt,
     where,
 )
-from gplfd_env.doors.closer import CloserLaw
-from gplfd_env.doors.motion import LeafPath
+from gplfd_env.doors.motion import CloserLaw, LeafPath
 from gplfd_env.doors.variation import Variation
 from gplfd_env.robot.gripper import Gripper
 from gplfd_env.robot.placement import hand_position_w
 from gplfd_env.robot.whole_body import BaseDrive
-from gplfd_env.scene.latch import latch_holds
+from gplfd_env.scene.latch import GAP, PLAY
 from gplfd_env.simulation.command import Command
 from gplfd_env.simulation.loads import NO_EXTRA_INPUTS, ExtraInputs
 from gplfd_env.simulation.single import Robot
@@ -351,7 +350,9 @@ class Episode:
             tuple(values[reader.ee_pose]) if self._grippers else (),
             reader.base_state(values),
             door,
-            latch_holds(constants.latched, constants.bolt_throw, door.angle, door.bolt),
+            constants.latched
+            & (door.angle < PLAY)
+            & (door.bolt < constants.bolt_throw - GAP),
         )
 
     def _of(self, row: int, record: Thing) -> Thing:

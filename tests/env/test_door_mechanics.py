@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.doors.closer import STICTION_ANGLE, CloserLaw
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.hardware import EN_1154, en1154, leaf, spring_hinge
-from gplfd_env.doors.motion import LeafPath
+from gplfd_env.doors.motion import STICTION_ANGLE, CloserLaw, LeafPath
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.observation import Reader

@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gplfd_env.doors.config import TURNING, DoorConfig
-from gplfd_env.doors.geometry import DoorGeometry
-from gplfd_env.doors.rocker import ROCKERS
+from gplfd_env.doors.geometry import ROCKERS, DoorGeometry
 from gplfd_env.robot.stance import check_reach
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene

@@ -195,7 +195,7 @@ def test_every_public_name_has_a_place_in_the_reference():
     for spec in gymnasium.registry.values():
         if spec.namespace == "gplfd":
             made |= {str(spec.entry_point), str(spec.vector_entry_point)}
-    assert len(made) == 18, "ten of version 1, eight of version 0"
+    assert len(made) == 10
     for module, name in (each.split(":") for each in made):
         (shown,) = re.findall(rf"^::: {module}\n(?: +(.*))?", pages, re.MULTILINE)
         assert not shown or name in shown, f"{module}.{name}"

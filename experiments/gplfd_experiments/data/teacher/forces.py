@@ -28,11 +28,10 @@ import numpy as np
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
-from gplfd_env.doors.closer import CloserLaw
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.hardware import GRAVITY
-from gplfd_env.doors.motion import carried, links_of, roller_way
+from gplfd_env.doors.motion import CloserLaw, carried, links_of, roller_way
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_experiments.data.teacher.random_motion import smooth_functions
 from gplfd_experiments.files.arrays import FloatArray
