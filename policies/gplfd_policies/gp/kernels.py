@@ -8,6 +8,7 @@ with distance and is not a covariance
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from gplfd_policies.arrays.shapes import Float
 
@@ -42,6 +43,21 @@ class RBF:
         np.exp(distance, out=distance)
         distance *= self.variance
         return np.asarray(distance)
+
+    def features(
+        self, times: Float[np.ndarray, " A"], centre: float, terms: int
+    ) -> Float[np.ndarray, "A terms"]:
+        """φ with k(a, b) = φ(a) φ(b)ᵀ, from the power series of exp(u_a u_b).
+
+        φ_n(t) = σ_f exp(−u²/2) uⁿ/√n! with u = (t − centre)/l; the rest after ``terms``
+        of them vanishes where u² is well below ``terms``.
+        """
+        scaled = (times - centre)[:, None] / self.length_scale
+        powers = np.arange(terms)
+        logarithm = scipy.special.xlogy(powers, np.abs(scaled))
+        logarithm -= 0.5 * (scipy.special.gammaln(powers + 1.0) + scaled**2)
+        sign = np.where(powers % 2, np.sign(scaled), 1.0)
+        return np.asarray(self.signal_std * sign * np.exp(logarithm))
 
     def time_derivative(
         self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]

@@ -12,7 +12,9 @@ reference is
     mean(t) = k* (K + λ Σ)⁻¹ μ                                              Eq. (21)
     cov(t, t') = (N/λ_c) [k(t, t') I_D − k* (K + λ_c Σ)⁻¹ k*'ᵀ]             Eq. (26)
 
-K is so smooth that k(t, t_i) = φ(t) φ(t_i)ᵀ with a few tens of features. With
+K is so smooth that k(t, t_i) = φ(t) φ(t_i)ᵀ with a few tens of features, which are
+those of the kernel's power series (`RBF.features`) in an orthonormal basis of the
+reference: eigenvectors of K would leave its small directions to rounding. With
 Λ = Σ_i φ_i φ_iᵀ ⊗ Σ_i⁻¹, A = I + Λ/λ and A_c = I + Λ/λ_c the same equations read
 
     mean(t) = φ(t) A⁻¹ Σ_i (φ_i ⊗ Σ_i⁻¹ μ_i) / λ
@@ -44,11 +46,9 @@ from gplfd_policies.movements.trajectory import ViaPoint
 _STRONGEST = 1e-4
 """Least standard deviation of a via-point, standardised: zero would give infinite
 weight. The resulting error is less than a thousandth of an output's spread."""
-_NODES_PER_SCALE = 4
-"""Nodes per length-scale that represent the kernel, in addition to `_MORE_NODES`."""
-_MORE_NODES = 16
-_SMALLEST_EIGENVALUE = 1e-15
-"""Directions of the kernel below this share of the largest are rounding."""
+_SMALLEST = 1e-10
+"""Directions of the features below this share of the largest leave no digit that
+matters: their share of the kernel is its square."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,7 +60,7 @@ class KMPConfig(Quantities):
     references: int = quantity(400, low=2)
     """Number N of equally spaced reference phases; as published. The cost of a
     prediction hardly depends on it."""
-    length_scale: float = quantity(0.144, above=0.0)
+    length_scale: float = quantity(0.144, low=0.01)
     """Length-scale of the kernel [phase]. Published is exp(−6 (t − t')²) over 2 s."""
     mean_regularisation: float = quantity(25.0, above=0.0)
     """λ. Published is 1 for letters that vary by 25 cm²: λ multiplies covariances in
@@ -99,10 +99,10 @@ class SmoothedReference:
 
     kernel: RBF
     """k, of variance one."""
-    nodes: Float[np.ndarray, " Q"]
-    """Phases whose kernels span those of all reference phases."""
-    root: Float[np.ndarray, "Q R"]
-    """φ(t) = k(t, nodes) root."""
+    centre: float
+    """Phase about which the kernel's series is taken."""
+    basis: Float[np.ndarray, "F R"]
+    """φ(t) = kernel.features(t) basis."""
     weights: Float[np.ndarray, "6 R"]
     """A⁻¹ Σ_i (φ_i ⊗ Σ_i⁻¹ μ_i) / λ."""
     blocks: Float[np.ndarray, "6 R R"]
@@ -114,18 +114,16 @@ class SmoothedReference:
     @classmethod
     def fit(cls, reference: Reference, config: KMPConfig) -> "SmoothedReference":
         """Smooth a reference."""
-        # Features φ with k(t, t_i) = φ(t) φ(t_i)ᵀ for every reference phase and any t.
         kernel = RBF(length_scale=config.length_scale, signal_std=1.0)
-        nodes = np.unique(reference.phases)
-        middle, half = 0.5 * (nodes[0] + nodes[-1]), 0.5 * (nodes[-1] - nodes[0])
-        enough = _MORE_NODES + _NODES_PER_SCALE * 2.0 * half / kernel.length_scale
-        if enough < len(nodes):
-            # Fewer phases are enough if they are denser towards the ends.
-            nodes = middle + half * np.cos(np.linspace(0.0, np.pi, int(enough)))
-        values, vectors = scipy.linalg.eigh(kernel(nodes, nodes), check_finite=False)
-        kept = values > _SMALLEST_EIGENVALUE * values[-1]
-        root = vectors[:, kept] / np.sqrt(values[kept])
-        rows = np.asarray(kernel(reference.phases, nodes) @ root)
+        phases = np.unique(reference.phases)
+        centre = 0.5 * (phases[0] + phases[-1])
+        reach = (phases[-1] - centre) / kernel.length_scale
+        # Later terms of the series are below 1e-16 everywhere on the reference.
+        terms = int(reach**2 + 10.0 * reach) + 20
+        series = kernel.features(phases, centre, terms)
+        values, vectors = scipy.linalg.svd(series, full_matrices=False)[1:]
+        basis = vectors[values > _SMALLEST * values[0]].T
+        rows = kernel.features(reference.phases, centre, terms) @ basis
 
         # Λ, and solutions with A = I + Λ/λ and A_c = I + Λ/λ_c.
         size = rows.shape[1]
@@ -144,8 +142,8 @@ class SmoothedReference:
         blocks = inverse.reshape(6, size, 6, size)
         return cls(
             kernel=kernel,
-            nodes=nodes,
-            root=root,
+            centre=float(centre),
+            basis=basis,
             weights=weights.reshape(6, size) / config.mean_regularisation,
             blocks=np.stack([blocks[d, :, d].T for d in range(6)]),
             amplitude=len(reference.phases) / config.covariance_regularisation,
@@ -153,7 +151,8 @@ class SmoothedReference:
 
     def features(self, times: Times) -> Float[np.ndarray, "M R"]:
         """φ(t)."""
-        return np.asarray(self.kernel(times, self.nodes) @ self.root)
+        series = self.kernel.features(times, self.centre, len(self.basis))
+        return np.asarray(series @ self.basis)
 
     def moments(self, times: Times) -> tuple[Outputs, Outputs]:
         """Mean and variance of every output."""
