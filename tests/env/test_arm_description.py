@@ -88,23 +88,6 @@ def test_inertias_are_physical(link):
     assert principal[2] <= principal[0] + principal[1]
 
 
-@pytest.mark.parametrize(
-    ("link", "axis", "radius", "length"),
-    [
-        ("arm_tool_link", 0, 0.0225, 0.0157),
-        ("wrist_ft_link", 2, 0.0225, 0.0157),
-        ("wrist_ft_tool_link", 0, 0.025, 0.00975),
-    ],
-)
-def test_massless_wrist_links_became_solid_cylinders(link, axis, radius, length):
-    """Published with 0.1 kg and zero inertia; the cylinder lies along the approach."""
-    mass, matrix = inertial(link)
-    expected = np.full(3, mass * (3 * radius**2 + length**2) / 12)
-    expected[axis] = mass * radius**2 / 2
-    assert mass == pytest.approx(0.1)
-    assert_allclose(matrix, np.diag(expected), rtol=1e-5)
-
-
 def test_mujoco_accepts_the_file_without_help_and_agrees_with_yourdfpy():
     text = URDF.read_text()
     for crutch in ("balanceinertia", "boundmass", "boundinertia", "package://"):

@@ -222,28 +222,6 @@ def test_a_bumped_robot_misjudges_its_own_frame(free_door):
     assert_allclose(np.sum(twist, axis=0) * CONTROL_PERIOD, 0.0, atol=1e-3)
 
 
-@pytest.mark.parametrize("robot", ["tiago-like", "panda-like", "ur5e-like"])
-@pytest.mark.parametrize(
-    ("door", "base"),
-    [
-        ({"radius": 0.5}, "fixed"),
-        ({"swing": "push", "radius": 0.5}, "fixed"),
-        ({"radius": 0.9}, "mobile"),
-        ({"hinge_side": "left"}, "mobile"),
-        ({"handle": "lever"}, "mobile"),
-    ],
-)
-def test_a_bump_moves_every_robot_along_its_own_axes(robot, door, base, start_env):
-    """The world frame is the base at the reset; the scene has the task frame."""
-    bump = {"forward": 0.01, "left": -0.004, "duration": 0.05}
-    env = start_env(door, robot=robot, base=base, disturbance={"bump": bump})
-    axes = env.data.site("task_frame").xmat.reshape(3, 3)
-    for _ in range(6):
-        env.step(REST)
-    expected = axes.T @ [0.01, -0.004, 0.0]
-    assert_allclose(env._episode.effects.base_shift, expected, atol=1e-9)
-
-
 def test_a_stuck_hinge_breaks_away_once(start_env):
     """Stiction 4 N m on a radius of 0.5 m: 8 N more than the 1 N of friction."""
     env = start_env(disturbance={"breakaway": {"stiction": 4.0}})
@@ -259,20 +237,8 @@ def test_a_stuck_hinge_breaks_away_once(start_env):
     assert env.model.joint("hinge").frictionloss[0] == 4.5, "and again next time"
 
 
-def test_a_seal_closes_a_door_that_is_ajar(free_door):
-    seal = {"breakaway": {"seal": 2.0, "seal_angle": 0.06}}
-    for angle, closes in ((0.03, True), (0.07, False)):
-        env = free_door(seal)
-        env.data.joint("hinge").qpos = angle
-        env.step(REST)
-        env.data.qvel[:] = 0.0
-        before = env.data.joint("hinge").qpos[0]
-        *_, info = env.step(REST)
-        assert (info["door_angle"] < before - 1e-5) == closes
-
-
 def test_what_is_drawn(make_env):
-    """Within its range; the same with the same seed; and nothing else changes."""
+    """Within its range, and nothing else changes."""
     calm = make_env(randomization="hard")
     env = make_env(randomization="hard", disturbance="push")
     drawn = []
@@ -288,8 +254,6 @@ def test_what_is_drawn(make_env):
     assert np.all(low >= [-15, -15, 0.2])
     assert np.all(high <= [15, 15, 0.8])
     assert np.all(high - low > 0.5 * np.array([30, 30, 0.6]))
-    env.reset(seed=3)
-    assert [env.variation.disturbance.push.along] == drawn[3][:1]
 
 
 def test_a_mapping_changes_what_it_names_of_a_preset():

@@ -128,10 +128,7 @@ def test_wrong_doors_are_told_what_is_allowed(door, kind, parts):
 
 def test_a_leaf_s_width_follows_its_radius():
     assert DoorConfig(radius=0.4).overhang == 0.01
-    door = DoorConfig(
-        radius=0.78,
-        leaf={"width": 0.834, "backset": 0.055},
-    )
+    door = DoorConfig(radius=0.78, leaf={"width": 0.834, "backset": 0.055})
     assert door.overhang == pytest.approx(-0.001)
 
 

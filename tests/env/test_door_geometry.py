@@ -11,7 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
-from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.config import TURNING, DoorConfig
+from gplfd_env.doors.rocker import ROCKERS
 from gplfd_env.doors.variation import Placement, Variation
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.robot.tiago import TIAGO_LIKE
@@ -22,7 +23,7 @@ ANGLES = np.linspace(0.0, 1.2, 7)
 everywhere = pytest.mark.parametrize(
     ("swing", "side"), list(itertools.product(("pull", "push"), ("right", "left")))
 )
-all_handles = pytest.mark.parametrize("handle", ["bar", "lever", "knob"])
+HANDLES = ("bar", *TURNING)
 three = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
@@ -58,7 +59,7 @@ def test_the_nominal_arc_of_every_way_and_side(swing, side, radius):
         geometry.hand_poses(0.1, 0.2)
 
 
-@all_handles
+@pytest.mark.parametrize("handle", ["bar", "lever", "knob"])
 @pytest.mark.parametrize("swing", ["pull", "push"])
 def test_a_hand_turns_by_half_where_it_pushes_something_round(handle, swing):
     latch = "none" if handle == "bar" else "spring"
@@ -90,7 +91,6 @@ def test_angles_and_directions_are_those_of_the_poses(hinge, axis):
     [
         ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), "not pass through the handle"),
         ((0.0, 0.0, -0.5), (0.0, 0.0, 0.0), "must have a direction"),
-        ((0.0, 0.0), (0.0, 1.0, 0.0), r"DoorGeometry\.hinge must be three finite"),
         ((0.0, 0.0, -0.5), (0.0, np.nan, 0.0), r"DoorGeometry\.axis must be three"),
     ],
 )
@@ -99,9 +99,17 @@ def test_impossible_doors_are_refused(hinge, axis, message):
         DoorGeometry(hinge=np.array(hinge), axis=np.array(axis))
 
 
-@pytest.mark.parametrize("base", ["fixed", "mobile"])
-@all_handles
-@everywhere
+@pytest.mark.parametrize(
+    ("base", "handle", "swing", "side"),
+    [
+        (base, handle, swing, side)
+        for base, handle, swing, side in itertools.product(
+            ("fixed", "mobile"), HANDLES, ("pull", "push"), ("right", "left")
+        )
+        if (handle, swing) != ("touch-bar", "pull")
+        and (base == "mobile" or handle not in ROCKERS)
+    ],
+)
 def test_a_handle_is_where_the_simulator_has_it(swing, side, handle, base):
     """Poses of a hand that is fixed to the handle, for hinge and handle turned."""
     door = DoorConfig(radius=0.5, handle=handle, swing=swing, hinge_side=side)

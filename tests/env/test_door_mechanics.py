@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.hardware import EN_1154, en1154, leaf, spring_hinge
-from gplfd_env.doors.motion import STICTION_ANGLE, CloserLaw, LeafPath
+from gplfd_env.doors.motion import CloserLaw, LeafPath
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.observation import Reader
@@ -248,23 +248,6 @@ def test_a_released_door_loses_energy_until_it_is_closed(
     moving = (phi[1:] > 0.0) & (phi[1:] < door.stop_angle)
     assert rise[moving].max() <= 2e-2
     assert phi[-1] < np.radians(0.5)
-
-
-def test_the_closing_damper_does_not_hinder_opening(door_alone):
-    gentle = {
-        "closer": {"damping": 5.0, "closing_damping": 75.0},
-    }
-    door = door_alone(**OFFICE, **gentle)
-    assert -torque_on_leaf(*door, 0.5, 0.4) == pytest.approx(2.0, rel=0.01)
-    assert torque_on_leaf(*door, 0.5, -0.4) == pytest.approx(32.0, rel=0.01)
-
-
-def test_stiction_is_gone_once_the_door_has_broken_away(door_alone):
-    door = door_alone(**OFFICE, stiction=10.0)
-    held = torque_on_leaf(*door, 0.5 * STICTION_ANGLE, 0.0)
-    assert held == pytest.approx(-5.0, rel=1e-3)
-    free = torque_on_leaf(*door, 1.1 * STICTION_ANGLE, 0.0)
-    assert free == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_leaf_by_din_has_its_radius_mass_and_friction():

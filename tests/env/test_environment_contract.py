@@ -61,23 +61,6 @@ def test_model_and_data_are_the_simulation(start_env):
     assert env.metadata["render_fps"] == 100
 
 
-def test_what_is_returned_is_inside_the_spaces_and_of_plain_types(make_env):
-    """Types and keys of the first info are those of the page, and stay."""
-    env = make_env("medium")
-    observation, info = env.reset(seed=0)
-    types = {key: type(value) for key, value in info.items()}
-    for _ in range(30):
-        assert observation in env.observation_space
-        assert {key: type(value) for key, value in info.items()} == types
-        numbers = [v for v in info.values() if isinstance(v, float | np.ndarray)]
-        assert all(np.isfinite(number).all() for number in numbers)
-        assert info["handle_pose"].shape == (6,)
-        assert set(info["reward_terms"]) == {"progress", "radial_force", "success"}
-        action = env.action_space.sample()
-        observation, reward, terminated, truncated, info = env.step(action)
-        assert (type(reward), type(terminated), type(truncated)) == (float, bool, bool)
-
-
 def test_an_opened_door_is_what_reward_and_info_tell(make_env, arc_commands):
     """With either reward: the same door, success after half a second beyond 60°."""
     dense, sparse = make_env(0.42), make_env(0.42, reward="sparse")

@@ -1,7 +1,6 @@
 """docs/environment.md says what the spaces, the info and the configuration say."""
 
 import dataclasses
-import inspect
 import re
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,6 @@ from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.disturbance import CAUSES, DISTURBANCES
 from gplfd_env.doors.parts import Closer
 from gplfd_env.doors.randomization import RANDOMIZATIONS, DoorRandomization
-from gplfd_env.envs.door_opening import DoorOpeningEnv
-from gplfd_env.envs.vector import DoorOpeningVectorEnv
 from gplfd_env.task.info import INFO
 from gplfd_env.validation.fields import allowed_range
 
@@ -192,12 +189,6 @@ def test_randomization_table_is_the_presets_and_the_widest_ranges():
             DoorRandomization(**{name: beyond})
 
 
-def test_reset_options_are_those_the_message_allows(make_env):
-    with pytest.raises(ValueError, match="unknown reset option") as error:
-        make_env().reset(options={"": 0})
-    assert re.findall(r'"(\w+)" ', str(error.value)) == column("Reset", "option")
-
-
 def test_every_id_has_a_version():
     named = [*IDS, gplfd_env.RL_ENVIRONMENT_ID]
     assert column("Version history", "id") == named
@@ -205,33 +196,3 @@ def test_every_id_has_a_version():
 
 
 # --- Numbers, arguments, code --------------------------------------------------------
-
-
-def stated_defaults(begin: str, end: str) -> dict[str, str]:
-    """Return what a table of arguments gives as their defaults."""
-    text = PAGE.split(begin)[1].split(end)[0]
-    rows = re.findall(r"^\| (`.*?) \| (.*?) \|", text, flags=re.MULTILINE)
-    return {
-        name: default.strip('`" ')
-        for names, values in rows
-        for name, default in zip(
-            re.findall(r"`(\w+)`", names), values.split(", "), strict=True
-        )
-    }
-
-
-def test_arguments_and_their_defaults():
-    """Those of the vector environment include those of the single one."""
-    parameters = inspect.signature(DoorOpeningEnv).parameters
-    single = {name: str(p.default) for name, p in parameters.items()}
-    assert stated_defaults("| argument of `gym.make` |", "## Frames") == single
-    stated = {"max_episode_steps": str(gplfd_env.TIME_LIMIT)} | stated_defaults(
-        "| argument of `gym.make_vec` |", "| autoreset mode |"
-    )
-    parameters = inspect.signature(DoorOpeningVectorEnv).parameters
-    assert stated.keys() | single.keys() == parameters.keys()
-    for name, parameter in parameters.items():
-        default = getattr(parameter.default, "value", parameter.default)
-        if name == "max_episode_steps":
-            default = gplfd_env.TIME_LIMIT
-        assert str(default) == (single | stated)[name], name

@@ -20,12 +20,8 @@ DIRECTIONS = {
     "pull": (1, 0, 0),
     "push": (-1, 0, 0),
     "away from the hinge": (0, 0, 1),
-    "towards the hinge": (0, 0, -1),
     "up": (0, 1, 0),
-    "down": (0, -1, 0),
-    "45° pull and away": (1, 0, 1),
     "45° pull and towards": (1, 0, -1),
-    "45° pull and up": (1, 1, 0),
     "45° away and down": (0, -1, 1),
 }
 
@@ -91,7 +87,7 @@ def test_a_wrong_radius_shows_as_radial_force(ratio, start_env, arc_commands):
 
 
 @pytest.mark.parametrize(
-    ("name", "radius"), [*zip(DIRECTIONS, 5 * [0.35, 0.65], strict=True)]
+    ("name", "radius"), [*zip(DIRECTIONS, 3 * [0.35, 0.65], strict=True)]
 )
 def test_grasp_survives_20_newtons(name, radius, make_env, push_hand):
     """20 N through the grasp for 2 s: an external force on the hand supplies them.
@@ -120,12 +116,7 @@ def test_grasp_survives_20_newtons(name, radius, make_env, push_hand):
     [
         (0.35, 1e-4),
         (0.65, 1e-4),
-        (
-            {
-                "closer": {"preload": 5.0, "stiffness": 1.0},
-            },
-            1e-3,
-        ),
+        ({"closer": {"preload": 5.0, "stiffness": 1.0}}, 1e-3),
     ],
 )
 def test_closed_door_is_held_still(door, slip, make_env):

@@ -14,7 +14,6 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.task.observation import DoorReading
 from gplfd_env.task.opening import (
     FAILURES,
-    GRASP_LOST,
     STALL_ANGLE,
     STALL_TIME,
     OpeningMonitor,
@@ -139,16 +138,6 @@ def test_arc_keeps_its_distance_from_the_hinge(radius, angle):
     assert rotation == [0.0, angle, 0.0]
 
 
-def test_many_poses_on_an_arc_are_those_of_one_at_a_time():
-    """Bit for bit: a command must not depend on how many were computed with it."""
-    radii, angles = np.array([[0.3], [0.65]]), np.linspace(-0.1, 1.6, 101)
-    alone = [
-        [handle_pose_on_arc(radius, angle) for angle in angles.tolist()]
-        for radius in radii[:, 0]
-    ]
-    np.testing.assert_array_equal(handle_pose_on_arc(radii, angles), alone)
-
-
 # --- Stages and diagnosis ------------------------------------------------------------
 
 ROOM, BAR = DOORS["room-834"], DOORS["medium"]
@@ -239,11 +228,3 @@ def test_a_reason_tells_what_is_behind_a_failure(state, joints, failure, reason)
     diagnosis = Diagnosis()
     diagnosis.update(state, joints, LIMITS, stalled=failure == "stalled")
     assert REASONS[diagnosis.reason(REASONS.index(failure))] == reason
-
-
-def test_what_hindered_long_ago_is_no_reason():
-    diagnosis = Diagnosis()
-    diagnosis.update(reading(**PULL), INSIDE, LIMITS, stalled=False)
-    for _ in range(60):
-        diagnosis.update(reading(), INSIDE, LIMITS, stalled=False)
-    assert REASONS[diagnosis.reason(GRASP_LOST)] == "handle_lost"

@@ -35,7 +35,6 @@ WIDTHS = {
     "grasp_height": 0.05,
     "grasp_depth": 0.008,
 }
-NOISES = ("pose_noise", "wrench_noise")
 
 ranges = st.fixed_dictionaries(
     {},
@@ -114,31 +113,6 @@ def test_draws_are_uniform_and_independent():
     correlation = np.corrcoef(unit.T) - np.eye(len(spans))
     assert np.abs(correlation).max() < 4 / math.sqrt(n)
     assert {row["delay"] for row in rows} == set(range(11))
-
-
-def test_a_delay_can_be_pinned():
-    for shortest, longest in ((3, 3), (2, 4)):
-        pinned = DoorRandomization(shortest_delay=shortest, longest_delay=longest)
-        rng = np.random.default_rng(0)
-        delays = {pinned.sample(DoorConfig(), rng).delay for _ in range(200)}
-        assert delays == set(range(shortest, longest + 1))
-
-
-def test_presets():
-    """Mild keeps the radius, the quantity that is learned about; hard is wider in all.
-
-    Their numbers are on the page.
-    """
-    none, mild, hard, *_ = RANDOMIZATIONS.values()
-    assert none == DoorRandomization()
-    assert (none.idle, mild.idle) == (True, False)
-    assert mild.radius is None
-    for name in DOOR_FIELDS:
-        narrow, wide = getattr(mild, name), getattr(hard, name)
-        assert wide is not None
-        assert narrow is None or (wide[0] <= narrow[0] and narrow[1] <= wide[1])
-    for name in (*WIDTHS, *NOISES, "longest_delay"):
-        assert np.all(np.less(getattr(mild, name), getattr(hard, name)))
 
 
 def test_names_mappings_and_records():

@@ -11,8 +11,6 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import data_equivalence
 
 import gplfd_env
-from gplfd_env.doors.disturbance import DISTURBANCES
-from gplfd_env.spatial.arc import handle_pose_on_arc
 
 POSE, IMPEDANCE = gplfd_env.ENVIRONMENT_ID, gplfd_env.IMPEDANCE_ENVIRONMENT_ID
 RL = gplfd_env.RL_ENVIRONMENT_ID
@@ -23,13 +21,9 @@ RL = gplfd_env.RL_ENVIRONMENT_ID
     [
         (POSE, {"door": {"radius": 0.4, "panel_mass": 8.0}, "grasp": "weld"}),
         (POSE, {"door": "small", "randomization": "hard", "reward": "sparse"}),
-        (POSE, {"randomization": {"longest_delay": 2}}),
         (IMPEDANCE, {"randomization": {"preset": "mild", "radius": [0.35, 0.6]}}),
         (RL, {"door": 0.42}),
-        *[
-            (POSE, {"disturbance": {"preset": name, "bump": {"left": [0.0, 0.01]}}})
-            for name in DISTURBANCES
-        ],
+        (POSE, {"disturbance": {"preset": "push", "bump": {"left": [0.0, 0.01]}}}),
     ],
 )
 def test_spec_survives_json_and_pickle(id, arguments, opened):
@@ -76,17 +70,3 @@ def test_a_fixed_base_gives_the_numbers_it_gave(id, opened):
         positions.append(env.unwrapped.data.qpos.copy())
     rounded = np.round(positions, 6) + 0.0  # No -0.0.
     assert hashlib.sha256(rounded.tobytes()).hexdigest()[:16] == FIRST[id]
-
-
-def test_async_vector_environments_step(make_env, opened):
-    """Copies in other processes give what a single environment gives."""
-    envs = opened(gym.make_vec(POSE, 2, vectorization_mode="async", door="small"))
-    env = make_env("small")
-    expected, _ = env.reset(seed=0)
-    batch, _ = envs.reset(seed=0)
-    command = handle_pose_on_arc(0.35, 0.05)
-    for _ in range(3):
-        for key, value in expected.items():
-            assert np.array_equal(batch[key], np.stack([value, value]))
-        batch, *_ = envs.step(np.stack([command, command]))
-        expected, *_ = env.step(command)

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.conventions.assets import asset_path
-from gplfd_env.doors.config import DOORS, DoorConfig, door_config
+from gplfd_env.doors.config import DoorConfig, door_config
 from gplfd_env.doors.variation import Placement
 from gplfd_env.robot.tiago import TIAGO_LIKE
-from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec, load_scene
+from gplfd_env.scene.build import GRASP_KEY, build_scene, build_spec
 from gplfd_env.scene.door import structure_of
 from gplfd_env.scene.visuals import CLOSER_ARM, CLOSER_PARTS, GROUP
 
@@ -142,16 +142,3 @@ def test_a_scene_without_its_looks_weighs_and_touches_the_same(door, base):
     if door in ("medium", "wardrobe"):
         # A door with a bar has no looks of its own, but those of its closer.
         assert looks(dressed) == (set() if door == "medium" else set(CLOSER_PARTS))
-
-
-def test_only_a_hydraulic_closer_is_seen():
-    """A lever's seal has tendons, too: the scene is the same, and loaded in place."""
-    lever, closed_by = DOORS["room-834"], DOORS["heavy-fire"]
-    model = build_scene(lever, robot=TIAGO_LIKE.on("mobile"))
-    data = mujoco.MjData(model)
-    arm = model.tendon(CLOSER_ARM).id
-    for door, seen in ((lever, 0.0), (closed_by, 1.0), (lever, 0.0)):
-        load_scene(model, data, door, robot=TIAGO_LIKE.on("mobile"))
-        assert [model.geom(part).rgba[3] for part in CLOSER_PARTS] == [seen, seen]
-        assert model.tendon_rgba[arm, 3] == seen
-        assert (model.tendon_width[arm] > 1e-3) == (seen > 0.0)

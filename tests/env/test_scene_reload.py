@@ -164,16 +164,6 @@ def test_a_scene_is_what_a_direct_compilation_gives(scene, control):
     assert loaded.body("door").mass == pytest.approx(door.panel_mass + 0.4, rel=1e-12)
 
 
-def test_an_unreachable_scene_leaves_the_model_unchanged():
-    model = build_scene(DoorConfig())
-    before = fields(model)
-    far = Placement(base_x=-0.05, base_y=-0.05, base_yaw=0.1, grasp_height=-0.05)
-    low = DoorConfig(handle_height=0.5)
-    with pytest.raises(ValueError, match="cannot hold the closed handle from where"):
-        load_scene(model, mujoco.MjData(model), low, placement=far)
-    assert_equal_bits(fields(model), before)
-
-
 HEAVY = {"preset": "heavy", "panel_mass": 30.0}
 LEVER = {
     "handle": "lever",

@@ -140,8 +140,6 @@ def test_steps_of_a_path_are_distances_of_neighbours(path, scale, weight):
 def test_eq17_weight_outside_the_unit_interval_is_refused(weight):
     with pytest.raises(ValueError, match=r"rotation_weight must lie in \[0, 1\]"):
         pose_distance(np.zeros(6), np.ones(6), weight)
-    with pytest.raises(ValueError, match=r"rotation_weight must lie in \[0, 1\]"):
-        pose_steps(np.zeros((3, 6)), weight)
 
 
 def test_relative_poses_match_homogeneous_matrices():
@@ -223,11 +221,9 @@ ONE = [1.0, 0, 0, 0]
     ("rotations", "of", "message"),
     [
         (np.ones((4, 3)), "wxyz", r"\(N, 4\), got \(4, 3\)"),
-        (ONE, "wxyz", r"\(N, 4\), got \(4,\)"),
         ([ONE, [np.nan, 0, 0, 1]], "wxyz", r"quaternions\[1\].*not finite"),
         ([ONE, [0.5, 0, 0, 0]], "wxyz", r"quaternions\[1\].*order='wxyz'"),
         ([ONE], "wzyx", r"'wxyz' .* or 'xyzw' .* got 'wzyx'"),
-        (np.zeros((2, 4)), "vectors", r"rotvecs must have shape \(N, 3\)"),
         ([[0.0, 0, 0], [0, np.inf, 0]], "vectors", r"rotvecs\[1\] .* is not finite"),
     ],
 )

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import re
 import subprocess
 import sys
@@ -11,16 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_env import DISTURBANCES, DOORS, ENVIRONMENT_IDS, RANDOMIZATIONS
+from gplfd_env import DOORS
 from gplfd_env.doors.config import DoorConfig
-from gplfd_env.robot.stance import base_for
-from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import named_doors
-from gplfd_experiments.recording import viewer
 from gplfd_experiments.workflows import runs
 from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 from gplfd_policies.registry.catalogue import POLICIES
@@ -135,69 +131,37 @@ def test_a_run_may_be_randomized_and_disturbed(gplfd, tmp_path):
     assert metrics["person_force_peak"] == small.person_force.max() > 10.0
 
 
-def test_view_starts_the_viewer_itself(gplfd, tmp_path, monkeypatch):
-    monkeypatch.setenv("DISPLAY", ":0")
-    started: list[list[str]] = []
-    monkeypatch.setattr(viewer.subprocess, "call", lambda c: started.append(c) or 0)
-    # A name that the viewer, given it alone, would take for an option.
-    (tmp_path / "--version.rrd").write_bytes(b"RRF2")
-    assert gplfd("view", "./--version.rrd") == 0
-    assert started == [[viewer.viewer(), str(tmp_path / "--version.rrd")]]
-
-
 # --- Bad input ---------------------------------------------------------------
 
 REFUSED = [
     ("run --policy oracel", "unknown policy 'oracel' (did you mean 'oracle'?)"),
     ("run --doors smal", "unknown door 'smal' (did you mean 'small'?)"),
-    ("run --doors 1.2", "DoorConfig.radius = 1.2 is outside [0.3, 1.05]"),
     ("run --doors 0.4 0.40", "door 0.4 is given twice"),
-    ("run --doors", "--doors needs at least one door"),
     ("run --doors far.json", "far.json holds no door: DoorConfig.radius"),
-    ("run --doors small.json", "small is the name of a door already"),
     ("run --seed -1", "--seed -1 must be 0 or more"),
-    ("run --demonstrations-per-door 0", "--demonstrations-per-door 0 must be 1"),
     ("run --out taken", "--out taken is a file; give a folder"),
-    ("run --out taken/below", "taken"),
-    ("run --randomization mid", "did you mean 'mild'"),
     ("run --disturbance absent", "unknown disturbance 'absent'; give one of"),
-    ("run --skill none.npz", "there is no file none.npz"),
     ("run --skill demos.npz", "demos.npz cannot be read as a gplfd skill"),
     ("run --skill demos.npz --policy kmp", "'kmp' does not learn a skill"),
     ("run --skill a --demonstrations b", "omit --demonstrations"),
-    ("run --skill a --demonstrated-forces", "omit it, or omit --skill"),
-    ("run --skill a --start approach", "--skill contains no reaching"),
     ("run --skill a --doors small oven", "are of two kinds (they differ in"),
-    ("run --looks tiago --robot panda-like", "--looks tiago is not for --robot"),
     ("run --video op.gif", "--video writes .mp4 files, got 'op.gif'"),
     ("learn demos.npz --out s --policy oracle", "choose one of"),
-    ("learn demos.npz --out folder", "--out folder is a folder; give a file"),
     ("learn a.csv --out s.npz", "gplfd demos import a.csv --out SET"),
-    ("learn folder --out s.npz", "there is no demonstrations.npz in folder"),
     ("correct none.npz --port 70000 --device mouse", "--port 70000 must be 0 to"),
     ("figures --only fig02 fig08", "no figure 'fig08'; figures: fig02, fig03, fig"),
     ("benchmark --policies table-1 gp", "gp is given twice in --policies"),
-    ("benchmark --policies", "--policies needs at least one value"),
-    ("benchmark --seeds 0", "--seeds 0 must be 1 or more"),
     ("benchmark --seeds 1000000000", "tasks; at most 100,000"),
-    ("benchmark --config smal", "--config smal: there is no such file"),
-    ("benchmark --config study.toml", "unknown policy 'kpm' (did you mean 'kmp'?)"),
     ("benchmark --engine serial --workers 2", "--workers 2 is for --engine loky"),
-    ("demos record --policy oracle --episodes 0", "--episodes 0 must be 1 or more"),
     ("demos record --policy oracle --out taken-v0", "taken-v0 exists and is no data"),
-    ("demos import none.csv --out s", "there is no file none.csv"),
-    ("demos import a.csv --out a.csv", "exists and is no set of demonstrations"),
     ("demos import a.csv --out s --frame 1,2,3", "must be numbers x,y,z,qw"),
     ("demos import a.csv --out s", "a.csv cannot be read as a table in a text file"),
     ("view nothing.rrd", "there is no file nothing.rrd; `gplfd run` writes"),
-    ("view folder", "folder is a folder; recordings in it: a.rrd"),
     ("view taken", "taken is neither a Rerun recording"),
     ("view folder/a.rrd", "rerun --serve-web --bind 127.0.0.1 folder/a.rrd"),
 ]
 FILES = {
     "far.json": '{"radius": 9.0}',
-    "small.json": '{"radius": 0.4}',
-    "study.toml": "policies = ['gp', 'kpm']",
     "a.csv": "x,y\n1,two\n",
     "taken": "hello",
     "taken-v0": "",
@@ -220,19 +184,11 @@ def test_bad_input_is_one_line_status_2_and_no_files(
     assert message in refused(*command.split())
 
 
-def test_a_folder_without_permission_is_an_error_before_any_work(
-    refused, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    assert refused("run", "--out", "new").startswith(f"{tmp_path}: is not writable")
-
-
 def test_debug_prints_the_traceback_of_an_error(gplfd, capsys):
-    for command in ("run --doors smal --debug", "--debug view nothing.rrd"):
-        assert gplfd(*command.split()) == 2
-        first, second, *_ = capsys.readouterr().err.splitlines()
-        assert first.startswith("gplfd: ")
-        assert second == "Traceback (most recent call last):"
+    assert gplfd("run", "--doors", "smal", "--debug") == 2
+    first, second, *_ = capsys.readouterr().err.splitlines()
+    assert first.startswith("gplfd: ")
+    assert second == "Traceback (most recent call last):"
 
 
 # --- Names and help ----------------------------------------------------------
@@ -253,20 +209,12 @@ def test_list_has_all_names_and_the_range_of_radii(gplfd, capsys):
     first, *rest = capsys.readouterr().out.splitlines()
     low, high, standing = re.findall(r"\d\.\d+", first)
     assert named_doors([low, high, standing]).keys() == {low, high, standing}
-    for beyond in (float(low) - 0.01, float(high) + 0.01):
-        with pytest.raises(ValueError, match="outside"):
-            named_doors([f"{beyond:g}"])
-    assert base_for(DoorConfig(radius=float(standing)), TIAGO_LIKE) == "fixed"
-    assert base_for(DoorConfig(radius=float(standing) + 0.01), TIAGO_LIKE) == "mobile"
     assert gplfd("list", "--json") == 0
     listed = json.loads(capsys.readouterr().out)
     assert {line.split()[0] for line in rest if line[:2] == "  "} == {
         name for section in listed.values() for name in section
     }
     assert set(listed["doors"]) == set(DOORS)
-    assert set(listed["environments"]) > set(ENVIRONMENT_IDS.values())
-    assert set(listed["randomizations"]) == set(RANDOMIZATIONS)
-    assert set(listed["disturbances"]) == set(DISTURBANCES)
     kinds = ("methods", "ablations", "references")
     assert {name for kind in kinds for name in listed[kind]} == set(POLICIES)
 
@@ -302,16 +250,3 @@ def test_help_loads_neither_simulator_nor_viewer():
         "sys.exit(f'loaded {heavy}' if heavy else 0)\n"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_numpy_has_one_thread_unless_the_user_says_otherwise():
-    code = (
-        "import os, gplfd_experiments.cli.main as cli\n"
-        "cli.main(['view', 'nothing.rrd'])\n"
-        "print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])\n"
-    )
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "3"}
-    environment.pop("OMP_NUM_THREADS", None)
-    command = [sys.executable, "-c", code]
-    printed = subprocess.check_output(command, env=environment, text=True)
-    assert printed.split()[-2:] == ["3", "1"]

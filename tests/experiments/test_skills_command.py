@@ -64,13 +64,6 @@ def test_the_command_after_learn_opens_the_doors_of_a_run_with_its_policy(capsys
     assert demonstrated_doors(Path("kinds/demonstrations-0.5.npz")) == ()
 
 
-def test_the_command_after_learn_names_no_doors_where_none_are_known(capsys):
-    assert cli.main(["learn", "demos.npz", "--quiet"]) == 0
-    assert next_command(capsys) == ["run", "--skill", "demos-skill.npz"]
-    Path("run.json").write_text('{"config": {"doors": ["oven"]}}')  # Of another run.
-    assert demonstrated_doors(Path("demos.npz")) == ()
-
-
 def test_a_kept_skill_opens_doors_as_one_that_was_just_learned(capsys):
     assert cli.main(["learn", "demos.npz", "--out", "new/skill.npz", "--quiet"]) == 0
     assert "gplfd run --skill new/skill.npz" in capsys.readouterr().out

