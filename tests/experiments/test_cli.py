@@ -128,7 +128,7 @@ def test_a_run_may_be_randomized_and_disturbed(gplfd, tmp_path):
     config = json.loads((tmp_path / "hard" / "run.json").read_text())["config"]
     assert config["randomization"] == "hard"
     metrics, _ = json.loads((tmp_path / "hard" / "metrics.json").read_text())
-    assert metrics["person_force_peak"] == small.person_force.max() > 10.0
+    assert metrics["person_force_peak"] == small.forces.person_force.max() > 10.0
 
 
 # --- Bad input ---------------------------------------------------------------

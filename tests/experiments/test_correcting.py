@@ -101,7 +101,7 @@ def test_one_correction_lets_a_skill_open_the_door_at_which_it_stalled(
     tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
-    door = DOORS["oven"].as_dict() | {"radius": 0.36, "closer": {"preload": 4.5}}
+    door = {"preset": "oven", "radius": 0.36, "closer": {"preload": 4.5}}
     Path("flap.json").write_text(json.dumps(door))
     shown = Teacher().standard_demonstrations(seed=0, like=DOORS["oven"])
     save_demonstrations("demos.npz", shown)

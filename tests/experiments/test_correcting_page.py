@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 import urllib.request
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -41,7 +40,7 @@ pytestmark = [
 GP = skill_method("gp")
 IDLE = np.zeros(9)
 PULL = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-STIFF = replace(DOORS["oven"], radius=0.36, closer={"preload": 4.5})
+STIFF = DOORS["oven"].replaced({"radius": 0.36, "closer": {"preload": 4.5}})
 TOP = View(
     position=np.array([0.8, 3.0, -0.1]),
     axes=np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]),

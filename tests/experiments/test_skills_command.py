@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gplfd_env.doors.config import door_config
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher
 from gplfd_experiments.workflows.skills import demonstrated_doors
@@ -43,7 +42,7 @@ def next_command(capsys) -> list[str]:
 @pytest.mark.filterwarnings("ignore:sensor noise")
 def test_the_command_after_learn_opens_the_doors_of_a_run_with_its_policy(capsys):
     """A bar's skill at the default doors would be no use to who has opened an oven."""
-    own = door_config("oven").as_dict() | {"closer": {"preload": 0.4}}
+    own = {"preset": "oven", "closer": {"preload": 0.4}}
     Path("doors").mkdir()
     Path("doors/mine.json").write_text(json.dumps(own))
     doors = ["0.50", "oven", "doors/mine.json"]
