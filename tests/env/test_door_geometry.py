@@ -5,7 +5,6 @@ import itertools
 import mujoco
 import numpy as np
 import pytest
-from gplfd_env.doors.rocker import ROCKERS
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
@@ -13,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import TURNING, DoorConfig
+from gplfd_env.doors.geometry import ROCKERS
 from gplfd_env.doors.variation import Placement, Variation
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.robot.tiago import TIAGO_LIKE
