@@ -47,43 +47,35 @@ TIME_LIMIT = 1500
 """Control periods after which an episode is truncated."""
 
 
-def _register(id: str, one: str, many: str) -> None:
-    try:
-        import gymnasium
-    except ModuleNotFoundError as error:
-        if error.name != "gymnasium":
-            raise
-        # Without Gymnasium nothing is registered; policies still use this package.
-        return
-    gymnasium.register(
-        id=id,
-        entry_point=f"gplfd_env.envs.{one}",
-        vector_entry_point=f"gplfd_env.envs.{many}",
-        max_episode_steps=TIME_LIMIT,
-    )
-
-
-_register(ENVIRONMENT_ID, "door_opening:DoorOpeningEnv", "vector:DoorOpeningVectorEnv")
-_register(
-    IMPEDANCE_ENVIRONMENT_ID,
-    "door_opening:DoorOpeningImpedanceEnv",
-    "vector:DoorOpeningImpedanceVectorEnv",
-)
-_register(
-    MOBILE_ENVIRONMENT_ID,
-    "door_opening:DoorOpeningMobileEnv",
-    "vector:DoorOpeningMobileVectorEnv",
-)
-_register(
-    GRIPPER_ENVIRONMENT_ID,
-    "door_opening:DoorOpeningGripperEnv",
-    "vector:DoorOpeningGripperVectorEnv",
-)
-_register(
-    RL_ENVIRONMENT_ID,
-    "reinforcement:door_opening_rl",
-    "reinforcement:door_opening_rl_vector",
-)
+try:
+    import gymnasium
+except ModuleNotFoundError as _error:
+    # Without Gymnasium nothing is registered; policies still use this package.
+    if _error.name != "gymnasium":
+        raise
+else:
+    for _id, _single, _vector in (
+        *(
+            (id, f"door_opening:{name}Env", f"vector:{name}VectorEnv")
+            for id, name in (
+                (ENVIRONMENT_ID, "DoorOpening"),
+                (IMPEDANCE_ENVIRONMENT_ID, "DoorOpeningImpedance"),
+                (MOBILE_ENVIRONMENT_ID, "DoorOpeningMobile"),
+                (GRIPPER_ENVIRONMENT_ID, "DoorOpeningGripper"),
+            )
+        ),
+        (
+            RL_ENVIRONMENT_ID,
+            "reinforcement:door_opening_rl",
+            "reinforcement:door_opening_rl_vector",
+        ),
+    ):
+        gymnasium.register(
+            id=_id,
+            entry_point=f"gplfd_env.envs.{_single}",
+            vector_entry_point=f"gplfd_env.envs.{_vector}",
+            max_episode_steps=TIME_LIMIT,
+        )
 
 __all__ = [
     "DISTURBANCES",

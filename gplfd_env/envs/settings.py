@@ -1,8 +1,8 @@
 """Settings of environments, and the sources from which episodes are drawn."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar, Final, TypeVar, get_args
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Any, ClassVar, Final, get_args
 
 import mujoco
 import numpy as np
@@ -11,12 +11,8 @@ from gymnasium.vector import AutoresetMode
 from gplfd_env.conventions.constants import Base, Mask, Start
 from gplfd_env.conventions.resets import checked_options, chosen_rows, each
 from gplfd_env.doors.config import DoorConfig, DoorSpec, door_config
-from gplfd_env.doors.disturbance import Disturbance, DisturbanceSpec, disturbance_named
-from gplfd_env.doors.randomization import (
-    DoorRandomization,
-    RandomizationSpec,
-    door_randomization,
-)
+from gplfd_env.doors.disturbance import DisturbanceSpec, disturbance_named
+from gplfd_env.doors.randomization import RandomizationSpec, door_randomization
 from gplfd_env.envs.camera import Camera, require_display
 from gplfd_env.robot.config import RobotConfig
 from gplfd_env.robot.model import Grasp, Hold
@@ -27,8 +23,6 @@ from gplfd_env.simulation.single import Robot
 from gplfd_env.task.draw import SampledEpisode, draw_episode
 from gplfd_env.task.episode import REWARDS, Reward
 from gplfd_env.validation.fields import Range, check_choice, checked_count
-
-Record = TypeVar("Record")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,38 +160,34 @@ class VectorSettings(Common):
         return np.inf if steps is None or steps == -1 else steps
 
 
-_MEANINGS: Final[Mapping[str, str]] = {
-    "door": "name, radius, mapping or DoorConfig",
-    "randomization": "name, mapping or DoorRandomization",
-    "disturbance": "name, mapping or Disturbance",
+_RESOLVERS: Final[Mapping[str, tuple[Callable[[Any], Any], str]]] = {
+    "door": (door_config, "name, radius, mapping or DoorConfig"),
+    "randomization": (door_randomization, "name, mapping or DoorRandomization"),
+    "disturbance": (disturbance_named, "name, mapping or Disturbance"),
 }
-"""Reset options and their allowed values."""
+"""What episodes are drawn from: functions that resolve it, and values for messages."""
 
 
+@dataclass(frozen=True, kw_only=True)
 class Sources:
     """A door, a randomization and a disturbance for each of n simulations.
 
-    `n` is None for a single environment, which does not accept sequences. Raises a
-    ValueError for a door that the robot with this base and start cannot reach, or a
-    randomization that does not suit the start.
+    Raises a ValueError for a door that the robot with this base and start cannot reach,
+    or a randomization that does not suit the start.
     """
 
-    def __init__(
-        self,
-        n: int | None,
-        robot: RobotConfig,
-        start: Start,
-        doors: list[DoorConfig],
-        randomizations: list[DoorRandomization],
-        disturbances: list[Disturbance],
-    ) -> None:
-        self._n, self._robot, self._start = n, robot, start
-        self.doors = doors
-        """The doors, before anything is drawn."""
-        self._randomizations, self._disturbances = randomizations, disturbances
+    n: int | None
+    """None for a single environment, which does not accept sequences."""
+    robot: RobotConfig
+    start: Start
+    values: Mapping[str, list[Any]]
+    """A value per simulation for each key of `_RESOLVERS`, before anything is drawn."""
+
+    def __post_init__(self) -> None:
+        doors, randomizations, disturbances = self.values.values()
         for door, randomization in set(zip(doors, randomizations, strict=True)):
-            randomization.check_start(start)
-            check_reach(randomization.outermost(door), robot, start)
+            randomization.check_start(self.start)
+            check_reach(randomization.outermost(door), self.robot, self.start)
         for door, disturbance in zip(doors, disturbances, strict=True):
             if not (disturbance.idle or door.motion in ABOUT_A_HINGE):
                 raise ValueError(
@@ -210,53 +200,41 @@ class Sources:
     def of(cls, settings: Settings | VectorSettings) -> "Sources":
         """Return the sources that the settings name, or raise a ValueError."""
         n = settings.num_envs if isinstance(settings, VectorSettings) else None
+        values = {
+            name: each(name, getattr(settings, name), n, resolve)
+            for name, (resolve, _) in _RESOLVERS.items()
+        }
         return cls(
-            n,
-            settings.robot_config,
-            settings.start,
-            each("door", settings.door, n, door_config),
-            each("randomization", settings.randomization, n, door_randomization),
-            each("disturbance", settings.disturbance, n, disturbance_named),
+            n=n, robot=settings.robot_config, start=settings.start, values=values
         )
+
+    @property
+    def doors(self) -> list[DoorConfig]:
+        """The doors, before anything is drawn."""
+        return self.values["door"]
 
     def changed(
         self, options: Mapping[str, Any] | None, *, begun: bool = True
     ) -> tuple["Sources", Mask]:
         """Return the sources after the options of a reset, and the reset's mask."""
-        allowed = dict(_MEANINGS)
-        if self._n is not None:
+        allowed = {name: meaning for name, (_, meaning) in _RESOLVERS.items()}
+        if self.n is not None:
             same = "as for the single environment, or a sequence of num_envs"
-            allowed = dict.fromkeys(_MEANINGS, same)
+            allowed = dict.fromkeys(_RESOLVERS, same)
             allowed["reset_mask"] = "an array of num_envs booleans"
         changes = checked_options(options, allowed)
-        rows = chosen_rows(changes.get("reset_mask"), len(self.doors), begun=begun)
-
-        def merged(
-            name: str, before: list[Record], resolve: Callable[[Any], Record]
-        ) -> list[Record]:
-            """Return the values of an option in the rows that are reset."""
-            if name not in changes:
-                return before
-            after = each(name, changes[name], self._n, resolve)
-            pairs = zip(rows, after, before, strict=True)
-            return [new if reset else old for reset, new, old in pairs]
-
-        sources = Sources(
-            self._n,
-            self._robot,
-            self._start,
-            merged("door", self.doors, door_config),
-            merged("randomization", self._randomizations, door_randomization),
-            merged("disturbance", self._disturbances, disturbance_named),
-        )
-        return sources, rows
+        mask = changes.pop("reset_mask", None)
+        rows = chosen_rows(mask, len(self.doors), begun=begun)
+        values = dict(self.values)
+        for name, value in changes.items():
+            after = each(name, value, self.n, _RESOLVERS[name][0])
+            pairs = zip(rows, after, values[name], strict=True)
+            values[name] = [new if reset else old for reset, new, old in pairs]
+        return replace(self, values=values), rows
 
     def draw(self, row: int, random: np.random.Generator) -> SampledEpisode:
         """Draw an episode of a simulation."""
-        return draw_episode(
-            self.doors[row],
-            self._randomizations[row],
-            self._disturbances[row],
-            random,
-            self._start,
+        door, randomization, disturbance = (
+            of_name[row] for of_name in self.values.values()
         )
+        return draw_episode(door, randomization, disturbance, random, self.start)

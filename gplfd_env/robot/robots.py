@@ -1,16 +1,14 @@
 """The robots of this project by name, and other ways to specify a robot."""
 
-import itertools
 import json
 import os
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, Final
 
-from gplfd_env.doors.config import HingeSide, Swing
-from gplfd_env.robot.config import HELD, RobotConfig, Stance, StanceGroup
-from gplfd_env.robot.tiago import TIAGO_LIKE, stance_of
+from gplfd_env.robot.config import RobotConfig
+from gplfd_env.robot.tiago import TIAGO_LIKE, stance_of, stances_of
 from gplfd_env.robot.urdf import robot_of_urdf
 from gplfd_env.validation.named import nearest_name
 
@@ -19,28 +17,7 @@ RobotSpec = str | os.PathLike[str] | RobotConfig
 `gplfd_env.robot.urdf.robot_of_urdf`, or a `RobotConfig`."""
 
 
-def _all_stances(
-    fixed: Mapping[tuple[Swing, bool], Stance], driving: tuple[Stance, Stance, Stance]
-) -> tuple[tuple[StanceGroup, Stance], ...]:
-    """Return the stances for all doors.
-
-    Args:
-        fixed: stances on a fixed stand, by swing and whether a bar is held.
-        driving: stances on a mobile base: at a bar with the hinge on the right, on the
-            left, and at other handles.
-    """
-    bar_right, bar_left, turned = driving
-    found = []
-    sides: tuple[HingeSide, ...] = ("right", "left")
-    for swing, held, side in itertools.product(get_args(Swing), HELD, sides):
-        bar = held == "bar"
-        stance = (bar_right if side == "right" else bar_left) if bar else turned
-        found.append((StanceGroup("mobile", swing, held, side), stance))
-        found.append((StanceGroup("fixed", swing, held, side), fixed[swing, bar]))
-    return tuple(found)
-
-
-_PANDA: Final = _all_stances(
+_PANDA: Final = stances_of(
     {
         ("pull", True): stance_of(
             (0.775, 0.170), 0.170, 0.356, 0, 0.346, 0.65,
@@ -76,7 +53,7 @@ _PANDA: Final = _all_stances(
 )  # fmt: skip
 """assets/README.md explains how these and the following were found."""
 
-_UR5E: Final = _all_stances(
+_UR5E: Final = stances_of(
     {
         ("pull", True): stance_of(
             (0.943, -0.216), -1.032, 0.744, 0, 0.431, 0.65,

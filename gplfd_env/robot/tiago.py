@@ -1,5 +1,6 @@
 """The TIAGo-like robot: its stances, and configuration that its URDF lacks."""
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -37,6 +38,27 @@ def stance_of(
         radius=radius,
         height=height,
     )
+
+
+def stances_of(
+    fixed: Mapping[tuple[Swing, bool], Stance], driving: tuple[Stance, Stance, Stance]
+) -> tuple[tuple[StanceGroup, Stance], ...]:
+    """Return the stances for all doors.
+
+    Args:
+        fixed: stances on a fixed base, by swing and whether a bar is held.
+        driving: stances on a mobile base: at a bar with the hinge on the right, on the
+            left, and at other handles.
+    """
+    bar_right, bar_left, turned = driving
+    stances = []
+    sides: tuple[HingeSide, ...] = ("right", "left")
+    for swing, held, side in itertools.product(get_args(Swing), HELD, sides):
+        bar = held == "bar"
+        stance = (bar_right if side == "right" else bar_left) if bar else turned
+        stances.append((StanceGroup("mobile", swing, held, side), stance))
+        stances.append((StanceGroup("fixed", swing, held, side), fixed[swing, bar]))
+    return tuple(stances)
 
 
 _RIGHT, _LEFT, _YAW = math.radians(26.05), math.radians(51.45), math.radians(25.4)
@@ -94,21 +116,10 @@ Farther from the hinge the base hits the leaf; on a lever the hand is nearer to 
 hinge."""
 
 
-def _stances() -> dict[StanceGroup, Stance]:
-    """Return the stances for all doors."""
-    stances: dict[StanceGroup, Stance] = {}
-    for swing in get_args(Swing):
-        for held in HELD:
-            bar = held == "bar"
-            mobile = _DRIVING if bar else _DRIVING_TURNED
-            sides: tuple[HingeSide, ...] = ("right", "left")
-            for side in sides:
-                stances[StanceGroup("fixed", swing, held, side)] = _FIXED[swing, bar]
-                stances[StanceGroup("mobile", swing, held, side)] = mobile
-    for handle, stance in _PUSHING_LEFT.items():
-        stances[StanceGroup("mobile", "push", handle, "left")] = stance
-    return stances
-
+_STANCES: Final = dict(stances_of(_FIXED, (_DRIVING, _DRIVING, _DRIVING_TURNED))) | {
+    StanceGroup("mobile", "push", handle, "left"): stance
+    for handle, stance in _PUSHING_LEFT.items()
+}
 
 TIAGO_LIKE: Final = RobotConfig(
     name="tiago-like",
@@ -147,5 +158,5 @@ TIAGO_LIKE: Final = RobotConfig(
         Capsule("forearm_body", "arm_5_link", (0, 0, 0, 0, 0, 0.15), 0.045),
         Capsule("palm_body", "gripper_link", (0, 0, 0.04, 0, 0, -0.06), 0.045),
     ),
-    stances=tuple(_stances().items()),
+    stances=tuple(_STANCES.items()),
 )

@@ -151,10 +151,7 @@ class Score:
 
 def _harm(info: Mapping[str, Any]) -> Any:
     """Return the greatest of the forces that are not needed to open [N]."""
-    radial, *others = (np.abs(info[name]) for name in _HARMFUL)
-    for other in others:
-        radial = np.maximum(radial, other)
-    return radial
+    return np.max(np.abs([info[name] for name in _HARMFUL]), axis=0)
 
 
 def _floats(values: Info) -> Info:

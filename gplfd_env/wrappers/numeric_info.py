@@ -1,7 +1,6 @@
 """Integer codes instead of strings in an info."""
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, Final
 
 import gymnasium as gym
@@ -49,22 +48,14 @@ class VectorNumericInfo(_Coded, gym.vector.VectorWrapper[Any, Any, Any, Any, Any
 def _coded(info: Mapping[str, Any]) -> Info:
     """Return an info with codes, also in its masks and in ``final_info``."""
     coded = dict(info)
-    for name, known in _CODES.items():
+    for name, texts in _CODES.items():
         if name in info:
-            code = np.vectorize(partial(_code, name, known), otypes=[np.int64])
-            codes = code(coded.pop(name))
+            # A simulation without a value in this info has None, or 0 from Gymnasium.
+            code = {None: 0, 0: 0, "": 0} | {text: n for n, text in enumerate(texts)}
+            codes = np.vectorize(code.__getitem__, otypes=[np.int64])(coded.pop(name))
             coded[f"{name}_code"] = codes if codes.ndim else int(codes)
         if f"_{name}" in info:
             coded[f"_{name}_code"] = coded.pop(f"_{name}")
     if "final_info" in info:
         coded["final_info"] = _coded(info["final_info"])
     return coded
-
-
-def _code(name: str, known: tuple[str, ...], said: Any) -> int:
-    # A simulation without a value in this info has None, or 0 from Gymnasium itself.
-    if not said:
-        return 0
-    if said not in known:
-        raise ValueError(f"{name} {said!r} has no code; known are {known}")
-    return known.index(said)

@@ -32,6 +32,12 @@ _OF_EACH: Final = {
 }
 """Attributes of single environments, and the matching attributes of the vector one."""
 
+_NONE_ALONE: Final = (
+    "the simulations are one environment: none has its own attributes to set or "
+    "methods to call. Give differing values to gym.make_vec or to set_options, or use "
+    "Stable-Baselines3's DummyVecEnv"
+)
+
 
 def make_sb3(
     num_envs: int = 1, id: str = RL_ENVIRONMENT_ID, **arguments: Any
@@ -137,24 +143,17 @@ class SB3VecEnv(VecEnv):
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Refuse: no single environments stand behind the simulations."""
-        raise self._none_alone(f"attribute {attr_name!r} to set")
+        raise AttributeError(_NONE_ALONE)
 
     def env_method(
         self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any
     ) -> list[Any]:
         """Refuse: no single environments stand behind the simulations."""
-        raise self._none_alone(f"method {method_name!r} to call")
+        raise AttributeError(_NONE_ALONE)
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """Return False for each: wrap this in `VecMonitor` and the like instead."""
         return [False for _ in self._get_indices(indices)]
-
-    def _none_alone(self, what: str) -> AttributeError:
-        return AttributeError(
-            f"the {self.num_envs} simulations are one environment: none has its own "
-            f"{what}. Give differing values to gym.make_vec or to set_options, or use "
-            "Stable-Baselines3's DummyVecEnv"
-        )
 
 
 def _each(infos: Info, n: int) -> list[Info]:
