@@ -132,7 +132,7 @@ def test_what_it_does_not_have_is_said():
     assert envs.env_is_wrapped(gym.Wrapper) == 3 * [False]
     with pytest.raises(AttributeError, match="none has its own attributes to set"):
         envs.set_attr("x", 1)
-    with pytest.raises(AttributeError, match=r"method 'reset' to call.*DummyVecEnv"):
+    with pytest.raises(AttributeError, match=r"methods to call.*DummyVecEnv"):
         envs.env_method("reset")
     with pytest.raises(
         ValueError, match=r'make the vector.*"SameStep", not.*NEXT_STEP'
