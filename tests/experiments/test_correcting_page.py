@@ -29,8 +29,8 @@ from gplfd_experiments.teaching.page import Session
 from gplfd_policies import Skill, load_skill
 from gplfd_policies.agents.agent import as_agent
 from gplfd_policies.control.steps import AgentStep
+from gplfd_policies.registry.catalogue import skill_method
 from gplfd_policies.registry.method import TrainingInput
-from gplfd_policies.registry.skill_files import skill_method
 
 pytestmark = [
     pytest.mark.slow,

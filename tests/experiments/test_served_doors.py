@@ -17,7 +17,7 @@ from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import episode_task, named_doors
 from gplfd_experiments.recording import viewer
 from gplfd_policies import TrainingInput
-from gplfd_policies.registry.skill_files import method_and_skill, skill_method
+from gplfd_policies.registry.catalogue import method_and_skill, skill_method
 from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
 from gplfd_policies.serving.journal import read_journal
 

@@ -27,7 +27,6 @@ from gplfd_experiments.workflows.dry_run import dry_run
 from gplfd_experiments.workflows.exports import export_skill
 from gplfd_policies import load_skill, policy_named
 from gplfd_policies.registry.method import TrainingInput
-from gplfd_policies.registry.open_loop import open_loop
 
 GP = policy_named("gp").method
 FRAME = "0.8,-0.1,1,0,0,0.7071067811865476,0.7071067811865476"
@@ -117,7 +116,7 @@ def test_replayed_open_loop_it_opens_a_door_as_the_agent_that_wrote_it(
     rows = iter(np.hstack([samples["position"], turns, samples["stiffness"]]))
     player = SimpleNamespace(control="impedance", act=lambda observation: next(rows))
     logs = []
-    for agent in (open_loop(GP, 0.01).follow(load_skill(skill_file)), player):
+    for agent in (GP.open_loop(0.01).follow(load_skill(skill_file)), player):
         env = gym.make(ENVIRONMENT_IDS["impedance"], door="large")
         logs.append(rollout(env, agent, policy="gp", door="large", seed=0))
         env.close()

@@ -146,26 +146,6 @@ def smooth_process():
     return ConditionedProcess(smooth_repetition(), TIMES)
 
 
-def test_sequential_updates_equal_batch_conditioning():
-    """200 updates off the grid against one dense solve on the kernel itself."""
-    process = smooth_process()
-    rng = np.random.default_rng(1)
-    phases = rng.uniform(0.0, 1.0, 200)
-    poses = np.sin(3.0 * phases)[:, None] + 0.05 * rng.normal(size=(200, 6))
-    for phase, pose in zip(phases, poses, strict=True):
-        process.update(process.at(phase), pose, np.full(6, 1e-4), np.zeros(6))
-    gram = SMOOTH(phases, phases) + 1e-4 * np.eye(200)
-    cross = SMOOTH(TIMES, phases)
-    mean = np.sin(3.0 * TIMES)[:, None] + cross @ np.linalg.solve(
-        gram, poses - np.sin(3.0 * phases)[:, None]
-    )
-    covariance = SMOOTH(TIMES, TIMES) - cross @ np.linalg.solve(gram, cross.T)
-    assert_allclose(process.mean, mean, atol=1e-12)
-    assert_allclose(process.variance()[:, 0], np.diag(covariance) + 1e-12, atol=1e-14)
-    full = process.distribution(np.ones(6), None).covariance
-    assert_allclose(full[3], covariance + 1e-12 * np.eye(60), atol=1e-14)
-
-
 def test_rates_are_the_slopes_of_mean_and_spread():
     fine = np.linspace(0.0, 1.0, 2001)
     process = ConditionedProcess(smooth_repetition(), fine)
@@ -190,25 +170,37 @@ def dense_conditioning(phases, poses, along, variance):
     cross = np.kron(six, SMOOTH(TIMES, phases))
     rest = (poses - np.sin(3.0 * phases)[:, None]).T.ravel()
     mean = (cross @ np.linalg.solve(gram, rest)).reshape(6, -1).T
-    prior = np.kron(six, SMOOTH(TIMES, TIMES))
-    variances = np.diag(prior - cross @ np.linalg.solve(gram, cross.T))
-    return np.sin(3.0 * TIMES)[:, None] + mean, variances.reshape(6, -1).T
+    covariance = np.kron(six, SMOOTH(TIMES, TIMES))
+    covariance -= cross @ np.linalg.solve(gram, cross.T)
+    blocks = covariance.reshape(6, len(TIMES), 6, -1)
+    return np.sin(3.0 * TIMES)[:, None] + mean, np.einsum("imin->imn", blocks)
 
 
-@pytest.mark.parametrize("repeated", [False, True])
-def test_shared_error_equals_dense_conditioning(repeated):
-    """40 via-points whose outputs share an error; or the same one over and over."""
-    rng = np.random.default_rng(2)
-    phases = np.full(40, 0.37) if repeated else rng.uniform(0.0, 1.0, 40)
+SHARED = np.array([0.05, -0.02, 0.0, 0.01, 0.03, -0.04])
+
+
+@pytest.mark.parametrize(
+    ("phases", "shared"),
+    [
+        (np.random.default_rng(1).uniform(0.0, 1.0, 200), 0.0 * SHARED),
+        (np.random.default_rng(2).uniform(0.0, 1.0, 40), SHARED),
+        (np.full(40, 0.37), SHARED),
+    ],
+    ids=["independent", "shared", "repeated"],
+)
+def test_shared_error_equals_dense_conditioning(phases, shared):
+    """Via-points off the grid whose outputs share an error; or one over and over."""
     # Once more through the same place is news of the pose, never of what is shared.
-    poses = np.sin(3.0 * phases)[:, None] + 0.05 * rng.normal(size=6)
-    along = np.tile([0.05, -0.02, 0.0, 0.01, 0.03, -0.04], (40, 1))
+    poses = np.sin(3.0 * phases)[:, None]
+    poses = poses + 0.05 * np.random.default_rng(3).normal(size=6)
     process = smooth_process()
-    for phase, pose, shared in zip(phases, poses, along, strict=True):
+    for phase, pose in zip(phases, poses, strict=True):
         process.update(process.at(phase), pose, np.full(6, 1e-4), shared)
-    mean, variance = dense_conditioning(phases, poses, along, 1e-4)
+    along = np.tile(shared, (len(phases), 1))
+    mean, covariance = dense_conditioning(phases, poses, along, 1e-4)
     assert_allclose(process.mean, mean, atol=1e-11)
-    assert_allclose(process.variance(), variance + 1e-12, atol=1e-13)
+    found = process.distribution(np.ones(6), None).covariance
+    assert_allclose(found, covariance + 1e-12 * np.eye(60), atol=1e-13)
 
 
 def test_shared_error_leaves_what_is_across_the_path_certain():

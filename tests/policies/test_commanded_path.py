@@ -11,7 +11,6 @@ from gplfd_policies import policy_named
 from gplfd_policies.agents.commanded_path import CommandedPath, commanded_path
 from gplfd_policies.control.rendering import ARM_DYNAMICS
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
-from gplfd_policies.registry.open_loop import open_loop
 
 H = 0.01
 GP = policy_named("gp").method
@@ -38,7 +37,7 @@ def path_of(stiffness, period=H):
 
 @pytest.fixture(scope="module")
 def agent(skill):
-    return open_loop(GP, H).follow(skill)
+    return GP.open_loop(H).follow(skill)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +57,7 @@ def test_the_agent_commands_the_same_whatever_the_hand_does(agent, commanded):
 
 @pytest.mark.parametrize("rate", [20.0, 100.0])
 def test_at_any_rate_it_is_the_path_of_the_skill_at_rest_at_both_ends(skill, rate):
-    commanded = commanded_path(open_loop(GP, 1.0 / rate).follow(skill))
+    commanded = commanded_path(GP.open_loop(1.0 / rate).follow(skill))
     np.testing.assert_allclose(np.diff(commanded.times), 1.0 / rate)
     # Sample n is where the path is at n + 1.
     phases = np.minimum((commanded.times + 1.0 / rate) / skill.duration, 1.0)
@@ -124,7 +123,7 @@ def test_in_another_frame_it_is_nowhere_stiffer_and_the_same_motion(turn):
 
 def test_what_six_numbers_cannot_express_is_refused():
     with pytest.raises(ValueError, match="stiffness along the path"):
-        open_loop(policy_named("stiffness-from-force").method, H)
+        policy_named("stiffness-from-force").method.open_loop(H)
     mass = np.array([4.0, 5.0, 4.0, 0.15, 0.15, 0.15])
     given = path_of(np.tile(DEFAULT_PROFILE.k_max, (2, 1)))
     uneven = replace(given, dynamics=replace(ARM_DYNAMICS, mass=mass))

@@ -13,6 +13,7 @@ from gplfd_experiments.data.teacher import ForceConfig, Teacher
 from gplfd_policies import POLICIES, AgentStep, batch_agents, make_agent
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.model_based.oracle import OracleAgent
+from gplfd_policies.arrays.rows import ALL_ROWS, rows_of
 from gplfd_policies.control.compliance import ComplianceConfig
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
@@ -213,3 +214,11 @@ def test_a_batch_needs_agents_that_differ():
     agent = OracleAgent()
     with pytest.raises(ValueError, match="given twice"):
         batch_agents([agent, agent])
+
+
+def test_a_mask_selects_rows():
+    assert rows_of(None, 3) == rows_of(np.ones(3, bool), 3) == ALL_ROWS
+    assert_array_equal(rows_of(np.array([True, False, True]), 3), [0, 2])
+    for wrong in (np.ones(3), np.ones(2, bool)):
+        with pytest.raises(ValueError, match=r"boolean of shape \(3,\)"):
+            rows_of(wrong, 3)

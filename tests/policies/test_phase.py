@@ -55,19 +55,6 @@ def turned(poses, yaw):
     return seen
 
 
-@pytest.mark.parametrize("radius", [0.30, 0.35, 0.42, 0.50, 0.60, 0.65])
-def test_phase_does_not_depend_on_the_radius(skill, radius):
-    angles = np.linspace(0.0, FINAL_ANGLE, 500)
-    phase, std, _ = follow(skill, arc(radius, angles))
-    error = np.abs(phase - true_phase(skill, angles))
-    # At the end the demonstrations hardly move: one degree is 5 % of the phase.
-    opened = (angles > np.radians(10.0)) & (angles < np.radians(62.0))
-    assert error[opened].max() < 0.06
-    # Early on, a short way on a small door is a shorter way on a large one: the
-    # estimate must know that it does not know.
-    assert np.mean(error < 3.0 * std + 0.02) > 0.95
-
-
 def test_clock_phase_is_the_command_s():
     clock, now = ClockPhase(), np.float64(0.37)
     seen = clock.update(np.full(6, 9.0), NOWHERE, now)

@@ -15,7 +15,7 @@ from gplfd_experiments.teaching.page import Session, serve
 from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.skill import Skill
-from gplfd_policies.registry.skill_files import method_and_skill
+from gplfd_policies.registry.catalogue import method_and_skill
 
 Row = dict[str, str]
 

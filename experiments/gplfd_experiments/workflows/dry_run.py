@@ -20,8 +20,7 @@ from gplfd_experiments.episodes.task import named_doors
 from gplfd_policies.agents.commanded_path import commanded_path
 from gplfd_policies.arrays.shapes import Pose
 from gplfd_policies.arrays.storage import complete_or_absent
-from gplfd_policies.registry.open_loop import open_loop
-from gplfd_policies.registry.skill_files import method_and_skill
+from gplfd_policies.registry.catalogue import method_and_skill
 
 _APART: Final = 10  # Number of samples between two poses that are checked for reach.
 _POSTURES: Final = 6  # Of the arm in the picture.
@@ -90,7 +89,7 @@ def dry_run(
     [(name, config)] = named_doors([door], robot=robot).items()
     body = robot_named(robot)
     method, learned = method_and_skill(policy, skill)
-    path = commanded_path(open_loop(method, CONTROL_PERIOD).follow(learned))
+    path = commanded_path(method.open_loop(CONTROL_PERIOD).follow(learned))
     if task is None:
         body = body.on(base_for(config, body))
     else:

@@ -15,8 +15,7 @@ from gplfd_experiments.files.folders import check_replaceable
 from gplfd_experiments.files.provenance import content_hash, provenance
 from gplfd_policies.agents.commanded_path import CommandedPath, commanded_path
 from gplfd_policies.arrays.shapes import Float, Pose
-from gplfd_policies.registry.open_loop import open_loop
-from gplfd_policies.registry.skill_files import method_and_skill
+from gplfd_policies.registry.catalogue import method_and_skill
 
 _AXES: Final = {
     "task": "origin at the closed handle, x pulls, y up, z = x cross y; orientations "
@@ -77,7 +76,7 @@ def export_skill(
     if frame is not None and tool is None:
         LOG.warning("warning: without --tool its axes are those of the task frame")
     method, learned = method_and_skill(policy, skill)
-    path = commanded_path(open_loop(method, 1.0 / rate).follow(learned))
+    path = commanded_path(method.open_loop(1.0 / rate).follow(learned))
     name, aligned = "task", learned.aligned
     if frame is not None:
         path, name = path.seen_from(*base_frame(frame, tool)), "base"

@@ -56,9 +56,8 @@ from gplfd_policies.demonstrations.npz import (
     load_demonstrations,
     save_demonstrations,
 )
-from gplfd_policies.registry.catalogue import policy_named
+from gplfd_policies.registry.catalogue import method_and_skill, policy_named
 from gplfd_policies.registry.policy import Policy
-from gplfd_policies.registry.skill_files import method_and_skill
 
 CONFIGURATION: Final = "run.json"
 METRICS: Final = "metrics.json"

@@ -22,9 +22,8 @@ from gplfd_experiments.teaching.taught import read_taught
 from gplfd_experiments.workflows.runs import CONFIGURATION
 from gplfd_policies.demonstrations.npz import demonstrations_file, load_demonstrations
 from gplfd_policies.movements.skill import Skill
-from gplfd_policies.registry.catalogue import policy_named
+from gplfd_policies.registry.catalogue import policy_named, skill_method
 from gplfd_policies.registry.method import TrainingInput
-from gplfd_policies.registry.skill_files import skill_method
 
 RECORDING: Final = "skill.rrd"
 """Recording of the learned movement, in a folder of `judge`."""

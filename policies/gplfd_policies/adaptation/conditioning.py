@@ -13,8 +13,7 @@ the curves,
     z ← z + B L⁻¹ (y − m − H z),  C ← C − B Bᵀ,
 
 This is exact for any ρ (``test_shared_error_equals_dense_conditioning``); the grid of
-the reported distribution has no influence. If ρ = 0 the outputs stay independent
-(``test_sequential_updates_equal_batch_conditioning``).
+the reported distribution has no influence. If ρ = 0 the outputs stay independent.
 """
 
 from dataclasses import dataclass
@@ -207,9 +206,9 @@ class ConditionedProcess:
         expected = here.mean + design @ self._state
         innovation = np.where(observed, pose - expected, 0.0)
         gain = self._covariance @ design.T
-        error, own = observed * along, np.maximum(noise_variance, self._floor)
+        error, variance = observed * along, np.maximum(noise_variance, self._floor)
         covariance = design @ gain + np.multiply.outer(error, error)
-        covariance[_DIAGONAL] += np.where(observed, own, 1.0)
+        covariance[_DIAGONAL] += np.where(observed, variance, 1.0)
         root = np.linalg.cholesky(covariance)
         inverse_root, _ = scipy.linalg.lapack.dtrtri(root, lower=1)
         half = gain @ inverse_root.T

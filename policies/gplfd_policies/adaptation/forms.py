@@ -100,7 +100,7 @@ def adapt(
         ValueError: if the movement cannot adapt, or not in this form.
     """
     several = tuple(via_points) if isinstance(via_points, Iterable) else (None,)
-    if not all(isinstance(one, ViaPoint) for one in several):
+    if not all(isinstance(point, ViaPoint) for point in several):
         raise TypeError(
             "via_points must be a sequence of gplfd_policies.ViaPoint, got "
             f"{textwrap.shorten(repr(via_points), 80, placeholder=' ...')}; put a "
@@ -133,7 +133,7 @@ def adapt(
         else:
             form = OwnAdaptation
     # The scale of σ depends on the innovation of each via-point given the earlier ones.
-    ordered = sorted(several, key=lambda one: (one.phase, tuple(one.pose)))
+    ordered = sorted(several, key=lambda point: (point.phase, tuple(point.pose)))
     return AdaptedMovement(
         movement=movement,
         via_points=tuple(ordered),

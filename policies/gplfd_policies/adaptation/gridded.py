@@ -65,17 +65,17 @@ class GriddedMovement:
 
     def trajectory(self) -> GaussianTrajectory:
         """Return the current distribution over the whole task."""
-        known = self.distribution.trajectory()
+        adapted = self.distribution.trajectory()
         drift = self.drift
         if not drift.any():
-            return known
-        std = np.hypot(known.std, drift)
+            return adapted
+        std = np.hypot(adapted.std, drift)
         growth = (drift > 0.0) * self.learned.aligned.drift
         return replace(
-            known,
+            adapted,
             std=std,
-            std_rate=(known.std * known.std_rate + drift * growth) / std,
-            covariance_function=partial(_drifting, known, drift),
+            std_rate=(adapted.std * adapted.std_rate + drift * growth) / std,
+            covariance_function=partial(_drifting, adapted, drift),
         )
 
     @property
@@ -87,9 +87,9 @@ class GriddedMovement:
         return np.asarray(unseen[:, None] * aligned.drift)
 
 
-def _drifting(known: GaussianTrajectory, drift: Outputs) -> Covariances:
+def _drifting(adapted: GaussianTrajectory, drift: Outputs) -> Covariances:
     """Return the covariance with a drift, which is one error at all phases."""
-    return np.asarray(known.covariance + np.einsum("mi,ni->imn", drift, drift))
+    return np.asarray(adapted.covariance + np.einsum("mi,ni->imn", drift, drift))
 
 
 class GriddedMovements:
@@ -101,8 +101,8 @@ class GriddedMovements:
 
     def __init__(self, movements: GriddedMovement | Sequence[GriddedMovement]) -> None:
         alone = isinstance(movements, GriddedMovement)
-        each = (movements,) if isinstance(movements, GriddedMovement) else movements
-        self._movements = tuple(each)
+        several = (movements,) if isinstance(movements, GriddedMovement) else movements
+        self._movements = tuple(several)
         self._n_grid, count = self._movements[0].n_grid, len(self._movements)
         shape = () if alone else (count,)
         durations = [movement.learned.duration for movement in self._movements]
@@ -116,7 +116,9 @@ class GriddedMovements:
 
     def demonstrated(self) -> list[Float[np.ndarray, "K M 6"]]:
         """Return the poses from which each movement was learned."""
-        return [each.learned.aligned.demonstrated.poses for each in self._movements]
+        return [
+            movement.learned.aligned.demonstrated.poses for movement in self._movements
+        ]
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget the via-points of these rows."""
@@ -149,9 +151,9 @@ class GriddedMovements:
         left = position.astype(np.int64)
         share = np.asarray(position - left)[..., None]
         row, table = self._first_row[rows] + left, self._table
-        found: np.ndarray = (1.0 - share) * table.take(row, 0)
-        found += share * table.take(row + 1, 0)
-        return found
+        values: np.ndarray = (1.0 - share) * table.take(row, 0)
+        values += share * table.take(row + 1, 0)
+        return values
 
     def at_member(self, member: int, phase: float) -> tuple[Pose, Pose]:
         """Return mean and standard deviation of one member at a phase, each (6,)."""

@@ -202,8 +202,8 @@ class ForceAdaptation(MixedProcesses):
         square = np.mean(skill.aligned.poses.reshape(-1, 2, 3) ** 2, axis=0)
         variance = np.repeat(_OWN_SHARE**2 * square.sum(axis=-1), 3)
         priors = (
-            demonstrated_repetition(skill, grid, own_variance=own)
-            for own in (None, (variance, 0.0 * variance), (0.5 * variance,) * 2)
+            demonstrated_repetition(skill, grid, own_variance=variances)
+            for variances in (None, (variance, 0.0 * variance), (0.5 * variance,) * 2)
         )
         free = float(skill.count - 1)
         parts = [StudentProcess(prior, free, grid) for prior in priors]
@@ -301,7 +301,7 @@ def demonstrated_repetition(
         stretch = np.sqrt(total * (1.0 - share) / np.diag(smooth))
         covariance[output] = stretch[:, None] * smooth * stretch
     if own_variance is not None:
-        constant, smooth = (each[:, None, None] for each in own_variance)
+        constant, smooth = (part[:, None, None] for part in own_variance)
         apart = (nodes[:, None] - nodes) / _OWN_SCALE
         covariance += constant + smooth * np.exp(-0.5 * apart**2)
     root = basis.root_weights[:, None]
@@ -318,7 +318,7 @@ def _mixed(
 ) -> np.ndarray:
     # No BLAS product: its order of summation depends on the processor.
     return np.asarray(
-        sum(share * each for share, each in zip(shares, values, strict=True))
+        sum(share * value for share, value in zip(shares, values, strict=True))
     )
 
 

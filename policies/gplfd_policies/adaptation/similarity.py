@@ -163,10 +163,12 @@ class SimilarityAdaptation:
         state, left = self._state, self._covariance
         deviation = constant * state[0] + smooth * (a * state[1] + b * state[2])
         self._mean[:, _OTHERS] = self._expected + self._spread * deviation
-        own = 1.0 - a * a - (rate * b) ** 2 + a * a * left[1, 1]
-        own = own + 2.0 * a * b * left[1, 2] + b * b * left[2, 2]
+        smooth_noise = 1.0 - a * a - (rate * b) ** 2 + a * a * left[1, 1]
+        smooth_noise = smooth_noise + 2.0 * a * b * left[1, 2] + b * b * left[2, 2]
         both = a * left[0, 1] + b * left[0, 2]
-        share = _CONSTANT * left[0, 0] + smooth * (2.0 * constant * both + smooth * own)
+        share = _CONSTANT * left[0, 0] + smooth * (
+            2.0 * constant * both + smooth * smooth_noise
+        )
         variance[:, _OTHERS] = self._spread**2 * np.maximum(share, 0.0)
         self._std = np.sqrt(variance)
 

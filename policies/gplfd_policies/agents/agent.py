@@ -61,13 +61,13 @@ def as_agent(candidate: object) -> Agent:
     """
     if isinstance(candidate, CompliantAgent | CheckedAgent):
         return candidate
-    given = f"an object of {type(candidate)}"
+    what = f"an object of {type(candidate)}"
     if isinstance(candidate, type):
-        given = f"{candidate} itself, not an object of it,"
+        what = f"{candidate} itself, not an object of it,"
     elif callable(getattr(candidate, "act", None)):
         return CheckedAgent(candidate)
     raise ValueError(
-        f"{given} is not an agent: an agent is an object with a method "
+        f"{what} is not an agent: an agent is an object with a method "
         "act(observation) that returns the commanded pose, six numbers [m, rad]"
     )
 
@@ -100,11 +100,11 @@ class CheckedAgent:
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
         self._step += 1
-        given = self._candidate.act(observation)
+        answer = self._candidate.act(observation)
         try:
-            numbers = np.array(given, dtype=np.float64)
+            numbers = np.array(answer, dtype=np.float64)
         except (TypeError, ValueError):
-            step = given
+            step = answer
         else:
             step = None
             if self.control == "pose" and numbers.shape == (6,):
@@ -119,7 +119,7 @@ class CheckedAgent:
             return step
         raise ValueError(
             f"{type(self._candidate).__name__}.act returned "
-            f"{textwrap.shorten(repr(given), 100, placeholder=' ...')} at step "
+            f"{textwrap.shorten(repr(answer), 100, placeholder=' ...')} at step "
             f"{self._step} of an episode; it must return {_WANTED[self.control]}"
         )
 

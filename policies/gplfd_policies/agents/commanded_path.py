@@ -107,8 +107,8 @@ class CommandedPath:
 def commanded_path(agent: CompliantAgent) -> CommandedPath:
     """Compute the commands of an agent for a hand that follows without force.
 
-    The agent must come from `gplfd_policies.registry.open_loop`, whose commands do not
-    depend on the hand. The samples are one control period apart.
+    The agent must be one of `gplfd_policies.registry.method.Method.open_loop`, whose
+    commands do not depend on the hand. The samples are one control period apart.
     """
     agent.reset({})
     hand, free = agent.forecast().mean[0], np.zeros(6)

@@ -150,7 +150,7 @@ def _shared(agent: CompliantAgent) -> tuple[object, ...]:
         if isinstance(part, StiffnessProfile):
             return part.k_max.tobytes(), part.k_min.tobytes()
         if isinstance(part, VirtualDynamics | PhaseStiffness):
-            return [np.ravel(each).tobytes() for each in _values(part)]
+            return [np.ravel(value).tobytes() for value in _values(part)]
         return part
 
     return (
@@ -165,4 +165,4 @@ def _shared(agent: CompliantAgent) -> tuple[object, ...]:
 
 
 def _values(record: Any) -> list[Any]:
-    return [getattr(record, one.name) for one in dataclasses.fields(record)]
+    return [getattr(record, field.name) for field in dataclasses.fields(record)]

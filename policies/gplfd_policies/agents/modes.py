@@ -187,9 +187,9 @@ class ModesAgent:
         self._loads = np.where(came, 0.0, borne)
         self._errors = np.maximum(self._errors, errors[modes, nearest])
         turned = [
-            one.handle is not None
-            and one.handle.turned(pose.tolist()) >= _TURNED * one.handle.travel
-            for one in self.agents
+            agent.handle is not None
+            and agent.handle.turned(pose.tolist()) >= _TURNED * agent.handle.travel
+            for agent in self.agents
         ]
         scales = np.where(turned, config.turned_load_scale, config.load_scale)
         self._log_weights = self._prior - 0.5 * (

@@ -70,18 +70,18 @@ def join_at_grasp(reach: Demonstration, opening: Demonstration) -> Demonstration
     )
 
 
-def openings(given: LabelledDemonstrations) -> Sequence[Demonstration]:
+def openings(recorded: LabelledDemonstrations) -> Sequence[Demonstration]:
     """Return the part of each demonstration in which the hand holds the handle."""
-    return [opening for _, opening in _parts(given)] or given.demonstrations
+    return [opening for _, opening in _parts(recorded)] or recorded.demonstrations
 
 
-def reaches(given: LabelledDemonstrations) -> Sequence[Demonstration]:
+def reaches(recorded: LabelledDemonstrations) -> Sequence[Demonstration]:
     """Return the part of each demonstration before the hand holds the handle.
 
     Raises:
         ValueError: The demonstrations do not record when the hand takes hold.
     """
-    parts = _parts(given)
+    parts = _parts(recorded)
     if not parts:
         raise ValueError(
             f"these demonstrations do not record when the hand takes hold (signal "
@@ -92,14 +92,18 @@ def reaches(given: LabelledDemonstrations) -> Sequence[Demonstration]:
 
 
 def _parts(
-    given: LabelledDemonstrations,
+    recorded: LabelledDemonstrations,
 ) -> list[tuple[Demonstration, Demonstration]]:
     """Return reach and opening of each demonstration; empty without the signal."""
-    if not given.signals or any(GRASPED not in one for one in given.signals):
+    if not recorded.signals or any(
+        GRASPED not in signals for signals in recorded.signals
+    ):
         return []
     return [
-        split_at_grasp(one, signals[GRASPED][:, 0] > 0.5)
-        for one, signals in zip(given.demonstrations, given.signals, strict=True)
+        split_at_grasp(demonstration, signals[GRASPED][:, 0] > 0.5)
+        for demonstration, signals in zip(
+            recorded.demonstrations, recorded.signals, strict=True
+        )
     ]
 
 

@@ -59,11 +59,11 @@ class Admittance:
         mass, before = self._dynamics.mass, self._displacement[rows]
         held, speed, force = before, self._velocity[rows], wrench
         if frame is not None:
-            given = np.empty((*before.shape, 3))
-            given[..., 0], given[..., 1], given[..., 2] = held, speed, force
+            states = np.empty((*before.shape, 3))
+            states[..., 0], states[..., 1], states[..., 2] = held, speed, force
             into = frame.swapaxes(-1, -2)
-            given[..., :3, :] = product(into, given[..., :3, :])
-            held, speed, force = given[..., 0], given[..., 1], given[..., 2]
+            states[..., :3, :] = product(into, states[..., :3, :])
+            held, speed, force = states[..., 0], states[..., 1], states[..., 2]
         damping = self._dynamics.damping(stiffness)
         impulse = dt * (force - stiffness * held)
         inertia = mass + dt * (damping + dt * stiffness)

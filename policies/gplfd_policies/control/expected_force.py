@@ -37,10 +37,10 @@ class ExpectedForce:
         self, directions: Float[np.ndarray, "... 3 D"]
     ) -> tuple[Float[np.ndarray, "... D"], Float[np.ndarray, "... D"]]:
         """Return mean and σ [N] along unit vectors, given as columns."""
-        own = product(self.axes.swapaxes(-1, -2), directions)
-        spread = own * self.std[..., None]
+        along = product(self.axes.swapaxes(-1, -2), directions)
+        spread = along * self.std[..., None]
         variance = np.add.reduce(spread * spread, axis=-2)
-        return np.add.reduce(own * self.mean[..., None], axis=-2), np.sqrt(variance)
+        return np.add.reduce(along * self.mean[..., None], axis=-2), np.sqrt(variance)
 
 
 class ForceForecast:
@@ -100,8 +100,8 @@ class ForceForecast:
         """Add measured wrenches on the hands, task frame [N, N m]."""
         apart = np.stack([wrenches[..., :3], wrenches[..., 3:]], axis=-1)
         # Wrench of the hand on what it holds, in the axes of the hand.
-        own = product(axes.swapaxes(-1, -2), -apart).swapaxes(-1, -2)
-        self._sum[rows] += own.reshape(wrenches.shape)
+        forces = product(axes.swapaxes(-1, -2), -apart).swapaxes(-1, -2)
+        self._sum[rows] += forces.reshape(wrenches.shape)
         self._count[rows] += 1.0
 
     def learn(

@@ -45,10 +45,10 @@ def directional_std(frame: Frames, std: Axes, level: PerRow | float = 0.0) -> Ax
     σ_d² = Σ_i T_id² σ_i² + 2 T_xd T_zd σ_xz with the covariance σ_xz of x and z [m²];
     other positions are independent.
     """
-    found = np.array(std)
+    turned = np.array(std)
     variance = (std[..., :3] * std[..., :3])[..., None]
     along = product((frame * frame).swapaxes(-1, -2), variance)[..., 0]
     both = frame[..., 0, :] * frame[..., 2, :]
     along += 2.0 * both * np.asarray(level)[..., None]
-    found[..., :3] = np.sqrt(np.maximum(along, 0.0))
-    return found
+    turned[..., :3] = np.sqrt(np.maximum(along, 0.0))
+    return turned

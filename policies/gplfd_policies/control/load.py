@@ -216,14 +216,16 @@ class LoadLearner:
         bound: PerRow = np.minimum(expected, reserve)
         if contact.expected is not None and contact.expected_ahead is not None:
             here, ahead = (
-                _upper(one, direction, rule.interval)
-                for one in (contact.expected, contact.expected_ahead)
+                _upper(force, direction, rule.interval)
+                for force in (contact.expected, contact.expected_ahead)
             )
             # Before the door moves, the phase at which it resists is uncertain.
-            shown = here + (1.0 - known) * np.maximum(ahead - here, 0.0)
+            demonstrated = here + (1.0 - known) * np.maximum(ahead - here, 0.0)
             largest = rule.shown_share * np.asarray(contact.expected.largest)
-            shown = np.minimum(shown, np.minimum(largest, gain * rule.shown_limit))
-            bound = np.maximum(bound, shown)
+            demonstrated = np.minimum(
+                demonstrated, np.minimum(largest, gain * rule.shown_limit)
+            )
+            bound = np.maximum(bound, demonstrated)
         compensated = np.asarray(np.minimum(resistance, bound))
 
         # Pace: from the lag, and from the lag that the force will cause at a known

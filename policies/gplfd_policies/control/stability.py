@@ -173,8 +173,8 @@ class StiffnessGovernor:
         sound = self._least + diagonal * share
         # Inverse of φ: the smaller of the inverses of its two branches.
         root = np.sqrt(sound + self._half * self._half) - self._half
-        found = np.minimum(sound - self._floor, root * root)
-        return np.asarray(np.maximum(found, self._k_min[:3]))
+        safe = np.minimum(sound - self._floor, root * root)
+        return np.asarray(np.maximum(safe, self._k_min[:3]))
 
     def _weighed(self, stiffness: Vectors) -> Vectors:
         """Return φ(k) = k + γd(k)."""

@@ -38,19 +38,19 @@ def measured(observation: Observation) -> tuple[Pose, Pose]:
 
 
 def _six(observation: Observation, name: str) -> Pose:
-    given: object = observation
+    value: object = observation
     wanted = f"an observation must be a mapping with {name!r},"
     try:
-        given = observation[name]
+        value = observation[name]
         wanted = f"observation[{name!r}] must be"
-        numbers = np.asarray(given, dtype=np.float64)
+        numbers = np.asarray(value, dtype=np.float64)
         if numbers.shape == (6,) and all(map(math.isfinite, numbers.tolist())):
             return numbers
     except (KeyError, IndexError, TypeError, ValueError):
         pass
     raise ValueError(
         f"{wanted} six finite numbers {_UNITS[name]}, got "
-        f"{textwrap.shorten(repr(given), 100, placeholder=' ...')}"
+        f"{textwrap.shorten(repr(value), 100, placeholder=' ...')}"
     )
 
 
@@ -140,8 +140,8 @@ class AgentStep:
             array: np.ndarray = np.array(getattr(self, name), dtype=dtype)
             expected = leading + shape
             if array.shape != expected:
-                own = shape if name == "frame" else ()
-                if array.shape != own or name == "action":
+                single = shape if name == "frame" else ()
+                if array.shape != single or name == "action":
                     raise ValueError(
                         f"AgentStep.{name} must have shape {expected}, got "
                         f"{array.shape}"
@@ -190,8 +190,8 @@ class AgentStep:
 
 STEP_SHAPES: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
     {
-        each.name: {"Poses": (6,), "Vectors": (3,)}.get(str(each.type), ())
-        for each in dataclasses.fields(AgentStep)
+        entry.name: {"Poses": (6,), "Vectors": (3,)}.get(str(entry.type), ())
+        for entry in dataclasses.fields(AgentStep)
     }
     | {"frame": (3, 3)}
 )

@@ -49,8 +49,8 @@ class StiffnessProfile:
                 f"alpha={self.alpha}, beta={self.beta}; for a constant stiffness set "
                 "k_min = k_max"
             )
-        each = (self.k_max, self.k_min, 1.0 / self.alpha, self.beta)
-        laws = np.stack(np.broadcast_arrays(*each), axis=-1)
+        parts = (self.k_max, self.k_min, 1.0 / self.alpha, self.beta)
+        laws = np.stack(np.broadcast_arrays(*parts), axis=-1)
         object.__setattr__(self, "_laws", read_only(laws))
 
     @classmethod
@@ -75,13 +75,17 @@ class StiffnessProfile:
         axes.
         """
         # One profile may be used for all rows.
-        own = rows if self.alpha.ndim > 1 else ALL_ROWS
+        profile_rows = rows if self.alpha.ndim > 1 else ALL_ROWS
         if frame is None:
-            k_max, k_min, argument = self.k_max, self.k_min, self._argument(std, own)
+            k_max, k_min, argument = (
+                self.k_max,
+                self.k_min,
+                self._argument(std, profile_rows),
+            )
         else:
             law = np.empty((*std.shape, 4))
             weights = (frame * frame).swapaxes(-1, -2)
-            laws = self._laws[own]
+            laws = self._laws[profile_rows]
             law[..., :3, :] = product(weights, laws[..., :3, :])
             law[..., 3:, :] = laws[..., 3:, :]
             k_max, k_min = law[..., 0], law[..., 1]
@@ -159,10 +163,10 @@ def _axes(
     """Return a read-only float64 copy; raise if shape or numbers are invalid."""
     array = read_only(np.asarray(values))
     if array.shape != shape or not np.isfinite(array).all():
-        each = "" if shape == (6,) else f" in each of {shape[0]} rows"
+        where = "" if shape == (6,) else f" in each of {shape[0]} rows"
         raise ValueError(
-            f"{name} must be six finite numbers, x y z and rotations about them{each}, "
-            f"got {values!r}"
+            f"{name} must be six finite numbers, x y z and rotations about "
+            f"them{where}, got {values!r}"
         )
     return array
 

@@ -263,12 +263,12 @@ class PathPhase:
         else:
             near = self._features.take(column[:, None] + self._stretch, axis=1)
         costs = [
-            each.reshape(len(numbers), -1)
-            for each in self._cost(near, features, similar)
+            values.reshape(len(numbers), -1)
+            for values in self._cost(near, features, similar)
         ]
 
         # Search the whole task if no phase near the last one fits.
-        found, sizes = [], []
+        estimates, sizes = [], []
         for index, (number, cost, error, near_by, (first, size)) in enumerate(
             zip(numbers, *costs, windows, strict=True)
         ):
@@ -276,15 +276,15 @@ class PathPhase:
             if best[2] > self._config.lost_misfit:
                 begin = number * width + edge
                 whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
-                own = features.reshape(7, -1)[:, index]
+                pose_features = features.reshape(7, -1)[:, index]
                 alone = similarities[index]
-                everywhere, errors, others = self._cost(whole, own, alone)
+                everywhere, errors, others = self._cost(whole, pose_features, alone)
                 anywhere = self._nearest(everywhere, errors, -1)
                 if anywhere[2] < self._config.clearer_share * best[2]:
                     best, weights = anywhere, others
-            found.append(best)
+            estimates.append(best)
             sizes.append(self._similarities[number].posterior.reweighted(weights))
-        phases, stds, misfits = np.array(found).T.reshape(3, *previous.shape)
+        phases, stds, misfits = np.array(estimates).T.reshape(3, *previous.shape)
         return PhaseEstimate(phases, stds, misfits, tuple(sizes))
 
     def rate(self, phases: PerRow, rows: Rows = ALL_ROWS) -> Axes:
@@ -330,10 +330,10 @@ class PathPhase:
         and the weights max_s w_c exp(-d²(s, c)/2) of the sizes, up to a factor: the fit
         of a size at its best phase, not the number of grid points where it fits.
         """
-        each, along = observed[..., None], features[:, ..., None, :]
+        pose, along = observed[..., None], features[:, ..., None, :]
         log_weight, size, size_variance, cosine, sine, variance = sizes[..., None]
         turning = np.add.reduce(
-            (features[1:4] - each[1:4]) ** 2 * features[8:11], axis=0
+            (features[1:4] - pose[1:4]) ** 2 * features[8:11], axis=0
         )
         # One term per size c: from ρ - c ρ̄, and from u rotated back by its angle.
         radial = (observed[0][..., None, None] - size * along[0]) ** 2

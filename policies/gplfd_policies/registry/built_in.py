@@ -69,7 +69,12 @@ from gplfd_policies.registry.policy import Policy
 def _positions_alone(demonstrations: Sequence[Demonstration]) -> AlignedDemonstrations:
     """Align demonstrations without their rotations."""
     still = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
-    return align([replace(one, poses=one.poses * still) for one in demonstrations])
+    return align(
+        [
+            replace(demonstration, poses=demonstration.poses * still)
+            for demonstration in demonstrations
+        ]
+    )
 
 
 GP: Final = Method(

@@ -1,4 +1,4 @@
-"""All policies by name, and making of agents from demonstrations."""
+"""All policies by name, their agents, and the skills that they can follow."""
 
 import difflib
 from collections.abc import Mapping, Sequence
@@ -11,9 +11,11 @@ from typing import Final
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.prior_mean import PriorMean
+from gplfd_policies.movements.skill import Skill, fit_skill, load_skill
 from gplfd_policies.registry.built_in import AS_PUBLISHED
 from gplfd_policies.registry.method import (
     FixedProfile,
+    Method,
     TrainingInput,
     profile_of_spread,
 )
@@ -91,11 +93,11 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
     packaged = packaged_policy(name)
     if packaged is not None:
         return packaged
-    known = sorted({*POLICIES, *packaged_names()})
-    near = difflib.get_close_matches(name, known, n=1)
+    names = sorted({*POLICIES, *packaged_names()})
+    near = difflib.get_close_matches(name, names, n=1)
     hint = f" (did you mean {near[0]!r}?)" if near else ""
     raise ValueError(
-        f"unknown policy {name!r}{hint}; policies: {', '.join(known)}; or give one of "
+        f"unknown policy {name!r}{hint}; policies: {', '.join(names)}; or give one of "
         "your own as module:function"
     )
 
@@ -143,3 +145,41 @@ POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
     }
 )
 """The built-in policies: as published, and as tuning found them."""
+
+
+def skill_method(policy: str) -> Method:
+    """Return the method of a policy that learns and follows skills.
+
+    Raises:
+        ValueError: The policy does not learn skills; the message lists those that do.
+    """
+
+    def fits(method: Method | None) -> bool:
+        fit = None if method is None else method.fit
+        return (fit.func if isinstance(fit, partial) else fit) is fit_skill
+
+    method = policy_named(policy).method
+    if method is not None and fits(method):
+        return method
+    able = ", ".join(sorted(name for name in POLICIES if fits(POLICIES[name].method)))
+    raise ValueError(
+        f"policy {policy!r} does not learn a skill that a file can contain; choose "
+        f"one of {able}"
+    )
+
+
+def method_and_skill(policy: str, file: Path) -> tuple[Method, Skill]:
+    """Return the method of a policy, and the skill of a file that it can follow.
+
+    Raises:
+        ValueError: The file does not contain a skill, or the policy cannot follow it.
+    """
+    method, skill = skill_method(policy), load_skill(file)
+    if (method.beyond > 0.0) != (skill.aligned.end < 1.0):
+        goes = "continues beyond the end of demonstrations"
+        raise ValueError(
+            f"policy {policy!r} {goes if method.beyond > 0.0 else 'ends there'}, and "
+            f"the skill in {file} was learned by one that does not; learn it again "
+            f"with  gplfd learn --policy {policy}"
+        )
+    return method, skill

@@ -27,14 +27,14 @@ def add_correction(method: Method, movement: Movement, correction: Correction) -
         raise ValueError(
             f"corrections are added to a Skill, got a {type(movement).__name__}"
         )
-    shown = (
+    demonstrations = (
         *as_demonstrations(movement.aligned),
         completed(method, movement, correction),
     )
     with warnings.catch_warnings():
         # The first learning has already warned about the demonstrations.
         warnings.simplefilter("ignore", UserWarning)
-        learned = method.learn(TrainingInput(demonstrations=shown))
+        learned = method.learn(TrainingInput(demonstrations=demonstrations))
     if not isinstance(learned, Skill):
         raise TypeError(f"the method learned a {type(learned).__name__}, not a Skill")
     return replace(learned, corrections=(*movement.corrections, correction))
@@ -72,14 +72,16 @@ def completed(method: Method, skill: Skill, correction: Correction) -> Demonstra
 def as_demonstrations(aligned: AlignedDemonstrations) -> tuple[Demonstration, ...]:
     """Return aligned demonstrations as demonstrations with common time stamps."""
     phases = np.linspace(0.0, aligned.end, len(aligned.times))
-    found = []
+    demonstrations = []
     for number, curves in enumerate(aligned.poses):
         poses = interpolated(phases, aligned.times, curves)
         wrenches = None
         if aligned.wrenches is not None and np.isfinite(aligned.wrenches[number]).all():
-            own = interpolated(phases, aligned.times, aligned.wrenches[number])
-            own = own.reshape(-1, 2, 3)
-            wrenches = into_axes(-poses[:, None, 3:], own).reshape(-1, 6)
+            forces = interpolated(phases, aligned.times, aligned.wrenches[number])
+            forces = forces.reshape(-1, 2, 3)
+            wrenches = into_axes(-poses[:, None, 3:], forces).reshape(-1, 6)
         times = aligned.duration * phases
-        found.append(Demonstration(times=times, poses=poses, wrenches=wrenches))
-    return tuple(found)
+        demonstrations.append(
+            Demonstration(times=times, poses=poses, wrenches=wrenches)
+        )
+    return tuple(demonstrations)

@@ -14,7 +14,9 @@ from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
 from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.control.compliance import ComplianceConfig
+from gplfd_policies.control.load import YieldToAll
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
+from gplfd_policies.control.rendering import ARM_DYNAMICS, ArmRendering
 from gplfd_policies.control.stiffness import (
     DEFAULT_PROFILE,
     StiffnessProfile,
@@ -64,8 +66,8 @@ class TrainingInput:
     """Expected poses far from demonstrations, or None; only for some methods."""
 
     def __post_init__(self) -> None:
-        given = checked_demonstrations(self.demonstrations)
-        object.__setattr__(self, "demonstrations", given)
+        demonstrations = checked_demonstrations(self.demonstrations)
+        object.__setattr__(self, "demonstrations", demonstrations)
 
 
 def path_phase(movement: Movement, config: PathPhaseConfig = _PATH_PHASE) -> PhaseRule:
@@ -187,8 +189,7 @@ class Method:
             raise ValueError(
                 "no demonstrations were given; a policy needs at least one"
             )
-        shown = self.align(training.demonstrations)
-        aligned = continued(shown, self.beyond)
+        aligned = continued(self.align(training.demonstrations), self.beyond)
         fit = partial(self.fit, seed=training.seed) if self.seeded else self.fit
         if prior_mean is None:
             movement = fit(aligned)
@@ -208,18 +209,19 @@ class Method:
 
         Raises the same errors as `learn`.
         """
-        given = training.demonstrations
-        modes: tuple[tuple[int, ...], ...] = (tuple(range(len(given))),)
-        if self.modes is not None and len(given) > 1:
+        demonstrations = training.demonstrations
+        modes: tuple[tuple[int, ...], ...] = (tuple(range(len(demonstrations))),)
+        if self.modes is not None and len(demonstrations) > 1:
             with warnings.catch_warnings():
                 # Learning aligns them again and then warns.
                 warnings.simplefilter("ignore", UserWarning)
-                modes = partition(self.align(given))
-        each = [replace(training, demonstrations=[given[n] for n in m]) for m in modes]
-        return tuple(
-            LearnedMode(numbers=numbers, movement=self.learn(shown))
-            for numbers, shown in zip(modes, each, strict=True)
-        )
+                modes = partition(self.align(demonstrations))
+        learned = []
+        for numbers in modes:
+            members = [demonstrations[number] for number in numbers]
+            movement = self.learn(replace(training, demonstrations=members))
+            learned.append(LearnedMode(numbers=numbers, movement=movement))
+        return tuple(learned)
 
     def update(self, movement: Movement, correction: Correction) -> Movement:
         """Return a movement that has learned from a correction; the old is unchanged.
@@ -269,6 +271,40 @@ class Method:
             return agents[0]
         return ModesAgent(agents, [len(mode.numbers) for mode in modes], self.modes)
 
+    def open_loop(self, period: float) -> "Method":
+        """Return the method without measurements, whose commands a file can contain.
+
+        It has no adaptation and no load compensation, and is driven by time. The arm
+        itself renders the stiffness, along the axes of the task frame. There is one
+        command per period [s].
+
+        Raises:
+            ValueError: The method has a stiffness along the path.
+        """
+        if self.phase_stiffness is not None:
+            raise ValueError(
+                "this policy has a stiffness along the path, which six numbers along "
+                "fixed axes cannot express; choose another, such as gp"
+            )
+        config = replace(
+            self.config,
+            load=YieldToAll(),
+            rendering=ArmRendering(),
+            dynamics=ARM_DYNAMICS,
+            stiffness_frame="axes",
+            control_period=period,
+            via_spacing=2.0,  # longer than the task: no via-points
+        )
+        return replace(
+            self,
+            adaptation=None,
+            door_adaptation=None,
+            force_adaptation=None,
+            modes=None,
+            phases=clock_phase,
+            config=config,
+        )
+
     def _follow_forces(self, movement: Movement) -> GriddedMovement | None:
         learned = movement.forces if isinstance(movement, LearnedMovement) else None
         if learned is None:
@@ -280,7 +316,7 @@ class Method:
 
     def __call__(self, training: TrainingInput) -> CompliantAgent | ModesAgent:
         """Learn a movement and return an agent that follows it at doors."""
-        _check_starts(one.poses for one in training.demonstrations)
+        _check_starts(demonstration.poses for demonstration in training.demonstrations)
         return self.follow_modes(self.learn_modes(training))
 
 

@@ -31,18 +31,18 @@ def module_file(name: str, folder: Path) -> Path | None:
 
 def module_files(name: str, folder: Path) -> tuple[Path, ...]:
     """Return the files of a module in a folder, sorted; none if it is elsewhere."""
-    found: dict[str, Path | None] = {}
+    files: dict[str, Path | None] = {}
     waiting = [name]
     while waiting:
         name = waiting.pop()
         package = name.rpartition(".")[0]
-        if not name or name in found or name.partition(".")[0] in _OURS:
+        if not name or name in files or name.partition(".")[0] in _OURS:
             continue
-        file = found[name] = module_file(name, folder)
+        file = files[name] = module_file(name, folder)
         waiting.append(package)
         if file is not None:
             waiting += _imports(file, name if file.stem == "__init__" else package)
-    return tuple(sorted({file for file in found.values() if file is not None}))
+    return tuple(sorted({file for file in files.values() if file is not None}))
 
 
 def content_hash(files: Sequence[Path], folder: Path) -> str:
@@ -63,10 +63,10 @@ def content_hash(files: Sequence[Path], folder: Path) -> str:
 def place_in(files: Collection[str], error: BaseException) -> str:
     """Return file, line and function of an error in one of some files, or ""."""
     places = traceback.extract_tb(error.__traceback__)
-    own = [place for place in places if place.filename in files]
-    if not own:
-        return ""
-    return f"{Path(own[-1].filename).name}, line {own[-1].lineno}, in {own[-1].name}"
+    for place in reversed(places):
+        if place.filename in files:
+            return f"{Path(place.filename).name}, line {place.lineno}, in {place.name}"
+    return ""
 
 
 def _imports(file: Path, package: str) -> Iterator[str]:

@@ -111,7 +111,7 @@ def packaged_summaries(taken: Collection[str]) -> dict[str, str]:
     If a policy cannot be used, e.g. because its name is taken, the summary is the
     reason.
     """
-    said = {}
+    summaries = {}
     for entry in sorted(_offers(), key=operator.attrgetter("name")):
         text = "a built-in policy has this name"
         if entry.name not in taken:
@@ -120,8 +120,8 @@ def packaged_summaries(taken: Collection[str]) -> dict[str, str]:
                 text = policy.summary if policy is not None else ""
             except ValueError as error:
                 text = str(error)
-        said[entry.name] = f"{text} ({_package(entry)})"
-    return said
+        summaries[entry.name] = f"{text} ({_package(entry)})"
+    return summaries
 
 
 def _offers() -> list[Any]:
@@ -167,37 +167,37 @@ def _policy(module: ModuleType, attribute: str) -> Policy:
     """Return an attribute of a module as a policy."""
     where = f"{module.__name__} ({_file(module)})"
     try:
-        found = operator.attrgetter(attribute)(module)
+        candidate = operator.attrgetter(attribute)(module)
     except AttributeError:
-        own = [
+        functions = [
             name
             for name, value in vars(module).items()
             if callable(value) and getattr(value, "__module__", "") == module.__name__
         ]
-        there = ", ".join(sorted(own)) or "no functions"
+        offered = ", ".join(sorted(functions)) or "no functions"
         raise ValueError(
-            f"module {where} has no {attribute!r}; it has {there}"
+            f"module {where} has no {attribute!r}; it has {offered}"
         ) from None
-    if isinstance(found, Policy):
-        return found
-    if not callable(found):
+    if isinstance(candidate, Policy):
+        return candidate
+    if not callable(candidate):
         raise ValueError(
-            f"{attribute} of {where} is a {type(found).__name__}; it must be a "
+            f"{attribute} of {where} is a {type(candidate).__name__}; it must be a "
             "function from TrainingInput to an agent, a Method or a Policy, all of "
             "them of gplfd_policies"
         )
     try:
-        inspect.signature(found).bind("training input")
+        inspect.signature(candidate).bind("training input")
     except TypeError:
         raise ValueError(
-            f"{attribute}{inspect.signature(found)} of {where} cannot be called with "
-            "one argument, the TrainingInput that an agent is made from"
+            f"{attribute}{inspect.signature(candidate)} of {where} cannot be called "
+            "with one argument, the TrainingInput that an agent is made from"
         ) from None
     except ValueError:
         pass  # Written in C: no signature is available.
-    named = inspect.isroutine(found) or inspect.isclass(found)
-    text = (inspect.getdoc(found) if named else None) or f"{attribute} of {where}"
-    return Policy(summary=text.splitlines()[0], make=found)
+    named = inspect.isroutine(candidate) or inspect.isclass(candidate)
+    text = (inspect.getdoc(candidate) if named else None) or f"{attribute} of {where}"
+    return Policy(summary=text.splitlines()[0], make=candidate)
 
 
 def _file(module: ModuleType) -> str:

@@ -21,8 +21,7 @@ from gplfd_policies.demonstrations.npz import (
     LabelledDemonstrations,
     load_demonstrations,
 )
-from gplfd_policies.registry.catalogue import make_agent, policy_named
-from gplfd_policies.registry.skill_files import method_and_skill
+from gplfd_policies.registry.catalogue import make_agent, method_and_skill, policy_named
 from gplfd_policies.serving.journal import Journal
 from gplfd_policies.serving.protocol import (
     Link,
