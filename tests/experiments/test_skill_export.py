@@ -122,8 +122,12 @@ def test_replayed_open_loop_it_opens_a_door_as_the_agent_that_wrote_it(
         env.close()
     written, played = logs
     assert (written.success, played.success) == (True, True)
-    np.testing.assert_allclose(played.wrench[:, :3], written.wrench[:, :3], atol=0.1)
-    np.testing.assert_allclose(played.door_angle, written.door_angle, atol=1e-4)
+    np.testing.assert_allclose(
+        played.forces.wrench[:, :3], written.forces.wrench[:, :3], atol=0.1
+    )
+    np.testing.assert_allclose(
+        played.opening.door_angle, written.opening.door_angle, atol=1e-4
+    )
 
 
 def test_the_command_names_its_files_and_their_frame(skill_file, tmp_path, capsys):
