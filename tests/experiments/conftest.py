@@ -1,25 +1,18 @@
-"""A tiny door in MuJoCo, an agent that knows its arc, logs by formula, a browser."""
+"""A tiny door in MuJoCo, logs by formula, results of studies, and commands."""
 
-import contextlib
 import dataclasses
 import functools
 import json
 import math
-import os
-import shlex
-import shutil
-import subprocess
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
 
 from gplfd_env.doors.config import DoorConfig
-from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.analysis.report.document import markdown_page
 from gplfd_experiments.analysis.report.page import report
@@ -29,8 +22,6 @@ from gplfd_experiments.data.teacher import standard_teacher
 from gplfd_experiments.episodes.log import PARTS, EpisodeLog, Forecasts, arrays_of
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.studies.store import RESULT_STAMP, STUDY_STAMP
-from gplfd_policies.control.steps import AgentStep
-from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 RADIUS = 0.5
 FINAL_ANGLE = math.radians(66.0)
@@ -72,116 +63,9 @@ def minimum_jerk(progress: Any) -> Any:
 
 
 FROM_OUTSIDE = (
-    "push_force",
-    "person_force",
-    "person_energy",
-    "stop_force",
-    "base_shift",
+    *("push_force", "person_force", "person_energy", "stop_force", "base_shift"),
     "closer_torque",
 )
-
-
-class DoorEnv(gym.Env[Any, Any]):
-    """The door follows the commanded rotation exactly; the hand is the handle."""
-
-    def __init__(self, outcome: str = "success", n_steps: int = 30) -> None:
-        self.model = mujoco.MjModel.from_xml_string(MODEL)
-        self.data = mujoco.MjData(self.model)
-        self.door = DoorConfig(radius=0.5)
-        self.door_geometry = DoorGeometry.of(self.door)
-        self.outcome, self.n_steps = outcome, n_steps
-        self.actions: list[Any] = []
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
-        super().reset(seed=seed)
-        self.actions = []
-        self.data.qpos[:] = 0.0
-        return self._state()
-
-    def step(self, action: Any) -> Any:
-        self.actions.append(action)
-        self.data.qpos[0] = action[4]
-        last = len(self.actions) == self.n_steps
-        observation, info = self._state()
-        info["success"] = last and self.outcome == "success"
-        if last and self.outcome not in ("success", "time_limit"):
-            info["failure"] = self.outcome
-        truncated = last and self.outcome in ("time_limit", "stalled")
-        return observation, 0.0, last and not truncated, truncated, info
-
-    def _state(self) -> Any:
-        angle = float(self.data.qpos[0])
-        pose = handle_pose_on_arc(RADIUS, angle)
-        observation = {
-            "ee_pose": pose,
-            "ee_twist": np.zeros(6),
-            "wrench": np.array([-5.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
-            "joint_pos": np.zeros(7),
-            "joint_vel": np.zeros(7),
-            "time": np.array([len(self.actions) * DT]),
-        }
-        info = {
-            "door_angle": angle,
-            "handle_angle": 0.0,
-            "capability": 3,
-            "handle_pose": pose,
-            "success": False,
-            "failure": "",
-            "reason": "",
-            "grasped": True,
-            "slip": 0.001,
-            "force_tangential": 5.0,
-            "force_radial": -1.0,
-            "force_vertical": 0.0,
-            **dict.fromkeys(FROM_OUTSIDE, 0.0),
-        }
-        return observation, info
-
-
-class ArcAgent:
-    """Opens by minimum jerk in ``n_steps``; its belief narrows as the door opens."""
-
-    phases = np.linspace(0.0, 1.0, 21)
-
-    def __init__(self, n_steps: int = 30, forecasts: bool = True) -> None:
-        self.n_steps, self.forecasts = n_steps, forecasts
-        self.calls = 0
-
-    def reset(self, observation: Any) -> None:
-        self.calls = 0
-
-    def act(self, observation: Any) -> Any:
-        self.calls += 1
-        phase = min(1.0, self.calls / self.n_steps)
-        action = handle_pose_on_arc(RADIUS, FINAL_ANGLE * float(minimum_jerk(phase)))
-        seen = float(observation["ee_pose"][4]) / FINAL_ANGLE
-        return AgentStep(
-            action=action,
-            desired=action,
-            std=np.full(6, 0.01),
-            std_rate=np.full(6, -0.001),
-            stiffness=np.full(6, 300.0),
-            stiffness_rate=np.full(6, 20.0),
-            stability_margin=np.full(6, 80.0),
-            contact_margin=np.full(6, 0.01),
-            compensated_load=4.0,
-            path_lag=2e-3,
-            phase=phase,
-            observed_phase=seen,
-            phase_misfit=0.4,
-            predicted_mean=observation["ee_pose"] + 0.002,
-            predicted_std=np.full(6, 0.001),
-            via_point=self.calls % 3 == 0,
-        )
-
-    def forecast(self) -> Any:
-        if not self.forecasts:
-            return None
-        arc = [handle_pose_on_arc(RADIUS, FINAL_ANGLE * phase) for phase in self.phases]
-        spread = 0.05 / (1.0 + self.calls) * np.outer(self.phases, np.ones(6)) + 1e-3
-        return GaussianTrajectory.from_moments(
-            self.phases, np.array(arc), spread, covariance_function=lambda: spread
-        )
 
 
 def log_by_formula(n_steps: int = 601, **changes: Any) -> EpisodeLog:
@@ -265,105 +149,6 @@ def log_of(fields: dict[str, Any]) -> EpisodeLog:
     return EpisodeLog(**{name: fields[name] for name in names}, **parts)
 
 
-class Page:
-    """A page, driven through the pipe of the DevTools protocol.
-
-    Errors of its scripts are in `errors`.
-    """
-
-    def __init__(self, answers: Any, calls: Any) -> None:
-        self._out, self._in = answers, calls
-        self._rest, self._number, self._session = b"", 0, {}
-        self.errors: list[str] = []
-        target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        session = self.call("Target.attachToTarget", targetId=target, flatten=True)
-        self._session = {"sessionId": session["sessionId"]}
-        self.call("Runtime.enable")
-
-    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        self._number += 1
-        message = {"id": self._number, "method": method, "params": parameters}
-        self._in.write(json.dumps(message | self._session).encode() + b"\0")
-        self._in.flush()
-        while True:
-            while b"\0" not in self._rest:
-                part = self._out.read1(65536)
-                assert part, "the browser has ended"
-                self._rest += part
-            text, self._rest = self._rest.split(b"\0", 1)
-            answer = json.loads(text)
-            if answer.get("method") == "Runtime.exceptionThrown":
-                self.errors.append(str(answer["params"]["exceptionDetails"]))
-            if answer.get("id") == self._number:
-                assert "error" not in answer, answer
-                return answer["result"]
-
-    def value(self, script: str) -> Any:
-        """Return the value of an expression, a promise's when it is fulfilled."""
-        found = self.call(
-            "Runtime.evaluate",
-            expression=script,
-            awaitPromise=True,
-            returnByValue=True,
-            userGesture=True,
-        )
-        assert "exceptionDetails" not in found, found
-        return found["result"].get("value")
-
-    def wait(self, condition: str, seconds: float = 20.0) -> None:
-        """Wait until an expression is true."""
-        loop = f"""new Promise((done, fail) => {{
-            const until = performance.now() + {1000 * seconds};
-            const test = () => ({condition}) ? done(1) :
-                performance.now() > until ? fail(document.body.innerText)
-                : setTimeout(test, 20);
-            test(); }})"""
-        self.value(loop)
-
-    def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
-        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
-
-
-@contextlib.contextmanager
-def run_browser(folder: Path) -> Iterator[Page]:
-    """Run a headless Chromium with a profile in a folder; yield an empty page."""
-    command = [
-        shutil.which("chromium") or "google-chrome",
-        "--headless=new",
-        "--no-sandbox",
-        "--disable-dev-shm-usage",
-        "--disable-gpu",
-        "--remote-debugging-pipe",
-        f"--user-data-dir={folder}",
-        "--window-size=1000,1000",
-        "about:blank",
-    ]
-    down, up = os.pipe(), os.pipe()
-    with (folder / "log").open("wb") as log:
-        # The protocol is spoken on the files 3 and 4.
-        process = subprocess.Popen(
-            ["bash", "-c", f"exec {shlex.join(command)} 3<&{down[0]} 4>&{up[1]}"],
-            pass_fds=(down[0], up[1]),
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=log,
-        )
-    os.close(down[0])
-    os.close(up[1])
-    try:
-        with os.fdopen(up[0], "rb") as answers, os.fdopen(down[1], "wb") as calls:
-            yield Page(answers, calls)
-    finally:
-        process.terminate()
-        process.wait(10)
-
-
-@pytest.fixture(scope="session")
-def browser() -> Callable[[Path], contextlib.AbstractContextManager[Page]]:
-    """Give a page in a Chromium whose profile is in a folder."""
-    return run_browser
-
-
 @pytest.fixture
 def gplfd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
     """Run the command in an empty folder; parser errors become exit statuses."""
@@ -393,9 +178,9 @@ def refused(
         assert sorted(tmp_path.rglob("*")) == before
         assert printed.out == ""
         assert "Traceback" not in printed.err
-        *_, said = printed.err.splitlines()
-        assert said.startswith("gplfd: ")
-        return said.removeprefix("gplfd: ")
+        *_, message = printed.err.splitlines()
+        assert message.startswith("gplfd: ")
+        return message.removeprefix("gplfd: ")
 
     return run
 
@@ -466,24 +251,8 @@ def door_model() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(MODEL)
 
 
-@pytest.fixture
-def door_env() -> type[DoorEnv]:
-    return DoorEnv
-
-
-@pytest.fixture
-def arc_agent() -> type[ArcAgent]:
-    return ArcAgent
-
-
 @pytest.fixture(scope="session")
 def make_log() -> Callable[..., EpisodeLog]:
-    return log_by_formula
-
-
-@pytest.fixture(scope="session")
-def formula_log() -> Callable[..., EpisodeLog]:
-    """`make_log` for fixtures of a larger scope."""
     return log_by_formula
 
 

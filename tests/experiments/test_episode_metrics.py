@@ -39,17 +39,9 @@ def test_round_trip_is_exact(tmp_path, make_log):
     assert loaded.times.tobytes() == log.times.tobytes()
     for part, record in PARTS.items():
         for name in arrays_of(record):
-            one, other = (getattr(getattr(each, part), name) for each in (log, loaded))
-            assert one.dtype == other.dtype, name
-            assert one.tobytes() == other.tobytes(), name
-
-
-def test_a_log_is_printed_in_one_line(make_log):
-    log = make_log()
-    shown = f"EpisodeLog({log.policy} on {log.door}, seed {log.seed}, 601 steps, "
-    assert repr(log).startswith(shown)
-    assert repr(make_log(success=True, failure="")).endswith(", opened)")
-    assert repr(make_log(success=False, failure="stalled")).endswith(", stalled)")
+            saved, read = (getattr(getattr(of, part), name) for of in (log, loaded))
+            assert saved.dtype == read.dtype, name
+            assert saved.tobytes() == read.tobytes(), name
 
 
 def test_arrays_are_own_and_read_only(make_log):
@@ -63,62 +55,28 @@ def test_arrays_are_own_and_read_only(make_log):
         log.door_config["radius"] = 1.0  # type: ignore[index]
 
 
-@pytest.mark.parametrize(
-    ("name", "shape", "place"),
-    [
-        ("std", (600, 6), "decisions.std"),
-        ("joint_vel", (600, 7), "motion.joint_vel"),
-        ("forecast_mean", (3, 20, 6), "forecasts.mean"),
-    ],
-)
-def test_wrong_shape_names_the_array(make_log, name, shape, place):
-    with pytest.raises(ValueError, match=rf"EpisodeLog\.{place} has shape"):
-        make_log(**{name: np.zeros(shape)})
-
-
-@pytest.fixture
-def rewritten(tmp_path, make_log):
-    """Save a log, change the arrays of its file, and return where it is."""
-
-    def write(change):
-        path = tmp_path / "log.npz"
-        make_log().save(path)
-        with np.load(path) as archive:
-            arrays = dict(archive)
-        change(arrays)
-        np.savez(path, **arrays)
-        return path
-
-    return write
-
-
-def headed(header):
-    """Replace the header by a text, or some of its values."""
-
-    def change(arrays):
-        text = header
-        if isinstance(header, dict):
-            text = json.dumps(json.loads(str(arrays["header"])) | header)
-        arrays["header"] = text
-
-    return change
+def test_wrong_shape_names_the_array(make_log):
+    with pytest.raises(ValueError, match=r"EpisodeLog\.forecasts\.mean has shape"):
+        make_log(forecast_mean=np.zeros((3, 20, 6)))
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("name", "value", "message"),
     [
-        (lambda arrays: arrays.pop("forces.wrench"), "lacks 'forces.wrench'"),
-        *((headed(text), "") for text in ("[1]", "{", "[" * 9999, '{"other": 1}')),
-        *(
-            (headed({name: None}), f"its {name} is None")
-            for name in ("policy", "door_config", "seed", "dt", "success")
-        ),
+        ("forces.wrench", None, "lacks 'forces.wrench'"),
+        ("header", "{", ""),
+        ("header", '{"policy": null}', "its policy is None"),
     ],
 )
-def test_a_wrong_file_is_refused(rewritten, change, message):
-    said = rf"log\.npz cannot be read as a gplfd episode.*{message}"
-    with pytest.raises(ValueError, match=said):
-        EpisodeLog.load(rewritten(change))
+def test_a_wrong_file_is_refused(tmp_path, make_log, name, value, message):
+    path = tmp_path / "log.npz"
+    make_log().save(path)
+    with np.load(path) as archive:
+        arrays = {**archive, name: value}
+    np.savez(path, **{key: array for key, array in arrays.items() if array is not None})
+    expected = rf"log\.npz cannot be read as a gplfd episode.*{message}"
+    with pytest.raises(ValueError, match=expected):
+        EpisodeLog.load(path)
 
 
 DT = 0.01
@@ -161,16 +119,21 @@ def test_prediction_error_is_bias_squared_plus_variance_of_the_opening(make_log)
     )
 
 
-def test_policies_without_predictions_or_stiffness_have_none(make_log):
+def test_policies_without_predictions_or_stiffness_have_no_metrics_of_them(make_log):
     nothing = np.full((601, 6), np.nan)
     names = ("predicted_mean", "predicted_std", "stiffness", "stability_margin")
-    log = make_log(**dict.fromkeys(names, nothing))
+    forecasts = {
+        **dict.fromkeys(("forecast_times", "forecast_phases"), np.empty(0)),
+        **dict.fromkeys(("forecast_mean", "forecast_std"), np.empty((0, 0, 6))),
+    }
+    log = make_log(**dict.fromkeys(names, nothing), **forecasts)
     assert np.isnan(prediction_errors(log)).all()
     metrics = episode_metrics(log)
     assert metrics.prediction_error_position is None
     assert metrics.prediction_error_rotation is None
     assert metrics.stiffness_min is metrics.stiffness_max is None
     assert metrics.stability_margin_translation is None
+    assert metrics.forecast_error_mm == (None,) * len(PROGRESS)
     plain = metrics.as_json()
     assert json.loads(json.dumps(plain, allow_nan=False)) == plain
 
@@ -243,22 +206,15 @@ def test_late_decisions_are_counted_by_wall_time(make_log):
     )
 
 
-@pytest.mark.parametrize(
-    ("failure", "reason", "words"),
-    [
-        ("", "", ""),
-        ("time_limit", "time_limit", "time ran out"),
-        ("grasp_lost", "handle_lost", "hand lost the handle"),
-        ("stalled", "too_heavy", "door did not move further: it took more than 20 N"),
-        ("melted", "", "melted"),
-    ],
-)
-def test_why_a_door_stayed_closed_is_said_in_plain_words(failure, reason, words):
-    assert why_closed(failure, reason) == words
-    for known in (*FAILURES[1:], "time_limit"):
-        assert why_closed(known, known) not in (known, known.replace("_", " "))
-    for known in REASONS:
-        assert "_" not in why_closed("stalled", known)
+def test_why_a_door_stayed_closed_is_said_in_plain_words():
+    assert why_closed("", "") == ""
+    assert why_closed("grasp_lost", "handle_lost") == "hand lost the handle"
+    heavy = "door did not move further: it took more than 20 N"
+    assert why_closed("stalled", "too_heavy") == heavy
+    for failure in (*FAILURES[1:], "time_limit"):
+        assert why_closed(failure, failure) not in (failure, failure.replace("_", " "))
+    for reason in REASONS:
+        assert "_" not in why_closed("stalled", reason)
 
 
 def test_a_door_that_never_moved_has_metrics(make_log):
@@ -428,18 +384,6 @@ def test_a_forecast_that_comes_too_late_does_not_count(forecasting):
     # At 1.5, 3 and 4.5 s the door is open by 0.10, 0.5 and 0.90 of its angle.
     known = [share for share, error in zip(PROGRESS, errors, strict=True) if error]
     assert known == [0.05, 0.45, 0.85]
-
-
-def test_policies_without_forecasts_have_no_errors(make_log):
-    names = ("forecast_times", "forecast_phases")
-    curves = ("forecast_mean", "forecast_std")
-    silent = make_log(
-        **dict.fromkeys(names, np.empty(0)),
-        **dict.fromkeys(curves, np.empty((0, 0, 6))),
-    )
-    metrics = episode_metrics(silent).as_json()
-    assert metrics["forecast_progress"] == list(PROGRESS)
-    assert metrics["forecast_error_mm"] == [None] * 10
 
 
 def test_the_arc_lies_as_the_handle_does(make_log):

@@ -56,9 +56,9 @@ def doors():
 
 
 @pytest.fixture(scope="module")
-def measured(doors, formula_log):
+def measured(doors, make_log):
     """What a figure shows of openings by formula; each figure is measured once."""
-    logs = {door: formula_log(n_steps=61, dt=0.1, door=door) for door in DOORS}
+    logs = {door: make_log(n_steps=61, dt=0.1, door=door) for door in DOORS}
     given = Material(seed=0, demonstrations=doors, episodes=logs)
 
     @functools.cache

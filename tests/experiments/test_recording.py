@@ -12,7 +12,6 @@ from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_experiments.recording import colours, record_episode
 from gplfd_experiments.recording.episode import mean_radius
 from gplfd_experiments.recording.lanes import LEVELS, SCALE, recent_mean, stages
-from gplfd_experiments.recording.layout import PLOTS
 from gplfd_experiments.recording.motion import VIEW
 from gplfd_experiments.recording.scene import visual_geoms
 from gplfd_experiments.recording.tube import N_RINGS, N_SIDES
@@ -120,24 +119,69 @@ def test_policy_tube_is_still_before_and_moves_after(record, make_log):
     np.testing.assert_allclose(lines[1][0], log.forecasts.mean[1, :, :3], atol=1e-6)
 
 
-def test_bands_are_1_96_sigma_and_predictions_end_where_they_are_unknown(
-    record, make_log
-):
+def test_curves_and_bands_are_those_of_the_log(record, make_log):
+    """A contract: by entity the names of the lines, and their values at every step."""
+    ramp = 1e-3 * (np.arange(601) % 10)[:, None] * np.ones(6)
+    acting = np.where(np.arange(601) < 200, 0.0, 1.0)
     mean = np.array(make_log().decisions.predicted_mean)
     mean[:100] = np.nan
-    recording = record(make_log(predicted_mean=mean))
-    _, variances = recording["/plots/turn/belief", "Measurements:variances"]
-    to_degrees = 180.0 / math.pi
-    before, now = variances[-1]
-    assert before == pytest.approx((1.96 * 0.03 * to_degrees) ** 2)
-    assert now == pytest.approx((1.96 * 0.004 * to_degrees) ** 2)
-    _, values = recording["/plots/turn/belief", "Measurements:values"]
-    assert np.isfinite(values).all(axis=0).tolist() == [True, False]
-    assert np.flatnonzero(np.isfinite(values)[:, 1])[0] == 100
-    _, names = recording["/plots/turn/belief", "Measurements:names"]
-    assert names == [["before", "policy now"]]
-    _, values = recording["/plots/turn/motion", "Scalars:scalars"]
-    np.testing.assert_allclose(values[-1], [66.0, 66.0])
+    modes = {"mode": acting, "mode_probability": 0.5 + 0.4 * acting}
+    log = make_log(predicted_mean=mean, std=ramp, **modes)
+    # Of the demonstrated doors, of .35 and .65 m, the mean is a geometric one.
+    size = 100.0 * log.radius / math.sqrt(0.35 * 0.65)
+    turn = np.degrees(log.motion.ee_pose[:, 4])
+    curves = {
+        "angle/door": {"door": np.degrees(log.opening.door_angle)},
+        "misfit/mode": {"active mode": acting, "its probability": 0.5 + 0.4 * acting},
+        "uncertainty_raw/axes": {
+            "x, pull": 1e3 * ramp[:, 0],
+            "z, side": 1e3 * ramp[:, 2],
+        },
+        "stiffness/axes": {"x, pull": 300.0, "z, side": 300.0},
+        "turn/motion": {"true": turn, "hand": turn},
+        "size/curves": {"policy now": 120.0, "true": size},
+        # The log has the force of the door on the hand.
+        "expected/force": {"measured": -2.0},
+    }
+    recording = record(log)
+    for panel, lines in curves.items():
+        (names,) = recording[f"/plots/{panel}", "SeriesLines:names"][1]
+        assert names == list(lines)
+        _, values = recording[f"/plots/{panel}", "Scalars:scalars"]
+        columns = [np.broadcast_to(line, 601) for line in lines.values()]
+        expected = np.stack(columns, axis=1)
+        np.testing.assert_allclose(values, expected, rtol=0.02, err_msg=panel)
+    # The first panel shows means over time, without the sawtooth of the values.
+    _, smooth = recording["/plots/uncertainty/axes", "Scalars:scalars"]
+    assert np.ptp(np.array(smooth)[100:, 0]) < 2.0 < np.ptp(1e3 * ramp)
+
+    factor = np.exp(1.96 * log.decisions.path_size_std)
+    width = 1.96 * log.decisions.expected_force_std[:, 0]
+    bands = {
+        "turn/belief": {
+            "before": (None, math.degrees(1.96 * 0.03)),
+            "policy now": (np.degrees(mean[:, 4]), math.degrees(1.96 * 0.004)),
+        },
+        "size/belief": {
+            "±1.96 σ": (60.0 * (factor + 1 / factor), 60.0 * (factor - 1 / factor))
+        },
+        "expected/belief": {"expected": (5.0, width)},
+    }
+    for panel, lines in bands.items():
+        (names,) = recording[f"/plots/{panel}", "Measurements:names"][1]
+        assert names == list(lines)
+        _, values = recording[f"/plots/{panel}", "Measurements:values"]
+        _, variances = recording[f"/plots/{panel}", "Measurements:variances"]
+        for line, (middle, half) in enumerate(lines.values()):
+            std = np.sqrt(np.array(variances)[:, line])
+            np.testing.assert_allclose(std, np.broadcast_to(half, 601), rtol=1e-4)
+            if middle is not None:
+                np.testing.assert_allclose(
+                    np.array(values)[:, line], np.broadcast_to(middle, 601), rtol=1e-5
+                )
+    (page,) = recording["/about", "TextDocument:text"][1][0]
+    for words in ("medium door", "`gp`", "**seed**: 3", "**modes**", "**panel 4**"):
+        assert words in page
 
 
 def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_log):
@@ -164,46 +208,6 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_lo
     assert "/world/task/true_arc" in recording.entities
 
 
-def test_size_is_shown_by_its_band_and_its_true_value(record, make_log):
-    log = make_log()
-    recording = record(log)
-    _, centre = recording["/plots/size/belief", "Measurements:values"]
-    _, variance = recording["/plots/size/belief", "Measurements:variances"]
-    band = np.ravel(centre) + np.outer([-1.0, 1.0], np.sqrt(variance))
-    factor = np.exp(1.96 * log.decisions.path_size_std)
-    np.testing.assert_allclose(band, [120.0 / factor, 120.0 * factor], rtol=1e-5)
-    _, curves = recording["/plots/size/curves", "Scalars:scalars"]
-    # Of the demonstrated doors, of .35 and .65 m, the mean is a geometric one.
-    truth = 100.0 * log.radius / math.sqrt(0.35 * 0.65)
-    np.testing.assert_allclose(curves, [[120.0, truth]] * 601, rtol=0.02)
-
-
-def test_expected_force_is_shown_with_its_interval_and_what_is_measured(
-    record, make_log
-):
-    log = make_log()
-    recording = record(log)
-    _, centre = recording["/plots/expected/belief", "Measurements:values"]
-    _, variance = recording["/plots/expected/belief", "Measurements:variances"]
-    np.testing.assert_allclose(np.ravel(centre), 5.0)
-    width = 1.96 * log.decisions.expected_force_std[:, 0]
-    np.testing.assert_allclose(np.sqrt(np.ravel(variance)), width, rtol=1e-4)
-    # The log has the force of the door on the hand.
-    _, measured = recording["/plots/expected/force", "Scalars:scalars"]
-    np.testing.assert_allclose(np.ravel(measured), -2.0)
-    (page,) = recording["/about", "TextDocument:text"][1][0]
-    assert "**panel 4**: force that the policy expected" in page
-
-
-def test_the_mode_that_acts_is_shown_with_its_probability(record, make_log):
-    acting = np.where(np.arange(601) < 200, 0.0, 1.0)
-    recording = record(make_log(mode=acting, mode_probability=0.5 + 0.4 * acting))
-    _, curves = recording["/plots/misfit/mode", "Scalars:scalars"]
-    np.testing.assert_allclose(curves, np.stack([acting, 0.5 + 0.4 * acting], axis=1))
-    assert "**modes**" in recording["/about", "TextDocument:text"][1][0][0]
-    assert "/plots/misfit/mode" not in record(make_log()).entities
-
-
 def test_true_size_is_unknown_where_no_arcs_were_demonstrated():
     times = np.linspace(0.0, 1.0, 50)
     line = Demonstration(times=times, poses=np.outer(times, np.eye(6)[0]))
@@ -218,14 +222,6 @@ def test_before_adaptation_is_the_first_forecast_at_the_observed_phase(make_log)
     half = int(np.argmin(np.abs(log.decisions.observed_phase - 0.5)))
     np.testing.assert_allclose(mean[half], arc, atol=1e-3)
     np.testing.assert_allclose(std, 0.03)
-
-
-def test_panels_name_the_directions_of_the_stiffness(record, make_log):
-    turned = np.tile(np.eye(3)[[2, 1, 0]], (601, 1, 1))
-    for changes, name in ({}, "x, pull"), ({"frame": turned}, "along the path"):
-        recording = record(make_log(**changes))
-        _, names = recording["/plots/stiffness/axes", "SeriesLines:names"]
-        assert names[0][0] == name
 
 
 def test_share_of_bound_is_one_on_the_bound(make_log):
@@ -284,21 +280,6 @@ def test_stages_begin_at_their_angles(make_log, failure, most, expected):
     assert found == pytest.approx(expected, abs=0.5)
 
 
-def test_the_page_explains_the_run_and_the_view(record, make_log):
-    """Bands have a normal quantile per axis: no 95 % band of few demonstrations."""
-    recording = record(make_log(success=False, failure="stalled"))
-    (page,) = recording["/about", "TextDocument:text"][1][0]
-    for words in (
-        *("medium door", "`gp`", "not opened** (stalled)", "**seed**: 3"),
-        *("**yellow**, 500 N/m", "**violet**, 100 N/m", "±1.96 σ per axis (normal q"),
-    ):
-        assert words in page
-    titles = [plot.title for plot in PLOTS["Motion and policy"]]
-    assert [title for title in titles if "±1.96 σ" in title] == titles
-    assert "(95 %)" not in page
-    assert not any("95" in title for title in titles)
-
-
 @pytest.mark.parametrize("forces", [False, True])
 def test_a_file_has_its_layout_and_few_chunks(record, make_log, tmp_path, forces):
     unknown = {} if forces else {"expected_force": np.full((601, 3), np.nan)}
@@ -345,18 +326,6 @@ def test_who_has_no_stiffness_has_the_colours_of_hand_and_policy(record, make_lo
     assert {"/stage/stiffness", "/world/task/hand/stiffness"}.isdisjoint(
         recording.entities
     )
-
-
-def test_what_is_shown_first_has_no_sawtooth(record, make_log):
-    """As σ has, which grows and falls at every via-point; what was is kept."""
-    ramp = 1e-3 * (np.arange(601) % 10)[:, None] * np.ones(6)
-    recording = record(make_log(std=ramp))
-    _, raw = recording["/plots/uncertainty_raw/axes", "Scalars:scalars"]
-    np.testing.assert_allclose(np.array(raw)[:, 0], 1e3 * ramp[:, 0])
-    _, shown = recording["/plots/uncertainty/axes", "Scalars:scalars"]
-    assert np.ptp(np.array(raw)[100:, 0]) == pytest.approx(9.0)
-    assert np.ptp(np.array(shown)[100:, 0]) < 2.0
-    assert np.mean(np.array(shown)[100:, 0]) == pytest.approx(4.5, abs=0.1)
 
 
 def test_a_recent_mean_knows_no_future_and_no_missing_rows():

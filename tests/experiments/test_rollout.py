@@ -5,6 +5,7 @@ import math
 import time
 import weakref
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
@@ -12,6 +13,9 @@ import numpy as np
 import pytest
 
 from gplfd_env import ENVIRONMENT_ID, ENVIRONMENT_IDS
+from gplfd_env.doors.config import DoorConfig
+from gplfd_env.doors.geometry import DoorGeometry
+from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import learned
 from gplfd_experiments.episodes.log import PARTS, EpisodeLog, arrays_of
@@ -21,6 +25,7 @@ from gplfd_experiments.episodes.rollout import (
     rollouts,
 )
 from gplfd_policies.agents.lockstep import batch_agents
+from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.registry.catalogue import POLICIES
 from gplfd_policies.registry.method import TrainingInput
@@ -28,15 +33,85 @@ from gplfd_policies.registry.method import TrainingInput
 pytestmark = pytest.mark.slow
 
 DOORS, SEEDS = (0.35, 0.42, 0.5), (5, 6, 7)
+FINAL_ANGLE = math.radians(66.0)
+QUIET = (
+    *("handle_angle", "slip", "force_tangential", "force_radial", "force_vertical"),
+    *("push_force", "person_force", "person_energy", "stop_force", "base_shift"),
+    "closer_torque",
+)
+"""Numbers of the information that are zero."""
 
 
-@pytest.fixture
-def run(door_env, arc_agent):
-    def run(env: Any = None, agent: Any = None, **options: Any) -> EpisodeLog:
-        names = {"policy": "arc", "door": "medium", "seed": 4}
-        return rollout(env or door_env(), agent or arc_agent(), **names, **options)
+class DoorEnv(gym.Env[Any, Any]):
+    """The door follows the commanded rotation exactly; the hand is the handle."""
 
-    return run
+    def __init__(self, outcome: str = "success", n_steps: int = 30) -> None:
+        self.data = SimpleNamespace(qpos=np.zeros(1))
+        self.door = DoorConfig(radius=0.5)
+        self.door_geometry = DoorGeometry.of(self.door)
+        self.outcome, self.n_steps = outcome, n_steps
+        self.actions: list[Any] = []
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        return self._state()
+
+    def step(self, action: Any) -> Any:
+        self.actions.append(action)
+        self.data.qpos[0] = action[4]
+        last = len(self.actions) == self.n_steps
+        observation, info = self._state()
+        info["success"] = last and self.outcome == "success"
+        if last and self.outcome not in ("success", "time_limit"):
+            info["failure"] = self.outcome
+        truncated = last and self.outcome in ("time_limit", "stalled")
+        return observation, 0.0, last and not truncated, truncated, info
+
+    def _state(self) -> Any:
+        angle = float(self.data.qpos[0])
+        pose = handle_pose_on_arc(0.5, angle)
+        observation = {
+            "ee_pose": pose,
+            **dict.fromkeys(("ee_twist", "wrench"), np.zeros(6)),
+            **dict.fromkeys(("joint_pos", "joint_vel"), np.zeros(7)),
+            "time": np.array([0.01 * len(self.actions)]),
+        }
+        info = {
+            **dict.fromkeys(QUIET, 0.0),
+            "door_angle": angle,
+            "handle_pose": pose,
+            "capability": 3,
+            "success": False,
+            "failure": "",
+            "reason": "",
+            "grasped": True,
+        }
+        return observation, info
+
+
+class ArcAgent:
+    """Opens in ``n_steps``; its belief narrows as the door opens."""
+
+    def __init__(self, n_steps: int = 30) -> None:
+        self.n_steps, self.calls = n_steps, 0
+
+    def act(self, observation: Any) -> Any:
+        self.calls += 1
+        phase = min(1.0, self.calls / self.n_steps)
+        action = handle_pose_on_arc(0.5, FINAL_ANGLE * phase)
+        return AgentStep(action=action, predicted_mean=observation["ee_pose"] + 0.002)
+
+    def forecast(self) -> Any:
+        phases = np.linspace(0.0, 1.0, 21)
+        arc = np.array([handle_pose_on_arc(0.5, FINAL_ANGLE * s) for s in phases])
+        spread = 0.05 / (1.0 + self.calls) * np.outer(phases, np.ones(6)) + 1e-3
+        return GaussianTrajectory.from_moments(
+            phases, arc, spread, covariance_function=lambda: spread
+        )
+
+
+def run(env: Any = None, agent: Any = None, **options: Any) -> EpisodeLog:
+    names = {"policy": "arc", "door": "medium", "seed": 4}
+    return rollout(env or DoorEnv(), agent or ArcAgent(), **names, **options)
 
 
 def compute(seconds: float) -> None:
@@ -46,8 +121,8 @@ def compute(seconds: float) -> None:
         pass
 
 
-def test_rows_pair_each_state_with_the_decision_taken_in_it(run, door_env):
-    env = door_env()
+def test_rows_pair_each_state_with_the_decision_taken_in_it():
+    env = DoorEnv()
     log = run(env)
     assert log.times.size == 31
     np.testing.assert_allclose(log.times, 0.01 * np.arange(31), atol=1e-12)
@@ -67,12 +142,12 @@ def test_rows_pair_each_state_with_the_decision_taken_in_it(run, door_env):
 
 
 @pytest.mark.parametrize("failure", ["", "time_limit", "stalled", "grasp_lost"])
-def test_failure_is_the_environments_or_the_time_limit(run, door_env, failure):
-    log = run(door_env(failure or "success"))
+def test_failure_is_the_environments_or_the_time_limit(failure):
+    log = run(DoorEnv(failure or "success"))
     assert (log.success, log.failure) == (not failure, failure)
 
 
-def test_forecasts_are_taken_first_regularly_and_last(run):
+def test_forecasts_are_taken_first_regularly_and_last():
     log = run(forecast_period=0.12)
     np.testing.assert_allclose(log.forecasts.times, [0.0, 0.12, 0.24, 0.3], atol=1e-12)
     # Before the first decision the agent has not been called: its widest belief.
@@ -97,14 +172,14 @@ def test_of_a_forecast_nothing_but_its_moments_is_kept():
     np.testing.assert_array_equal(kept.std, [moments[1]])
 
 
-def test_latency_is_the_agents_cpu_time_and_its_wall_time(run, arc_agent, door_env):
-    class Thinker(arc_agent):  # type: ignore[misc]
+def test_latency_is_the_agents_cpu_time_and_its_wall_time():
+    class Thinker(ArcAgent):
         def act(self, observation: Any) -> Any:
             time.sleep(0.006)  # as if another process had the core
             compute(0.004)
             return super().act(observation)
 
-    class SlowDoor(door_env):  # type: ignore[misc]
+    class SlowDoor(DoorEnv):
         def step(self, action: Any) -> Any:
             time.sleep(0.002)
             compute(0.010)
@@ -115,14 +190,14 @@ def test_latency_is_the_agents_cpu_time_and_its_wall_time(run, arc_agent, door_e
     assert log.decisions.latency_wall_s.min() >= 0.010
 
 
-def test_on_step_sees_every_state(run):
+def test_on_step_sees_every_state():
     seen: list[tuple[float, float]] = []
     log = run(on_step=lambda *state: seen.append(state))
     assert seen == list(zip(log.times, log.opening.door_angle, strict=True))
 
 
-def test_missing_information_is_named(run, door_env):
-    class Terse(door_env):  # type: ignore[misc]
+def test_missing_information_is_named():
+    class Terse(DoorEnv):
         def _state(self) -> Any:
             observation, info = super()._state()
             del info["slip"]
