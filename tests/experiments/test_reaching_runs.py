@@ -1,7 +1,6 @@
 """The synthetic human reaches, and runs begin before the handle."""
 
 import json
-from collections.abc import Callable
 
 import gymnasium as gym
 import numpy as np
@@ -31,9 +30,6 @@ from gplfd_policies.demonstrations.npz import (
 )
 
 pytestmark = pytest.mark.slow
-
-Gplfd = Callable[..., int]
-MakeLog = Callable[..., EpisodeLog]
 
 
 def shown(door: str, *, seed: int, start: str) -> LabelledDemonstrations:
@@ -149,9 +145,9 @@ def test_what_a_policy_says_is_measured_once_it_acts(make_log):
     }
     late = episode_metrics(make_log(**unsaid)).as_json()
     all_along = episode_metrics(plain).as_json()
-    said = [name for name in late if name.startswith((*unsaid, "governed_share"))]
-    assert len(said) > 1
-    for name in said:
+    names = [name for name in late if name.startswith((*unsaid, "governed_share"))]
+    assert len(names) > 1
+    for name in names:
         assert late[name] == pytest.approx(all_along[name], rel=0.2)
 
 

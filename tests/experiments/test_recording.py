@@ -12,7 +12,6 @@ from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_experiments.recording import colours, record_episode
 from gplfd_experiments.recording.episode import mean_radius
 from gplfd_experiments.recording.lanes import LEVELS, SCALE, recent_mean, stages
-from gplfd_experiments.recording.motion import VIEW
 from gplfd_experiments.recording.scene import visual_geoms
 from gplfd_experiments.recording.tube import N_RINGS, N_SIDES
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -41,8 +40,8 @@ def test_every_visible_geom_is_drawn_once_in_its_place_and_colour(
     recording = record(make_log())
     assert sum(map(len, visual_geoms(door_model).values())) == 7
     leaf = "/world/scene/leaf"
-    drawn = {path for path in recording.entities if path.startswith("/world/scene/")}
-    assert drawn == {"/world/scene/world", leaf, f"{leaf}/mesh_6"}
+    entities = {path for path in recording.entities if "/scene/" in path}
+    assert entities == {"/world/scene/world", leaf, f"{leaf}/mesh_6"}
     axis = np.zeros(3)
     up, quaternion = np.array([0.0, 0.0, 1.0]), door_model.geom("bar").quat
     mujoco.mju_rotVecQuat(axis, up, quaternion)
@@ -54,16 +53,16 @@ def test_every_visible_geom_is_drawn_once_in_its_place_and_colour(
         # MuJoCo centres the capsule at (0, 0, R); Rerun's starts at its lower end.
         "Capsules3D:translations": [0.5 * up - 0.1 * axis],
     }.items():
-        (found,) = recording[leaf, component][1]
-        np.testing.assert_allclose(found, expected, atol=1e-6, err_msg=component)
+        (drawn,) = recording[leaf, component][1]
+        np.testing.assert_allclose(drawn, expected, atol=1e-6, err_msg=component)
     assert len(recording[f"{leaf}/mesh_6", "Mesh3D:triangle_indices"][1][0]) == 4
     # The floor is infinite: a thin box of 6 m below it.
     for component, expected in (
         ("Boxes3D:centers", [[0.0, 0.0, -0.005]]),
         ("Boxes3D:half_sizes", [[3.0, 3.0, 0.005]]),
     ):
-        (found,) = recording["/world/scene/world", component][1]
-        np.testing.assert_allclose(found, expected, atol=1e-6)
+        (drawn,) = recording["/world/scene/world", component][1]
+        np.testing.assert_allclose(drawn, expected, atol=1e-6)
 
 
 def test_bodies_move_as_forward_kinematics_says(record, make_log, door_model):
@@ -78,8 +77,6 @@ def test_bodies_move_as_forward_kinematics_says(record, make_log, door_model):
     mujoco.mj_kinematics(door_model, data)
     w, x, y, z = data.body("leaf").xquat
     np.testing.assert_allclose(quaternions[-1][0], [x, y, z, w], atol=1e-6)
-    with pytest.raises(KeyError, match="has no"):
-        recording["/world/scene/world", "Transform3D:quaternion"]
 
 
 def test_leaf_in_the_view_from_above_ends_at_the_handle(record, make_log):
@@ -236,11 +233,8 @@ def test_via_points_accumulate_where_they_are_apart(record, make_log):
     times, positions = record(log)["/world/task/hand/via_points", "Points3D:positions"]
     counts = [len(points) for points in positions]
     assert counts == list(range(1, len(counts) + 1))
-    shown, there = (
-        np.array(positions[-1]),
-        log.motion.ee_pose[log.decisions.via_point, :3],
-    )
-    gaps = np.linalg.norm(there[:, None] - shown, axis=2).min(axis=1)
+    via_points = log.motion.ee_pose[log.decisions.via_point, :3]
+    gaps = np.linalg.norm(via_points[:, None] - positions[-1], axis=2).min(axis=1)
     assert gaps.max() < 0.005  # less than a dot
     assert set(times.round(6)) <= set(log.times[log.decisions.via_point].round(6))
 
@@ -275,9 +269,9 @@ def test_stages_begin_at_their_angles(make_log, failure, most, expected):
     solved = np.zeros(601) if failure else make_log().opening.solved
     outcome = {"failure": failure, "success": not failure, "solved": solved}
     began = stages(make_log(door_angle=opening, **outcome))
-    found = {name: math.degrees(opening[row]) for row, name in began}
-    assert list(found) == list(expected)
-    assert found == pytest.approx(expected, abs=0.5)
+    angles = {name: math.degrees(opening[row]) for row, name in began}
+    assert list(angles) == list(expected)
+    assert angles == pytest.approx(expected, abs=0.5)
 
 
 @pytest.mark.parametrize("forces", [False, True])
@@ -313,7 +307,7 @@ def test_colours_say_how_stiff_the_hand_is(record, make_log):
     opaque = [(tint[0] | 0xFF) for tint in tubes]
     assert opaque == [soft if time < 3.0 else stiff for time in times]
     times, states = recording["/stage/stiffness", "StateChange:state"]
-    assert [one[0] for one in states] == list(LEVELS)
+    assert [state for (state,) in states] == list(LEVELS)
     assert times[1] == pytest.approx(3.0, abs=0.25)
 
 
@@ -337,15 +331,3 @@ def test_a_recent_mean_knows_no_future_and_no_missing_rows():
     np.testing.assert_array_equal(np.isnan(whole), np.isnan(values))
     np.testing.assert_allclose(whole[50], np.nanmean(values[26:51], axis=0))
     np.testing.assert_allclose(whole[12], values[10:13].mean(axis=0))
-
-
-def test_views_look_from_a_frame_with_z_up(record, make_log):
-    recording = record(make_log())
-    _, task = recording["/world/task", "Transform3D:quaternion"]
-    _, axes = recording[VIEW, "Transform3D:mat3x3"]
-    columns = np.array(axes[0][0]).reshape(3, 3).T
-    upward = Rotation.from_quat(task[0][0]).apply(columns[:, 2])
-    assert np.linalg.det(columns) == pytest.approx(1.0)
-    # In the tests' model the door's upward direction is the world's y.
-    frame = Rotation.from_quat([0.5, 0.5, 0.5, 0.5])
-    np.testing.assert_allclose(upward, frame.apply([0.0, 1.0, 0.0]), atol=1e-6)

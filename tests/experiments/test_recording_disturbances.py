@@ -28,30 +28,30 @@ def shown(columns):
 
 
 def test_the_curve_is_the_log_s(make_log, shown):
-    found = shown(make_log(person_force=held(33.0)))
-    curve = found["/plots/outside/person", "Scalars:scalars"][1]
+    chunks = shown(make_log(person_force=held(33.0)))
+    curve = chunks["/plots/outside/person", "Scalars:scalars"][1]
     np.testing.assert_allclose(np.ravel(curve), held(33.0))
-    assert not any("push" in entity for entity, _ in found)
+    assert not any("push" in entity for entity, _ in chunks)
     assert list(shown(make_log())) == []
-    found = shown(make_log(base_shift=SHIFT))
-    curve = found["/plots/outside/bump", "Scalars:scalars"][1]
+    chunks = shown(make_log(base_shift=SHIFT))
+    curve = chunks["/plots/outside/bump", "Scalars:scalars"][1]
     np.testing.assert_allclose(np.ravel(curve), 1e3 * SHIFT)  # mm
 
 
 def test_a_ball_stands_above_the_hand_while_something_acts(make_log, shown):
     log = make_log(person_force=held(32.0))
-    found, ball = shown(log), "/world/task/outside/person"
+    chunks, ball = shown(log), "/world/task/outside/person"
     rows = frames(log)
-    labels = found[ball, "Points3D:labels"][1]
+    labels = chunks[ball, "Points3D:labels"][1]
     acts = [bool(label) for label in labels]
     assert acts == (log.forces.person_force[rows] > 0.0).tolist()
     first = acts.index(True)
     assert labels[first] == [f"person {log.forces.person_force[rows[first]]:.0f} N"]
-    place = found[ball, "Points3D:positions"][1][first][0]
+    place = chunks[ball, "Points3D:positions"][1][first][0]
     above = log.motion.ee_pose[rows[first], :3] + [0.0, 0.30, 0.0]
     np.testing.assert_allclose(place, above, atol=1e-6)
     # A quarter of the force is half the radius.
-    radii = np.concatenate(found[ball, "Points3D:radii"][1])
+    radii = np.concatenate(chunks[ball, "Points3D:radii"][1])
     forces = log.forces.person_force[rows[acts]]
     np.testing.assert_allclose(radii / radii[0], np.sqrt(forces / forces[0]), rtol=1e-6)
 
@@ -74,10 +74,10 @@ def test_beginning_and_end_are_told(make_log, shown):
     ("peak", "limits"), [(33.0, []), (69.0, []), (70.0, [140]), (150.0, [140, 280])]
 )
 def test_limits_are_drawn_only_near_them(make_log, peak, limits, shown):
-    found = shown(make_log(person_force=held(peak)))
+    chunks = shown(make_log(person_force=held(peak)))
     drawn = [
         entity.rpartition("_")[2]
-        for entity, component in found
+        for entity, component in chunks
         if "allowed" in entity and component == "Scalars:scalars"
     ]
     assert [int(limit) for limit in drawn] == limits

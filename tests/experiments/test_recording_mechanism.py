@@ -60,7 +60,7 @@ def test_nothing_is_made_of_a_plain_bar_door(make_log, door_model, shown):
 
 
 @pytest.mark.parametrize(
-    ("door", "base", "there"),
+    ("door", "base", "parts"),
     [
         ("medium", "fixed", ()),
         ("heavy", "fixed", ("closer",)),
@@ -69,19 +69,19 @@ def test_nothing_is_made_of_a_plain_bar_door(make_log, door_model, shown):
         ({"handle": "knob"}, "fixed", ("handle",)),
     ],
 )
-def test_only_what_is_there_is_shown(door, base, there):
+def test_only_existing_parts_are_shown(door, base, parts):
     config = door_config(door)
     model = build_scene(config, robot=TIAGO_LIKE.on(base))
-    assert mechanism_of(model, config) == there
+    assert mechanism_of(model, config) == parts
 
 
 def test_curves_are_the_log_s_in_the_units_of_the_titles(log, model, shown):
-    found = shown(log, model)
+    chunks = shown(log, model)
     curves = {"handle": np.degrees(TURN), "latch": 1e3 * BOLT, "closer": TORQUE}
     for name, values in curves.items():
-        curve = found[f"/plots/{name}/motion", "Scalars:scalars"][1]
+        curve = chunks[f"/plots/{name}/motion", "Scalars:scalars"][1]
         np.testing.assert_allclose(np.ravel(curve), values, err_msg=name)
-    base = np.array(found["/plots/base/motion", "Scalars:scalars"][1])
+    base = np.array(chunks["/plots/base/motion", "Scalars:scalars"][1])
     left = model.key_qpos[0, model.joint(BASE_JOINTS[1]).qposadr[0]]
     expected = np.column_stack([-1e-3 * ROWS, np.full(601, left), 1e-4 * ROWS])
     np.testing.assert_allclose(base, expected)

@@ -3,7 +3,6 @@
 import functools
 import math
 import time
-import weakref
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -20,7 +19,6 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import learned
 from gplfd_experiments.episodes.log import PARTS, EpisodeLog, arrays_of
 from gplfd_experiments.episodes.rollout import (
-    ForecastRecorder,
     rollout,
     rollouts,
 )
@@ -122,8 +120,9 @@ def compute(seconds: float) -> None:
 
 
 def test_rows_pair_each_state_with_the_decision_taken_in_it():
-    env = DoorEnv()
-    log = run(env)
+    env, states = DoorEnv(), []
+    log = run(env, on_step=lambda *state: states.append(state))
+    assert states == list(zip(log.times, log.opening.door_angle, strict=True))
     assert log.times.size == 31
     np.testing.assert_allclose(log.times, 0.01 * np.arange(31), atol=1e-12)
     np.testing.assert_array_equal(log.decisions.action[:-1], np.array(env.actions))
@@ -155,23 +154,6 @@ def test_forecasts_are_taken_first_regularly_and_last():
     assert np.all(np.diff(log.forecasts.std[:, -1, 0]) < 0.0)
 
 
-def test_of_a_forecast_nothing_but_its_moments_is_kept():
-    """Trajectories hold on to what they were computed from."""
-    moments = np.zeros((3, 6)), np.ones((3, 6))
-    forecast = GaussianTrajectory.from_moments(
-        np.linspace(0.0, 1.0, 3), *moments, lambda: np.zeros((6, 3, 3))
-    )
-    made, left = weakref.ref(forecast), [forecast]
-    del forecast
-    recorder = ForecastRecorder(left.pop, period=0.1)
-    assert recorder.forecasts().mean.shape == (0, 0, 6)
-    recorder.take_if_due(0.0, force=False)
-    assert made() is None
-    kept = recorder.forecasts()
-    np.testing.assert_array_equal(kept.mean, [moments[0]])
-    np.testing.assert_array_equal(kept.std, [moments[1]])
-
-
 def test_latency_is_the_agents_cpu_time_and_its_wall_time():
     class Thinker(ArcAgent):
         def act(self, observation: Any) -> Any:
@@ -188,12 +170,6 @@ def test_latency_is_the_agents_cpu_time_and_its_wall_time():
     log = run(SlowDoor(n_steps=5), Thinker(n_steps=5))
     assert 0.004 <= np.median(log.decisions.latency_s) < 0.008
     assert log.decisions.latency_wall_s.min() >= 0.010
-
-
-def test_on_step_sees_every_state():
-    seen: list[tuple[float, float]] = []
-    log = run(on_step=lambda *state: seen.append(state))
-    assert seen == list(zip(log.times, log.opening.door_angle, strict=True))
 
 
 def test_missing_information_is_named():
