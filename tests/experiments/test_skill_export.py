@@ -120,14 +120,11 @@ def test_replayed_open_loop_it_opens_a_door_as_the_agent_that_wrote_it(
         env = gym.make(ENVIRONMENT_IDS["impedance"], door="large")
         logs.append(rollout(env, agent, policy="gp", door="large", seed=0))
         env.close()
-    written, played = logs
-    assert (written.success, played.success) == (True, True)
-    np.testing.assert_allclose(
-        played.forces.wrench[:, :3], written.forces.wrench[:, :3], atol=0.1
-    )
-    np.testing.assert_allclose(
-        played.opening.door_angle, written.opening.door_angle, atol=1e-4
-    )
+    assert [log.success for log in logs] == [True, True]
+    forces = (log.forces.wrench[:, :3] for log in logs)
+    np.testing.assert_allclose(*forces, atol=0.1)
+    angles = (log.opening.door_angle for log in logs)
+    np.testing.assert_allclose(*angles, atol=1e-4)
 
 
 def test_the_command_names_its_files_and_their_frame(skill_file, tmp_path, capsys):
@@ -148,10 +145,8 @@ def test_the_command_names_its_files_and_their_frame(skill_file, tmp_path, capsy
         ("a.txt", "a.txt must end in .csv, .tum, .bag, .json; or give --form"),
         ("a.csv --rate nan", "--rate nan must be from 20 to 1000"),
         ("a.csv --frame 0,0,0,1,1,1,1", "--frame and --tool: quaternions[0] has norm"),
-        ("a.csv --tool 1,0,0,0", "--tool goes with --frame"),
         ("a.csv --policy gp-paper", "learned by one that does not"),
         ("folder.bag", "folder.bag exists and is no bag"),
-        ("a.csv folder.csv --rate 20", "folder.csv is a folder; give another file"),
         ("a.csv --door small", "--door goes with --robot"),
     ],
 )
@@ -216,17 +211,14 @@ def test_a_dry_run_stands_where_the_frame_says(skill_file):
 def test_a_frame_out_of_reach_says_where_it_is_in_reach(skill_file, tmp_path, capsys):
     out = ["--out", str(tmp_path / "a.json"), "--robot", "ur5e-like", "--door", "small"]
 
-    def exported_at(position):
+    def status_at(position):
         pose = ",".join(map("{:.3f}".format, position)) + ",0,0,0.7071068,0.7071068"
         return cli.main(["export", str(skill_file), *out, f"--frame={pose}"])
 
     far = np.array([1.3, 0.3, 0.2])
-    assert exported_at(far) == cli.BAD_INPUT
+    assert status_at(far) == cli.BAD_INPUT
     assert list(tmp_path.iterdir()) == []
     message = capsys.readouterr().err
-    assert re.search(
-        r"at \d\.\d\d s the hand stays 0\.\d\d m and \d+ deg away", message
-    )
     shift = re.search(r"move the base by about \[(.*)\] m", message)[1].split(",")
     # A little more than it says, where the arm is stretched.
-    assert exported_at(far - 1.5 * np.array(shift, dtype=float)) == 0
+    assert status_at(far - 1.5 * np.array(shift, dtype=float)) == 0

@@ -85,6 +85,13 @@ def test_one_frame_is_gaussian_mixture_regression(aligned):
     assert_allclose(ours.std, gmr.std, rtol=1e-6)
 
 
+def test_two_equal_frames_halve_the_variance(mixture):
+    once = mixture.means[0], mixture.covariances[0]
+    mean, covariance = product_over_frames(*(np.stack([part, part]) for part in once))
+    assert_allclose(mean, once[0], atol=1e-9)
+    assert_allclose(covariance, 0.5 * once[1], atol=1e-12)
+
+
 @pytest.mark.parametrize("radius", [0.3, 0.35, 0.5, 0.65])
 def test_from_the_hinge_all_doors_are_one(radius):
     angles = np.linspace(0.0, 1.1, 20)

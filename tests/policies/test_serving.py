@@ -190,11 +190,6 @@ def test_time_is_that_of_the_robot_and_of_the_server():
     for seq in range(1, 2001):
         robot.seq, robot.time, robot.clock = seq, seq * PERIOD, seq * PERIOD / 0.9991
         assert robot.say(robot.message())[0]["state"] == "active"
-    # In milliseconds a thousand observations a second would be one per period.
-    robot = Robot()
-    robot.clock, robot.time, robot.seq = 1e-3, 1.0, 1
-    (reply,) = robot.say(robot.message())
-    assert (reply["state"], robot.agent.decisions) == ("stopped", 0)
 
 
 WRONG = {
@@ -383,11 +378,8 @@ def test_the_socket_of_a_running_server_is_left_and_that_of_a_dead_one_replaced(
     with pytest.raises(ValueError, match="another server listens on"):
         listening(settings)
     dead = replace(settings, socket=settings.socket.with_name("dead"))
-    listening(dead)[0].close()
-    listening(dead)[0].close()
-    listener, address = listening(replace(SETTINGS, host="localhost", port=0))
-    with listener:
-        assert address == f"tcp:127.0.0.1:{listener.getsockname()[1]}"
+    for _ in range(2):
+        listening(dead)[0].close()
 
 
 def test_a_server_that_ends_or_refuses_is_an_error_of_the_client(tmp_path):
@@ -448,9 +440,6 @@ def test_a_journal_loses_no_more_than_the_last_line_of_a_run(tmp_path):
         with open(file, "ab") as cut:
             cut.write(b'{"at":0.2,"in"')
     assert [line.get("at") for line in read_journal(file)] == [None, 0.1, None, 0.1]
-    file.write_bytes(file.read_bytes().replace(b'"took"', b"took", 1))
-    with pytest.raises(ValueError, match="entry 2 is damaged"):
-        read_journal(file)
     file.write_text("{}\n")
     with pytest.raises(ValueError, match="is not a journal"):
         read_journal(file)

@@ -95,8 +95,11 @@ def dry_run(
     else:
         if not body.stand:
             config = replace(config, handle_height=float(task[2]))
-        known = path.times <= learned.aligned.end * learned.aligned.duration
-        poses, times = path.path[known][::_APART], path.times[known][::_APART]
+        demonstrated = path.times <= learned.aligned.end * learned.aligned.duration
+        poses, times = (
+            path.path[demonstrated][::_APART],
+            path.times[demonstrated][::_APART],
+        )
         body = at_task_frame(body, config, task, poses, times)
     commands = np.hstack([path.poses, path.stiffness])
     made: Any = gym.make(
@@ -106,7 +109,7 @@ def dry_run(
     with contextlib.closing(made) as env:
         observation, info = env.reset(seed=0)
         model, data = env.unwrapped.model, env.unwrapped.data
-        joints = [model.joint(one) for one in body.arm]
+        joints = [model.joint(name) for name in body.arm]
         low, high = np.array([joint.range for joint in joints]).T
         moving = [int(joint.dofadr[0]) for joint in joints]
         limits = model.jnt_actfrcrange[[joint.id for joint in joints], 1]
@@ -123,7 +126,7 @@ def dry_run(
             workspace.append(other.site_xpos[site].copy())
         for command in commands:
             observation, _, over, _, info = env.step(command)
-            forces = [info[f"force_{one}"] for one in ("tangential", "radial")]
+            forces = [info[f"force_{name}"] for name in ("tangential", "radial")]
             position, twist = observation["joint_pos"], observation["ee_twist"]
             arms.append(np.vstack([data.xpos[links], data.site_xpos[site]]))
             row = (

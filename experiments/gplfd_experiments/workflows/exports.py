@@ -61,7 +61,7 @@ def export_skill(
         if file.suffix[1:] not in COMMAND_WRITERS:
             ends = ", .".join(COMMAND_WRITERS)
             raise ValueError(f"{file} must end in .{ends}; or give --form")
-        above = next(one for one in file.absolute().parents if one.exists())
+        above = next(folder for folder in file.absolute().parents if folder.exists())
         if not (above.is_dir() and os.access(above, os.W_OK)):
             raise ValueError(f"{file} cannot be written: {above} is no folder to write")
         if file.suffix == ".bag":
@@ -89,10 +89,10 @@ def export_skill(
         "demonstrated_until_s": aligned.end * aligned.duration,
         "gripper": "closed; the handle is grasped before the first sample",
         "stiffness_law_and_dynamics": {
-            one.name: np.asarray(getattr(record, one.name)).tolist()
+            field.name: np.asarray(getattr(record, field.name)).tolist()
             for record in (path.profile, path.dynamics)
-            for one in dataclasses.fields(record)
-            if one.init
+            for field in dataclasses.fields(record)
+            if field.init
         },
         "provenance": provenance(origin),
     }

@@ -33,9 +33,9 @@ _SHAPES.maxother, _SHAPES.maxtuple = 200, 2
 
 def short_repr(record: Any) -> str:
     """Return ``Name(field=value, ...)``, with only the shape of long arrays."""
-    shown = (
+    entries = (
         f"{field.name}={_SHAPES.repr(getattr(record, field.name))}"
         for field in fields(record)
         if field.repr
     )
-    return f"{type(record).__name__}({', '.join(shown)})"
+    return f"{type(record).__name__}({', '.join(entries)})"

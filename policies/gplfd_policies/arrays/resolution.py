@@ -15,8 +15,8 @@ def thinned(size: int, most: int) -> Int[np.ndarray, " N"]:
 
 def interpolated(
     wanted: Float[np.ndarray, " N"],
-    given: Float[np.ndarray, " M"],
+    places: Float[np.ndarray, " M"],
     curves: Float[np.ndarray, "M C"],
 ) -> Float[np.ndarray, "N C"]:
     """Return curves interpolated at other places; constant beyond the ends."""
-    return np.column_stack([np.interp(wanted, given, curve) for curve in curves.T])
+    return np.column_stack([np.interp(wanted, places, curve) for curve in curves.T])

@@ -22,10 +22,10 @@ def rows_of(mask: np.ndarray | None, count: int) -> Rows:
     """Return the rows that a mask (N,) selects; None selects all."""
     if mask is None:
         return ALL_ROWS
-    given = np.asarray(mask)
-    if given.dtype != np.bool_ or given.shape != (count,):
+    selected = np.asarray(mask)
+    if selected.dtype != np.bool_ or selected.shape != (count,):
         raise ValueError(
             f"mask must be boolean of shape ({count},), one entry per member, got "
-            f"{given.dtype} of shape {given.shape}"
+            f"{selected.dtype} of shape {selected.shape}"
         )
-    return ALL_ROWS if given.all() else np.flatnonzero(given)
+    return ALL_ROWS if selected.all() else np.flatnonzero(selected)

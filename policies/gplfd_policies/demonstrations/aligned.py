@@ -46,14 +46,14 @@ class AlignedDemonstrations:
         """The demonstrations without their continuation, on phases 0 to 1."""
         if self.end == 1.0:
             return self
-        shown = self.times <= self.end
+        before = self.times <= self.end
         return replace(
             self,
-            times=self.times[shown] / self.end,
-            poses=self.poses[:, shown],
+            times=self.times[before] / self.end,
+            poses=self.poses[:, before],
             duration=self.duration * self.end,
-            clocks=None if self.clocks is None else self.clocks[:, shown] / self.end,
-            wrenches=None if self.wrenches is None else self.wrenches[:, shown],
+            clocks=None if self.clocks is None else self.clocks[:, before] / self.end,
+            wrenches=None if self.wrenches is None else self.wrenches[:, before],
             end=1.0,
             drift=np.zeros(6),
         )
@@ -105,9 +105,9 @@ class AlignedDemonstrations:
             )
         wrenches = self.wrenches
         if wrenches is not None:
-            given = np.isfinite(wrenches)
-            whole = given.all(axis=(1, 2)) | ~given.any(axis=(1, 2))
-            if wrenches.shape != poses.shape or not (whole.all() and given.any()):
+            finite = np.isfinite(wrenches)
+            whole = finite.all(axis=(1, 2)) | ~finite.any(axis=(1, 2))
+            if wrenches.shape != poses.shape or not (whole.all() and finite.any()):
                 raise ValueError(
                     "wrenches must be None, or of the shape of the poses with finite "
                     "numbers for at least one demonstration, and NaN throughout for "

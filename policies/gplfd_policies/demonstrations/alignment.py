@@ -196,15 +196,15 @@ def _felt(
     demonstrations: Sequence[Demonstration], clocks: Float[np.ndarray, "K M"]
 ) -> Float[np.ndarray, "K M 6"] | None:
     """Return the wrenches at shares of the durations, in the hand's axes."""
-    if all(one.wrenches is None for one in demonstrations):
+    if all(demo.wrenches is None for demo in demonstrations):
         return None
     felt = np.full((*clocks.shape, 6), np.nan)
-    for found, demo, clock in zip(felt, demonstrations, clocks, strict=True):
+    for wrenches, demo, clock in zip(felt, demonstrations, clocks, strict=True):
         if demo.wrenches is not None:
             rotvecs = demo.poses[:, None, 3:]
-            own = into_axes(rotvecs, demo.wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
+            turned = into_axes(rotvecs, demo.wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
             times = demo.times[0] + clock * (demo.times[-1] - demo.times[0])
-            found[:] = interpolated(times, demo.times, own)
+            wrenches[:] = interpolated(times, demo.times, turned)
     return felt
 
 
@@ -282,10 +282,10 @@ def corrected_completions(
     common = np.mean(directions, axis=0)
 
     corrected = []
-    for index, own in zip(completions, directions, strict=True):
+    for index, along in zip(completions, directions, strict=True):
 
-        def cost_row(row: int, own: np.ndarray = own) -> np.ndarray:
-            apart = np.sum((common - own[row]) ** 2, axis=1)
+        def cost_row(row: int, along: np.ndarray = along) -> np.ndarray:
+            apart = np.sum((common - along[row]) ** 2, axis=1)
             return np.asarray(apart + (_TETHER * (steps - steps[row])) ** 2)
 
         rows, columns = dynamic_time_warping(cost_row, len(steps))

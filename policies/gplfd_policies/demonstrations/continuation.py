@@ -64,16 +64,16 @@ def continued(aligned: AlignedDemonstrations, beyond: float) -> AlignedDemonstra
     if aligned.clocks is not None:
         # The continuation keeps the mean time.
         demonstrated = [
-            np.interp(phases * length, aligned.times, own) / length
-            for own in aligned.clocks
+            np.interp(phases * length, aligned.times, demonstrated_clock) / length
+            for demonstrated_clock in aligned.clocks
         ]
         clocks = np.where(phases * length <= 1.0, demonstrated, phases)
     wrenches = aligned.wrenches
     if wrenches is not None:
         # The last wrench is kept.
-        shown = phases * length
+        elapsed = phases * length
         wrenches = np.stack(
-            [interpolated(shown, aligned.times, each) for each in wrenches]
+            [interpolated(elapsed, aligned.times, wrench) for wrench in wrenches]
         )
     return replace(
         aligned,

@@ -177,15 +177,15 @@ class Demonstration:
         return Demonstration(times=self.times, poses=poses, wrenches=wrenches)
 
 
-def checked_demonstrations(given: object) -> tuple[Demonstration, ...]:
+def checked_demonstrations(demonstrations: object) -> tuple[Demonstration, ...]:
     """Return demonstrations as a tuple; raise TypeError if they are anything else."""
-    several = tuple(given) if isinstance(given, Iterable) else (None,)
-    if all(isinstance(one, Demonstration) for one in several):
+    several = tuple(demonstrations) if isinstance(demonstrations, Iterable) else (None,)
+    if all(isinstance(entry, Demonstration) for entry in several):
         return several
     remedy = "put a single one into a list: [demonstration]"
-    if hasattr(given, "demonstrations"):
+    if hasattr(demonstrations, "demonstrations"):
         remedy = "pass its attribute: loaded.demonstrations"
     raise TypeError(
         "demonstrations must be a sequence of gplfd_policies.Demonstration, got "
-        f"{textwrap.shorten(repr(given), 80, placeholder=' ...')}; {remedy}"
+        f"{textwrap.shorten(repr(demonstrations), 80, placeholder=' ...')}; {remedy}"
     )

@@ -68,5 +68,5 @@ def partition(aligned: AlignedDemonstrations) -> tuple[tuple[int, ...], ...]:
     modes = np.arange(1, count + 1)
     best = int(modes[np.argmin(within / WITHIN**2 + modes * np.log(count))])
     labels = fcluster(tree, best, criterion="maxclust")
-    members = [tuple(np.flatnonzero(labels == one).tolist()) for one in set(labels)]
+    members = [tuple(np.flatnonzero(labels == label).tolist()) for label in set(labels)]
     return tuple(sorted(members, key=lambda numbers: (-len(numbers), numbers)))

@@ -100,16 +100,9 @@ def save_demonstrations(
 ) -> None:
     """Write demonstrations and their doors' radii to a file, complete or absent.
 
-    Wrenches are written for demonstrations that have them, in N and N m.
-
-    Args:
-        path: File to write; an existing one is replaced.
-        demonstrations: At least one demonstration, poses in the task frame.
-        radii: Radius of the door of each demonstration [m]; None if unknown, for one or
-            for all. An unknown radius is stored as NaN.
-        frame: Frame of the poses, one of `FRAMES`.
-        signals: Other recorded signals of each demonstration, (N, d) arrays by name; or
-            empty.
+    Wrenches are written for demonstrations that have them, in N and N m. The arguments
+    are the fields of `LabelledDemonstrations`; radii are None if all are unknown. An
+    existing file is replaced.
 
     Raises:
         ValueError: As for `LabelledDemonstrations`.
@@ -147,8 +140,7 @@ def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file has another format, is truncated, contains other data,
-            another version, other units or frame, or an invalid demonstration.
+        ValueError: The file is damaged or has other content.
     """
     file = demonstrations_file(path)
     if Path(path).is_dir() and not file.exists():

@@ -118,7 +118,7 @@ class SimilarityModel:
         scatter = float((log_sizes**2).sum())
         variance = config.size_weight * config.size_std**2 + scatter
         variance *= (1.0 + 1.0 / count) / (config.size_weight + count - 1)
-        shown = size_visibility(poses[:, aligned.times <= aligned.end], config)
+        visible = size_visibility(poses[:, aligned.times <= aligned.end], config)
         # If a path returns towards its start, only the way out is used.
         furthest, first = np.unique(
             np.maximum.accumulate(np.abs(path)), return_index=True
@@ -133,7 +133,7 @@ class SimilarityModel:
             path=path,
             lateral_std=lateral_std,
             lag=lag,
-            log_sizes=math.sqrt(variance) * shown * _STEPS,
+            log_sizes=math.sqrt(variance) * visible * _STEPS,
             least_scale=1.0 / (count + 1),
             outward=np.hstack(
                 [
@@ -322,19 +322,19 @@ class PathSimilarity:
         curves[4:7] = self.mean
         np.multiply(scale, self.covariance, out=curves[7:].reshape(3, 3, -1))
         four = left + np.arange(4)[:, None]
-        found = np.add.reduce(curves[:, four] * cubic, axis=1)
-        weights = np.exp(found[0] - found[0].max())
+        refined = np.add.reduce(curves[:, four] * cubic, axis=1)
+        weights = np.exp(refined[0] - refined[0].max())
         return SizePosterior(
             model=self.model,
             log_sizes=sizes,
             weights=weights / weights.sum(),
-            phase=found[1],
-            angle=found[2],
-            angle_variance=np.maximum(found[3], 0.0)
-            + (_OVERLAP * gradient(found[2])) ** 2,
+            phase=refined[1],
+            angle=refined[2],
+            angle_variance=np.maximum(refined[3], 0.0)
+            + (_OVERLAP * gradient(refined[2])) ** 2,
             size_std=_OVERLAP * float(sizes[1] - sizes[0]),
-            mean=found[4:7],
-            covariance=found[7:].reshape(3, 3, -1),
+            mean=refined[4:7],
+            covariance=refined[7:].reshape(3, 3, -1),
             scale=np.add.reduce(scale[four] * cubic, axis=0),
         )
 

@@ -125,11 +125,11 @@ def warn_of_rests(
     demonstrations: Sequence[Demonstration], rests: Sequence[tuple[Rest, ...]]
 ) -> None:
     """Warn once if 2 % of the recorded time or more was left out as rests."""
-    lengths = [rest.end - rest.start for each in rests for rest in each]
-    whole = sum(float(one.times[-1] - one.times[0]) for one in demonstrations)
+    lengths = [rest.end - rest.start for left_out in rests for rest in left_out]
+    whole = sum(float(motion.times[-1] - motion.times[0]) for motion in demonstrations)
     if sum(lengths) < _WORTH_SAYING * whole:
         return
-    resting = sum(bool(each) for each in rests)
+    resting = sum(bool(left_out) for left_out in rests)
     warnings.warn(
         f"rests: {resting} of {len(rests)} demonstrations stand still for a while; "
         f"{sum(lengths):.2g} of {whole:.2g} s were left out, up to {max(lengths):.2g} "

@@ -247,7 +247,7 @@ def wobbling(
         return tuple(processes)
     thin = thinned(len(times), _FORECAST_GRID)
     choices = [
-        tuple(replace(each, wobble=factor * each.wobble) for each in processes)
+        tuple(replace(process, wobble=factor * process.wobble) for process in processes)
         for factor in _FACTORS.tolist()
     ]
     share = conjugate_share(len(deviations))
@@ -255,12 +255,12 @@ def wobbling(
     def score(choice: Sequence[DeviationProcess]) -> float:
         return sum(
             forecast_score(
-                each.smooth_covariance(times[thin], spread),
-                each.white_variance(spread),
+                process.smooth_covariance(times[thin], spread),
+                process.white_variance(spread),
                 curves,
                 share,
             )
-            for each, spread, curves in zip(
+            for process, spread, curves in zip(
                 choice,
                 noise[thin].T,
                 np.moveaxis(deviations[:, thin], 2, 0),

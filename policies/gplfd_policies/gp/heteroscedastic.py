@@ -79,11 +79,6 @@ class HeteroscedasticGP:
         times = self.replicates.times
         return self.replicates.condition(self.kernel, self.noise.variance(times))
 
-    def spectral(self, basis: LegendreBasis) -> SpectralPosterior:
-        """Posterior of the scaled f in a basis that can represent its kernel."""
-        noise = self.noise.variance(self.replicates.times)
-        return self.replicates.condition_in(basis, self.kernel, noise)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OutputMoments:
@@ -143,9 +138,15 @@ class MultiOutputGP:
 
     @cached_property
     def _posteriors(self) -> tuple[SpectralPosterior, ...]:
-        if self._basis is None:
-            raise ValueError("No basis represents these length-scales.")
-        return tuple(output.spectral(self._basis) for output in self.outputs)
+        assert self._basis is not None, "used only with a basis"
+        return tuple(
+            output.replicates.condition_in(
+                self._basis,
+                output.kernel,
+                output.noise.variance(output.replicates.times),
+            )
+            for output in self.outputs
+        )
 
     @cached_property
     def _tables(self) -> tuple[LegendreBasis, Float[np.ndarray, "Q C"]] | None:

@@ -73,12 +73,6 @@ class LegendreBasis:
     size: int
     """Number of nodes q."""
 
-    def __post_init__(self) -> None:
-        if not self.stop > self.start:
-            raise ValueError(
-                f"A basis needs stop > start, got [{self.start}, {self.stop}]."
-            )
-
     @classmethod
     def for_length_scale(
         cls, start: float, stop: float, length_scale: float

@@ -151,9 +151,9 @@ class MapNoise(Quantities):
         half = 0.5 * free
         observed = np.log(pooled) - float(scipy.special.digamma(half)) + np.log(half)
         level = float(np.mean(observed))
-        known = np.full(len(times), float(scipy.special.polygamma(1, half)))
+        variance = np.full(len(times), float(scipy.special.polygamma(1, half)))
         kernel = fit_kernel(
-            times, observed - level, known, shortest=self.shortest_scale
+            times, observed - level, variance, shortest=self.shortest_scale
         )
         basis = NoiseProfile.basis_over(times)
         coefficients = _gamma_mode(basis, kernel, times, free, pooled, level)

@@ -72,7 +72,7 @@ class LearnedMovement:
         return self.aligned.duration
 
     def __post_init__(self) -> None:
-        arrays = (each.name for each in fields(self))
+        arrays = (field.name for field in fields(self))
         freeze(self, *(n for n in arrays if isinstance(getattr(self, n), np.ndarray)))
 
     def __repr__(self) -> str:
@@ -117,8 +117,8 @@ class EmpiricalDistribution:
 
     def predict(self, times: Times) -> GaussianTrajectory:
         """The distribution at phases ``times``; constant beyond the demonstrations."""
-        known, poses = self._aligned.times, self._aligned.poses
-        curves = np.stack([interpolated(times, known, pose) for pose in poses])
+        phases, poses = self._aligned.times, self._aligned.poses
+        curves = np.stack([interpolated(times, phases, pose) for pose in poses])
         deviations = curves - curves.mean(axis=0)
         root = deviations / np.sqrt(max(len(poses) - 1, 1))
         return GaussianTrajectory.from_moments(

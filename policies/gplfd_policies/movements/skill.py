@@ -256,7 +256,7 @@ class Skill(LearnedMovement):
         for name in _DEVIATION:
             numbers[name] = [getattr(deviation, name) for deviation in deviations]
         return {
-            name: np.array(each, dtype=np.float64) for name, each in numbers.items()
+            name: np.array(values, dtype=np.float64) for name, values in numbers.items()
         }
 
 
@@ -408,13 +408,13 @@ def fit_skill(
     times, poses = aligned.times, aligned.poses
     processes = MultiOutputGP.fit(times, poses, noise, centred=centred)
     if len(poses) <= _FEW:
-        said = (
+        warning = (
             "One demonstration does not show how repetitions differ: they are assumed "
             f"to be larger or smaller by {SIZE_STD:.0%}, with the scatter of its "
             "samples around a smooth curve. Give 4 or more."
         )
         if len(poses) > 1:
-            said = (
+            warning = (
                 f"{len(poses)} demonstrations leave {len(poses) - 1} degree(s) of "
                 "freedom for the spread: where they cross by chance, the uncertainty "
                 "is far too small and the robot is stiff. Intervals use Student-t "
@@ -422,5 +422,5 @@ def fit_skill(
                 "more."
             )
         # Level 2 is the decorator.
-        warnings.warn(said, UserWarning, stacklevel=3)
+        warnings.warn(warning, UserWarning, stacklevel=3)
     return Skill(aligned=aligned, processes=processes)

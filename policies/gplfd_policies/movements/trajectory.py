@@ -349,9 +349,9 @@ class ViaPoint:
         return np.asarray(self.own_variance + np.asarray(self.along) ** 2)
 
 
-def _of_outputs(name: str, given: float | Pose) -> Pose:
+def _of_outputs(name: str, value: float | Pose) -> Pose:
     """Return one number per output."""
-    numbers = np.asarray(given)
+    numbers = np.asarray(value)
     if numbers.shape not in ((), (1,), (6,)):
         raise ValueError(
             f"ViaPoint.{name} must be one number or six [m, rad], one per output; got "

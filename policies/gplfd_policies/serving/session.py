@@ -140,8 +140,8 @@ class Session:
         if kind == "reset":
             return self._reset(observed(message), now)
         if kind not in ("observe", "stop"):
-            known = "hello, reset, observe, heartbeat, stop, bye"
-            raise ProtocolError("type", f"unknown type {kind!r:.40}; known: {known}")
+            types = "hello, reset, observe, heartbeat, stop, bye"
+            raise ProtocolError("type", f"unknown type {kind!r:.40}; known: {types}")
         if self.state == "idle":
             raise ProtocolError("state", f"{kind} before reset: send reset first")
         if kind == "stop":
@@ -282,17 +282,17 @@ class Session:
         self._pose, self._stiffness, acted = limited(
             self._settings, pose, stiffness, self._pose
         )
-        known = np.isfinite(self._stiffness).all()
+        rendered = np.isfinite(self._stiffness).all()
         command = {
             "type": "command",
             "seq": self._seq,
             "state": self.state,
             "reason": self.reason,
             "pose": numbers(self._pose),
-            "stiffness": numbers(self._stiffness) if known else None,
+            "stiffness": numbers(self._stiffness) if rendered else None,
             **self._decided,
         }
-        if known and self._dynamics is not None:
+        if rendered and self._dynamics is not None:
             command["damping"] = numbers(self._dynamics.damping(self._stiffness))
         if acted:
             command["limited"] = acted

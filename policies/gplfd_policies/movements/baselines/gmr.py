@@ -50,16 +50,13 @@ class GMRConfig(Quantities):
             )
 
 
-def warn_of_early_stop(config: GMRConfig, stacklevel: int) -> None:
-    """Warn that expectation maximisation did not converge.
-
-    In ``stacklevel``, every decorator between this function and the caller counts one.
-    """
+def warn_of_early_stop(config: GMRConfig) -> None:
+    """Warn that expectation maximisation did not converge."""
     warnings.warn(
         f"Expectation maximisation did not converge in {config.max_iterations} "
         f"iterations; raise max_iterations, or ask for fewer components.",
         UserWarning,
-        stacklevel=stacklevel,
+        stacklevel=3,
     )
 
 
@@ -192,14 +189,16 @@ def fit_gmr(
         max_iter=config.max_iterations,
         weights_init=np.array([len(part) for part in bins]) / samples[..., 0].size,
         means_init=np.array([part.mean(axis=0) for part in bins]),
-        precisions_init=np.array([0.5 * (each + each.T) for each in precisions]),
+        precisions_init=np.array(
+            [0.5 * (precision + precision.T) for precision in precisions]
+        ),
     )
     with warnings.catch_warnings():
         # Its advice is about settings that do not exist here.
         warnings.filterwarnings("ignore", "Best performing init")
         mixture.fit(samples.reshape(-1, 7))
     if not mixture.converged_:
-        warn_of_early_stop(config, stacklevel=4)
+        warn_of_early_stop(config)
     return GaussianMixtureRegression(
         aligned=aligned,
         standardisation=standardisation,

@@ -148,17 +148,17 @@ def fit_local_gp(
     # One process per cluster and output, with maximum-likelihood (l, σ_f, σ_n).
     processes = []
     for member in members:
-        own, outputs = times[member], []
+        phases, outputs = times[member], []
         for samples in np.moveaxis(poses[:, member], 2, 0):
             offset, scale = offset_and_scale(samples, centred)
-            replicates = Replicates.from_samples(own, (samples - offset) / scale)
+            replicates = Replicates.from_samples(phases, (samples - offset) / scale)
             kernel, variance = fit_kernel_and_noise(replicates)
             process = HeteroscedasticGP(
                 offset=offset,
                 scale=scale,
                 replicates=replicates,
                 kernel=kernel,
-                noise=NoiseProfile.constant(own, variance),
+                noise=NoiseProfile.constant(phases, variance),
             )
             outputs.append(process)
         processes.append(tuple(outputs))

@@ -104,11 +104,13 @@ class DiscreteTimeGP(MomentMovement):
     @cached_property
     def _evidence(self) -> tuple[Times, np.ndarray, np.ndarray, np.ndarray]:
         """Phases, indices of constrained outputs, S = L Lᵀ as L, L⁻¹ times errors."""
-        phases = np.array([float(one.phase) for one in self.via_points])
-        noise = np.array([one.own_variance for one in self.via_points]).reshape(-1, 6)
-        along = np.array([one.along for one in self.via_points]).reshape(-1, 6)
+        phases = np.array([float(point.phase) for point in self.via_points])
+        noise = np.array([point.own_variance for point in self.via_points]).reshape(
+            -1, 6
+        )
+        along = np.array([point.along for point in self.via_points]).reshape(-1, 6)
         mean, _ = self._at(phases)
-        poses = np.array([one.pose for one in self.via_points]).reshape(-1, 6)
+        poses = np.array([point.pose for point in self.via_points]).reshape(-1, 6)
         poses = np.where(np.isfinite(noise), poses, mean)
         turns = compose_rotvecs(poses[:, 3:], -mean[:, 3:])[:, :, None]
         turns = (rotvec_jacobian(mean[:, 3:]) @ turns)[:, :, 0]
@@ -173,7 +175,7 @@ class MixtureOfDiscreteTimeGPs(LearnedMovement):
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "MixtureOfDiscreteTimeGPs":
         """The mixture given further via-points: Gaussians and weights."""
-        asked = [one for one in via_points if np.isfinite(one.own_variance).any()]
+        asked = [point for point in via_points if np.isfinite(point.own_variance).any()]
         modes = (replace(m, via_points=(*m.via_points, *asked)) for m in self.modes)
         return replace(self, modes=tuple(modes))
 
@@ -204,10 +206,10 @@ def fit_midigap(
         roots = np.concatenate([poses[:, :, :3] - mean[:, :3], turns], axis=2)
         roots = roots / np.sqrt(len(part) - 1) if len(part) > 1 else modes[0].roots
         clocks = None if aligned.clocks is None else aligned.clocks[part]
-        own = replace(aligned, poses=poses, clocks=clocks, wrenches=None, rests=())
+        members = replace(aligned, poses=poses, clocks=clocks, wrenches=None, rests=())
         scale = config.length_scale
         modes += [
-            DiscreteTimeGP(aligned=own, mean=mean, roots=roots, length_scale=scale)
+            DiscreteTimeGP(aligned=members, mean=mean, roots=roots, length_scale=scale)
         ]
     return MixtureOfDiscreteTimeGPs(aligned=aligned, modes=tuple(modes))
 

@@ -226,8 +226,8 @@ def fit_mixture_of_views(
     """
     standardisations = [Standardisation.of(view) for view in views]
     standardised = [
-        each.apply(view).reshape(-1, 6)
-        for each, view in zip(standardisations, views, strict=True)
+        standardisation.apply(view).reshape(-1, 6)
+        for standardisation, view in zip(standardisations, views, strict=True)
     ]
     phases = np.tile(times, len(views[0]))
     samples = np.stack([np.column_stack([phases, view]) for view in standardised])
@@ -241,18 +241,17 @@ def fit_mixture_of_views(
         lower = np.linalg.cholesky(covariances)
         white = np.linalg.solve(lower, (samples[:, None] - means[:, :, None]).mT)
         log_root = np.log(np.diagonal(lower, axis1=2, axis2=3)).sum(axis=2)
-        each = log_root[:, :, None] + 0.5 * np.sum(white**2, axis=2)
-        densities = np.log(weights) + -each.sum(axis=0).T
+        misfit = log_root[:, :, None] + 0.5 * np.sum(white**2, axis=2)
+        densities = np.log(weights) + -misfit.sum(axis=0).T
         totals = scipy.special.logsumexp(densities, axis=1, keepdims=True)
         shares, previous, bound = np.exp(densities - totals), bound, totals.mean()
         weights, means, covariances = _maximised(samples, shares, config)
         if abs(bound - previous) < TOLERANCE:
             break
     else:
-        # The caller of `fit_tp_gmm`.
-        warn_of_early_stop(config, stacklevel=5)
-    scales = np.stack([np.append(1.0, each.scale) for each in standardisations])
-    offsets = np.stack([np.append(0.0, each.offset) for each in standardisations])
+        warn_of_early_stop(config)
+    scales = np.stack([np.append(1.0, output.scale) for output in standardisations])
+    offsets = np.stack([np.append(0.0, output.offset) for output in standardisations])
     units = scales[:, None, :, None] * scales[:, None, None, :]
     return weights, offsets[:, None] + scales[:, None] * means, units * covariances
 
@@ -283,7 +282,7 @@ def fit_tp_gmm(
     circles = [circle for circle in fits if circle is not None]
     views, circle = [aligned.poses], None
     if len(circles) == len(fits):
-        frames = [hinge_frame(each[:2]) for each in circles]
+        frames = [hinge_frame(circle[:2]) for circle in circles]
         seen = zip(frames, aligned.poses, strict=True)
         views.append(np.stack([frame.seen(poses) for frame, poses in seen]))
         deviations = np.array(circles) - np.mean(circles, axis=0)
