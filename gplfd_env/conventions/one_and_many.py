@@ -16,17 +16,17 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Number = Any
+Number = float | NDArray[Any]
 """A float (or int), or an array of them, (n,)."""
 
-Flag = Any
+Flag = bool | NDArray[np.bool_]
 """A bool, or an array of them, (n,)."""
 
 Record = TypeVar("Record")
 """Tuples, dictionaries and dataclasses, nested, with numbers and flags in them."""
 
 
-def where(condition: Flag, yes: Any, no: Any) -> Any:
+def where(condition: Flag, yes: Number, no: Number) -> Number:
     """Return `yes` where the condition holds, else `no`."""
     if condition is True:
         return yes
@@ -50,6 +50,11 @@ def larger(first: Number, second: Number) -> Number:
     return where(first >= second, first, second)
 
 
+def magnitude(number: Number) -> Number:
+    """Return the absolute value."""
+    return np.abs(number) if isinstance(number, np.ndarray) else abs(number)
+
+
 def sqrt(number: Number) -> Number:
     """Return the square root."""
     if isinstance(number, np.ndarray):
@@ -62,7 +67,7 @@ def _by_element(function: Callable[..., float]) -> Callable[..., Number]:
 
     def of(*numbers: Number) -> Number:
         if isinstance(numbers[0], np.ndarray):
-            lists = [number.tolist() for number in numbers]
+            lists = [np.asarray(number).tolist() for number in numbers]
             return np.array(list(map(function, *lists)))
         return function(*numbers)
 

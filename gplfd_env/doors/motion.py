@@ -34,6 +34,7 @@ from gplfd_env.conventions.one_and_many import (
     Number,
     anywhere,
     larger,
+    magnitude,
     negated,
     sqrt,
     where,
@@ -302,5 +303,5 @@ class CloserLaw:
         backcheck = where(angle > self.backcheck_angle, self.backcheck_damping, 0.0)
         damping = self.damping + where(velocity < 0.0, self.closing_damping, backcheck)
         friction = where(velocity < 0.0, -self.friction, self.friction)
-        torque = torque + where(abs(velocity) > _SPEED, friction, 0.0)
+        torque = torque + where(magnitude(velocity) > _SPEED, friction, 0.0)
         return torque + damping * velocity

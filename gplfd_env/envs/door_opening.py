@@ -197,9 +197,9 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
             self.render()
         return (
             episode.observation(self._sensed),
-            episode.reward,
-            episode.terminated,
-            episode.progress.simulation_error,
+            float(episode.reward),
+            bool(episode.terminated),
+            bool(episode.progress.simulation_error),
             info_of(episode),
         )
 

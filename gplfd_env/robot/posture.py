@@ -51,15 +51,12 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
             f"{robot.urdf}: MuJoCo cannot simulate it: {error}; every link that moves "
             "needs a mass and an inertia"
         ) from error
-    data, tool = mujoco.MjData(model), model.body(robot.tool).id
-    arm = arm_addresses(model, robot)
+    data, arm = mujoco.MjData(model), arm_addresses(model, robot)
     limits = np.array([model.joint(name).range for name in robot.arm])
 
     def grasp(posture: Array) -> tuple[Array, Array]:
         data.qpos[arm] = posture
-        mujoco.mj_kinematics(model, data)
-        axes = data.xmat[tool].reshape(3, 3)
-        return data.xpos[tool] + axes @ robot.grasp_point, axes @ robot.grasp_axes
+        return _grasp_frame(data, robot)
 
     posture = np.array(_found_home(grasp, limits) if home is None else home)
     if posture.shape != (len(robot.arm),) or not np.isfinite(posture).all():
@@ -82,28 +79,28 @@ def at_home(robot: RobotConfig, home: Sequence[float] | None) -> RobotConfig:
     # farther from its limits.
     middle = limits[-1].mean()
     turned[-1] += math.copysign(math.pi / 2, middle - turned[-1])
-    found, approach = [], frame[:, 2]
+    stances, approach = [], frame[:, 2]
     for held in HELD:
-        own = posture if held == "bar" else turned
-        place, frame = grasp(own)
+        closed = posture if held == "bar" else turned
+        place, frame = grasp(closed)
         if frame[:, 2] @ approach < math.cos(_TILT):
             continue  # The last joint does not roll the hand: only bars.
         stance = Stance(
             handle_xy_w=(float(place[0]), float(place[1])),
             door_yaw=math.atan2(-frame[1, 2], -frame[0, 2]),
             below_handle=float(place[2]),
-            closed_posture=tuple(own.tolist()),
+            closed_posture=tuple(closed.tolist()),
             roll=_roll(frame),
             radius=1.05,
             height=1.22,
         )
-        found += [
+        stances += [
             (StanceGroup(base, swing, held, side), stance)
             for base in get_args(Base)
             for swing in get_args(Swing)
             for side in ("right", "left")
         ]
-    return replace(robot, stances=tuple(found))
+    return replace(robot, stances=tuple(stances))
 
 
 def at_task_frame(
@@ -197,29 +194,34 @@ def _followed(
     """
     data, tool = mujoco.MjData(model), model.body(robot.tool).id
     data.joint(robot.lift).qpos = lift
-    joints = [model.joint(name) for name in robot.arm]
-    arm = [int(one.qposadr[0]) for one in joints]
-    low, high = np.array([one.range for one in joints]).T
-    jacobian, way = np.zeros((6, model.nv)), []
+    arm, jacobian, way = arm_addresses(model, robot), np.zeros((6, model.nv)), []
+    low, high = np.array([model.joint(name).range for name in robot.arm]).T
     data.qpos[arm] = start
     for place, frame in zip(places, frames, strict=True):
         for _ in range(60):
-            mujoco.mj_kinematics(model, data)
+            point, axes = _grasp_frame(data, robot)
             mujoco.mj_comPos(model, data)
-            axes = data.xmat[tool].reshape(3, 3)
-            point = data.xpos[tool] + axes @ robot.grasp_point
-            turn = Rotation.from_matrix(frame @ (axes @ robot.grasp_axes).T)
+            turn = Rotation.from_matrix(frame @ axes.T)
             error = np.concatenate([place - point, turn.as_rotvec()])
             if np.abs(error).max() < 1e-3:
                 way.append(data.qpos[arm].copy())
                 break
             mujoco.mj_jac(model, data, jacobian[:3], jacobian[3:], point, tool)
-            own = jacobian[:, arm]
-            step = own.T @ np.linalg.solve(own @ own.T + 1e-4 * np.eye(6), error)
+            of_arm = jacobian[:, arm]
+            damped = of_arm @ of_arm.T + 1e-4 * np.eye(6)
+            step = of_arm.T @ np.linalg.solve(damped, error)
             data.qpos[arm] = np.clip(data.qpos[arm] + step, low, high)
         else:
             break
     return np.array(way), error
+
+
+def _grasp_frame(data: mujoco.MjData, robot: RobotConfig) -> tuple[Array, Array]:
+    """Return position (3,) [m] and axes (3, 3) of the grasp frame in a posture."""
+    mujoco.mj_kinematics(data.model, data)
+    axes = data.body(robot.tool).xmat.reshape(3, 3)
+    place = data.body(robot.tool).xpos + axes @ robot.grasp_point
+    return place, axes @ robot.grasp_axes
 
 
 def _roll(frame: Array) -> float:

@@ -64,7 +64,6 @@ _BAR_INDENTATION: Final = 7.3e-5
 def build_spec(
     door: DoorConfig,
     grasp: Hold,
-    *,
     placement: Placement,
     control: Control,
     structure: Structure,
@@ -110,16 +109,7 @@ def build_scene(
     """
     model = _template(structure_of(door), grasp, control, robot).__copy__()
     data = mujoco.MjData(model)
-    load_scene(
-        model,
-        data,
-        door,
-        grasp,
-        placement=placement,
-        standoff=standoff,
-        control=control,
-        robot=robot,
-    )
+    load_scene(model, data, door, grasp, placement, standoff, control, robot)
     return model
 
 
@@ -128,7 +118,6 @@ def load_scene(
     data: mujoco.MjData,
     door: DoorConfig,
     grasp: Hold = "contact",
-    *,
     placement: Placement | None = None,
     standoff: Standoff | None = None,
     control: Control = "pose",
@@ -193,15 +182,7 @@ def _template(
         swing="push" if structure.handle == "touch-bar" else "pull",
         panel_mass=NOMINAL_MASS,
     )
-    spec = build_spec(
-        door,
-        grasp,
-        placement=Placement(),
-        control=control,
-        structure=structure,
-        robot=robot,
-    )
-    return spec.compile()
+    return build_spec(door, grasp, Placement(), control, structure, robot).compile()
 
 
 @lru_cache(maxsize=128)
@@ -215,14 +196,8 @@ def _settled(
     robot: RobotConfig,
 ) -> Mapping[str, Array]:
     """Compile a scene, settle the grasp and return its `SCENE_FIELDS`."""
-    model = build_spec(
-        geometry,
-        grasp,
-        placement=placement.true,
-        control=control,
-        structure=structure,
-        robot=robot,
-    ).compile()
+    true = placement.true
+    model = build_spec(geometry, grasp, true, control, structure, robot).compile()
     data = mujoco.MjData(model)
     configuration = solve_closed_posture(model, data, geometry, placement, robot)
     # Close the fingers on the handle and store the state at rest as the keyframe.

@@ -235,7 +235,7 @@ class Episode:
             time, door = self._of(row, (readings.time, readings.door))
             taken, point = self._of(row, (progress.opening.taken, progress.grasp_point))
             slip = door.hand_on_handle[0] - point[0] if taken else 0.0
-            inputs.loads[row] = intervention.loads(time, door, slip)
+            inputs.loads[row] = intervention.loads(float(time), door, float(slip))
         if self._interventions:
             self._read_effects()
         for row, delay in _chosen(self._delays, stepped):

@@ -73,7 +73,8 @@ class Episodes(Episode):
     def outcome(self, limit: float) -> tuple[Array, Mask, Mask]:
         """Return rewards, terminations, and truncations after `limit` steps, (n,)."""
         late = self.progress.simulation_error | (self.progress.steps >= limit)
-        return self.reward, self.terminated, late
+        rewards, ended = np.asarray(self.reward), np.asarray(self.terminated)
+        return rewards, ended, np.asarray(late)
 
     def _of(self, row: int, record: Thing) -> Thing:
         return row_of(record, row)

@@ -5,7 +5,7 @@ readings at its beginning. Single and many simulations use the same arithmetic.
 """
 
 import math
-from typing import Final
+from typing import Any, Final
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.disturbance import Person, Push
@@ -65,7 +65,7 @@ class Intervention:
 
         The hand has slipped along the opening motion by `slip` [m].
         """
-        cause, door, angle = self._cause, self._door, reading.angle
+        cause, door, angle = self._cause, self._door, float(reading.angle)
         hand, forearm, hinge = _NOTHING, _NOTHING, 0.0
         if cause.breakaway and angle < cause.breakaway.seal_angle:
             closed = 1.0 - max(angle, 0.0) / cause.breakaway.seal_angle
@@ -109,7 +109,8 @@ class Intervention:
             sizes[1],
             self._door.hinge_sign * sizes[2],
         )
-        x, y, z = zip(*reading.axes, strict=True)
+        axes: Any = reading.axes  # Numbers of one simulation.
+        x, y, z = zip(*axes, strict=True)
         return (
             a * x[0] + b * x[1] + c * x[2],
             a * y[0] + b * y[1] + c * y[2],

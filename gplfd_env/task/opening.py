@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD, SUCCESS_ANGLE
-from gplfd_env.conventions.one_and_many import Flag, Number, negated, where
+from gplfd_env.conventions.one_and_many import Flag, Number, magnitude, negated, where
 
 DEMONSTRATED_ANGLE: Final = math.radians(67.0)
 """Opening angle at which demonstrations end [rad]: a little beyond `SUCCESS_ANGLE`, so
@@ -112,7 +112,7 @@ def reward_terms(
     """
     return {
         "progress": angle_gain / SUCCESS_ANGLE,
-        "radial_force": -1e-5 * abs(force_radial),
+        "radial_force": -1e-5 * magnitude(force_radial),
         "success": 1.0 * success,
     }
 

@@ -110,7 +110,7 @@ class Diagnosis:
         strained = stalled | (hypot(*reading.forces) >= HEAVY_FORCE)
         if not anywhere(strained):
             return
-        at_limit = False
+        at_limit: Flag = False
         for position, (low, high) in zip(joints, limits, strict=True):
             at_limit = at_limit | (position <= low) | (position >= high)
         cause = where(reading.forces[0] >= HEAVY_FORCE, _TOO_HEAVY, 0)
