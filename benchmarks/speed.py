@@ -1,8 +1,9 @@
 """Speed of the method and of the environment: python benchmarks/speed.py [PARTS ...].
 
-Prints the times that docs/benchmark.md and docs/learners.md show. Actions run in turns
-within one process, with one BLAS thread, so that other load slows all of them equally.
-Times are CPU times, medians over the rounds. The part ``warp`` needs the extra warp.
+Prints the times that docs/benchmark.md and docs/learners.md show, with what is wanted.
+Actions run in turns within one process, with one BLAS thread, so that other load slows
+all of them equally. Times are CPU times, medians over the rounds. The part ``warp``
+needs the extra warp.
 """
 
 import copy
@@ -33,7 +34,7 @@ from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.files.provenance import code_state
 from gplfd_experiments.files.table import Table, text_table
 from gplfd_experiments.recording import record_episode
-from gplfd_policies import AlignedDemonstrations, ViaPoint, align
+from gplfd_policies import ViaPoint, align
 from gplfd_policies.adaptation import ADAPTATIONS, AdaptationForm
 from gplfd_policies.agents.lockstep import batch_agents
 from gplfd_policies.demonstrations.alignment import AlignmentMethod
@@ -48,14 +49,10 @@ Row = tuple[str, str, str]
 """What is measured, its value with the unit, and the wanted value."""
 
 
-def row(what: str, value: float, unit: str, wanted: str = "") -> Row:
-    """Return a line of the table; ``wanted`` is a limit such as ``"≤ 20"``."""
-    return what, f"{value:.4g} {unit}", f"{wanted} {unit}" if wanted else ""
-
-
-def median(values: Array) -> float:
-    """Return the median as a number."""
-    return float(np.median(values))
+def row(what: str, values: Array, unit: str, wanted: str = "", scale: float = 1) -> Row:
+    """Return a line with a scaled median; ``wanted`` is a limit such as ``"≤ 20"``."""
+    value = f"{scale * np.median(values):.4g} {unit}"
+    return what, value, f"{wanted} {unit}" if wanted else ""
 
 
 def repeated(action: Action, times: int = 1) -> Timed:
@@ -84,32 +81,24 @@ def measure(actions: Mapping[str, Timed], repeats: int) -> dict[str, Array]:
     return {name: np.array(seconds[1:]).T for name, seconds in rounds.items()}
 
 
-# --- Learning, adaptation and alignment --------------------------------------
-
-
-def demonstrated(count: int, samples: int) -> AlignedDemonstrations:
-    """Return aligned demonstrations of doors between 0.35 and 0.65 m."""
-    radii, rng = tuple(np.linspace(0.35, 0.65, count)), np.random.default_rng(0)
-    return align(Teacher().demonstrate_doors(radii, 1, rng=rng), n_samples=samples)
-
-
 def method(repeats: int) -> Iterator[Row]:
     """Time learning, prediction, via-points and alignment."""
-    learning = {
-        f"fit of {count} × {samples}": repeated(
-            functools.partial(fit_skill, demonstrated(count, samples))
-        )
-        for count, samples in ((6, 200), (100, 1000))
-    }
+    fits, sizes = {}, ((6, 200), (100, 1000))
+    for count, samples in sizes:
+        radii, rng = tuple(np.linspace(0.35, 0.65, count)), np.random.default_rng(0)
+        motions = Teacher().demonstrate_doors(radii, 1, rng=rng)
+        fit = functools.partial(fit_skill, align(motions, n_samples=samples))
+        fits[count, samples] = fit
+    learning = {f"fit of {n} × {m}": repeated(fit) for (n, m), fit in fits.items()}
     times = measure(learning, repeats)
     for name, (cpu, _) in times.items():
-        yield row(name, 1e3 * median(cpu), "ms")
+        yield row(name, cpu, "ms", scale=1e3)
     small, large = (cpu for cpu, _ in times.values())
-    yield row("fit of 100 × 1000 over 6 × 200", median(large / small), "×", "≤ 2")
+    yield row("fit of 100 × 1000 over 6 × 200", large / small, "×", "≤ 2")
 
-    aligned, phases = demonstrated(6, 200), np.linspace(0.0, 1.0, 200)
-    skill, path = fit_skill(aligned), aligned.poses[0]
+    skill, phases = fits[sizes[0]](), np.linspace(0.0, 1.0, 200)
     skill.deviations  # noqa: B018  (computed on first use; belongs to learning)
+    path = skill.aligned.poses[0]
     points = [ViaPoint(phase=phases[at], pose=path[at]) for at in range(0, 40, 4)]
 
     def updating(build: AdaptationForm) -> Action:
@@ -128,12 +117,12 @@ def method(repeats: int) -> Iterator[Row]:
     }
     actions["predict"] = repeated(functools.partial(skill.predict, phases), 50)
     adapting = {name: cpu for name, (cpu, _) in measure(actions, repeats).items()}
-    predict = 1e3 * median(adapting.pop("predict"))
-    yield row("Skill.predict, 200 phases", predict, "ms", "≤ 0.5")
+    predict = adapting.pop("predict")
+    yield row("Skill.predict, 200 phases", predict, "ms", "≤ 0.5", 1e3)
     for form, cpu in adapting.items():
         limit = "≤ 0.2" * (form == "process")
-        yield row(f"one via-point, {form}", 1e3 * median(cpu), "ms", limit)
-    ratio = median(adapting["product"] / adapting["process"])
+        yield row(f"one via-point, {form}", cpu, "ms", limit, 1e3)
+    ratio = adapting["product"] / adapting["process"]
     yield row("one via-point, product over process", ratio, "×", "≥ 15")
 
     two = Teacher().standard_demonstrations(seed=0)[:2]
@@ -142,10 +131,8 @@ def method(repeats: int) -> Iterator[Row]:
         for name in get_args(AlignmentMethod)
     }
     for name, (cpu, _) in measure(aligning, repeats).items():
-        yield row(f"align two demonstrations, {name}", 1e3 * median(cpu), "ms")
+        yield row(f"align two demonstrations, {name}", cpu, "ms", scale=1e3)
 
-
-# --- Environment -------------------------------------------------------------
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -203,10 +190,7 @@ def step_and_physics(
         mujoco.mj_setState(model, data, start, _STATE)
         return physics
 
-    both: dict[str, Timed] = {
-        "step": (after_reset, steps),
-        "physics": (from_start, steps),
-    }
+    both = {"step": (after_reset, steps), "physics": (from_start, steps)}
     return both, lambda: np.array_equal(state_of(model, data), end)
 
 
@@ -215,34 +199,34 @@ def environment(repeats: int) -> Iterator[Row]:
     for environment_id in (ENVIRONMENT_ID, IMPEDANCE_ENVIRONMENT_ID):
         actions, is_repeated = step_and_physics(environment_id)
         (step, _), (physics, _) = measure(actions, 4 * repeats).values()
-        beyond = 1e6 * median(step - physics)
-        yield row(f"{environment_id}: step beyond physics", beyond, "µs", "≤ 20")
-        ratio = median(step / physics)
-        yield row(f"{environment_id}: step over physics", ratio, "×", "≤ 1.3")
+        what = f"{environment_id}: step"
+        yield row(f"{what} beyond physics", step - physics, "µs", "≤ 20", 1e6)
+        yield row(f"{what} over physics", step / physics, "×", "≤ 1.3")
         same = "equal bit for bit" if is_repeated() else "DIFFERENT"
         yield f"{environment_id}: replayed states", same, "equal"
 
     env: Any = gym.make(ENVIRONMENT_ID, door="medium")
     rng = np.random.default_rng(0)
-    doors: dict[str, Callable[[], Any]] = {
-        "the same door": lambda: "medium",
-        "new friction and mass": lambda: {
-            "hinge_friction": rng.uniform(0.0, 2.0),
-            "panel_mass": rng.uniform(5.0, 30.0),
-        },
-        "a new radius": lambda: rng.uniform(0.30, 0.65),
-    }
 
     def from_medium(door: Callable[[], Any]) -> Action:
         env.reset(options={"door": "medium"})
         return lambda: [env.reset(options={"door": door()}) for _ in range(5)]
 
+    def friction_and_mass() -> dict[str, float]:
+        friction, mass = rng.uniform(0.0, 2.0), rng.uniform(5.0, 30.0)
+        return {"hinge_friction": friction, "panel_mass": mass}
+
     resets: dict[str, Timed] = {
-        name: (functools.partial(from_medium, door), 5) for name, door in doors.items()
+        name: (functools.partial(from_medium, door), 5)
+        for name, door in (
+            ("the same door", lambda: "medium"),
+            ("new friction and mass", friction_and_mass),
+            ("a new radius", lambda: rng.uniform(0.30, 0.65)),
+        )
     }
     for name, (cpu, _) in measure(resets, repeats).items():
         limit = "≤ 20" if name == "a new radius" else "≤ 1"
-        yield row(f"reset: {name}", 1e3 * median(cpu), "ms", limit)
+        yield row(f"reset: {name}", cpu, "ms", limit, 1e3)
 
 
 def vectors(repeats: int, counts: tuple[int, ...] = (2, 64, 256)) -> Iterator[Row]:
@@ -277,9 +261,9 @@ def vectors(repeats: int, counts: tuple[int, ...] = (2, 64, 256)) -> Iterator[Ro
     for count, (cpu, wall) in times.items():
         name = f"{count} simulations on 2 threads"
         limit = "≤ 1.15" * (count == "64")
-        yield row(f"{name}, CPU over mj_step", median(cpu / alone), "×", limit)
+        yield row(f"{name}, CPU over mj_step", cpu / alone, "×", limit)
         limit = "≥ 2.5" * (count == "2")
-        yield row(f"{name}, speed over SyncVectorEnv", median(sync / wall), "×", limit)
+        yield row(f"{name}, speed over SyncVectorEnv", sync / wall, "×", limit)
 
 
 def on_warp(repeats: int, counts: tuple[int, ...], device: str | None) -> Iterator[Row]:
@@ -305,10 +289,7 @@ def on_warp(repeats: int, counts: tuple[int, ...], device: str | None) -> Iterat
             f"Warp on {warp.get_device()}": resting(make_warp(count), count),
         }
         for name, (_, wall) in measure(actions, repeats).items():
-            yield row(f"{count} doors, {name}", 1.0 / median(wall), "control steps/s")
-
-
-# --- Agents ------------------------------------------------------------------
+            yield row(f"{count} doors, {name}", 1.0 / wall, "control steps/s")
 
 
 def agents(
@@ -321,8 +302,7 @@ def agents(
     def loop(envs: Any, acting: Any, count: int) -> Timed:
         def run(observation: Any) -> None:
             for _ in range(periods):
-                action = acting.act(observation).action
-                observation, *_ = envs.step(action)
+                observation, *_ = envs.step(acting.act(observation).action)
 
         def prepare() -> Action:
             first, _ = envs.reset(seed=0)
@@ -341,8 +321,8 @@ def agents(
         loops[f"{count} `gp` agents in lockstep"] = loop(envs, together, count)
     for name, (cpu, wall) in measure(loops, repeats).items():
         limit = "≥ 5000" * name.startswith("64")
-        yield row(name, 1.0 / median(wall), "control steps/s", limit)
-        yield row(f"{name}, a control step", 1e3 * median(cpu), "ms")
+        yield row(name, 1.0 / wall, "control steps/s", limit)
+        yield row(f"{name}, a control step", cpu, "ms", scale=1e3)
 
     opened = functools.partial(rollout, env, agent, policy="gp", door="medium", seed=0)
     log = opened()
@@ -351,11 +331,9 @@ def agents(
         record = functools.partial(record_episode, path, log, model, demonstrations)
         actions = {"rollout": repeated(opened), "recording": repeated(record)}
         (opening, _), (recording, _) = measure(actions, repeats).values()
-    share = median(recording / opening)
+    share = recording / opening
     yield row("recording of an episode over the rollout", share, "×", "≤ 0.1")
 
-
-# --- Command -----------------------------------------------------------------
 
 Part = Literal["method", "environment", "vectors", "agents", "warp"]
 

@@ -353,7 +353,7 @@ def page_of(write_study: Callable[..., Path]) -> Callable[..., str]:
     def text(results: Iterable[Any], reference: str = "gp") -> str:
         folder = write_study(results)
         found = read_results(folder)
-        return markdown_page(report(found, folder, folder, reference))
+        return markdown_page(report(found, reference))
 
     return text
 

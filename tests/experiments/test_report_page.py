@@ -58,7 +58,7 @@ def results(episode_result, learning_result):
 
 def pages(folder, reference="gp"):
     """Both pages, without plots, which take their time."""
-    document = report(read_results(folder), folder, folder, reference)
+    document = report(read_results(folder), reference)
     images = {picture.name: b"" for picture in document.pictures}
     return html_page(document, images), markdown_page(document)
 
@@ -187,7 +187,7 @@ def test_any_policy_is_the_reference_or_else_the_best(write_study, page_of, poli
         "| `gp` | 0 : 8<br>**p 0.016**, n 8 |",
     ):
         assert said in text
-    first, *_ = report(read_results(folder), folder, folder, "kmp").pictures
+    first, *_ = report(read_results(folder), "kmp").pictures
     panels = [axes for axes in first.draw().axes if axes.lines]
     marked = {
         axes.get_title(loc="left"): axes.lines[-1].get_color() == style.ADAPTED

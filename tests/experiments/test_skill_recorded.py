@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_experiments.analysis.report.predictions import advice
-from gplfd_experiments.analysis.results.reading import RecordedResult, read_results
+from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.studies.jobs import run_job
@@ -26,7 +25,7 @@ from gplfd_experiments.studies.learning_tests.via_points import (
 )
 from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.store import FORECAST_METRICS
-from gplfd_experiments.studies.tasks import RecordedTask, task_from
+from gplfd_experiments.studies.tasks import task_from
 from gplfd_policies import POLICIES
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import (
@@ -282,32 +281,3 @@ def test_what_is_wrong_is_said_and_nothing_written(folder, arguments, message, c
     (said,) = capsys.readouterr().err.splitlines()
     assert message in said
     assert not Path("out").exists()
-
-
-ALIKE = (-2.0, -2.1, -1.9, -2.05, -1.95)
-
-
-@pytest.mark.parametrize(
-    ("coverage", "missed", "nlpd", "said"),
-    [
-        (0.95, 1e-3, ALIKE, "Nothing is conspicuous for `gp`"),
-        (0.80, 1e-3, ALIKE, "overconfident: its 95 % intervals hold 0.80"),
-        (1.00, 1e-3, ALIKE, "underconfident"),
-        (0.95, 9e-3, ALIKE, "by 9.0 mm"),
-        (0.95, 1e-3, (*ALIKE, 3.0), "Recording 5 is unlike the others"),
-    ],
-)
-def test_bad_values_come_with_advice(coverage, missed, nlpd, said):
-    unknown = dict.fromkeys(("pair", "error", "code", "machine", "policy_source"), "")
-    scores = {"coverage_95": coverage, "via_error_position_m": missed}
-    own = [
-        RecordedResult(
-            task=RecordedTask(policy="gp", seed=number, recordings="x"),
-            metrics={"nlpd": value, **scores},
-            lost=False,
-            **unknown,
-        )
-        for number, value in enumerate(nlpd)
-    ]
-    (text,) = advice(own, "gp")
-    assert said in text

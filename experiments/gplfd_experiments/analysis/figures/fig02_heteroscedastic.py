@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from gplfd_experiments.analysis.figures import style
@@ -89,7 +88,10 @@ def measure(material: Material) -> LocalNoise:
     ]
     coverage = {
         name: np.mean(
-            [one[name].inside(poses)[..., HEIGHT].mean(axis=0) for one in policies],
+            [
+                policy[name].inside(poses)[..., HEIGHT].mean(axis=0)
+                for policy in policies
+            ],
             axis=0,
         )
         for name in _NOISES
@@ -115,13 +117,13 @@ def draw(shown: LocalNoise) -> Figure:
     figure = style.new_figure(style.PAGE, 3.6)
     axes = figure.subplot_mosaic([["a", "b", "c"], ["d", "e", "e"]])
     for panel, name in {"a": LOW, "b": HIGH, "c": LOCAL}.items():
-        own, policy = axes[panel], shown.policies[name]
+        height, policy = axes[panel], shown.policies[name]
         curves = shown.demonstrations.T
-        own.plot(PHASES, curves, color=style.DEMONSTRATION, linewidth=0.5)
-        own.lines[0].set_label("demonstrations")
+        height.plot(PHASES, curves, color=style.DEMONSTRATION, linewidth=0.5)
+        height.lines[0].set_label("demonstrations")
         labels = {"band_label": "95 %", "label": "mean"}
-        style.mean_and_interval(own, policy, HEIGHT, style.ADAPTED, **labels)
-        own.sharey(axes["a"])
+        style.mean_and_interval(height, policy, HEIGHT, style.ADAPTED, **labels)
+        height.sharey(axes["a"])
     axes["a"].set_ylabel("height [m]")
     axes["a"].legend(loc="lower center")
 
@@ -146,8 +148,8 @@ def draw(shown: LocalNoise) -> Figure:
     covered.set(ylabel="repetitions inside [%]", ylim=(0.0, 102.0))
     covered.legend(loc="center", bbox_to_anchor=(0.5, 0.55), ncols=2)
 
-    for each in axes.values():
-        each.set(xlabel="phase", xlim=(0.0, 1.0))
+    for panel_axes in axes.values():
+        panel_axes.set(xlabel="phase", xlim=(0.0, 1.0))
     titles = (
         "standard GP, noise of the ends",
         "standard GP, noise of the middle",
@@ -161,30 +163,21 @@ def draw(shown: LocalNoise) -> Figure:
 
 def caption(shown: LocalNoise) -> str:
     """Describe the figure and state its numbers."""
-
-    def share(name: str, where: NDArray[np.bool_]) -> str:
-        return f"{100.0 * shown.coverage[name][where].mean():.0f} %"
-
-    local = shown.coverage[LOCAL]
-    low, high = shown.expected
+    covered = ", ".join(
+        f"{100.0 * share[_ENDS].mean():.0f} % and {100.0 * share[_MIDDLE].mean():.0f} "
+        f"% ({name})"
+        for name, share in shown.coverage.items()
+    )
+    local = 100.0 * shown.coverage[LOCAL]
+    low, high = (100.0 * bound for bound in shown.expected)
     return (
         f"Height of the hand in {len(shown.demonstrations)} synthetic pick-and-place "
-        "motions whose ends are constrained (spread 3 mm) and whose middle is free "
-        "(40 mm). (a, b) Standard Gaussian processes with one noise level, that of the "
-        "ends or that of the middle; (c) the heteroscedastic Gaussian process; lines "
-        "and shades are mean and 95 % interval. (d) Its standard deviation against the "
-        f"true spread. (e) Share of {_FRESH} new repetitions inside the 95 % band, "
-        f"mean over {_SETS} such sets; the grey area is the 95 % range of this mean if "
-        "the spread is estimated at each phase independently. The paper's Fig. 2 "
-        "shows (a) to (d) without numbers and does not say why its two standard "
-        "processes differ. Here the level is set; the maximum-likelihood level lies "
-        "between the two and has both errors. Measured coverage at the ends (first "
-        f"and last tenth) and in the middle fifth: {share(LOW, _ENDS)} and "
-        f"{share(LOW, _MIDDLE)} with the noise of the ends, {share(HIGH, _ENDS)} and "
-        f"{share(HIGH, _MIDDLE)} with that of the middle, {share(LIKELY, _ENDS)} and "
-        f"{share(LIKELY, _MIDDLE)} with the most likely one, {share(LOCAL, _ENDS)} and "
-        f"{share(LOCAL, _MIDDLE)} with local noise, which is "
-        f"{100.0 * local.mean():.1f} % over the whole task and "
-        f"{100.0 * local.min():.0f} to {100.0 * local.max():.0f} % at its phases, "
-        f"where the grey area reaches from {100.0 * low:.0f} to {100.0 * high:.0f} %."
+        "motions with constrained ends and a free middle. (a, b) Gaussian processes "
+        "with one noise level, that of the ends or of the middle; the paper does not "
+        "say why its two differ. (c) Heteroscedastic process; (d) its standard "
+        f"deviation. (e) Share of {_FRESH} new repetitions inside the 95 % band, mean "
+        f"over {_SETS} sets; grey: range of this mean if the spread is estimated at "
+        f"each phase ({low:.0f} to {high:.0f} %). Measured at the ends and in the "
+        f"middle: {covered}. Local noise: {local.mean():.1f} % on average, "
+        f"{local.min():.0f} to {local.max():.0f} % at its phases."
     )

@@ -66,23 +66,23 @@ def measure(material: Material) -> Alignments:
         ]
     }
     end_error = {}
-    for name, one in aligned.items():
+    for name, motions_aligned in aligned.items():
         progress[name], ends = [], []
-        for motion, poses in zip(motions, one.poses, strict=True):
+        for motion, poses in zip(motions, motions_aligned.poses, strict=True):
             # An aligned pose has the progress of the nearest recorded pose, because the
             # motions do not cross themselves.
             recorded = motion.demonstration.poses[:, :3]
             distance = np.linalg.norm(poses[:, None, :3] - recorded, axis=2)
             progress[name].append(motion.progress[distance.argmin(axis=1)])
             ends += [poses[end, :3] - recorded[end] for end in (0, -1)]
-        end_error[name] = max(float(np.linalg.norm(each)) for each in ends)
+        end_error[name] = max(float(np.linalg.norm(offset)) for offset in ends)
     return Alignments(
         motions=motions,
         completion=tuple(map(task_completion_index, demonstrations)),
         aligned=aligned,
         phase_error={
-            name: float(np.sqrt(np.var(own, axis=0).mean()))
-            for name, own in progress.items()
+            name: float(np.sqrt(np.var(values, axis=0).mean()))
+            for name, values in progress.items()
         },
         end_error=end_error,
     )
@@ -120,25 +120,20 @@ def caption(shown: Alignments) -> str:
     """Describe the figure and state its numbers."""
     error = {name: 100.0 * value for name, value in shown.phase_error.items()}
     step = {
-        name: 1e3 * np.abs(np.diff(one.poses[:, :, :3], 2, axis=1)).max()
-        for name, one in shown.aligned.items()
+        name: 1e3 * np.abs(np.diff(aligned.poses[:, :, :3], 2, axis=1)).max()
+        for name, aligned in shown.aligned.items()
     }
     return (
         f"{len(shown.motions)} synthetic pick-and-place motions to shelves at "
-        f"{LEVELS[0]:.2f} m and {LEVELS[1]:.2f} m, each with its own duration and "
-        "uneven timing. (a) As recorded, time distorts them. (b) Dynamic time warping "
-        "on the distance of poses matches the end of the path to the low shelf with "
-        "the middle of the path to the high shelf: the low motions arrive early and "
-        "wait. (c) Matched at equal task completion index, Eq. (16), both arrive "
-        "together. (d) The index. The paper's Fig. 3 shows the same; the differences "
-        "are that (c) interpolates the index, which equals warping on the index "
-        f"without its steps (largest second difference {step[COMPLETION]:.1f} mm "
-        f"against {step[PUBLISHED]:.1f} mm), and that the error is measured. Phase "
-        "error, the rms difference of true progress between motions at equal phase: "
+        f"{LEVELS[0]:.2f} m and {LEVELS[1]:.2f} m. (a) As recorded. (b) Dynamic time "
+        "warping on the distance of poses: the low motions arrive early and wait. (c) "
+        "Matched at equal task completion index, Eq. (16), both arrive together. (d) "
+        "The index. Unlike in the paper, (c) interpolates the index; warping on it has "
+        f"steps (largest second difference {step[PUBLISHED]:.1f} mm against "
+        f"{step[COMPLETION]:.1f} mm). Rms difference of true progress at equal phase: "
         f"{error[CLOCK]:.1f} % when only scaled to one duration, "
         f"{error[EUCLIDEAN]:.1f} % in (b), {error[COMPLETION]:.1f} % in (c), "
-        f"{error[PUBLISHED]:.1f} % for warping on the index. Recorded ends are "
-        f"preserved within {1e3 * shown.end_error[COMPLETION]:.2f} mm in (c) and "
-        f"{1e3 * shown.end_error[EUCLIDEAN]:.1f} mm in (b), where a whole stretch of "
-        "samples is averaged into one."
+        f"{error[PUBLISHED]:.1f} % for warping on the index. Recorded ends are kept "
+        f"within {1e3 * shown.end_error[COMPLETION]:.2f} mm in (c) and "
+        f"{1e3 * shown.end_error[EUCLIDEAN]:.1f} mm in (b)."
     )

@@ -144,35 +144,35 @@ def draw(shown: ViaPoints) -> Figure:
 
 def caption(shown: ViaPoints) -> str:
     """Describe the figure and state its numbers."""
-    strong, weak = shown.via_points
-
-    def numbers(name: str) -> str:
-        return (
-            f"{1e3 * shown.miss(name, strong):.1f} mm and "
-            f"{1e3 * shown.miss(name, weak):.0f} mm"
-        )
-
-    end = shown.std(DEMONSTRATED, 1.0)
+    names = {PROCESS: "(b)", PRODUCT: "(c)", COARSE: "(d)", PRINTED: "prior mean zero"}
+    spreads = ", ".join(
+        f"{1e3 * shown.std(name, 0.5):.0f} mm {panel}"
+        for name, panel in names.items()
+        if name != PRINTED
+    )
+    misses = ", ".join(
+        f"{1e3 * shown.miss(name, shown.via_points[0]):.1f} mm and "
+        f"{1e3 * shown.miss(name, shown.via_points[1]):.0f} mm {panel}"
+        for name, panel in names.items()
+        if name != COARSE
+    )
+    changes = ", ".join(
+        f"{1e3 * shown.far_change(name):.1f} mm {panel}"
+        for name, panel in names.items()
+        if name != COARSE
+    )
     return (
         "Height of the hand in the pick-and-place task of Fig. 2, learned from "
-        f"{len(shown.demonstrations)} demonstrations (a) and adapted to two via-points "
-        f"{1e3 * abs(_STRONG[1]):.0f} mm off the mean (green, with their own 95 %): a "
-        f"strong one ({1e3 * _STRONG[2]:.0f} mm) at phase {_STRONG[0]} and a weak one "
-        f"({1e3 * _WEAK[2]:.0f} mm) at phase {_WEAK[0]}. Dashed: the mean before. (b) "
-        "Conditioning of the demonstrated process, the default; (c) the paper's "
-        "product of Gaussians, Eqs. (20)–(21), with the demonstrations' mean as prior "
-        f"mean; (d) the same product, predicted at {_COARSE_GRID.size} phases. The "
-        "paper's Fig. 4 shows (a) and one adapted policy, and does not show how the "
-        "product depends on the number of predicted phases, each of which counts as "
-        "one more observation: σ at phase 0.5, without a via-point, is "
-        f"{1e3 * shown.std(DEMONSTRATED, 0.5):.0f} mm before, "
-        f"{1e3 * shown.std(PROCESS, 0.5):.0f} mm in (b), "
-        f"{1e3 * shown.std(PRODUCT, 0.5):.0f} mm in (c) and "
-        f"{1e3 * shown.std(COARSE, 0.5):.0f} mm in (d). Distance from the strong and "
-        f"from the weak via-point: {numbers(PROCESS)} in (b), {numbers(PRODUCT)} in "
-        f"(c), {numbers(PRINTED)} for (c) with the paper's prior mean of zero. Largest "
-        "change of the mean in the last twentieth, where the end is fixed (σ = "
-        f"{1e3 * end:.1f} mm): {1e3 * shown.far_change(PROCESS):.1f} mm in (b), "
-        f"{1e3 * shown.far_change(PRODUCT):.1f} mm in (c), "
-        f"{1e3 * shown.far_change(PRINTED):.1f} mm with the prior mean of zero."
+        f"{len(shown.demonstrations)} demonstrations (a) and adapted to a strong "
+        f"via-point ({1e3 * _STRONG[2]:.0f} mm) at phase {_STRONG[0]} and a weak one "
+        f"({1e3 * _WEAK[2]:.0f} mm) at phase {_WEAK[0]}, {1e3 * abs(_STRONG[1]):.0f} "
+        "mm off the mean (green, with 95 %). Dashed: the mean before. (b) Conditioning "
+        "of the demonstrated process, the default; (c) the paper's product of "
+        "Gaussians, Eqs. (20)–(21), with the demonstrations' mean as prior mean; (d) "
+        f"the same at {_COARSE_GRID.size} phases, each of which counts as one more "
+        "observation. σ at phase 0.5, without a via-point: "
+        f"{1e3 * shown.std(DEMONSTRATED, 0.5):.0f} mm before, {spreads}. Distance from "
+        f"the strong and from the weak via-point: {misses}. Largest change of the mean "
+        "in the last twentieth, where the end is fixed (σ = "
+        f"{1e3 * shown.std(DEMONSTRATED, 1.0):.1f} mm): {changes}."
     )

@@ -93,23 +93,21 @@ def draw(shown: Mapping[str, Stability]) -> Figure:
     figure = style.new_figure(style.PAGE, 4.7)
     rows = figure.subplots(3, len(shown), sharex="col", sharey="row", squeeze=False)
     titles = []
-    for column, (door, one) in zip(rows.T, shown.items(), strict=True):
+    for column, (door, episode) in zip(rows.T, shown.items(), strict=True):
         stiffness, fall, use = column
-        times = one.log.times
+        times = episode.log.times
         for output, (_, colour) in AXES.items():
-            fixed, own = (
-                one.fixed_stiffness[:, output],
-                one.log.decisions.stiffness[:, output],
-            )
+            fixed = episode.fixed_stiffness[:, output]
             stiffness.plot(times, fixed, color=colour, linestyle="--", linewidth=0.8)
-            stiffness.plot(times, own, color=colour)
+            adapted = episode.log.decisions.stiffness[:, output]
+            stiffness.plot(times, adapted, color=colour)
             # A dot per control step without interpolation.
-            fall.plot(times, one.fall[:, output], color=colour, **_DOT)
-            use.plot(times, one.used[:, output], color=colour, **_DOT)
+            fall.plot(times, episode.fall[:, output], color=colour, **_DOT)
+            use.plot(times, episode.used[:, output], color=colour, **_DOT)
         stiffness.set_ylim(0.0, 540.0)
 
-        fall.axhline(one.tight, color=style.LIMIT)
-        fall.axhline(one.printed, color=style.LIMIT, linestyle=":")
+        fall.axhline(episode.tight, color=style.LIMIT)
+        fall.axhline(episode.printed, color=style.LIMIT, linestyle=":")
         # The drop at the first via-point may be fifty times the bound.
         fall.set_yscale("symlog", linthresh=_LINEAR, linscale=1.2)
         fall.set_yticks(_TICKS, [f"{tick:g}" for tick in _TICKS])
@@ -117,8 +115,8 @@ def draw(shown: Mapping[str, Stability]) -> Figure:
 
         use.axhline(1.0, color=style.LIMIT)
         for output in AXES:
-            governed = one.governed[:, output]
-            marked = times[governed], one.used[governed, output]
+            governed = episode.governed[:, output]
+            marked = times[governed], episode.used[governed, output]
             use.plot(*marked, color=style.LIMIT, **_MARK)
         use.set(xlabel="time [s]", xlim=(0.0, float(times[-1])))
         titles += [f"stiffness, {door} door"]
@@ -144,33 +142,33 @@ def caption(shown: Mapping[str, Stability]) -> str:
     """Describe the figure and state its numbers."""
     outputs = list(AXES)
     first = next(iter(shown.values()))
-    tight, printed = first.tight, first.printed
-    numbers = [
-        f"{door} door: {int((one.fall[:, outputs] > tight).any(axis=1).sum())} of "
-        f"{one.log.times.size} steps above it (and above the printed one in "
-        f"{int((one.fall[:, outputs] > printed).any(axis=1).sum())}), at most "
-        f"{one.fall[:, outputs].max():.3f} m/s, and without via-points at most "
-        f"{one.fixed_fall[:, outputs].max():.3f} m/s; stiffness from "
-        f"{one.log.decisions.stiffness[:, outputs].min():.0f} to "
-        f"{one.log.decisions.stiffness[:, outputs].max():.0f} N/m, its rate at most "
-        f"{100.0 * one.used[:, outputs].max():.1f} % of the bound at that stiffness, "
-        f"interventions of the governor: {int(one.governed[:, outputs].sum())}"
-        for door, one in shown.items()
-    ]
+    numbers = []
+    for door, episode in shown.items():
+        fall, stiffness = episode.fall[:, outputs], episode.log.decisions.stiffness
+        above, printed = (
+            int((fall > bound).any(axis=1).sum())
+            for bound in (episode.tight, episode.printed)
+        )
+        numbers.append(
+            f"{door} door: {above} of {episode.log.times.size} steps above it (and "
+            f"{printed} above the printed one), at most {fall.max():.3f} m/s, and "
+            f"without via-points at most {episode.fixed_fall[:, outputs].max():.3f} "
+            f"m/s; stiffness from {stiffness[:, outputs].min():.0f} to "
+            f"{stiffness[:, outputs].max():.0f} N/m, its rate at most "
+            f"{100.0 * episode.used[:, outputs].max():.1f} % of its bound; "
+            f"interventions of the governor: {int(episode.governed[:, outputs].sum())}"
+        )
     return (
-        "(a, d) Stiffness along and across the path while an ordinary door and a "
-        "heavy door open, and (dashed) the stiffness by the same law for the "
-        "uncertainty without via-points. (b, e) Decrease rate of the uncertainty that "
-        f"sets the stiffness, one dot per control step (axis linear up to {_LINEAR:g} "
-        "m/s, then logarithmic), against Eq. (28) with the tight constant "
-        f"({tight:.4f} m/s) and with the printed one ({printed:.4f} m/s). (c, f) Rate "
-        "of the stiffness over the bound at the present stiffness, tight form of Eq. "
-        "(23): below 1 the virtual dynamics are stable. The paper's Fig. 10 shows "
-        "stiffness falling towards the end, as the dashed lines do, and compares "
-        "+dσ/dt with the bound. Because decreasing uncertainty raises the stiffness, "
-        "this figure uses -dσ/dt. Some steps exceed the bound of Eq. (28), because "
-        f"every via-point reduces σ at once. {'; '.join(numbers)}. Eq. (28) is "
-        "sufficient, not necessary, as it assumes the steepest point of the law; the "
-        "condition itself (c, f) always holds, because the governor limits the "
-        "stiffness where it would be violated."
+        "(a, d) Stiffness along and across the path while an ordinary and a heavy door "
+        "open, and (dashed) by the same law for the uncertainty without via-points. "
+        "(b, e) Decrease rate of the uncertainty that sets the stiffness, one dot per "
+        f"control step, against Eq. (28) with the tight constant ({first.tight:.4f} "
+        f"m/s) and the printed one ({first.printed:.4f} m/s). (c, f) Rate of the "
+        "stiffness over the bound at the present stiffness, tight form of Eq. (23): "
+        "below 1 the virtual dynamics are stable. The paper's Fig. 10 compares +dσ/dt "
+        "with the bound; because decreasing uncertainty raises the stiffness, this "
+        "figure uses -dσ/dt. Every via-point reduces σ at once, so that some steps "
+        f"exceed Eq. (28). {'; '.join(numbers)}. Eq. (28) is sufficient, not "
+        "necessary; the condition itself (c, f) holds, because the governor limits the "
+        "stiffness."
     )

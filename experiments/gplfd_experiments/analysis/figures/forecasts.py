@@ -88,7 +88,7 @@ def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
 
     by_form = {}
     for name, agent in agents.items():
-        found: list[Forecast] = []
+        forecasts: list[Forecast] = []
         for row, decision in zip(
             range(rows[-1] + 1), decisions(log, agent), strict=False
         ):
@@ -98,8 +98,8 @@ def foretold(log: EpisodeLog, agents: Mapping[str, Agent]) -> Forecasts:
                 # Up to the end of the episode.
                 to_come = rest.times[rest.times <= reached[-1]]
                 truth = interpolated(to_come, reached, log.opening.handle_pose[first])
-                found.append(Forecast(rest=rest, truth=truth))
-        by_form[name] = tuple(found)
+                forecasts.append(Forecast(rest=rest, truth=truth))
+        by_form[name] = tuple(forecasts)
     phases = tuple(float(log.decisions.observed_phase[row]) for row in rows)
     return Forecasts(log=log, phases=phases, by_form=by_form)
 
@@ -147,9 +147,9 @@ def caption(openings: Mapping[str, Forecasts]) -> str:
     for index, share in enumerate(SHARES):
         forms = []
         for form in FORMS:
-            each = [opening.by_form[form][index] for opening in openings.values()]
-            error = np.mean([forecast.rms_error() for forecast in each])
-            inside = np.mean([forecast.coverage() for forecast in each])
+            made = [opening.by_form[form][index] for opening in openings.values()]
+            error = np.mean([forecast.rms_error() for forecast in made])
+            inside = np.mean([forecast.coverage() for forecast in made])
             forms.append(f"{form} {1e3 * error:.0f} mm, {100.0 * inside:.0f} %")
         numbers.append(f"after {100.0 * share:.0f} %: {'; '.join(forms)}")
     radii = ", ".join(f"{opening.log.radius:.2f}" for opening in openings.values())
@@ -160,15 +160,10 @@ def caption(openings: Mapping[str, Forecasts]) -> str:
         f"{phases}), by three forms of adaptation with the same observations: the "
         "paper's product of Gaussians, exact conditioning of its model, and "
         "conditioning of the demonstrated process (the default). Dashed: mean; "
-        "shaded: union of the joint 95 % regions of x and z at the remaining phases; "
-        "green: the true arc. The paper shows no such forecasts. Above the "
-        "panels: rms distance of the mean from the rest of the true path, and share "
-        "of the true x and z inside the 95 % intervals of their phase. An arc may run "
-        "inside the shaded union although the handle is ahead of the forecast. Means "
-        f"over doors of {radii} m: {'. '.join(numbers)}. The product hardly adapts and "
-        "has narrow intervals. Exact conditioning corrects the mean, but its "
-        "intervals keep the spread of all doors. The intervals of the process narrow "
-        "as more of the present door is observed; where fewer than 95 % are inside, "
-        "it is overconfident. The true pose is taken at the phase that the agent "
-        "later estimates, so that phase errors count as errors of x and z."
+        "shaded: union of the joint 95 % regions of x and z; green: the true arc. "
+        "Above the panels: rms distance of the mean from the rest of the true path, "
+        "and share of the true x and z inside the 95 % intervals of their phase. Means "
+        f"over doors of {radii} m: {'. '.join(numbers)}. The true pose is taken at the "
+        "phase that the agent later estimates, so that phase errors count as errors of "
+        "x and z."
     )

@@ -12,6 +12,7 @@ from gplfd_experiments.analysis.results.reading import (
     TaskResult,
 )
 from gplfd_experiments.analysis.results.table import remarks
+from gplfd_experiments.files.table import Table
 from gplfd_experiments.studies.store import PLANNED
 
 _TITLE: Final = "What was run"
@@ -96,21 +97,14 @@ def origin_section(results: StudyResults) -> Section:
         section.say("Policies that are not this project's:")
         section.items(f"{code(policy)}: {code(source)}" for policy, source in own)
 
-    settings = []
-    for title, key, form in (
-        ("Machine", "platform", "{} {}"),
-        ("Settings of the last command", "config", "{} = {}"),
+    for title, key in (
+        ("Machine", "platform"),
+        ("Settings of the last command", "config"),
     ):
-        entries = results.study.get(key)
-        if isinstance(entries, dict):
-            said = "; ".join(
-                form.format(
-                    name, " ".join(map(str, each)) if isinstance(each, list) else each
-                )
-                for name, each in entries.items()
-            )
-            settings.append(f"{title}: {literal(said)}.")
-    section.items(settings)
+        if isinstance(entries := results.study.get(key), dict):
+            cells = tuple((literal(name), literal(entries[name])) for name in entries)
+            table = Table(columns=("name", "value"), rows=cells, left=True)
+            section.table(table, folded=title)
 
     # Tasks that only some policies ran.
     every = {one.pair for one in results.episodes}

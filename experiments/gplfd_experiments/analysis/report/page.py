@@ -44,7 +44,7 @@ def write_report(
     Returns the path of the HTML page.
     """
     folder = study if out is None else out
-    document = report(results, study, folder, reference)
+    document = report(results, reference)
     images: dict[str, bytes] = {}
     for picture in document.pictures:
         with paper_style():
@@ -62,10 +62,8 @@ def write_report(
     return folder / HTML
 
 
-def report(
-    results: StudyResults, study: Path, folder: Path, reference: str
-) -> Document:
-    """Return the report of a study; the folder is that of the page."""
+def report(results: StudyResults, reference: str) -> Document:
+    """Return the report of a study."""
     episodes = [one for one in results.episodes if not one.task.trial]
     shown = {str(title): ranked(own) for title, own in by_condition(episodes).items()}
     ran = {title: counted(runs) for title, runs in shown.items()}

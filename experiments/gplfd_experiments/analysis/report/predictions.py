@@ -5,7 +5,6 @@ limits are in `gplfd_experiments.studies.learning_tests.criteria`.
 """
 
 import math
-import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -16,7 +15,6 @@ from gplfd_experiments.analysis.report.document import (
     Section,
     code,
     medians,
-    names,
     policy_table,
 )
 from gplfd_experiments.analysis.report.plots import LeftOut, coverage, prediction_scores
@@ -49,11 +47,12 @@ _MEASURES: Final[Mapping[str, Measure]] = {
     **RECORDED_MEASURES,
     **FORCE_MEASURES,
 }
-_FORECASTS: Final = (
+_SUMMARY: Final = (
+    *(*LEARNING_HEADLINES, "coverage_95"),
     *("forecast_25_nlpd", "forecast_25_position_m"),
-    *("online_25_nlpd", "online_25_position_m"),
+    *("online_25_nlpd", "online_25_position_m", "online_25_coverage_95"),
 )
-"""Forecasts in the summary."""
+"""Measures in the summary."""
 _FORCES: Final = tuple(FORCE_MEASURES)
 _TABLES: Final[Mapping[str, tuple[str, ...]]] = {
     "A recording that was not seen": tuple(
@@ -73,17 +72,6 @@ _FORCE_NOTE: Final = (
     "Force and moment of what is left out, before any force was measured and of the "
     "rest once a part was, at known phases. NLPD in newtons and newton metres."
 )
-_HONEST: Final = (0.90, 0.99)
-"""Accepted measured coverage of 95 % intervals; few recordings determine it only to a
-few hundredths."""
-_MISSED: Final = 2.0
-"""Distance from which a via-point with a standard deviation of 1 mm is missed [mm]."""
-_UNLIKE: Final = 3.5
-"""A recording is unlike the others if its score is this many robust standard deviations
-above the median; limit by Iglewicz and Hoaglin."""
-_ROBUST: Final = 1.4826
-"""Ratio of standard deviation and median absolute deviation of a normal variable."""
-
 _SIGN: Final = {True: "✓", False: "✗", None: "?"}
 _TUNED: Final = tuple(f"{policy}-tuned" for policy in TABLE_1)
 _TINY: Final = 1e-3
@@ -94,7 +82,7 @@ Metrics = dict[str, list[Mapping[str, Any]]]
 
 
 def learning_section(tests: Tests, reference: str) -> Section:
-    """All learning tests in one table, with sentences; plots of the first condition."""
+    """All learning tests in one table; plots of the first condition."""
     section = Section("What was learned, without a robot", "learning")
     ran = [one for one in tests if not one.error]
     if not ran:
@@ -107,7 +95,7 @@ def learning_section(tests: Tests, reference: str) -> Section:
         f"{left_out}: {condition.teaching}": by_policy(own)
         for condition, those in by_condition(tests).items()
         for held_out, left_out in _LEFT_OUT.items()
-        if (own := [one for one in those if one.task.held_out == held_out])
+        if (own := [test for test in those if test.task.held_out == held_out])
     }
     note = (
         "What is left out is predicted and compared with what was done: medians over "
@@ -126,26 +114,17 @@ def learning_section(tests: Tests, reference: str) -> Section:
 
 
 def recorded_section(results: Results, reference: str) -> Section:
-    """All methods on recordings: sentences, tables, plots, recommendations."""
+    """All methods on recordings, each left out in turn: tables and plots."""
     section = Section("What was learned from the recordings", "recorded")
     runs = by_policy(results)
     section.say(
-        "Each recording is left out in turn. The method learns from the others, and "
-        "its prediction is compared with the left-out recording at equal phases; the "
-        "phase follows from the share of the path that the hand has covered. Less is "
-        "better. NLPD is over the outputs that move, in metres and radians: a "
-        "difference of 0.1 per number is a factor of 1.1 in the density. Recordings "
-        "are the independent trials of the intervals."
-    )
-    section.say(
-        "**Online** means that the method reads the recording sample by sample, as on "
-        "a robot, and estimates the phase from the samples so far. The other "
-        "forecasts use the phase from the whole path."
+        "Each recording is left out in turn and predicted from the others. The phase "
+        "is the share of the path that the hand has covered; **online**, the method "
+        "estimates it from the samples so far, as on a robot. Less is better. NLPD is "
+        "over the outputs that move, in metres and radians."
     )
     section.table(_summary(results))
     _add_plots(section, [one for one in results if not one.error], reference)
-    section.say("**What to make of it**")
-    section.items(advice(runs.get(reference, ()), reference))
     felt = any(one.number("force_error_n") is not None for one in results)
     for title, metrics in _TABLES.items():
         if metrics is _FORCES and not felt:
@@ -187,8 +166,6 @@ def _summary(results: Results) -> Table:
         return math.inf if middle is None else middle
 
     order = sorted(by_policy(results).items(), key=likelihood)
-    forecast = (*_FORECASTS, "online_25_coverage_95")
-    columns = _columns((*LEARNING_HEADLINES, "coverage_95", *forecast))
     note = (
         "Medians over recordings. **n:** recordings left out, one at a time. "
         "**NLPD:** negative log predictive density of the outputs that move; less is "
@@ -197,7 +174,7 @@ def _summary(results: Results) -> Table:
         "**After 25 %:** error and NLPD of the rest once a quarter has been seen. "
         "**Online 25 %:** the same, with the phase estimated from the samples so far."
     )
-    return policy_table({"": dict(order)}, columns, note)
+    return policy_table({"": dict(order)}, _columns(_SUMMARY), note)
 
 
 def _columns(metrics: Iterable[str]) -> dict[str, Cell]:
@@ -231,57 +208,6 @@ def _add_plots(section: Section, tests: Sequence[LeftOut], reference: str) -> No
         )
 
 
-def advice(own: Results, policy: str) -> list[str]:
-    """Return the problems in a method's numbers, and recommendations."""
-    ran = [one for one in own if not one.error]
-    texts: list[str] = []
-    shares = _MEASURES["coverage_95"].values(ran)
-    held = statistics.fmean(shares) if shares else math.nan
-    low, high = _HONEST
-    if ran and not shares:
-        texts.append(f"{code(policy)} states no uncertainty.")
-    elif held < low:
-        texts.append(
-            f"{code(policy)} is overconfident: its 95 % intervals hold {held:.2f}. A "
-            "new repetition differs more than these recordings differ from each "
-            "other. Record more repetitions, or in more varied conditions, and check "
-            "whether all begin at the same point of the task."
-        )
-    elif held > high:
-        texts.append(
-            f"{code(policy)} is underconfident: its 95 % intervals hold {held:.2f}. A "
-            "single recording that is unlike the others widens all intervals."
-        )
-
-    scores = {
-        one.task.seed: value for one in ran if (value := one.number("nlpd")) is not None
-    }
-    if len(scores) >= 4:
-        middle = statistics.median(scores.values())
-        deviations = [abs(score - middle) for score in scores.values()]
-        spread = max(_ROBUST * statistics.median(deviations), 1e-9)
-        texts += [
-            f"Recording {number} is unlike the others: NLPD {score:.1f}, where the "
-            f"median is {middle:.1f}. Check it in skill.rrd: a different way of doing "
-            "the task, a jump of the tracker, or a wrong unit or quaternion order in "
-            "one file?"
-            for number, score in scores.items()
-            if score - middle > _UNLIKE * spread
-        ]
-
-    missed = _MEASURES["via_error_position_m"].median(ran)
-    if missed is not None and missed > _MISSED:
-        texts.append(
-            f"{code(policy)} misses a via-point with a standard deviation of 1 mm by "
-            f"{missed:.1f} mm: the recordings do not vary there. Record the task with "
-            "more variation."
-        )
-    return texts or [
-        f"Nothing is conspicuous for {code(policy)}: the coverage of its intervals is "
-        "correct, no recording is unlike the others, and via-points are met."
-    ]
-
-
 def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
     """The paper's rows and methods, measured marks, and differences."""
     section = Section("Table 1 of the paper, measured", "table-1")
@@ -300,8 +226,6 @@ def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
         "The paper's column GP is `local-gp` and `wishart-gp`, its last one "
         "`gp-paper` as published and `gp` as developed here."
     )
-    if missing := [policy for policy in TABLE_1 if policy not in measured]:
-        note += f" Not in this study, or only with errors: {names(missing)}."
     section.table(_marks(measured, note), folded="Marks with their numbers")
     section.table(
         Table(
