@@ -3,9 +3,7 @@
 Networks are trained for a moment here: what they learn is not judged.
 """
 
-import hashlib
 import importlib
-import json
 import os
 import sys
 from pathlib import Path
@@ -98,20 +96,3 @@ def test_what_is_learned_depends_on_demonstrations_and_seed_and_is_kept(
     )
     np.testing.assert_array_equal(plan, others[0])
     assert not any(np.allclose(plan, other) for other in others[1:])
-
-
-def test_the_command_line_takes_it(tmp_path, run_python):
-    """A network of the first command's name is loaded: this one does not move."""
-    shown = Teacher().standard_demonstrations(2, seed=0)
-    source = hashlib.sha256(Path(policy.__file__).read_bytes()).hexdigest()
-    name = f"{policy.hash_of(shown)[:12]}-0-{source[:12]}.pt"
-    network = policy.Denoiser()
-    network.chunk_scale.zero_()
-    (tmp_path / "results/diffusion").mkdir(parents=True)
-    torch.save(network.state_dict(), tmp_path / "results/diffusion" / name)
-    example = f"{EXAMPLES / 'diffusion_policy.py'}:make"
-    arguments = ("run", "--policy", example, "--doors", "small", "--json", "--quiet")
-    printed = run_python("-m", "gplfd", *arguments)
-    (metrics,) = json.loads(printed)
-    assert not metrics["success"]
-    assert abs(metrics["final_angle_deg"]) < 1.0

@@ -15,13 +15,6 @@ PAGE = (Path(__file__).parents[2] / "docs" / "learners.md").read_text()
 SNIPPETS = re.findall(r"```python\n(.*?)```", PAGE, re.S)
 
 
-def test_there_is_a_snippet_of_each_library():
-    ppo, rollout, doors = SNIPPETS
-    assert "stable_baselines3" in ppo
-    assert "torchrl" in rollout
-    assert "gplfd_env.envs.warp" in doors
-
-
 @pytest.mark.parametrize("snippet", SNIPPETS)
 def test_snippet_runs(snippet, run_python):
     run_python("-c", snippet)

@@ -5,6 +5,7 @@ Warp compiles its kernels at their first use, which takes half a minute.
 
 import dataclasses
 import importlib
+import itertools
 import os
 import sys
 from collections.abc import Iterator
@@ -203,29 +204,21 @@ def test_every_field_in_which_doors_differ_is_each_simulation_s_own():
         {**turning, "handle": "lever", "hinge_side": "left", "swing": "push"},
         {**turning, "handle": "lever", "lockset": {"handle_stiffness": 0.5}},
         {**turning, "handle": "knob", "stiction": 2.0},
-        {
-            "closer": {"backcheck_damping": 20.0, "backcheck_angle": 1.0},
-        },
+        {"closer": {"backcheck_damping": 20.0, "backcheck_angle": 1.0}},
         {"seal": 2.0, "seal_angle": 0.1},
         {
             **turning,
             "handle": "knob",
-            "closer": {"closing_damping": 5.0},
             "hinge_side": "left",
+            "closer": {"closing_damping": 5.0},
         },
     ]
-    for door in doors:
-        for name in ("none", *4 * ["hard"]):
-            drawn = draw_episode(
-                door_config(door),
-                door_randomization(name),
-                disturbance_named("none"),
-                rng,
-            ).variation
-            scene = build_scene(
-                drawn.door, placement=drawn.placement, control="impedance"
-            )
-            scenes.setdefault(structure_of(drawn.door), []).append(scene)
+    calm = disturbance_named("none")
+    for door, name in itertools.product(doors, ("none", *4 * ["hard"])):
+        config, ranges = door_config(door), door_randomization(name)
+        drawn = draw_episode(config, ranges, calm, rng).variation
+        scene = build_scene(drawn.door, placement=drawn.placement, control="impedance")
+        scenes.setdefault(structure_of(drawn.door), []).append(scene)
     warp_has = {field.name for field in dataclasses.fields(mujoco_warp.Model)}
     differ = {
         name
@@ -272,17 +265,6 @@ def test_episodes_begin_and_end_as_mujoco_s(mode):
     np.testing.assert_allclose(*poses, atol=1e-4)
 
 
-def test_the_same_seed_gives_the_same_numbers():
-    envs = make_warp(4, door="cabinet", randomization="mild")
-    runs = []
-    for _ in range(2):
-        played = [envs.reset(seed=5)[0]]
-        actions = np.random.default_rng(1).uniform(-0.3, 0.3, (40, 4, 6))
-        played += [envs.step(action)[0] for action in actions]
-        runs.append(played)
-    assert np.array_equal(*runs)
-
-
 def test_it_is_as_far_from_the_id_as_the_other_servo():
     """Of the id itself: the same spaces and resets, and nearly the same episode."""
     ours = make_warp(3, door=EIGHT[:3])
@@ -318,10 +300,7 @@ def test_a_diverged_simulation_is_truncated_alone_and_begins_anew():
     [
         ({"base": "mobile"}, "base on MuJoCo Warp = 'mobile' is not one of 'fixed'"),
         ({"grasp": "weld"}, "grasp on MuJoCo Warp = 'weld' is not one of 'contact'"),
-        ({"start": "approach"}, "start on MuJoCo Warp = 'approach' is not one of"),
-        ({"num_threads": 4}, "num_threads on MuJoCo Warp = 4 is not one of 0"),
         ({"door": "room-709"}, r"no latch on MuJoCo Warp.*'cabinet'.*latch='spring'"),
-        ({"autoreset_mode": "never"}, "autoreset_mode = 'never' is not one of"),
         ({"reward": "sparse"}, "its own reward"),
     ],
 )
