@@ -12,7 +12,6 @@ from gplfd_env.doors.variation import Standoff
 from gplfd_env.robot.gripper import AT_HANDLE, SPEED
 from gplfd_env.robot.placement import standoff_pose
 from gplfd_env.robot.tiago import TIAGO_LIKE
-from gplfd_env.scene.build import build_scene
 from gplfd_env.task.opening import STALL_TIME
 
 pytestmark = pytest.mark.slow
@@ -178,13 +177,3 @@ def test_what_does_not_go_together_is_refused(make_env):
     with pytest.raises(ValueError, match=r'pushed .*; give base="mobile"'):
         env.reset(options=pushed)
     make_env(**pushed, start="approach", base="mobile").reset(seed=0)
-
-
-def test_a_hand_that_cannot_be_drawn_back_is_refused():
-    low = gplfd_env.DoorConfig(handle="lever", handle_height=0.6)
-    far = Standoff(distance=0.2, aside=0.25)
-    build_scene(
-        low, "gripper", standoff=Standoff(distance=0.1), robot=TIAGO_LIKE.on("mobile")
-    )
-    with pytest.raises(ValueError, match=r"cannot draw the hand back .* by 0\.20 m"):
-        build_scene(low, "gripper", standoff=far, robot=TIAGO_LIKE.on("mobile"))

@@ -28,11 +28,7 @@ SPARSE = {"randomization": "hard", "reward": "sparse", "disturbance": "person"}
         (POSE, {"door": 0.9, "base": "mobile"}),
         (POSE, {"start": "approach", "randomization": "hard"}),
         (IMPEDANCE, SPARSE),
-        (
-            IMPEDANCE,
-            {"door": 0.9, "base": "mobile", "disturbance": "bump", "grasp": "weld"},
-        ),
-        (MOBILE, {"grasp": "weld"}),
+        (IMPEDANCE, {"door": 0.9, "base": "mobile", "disturbance": "bump"}),
         (MOBILE, SPARSE),
         (GRIPPER, {"start": "approach", "randomization": "hard"}),
     ],

@@ -5,7 +5,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -13,7 +12,6 @@ import gplfd_env
 from gplfd_env.doors.config import DOORS, DoorConfig
 from gplfd_env.doors.disturbance import CAUSES, DISTURBANCES
 from gplfd_env.doors.parts import Closer
-from gplfd_env.doors.randomization import RANDOMIZATIONS, DoorRandomization
 from gplfd_env.task.info import INFO
 from gplfd_env.validation.fields import allowed_range
 
@@ -149,50 +147,6 @@ def test_disturbance_tables_are_the_records():
         own = [row for row in rows if row["cause"] == cause]
         assert_fields_are(own, record, "field", rel=1e-3)
     assert ["none", *column("Disturbances", "preset", 1)] == list(DISTURBANCES)
-
-
-def drawn(cell: str, unit: str) -> object:
-    """Read a cell of the randomization table as `DoorRandomization` has it."""
-    scale = np.radians(1.0) if unit == "°" else 1.0
-    if cell == "-":
-        return None
-    if cell.startswith("["):
-        return bounds(cell)
-    if cell.startswith("±"):
-        return pytest.approx(scale * float(cell[2:]), rel=1e-3)
-    if " to " in cell:
-        return int(cell.split(" to ")[1])
-    return tuple(float(number) for number in cell.split(", "))
-
-
-def test_randomization_table_is_the_presets_and_the_widest_ranges():
-    rows = table("Randomization")
-    names = [field.name for field in dataclasses.fields(DoorRandomization)]
-    assert [row["parameter"] for row in rows] == names
-    *numbers, doors = rows
-    assert (doors["mild"], doors["widest"]) == ("given", "standard")
-    assert RANDOMIZATIONS["standard"] == DoorRandomization(doors="standard")
-    for row in numbers:
-        name, unit = row["parameter"], row["unit"]
-        for preset in ("mild", "hard"):
-            value = getattr(RANDOMIZATIONS[preset], name)
-            assert value == drawn(row[preset], unit), (name, preset)
-        widest = drawn(row["widest"], unit)
-        number = getattr(widest, "expected", widest)
-        if unit == "°":
-            number = float(f"{number:.4f}")
-        other = {"longest_delay": 10} if name == "shortest_delay" else {}
-        DoorRandomization(**{name: number, **other})
-        wider = np.array(number) + 1 if unit == "periods" else 1.01 * np.array(number)
-        beyond = tuple(wider.tolist()) if wider.ndim else wider.item()
-        with pytest.raises(ValueError, match=r"outside|whole number"):
-            DoorRandomization(**{name: beyond})
-
-
-def test_every_id_has_a_version():
-    named = [*IDS, gplfd_env.RL_ENVIRONMENT_ID]
-    assert column("Version history", "id") == named
-    assert {id for id in gym.registry if id.startswith("gplfd/")} == set(named)
 
 
 # --- Numbers, arguments, code --------------------------------------------------------

@@ -115,12 +115,6 @@ def test_a_door_that_is_closed_slowly_latches(torque, latched_door):
     assert push(model, data, 1.0, hinge=HOLD) < CLOSED
 
 
-def test_without_a_latch_a_lever_door_opens_unturned(latched_door):
-    door = latched_door(latch="none")
-    assert push(*door, 0.5, hinge=5.0) > CLOSED
-    assert door[1].joint("handle").qpos[0] == pytest.approx(0.0, abs=0.01)
-
-
 def test_the_return_springs_are_what_they_are_said_to_be(latched_door):
     """At rest in mid-air a joint's force is preload + stiffness * displacement."""
     model, data = latched_door(

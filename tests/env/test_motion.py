@@ -126,13 +126,6 @@ def test_forces_are_split_along_the_path(door):
         assert across == pytest.approx(0.0, abs=0.15)
 
 
-def test_the_nearest_angle_of_a_path():
-    geometry = DoorGeometry.of(DOORS["bifold-closet"])
-    angles = np.random.default_rng(0).uniform(0.0, 1.1, 20)
-    found = geometry.angle(geometry.hand_poses(angles)[:, :3])
-    assert_allclose(found, angles, atol=math.radians(0.06))
-
-
 @pytest.mark.parametrize("door", doors()[: len(OTHER)], ids=lambda door: door.motion)
 def test_a_leaf_without_friction_keeps_its_energy(door):
     """And never gains any: no joint that ties it does work."""

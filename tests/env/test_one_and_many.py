@@ -171,13 +171,11 @@ def test_each_simulation_may_have_circumstances_of_its_own(make_vec, make_env):
     randomizations = ["hard", {"longest_delay": 3}, "none"]
     disturbances = [{"push": {"along": (4.0, 9.0)}}, "none", EVERYTHING]
     doors = ["small", LEVER, KNOB]
-    ours = make_vec(
-        3, door=doors, randomization=randomizations, disturbance=disturbances
-    )
-    singles = [
-        make_env(door, randomization=one, disturbance=other)
-        for door, one, other in zip(doors, randomizations, disturbances, strict=True)
-    ]
+    names = ("door", "randomization", "disturbance")
+    columns = (doors, randomizations, disturbances)
+    ours = make_vec(3, **dict(zip(names, columns, strict=True)))
+    rows = zip(*columns, strict=True)
+    singles = [make_env(**dict(zip(names, row, strict=True))) for row in rows]
     rng = np.random.default_rng(0)
     for shift in range(2):
         turned = doors[shift:] + doors[:shift]
@@ -224,18 +222,6 @@ def test_a_diverged_simulation_ends_alone_and_starts_anew(value, mode, make_pair
             reset_both(ours, model, options={"reset_mask": result[3]})
     alone = [False, True, False, False]
     assert ends == [alone if step in (3, 7) else 4 * [False] for step in range(12)]
-
-
-def test_a_second_reset_continues_the_generators_and_keeps_the_options(make_pair):
-    ours, model = make_pair(POSE)
-    door = {"radius": 0.45, "hinge_friction": 3.0}
-    options = {"door": door, "randomization": "mild"}
-    reset_both(ours, model, seed=[8, 3, 99, 3], options=options)
-    reset_both(ours, model)
-    assert options == {"door": door, "randomization": "mild"}, "the caller's own"
-    assert ours.np_random_seed == model.np_random_seed == (8, 3, 99, 3)
-    for one, other in zip(ours.np_random, model.np_random, strict=True):
-        assert one.bit_generator.state == other.bit_generator.state
 
 
 def test_any_number_of_threads_gives_the_same_numbers(make_vec):
