@@ -83,18 +83,14 @@ def test_one_kind_is_one_mode_at_any_radius_and_length(demonstrations, share):
 
 
 def test_one_mode_is_learned_and_followed_as_without_modes(demonstrations):
-    method, training = (
-        POLICIES["gp"].method,
-        TrainingInput(demonstrations=demonstrations),
-    )
+    method = POLICIES["gp"].method
+    training = TrainingInput(demonstrations=demonstrations)
     (mode,) = method.learn_modes(training)
-    alone = method.learn(training)
     phases = np.linspace(0.0, 1.0, 20)
-    for name in ("mean", "std"):
-        assert_array_equal(
-            getattr(mode.movement.predict(phases), name),
-            getattr(alone.predict(phases), name),
-        )
+    expected = method.learn(training).predict(phases)
+    predicted = mode.movement.predict(phases)
+    assert_array_equal(predicted.mean, expected.mean)
+    assert_array_equal(predicted.std, expected.std)
     assert type(method(training)) is CompliantAgent
 
 

@@ -26,7 +26,6 @@ from gplfd_policies.control.load import (
     ContactState,
     LearnedLoad,
     Load,
-    LoadResponse,
     LoadRule,
 )
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
@@ -105,7 +104,22 @@ class ComplianceConfig:
         name = "ComplianceConfig.stiffness_frame"
         check_choice(name, self.stiffness_frame, ("path", "axes"))
         if self.stiffness_frame == "path":
-            self._check_turning()
+            why = 'choose ComplianceConfig(stiffness_frame="axes")'
+            if self.rendering.control == "impedance":
+                raise ValueError(
+                    f"an arm is commanded its stiffness along the task's axes; {why}"
+                )
+            for name, values in {
+                "dynamics.mass": self.dynamics.mass,
+                "dynamics.least_damping": self.dynamics.least_damping,
+                "profile.k_min": self.profile.k_min,
+            }.items():
+                if np.ptp(values[:3]) > 0.0:
+                    raise ValueError(
+                        f"ComplianceConfig.{name} must be the same along x, y and z "
+                        "where the stiffness turns with the path, got "
+                        f"{values[:3]}; or {why}"
+                    )
         elif self.phase_stiffness is not None:
             raise ValueError(
                 "ComplianceConfig.phase_stiffness has the directions of the path; "
@@ -116,24 +130,6 @@ class ComplianceConfig:
                 "ComplianceConfig.via_std must be two finite numbers >= 0, position "
                 f"[m] and rotation [rad], got {self.via_std}"
             )
-
-    def _check_turning(self) -> None:
-        """Raise if the stiffness cannot have other directions than the axes."""
-        why = 'choose ComplianceConfig(stiffness_frame="axes")'
-        if self.rendering.control == "impedance":
-            raise ValueError(
-                f"an arm is commanded its stiffness along the task's axes; {why}"
-            )
-        for name, values in {
-            "dynamics.mass": self.dynamics.mass,
-            "dynamics.least_damping": self.dynamics.least_damping,
-            "profile.k_min": self.profile.k_min,
-        }.items():
-            if np.ptp(values[:3]) > 0.0:
-                raise ValueError(
-                    f"ComplianceConfig.{name} must be the same along x, y and z where "
-                    f"the stiffness turns with the path, got {values[:3]}; or {why}"
-                )
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,6 +241,16 @@ class ComplianceController:
         std, std_rate, frame, governed = self._stiffen(
             target, response.path_lag, direction, rows
         )
+        compliant = response.compliant_wrench
+        action = self._renderer.step(
+            target.desired,
+            target.velocity,
+            governed.stiffness,
+            compliant_wrench=compliant,
+            compensated_force=(compliant - wrenches)[..., :3],
+            rows=rows,
+            frame=frame,
+        )
         directions = np.eye(3) if frame is None else frame
         inferred = seen.similarity()
         expectation = {}
@@ -252,9 +258,7 @@ class ComplianceController:
             force, force_std = seen.force.along(directions)
             expectation = {"expected_force": force, "expected_force_std": force_std}
         return AgentStep(
-            action=self._render(
-                target, governed.stiffness, response, wrenches, frame, rows
-            ),
+            action=action,
             desired=target.desired,
             frame=directions,
             std=std,
@@ -421,24 +425,3 @@ class ComplianceController:
             wished = learned.combined(wished, target.phase)
         governed = self._governor.step(wished, period, rows, frame)
         return std, (std - previous) / period, frame, governed
-
-    def _render(
-        self,
-        target: _SetPoint,
-        stiffness: Axes,
-        response: LoadResponse,
-        wrenches: Axes,
-        frame: Frames | None,
-        rows: Rows,
-    ) -> Axes:
-        """Return the poses that realise the stiffness, Eq. (22)."""
-        compliant = response.compliant_wrench
-        return self._renderer.step(
-            target.desired,
-            target.velocity,
-            stiffness,
-            compliant_wrench=compliant,
-            compensated_force=(compliant - wrenches)[..., :3],
-            rows=rows,
-            frame=frame,
-        )

@@ -77,11 +77,8 @@ class StiffnessProfile:
         # One profile may be used for all rows.
         profile_rows = rows if self.alpha.ndim > 1 else ALL_ROWS
         if frame is None:
-            k_max, k_min, argument = (
-                self.k_max,
-                self.k_min,
-                self._argument(std, profile_rows),
-            )
+            k_max, k_min = self.k_max, self.k_min
+            argument = self._argument(std, profile_rows)
         else:
             law = np.empty((*std.shape, 4))
             weights = (frame * frame).swapaxes(-1, -2)

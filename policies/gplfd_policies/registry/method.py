@@ -247,6 +247,12 @@ class Method:
         """
         _check_starts(movement.aligned.demonstrated.poses)
         profile, learned = self.profile(movement.aligned), self.phase_stiffness
+        forces = None
+        if isinstance(movement, LearnedMovement) and movement.forces is not None:
+            # A single demonstration does not show how repetitions differ.
+            form = self.force_adaptation or self.adaptation
+            alone = len(movement.forces.aligned.poses) < 2
+            forces = GriddedMovement(movement.forces, None if alone else form, _GRID)
         return CompliantAgent(
             GriddedMovement(movement, self.door_adaptation or self.adaptation, _GRID),
             phases=self.phases(movement),
@@ -256,7 +262,7 @@ class Method:
                 phase_stiffness=learned and learned(movement, profile),
             ),
             handle_config=self.handle_config,
-            forces=self._follow_forces(movement),
+            forces=forces,
         )
 
     def follow_modes(
@@ -304,15 +310,6 @@ class Method:
             phases=clock_phase,
             config=config,
         )
-
-    def _follow_forces(self, movement: Movement) -> GriddedMovement | None:
-        learned = movement.forces if isinstance(movement, LearnedMovement) else None
-        if learned is None:
-            return None
-        # A single demonstration does not show how repetitions differ.
-        alone = len(learned.aligned.poses) < 2
-        form = None if alone else self.force_adaptation or self.adaptation
-        return GriddedMovement(learned, form, _GRID)
 
     def __call__(self, training: TrainingInput) -> CompliantAgent | ModesAgent:
         """Learn a movement and return an agent that follows it at doors."""
