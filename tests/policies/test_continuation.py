@@ -138,16 +138,3 @@ def test_what_was_seen_beyond_the_demonstrations_is_known(skill):
     assert_allclose(gridded.drift, expected)
     gridded.reset()
     assert gridded.drift[70].max() > 0.0
-
-
-@pytest.mark.parametrize("count", [2, 3, 20])
-def test_a_path_of_few_samples_or_of_none_but_turns_goes_on(count):
-    phases = np.linspace(0.0, 1.0, count)
-    turn = np.zeros((1, count, 6))
-    turn[0, :, 4] = 0.8 * phases
-    still = np.zeros((1, count, 6))
-    for poses, end in ((turn, 1.2), (still, 0.0)):
-        longer = continued(AlignedDemonstrations(times=phases, poses=poses), 0.5)
-        assert longer.poses[0, -1, 4] == pytest.approx(end, abs=1e-6)
-        assert_allclose(longer.poses[0, :, :3], 0.0, atol=1e-9)
-        assert_allclose(longer.drift, 0.0, atol=1e-6)

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import t as student
 
-from gplfd_policies import AlignedDemonstrations, ViaPoint, adapt, fit_skill
+from gplfd_policies import AlignedDemonstrations, ViaPoint, fit_skill
 from gplfd_policies.gp.exact import ExactGP
 from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.movements.skill import SIZE_STD
@@ -186,22 +186,6 @@ def test_one_demonstration_leaves_the_size_open(noise):
     up, down = (skill.predict(TIMES[5:-5] + h).std for h in (step, -step))
     rate = (up - down) / (2.0 * step)
     assert_allclose(predicted.std_rate[5:-5], rate, rtol=1e-4, atol=1e-5)
-
-
-@pytest.mark.parametrize("size", [2, 3, 5000])
-def test_any_number_of_samples(size):
-    rng, times = np.random.default_rng(0), np.linspace(0.0, 1.0, size)
-    curve = np.stack([np.sin(2.0 * times + k) for k in range(6)], axis=1)
-    poses = curve + 0.02 * rng.normal(size=(5, size, 6))
-    skill = fit_skill(aligned(poses, times))
-    predicted = skill.predict(np.linspace(0.0, 1.0, 11))
-    truth = np.stack([np.sin(2.0 * predicted.times + k) for k in range(6)], axis=1)
-    if size > 3:
-        assert_allclose(predicted.mean, truth, atol=0.01)
-        assert_allclose(predicted.std, 0.02 * np.sqrt(1.2), rtol=0.1)
-    adapted = adapt(skill, [ViaPoint(phase=0.5, pose=np.ones(6))])
-    for each in (predicted, adapted.predict(predicted.times)):
-        assert np.isfinite(each.std).all()
 
 
 def test_via_point_frees_outputs_by_nan_or_infinite_noise():

@@ -74,13 +74,9 @@ def dry_run(
 ) -> DryRun:
     """Play the commanded path of a skill with a robot at a door, without adaptation.
 
-    Args:
-        skill: File written by `gplfd learn`.
-        policy: Policy whose stiffness law is used.
-        robot: Argument of `gplfd_env.robot.robots.robot_named`.
-        door: one of `gplfd_experiments.episodes.task.named_doors`.
-        task: pose of the task frame in the robot's base frame [m, rad], where the base
-            then stands still; None for the robot's own stance.
+    The first arguments are those of `gplfd export`. ``task`` is the pose of the task
+    frame in the robot's base frame [m, rad], where the base then stands still; None for
+    the robot's own stance.
 
     Raises:
         ValueError: The robot cannot hold the handle of the door or does not reach the

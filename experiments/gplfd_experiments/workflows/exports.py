@@ -29,16 +29,11 @@ def base_frame(
 ) -> tuple[Pose, Float[np.ndarray, "3"]]:
     """Return the pose of the task frame in the base, and the tool's in the task frame.
 
-    Args:
-        frame: x, y, z [m] and quaternion, scalar first.
-        tool: quaternion; None for the axes of the task frame.
-
-    Raises:
-        ValueError: A quaternion is not a unit quaternion.
+    ``frame`` is x, y, z [m] and a quaternion, scalar first; ``tool`` a quaternion, None
+    for the axes of the task frame. Raises ValueError if one is no unit quaternion.
     """
     try:
-        turns = frame[3:], tool or (1, 0, 0, 0)
-        rotvecs = rotvecs_from_quaternions(turns)
+        rotvecs = rotvecs_from_quaternions((frame[3:], tool or (1, 0, 0, 0)))
     except ValueError as error:
         raise ValueError(f"--frame and --tool: {error}") from error
     return np.array([*frame[:3], *rotvecs[0]]), rotvecs[1]

@@ -218,9 +218,8 @@ class PathSimilarity:
     def updated(self, distance: float, angle: float) -> PathSimilarity:
         """Return the estimate with another position, if the position is far enough.
 
-        Args:
-            distance: Distance from the start of the path, in the horizontal plane [m].
-            angle: Direction from the start, about the vertical [rad].
+        Its distance from the start is in the horizontal plane [m], the angle is the
+        direction from the start, about the vertical [rad].
         """
         if distance < self.due:
             return self
@@ -387,14 +386,10 @@ class SizePosterior:
     def forecast(
         self, phases: Phases
     ) -> tuple[Complex[np.ndarray, "M K"], Float[np.ndarray, "M K"]]:
-        """Return the expected paths of the likely sizes.
+        """Return the expected paths of the likely sizes at increasing phases.
 
-        Args:
-            phases: Increasing phases, (M,).
-
-        Returns:
-            Their means as complex numbers x - iz [m], and the variances of their
-            rotation about the start [rad²].
+        They are means, complex x - iz [m], and variances of rotation about the start
+        [rad²].
         """
         model, covariance = self.model, self.covariance
         turn, f, slope = self.mean
@@ -419,15 +414,11 @@ class SizePosterior:
 def normalised(
     aligned: AlignedDemonstrations,
 ) -> tuple[AlignedDemonstrations, Float[np.ndarray, " K"]]:
-    """Return demonstrations without their differences of size and heading.
+    """Return demonstrations of equal size and heading, and their sizes' logarithms.
 
     The size of a demonstration is the root mean square of its displacement from the
     start. Its heading is the rotation about the vertical that fits the mean to it by
-    least squares.
-
-    Returns:
-        The demonstrations, scaled about the start and rotated about the vertical, and
-        the logarithms of the original sizes, with a mean of zero.
+    least squares. The logarithms have a mean of zero.
     """
     positions = aligned.poses[..., :3]
     lengths = np.sqrt((positions**2).sum(axis=2).mean(axis=1))
@@ -461,11 +452,7 @@ def size_visibility(
     rotation. Each is divided by the deviation of another repetition, σ² + n², with σ
     the deviation of the demonstrations and n the error of observation. A root mean
     square of one such deviation along the path may be random and gives 0; from two on
-    the result is 1.
-
-    Args:
-        poses: Demonstrations of equal size and heading [m, rad].
-        config: Errors of observation.
+    the result is 1. The demonstrations are of equal size and heading [m, rad].
     """
     positions, rotations = poses[..., :3], poses[..., 3:]
     path = positions.mean(axis=0)

@@ -199,15 +199,11 @@ class Skill(LearnedMovement):
 
         The file is an archive of arrays (.npz): the aligned demonstrations and the
         parameters of the six processes and of the deviations; the same for demonstrated
-        forces, if there are any. It contains no code.
-
-        Args:
-            path: file to write; an existing one is replaced.
+        forces, if there are any. It contains no code. An existing file is replaced.
 
         Raises:
             ValueError: if a user's own noise model does not build on
                 `gplfd_policies.gp.noise.NoiseProfile.basis_over`.
-            OSError: if the file cannot be written.
         """
         arrays = self._arrays()
         if isinstance(self.forces, Skill):

@@ -152,17 +152,9 @@ class GaussianTrajectory:
     ) -> Bool[np.ndarray, "*K M 6"]:
         """Return which numbers of ``poses`` are inside their central intervals.
 
-        Args:
-            poses: poses observed at `times`, shape (..., M, 6).
-            level: share of repetitions that an interval should contain.
-            normal: whether to use normal quantiles for every method, instead of those
-                of `interval`, which account for few demonstrations.
-
-        Returns:
-            One truth value per number; false where the standard deviation is NaN.
-
-        Raises:
-            ValueError: if ``level`` is not in (0, 1).
+        The poses [m, rad] are observed at `times`. With ``normal`` the quantiles are
+        normal for every method; those of `interval` account for few demonstrations.
+        False where the standard deviation is NaN.
         """
         width = self._quantile(level, normal) * np.maximum(self.std, FINEST)
         return np.asarray(np.abs(poses - self.mean) <= width)
@@ -189,11 +181,8 @@ class GaussianTrajectory:
         """Return the negative log predictive density per number: less is better.
 
         It is the mean of ½ log 2π + log σ + ½ ((y − μ)/σ)² over all numbers y of
-        ``poses``, each with its own normal distribution, in metres and radians. NaN for
-        a method without standard deviations.
-
-        Args:
-            poses: poses observed at `times`, shape (..., M, 6). NaN is ignored.
+        ``poses`` at `times` [m, rad], each with its own normal distribution. NaN in
+        ``poses`` is ignored; without standard deviations the result is NaN.
         """
         std = np.maximum(self.std, FINEST)
         error = (poses - self.mean) / std
@@ -225,9 +214,8 @@ class GaussianTrajectory:
     def to_csv(self, path: str | Path, *, duration: float) -> None:
         """Write the trajectory to a table for a robot, complete or absent.
 
-        Columns with their units: time, position, quaternion (scalar last, continuous
-        sign), and the standard deviations; the lines before the table state the frame.
-        There is one row per time, so predict at the times that the robot needs::
+        `CSV_COLUMNS` are its columns; the lines before the table state the frame. There
+        is one row per time, so predict at the times that the robot needs::
 
             times = np.arange(0.0, duration, 0.01)
             skill.predict(times / duration).to_csv("opening.csv", duration=duration)
@@ -239,7 +227,6 @@ class GaussianTrajectory:
         Raises:
             ValueError: if the duration is not positive and finite, the times do not
                 increase, or a pose is not finite.
-            OSError: if the file cannot be written.
         """
         if not 0.0 < duration < np.inf:
             raise ValueError(

@@ -78,14 +78,9 @@ def served_agent(
 
 
 class Server:
-    """Serves one client at a time; all times come from `clock`.
+    """Serves one client at a time, those of a listening socket or one `link`.
 
-    Args:
-        session: Session that computes the replies.
-        journal: Journal of all messages.
-        listener: Listening socket; None if there is only `link`.
-        link: Link to the only client.
-        clock: Monotonic time [s].
+    All times are those of `clock`, which is monotonic [s].
     """
 
     def __init__(
