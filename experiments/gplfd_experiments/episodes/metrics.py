@@ -178,19 +178,17 @@ def episode_metrics(
         demonstrated_angle: Angle to which the demonstrated doors were opened [rad]; the
             standard teacher's mean by default.
     """
-    opening = opening_motion(log)
-    errors = prediction_errors(log)[opening]
-    stiffness = _known_rows(log.decisions.stiffness)
-    margin = _known_rows(log.decisions.stability_margin)
-    forces = (
-        log.forces.force_tangential,
-        log.forces.force_radial,
-        log.forces.force_vertical,
-    )
-    acceleration, smoothness = door_acceleration(log.opening.door_angle, log.dt), None
+    opening, forces, agent = log.opening, log.forces, log.decisions
+    angle = opening.door_angle
+    rows = opening_motion(log)
+    errors = prediction_errors(log)[rows]
+    stiffness = _known_rows(agent.stiffness)
+    margin = _known_rows(agent.stability_margin)
+    tangential, radial = forces.force_tangential, forces.force_radial
+    acceleration, smoothness = door_acceleration(angle, log.dt), None
     if acceleration is not None and acceleration.any():
         smoothness = 1.0 / math.sqrt(float(np.sum(acceleration**2)))
-    moved = np.abs(log.opening.door_angle - log.opening.door_angle[0]) >= _MOVED
+    moved = np.abs(angle - angle[0]) >= _MOVED
     speed, recovered = recovery(log)
     return EpisodeMetrics(
         policy=log.policy,
@@ -200,23 +198,23 @@ def episode_metrics(
         success=log.success,
         failure=log.failure,
         reason=log.reason,
-        capability=int(log.opening.capability[-1]),
-        stage=STAGES[int(log.opening.capability[-1])],
+        capability=int(opening.capability[-1]),
+        stage=STAGES[int(opening.capability[-1])],
         duration=float(log.times[-1] - log.times[0]),
-        final_angle_deg=math.degrees(log.opening.door_angle[-1]),
-        time_to_15_deg=_first(log, log.opening.door_angle >= math.radians(15.0)),
-        time_to_30_deg=_first(log, log.opening.door_angle >= math.radians(30.0)),
-        time_to_60_deg=_first(log, log.opening.door_angle >= math.radians(60.0)),
-        force_tangential_peak=_peak(log.forces.force_tangential),
-        force_tangential_p95=_p95(log.forces.force_tangential),
-        force_radial_peak=_peak(log.forces.force_radial),
-        force_radial_p95=_p95(log.forces.force_radial),
+        final_angle_deg=math.degrees(angle[-1]),
+        time_to_15_deg=_first(log, angle >= math.radians(15.0)),
+        time_to_30_deg=_first(log, angle >= math.radians(30.0)),
+        time_to_60_deg=_first(log, angle >= math.radians(60.0)),
+        force_tangential_peak=_peak(tangential),
+        force_tangential_p95=_p95(tangential),
+        force_radial_peak=_peak(radial),
+        force_radial_p95=_p95(radial),
         work=work_on_door(log),
-        slip_max_mm=1e3 * _peak(log.opening.slip),
+        slip_max_mm=1e3 * _peak(opening.slip),
         prediction_error_position=_mean_where_finite(errors[:, :3].sum(axis=1)),
         prediction_error_rotation=_mean_where_finite(errors[:, 3:].sum(axis=1)),
         log_dimensionless_jerk=log_dimensionless_jerk(
-            log.motion.ee_pose[opening, :3], log.dt
+            log.motion.ee_pose[rows, :3], log.dt
         ),
         stiffness_min=_xyz(stiffness.min(axis=0)),
         stiffness_max=_xyz(stiffness.max(axis=0)),
@@ -228,24 +226,24 @@ def episode_metrics(
             None if error is None else 1e3 * error
             for error in forecast_errors(log, demonstrated_angle)
         ),
-        force_handle_peak=float(np.linalg.norm(forces, axis=0).max()),
+        force_handle_peak=_peak(
+            np.linalg.norm((tangential, radial, forces.force_vertical), axis=0)
+        ),
         door_acceleration_peak=None if acceleration is None else _peak(acceleration),
         door_smoothness=smoothness,
         time_to_move=_first(log, moved),
-        person_force_peak=float(log.forces.person_force.max()),
-        person_force_sustained=sustained(log.forces.person_force, log.dt),
-        person_energy=float(log.forces.person_energy[-1]),
-        stop_force_peak=float(log.forces.stop_force.max()),
-        stop_force_sustained=sustained(log.forces.stop_force, log.dt),
+        person_force_peak=float(forces.person_force.max()),
+        person_force_sustained=sustained(forces.person_force, log.dt),
+        person_energy=float(forces.person_energy[-1]),
+        stop_force_peak=float(forces.stop_force.max()),
+        stop_force_sustained=sustained(forces.stop_force, log.dt),
         push_displacement_mm=push_displacement_mm(log),
         release_speed=speed,
         recovery_time=recovered,
-        latency_median_ms=1e3 * float(np.median(log.decisions.latency_s)),
-        latency_p95_ms=1e3 * float(np.percentile(log.decisions.latency_s, 95)),
-        latency_wall_median_ms=_finite(1e3 * np.median(log.decisions.latency_wall_s)),
-        latency_wall_p95_ms=_finite(
-            1e3 * np.percentile(log.decisions.latency_wall_s, 95)
-        ),
+        latency_median_ms=1e3 * float(np.median(agent.latency_s)),
+        latency_p95_ms=1e3 * float(np.percentile(agent.latency_s, 95)),
+        latency_wall_median_ms=_finite(1e3 * np.median(agent.latency_wall_s)),
+        latency_wall_p95_ms=_finite(1e3 * np.percentile(agent.latency_wall_s, 95)),
     )
 
 
@@ -453,8 +451,8 @@ def _known_rows(values: FloatArray) -> FloatArray:
 
     An agent that reaches first has no stiffness until it holds the handle.
     """
-    known = np.isfinite(values).all(axis=1)
-    return values[known] if known.any() else values
+    finite = np.isfinite(values).all(axis=1)
+    return values[finite] if finite.any() else values
 
 
 def _peak(values: FloatArray) -> float:

@@ -59,23 +59,24 @@ def practised(
     doors: list[DoorConfig] = []
     while taken and len(doors) < practice.corrections:
         taken = False
-        for given in practice.doors:
+        for fields in practice.doors:
             number += 1
             name, seed = f"practice {number}", 1000 * training.seed + number
-            opened = partial(open_door, name, DoorConfig(**given))
-            log, found = corrected(method.follow(movement), seed, name, opened)
-            if found is not None:
-                movement, taken = method.update(movement, found), True
-                seconds += found.seconds
+            opened = partial(open_door, name, DoorConfig(**fields))
+            log, correction = corrected(method.follow(movement), seed, name, opened)
+            if correction is not None:
+                movement, taken = method.update(movement, correction), True
+                seconds += correction.seconds
                 doors.append(DoorConfig(**log.door_config))
             if len(doors) == practice.corrections:
                 break
     if not practice.demonstrated:
         return movement
-    teacher, shown = Teacher(forces=ForceConfig()), list(training.demonstrations)
+    teacher = Teacher(forces=ForceConfig())
+    demonstrations = list(training.demonstrations)
     rngs = np.random.default_rng(training.seed).spawn(len(doors))
     for door, rng in zip(doors, rngs, strict=True):
         if seconds > 0.0:
-            shown.append(teacher.demonstrate(door, rng))
-            seconds -= float(np.ptp(shown[-1].times))
-    return method.learn(replace(training, demonstrations=shown))
+            demonstrations.append(teacher.demonstrate(door, rng))
+            seconds -= float(np.ptp(demonstrations[-1].times))
+    return method.learn(replace(training, demonstrations=demonstrations))

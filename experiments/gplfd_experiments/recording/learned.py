@@ -77,8 +77,8 @@ def record_learned(path: str | Path, movement: Movement, name: str) -> None:
     ]
     band = Line("mean, ±1.96 σ", colours.ADAPTED)
     for output, (entity, _, scale) in enumerate(_OUTPUTS):
-        shown, believed = (
-            f"{_PLOTS}/{entity}/{each}" for each in ("demonstrations", "learned")
+        recorded, believed = (
+            f"{_PLOTS}/{entity}/{part}" for part in ("demonstrations", "learned")
         )
         curves = rr.Scalars.columns(scalars=scale * aligned.poses[:, :, output].T)
         std = QUANTILE * scale * np.nan_to_num(learned.std[:, output])
@@ -86,8 +86,8 @@ def record_learned(path: str | Path, movement: Movement, name: str) -> None:
             values=scale * learned.mean[:, output], variances=std**2
         )
         chunks += [
-            line_style(shown, *lines),
-            moving(shown, movement.duration * aligned.times, curves),
+            line_style(recorded, *lines),
+            moving(recorded, movement.duration * aligned.times, curves),
             line_style(believed, band, archetype=rr.Measurements),
             moving(believed, times, values),
         ]
@@ -108,7 +108,7 @@ Playing takes {movement.duration:.1f} s, the recordings' mean duration.
         "Demonstrations and learned movement", _SCENE, [f"{_SCENE}/**"], eye
     )
     about = rrb.TextDocumentView(origin=TEXT, name="About")
-    plots = [series_view(Plot(*each[:2]), _PLOTS) for each in _OUTPUTS]
+    plots = [series_view(Plot(*output[:2]), _PLOTS) for output in _OUTPUTS]
     views = rrb.Horizontal(
         rrb.Vertical(scene, about, row_shares=[4, 1]),
         rrb.Vertical(*plots[:3]),

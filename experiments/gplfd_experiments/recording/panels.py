@@ -46,49 +46,47 @@ def panels(log: EpisodeLog, demonstrated_radius: float) -> list[Chunk]:
     is left out. ``demonstrated_radius`` is the mean radius of the demonstrated paths
     [m]; NaN if they are not circles.
     """
+    agent, forces, opening = log.decisions, log.forces, log.opening
     curves = {
         "angle/door": {
-            Line("door", colours.TRUTH, 2.5): np.degrees(log.opening.door_angle)
+            Line("door", colours.TRUTH, 2.5): np.degrees(opening.door_angle)
         },
         "force/parts": {
-            Line("along the path", colours.TRUTH): log.forces.force_tangential,
-            Line("radial: against the hinge", colours.FORCE): log.forces.force_radial,
-            Line(
-                "load compensated", colours.ADAPTED, 1.0
-            ): log.decisions.compensated_load,
+            Line("along the path", colours.TRUTH): forces.force_tangential,
+            Line("radial: against the hinge", colours.FORCE): forces.force_radial,
+            Line("load compensated", colours.ADAPTED, 1.0): agent.compensated_load,
         },
-        "misfit/phase": {Line("misfit", colours.HAND, 1.5): log.decisions.phase_misfit},
+        "misfit/phase": {Line("misfit", colours.HAND, 1.5): agent.phase_misfit},
         "misfit/mode": {
-            Line("active mode", colours.OUTSIDE): log.decisions.mode,
-            Line("its probability", colours.ADAPTED): log.decisions.mode_probability,
+            Line("active mode", colours.OUTSIDE): agent.mode,
+            Line("its probability", colours.ADAPTED): agent.mode_probability,
         },
     }
-    in_task_frame = np.all(log.decisions.frame == np.eye(3))
+    in_task_frame = np.all(agent.frame == np.eye(3))
     along = Line("x, pull" if in_task_frame else "along the path", colours.AXIS_X)
     across = Line("z, side" if in_task_frame else "across it", colours.AXIS_Z)
     for panel, values in (
-        ("uncertainty", recent_mean(1e3 * log.decisions.std, log.dt)),
-        ("stiffness", recent_mean(log.decisions.stiffness, log.dt)),
-        ("uncertainty_raw", 1e3 * log.decisions.std),
-        ("uncertainty_rate", 1e3 * log.decisions.std_rate),
-        ("stiffness_raw", log.decisions.stiffness),
+        ("uncertainty", recent_mean(1e3 * agent.std, log.dt)),
+        ("stiffness", recent_mean(agent.stiffness, log.dt)),
+        ("uncertainty_raw", 1e3 * agent.std),
+        ("uncertainty_rate", 1e3 * agent.std_rate),
+        ("stiffness_raw", agent.stiffness),
         ("stability", 100.0 * share_of_bound(log)),
     ):
         curves[f"{panel}/axes"] = {along: values[:, 0], across: values[:, 2]}
     lag = Line("lag of the hand", colours.OUTSIDE, 1.0)
-    curves["uncertainty/axes"][lag] = 1e3 * log.decisions.path_lag
+    curves["uncertainty/axes"][lag] = 1e3 * agent.path_lag
 
     # Mean and ±1.96 σ of each output, before the door moved and now.
     bands: dict[str, dict[Line, tuple[FloatArray, FloatArray]]] = {}
     now = Line("policy now", colours.ADAPTED, 1.0)
-    beliefs = {now: (log.decisions.predicted_mean, log.decisions.predicted_std)}
+    beliefs = {now: (agent.predicted_mean, agent.predicted_std)}
     if log.forecasts.times.size:
         before = Line("before", colours.BEFORE, 1.0)
-        beliefs = {before: log.forecasts.first(log.decisions.observed_phase)} | beliefs
+        beliefs = {before: log.forecasts.first(agent.observed_phase)} | beliefs
     for name, output, scale in OUTPUTS:
         curves[f"{name}/motion"] = {
-            Line("true", colours.TRUTH, 3.0): scale
-            * log.opening.handle_pose[:, output],
+            Line("true", colours.TRUTH, 3.0): scale * opening.handle_pose[:, output],
             Line("hand", colours.HAND, 1.0): scale * log.motion.ee_pose[:, output],
         }
         bands[f"{name}/belief"] = {
@@ -98,15 +96,13 @@ def panels(log: EpisodeLog, demonstrated_radius: float) -> list[Chunk]:
 
     # Size of the path in % of the demonstrations' mean, ±1.96 σ of its logarithm. The
     # median is not the middle of the band, so it has its own curve.
-    bounds = QUANTILE * np.stack(
-        [-log.decisions.path_size_std, log.decisions.path_size_std]
-    )
-    low, high = 100.0 * log.decisions.path_size * np.exp(bounds)
+    bounds = QUANTILE * np.stack([-agent.path_size_std, agent.path_size_std])
+    low, high = 100.0 * agent.path_size * np.exp(bounds)
     sizes = Line("±1.96 σ", colours.ADAPTED, 0.0)
     bands["size/belief"] = {sizes: (0.5 * (low + high), 0.25 * (high - low) ** 2)}
     if np.isfinite(low).any():
         median = Line("policy now", colours.ADAPTED)
-        curves["size/curves"] = {median: 100.0 * log.decisions.path_size}
+        curves["size/curves"] = {median: 100.0 * agent.path_size}
         if log.config.handle == "bar" and math.isfinite(demonstrated_radius):
             truth = 100.0 * log.config.hand_radius / demonstrated_radius
             true = Line("true", colours.TRUTH)
@@ -114,16 +110,14 @@ def panels(log: EpisodeLog, demonstrated_radius: float) -> list[Chunk]:
 
     # Force of the hand along the path: expected ±1.96 σ, and measured.
     expected, std = (
-        log.decisions.expected_force[:, 0],
-        log.decisions.expected_force_std[:, 0],
+        agent.expected_force[:, 0],
+        agent.expected_force_std[:, 0],
     )
     line = Line("expected", colours.ADAPTED)
     bands["expected/belief"] = {line: (expected, (QUANTILE * std) ** 2)}
     if np.isfinite(expected).any():
         # The expected force acts on the handle, the measured force on the hand.
-        measured = -np.sum(
-            log.decisions.frame[:, :, 0] * log.forces.wrench[:, :3], axis=1
-        )
+        measured = -np.sum(agent.frame[:, :, 0] * forces.wrench[:, :3], axis=1)
         curves["expected/force"] = {Line("measured", colours.HAND, 1.5): measured}
 
     chunks = [_bands(log, f"{ROOT}/{path}", of) for path, of in bands.items()]

@@ -39,20 +39,20 @@ def recording_of(file: Path) -> Path:
     events: list[tuple[float, str]] = []
     for line in read_journal(file):
         out = line.get("out", [])
-        refused = any(one["type"] == "error" for one in out)
+        refused = any(message["type"] == "error" for message in out)
         for message in (line.get("in"), *out):
-            told = message if isinstance(message, dict) else {"type": message}
+            fields = message if isinstance(message, dict) else {"type": message}
             # A rejected observation may contain anything; a stiffness may be unknown.
-            for name in () if refused else _PANELS.keys() & told.keys():
-                if told[name] is not None:
-                    curves[name].append((line["at"], told[name][:3]))
-            words = map(told.get, ("type", "state", "reason", "limited", "message"))
-            said = " ".join(str(word) for word in words if word)
-            if said not in ("", "observe", *(text for _, text in events[-1:])):
-                events.append((line["at"], said))
+            for name in () if refused else _PANELS.keys() & fields.keys():
+                if fields[name] is not None:
+                    curves[name].append((line["at"], fields[name][:3]))
+            words = map(fields.get, ("type", "state", "reason", "limited", "message"))
+            text = " ".join(str(word) for word in words if word)
+            if text not in ("", "observe", *(last for _, last in events[-1:])):
+                events.append((line["at"], text))
     if not events:
         raise ValueError(f"{file} holds no message yet")
-    views = [series_view(Plot(*each, "LeftTop")) for each in _PANELS.items()]
+    views = [series_view(Plot(*panel, "LeftTop")) for panel in _PANELS.items()]
     log = rrb.TextLogView(origin=_LOG, name="States, reasons and errors")
     arrangement = rrb.Horizontal(rrb.Vertical(*views), log, column_shares=[3, 2])
     recording = file.with_name(f"{file.name}.rrd")

@@ -33,15 +33,15 @@ class VideoFormat:
     size: tuple[int, int] = (640, 480)
     """Width and height [px], multiples of 16."""
     rate: int = 25
-    """Pictures per second."""
+    """Images per second."""
     last: float = 1.0
-    """Additional time of the last picture [s]."""
+    """Additional time of the last image [s]."""
     encoding: tuple[str, ...] = ()
     """Options of ffmpeg in addition to those of imageio-ffmpeg, which are H.264 in
     yuv420p."""
 
     def rows(self, log: EpisodeLog) -> NDArray[np.intp]:
-        """Return the row of the log of each picture, at k/rate and at the end."""
+        """Return the row of the log of each image, at k/rate and at the end."""
         times = np.arange(0.0, log.times[-1], 1.0 / self.rate)
         times = np.append(times, log.times[-1])
         return np.minimum(np.searchsorted(log.times, times), log.times.size - 1)
@@ -90,7 +90,7 @@ def check_video() -> None:
 def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> int:
     """Write an episode in real time, complete or not at all (`OSError`).
 
-    Returns the number of pictures.
+    Returns the number of images.
     """
     import imageio_ffmpeg
 
@@ -105,27 +105,27 @@ def write_video(path: Path, log: EpisodeLog, model: Any, form: VideoFormat) -> i
         )
         with contextlib.closing(encoder):
             encoder.send(None)
-            pictures = _pictures(log, model, rows, form.size)
-            for picture in progress_bar(
-                pictures, total=rows.size, desc=path.name, unit=" pictures"
+            images = _images(log, model, rows, form.size)
+            for image in progress_bar(
+                images, total=rows.size, desc=path.name, unit=" images"
             ):
-                encoder.send(picture)
+                encoder.send(image)
             for _ in range(pause):
-                encoder.send(picture)
+                encoder.send(image)
         # ffmpeg reports a full disk only on its standard error.
-        there: int = imageio_ffmpeg.count_frames_and_secs(temporary)[0]
-        if there != rows.size + pause:
+        written: int = imageio_ffmpeg.count_frames_and_secs(temporary)[0]
+        if written != rows.size + pause:
             raise OSError(
-                f"{path}: ffmpeg wrote {there} of {rows.size + pause} pictures; is "
+                f"{path}: ffmpeg wrote {written} of {rows.size + pause} images; is "
                 "there space on the disk?"
             )
-    return there
+    return written
 
 
-def _pictures(
+def _images(
     log: EpisodeLog, model: Any, rows: NDArray[np.intp], size: tuple[int, int]
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield a picture (H, W, 3) of the scene in some rows of the log."""
+    """Yield an image (H, W, 3) of the scene in some rows of the log."""
     data = mujoco.MjData(model)
     width, height = (_OVERSAMPLING * side for side in size)
     camera = Camera(model, width, height, _CAMERA, effects=False)
