@@ -62,7 +62,7 @@ def write_gif(
     """Write frames of a period [s] as an animation with few colours."""
     # The last frame is included, because an open door is lit differently.
     chosen = [*frames[:: max(1, len(frames) // 4)], frames[-1]]
-    several = np.hstack([np.asarray(one) for one in chosen])
+    several = np.hstack([np.asarray(frame) for frame in chosen])
     # Median cut alone gives large areas of similar colour, such as walls, few shades,
     # which is visible as blotches.
     palette = Image.fromarray(several).quantize(colours, kmeans=4)
@@ -113,13 +113,10 @@ SCENES: Final = (
     Scene("overhead-flap", "overhead-flap", "mobile", 45.0),
     Scene("kitchen-cupboard", "kitchen-cupboard", "fixed", 35.0),
 )
-_COLUMNS: Final = 3
+_COLUMNS, _FRAME, _SHADES = 3, 12, 256
+"""Columns of the gallery; control periods per frame and colours of an animation."""
 _MOVING: Final = {"opening.gif": "room-834", "folding.gif": "bifold-closet"}
 """The doors of the animations."""
-_FRAME: Final = 12
-"""Control periods between frames of an animation."""
-_SHADES: Final = 256
-"""Number of colours of an animation."""
 
 
 def pictured(scene: Scene, width: int) -> Picture:

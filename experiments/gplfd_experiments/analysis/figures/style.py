@@ -7,14 +7,12 @@ from string import ascii_lowercase
 from typing import Any, Final
 
 import matplotlib.style
-import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.recording import colours
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 
@@ -48,27 +46,16 @@ _STYLE: Final[Mapping[str, Any]] = {
 }
 
 
-def on_paper(colour: colours.Colour, luminance: float) -> str:
-    """Darken an 8-bit sRGB colour of the screen to a relative luminance, same hue."""
-    srgb = np.array(colour) / 255.0
-    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-    linear *= luminance / float(linear @ [0.2126, 0.7152, 0.0722])
-    linear = np.clip(linear, 0.0, 1.0)
-    darker = np.where(
-        linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055
-    )
-    return "#" + "".join(f"{round(255.0 * value):02x}" for value in darker)
-
-
-# Colours in the same panel differ in luminance, not only in hue.
-DEMONSTRATION: Final = on_paper(colours.DEMONSTRATION, 0.35)
-BEFORE: Final = on_paper(colours.BEFORE, 0.27)
-ADAPTED: Final = on_paper(colours.ADAPTED, 0.10)
-TRUTH: Final = on_paper(colours.TRUTH, 0.19)
-AXIS_X: Final = on_paper(colours.AXIS_X, 0.27)
-AXIS_Z: Final = on_paper(colours.AXIS_Z, 0.13)
-LIMIT: Final = on_paper(colours.LIMIT, 0.13)
-MARK: Final = on_paper(colours.MARK, 0.15)
+# The hues of `gplfd_experiments.recording.colours`, darker for white paper. Colours in
+# the same panel differ in luminance, not only in hue.
+DEMONSTRATION: Final = "#9ca0a9"
+BEFORE: Final = "#7c8eb5"
+ADAPTED: Final = "#794292"
+TRUTH: Final = "#2e8955"
+AXIS_X: Final = "#c97c33"
+AXIS_Z: Final = "#2c6b91"
+LIMIT: Final = "#b13d3d"
+MARK: Final = "#676c78"
 SEEN: Final = "#e3f1fb"
 """Background of the observed part."""
 DOORS: Final = ("#3fb3bf", "#1b6fae", "#0b2a66")
