@@ -17,8 +17,7 @@ from gplfd_experiments.analysis.results.statistics import holm, signed_rank
 from gplfd_experiments.analysis.results.trials import deciding_measure, success_measure
 from gplfd_experiments.files.plain_data import read_json
 from gplfd_experiments.files.table import Table, markdown_table
-from gplfd_experiments.studies.trials.protocol import REFERENCES, TRIALS
-from gplfd_experiments.studies.trials.tiers import TIERS
+from gplfd_experiments.studies.trials.protocol import REFERENCES, TIERS, TRIALS
 
 PROTOCOL: Final = 9
 """Protocol of the stored results."""

@@ -17,8 +17,11 @@ import pytest
 
 from gplfd_experiments.cli.main import main
 from gplfd_experiments.studies import jobs, runner, store
-from gplfd_experiments.studies.settings import StudySettings
-from gplfd_experiments.studies.settings_file import read_settings, write_settings
+from gplfd_experiments.studies.settings import (
+    StudySettings,
+    read_settings,
+    write_settings,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -133,21 +136,6 @@ def test_files_that_are_deleted_meanwhile_are_missed(tmp_path, ran, meanwhile, c
     assert benchmark(out, *ONE, "4") == 0
     assert [task.seed for task in ran] == [0, 1, 2, 3, 0, 1]
     assert (out / "study.json").is_file()
-
-
-def test_a_result_that_is_damaged_meanwhile_is_named(tmp_path, ran, meanwhile, capsys):
-    def damage() -> None:
-        (file,) = files(tmp_path)
-        file.write_text(file.read_text().replace('"success"', '"sucess"'))
-
-    end = meanwhile(1, damage)
-    assert benchmark(tmp_path, *ONE, "2") == 1
-    printed = capsys.readouterr().err
-    assert "gplfd: 1 of 2 tasks have no complete result" in printed
-    assert ".json: it lacks success, which must be true or false" in printed
-    end()
-    assert benchmark(tmp_path, *ONE, "2") == 0
-    assert len(ran) == 3
 
 
 @pytest.mark.parametrize("name", ["study.json", "study.toml", "tasks"])

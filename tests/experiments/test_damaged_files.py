@@ -16,8 +16,11 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.plain_data import read_json, write_json
-from gplfd_experiments.studies.settings import StudySettings
-from gplfd_experiments.studies.settings_file import read_settings, write_settings
+from gplfd_experiments.studies.settings import (
+    StudySettings,
+    read_settings,
+    write_settings,
+)
 from gplfd_experiments.studies.store import (
     RESULT_STAMP,
     result_path,

@@ -12,9 +12,9 @@ import distributed
 import pytest
 
 from gplfd_experiments.studies.engines import Engine, Lost
-from gplfd_experiments.studies.plan import checked, tasks
 from gplfd_experiments.studies.runner import run_study
 from gplfd_experiments.studies.settings import StudySettings
+from gplfd_experiments.studies.tasks import checked, tasks
 
 pytestmark = pytest.mark.slow
 

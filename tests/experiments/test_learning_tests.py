@@ -13,15 +13,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, Teacher, TeacherConfig
-from gplfd_experiments.studies.learning_tests import tumbling as tumbling_module
+from gplfd_experiments.studies.learning_tests import synthetic
 from gplfd_experiments.studies.learning_tests.accuracy import (
     accuracy,
     averaged,
     spread_followed,
-)
-from gplfd_experiments.studies.learning_tests.extrapolation import (
-    beyond,
-    prior_mean_used,
 )
 from gplfd_experiments.studies.learning_tests.folds import (
     OnPhases,
@@ -31,8 +27,10 @@ from gplfd_experiments.studies.learning_tests.folds import (
     learn,
 )
 from gplfd_experiments.studies.learning_tests.scores import method_metrics
-from gplfd_experiments.studies.learning_tests.tumbling import (
+from gplfd_experiments.studies.learning_tests.synthetic import (
     TUMBLE_STD,
+    beyond,
+    prior_mean_used,
     tumble,
     tumbled_rotations,
     tumbling,
@@ -382,16 +380,6 @@ def test_correcting_the_prior_mean_everywhere_is_not_returning_to_it():
     assert used_by(going(1.0, corrected=True)) < 0.9
 
 
-def test_errors_with_a_prior_mean_are_not_hidden():
-    def fit(training: TrainingInput) -> Known:
-        if training.prior_mean is not None:
-            raise ValueError("something else")
-        return Known(align(training.demonstrations))
-
-    with pytest.raises(ValueError, match="something else"):
-        used_by(Untaught(fit=fit, accepts_prior_mean=True))
-
-
 def test_tumbling_turns_by_more_than_pi_about_changing_axes():
     poses = tumble(0, range(6))[0].poses
     angle = np.linalg.norm(poses[:, 3:], axis=1)
@@ -411,7 +399,7 @@ def test_tumbling_errors_are_relative_to_the_spread_of_demonstrations():
         return mean
 
     def spread(times: np.ndarray, scale: float = 1.0) -> np.ndarray:
-        return scale * tumbling_module._spread(times)[:, None] * np.ones(6)
+        return scale * synthetic._spread(times)[:, None] * np.ones(6)
 
     known = tumbling(knowing(tumbled, spread), 0)
     assert known["tumbling_error"] == pytest.approx(0.0, abs=1e-9)
@@ -419,7 +407,7 @@ def test_tumbling_errors_are_relative_to_the_spread_of_demonstrations():
     doubled = Known(aligned_doors(), tumbled, functools.partial(spread, scale=2.0))
     # ln 2 - 3/8 for a std twice too large.
     expected = math.log(2.0) - 0.375
-    assert tumbling_module._excess(doubled, 0) == pytest.approx(expected, abs=0.05)
+    assert synthetic._excess(doubled, 0) == pytest.approx(expected, abs=0.05)
     off = tumbling(knowing(functools.partial(tumbled, off=TUMBLE_STD)), 0)
     assert off["tumbling_error"] == pytest.approx(1.0)
 
@@ -462,19 +450,6 @@ def test_methods_are_given_the_folds_and_nothing_else(held_out):
         assert training.seed == 3
         for own, other in zip(fold.given, training.demonstrations, strict=True):
             np.testing.assert_array_equal(own.poses, other.poses)
-
-
-def test_learning_time_includes_what_is_put_off_until_prediction():
-    asked = []
-
-    class Lazy(Known):
-        def predict(self, times: np.ndarray) -> GaussianTrajectory:
-            asked.append(times)
-            return super().predict(times)
-
-    _, cpu_s = learn(Method(fit=Lazy), doors()[0], 0)
-    assert len(asked) == 1
-    assert cpu_s > 0.0
 
 
 @pytest.mark.parametrize("policy", [*TABLE_1, "prodmp", "midigap"])

@@ -16,7 +16,6 @@ from gplfd_experiments.analysis.report.page import report
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
-from gplfd_experiments.episodes.build import place_in_policy, reported_errors
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.names import file_name
 from gplfd_experiments.files.provenance import content_hash
@@ -194,75 +193,6 @@ def test_an_error_in_the_policy_is_reported_with_its_place(
     assert f'{module}.py", {line}' in trace
 
 
-WRONG = """
-class Wrong:
-    def act(self, observation):
-        return {}
-
-def wrong(training):
-    return Wrong()
-"""
-
-
-@pytest.mark.parametrize("value", ["[0.0] * 5", "None", "'abc'", "[np.nan] * 6"])
-def test_a_wrong_value_at_one_door_does_not_keep_the_others_closed(
-    module, capsys, value
-):
-    Path(f"{module}.py").write_text(OWN + WRONG.format(value))
-    name = f"{module}:wrong"
-    run = ("run", "--policy", name, "--doors", "small", "0.42", "--out", "out")
-    assert gplfd(*run) == 1
-    metrics = json.loads(Path("out/metrics.json").read_text())
-    assert [one["door"] for one in metrics] == ["small", "0.42"]
-    shown = capsys.readouterr().err
-    for one in metrics:
-        said = f"policy '{name}' failed with ValueError: Wrong.act returned"
-        assert one["error"].startswith(said)
-        assert f"gplfd: {one['door']}: {said}" in shown
-
-
-FORGETFUL = """
-class NoObservation:
-    def act(self):
-        return np.zeros(6)
-
-def no_observation(training):
-    return NoObservation()
-
-def helped(training):
-    helper_of_{0}.fail()
-"""
-
-
-@pytest.mark.parametrize(
-    ("function", "said"),
-    [
-        ("no_observation", "NoObservation.act() takes 1 positional argument but 2 "),
-        ("helped", "KeyError: 'no weights' (helper_of_{}.py, line 2, in fail)"),
-    ],
-)
-def test_no_mistake_in_a_policy_shows_a_traceback(module, capsys, function, said):
-    own = f"import helper_of_{module}\n{OWN}{FORGETFUL.format(module)}"
-    Path(f"{module}.py").write_text(own)
-    Path(f"helper_of_{module}.py").write_text(
-        "def fail():\n    raise KeyError('no weights')\n"
-    )
-    status = gplfd("run", "--policy", f"{module}:{function}", "--doors", "small")
-    assert status == (2 if function == "helped" else 1)
-    lines = capsys.readouterr().err.splitlines()
-    failed = f"policy '{module}:{function}' failed with "
-    (error,) = (line for line in lines if failed in line)
-    assert said.format(module) in error
-
-
-@pytest.mark.parametrize(
-    "option", ["--demonstrations=absent.npz", "--skill=absent.npz"]
-)
-def test_a_file_that_is_missing_is_not_the_policy_s_mistake(module, capsys, option):
-    assert gplfd("run", "--policy", f"{module}:make", option, "--doors", "small") == 2
-    assert "failed with" not in capsys.readouterr().err
-
-
 def test_a_study_keeps_the_source_in_every_file_and_reports_it(module):
     name = f"{module}:make"
     study = ("benchmark", "--policies", "oracle", name, *SHORT, "--out", "study")
@@ -354,29 +284,3 @@ def test_a_worker_has_no_helper_of_the_file_or_the_same(module, elsewhere, missi
         said = f"{helper} has changed since this process"
     with pytest.raises(ValueError, match=said):
         policy_of(task, files)
-
-
-def test_errors_elsewhere_are_nobody_s():
-    policy = policy_named("oracle")
-    with pytest.raises(KeyError) as raised, reported_errors("oracle", policy):
-        raise KeyError("mine")
-    assert place_in_policy(raised.value, policy) == ""
-
-
-def test_names_of_files_are_different_for_different_names():
-    names = ["gp", "a:b", "a/b", "a_b", "ü" * 99]
-    made = {file_name(name) for name in names}
-    assert len(made) == len(names)
-    assert file_name("gp-paper") == "gp-paper"
-    assert all(re.fullmatch(r"[\w-]{1,70}", name, re.ASCII) for name in made)
-
-
-def test_list_says_where_packaged_policies_come_from(monkeypatch, capsys):
-    from gplfd_experiments.cli import catalogue
-
-    offered = {"theirs": "opens doors (robots 1.2)", "bad": "no module (more 3)"}
-    monkeypatch.setattr(catalogue, "packaged_summaries", lambda taken: offered)
-    assert gplfd("list") == 0
-    printed = capsys.readouterr().out
-    assert "  theirs  opens doors (robots 1.2)\n" in printed
-    assert "  bad     no module (more 3)\n" in printed

@@ -12,7 +12,6 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
-from gplfd_experiments.studies.jobs import run_job
 from gplfd_experiments.studies.learning_tests.folds import aligned_to, learn
 from gplfd_experiments.studies.learning_tests.scores import recorded_metrics, without
 from gplfd_experiments.studies.learning_tests.via_points import (
@@ -23,9 +22,8 @@ from gplfd_experiments.studies.learning_tests.via_points import (
     path_distance,
     watch,
 )
-from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.store import FORECAST_METRICS
-from gplfd_experiments.studies.tasks import task_from
+from gplfd_experiments.studies.tasks import recorded_tasks, task_from
 from gplfd_policies import POLICIES
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import (
@@ -191,15 +189,6 @@ def test_a_task_is_named_by_what_it_learns_from():
     (other, *_) = recorded_tasks(("gp",), [*shown[:3], arcs((0.6,))[0]])
     assert other.key != tasks[0].key
     assert tasks[0].recordings == hash_of(shown)
-
-
-def test_a_worker_measures_what_it_is_sent():
-    shown = three(seed=0)
-    task = recorded_tasks(("promp",), shown)[1]
-    (result,) = run_job((task,), recordings=tuple(shown))
-    direct = recorded_metrics(method("promp"), shown, 1)
-    numbers = [name for name in direct if not name.startswith("cpu_")]
-    assert [result["metrics"][name] for name in numbers] == [*map(direct.get, numbers)]
 
 
 @pytest.fixture

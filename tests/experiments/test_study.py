@@ -16,7 +16,6 @@ from gplfd_experiments.analysis.results.measures import (
 from gplfd_experiments.data.teacher import synthetic_human
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files import provenance
-from gplfd_experiments.files.plain_data import NewerFormatError
 from gplfd_experiments.studies import jobs, runner, store
 from gplfd_experiments.studies.engines import Lost
 from gplfd_experiments.studies.runner import run_study
@@ -151,17 +150,6 @@ def test_a_file_tells_its_task(task):
     assert task_from(stored).key == task.key
 
 
-def test_what_is_no_task_is_refused():
-    for record, message in (
-        ({}, "KeyError"),
-        ({"kind": "dance"}, "'dance'"),
-        ({"kind": "skill"}, "TypeError"),
-        ({"kind": "skill", "wind": 3}, "unknown field 'wind'; perhaps a later ver"),
-    ):
-        with pytest.raises(ValueError, match=f"not a task of a study.*{message}"):
-            task_from(record)
-
-
 def test_a_job_acts_together_whatever_it_learned_from():
     """What one policy learns from several sets of demonstrations is one job."""
     one = [episode(door=door) for door in DOORS]
@@ -277,19 +265,6 @@ def test_every_metric_has_a_measure_and_every_result_all_metrics():
         outcome(record, task)
 
 
-def test_a_later_version_s_result_is_neither_read_nor_replaced(tmp_path, runs):
-    task = episode()
-    list(run_study(tmp_path, [task]))
-    path = store.result_path(tmp_path, task)
-    later = json.dumps(json.loads(path.read_text()) | {"format_version": 99})
-    path.write_text(later)
-    said = f"{path}: it has version 99 of gplfd result, .* up to version 1"
-    for look in (run_study, stored_results):
-        with pytest.raises(NewerFormatError, match=said):
-            next(iter(look(tmp_path, [task])))
-    assert path.read_text() == later
-
-
 class Losing:
     """An engine that loses the items with some doors."""
 
@@ -330,32 +305,3 @@ def test_a_full_disk_ends_a_study_that_goes_on_later(tmp_path, runs, monkeypatch
     assert raised.value.filename == str(second)
     assert list((tmp_path / "tasks").iterdir()) == [first]
     assert len(list(run_study(tmp_path, study))) == 3
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        *({"git": {"commit": "a", "dirty": True}}, {"git": None}),
-        *({"git": {"commit": "b", "dirty": False}}, {"versions": {"numpy": "2.1"}}),
-    ],
-    ids=str,
-)
-def test_results_of_other_code_are_counted(tmp_path, runs, monkeypatch, change):
-    state = {"versions": {"numpy": "2.0"}, "git": {"commit": "a", "dirty": False}}
-    for module in (store, jobs):
-        monkeypatch.setattr(module, "code_state", lambda: state)
-    old = episodes(("gp", "broken"), range(2))
-    list(run_study(tmp_path, old))
-    assert stored_results(tmp_path, old).from_other_code == 0
-    state.update(change)
-    # Neither what failed nor what is still missing will be another code's result.
-    more = episodes(("gp", "broken"), range(3))
-    assert stored_results(tmp_path, more).from_other_code == 4
-    # Nor do results of unknown code count as this code's.
-    state.clear()
-    state.update(versions=None, git="known")
-    path = store.result_path(tmp_path, old[0])
-    result = json.loads(path.read_text())
-    del result["versions"], result["git"]
-    path.write_text(json.dumps(result))
-    assert stored_results(tmp_path, old[:1]).from_other_code == 1

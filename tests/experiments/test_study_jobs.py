@@ -2,7 +2,6 @@
 
 import dataclasses
 import errno
-import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +13,6 @@ import pytest
 
 from gplfd_env.doors.config import door_config
 from gplfd_experiments.episodes import build
-from gplfd_experiments.episodes.metrics import EpisodeMetrics
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.studies import jobs
 from gplfd_experiments.studies.engines import Engine
@@ -145,14 +143,6 @@ def test_a_task_says_what_is_demonstrated():
     assert shown.times[-1] > tidy.times[-1]
 
 
-@pytest.mark.parametrize("start", ["grasped", "approach"])
-def test_a_task_says_whether_forces_are_demonstrated(start):
-    for forces in (True, False):
-        one = task("gp", demonstrated_forces=forces, start=start)
-        shown = build.demonstrations_of(one).demonstrations
-        assert all((each.wrenches is not None) is forces for each in shown)
-
-
 def test_demonstrated_doors_have_their_own_hardware():
     """The hand presses a handle harder whose door has a closer; the motion is equal."""
     forces = {"demonstrated_forces": True, "demonstrations_per_door": 1}
@@ -268,10 +258,3 @@ def test_a_learning_test_is_measured_without_a_robot(opened, monkeypatch):
         "far": None,
         "cpu": {"2": None, "6": [1.0, 2]},
     }
-
-
-def test_metrics_that_json_cannot_express_are_an_error(opened, monkeypatch):
-    monkeypatch.setattr(EpisodeMetrics, "as_json", lambda _: {"bad": {1, 2}})
-    (result,) = run_job((task("oracle"),))
-    assert result["error"].startswith("TypeError: Object of type set")
-    json.dumps(result)

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from gplfd_env.doors.config import door_config
 from gplfd_experiments.data.teacher import TeacherConfig, standard_teacher
 from gplfd_experiments.episodes.task import EpisodeTask
-from gplfd_experiments.studies.plan import checked, noisy_teacher, tasks
-from gplfd_experiments.studies.settings import PRESETS, StudySettings
-from gplfd_experiments.studies.settings_file import (
+from gplfd_experiments.studies.settings import (
+    PRESETS,
+    StudySettings,
     read_settings,
     settings_named,
     write_settings,
 )
-from gplfd_experiments.studies.tasks import SkillTask
+from gplfd_experiments.studies.tasks import SkillTask, checked, noisy_teacher, tasks
 from gplfd_policies.registry.built_in import TABLE_1
 
 NAMES = st.lists(st.text(st.characters(exclude_categories=["Cs"])), max_size=3)
@@ -57,22 +57,9 @@ def test_a_file_need_not_say_everything(tmp_path):
         ("sedes = 3", "unknown key 'sedes' (did you mean 'seeds'?); keys: policies"),
         ("seeds = ", "cannot be read as TOML: Invalid value"),
         ("seeds = 2.5", "seeds = 2.5 must be a whole number"),
-        ("seeds = true", "seeds = True must be a whole number"),
-        ('policies = "gp"', "policies = 'gp' must be a list in [brackets], each of it"),
         ("policies = [3]", "= [3] must be a list in [brackets], each of it a text"),
-        ("teacher_noise = [true]", "a list in [brackets], each of it a number"),
-        ("doors = [[0.4]]", "each of it a text or a number"),
-        ("teacher_noise = [inf]", "a number that is infinite or not a number"),
-        ("seeds = " + 5000 * "[", "is nested too deeply"),
-        ("skill = 1", "skill = 1 must be true or false"),
         ('start = "before"', "must be 'grasped' or 'approach'"),
-        ("seeds = 3\n[more]", "unknown key 'more'"),
-        (
-            'format = "gplfd study settings"\nformat_version = 9',
-            "it has version 9 of g",
-        ),
         ('format = "x"', "it holds x, not gplfd study settings"),
-        ("format_version = 1", "it lacks format, which must be a text"),
     ],
 )
 def test_a_wrong_file_is_refused(tmp_path, text, message):

@@ -35,7 +35,7 @@ from gplfd_experiments.data.teacher.random_motion import (
     minimum_jerk,
     smooth_functions,
 )
-from gplfd_experiments.studies.plan import noisy_teacher
+from gplfd_experiments.studies.tasks import noisy_teacher
 from gplfd_policies import align
 
 NOISELESS: dict[str, float] = noisy_teacher(0.0)

@@ -25,7 +25,7 @@ from gplfd_experiments.data.teacher.forces import (
 )
 from gplfd_experiments.data.teacher.habits import MESSY, TIDY
 from gplfd_experiments.data.teacher.random_motion import minimum_jerk
-from gplfd_experiments.studies.plan import noisy_teacher
+from gplfd_experiments.studies.tasks import noisy_teacher
 
 SIZES = [one.name for one in dataclasses.fields(ForceConfig) if "time" not in one.name]
 NEEDED = ForceConfig(**dict.fromkeys(SIZES, 0.0), variation_time=0.05)

@@ -19,8 +19,7 @@ from gplfd_experiments.analysis.results.trials import (
     success_measure,
 )
 from gplfd_experiments.cli.main import main
-from gplfd_experiments.studies.trials.protocol import TRIALS
-from gplfd_experiments.studies.trials.tiers import TIERS
+from gplfd_experiments.studies.trials.protocol import TIERS, TRIALS
 
 RADIAL = "force_radial_peak"
 

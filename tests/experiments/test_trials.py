@@ -31,7 +31,6 @@ from gplfd_experiments.studies import jobs, runner
 from gplfd_experiments.studies.store import RESULT_STAMP
 from gplfd_experiments.studies.tasks import task_from
 from gplfd_experiments.studies.trials import plan
-from gplfd_experiments.studies.trials.contrasts import CONSTANT
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import (
     EVERYWHERE,
@@ -42,7 +41,7 @@ from gplfd_experiments.studies.trials.protocol import (
     VERSION,
     ProtocolPart,
 )
-from gplfd_experiments.studies.trials.records import Contrast, Side
+from gplfd_experiments.studies.trials.records import CONSTANT, Contrast, Side
 from gplfd_policies.registry.catalogue import POLICIES
 
 pytestmark = pytest.mark.slow
@@ -159,13 +158,6 @@ def test_the_protocol_is_sound():
         assert set(part.everywhere) <= set(EVERYWHERE)
         for name, variants in part.variants.items():
             assert set(variants) <= set(TRIALS[name].own)
-
-
-def test_levers_are_demonstrated_where_a_knob_is_opened():
-    tasks = trial_tasks(named_trials(("another-handle",)))
-    assert {one.seed for one in tasks} == set(range(SEEDS))
-    (shown,) = {json.dumps(one.demonstrated_kind) for one in tasks}
-    assert json.loads(shown)["handle"] == "lever"
 
 
 def test_own_policies_take_part_and_unknown_names_are_refused():
@@ -304,16 +296,6 @@ def test_the_report_has_a_section_per_trial(page_of, episode_result):
     assert "16/16" not in text
 
 
-def test_who_opened_no_door_of_a_trial_comes_last(page_of, episode_result):
-    messy = {"trial": "messy", "level": "messy"}
-    results = [
-        *(episode_result("gp", seed, radial=9.0, **messy) for seed in range(6)),
-        *(episode_result("dmp", seed, opened=False, **messy) for seed in range(6)),
-    ]
-    table = page_of(results).partition("## Trial: messy")[2]
-    assert table.index("| `gp` |") < table.index("| `dmp` |")
-
-
 def test_the_report_keeps_every_number_in_a_small_file(write_study, episode_result):
     """A seed's mean over its doors, and None where nothing is known."""
     results, speeds = [], np.arange(1.0, 9.0)
@@ -366,14 +348,6 @@ def test_the_command_runs_a_part_and_goes_on(
     assert stop["gp"]["episodes"] == stop["gp-homoscedastic"]["episodes"] == 6
     assert stop["gp"]["success"]["seeds"] == [metrics["success"]] * 6
     assert main(["trials", "--trials", "stops"]) == 2
-
-
-def test_another_door_is_another_task():
-    tasks = trial_tasks(named_trials(("heavy",)), part="small")
-    light, heavier = (one for one in tasks if (one.policy, one.seed) == ("gp", 0))
-    assert (light.level, heavier.level) == ("14 N", "24 N")
-    assert heavier.door_config == {**light.door_config, "closer": {"preload": 10.0}}
-    assert dataclasses.replace(light, level="24 N").key != heavier.key
 
 
 @functools.cache

@@ -12,8 +12,7 @@ import pytest
 
 import gplfd_env  # noqa: F401  (registers the ids)
 from gplfd_experiments.cli import main as cli
-from gplfd_experiments.studies.settings import StudySettings
-from gplfd_experiments.studies.settings_file import write_settings
+from gplfd_experiments.studies.settings import StudySettings, write_settings
 
 pytestmark = pytest.mark.slow
 

@@ -103,7 +103,7 @@ def _run(words: Sequence[str], debug: bool) -> int:
             for library in ("OPENBLAS_NUM", "OMP_NUM", "MKL_NUM", "VECLIB_MAXIMUM"):
                 os.environ.setdefault(f"{library}_THREADS", "1")
             if isinstance(command, Benchmark):
-                from gplfd_experiments.studies.settings_file import settings_named
+                from gplfd_experiments.studies.settings import settings_named
 
                 # The settings of a file are the defaults of the options.
                 benchmark = partial(Benchmark, study=settings_named(command.config))

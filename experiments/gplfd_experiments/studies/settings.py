@@ -1,15 +1,28 @@
-"""Settings of a study by a user; has no slow imports, for ``--help``."""
+"""Settings of a study by a user, and the TOML file with them.
 
+Imports of NumPy are in functions, so that ``--help`` is fast.
+"""
+
+import dataclasses
+import json
+import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Any, Final, Literal
+
+from gplfd_env.validation.named import nearest_name
 
 TABLE_1_NAME: Final = "table-1"
 """Name that stands for the policies of the paper's Table 1."""
 
 TUNED_NAME: Final = "table-1-tuned"
 """Name that stands for the same policies after tuning."""
+
+KIND: Final = "gplfd study settings"
+VERSION: Final = 1
+"""Version of the keys of a file and their meanings."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -112,3 +125,64 @@ PRESETS: Final[Mapping[str, StudySettings]] = MappingProxyType(
     }
 )
 """Studies by name: the whole comparison, and one that takes a minute."""
+
+
+def settings_named(name: str) -> StudySettings:
+    """Return the settings of a preset, or those in a file."""
+    if name in PRESETS:
+        return PRESETS[name]
+    path = Path(name)
+    if not path.is_file():
+        raise ValueError(
+            f"--config {name}: there is no such file and no such study"
+            f"{nearest_name(name, PRESETS)}; studies: {', '.join(PRESETS)}; or give a "
+            "study.toml"
+        )
+    return read_settings(path)
+
+
+def read_settings(path: Path) -> StudySettings:
+    """Read settings; missing ones have the defaults of `StudySettings`."""
+    from gplfd_experiments.files.plain_data import (
+        check_stamp,
+        entry,
+        naming,
+        read_toml,
+        stamp,
+    )
+
+    stamped = stamp(KIND, VERSION).keys()
+    entries = read_toml(path)
+    with naming(path):
+        if entries.keys() & stamped:
+            check_stamp(entries, KIND, VERSION)
+        # In a file, a radius may be a number.
+        kinds = typing.get_type_hints(StudySettings)
+        kinds["doors"] = tuple[str | float, ...]
+        values: dict[str, Any] = {}
+        for name in [name for name in entries if name not in stamped]:
+            if name not in kinds:
+                raise ValueError(
+                    f"unknown key {name!r:.80}{nearest_name(name, kinds)}; keys: "
+                    f"{', '.join(kinds)}"
+                )
+            values[name] = entry(entries, name, kinds[name])
+        if "doors" in values:
+            values["doors"] = tuple(map(str, values["doors"]))
+        return StudySettings(**values)
+
+
+def write_settings(path: Path, settings: StudySettings) -> None:
+    """Write all settings, complete or not at all; not over those of a later version."""
+    from gplfd_experiments.files.plain_data import refuse_newer, stamp
+    from gplfd_policies.arrays.storage import complete_or_absent
+
+    refuse_newer(read_settings, path)
+    lines = [f"# gplfd benchmark --config {path.name}"]
+    for name, value in (stamp(KIND, VERSION) | dataclasses.asdict(settings)).items():
+        # TOML has the same format as JSON for texts, numbers, lists and truth values,
+        # except for one character that must be escaped.
+        text = json.dumps(value, allow_nan=False, ensure_ascii=False)
+        lines.append(f"{name} = {text}".replace("\x7f", "\\u007f"))
+    with complete_or_absent(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,12 +1,34 @@
-"""Tasks of a study: episodes and learning tests, each named by its hash."""
+"""Tasks of a study, each named by its hash: from its settings, grouped in jobs."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
-from gplfd_experiments.episodes.task import EpisodeTask, Task, TaughtTask
-from gplfd_experiments.studies.learning_tests.folds import HeldOut
+from gplfd_env.doors.config import DoorConfig
+from gplfd_experiments.console.arguments import check_circumstances
+from gplfd_experiments.data.teacher import standard_teacher
+from gplfd_experiments.episodes.task import (
+    EpisodeTask,
+    Task,
+    TaughtTask,
+    episode_task,
+    named_doors,
+)
+from gplfd_experiments.studies.learning_tests.folds import HELD_OUT, HeldOut
+from gplfd_experiments.studies.settings import (
+    TABLE_1_NAME,
+    TUNED_NAME,
+    Condition,
+    StudySettings,
+)
+from gplfd_experiments.studies.sources import chosen, policy_fields
+from gplfd_policies.demonstrations.demonstration import Demonstration
+from gplfd_policies.demonstrations.npz import hash_of
+from gplfd_policies.registry.built_in import TABLE_1
 
 Result = dict[str, Any]
 """Result of a task: ``format`` and ``format_version`` of the file, ``task``, the
@@ -84,3 +106,164 @@ def jobs_of(study: Iterable[Task]) -> tuple[Job, ...]:
                 open_jobs[alike] = job
         job += tasks.values()
     return tuple(map(tuple, jobs))
+
+
+_NOISY: Final = (
+    *("wobble_position_std", "wobble_rotation_std", "grasp_offset_std"),
+    *("vertical_drift_std", "noise_position_std", "noise_rotation_std"),
+)
+"""Fields of `gplfd_experiments.data.teacher.TeacherConfig` that the noise level
+multiplies."""
+
+_MOST_GIVEN: Final = 1_000
+"""Largest number of demonstrations per door; larger exact Gaussian processes take
+hours."""
+_LARGEST_NOISE: Final = 20
+
+LARGEST_STUDY: Final = 100_000
+"""Largest number of tasks of a study; each is a file, and all are in memory."""
+
+
+def checked(settings: StudySettings) -> StudySettings:
+    """Return the settings with every name resolved and all values within range."""
+    settings = dataclasses.replace(settings, policies=_policies(settings.policies))
+    for policy in settings.policies:
+        chosen(policy)
+    named_doors(settings.doors, start=settings.start, robot=settings.robot)
+    for names in itertools.product(settings.randomizations, settings.disturbances):
+        check_circumstances(*names, settings.start)
+    for name, values in dataclasses.asdict(settings).items():
+        if isinstance(values, tuple):
+            _check_list(name.replace("_", "-"), values)
+    for option, values, low, high in (
+        ("seeds", (settings.seeds,), 1, math.inf),
+        ("demonstrations-per-door", settings.demonstrations_per_door, 1, _MOST_GIVEN),
+        ("teacher-noise", settings.teacher_noise, 0, _LARGEST_NOISE),
+    ):
+        for value in values:
+            if not low <= value <= high:
+                to = f"to {high}" if high < math.inf else "or more"
+                raise ValueError(f"--{option} {value} must be {low} {to}")
+    of_one_seed = tasks(dataclasses.replace(settings, seeds=1))
+    if (number := settings.seeds * len(of_one_seed)) > LARGEST_STUDY:
+        raise ValueError(
+            f"--seeds {settings.seeds} makes a study of {number:,} tasks; at most "
+            f"{LARGEST_STUDY:,} are allowed in one folder"
+        )
+    return settings
+
+
+def tasks(settings: StudySettings) -> tuple[Task, ...]:
+    """Return all tasks of a study; the seed varies slowest, so any part is comparable.
+
+    Learning tests use demonstrations of furniture doors; a study without such a door
+    has no learning tests.
+    """
+    doors = named_doors(
+        settings.doors, start=settings.start, robot=settings.robot
+    ).values()
+    furniture = any(door.kind == DoorConfig().kind for door in doors)
+    study: list[Task] = []
+    for seed in range(settings.seeds):
+        for condition in conditions(settings):
+            study += episodes(settings, condition, [seed])
+        if not settings.skill or not furniture:
+            continue
+        study += [
+            SkillTask(
+                **policy_fields(policy),
+                seed=seed,
+                demonstrations_per_door=number,
+                teacher=noisy_teacher(noise),
+                demonstrated_forces=settings.demonstrated_forces,
+                held_out=left_out,
+            )
+            for number, noise, policy, left_out in itertools.product(
+                settings.demonstrations_per_door,
+                settings.teacher_noise,
+                settings.policies,
+                HELD_OUT,
+            )
+            if chosen(policy).method is not None
+        ]
+    return tuple(study)
+
+
+def conditions(settings: StudySettings) -> Iterator[Condition]:
+    """Yield the conditions of a study."""
+    for varied in itertools.product(
+        settings.demonstrations_per_door,
+        settings.teacher_noise,
+        settings.randomizations,
+        settings.disturbances,
+    ):
+        number, noise, randomization, disturbance = varied
+        yield Condition(
+            demonstrations_per_door=number,
+            teacher_noise=noise,
+            randomization=randomization,
+            disturbance=disturbance,
+            start=settings.start,
+            robot=settings.robot,
+            demonstrated_forces=settings.demonstrated_forces,
+        )
+
+
+def episodes(
+    settings: StudySettings, condition: Condition, seeds: Sequence[int]
+) -> Iterator[EpisodeTask]:
+    """Yield policies × doors × seeds under one condition; the seed varies slowest."""
+    doors = named_doors(settings.doors, start=settings.start, robot=settings.robot)
+    fields = dataclasses.asdict(condition)
+    teacher = noisy_teacher(fields.pop("teacher_noise"))
+    for seed, policy, door in itertools.product(seeds, settings.policies, doors):
+        yield episode_task(
+            door,
+            doors[door],
+            **policy_fields(policy),
+            seed=seed,
+            teacher=teacher,
+            **fields,
+        )
+
+
+def noisy_teacher(level: float) -> dict[str, float]:
+    """Return the standard teacher with its noise multiplied by a level."""
+    teacher = standard_teacher()
+    return teacher | {name: level * teacher[name] for name in _NOISY}
+
+
+def recorded_tasks(
+    policies: Sequence[str], recordings: Sequence[Demonstration]
+) -> tuple[RecordedTask, ...]:
+    """Return the leave-one-out tests of methods, or groups of them, on recordings."""
+    names = _policies(policies)
+    _check_list("policies", names)
+    for name in names:
+        if chosen(name).method is None:
+            raise ValueError(
+                f"policy {name!r} learns no movement, so there is nothing to test; see "
+                "`gplfd list`"
+            )
+    identity = hash_of(recordings)
+    return tuple(
+        RecordedTask(**policy_fields(name), seed=number, recordings=identity)
+        for number, name in itertools.product(range(len(recordings)), names)
+    )
+
+
+def _policies(names: Sequence[str]) -> tuple[str, ...]:
+    """Replace names of groups of policies by their members."""
+    groups = {
+        TABLE_1_NAME: TABLE_1,
+        TUNED_NAME: tuple(f"{policy}-tuned" for policy in TABLE_1),
+    }
+    return tuple(policy for name in names for policy in groups.get(name, (name,)))
+
+
+def _check_list(option: str, values: Sequence[object]) -> None:
+    if not values:
+        raise ValueError(f"--{option} needs at least one value")
+    value, times = Counter(values).most_common(1)[0]
+    if times > 1:
+        raise ValueError(f"{value} is given twice in --{option}")

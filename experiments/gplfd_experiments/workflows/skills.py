@@ -16,8 +16,8 @@ from gplfd_experiments.recording.learned import record_learned
 from gplfd_experiments.studies.engines import Engine
 from gplfd_experiments.studies.learning_tests.folds import learn
 from gplfd_experiments.studies.learning_tests.scores import FEWEST
-from gplfd_experiments.studies.plan import recorded_tasks
 from gplfd_experiments.studies.runner import run_or_resume
+from gplfd_experiments.studies.tasks import recorded_tasks
 from gplfd_experiments.teaching.taught import read_taught
 from gplfd_experiments.workflows.runs import CONFIGURATION
 from gplfd_policies.demonstrations.npz import demonstrations_file, load_demonstrations

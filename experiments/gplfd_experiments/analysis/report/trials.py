@@ -36,10 +36,8 @@ from gplfd_experiments.analysis.results.trials import (
 )
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.table import Table
-from gplfd_experiments.studies.trials.contrasts import RADIAL
-from gplfd_experiments.studies.trials.protocol import SEEDS, TRIALS, VERSION
-from gplfd_experiments.studies.trials.records import Side, Trial
-from gplfd_experiments.studies.trials.tiers import TIERS
+from gplfd_experiments.studies.trials.protocol import SEEDS, TIERS, TRIALS, VERSION
+from gplfd_experiments.studies.trials.records import RADIAL, Side, Trial
 
 _VERDICTS: Final = {
     "shows": "**better with it**",

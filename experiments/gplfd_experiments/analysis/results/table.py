@@ -30,9 +30,9 @@ from gplfd_experiments.episodes.metrics import (
 )
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.table import Table, markdown_table
-from gplfd_experiments.studies.plan import conditions, episodes
 from gplfd_experiments.studies.settings import Condition, StudySettings
 from gplfd_experiments.studies.store import result_path
+from gplfd_experiments.studies.tasks import conditions, episodes
 from gplfd_policies.arrays.storage import complete_or_absent
 
 _OF_SOLVED: Final = (

@@ -34,9 +34,8 @@ from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.store import POLICY_ERROR
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
-from gplfd_experiments.studies.trials.protocol import TRIALS, VERSION
+from gplfd_experiments.studies.trials.protocol import TIERS, TRIALS, VERSION
 from gplfd_experiments.studies.trials.records import Contrast, Side, Trial
-from gplfd_experiments.studies.trials.tiers import TIERS
 
 FILE: Final = "trials.json"
 """Name of the file of `trial_answers` in the folder of a report."""

@@ -58,9 +58,9 @@ class Benchmark:
         )
         from gplfd_experiments.console.arguments import check_folder
         from gplfd_experiments.files.plain_data import json_text, naming
-        from gplfd_experiments.studies.plan import checked, tasks
         from gplfd_experiments.studies.runner import run_or_resume
-        from gplfd_experiments.studies.settings_file import write_settings
+        from gplfd_experiments.studies.settings import write_settings
+        from gplfd_experiments.studies.tasks import checked, tasks
 
         # Values of the file, except those given on the command line.
         from_file = self.config not in PRESETS

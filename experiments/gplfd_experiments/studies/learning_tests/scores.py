@@ -17,13 +17,13 @@ synthetic human, `recorded_metrics` one of the user's motion files. Both return:
 =========================== ==========================================================
 
 Tests with demonstrations of the synthetic human also return the following. They need
-additional movements. To save time, the first three are measured only with
+additional movements. To save time, the first two are measured only with
 "demonstration" left out, and the others only with "radius".
 
 =========================== ==========================================================
-``uncertainty_growth``      see `beyond` in the module ``extrapolation``
-``prior_mean_used``         see `prior_mean_used` in the same module
-``outputs_...``             see `tumbling` in the module ``tumbling``
+``uncertainty_growth``      see `beyond` in the module ``synthetic``
+``prior_mean_used``         see `prior_mean_used` there
+``outputs_nlpd_change``     see `tumbling` there
 ``tumbling_error``          the same
 =========================== ==========================================================
 
@@ -74,7 +74,6 @@ from gplfd_experiments.studies.learning_tests.accuracy import (
     averaged,
     spread_followed,
 )
-from gplfd_experiments.studies.learning_tests.extrapolation import beyond
 from gplfd_experiments.studies.learning_tests.folds import (
     OnPhases,
     aligned_to,
@@ -83,7 +82,7 @@ from gplfd_experiments.studies.learning_tests.folds import (
     folds,
     learn,
 )
-from gplfd_experiments.studies.learning_tests.tumbling import tumbling
+from gplfd_experiments.studies.learning_tests.synthetic import beyond, tumbling
 from gplfd_experiments.studies.learning_tests.via_points import (
     adaptation,
     force_scores,

@@ -4,8 +4,14 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Final
 
-from gplfd_experiments.studies.trials.contrasts import OPENED, contrasts
-from gplfd_experiments.studies.trials.records import BARS, MEDIUM, Level, Trial
+from gplfd_experiments.studies.trials.records import (
+    BARS,
+    MEDIUM,
+    OPENED,
+    Level,
+    Trial,
+    contrasts,
+)
 
 _LEVERS: Final = (0.65, 0.78, 0.9)
 """Radii of demonstrated levers [m]."""

@@ -6,15 +6,18 @@ from collections.abc import Mapping
 from typing import Final
 
 from gplfd_experiments.data.teacher import MESSY
-from gplfd_experiments.studies.trials.contrasts import (
+from gplfd_experiments.studies.trials.records import (
+    BARS,
     GENTLE,
+    MEDIUM,
     OPENED,
     RADIAL,
     SIZES,
+    Level,
+    Trial,
     compared_levels,
     contrasts,
 )
-from gplfd_experiments.studies.trials.records import BARS, MEDIUM, Level, Trial
 
 _TO_45: Final = {"angle_mean": math.radians(45.0)}
 """A teacher who opens the door only to 45°."""

@@ -7,12 +7,13 @@ from typing import Any, Final
 
 from gplfd_env.doors.config import DOORS
 from gplfd_experiments.data.teacher import DEMONSTRATED_RADII, ROOM_RADII
-from gplfd_experiments.studies.trials.contrasts import (
+from gplfd_experiments.studies.trials.records import (
     OPENED,
+    Level,
+    Trial,
     compared_levels,
     contrasts,
 )
-from gplfd_experiments.studies.trials.records import Level, Trial
 
 _AMONG: Final = (
     *("gp", "dmp", "promp", "gmr", "kmp", "gmm-gp", "prodmp", "midigap"),

@@ -84,3 +84,21 @@ TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
     {**FURNITURE, **OTHER_DOORS, **FORCES}
 )
 """Every trial by its name."""
+
+TIERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {
+        "furniture": ("radius", "further", "few", "messy", "rests", "turned", "heavy"),
+        "buildings": ("buildings",),
+        "other motions": ("motions",),
+        "realistic conditions": (
+            *("handle-pose", "two-modes", "few-doors", "another-handle"),
+        ),
+        "forces": (
+            *("forces-weight", "forces-closer", "forces-person"),
+            *("forces-blocked", "forces-seal"),
+        ),
+    }
+)
+"""Names of trials by tier. The tier furniture has the trials of protocol v2 in which
+the share of opened doors separates pairs of methods other than `gp-paper` (signed ranks
+of 20 seeds, Holm, 5 %). A tier without trials is not run yet."""
