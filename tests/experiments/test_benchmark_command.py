@@ -59,22 +59,6 @@ def benchmark(out: Path, *arguments: str) -> int:
         return int(error.code or 0)
 
 
-def test_an_error_of_every_policy_is_shown(tmp_path, monkeypatch, capsys):
-    def fail(job: Any, **_: Any) -> list[Any]:
-        return [jobs.failed(task, f"ValueError: {task.policy}") for task in job]
-
-    monkeypatch.setattr(runner, "run_job", fail)
-    policies = ("gp", "gmr", "oracle")
-    study = ("--policies", *policies, "--doors", "small", "large", "--seeds", "2")
-    assert benchmark(tmp_path, *study, "--no-skill", "--quiet") == 1
-    counted, *shown = capsys.readouterr().err.splitlines()
-    assert counted.startswith("gplfd: 12 of 12 tasks ended in errors")
-    assert shown == [f"gplfd: {p}, small, seed 0: ValueError: {p}" for p in policies]
-    # There is a page, and nothing on it was measured.
-    assert main(["report", str(tmp_path)]) == 1
-    assert (tmp_path / "report.html").exists()
-
-
 def test_writes_table_and_settings_and_says_where(tmp_path, ran, capsys):
     options = ["--policies", "gp", "oracle", "--doors", "small", "--seeds", "2"]
     assert benchmark(tmp_path, *options) == 1
@@ -130,7 +114,6 @@ def test_files_that_are_deleted_meanwhile_are_missed(tmp_path, ran, meanwhile, c
     assert benchmark(out, *ONE, "4") == 1
     printed = capsys.readouterr()
     assert f"gplfd: 2 of 4 tasks have no complete result in {out}/tasks" in printed.err
-    assert f"gplfd: {out}/study.json is gone" in printed.err
     assert "| gp | small | 2/2 |" in printed.out
     end()
     assert benchmark(out, *ONE, "4") == 0

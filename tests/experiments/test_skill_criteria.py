@@ -1,7 +1,5 @@
 """Marks of Table 1 follow from numbers."""
 
-import math
-
 import pytest
 
 from gplfd_experiments.studies.learning_tests.criteria import (
@@ -69,16 +67,3 @@ def test_rows_and_columns_are_those_of_the_paper():
             assert policy in TABLE_1
             column = ["x" if policy in c.paper else "-" for c in CRITERIA.values()]
             assert "".join(column) == marks, policy
-
-
-def test_every_criterion_can_be_passed_and_failed():
-    for criterion in CRITERIA.values():
-        good, bad = {}, {}
-        for limit in criterion.limits:
-            lowest = limit.low > -math.inf
-            assert lowest or limit.high < math.inf
-            good[limit.metric] = limit.low if lowest else limit.high
-            bad[limit.metric] = good[limit.metric] + (-1e-6 if lowest else 1e-6)
-        assert mark(criterion, [good]).passed is True
-        for name in good:
-            assert mark(criterion, [{**good, name: bad[name]}]).passed is False

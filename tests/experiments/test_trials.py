@@ -268,34 +268,6 @@ def test_an_error_of_the_policy_is_a_failure_in_every_share(
     assert entry["success"]["estimate"] == pytest.approx(7 / 15, abs=1e-5)
 
 
-def test_the_report_has_a_section_per_trial(page_of, episode_result):
-    """A small difference is told from zero."""
-    other, measure = CONSTANT[0], "stop_force_sustained"
-    forces = np.linspace(20.0, 21.0, 8)
-    stop = [
-        *outcomes(episode_result, "gp", forces, measure),
-        *outcomes(episode_result, "hinge-fit", forces, measure),
-        *outcomes(episode_result, other, forces + 0.004, measure),
-    ]
-    for result in stop:
-        result["metrics"]["success"] = result["task"]["policy"] != other
-    ordinary = [episode_result("gp", seed) for seed in range(8)]
-    text = page_of([*stop, *ordinary])
-    table = text.partition("## Trial: stop")[2]
-    assert "## Trial: person" not in text
-    assert TRIALS["stop"].question in table
-    assert "`hinge-fit` (reference) | 8/8<br>0.68–1.00" in table
-    shown = (
-        "| variable stiffness | stop | doors opened and held, share | "
-        f"gp : {other} | +1.00 (1.00 to 1.00) | **better with it** |"
-    )
-    assert shown in text
-    assert "| −0.004 (−0.004 to −0.004) | **better with it** |" in text
-    # A trial's episodes are no part of the ordinary tables.
-    assert "| `gp` | 8 | 8/8<br>0.68–1.00" in text
-    assert "16/16" not in text
-
-
 def test_the_report_keeps_every_number_in_a_small_file(write_study, episode_result):
     """A seed's mean over its doors, and None where nothing is known."""
     results, speeds = [], np.arange(1.0, 9.0)

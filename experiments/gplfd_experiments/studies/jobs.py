@@ -69,7 +69,7 @@ def run_job(
                 results[task.key] = _error_result(task, error, policy)
     able = [task for task in episodes if task.training_key in make]
     opened = _episode_results(able, policy, make)
-    results |= {task.key: one for task, one in zip(able, opened, strict=True)}
+    results |= {task.key: result for task, result in zip(able, opened, strict=True)}
     return [results[task.key] for task in episodes]
 
 
@@ -142,10 +142,8 @@ def _episode_results(
         for task, log in zip(tasks, logs, strict=True):
             angle = task.teacher["angle_mean"]
             metrics = _plain(episode_metrics(log, demonstrated_angle=angle).as_json())
-            shown = demonstrations_hash(task)
-            results.append(
-                {**_origin(task), "demonstrations": shown, "metrics": metrics}
-            )
+            demonstrations = {"demonstrations": demonstrations_hash(task)}
+            results.append({**_origin(task), **demonstrations, "metrics": metrics})
         return results
     except (Exception, SystemExit) as error:
         if len(tasks) == 1:

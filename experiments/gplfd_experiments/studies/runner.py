@@ -17,7 +17,6 @@ from gplfd_experiments.studies.jobs import failed, run_job
 from gplfd_experiments.studies.sources import files_of
 from gplfd_experiments.studies.store import (
     PLANNED,
-    STUDY,
     result_path,
     stored_results,
     write_study,
@@ -39,9 +38,9 @@ def run_or_resume(
 ) -> int:
     """Run the tasks of a study without a complete result, or with an error.
 
-    At the end, every task must have a complete result on the disk, and the study its
-    study.json, because files may have been deleted or changed meanwhile. Returns the
-    number of tasks with an error or without a result, plus one if study.json is gone.
+    At the end, every task must have a complete result on the disk, because files may
+    have been deleted or changed meanwhile. Returns the number of tasks with an error or
+    without a result.
     """
     check_folder(folder)
     sources = {task.policy: task.policy_source for task in study if task.policy_source}
@@ -89,11 +88,6 @@ def run_or_resume(
         )
         for reason in stored.damaged:
             LOG.error(reason)
-    if lacks_study := not (folder / STUDY).is_file():
-        LOG.error(
-            f"{folder / STUDY} is gone: it was deleted while the study ran; the same "
-            "command writes it again"
-        )
     # One error of each policy is shown.
     first: dict[str, Result] = {}
     for result in stored.failed:
@@ -101,7 +95,7 @@ def run_or_resume(
     for result in first.values():
         LOG.error("%s: %s", _title(result["task"]), result["error"])
         LOG.debug("%s", result.get("traceback") or "no traceback")
-    return errors + missing + lacks_study
+    return errors + missing
 
 
 def run_study(

@@ -71,8 +71,8 @@ def task_from(record: Mapping[str, Any]) -> Task:
     fields = dict(record)
     try:
         kind = KINDS[fields.pop("kind")]
-        known = {field.name for field in dataclasses.fields(kind)}
-        if unknown := sorted(fields.keys() - known):
+        names = {field.name for field in dataclasses.fields(kind)}
+        if unknown := sorted(fields.keys() - names):
             raise ValueError(
                 f"not a task of a study: unknown field {unknown[0]!r:.40}; perhaps a "
                 "later version of gplfd wrote it"

@@ -36,8 +36,8 @@ def spread_followed(std: FloatArray, poses: FloatArray) -> float | None:
     spread = poses.std(axis=0, ddof=1)
     if not np.isfinite(std).all():
         return None
-    logs = [np.log(np.maximum(each, FINEST)) for each in (std, spread)]
-    got, true = (each - each.mean(axis=0) for each in logs)
+    logs = [np.log(np.maximum(values, FINEST)) for values in (std, spread)]
+    got, true = (values - values.mean(axis=0) for values in logs)
     varies = np.sum(true**2, axis=0) > 0.0
     if not varies.any():
         return None
@@ -81,7 +81,7 @@ def averaged(scores: Sequence[Mapping[str, float | None]]) -> dict[str, float | 
     """
     means: dict[str, float | None] = {}
     for name in scores[0]:
-        values = [value for each in scores if (value := each[name]) is not None]
+        values = [value for score in scores if (value := score[name]) is not None]
         mean = root_mean_square if name.startswith("rmse_") else np.mean
         means[name] = float(mean(values)) if values else None
     return means

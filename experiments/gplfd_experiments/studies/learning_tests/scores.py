@@ -121,7 +121,10 @@ def method_metrics(
     scores: list[Mapping[str, float | None]] = []
     for fold in every:
         movement, cpu_s = learn(method, fold.given, seed)
-        left_out = [aligned_to(one, movement.aligned) for one in fold.left_out]
+        left_out = [
+            aligned_to(demonstration, movement.aligned)
+            for demonstration in fold.left_out
+        ]
         shared = {
             **adaptation(method, movement, left_out),
             **_movement_scores(movement),
@@ -129,11 +132,11 @@ def method_metrics(
         }
         scores += [
             {
-                **prediction_scores(movement, one),
+                **prediction_scores(movement, on_phases),
                 **shared,
-                **force_scores(method, movement, one, given),
+                **force_scores(method, movement, on_phases, demonstration),
             }
-            for one, given in zip(left_out, fold.left_out, strict=True)
+            for on_phases, demonstration in zip(left_out, fold.left_out, strict=True)
         ]
     if held_out == "demonstration":
         return {**averaged(scores), **beyond(method, every[0], seed)}
@@ -145,14 +148,14 @@ def recorded_metrics(
 ) -> dict[str, Any]:
     """Leave one recording out, learn from the others, and predict it."""
     movement, left_out, cpu_s = without(method, recordings, number)
-    one = _evenly_sampled(recordings[number])
-    period = float(np.ptp(one.times)) / (len(left_out.phases) - 1)
+    recording = _evenly_sampled(recordings[number])
+    period = float(np.ptp(recording.times)) / (len(left_out.phases) - 1)
     return {
         **prediction_scores(movement, left_out),
         **adaptation(method, movement, [left_out]),
         **forecasts(method, movement, left_out),
         **online_forecasts(method, movement, left_out, period),
-        **force_scores(method, movement, left_out, one),
+        **force_scores(method, movement, left_out, recording),
         **_movement_scores(movement),
         "cpu_fit_s": cpu_s,
     }
@@ -162,23 +165,25 @@ def without(
     method: Method, recordings: Sequence[Demonstration], number: int
 ) -> tuple[Movement, OnPhases, float]:
     """Learn from all recordings except one."""
-    given = [*recordings[:number], *recordings[number + 1 :]]
-    movement, cpu_s = learn(method, given, number)
-    one = _evenly_sampled(recordings[number])
-    every = np.concatenate([each.poses for each in recordings])
+    others = [*recordings[:number], *recordings[number + 1 :]]
+    movement, cpu_s = learn(method, others, number)
+    left_out = _evenly_sampled(recordings[number])
+    every = np.concatenate([recording.poses for recording in recordings])
     moving = np.asarray(np.ptp(every, axis=0) > FINEST)
-    return movement, replace(aligned_to(one, movement.aligned), moving=moving), cpu_s
+    on_phases = replace(aligned_to(left_out, movement.aligned), moving=moving)
+    return movement, on_phases, cpu_s
 
 
-def _evenly_sampled(one: Demonstration) -> Demonstration:
-    steps = np.diff(one.times)
+def _evenly_sampled(recording: Demonstration) -> Demonstration:
+    steps = np.diff(recording.times)
     if np.ptp(steps) <= _UNEVEN * np.median(steps):
-        return one
-    count = math.ceil((one.times[-1] - one.times[0]) / float(np.median(steps))) + 1
-    times = np.linspace(one.times[0], one.times[-1], count)
-    sampled = partial(interpolated, times, one.times)
-    wrenches = None if one.wrenches is None else sampled(one.wrenches)
-    return Demonstration(times=times, poses=sampled(one.poses), wrenches=wrenches)
+        return recording
+    first, last = recording.times[[0, -1]]
+    count = math.ceil((last - first) / float(np.median(steps))) + 1
+    times = np.linspace(first, last, count)
+    sampled = partial(interpolated, times, recording.times)
+    wrenches = None if recording.wrenches is None else sampled(recording.wrenches)
+    return Demonstration(times=times, poses=sampled(recording.poses), wrenches=wrenches)
 
 
 def prediction_scores(
@@ -199,7 +204,9 @@ def _movement_scores(movement: Movement) -> Mapping[str, float | None]:
     std = movement.predict(aligned.times).std
     # Different phases each time, so that no result is cached.
     asked = [np.linspace(1e-6 * n, 1.0, _SAMPLES) for n in range(1, 1 + _REPEATS)]
-    seconds = [cpu_seconds(partial(movement.predict, one))[1] for one in asked]
+    seconds = [
+        cpu_seconds(partial(movement.predict, repeated))[1] for repeated in asked
+    ]
     path = movement.predict(phases).mean[:, :3]
     return {
         "log_dimensionless_jerk": log_dimensionless_jerk(path, step),

@@ -50,14 +50,14 @@ def beyond(method: Method, fold: Fold, seed: int) -> Mapping[str, float | None]:
     movement, _ = learn(method, starts, seed)
     border = movement.predict(_BORDER).std[:, _MOVING]
     outside = movement.predict(_BEYOND).std[:, _MOVING]
-    found: dict[str, float | None] = {
+    scores: dict[str, float | None] = {
         "uncertainty_growth": None,
         "prior_mean_used": prior_mean_used(method, starts, seed, movement),
     }
     if np.isfinite(border).all():
         ratios = outside.mean(axis=0) / border.mean(axis=0)
-        found["uncertainty_growth"] = float(np.exp(np.mean(np.log(ratios))))
-    return found
+        scores["uncertainty_growth"] = float(np.exp(np.mean(np.log(ratios))))
+    return scores
 
 
 def _start(demonstration: Demonstration) -> Demonstration:

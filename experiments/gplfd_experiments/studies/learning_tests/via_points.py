@@ -65,22 +65,22 @@ def adaptation(
     """
     form, learned = method.adaptation, movement.predict(GRID)
     scores: list[dict[str, float | None]] = []
-    for one in left_out:
-        found: dict[str, float | None] = dict.fromkeys(_VIA_POINT_SCORES)
+    for demonstration in left_out:
+        score: dict[str, float | None] = dict.fromkeys(_VIA_POINT_SCORES)
         if form is not None:
-            demanded = one.at(GRID[list(_PLACES)])
+            demanded = demonstration.at(GRID[list(_PLACES)])
             for name, std in (("via_error", _STD), ("via_error_strict", _STRICT_STD)):
                 adapted = begin_adaptation(movement, form, GRID)
                 for place, pose in zip(_PLACES, demanded, strict=True):
                     phase = float(GRID[place])
                     adapted.observe(ViaPoint(phase=phase, pose=pose, std=std))
                 passed = adapted.mean[list(_PLACES)]
-                found[f"{name}_position_m"] = rms_distance(passed, demanded)
-                found[f"{name}_rotation_rad"] = rms_rotation(passed, demanded)
-            truth = one.at(GRID)
+                score[f"{name}_position_m"] = rms_distance(passed, demanded)
+                score[f"{name}_rotation_rad"] = rms_rotation(passed, demanded)
+            truth = demonstration.at(GRID)
             changes: list[FloatArray] = []
             for place in _PLACES:
-                phase, pose = float(GRID[place]), one.at(GRID[[place]])[0]
+                phase, pose = float(GRID[place]), demonstration.at(GRID[[place]])[0]
                 adapted = begin_adaptation(movement, form, GRID)
                 adapted.observe(ViaPoint(phase=phase, pose=pose, std=_STRICT_STD))
                 far = np.abs(GRID - phase) > _FAR
@@ -96,11 +96,11 @@ def adaptation(
             error, error_before = np.sqrt(
                 np.mean(np.stack([after, before]) ** 2, axis=1)
             )
-            found["via_far_change"] = float(mean.mean())
+            score["via_far_change"] = float(mean.mean())
             if error_before:
-                found["via_far_error"] = float(error / error_before)
-        _, _, found["cpu_adapt_s"] = observed(form, movement, one, _SEEN)
-        scores.append(found)
+                score["via_far_error"] = float(error / error_before)
+        _, _, score["cpu_adapt_s"] = observed(form, movement, demonstration, _SEEN)
+        scores.append(score)
     return averaged(scores)
 
 
@@ -111,11 +111,11 @@ def forecasts(
 
     A method without via-points does not adapt the movement.
     """
-    found: dict[str, float | None] = {}
+    scores: dict[str, float | None] = {}
     for share in FORECASTS:
         rest, _, _ = observed(method.adaptation, movement, left_out, share)
-        found |= _rest_scores(f"forecast_{100 * share:.0f}", rest, left_out)
-    return found
+        scores |= _rest_scores(f"forecast_{100 * share:.0f}", rest, left_out)
+    return scores
 
 
 def online_forecasts(
@@ -132,14 +132,14 @@ def online_forecasts(
     watched: Mapping[int, Forecast] = {}
     if method.adaptation is not None:
         watched = watch(method, movement, left_out.poses, counts, period)
-    found: dict[str, float | None] = {}
+    scores: dict[str, float | None] = {}
     for share, count in zip(FORECASTS, counts, strict=True):
         forecast = watched.get(count) or Forecast(share, learned, np.zeros(GRID.size))
         rest, name = forecast.trajectory[share < GRID], f"online_{100 * share:.0f}"
-        found |= _rest_scores(name, rest, left_out)
+        scores |= _rest_scores(name, rest, left_out)
         truth = left_out.at(rest.times)[:, :3]
-        found[f"{name}_path_m"] = path_distance(forecast, truth)
-    return found
+        scores[f"{name}_path_m"] = path_distance(forecast, truth)
+    return scores
 
 
 def _rest_scores(
@@ -184,15 +184,15 @@ def watch(
         config=replace(method.config, control_period=period),
         handle_config=method.handle_config,
     )
-    found = {}
+    watched = {}
     for count, pose in enumerate(poses[: max(counts)], start=1):
         step = agent.act({"ee_pose": pose, "wrench": np.zeros(6)})
         if count in counts:
             form = agent.movement.distribution
             level = getattr(form, "horizontal_covariance", np.zeros(GRID.size))
             phase = float(step.observed_phase)
-            found[count] = Forecast(phase, agent.forecast(), level)
-    return found
+            watched[count] = Forecast(phase, agent.forecast(), level)
+    return watched
 
 
 def path_distance(forecast: Forecast, positions: FloatArray) -> float:
@@ -237,7 +237,7 @@ def observed(
 
 
 def force_scores(
-    method: Method, movement: Movement, left_out: OnPhases, one: Demonstration
+    method: Method, movement: Movement, left_out: OnPhases, demonstration: Demonstration
 ) -> dict[str, float | None]:
     """Return the accuracy of the force at a demonstration with its phases.
 
@@ -248,10 +248,10 @@ def force_scores(
     recorded.
     """
     learned = movement.forces if isinstance(movement, LearnedMovement) else None
-    if learned is None or one.wrenches is None:
+    if learned is None or demonstration.wrenches is None:
         return {}
-    rotations = one.poses[:, None, 3:]
-    apart = into_axes(rotations, one.wrenches.reshape(-1, 2, 3))
+    rotations = demonstration.poses[:, None, 3:]
+    apart = into_axes(rotations, demonstration.wrenches.reshape(-1, 2, 3))
     felt = OnPhases(phases=left_out.phases, poses=apart.reshape(-1, 6))
     asked = felt.thinned(200)
     scores = _force_accuracy("force", learned.predict(asked.phases), asked.poses)

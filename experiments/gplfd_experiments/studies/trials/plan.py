@@ -55,37 +55,41 @@ def trial_tasks(
     tasks: list[EpisodeTask] = []
     numbers = range(plan.seeds if seeds is None else seeds)
     for seed, (name, trial) in itertools.product(numbers, trials.items()):
-        own = plan.variants.get(name, trial.own)
+        variants = plan.variants.get(name, trial.own)
         everywhere = plan.everywhere
         if part == "whole" and trial.only_policies:
             everywhere = trial.only_policies
-        competing = (*everywhere, *own, *(tuned if trial.tuned else ()), *policies)
+        competing = (*everywhere, *variants, *(tuned if trial.tuned else ()), *policies)
         every = dict.fromkeys(only or competing)
         for policy, title in itertools.product(every, trial.levels):
             level = trial.levels[title]
-            asked = [chosen(one) for one in only or (policy,)]
-            methods = [one.method for one in asked]
-            take_prior_mean = all(one and one.accepts_prior_mean for one in methods)
+            competitors = [chosen(competitor) for competitor in only or (policy,)]
+            methods = [competitor.method for competitor in competitors]
+            take_prior_mean = all(
+                method and method.accepts_prior_mean for method in methods
+            )
             if level.prior_radius is not None and not take_prior_mean:
                 continue
-            if level.corrections and not all(one.correctable for one in asked):
+            if level.corrections and not all(
+                competitor.correctable for competitor in competitors
+            ):
                 continue
             opened, practice = doors[name, title], None
             if level.corrections:
                 practice = {
                     "corrections": level.corrections,
-                    "doors": [one.as_dict() for one in opened.values()],
+                    "doors": [config.as_dict() for config in opened.values()],
                     "randomization": level.randomization,
                     "demonstrated": level.demonstrated,
                 }
             # Fields of the demonstrated doors from the level; others have their
             # defaults.
-            shown: dict[str, Any] = {}
+            demonstrated: dict[str, Any] = {}
             if level.demonstrated_radii is not None:
-                shown["demonstrated_radii"] = level.demonstrated_radii
-                shown["demonstrated_hardware"] = level.demonstrated_hardware
+                demonstrated["demonstrated_radii"] = level.demonstrated_radii
+                demonstrated["demonstrated_hardware"] = level.demonstrated_hardware
             if level.demonstrated_kind is not None:
-                shown["demonstrated_kind"] = level.demonstrated_kind
+                demonstrated["demonstrated_kind"] = level.demonstrated_kind
             tasks += [
                 episode_task(
                     door,
@@ -96,7 +100,7 @@ def trial_tasks(
                     teacher=standard_teacher() | dict(level.teacher),
                     randomization=level.randomization,
                     disturbance=level.disturbance,
-                    **shown,
+                    **demonstrated,
                     start=level.start,
                     robot=robot,
                     habits=level.habits,

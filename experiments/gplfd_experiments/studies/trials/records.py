@@ -89,7 +89,10 @@ class Trial:
     @property
     def own(self) -> tuple[str, ...]:
         """Policies of this trial, besides those of every trial."""
-        return (*(one.lacking.policy for one in self.contrasts), *self.extra_policies)
+        return (
+            *(contrast.lacking.policy for contrast in self.contrasts),
+            *self.extra_policies,
+        )
 
 
 CONSTANT: Final = tuple(f"gp-constant-{k}" for k in (100, 500))
