@@ -95,10 +95,10 @@ def mapped(function: Callable[..., Any], *records: Any) -> Any:
             for name in first
         }
     if isinstance(first, tuple):
-        parts = [mapped(function, *each) for each in zip(*records, strict=True)]
+        parts = [mapped(function, *entries) for entries in zip(*records, strict=True)]
         return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
     if dataclasses.is_dataclass(first) and not isinstance(first, type):
-        names = [one.name for one in dataclasses.fields(first)]
+        names = [field.name for field in dataclasses.fields(first)]
         values = {
             name: mapped(function, *[getattr(record, name) for record in records])
             for name in names
@@ -109,7 +109,7 @@ def mapped(function: Callable[..., Any], *records: Any) -> Any:
 
 def stacked(records: Sequence[Record]) -> Record:
     """Return the records of n simulations as one record with array entries (n,)."""
-    result: Record = mapped(lambda *each: np.array(each), *records)
+    result: Record = mapped(lambda *entries: np.array(entries), *records)
     return result
 
 
@@ -125,7 +125,8 @@ def row_of(record: Record, row: int) -> Record:
 def by_row(vector: Sequence[Number]) -> list[tuple[Any, ...]]:
     """Return the components of a vector as n tuples, one per simulation."""
     parts = [
-        each.tolist() if isinstance(each, np.ndarray) else [each] for each in vector
+        component.tolist() if isinstance(component, np.ndarray) else [component]
+        for component in vector
     ]
     return list(zip(*parts, strict=True))
 

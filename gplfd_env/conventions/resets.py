@@ -24,15 +24,15 @@ def checked_options(options: object, allowed: Mapping[str, str]) -> dict[str, An
         raise ValueError(
             f'options must be a mapping such as {{"door": "small"}}, got {options!r}'
         )
-    given = options or {}
-    unknown = [repr(name) for name in given if name not in allowed]
+    named = options or {}
+    unknown = [repr(name) for name in named if name not in allowed]
     if unknown:
         choices = [f'"{name}" ({meaning})' for name, meaning in allowed.items()]
         raise ValueError(
             f"unknown reset option(s) {', '.join(unknown)}; allowed: "
             f"{', '.join(choices)}"
         )
-    return {name: value for name, value in given.items() if value is not None}
+    return {name: value for name, value in named.items() if value is not None}
 
 
 def masked(values: Mapping[str, Any], rows: Mask) -> dict[str, Any]:
@@ -60,34 +60,36 @@ def unmasked(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def each(
-    name: str, given: Any, n: int | None, resolve: Callable[[Any], Record]
+    name: str, values: Any, n: int | None, resolve: Callable[[Any], Record]
 ) -> list[Record]:
     """Return one value per simulation from a value for all or a sequence of n.
 
     For a single environment n is None, and a sequence is not allowed.
     """
-    if n is None or not isinstance(given, list | tuple):
-        return [resolve(given)] * (1 if n is None else n)
-    if len(given) != n:
+    if n is None or not isinstance(values, list | tuple):
+        return [resolve(values)] * (1 if n is None else n)
+    if len(values) != n:
         raise ValueError(
             f"{name} must be one for all simulations or a sequence of {n}, got "
-            f"{len(given)}"
+            f"{len(values)}"
         )
-    return [resolve(one) for one in given]
+    return [resolve(value) for value in values]
 
 
 def each_seed(seed: Seeds, n: int) -> list[int | None]:
     """Return the seed of every simulation, or raise a ValueError."""
-    given = seed.tolist() if isinstance(seed, np.ndarray | np.generic) else seed
-    if given is None:
+    seeds = seed.tolist() if isinstance(seed, np.ndarray | np.generic) else seed
+    if seeds is None:
         return [None] * n
-    if isinstance(given, int):
-        return [given + row for row in range(n)]
-    if not isinstance(given, list | tuple) or len(given) != n:
+    if isinstance(seeds, int):
+        return [seeds + row for row in range(n)]
+    if not isinstance(seeds, list | tuple) or len(seeds) != n:
         raise ValueError(
             f"seed must be an integer, None or a sequence of {n}, got {seed!r}"
         )
-    return [int(one) if isinstance(one, np.integer) else one for one in given]
+    return [
+        int(number) if isinstance(number, np.integer) else number for number in seeds
+    ]
 
 
 def chosen_rows(mask: Any, n: int, *, begun: bool) -> Mask:

@@ -83,7 +83,7 @@ class DoorGeometry:
     """Direction in which the closed handle begins to move, (3,), a unit vector."""
 
     def __post_init__(self) -> None:
-        hinge, axis = (np.array(each, float) for each in (self.hinge, self.axis))
+        hinge, axis = (np.array(vector, float) for vector in (self.hinge, self.axis))
         for name, vector in (("hinge", hinge), ("axis", axis)):
             if vector.shape != (3,) or not np.isfinite(vector).all():
                 raise ValueError(

@@ -211,7 +211,8 @@ def _tangent(door: DoorConfig) -> tuple[tuple[float, ...], tuple[float, ...]]:
         door.hinge_sign * (sine * x + cosine * z),
     )
     normal, outwards = (
-        tuple(polyfit(angles, each, _DEGREE).tolist()) for each in directions
+        tuple(polyfit(angles, components, _DEGREE).tolist())
+        for components in directions
     )
     return normal, outwards
 

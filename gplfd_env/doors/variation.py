@@ -63,7 +63,7 @@ class Placement(Quantities):
 BELIEF_LIMIT: Final = 3.0
 """Largest error of the believed grasp in standard deviations."""
 
-_BELIEFS: Final = tuple(one.name for one in dataclasses.fields(Placement))[-6:]
+_BELIEFS: Final = tuple(field_.name for field_ in dataclasses.fields(Placement))[-6:]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -84,7 +84,8 @@ class Standoff(Quantities):
     def drawn(cls, rng: np.random.Generator) -> Standoff:
         """Return a standoff with every field drawn uniformly from its range."""
         ranges = {
-            one.name: allowed_range(cls, one.name) for one in dataclasses.fields(cls)
+            field_.name: allowed_range(cls, field_.name)
+            for field_ in dataclasses.fields(cls)
         }
         return cls(**{name: rng.uniform(r.low, r.high) for name, r in ranges.items()})
 

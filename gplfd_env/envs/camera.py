@@ -115,8 +115,8 @@ def require_display() -> None:
     """Raise a RuntimeError without a display: a window would abort Python."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of GLFW, about what the error says
-        found = glfw.init() and glfw.get_primary_monitor()
-    if not found:
+        has_display = glfw.init() and glfw.get_primary_monitor()
+    if not has_display:
         raise RuntimeError(
             'render_mode="human" opens a window and needs a display; without one use '
             '"rgb_array" with MUJOCO_GL=egl set before Python starts, or run under '

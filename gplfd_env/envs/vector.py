@@ -138,7 +138,10 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
     @property
     def door_geometries(self) -> tuple[DoorGeometry, ...]:
         """Hinges and handle axes of these doors in the task frames."""
-        return tuple(door_geometry(one, self._robot.config) for one in self.variations)
+        return tuple(
+            door_geometry(variation, self._robot.config)
+            for variation in self.variations
+        )
 
     @property
     def models(self) -> tuple[mujoco.MjModel, ...]:
@@ -151,9 +154,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
         Rows of doors with fewer joints are padded with zeros.
         """
-        own = [self._batch.qpos_of(row) for row in range(self.num_envs)]
-        positions = np.zeros((self.num_envs, max(map(len, own))))
-        for row, values in enumerate(own):
+        rows = [self._batch.qpos_of(row) for row in range(self.num_envs)]
+        positions = np.zeros((self.num_envs, max(map(len, rows))))
+        for row, values in enumerate(rows):
             positions[row, : len(values)] = values
         return positions
 
@@ -186,9 +189,9 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             ValueError: An unknown option, or a door, seed or mask that does not fit.
         """
         fresh = {
-            row: np_random(one)
-            for row, one in enumerate(each_seed(seed, self.num_envs))
-            if one is not None or not self._random
+            row: np_random(of_row)
+            for row, of_row in enumerate(each_seed(seed, self.num_envs))
+            if of_row is not None or not self._random
         }
         self._sources, rows = self._sources.changed(
             options, begun=self._episodes is not None
@@ -266,8 +269,8 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         self._sensed = self._batch.read(chosen, self._sensed)
         reward, values = self._settings.reward, self._sensed
         begun = {
-            row: Episode.begin(each, self._robot, reward, values[row].tolist())
-            for row, each in drawn.items()
+            row: Episode.begin(episode, self._robot, reward, values[row].tolist())
+            for row, episode in drawn.items()
         }
         if self._episodes is None:
             self._episodes = Episodes(list(begun.values()))

@@ -152,8 +152,8 @@ def _completed(robot: RobotConfig) -> str:
                 element.set(attribute, "urdf_world")
     options = {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}
     ET.SubElement(ET.SubElement(tree, "mujoco"), "compiler", options)
-    children = {one.get("link") for one in tree.findall("joint/child")}
-    names = {str(one.get("name")) for one in tree.findall("link")}
+    children = {element.get("link") for element in tree.findall("joint/child")}
+    names = {str(element.get("name")) for element in tree.findall("link")}
     (root,) = names - children
     mounts = [("stand", "stand_lift_link", root, np.eye(3))]
     if robot.flange:
@@ -162,9 +162,9 @@ def _completed(robot: RobotConfig) -> str:
     for part, parent, child, axes in mounts:
         added = ET.parse(asset_path(f"{part}.urdf")).getroot()
         for kind in ("link", "joint"):
-            known = {one.get("name") for one in tree.findall(kind)}
-            for name in (str(one.get("name")) for one in added.findall(kind)):
-                if name in known:
+            names_of_robot = {element.get("name") for element in tree.findall(kind)}
+            for name in (str(element.get("name")) for element in added.findall(kind)):
+                if name in names_of_robot:
                     raise ValueError(
                         f"{path}: the {kind} {name} has the name of a part of the "
                         f"{part} that carries or completes the arm; rename it"
@@ -176,8 +176,10 @@ def _completed(robot: RobotConfig) -> str:
         ET.SubElement(joint, "parent", {"link": parent})
         ET.SubElement(joint, "child", {"link": child})
         ET.SubElement(joint, "origin", _origin(np.zeros(3), axes))
-    links = {str(one.get("name")): one for one in tree.findall("link")}
-    ends = {str(one.get("name")): one.find("child") for one in tree.findall("joint")}
+    links = {str(link.get("name")): link for link in tree.findall("link")}
+    ends = {
+        str(joint.get("name")): joint.find("child") for joint in tree.findall("joint")
+    }
     for side, outwards, finger in zip(
         ("right", "left"), (1.0, -1.0), robot.fingers, strict=True
     ):
@@ -213,7 +215,7 @@ def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]
     """
     import trimesh
 
-    found = []
+    meshes = []
     urdf = read_urdf(path)
     for link in urdf.robot.links:
         for number, visual in enumerate(link.visuals):
@@ -254,5 +256,5 @@ def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]
                 # volume.
                 "inertia": mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
             }
-            found.append((link.name, fields, geom))
-    return tuple(found)
+            meshes.append((link.name, fields, geom))
+    return tuple(meshes)

@@ -148,8 +148,8 @@ def solve_closed_posture(
     lowest, highest = model.joint(robot.lift).range
     data.joint(robot.lift).qpos = min(max(lift, lowest), highest)
     data.qpos[arm_addresses(model, robot)] = stance.closed_posture
-    error, there = _bring_hand(model, data, robot)
-    if not there:
+    error, reached = _bring_hand(model, data, robot)
+    if not reached:
         raise ValueError(
             "the arm cannot hold the closed handle from where the robot stands "
             f"(pose error {error:.2g}); move the base back towards its "
@@ -170,8 +170,8 @@ def solve_standoff_posture(
     axes = data.site_xmat[model.site("task_frame").id].reshape(3, 3)
     away = axes @ pose[:3]
     for share in np.linspace(0.0, 1.0, 11)[1:]:
-        _, there = _bring_hand(model, data, robot, share * away)
-    if not there:
+        _, reached = _bring_hand(model, data, robot, share * away)
+    if not reached:
         raise ValueError(
             "the arm cannot draw the hand back from the handle by "
             f"{np.linalg.norm(away):.2f} m from where the robot stands; choose another "

@@ -132,10 +132,10 @@ def at_task_frame(
             f"{math.degrees(_UPRIGHT):.0f} deg; it points to {axes[:, 1].tolist()}"
         )
     robot = robot.on("fixed")
-    own = robot.stance(door)
+    usual = robot.stance(door)
     model = described_robot(robot).compile()
     lowest, highest = model.joint(robot.lift).range
-    lift = door.handle_height - (position[2] if robot.stand else own.below_handle)
+    lift = door.handle_height - (position[2] if robot.stand else usual.below_handle)
     if robot.stand and not lowest <= lift <= highest:
         raise ValueError(
             f"the task frame is {position[2]:.2f} m above the base and the handle "
@@ -144,26 +144,27 @@ def at_task_frame(
         )
     lift = min(max(lift, lowest), highest)
     stance = replace(
-        own,
+        usual,
         handle_xy_w=(float(position[0]), float(position[1])),
         door_yaw=math.atan2(-axes[1, 0], -axes[0, 0]),
         below_handle=float(door.handle_height - lift),
         radius=math.inf,  # The reach of the arm is tested below.
         height=math.inf,
     )
-    robot = replace(robot, stances=tuple((one, stance) for one, _ in robot.stances))
+    robot = replace(robot, stances=tuple((group, stance) for group, _ in robot.stances))
     upright = task_rotation_w(door, robot)
     turns = Rotation.from_matrix(upright) * Rotation.from_rotvec(poses[:, 3:])
     frames = turns.as_matrix() @ upright.T @ gripper_rotation_w(door, robot)
     places = [*position[:2], door.handle_height] + poses[:, :3] @ upright.T
     low, high = np.array([model.joint(name).range for name in robot.arm]).T
     rng = np.random.default_rng(0)
-    starts = np.vstack([own.closed_posture, rng.uniform(low, high, (40, len(low)))])
-    tries = [_followed(model, robot, lift, one, places, frames) for one in starts]
+    starts = np.vstack([usual.closed_posture, rng.uniform(low, high, (40, len(low)))])
+    tries = [_followed(model, robot, lift, start, places, frames) for start in starts]
     reached = [way for way, _ in tries if len(way) == len(poses)]
     if not reached:
         way, error = max(
-            tries, key=lambda one: (len(one[0]), -np.linalg.norm(one[1][:3]))
+            tries,
+            key=lambda attempt: (len(attempt[0]), -np.linalg.norm(attempt[1][:3])),
         )
         raise ValueError(
             f"the arm of {robot.name} does not reach the path with the handle at "
@@ -175,7 +176,7 @@ def at_task_frame(
         )
     best = max(reached, key=lambda way: np.minimum(way - low, high - way).min())
     stance = replace(stance, closed_posture=tuple(best[0].tolist()))
-    return replace(robot, stances=tuple((one, stance) for one, _ in robot.stances))
+    return replace(robot, stances=tuple((group, stance) for group, _ in robot.stances))
 
 
 def _followed(

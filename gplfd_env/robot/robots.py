@@ -131,10 +131,12 @@ def _named(name: str) -> RobotConfig:
     if name.endswith(".json"):
         file = Path(name)
         try:
-            given = json.loads(file.read_text(encoding="utf-8"))
-            path = file.parent / given.pop("path")
-            lists = {key: tuple(v) for key, v in given.items() if isinstance(v, list)}
-            return robot_of_urdf(path, **given | lists)
+            arguments = json.loads(file.read_text(encoding="utf-8"))
+            path = file.parent / arguments.pop("path")
+            lists = {
+                key: tuple(v) for key, v in arguments.items() if isinstance(v, list)
+            }
+            return robot_of_urdf(path, **arguments | lists)
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise ValueError(
                 f"{name} does not describe a robot: {error}; it must be an object with "

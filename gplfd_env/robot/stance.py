@@ -17,7 +17,7 @@ def base_for(door: DoorConfig, robot: RobotConfig) -> Base:
     with the hinge on the right.
     """
     furniture = DoorConfig().kind
-    kind = {name: own for name, own in door.kind.items() if name != "motion"}
+    kind = {name: value for name, value in door.kind.items() if name != "motion"}
     if kind != furniture or door.motion not in ABOUT_A_HINGE:
         return "mobile"
     stance = robot.on("fixed").stance(door)

@@ -76,7 +76,9 @@ def robot_of_urdf(
     urdf = read_urdf(str(path))
     if fingers is not None:
         prismatic = {
-            n: one for n, one in urdf.joint_map.items() if one.type == "prismatic"
+            name: joint
+            for name, joint in urdf.joint_map.items()
+            if joint.type == "prismatic"
         }
         for finger in fingers:
             if finger not in prismatic:
@@ -141,7 +143,7 @@ def robot_of_urdf(
             "sensor": tool,
             "fingers": fingers,
             "finger_stroke": min(
-                0.045, *(float(prismatic[one].limit.upper) for one in fingers)
+                0.045, *(float(prismatic[finger].limit.upper) for finger in fingers)
             ),
             "grasp_point": tuple(point.tolist()),
             "approach": approach,
@@ -175,13 +177,13 @@ def _arm_of(urdf: Any, path: Path, tool: str) -> list[tuple[str, str]]:
         )
 
     def chain(link: str) -> list[tuple[str, str]]:
-        found = []
+        joints = []
         while link in above:
             joint = above[link]
             if joint.type in ("revolute", "continuous") and joint.mimic is None:
-                found.append((joint.name, joint.child))
+                joints.append((joint.name, joint.child))
             link = joint.parent
-        return found[::-1]
+        return joints[::-1]
 
     parents = {joint.parent for joint in urdf.joint_map.values()}
     ends = [tool] if tool else [link for link in urdf.link_map if link not in parents]
@@ -208,7 +210,7 @@ def _camera(axes: Array, point: Array) -> tuple[Vector, Vector, Vector]:
 
 def _capsules(urdf: Any, links: Sequence[str]) -> tuple[Capsule, ...]:
     """Return capsules along the links of an arm, and the capsules of the stand."""
-    found = [
+    capsules = [
         Capsule("base_body", "stand_base", (0, 0, 0.17, 0, 0, 0.19), BASE_RADIUS),
         Capsule("column_body", "stand_lift_link", (0, 0, -0.1, 0, 0, -0.4), 0.08),
     ]
@@ -216,5 +218,5 @@ def _capsules(urdf: Any, links: Sequence[str]) -> tuple[Capsule, ...]:
         x, y, z = urdf.get_transform(following, link)[:3, 3].tolist()
         if math.hypot(x, y, z) > _LINK_RADIUS:
             ends = (0.0, 0.0, 0.0, x, y, z)
-            found.append(Capsule(f"{link}_body", link, ends, _LINK_RADIUS))
-    return tuple(found)
+            capsules.append(Capsule(f"{link}_body", link, ends, _LINK_RADIUS))
+    return tuple(capsules)

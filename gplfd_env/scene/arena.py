@@ -103,7 +103,7 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, robot: RobotConfig) -> None
         turn, elevation = math.radians(30.0), math.radians(-32.0)
     elif robot.base == "fixed" and (door.handle, door.hinge_side) != ("bar", "right"):
         turn = door.hinge_sign * math.radians(75.0)
-    shown = _shown_points(door, robot)
+    points = _shown_points(door, robot)
     into_door = -task_rotation_w(door, robot)[:, 0]
     heading = math.atan2(into_door[1], into_door[0]) + turn
     level = np.array([math.cos(heading), math.sin(heading), 0.0])
@@ -118,7 +118,7 @@ def add_arena(spec: mujoco.MjSpec, door: DoorConfig, robot: RobotConfig) -> None
         axes = np.column_stack([right, np.cross(right, direction), -direction])
         spec.worldbody.add_camera(
             name=name,
-            pos=axes @ _camera_position(shown @ axes),
+            pos=axes @ _camera_position(points @ axes),
             xyaxes=[*axes[:, 0], *axes[:, 1]],
             fovy=math.degrees(_FIELD_OF_VIEW),
         )

@@ -170,8 +170,8 @@ class DoorBatch:
 
     def restart(self, rows: Rows) -> None:
         """Put simulations at rest, with closed door and initial pose of the hand."""
-        for batch, own in self._shares(rows):
-            batch.restart(own)
+        for batch, of_batch in self._shares(rows):
+            batch.restart(of_batch)
 
     def advance(
         self, commands: Array, rows: Rows | None, inputs: ExtraInputs
@@ -185,10 +185,10 @@ class DoorBatch:
             (batch,) = self._batches.values()
             return batch.advance(commands, rows, inputs)
         diverged: Mask | None = None
-        for batch, own in self._shares(rows):
-            found = batch.advance(commands, own, inputs.of(own))
-            if found is not None:
-                diverged = found if diverged is None else diverged | found
+        for batch, of_batch in self._shares(rows):
+            bad = batch.advance(commands, of_batch, inputs.of(of_batch))
+            if bad is not None:
+                diverged = bad if diverged is None else diverged | bad
         return diverged
 
     def read(self, rows: Rows | None, values: Array | None = None) -> Array:
@@ -199,15 +199,18 @@ class DoorBatch:
         if len(self._batches) == 1 and rows is None:
             (batch,) = self._batches.values()
             return np.array(batch.sensordata)
-        widest = max(self._batches[one].sensordata.shape[1] for one in self._structure)
+        widest = max(
+            self._batches[structure].sensordata.shape[1]
+            for structure in self._structure
+        )
         result = np.zeros((len(self._structure), widest))
         if values is not None:
             shared = min(widest, values.shape[1])
             result[:, :shared] = values[:, :shared]
-        for batch, own in self._shares(rows):
+        for batch, of_batch in self._shares(rows):
             read = batch.sensordata
-            result[own] = 0.0
-            result[own, : read.shape[1]] = read[own]
+            result[of_batch] = 0.0
+            result[of_batch, : read.shape[1]] = read[of_batch]
         return result
 
     def state_of(self, row: int) -> mujoco.MjData:
@@ -219,4 +222,7 @@ class DoorBatch:
         shares: dict[Structure, list[int]] = {}
         for row in range(len(self._structure)) if rows is None else rows:
             shares.setdefault(self._structure[row], []).append(row)
-        return [(self._batches[structure], own) for structure, own in shares.items()]
+        return [
+            (self._batches[structure], of_batch)
+            for structure, of_batch in shares.items()
+        ]

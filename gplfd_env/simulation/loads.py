@@ -37,7 +37,9 @@ class ExtraInputs(NamedTuple):
 
     def of(self, rows: Collection[int]) -> "ExtraInputs":
         """Return the inputs of some simulations."""
-        parts: Any = [{row: own[row] for row in rows if row in own} for own in self]
+        parts: Any = [
+            {row: inputs[row] for row in rows if row in inputs} for inputs in self
+        ]
         return ExtraInputs(*parts)
 
 

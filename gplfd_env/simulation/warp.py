@@ -152,6 +152,6 @@ def _put(target: Any, rows: Any, values: NDArray[Any]) -> None:
     if target.size == 0:
         return
     of_one = target[:1].numpy().shape[1:]
-    given = np.asarray(values, dtype=np.float32).reshape(len(rows), *of_one)
+    floats = np.asarray(values, dtype=np.float32).reshape(len(rows), *of_one)
     where: Any = wp.array(rows, dtype=wp.int32, device=target.device)
-    wp.copy(target[where], wp.array(given, dtype=target.dtype, device=target.device))
+    wp.copy(target[where], wp.array(floats, dtype=target.dtype, device=target.device))

@@ -140,9 +140,9 @@ def into_axes(rotvecs: npt.ArrayLike, vectors: npt.ArrayLike) -> Array:
     Both have shape (..., 3); the inverse is ``into_axes(-rotvecs, vectors)``.
     """
     w, axis = _quaternion(rotvecs)
-    given = np.asarray(vectors, dtype=np.float64)
-    cross = _cross(given, axis)
-    return np.asarray(given + 2.0 * (w[..., None] * cross + _cross(cross, axis)))
+    rows = np.asarray(vectors, dtype=np.float64)
+    cross = _cross(rows, axis)
+    return np.asarray(rows + 2.0 * (w[..., None] * cross + _cross(cross, axis)))
 
 
 def _quaternion(rotvec: npt.ArrayLike) -> tuple[Array, Array]:

@@ -80,16 +80,18 @@ def draw_episode(
         seed = int(rng.integers(2**63))
         noise = None if variation.noise.silent else NoiseSource(variation.noise, seed)
     if not disturbance.idle:
-        own = np.random.default_rng(int(rng.integers(2**63)))
-        variation = dataclasses.replace(variation, disturbance=disturbance.drawn(own))
+        generator = np.random.default_rng(int(rng.integers(2**63)))
+        variation = dataclasses.replace(
+            variation, disturbance=disturbance.drawn(generator)
+        )
     if start == "approach":
         standoff = Standoff()
         if not randomization.idle:
-            own = np.random.default_rng(int(rng.integers(2**63)))
-            standoff = Standoff.drawn(own)
+            generator = np.random.default_rng(int(rng.integers(2**63)))
+            standoff = Standoff.drawn(generator)
             # Drawn after the standoff from its generator, so no other draw changes.
             position, rotation = randomization.perception
-            belief = Perception(position=position, rotation=rotation).drawn(own)
+            belief = Perception(position=position, rotation=rotation).drawn(generator)
             placement = dataclasses.replace(variation.placement, **belief)
             variation = dataclasses.replace(variation, placement=placement)
         variation = dataclasses.replace(variation, standoff=standoff)

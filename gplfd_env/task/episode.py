@@ -35,6 +35,7 @@ from gplfd_env.simulation.single import Robot
 from gplfd_env.task.draw import DelayLine, NoiseSource, SampledEpisode
 from gplfd_env.task.intervention import Intervention
 from gplfd_env.task.observation import (
+    AT_REST,
     BaseState,
     DoorReading,
     Hand,
@@ -343,12 +344,15 @@ class Episode:
         if self._noises:
             for _, noise in _chosen(self._noises, stepped):
                 noise.draw()
-        door = reader.door_reading(values, constants.path)
+        door, base = reader.door_reading(values, constants.path), AT_REST
+        if reader.odometry is not None:
+            x, y, yaw, *rate = values[reader.odometry]
+            base = BaseState((x, y, yaw), (rate[0], rate[1], rate[2]))
         return Readings(
             steps * CONTROL_PERIOD,
             reader.wrench(values),
             tuple(values[reader.ee_pose]) if self._grippers else (),
-            reader.base_state(values),
+            base,
             door,
             constants.latched
             & (door.angle < PLAY)

@@ -172,13 +172,6 @@ class Reader:
             observation["grasped"] = touching.all(axis=-1, keepdims=True).astype(float)
         return observation
 
-    def base_state(self, values: Values) -> BaseState:
-        """Return pose and rate of the base; zeros if it does not move."""
-        if self.odometry is None:
-            return _AT_REST
-        x, y, yaw, *rate = values[self.odometry]
-        return BaseState((x, y, yaw), (rate[0], rate[1], rate[2]))
-
     def wrench(self, values: Values) -> Wrench:
         """Return the wrench of the environment on the hand [N, N m].
 
@@ -258,7 +251,7 @@ class BaseState(NamedTuple):
     velocity: Vector
 
 
-_AT_REST: Final = BaseState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+AT_REST: Final = BaseState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 class DoorReading(NamedTuple):

@@ -116,9 +116,9 @@ class Diagnosis:
         cause = where(reading.forces[0] >= HEAVY_FORCE, _TOO_HEAVY, 0)
         cause = where(at_limit, _OUT_OF_REACH, cause)
         cause = where(reading.stop_torque > 0.0, _BLOCKED, cause)
-        found = strained & (cause != 0)
-        self.cause = where(found, cause, self.cause)
-        self.age = where(found, 0.0, self.age)
+        caused = strained & (cause != 0)
+        self.cause = where(caused, cause, self.cause)
+        self.age = where(caused, 0.0, self.age)
 
     def reason(self, failure: Number) -> Number:
         """Return the reason of a failure, an index into `REASONS`.

@@ -56,7 +56,9 @@ def quantity(default: float | None, **allowed: Any) -> Any:
 
 def allowed_range(record: type, field: str) -> Range:
     """Return the range that a field of a record declares."""
-    declared = {one.name: one for one in dataclasses.fields(record)}
+    declared = {
+        declaration.name: declaration for declaration in dataclasses.fields(record)
+    }
     allowed: Range = declared[field].metadata[_RANGE]
     return allowed
 
@@ -119,7 +121,7 @@ def draw_ranges(record: Record, rng: np.random.Generator) -> Record:
     One uniform number is drawn per declared field, also for fields without a pair.
     """
     declared = [
-        one.name for one in dataclasses.fields(record) if _RANGE in one.metadata
+        field.name for field in dataclasses.fields(record) if _RANGE in field.metadata
     ]
     shares = zip(declared, rng.random(len(declared)).tolist(), strict=True)
     drawn = {}

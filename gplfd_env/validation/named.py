@@ -32,15 +32,15 @@ def preset(
             f"{what} must be a preset's name, {others} or a {record.__name__}, got "
             f"{spec!r} ({type(spec).__name__})"
         )
-    given = {"preset": spec} if isinstance(spec, str) else dict(spec)
-    name = given.pop("preset", start)
+    changes = {"preset": spec} if isinstance(spec, str) else dict(spec)
+    name = changes.pop("preset", start)
     if not isinstance(name, str) or name not in presets:
         hint = f"{otherwise} within {within}" if otherwise else fields
         raise ValueError(
             f"unknown {what} {name!r}{nearest_name(name, presets)}; presets: "
             f"{', '.join(presets)}; or give {hint}"
         )
-    return with_fields(presets[name], given, what, other_keys=("preset",))
+    return with_fields(presets[name], changes, what, other_keys=("preset",))
 
 
 def with_fields(
@@ -93,13 +93,13 @@ def changed_fields(record: Any) -> dict[str, Any]:
     return changed
 
 
-def nearest_name(name: object, known: Iterable[str]) -> str:
+def nearest_name(name: object, names: Iterable[str]) -> str:
     """Return a hint at the known names that were probably meant; "" if none is near.
 
     A word of a name, such as ``friction`` in ``hinge_friction``, matches all names that
     contain it.
     """
-    known = list(known)
-    meant = [one for one in known if str(name) in one.split("_")]
-    meant = meant or difflib.get_close_matches(str(name), known, n=1)
+    names = list(names)
+    meant = [candidate for candidate in names if str(name) in candidate.split("_")]
+    meant = meant or difflib.get_close_matches(str(name), names, n=1)
     return f" (did you mean {' or '.join(map(repr, meant))}?)" if meant else ""

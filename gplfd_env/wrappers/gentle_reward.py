@@ -53,8 +53,8 @@ class GentleReward(gym.Wrapper[Any, Any, Any, Any]):
         observation, _, terminated, truncated, info = self.env.step(action)
         score = self._score
         score.advance(info)
-        said = {**info, **_floats(score.info)}
-        return observation, float(score.reward), terminated, truncated, said
+        with_score = {**info, **_floats(score.info)}
+        return observation, float(score.reward), terminated, truncated, with_score
 
 
 class VectorGentleReward(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):

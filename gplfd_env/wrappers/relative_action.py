@@ -33,8 +33,8 @@ def command_of(
         hand: Observed poses of the hand, (..., 6) [m, rad].
         limits: As in `RelativeAction`.
     """
-    given = np.asarray(action, dtype=np.float64)
-    clamped = np.where(np.isfinite(given), np.clip(given, -1.0, 1.0), given)
+    numbers = np.asarray(action, dtype=np.float64)
+    clamped = np.where(np.isfinite(numbers), np.clip(numbers, -1.0, 1.0), numbers)
     command: Array = hand + np.repeat(limits, 3) * clamped
     return command
 

@@ -106,18 +106,18 @@ class SB3VecEnv(VecEnv):
         observations, rewards, terminations, truncations, infos = self.env.step(
             self._actions
         )
-        said = _each(infos, self.num_envs)
+        split = _each(infos, self.num_envs)
         dones = terminations | truncations
         if dones.any():
             last = _each(infos["final_info"], self.num_envs)
             for row in np.flatnonzero(dones).tolist():
-                begun, said[row] = said[row], last[row]
-                said[row]["terminal_observation"] = infos["final_obs"][row]
+                begun, split[row] = split[row], last[row]
+                split[row]["terminal_observation"] = infos["final_obs"][row]
                 self.reset_infos[row] = begun
         late = truncations & ~terminations
-        for info, cut in zip(said, late.tolist(), strict=True):
+        for info, cut in zip(split, late.tolist(), strict=True):
             info["TimeLimit.truncated"] = cut
-        return observations, rewards.astype(np.float32), dones, said
+        return observations, rewards.astype(np.float32), dones, split
 
     def close(self) -> None:
         """Free the renderer."""
@@ -135,8 +135,8 @@ class SB3VecEnv(VecEnv):
         """
         rows = list(self._get_indices(indices))
         if attr_name in _OF_EACH:
-            own = getattr(self.env.unwrapped, _OF_EACH[attr_name])
-            return [own[row] for row in rows]
+            values = getattr(self.env.unwrapped, _OF_EACH[attr_name])
+            return [values[row] for row in rows]
         if hasattr(self.env, attr_name):
             return [getattr(self.env, attr_name)] * len(rows)
         return [getattr(self.env.unwrapped, attr_name)] * len(rows)
@@ -158,7 +158,7 @@ class SB3VecEnv(VecEnv):
 
 def _each(infos: Info, n: int) -> list[Info]:
     """Split an info of arrays into n infos, without masks."""
-    each: list[Info] = [{} for _ in range(n)]
+    split: list[Info] = [{} for _ in range(n)]
     for name, values in unmasked(infos).items():
         if name in ("final_obs", "final_info"):
             continue
@@ -166,6 +166,6 @@ def _each(infos: Info, n: int) -> list[Info]:
             rows: Any = _each(values, n)
         else:
             rows = values.tolist() if values.ndim == 1 else values.copy()
-        for info, value in zip(each, rows, strict=True):
+        for info, value in zip(split, rows, strict=True):
             info[name] = value
-    return each
+    return split
