@@ -98,18 +98,6 @@ def test_render_returns_a_picture_of_each(make_vec, start_env):
     assert data_equivalence(*results, exact=True)
 
 
-def test_properties_tell_doors_and_joints(make_vec):
-    envs = make_vec(2, door=["small", 0.6], randomization={"panel_mass": (5, 50)})
-    assert envs.np_random == ()
-    _, infos = envs.reset(seed=4)
-    assert [one.door.radius for one in envs.variations] == [0.35, 0.6]
-    assert_array_equal(infos["door_radius"], [0.35, 0.6])
-    for model, variation in zip(envs.models, envs.variations, strict=True):
-        mass = variation.door.panel_mass + 0.4
-        assert model.body("door").mass[0] == pytest.approx(mass)
-    assert envs.np_random_seed == (4, 5)
-
-
 @pytest.mark.parametrize("mode", [AutoresetMode.DISABLED, AutoresetMode.NEXT_STEP])
 def test_actions_of_ended_simulations_are_ignored(mode, make_vec):
     """Also if they are not numbers, as of a policy that divides by what is left."""

@@ -13,7 +13,6 @@ from gplfd_experiments.analysis.results.trials import trial_answers
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.leading import LedAgent, SyntheticCorrector
-from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_policies import load_skill
 from gplfd_policies.agents.agent import as_agent
 from gplfd_policies.control.steps import AgentStep
@@ -125,20 +124,6 @@ def test_one_correction_lets_a_skill_open_the_door_at_which_it_stalled(
     assert "nothing was corrected, and nothing written" in capsys.readouterr().out
     assert not Path("better-corrected.npz").exists()
     assert cli.main([*correct, "medium", "--policy", "promp"]) == 2
-
-
-def test_levels_with_corrections_are_for_those_who_can_be_corrected():
-    trials = named_trials(("corrections",))
-    tasks = trial_tasks(trials, seeds=1)
-    levels = {
-        one.policy: {t.level for t in tasks if t.policy == one.policy} for one in tasks
-    }
-    assert levels["promp"] == levels["oracle"] == {"oven, 0", "overhead, 0"}
-    assert levels["gp"] == set(trials["corrections"].levels)
-    for task in tasks:
-        number = int(task.level.split(", ")[1].split()[0])
-        assert (task.practice or {"corrections": 0})["corrections"] == number
-        assert ("practice" in task.definition) == (number > 0)
 
 
 def test_doors_that_corrections_gain_and_forget_are_counted(
