@@ -70,7 +70,8 @@ def test_recordings_of_one_motion_are_one_mode(gplfd):
 
 def test_a_task_may_demonstrate_several_kinds():
     task = two_kinds(DoorConfig(swing="push"), "pull", "push")
-    ends = [one.poses[-1] for one in demonstrations_of(task).demonstrations]
+    demonstrations = demonstrations_of(task).demonstrations
+    ends = [demonstration.poses[-1] for demonstration in demonstrations]
     assert [np.sign(end[0]) for end in ends] == [1, 1, 1, -1, -1, -1]
 
 

@@ -54,8 +54,8 @@ def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
 
 
 @functools.lru_cache(maxsize=32)
-def _demonstrated(shown: str) -> LabelledDemonstrations:
-    fields = json.loads(shown)
+def _demonstrated(key: str) -> LabelledDemonstrations:
+    fields = json.loads(key)
     seed, per_door = fields["seed"], fields["demonstrations_per_door"]
     kind, radii = fields["demonstrated_kind"] or {}, fields["demonstrated_radii"]
     hardware = fields["demonstrated_hardware"] or [{}] * len(radii)
@@ -64,19 +64,19 @@ def _demonstrated(shown: str) -> LabelledDemonstrations:
         Habits(**(fields["habits"] or {})),
         ForceConfig() if fields["demonstrated_forces"] else None,
     )
-    given = teacher.demonstrate_doors(
+    demonstrations = teacher.demonstrate_doors(
         [
-            DoorConfig(radius=radius, **(kind | own))
-            for radius, own in zip(radii, hardware, strict=True)
+            DoorConfig(radius=radius, **(kind | parts))
+            for radius, parts in zip(radii, hardware, strict=True)
         ],
         per_door,
         rng=np.random.default_rng(seed),
     )
     labels = tuple(np.repeat(radii, per_door).tolist())
     if fields["start"] == "grasped":
-        return LabelledDemonstrations(demonstrations=given, radii=labels)
+        return LabelledDemonstrations(demonstrations=demonstrations, radii=labels)
     reaching = teacher.standard_reaches(per_door, seed=seed, doors=len(radii))
-    return with_reaches(reaching, given, labels)
+    return with_reaches(reaching, demonstrations, labels)
 
 
 def demonstrations_hash(task: EpisodeTask) -> str:
