@@ -92,7 +92,9 @@ _DISTURBED: Final[Mapping[tuple[str, ...], str]] = {
 def summary_table(conditions: Mapping[str, Runs]) -> Table:
     """Return a row per policy, by condition and by kind of door."""
     episodes = _all(conditions)
-    splits = [split for split in SPLITS if any(one.split == split for one in episodes)]
+    splits = [
+        split for split in SPLITS if any(episode.split == split for episode in episodes)
+    ]
 
     columns = (
         "seeds",
@@ -105,7 +107,7 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
     several_kinds = len(by_door_kind(episodes)) > 1
     rows: list[tuple[str, ...]] = []
     for condition, runs in conditions.items():
-        here = [one for own in runs.values() for one in own]
+        here = [episode for own in runs.values() for episode in own]
         for door_kind, group in by_door_kind(here).items():
             parts = [door_kind] * several_kinds + [condition] * (len(conditions) > 1)
             if parts:
@@ -114,7 +116,7 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
             rest = [
                 policy
                 for policy, own in order.items()
-                if not any(one.opened() for one in own)
+                if not any(episode.opened() for episode in own)
             ]
             for policy in sorted(order, key=rest.__contains__):
                 own = order[policy]
@@ -122,7 +124,7 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
                     rows.append(("**opened no door (not ranked)**", *empty))
                 rates, forces = [], []
                 for split in splits:
-                    some = [one for one in own if one.split == split]
+                    some = [episode for episode in own if episode.split == split]
                     rates.append(_rate(_SOLVED, some) if some else "not run")
                     values = numbers({policy: some}, _FORCE)[policy]
                     zeros = dict.fromkeys(values, 0.0)
@@ -132,9 +134,13 @@ def summary_table(conditions: Mapping[str, Runs]) -> Table:
                         force = shift_cell(typical, _FORCE.digits)
                     forces.append(force)
                 cells = (
-                    *(str(len({one.task.seed for one in own})), *rates, *forces),
+                    *(
+                        str(len({episode.task.seed for episode in own})),
+                        *rates,
+                        *forces,
+                    ),
                     literal(closed_because(own)),
-                    str(sum(bool(one.error) for one in own)),
+                    str(sum(bool(episode.error) for episode in own)),
                 )
                 known = "\nknows the door" if policy in PRIVILEGED else ""
                 rows.append((f"{code(policy)}{known}", *cells))
@@ -177,7 +183,7 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
         "Peak radial force against radius, a panel per policy",
     )
     forecasts = (
-        one.metrics["forecast_error_mm"] for own in runs.values() for one in own
+        episode.metrics["forecast_error_mm"] for own in runs.values() for episode in own
     )
     if any(error is not None for errors in forecasts for error in errors):
         section.picture(
@@ -209,16 +215,18 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
     section.table(policy_table(by_split, cells), folded="By kind of door")
 
     def at_door(door: str, own: Episodes) -> str:
-        here = [one for one in own if door_name(one) == door]
+        here = [episode for episode in own if door_name(episode) == door]
         if not here:
             return "–"
-        opened = [one for one in here if one.opened()]
+        opened = [episode for episode in here if episode.opened()]
         rate = _rate(_SOLVED, here)
         if len(opened) != sum(map(_SOLVED, here)):
             rate += f"\nto 60°: {len(opened)}"
         return f"{rate}\n{_FORCE.text(_FORCE.median(opened), unit=True)}"
 
-    doors = sorted({(one.radius, door_name(one)) for one in _all(conditions)})
+    doors = sorted(
+        {(episode.radius, door_name(episode)) for episode in _all(conditions)}
+    )
     by_door: dict[str, Cell] = {
         literal(door): partial(at_door, door) for _, door in doors
     }
@@ -233,19 +241,21 @@ def doors_section(conditions: Mapping[str, Runs], reference: str) -> Section:
 def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
     """Return the column of every measure and its meaning, by its heading."""
     episodes = _all(conditions)
-    disturbed = [one for one in episodes if one.task.disturbance != "none"]
+    disturbed = [episode for episode in episodes if episode.task.disturbance != "none"]
 
     def above(own: Episodes) -> str:
-        opened = [one for one in own if one.opened()]
+        opened = [episode for episode in own if episode.opened()]
         forces = ("force_tangential_peak", "force_radial_peak")
         count = sum(
-            any((one.number(force) or 0.0) > ADA_FORCE for force in forces)
-            for one in opened
+            any((episode.number(force) or 0.0) > ADA_FORCE for force in forces)
+            for episode in opened
         )
         return f"{count}/{len(opened)}" if opened else "–"
 
     def failed(failure: str, own: Episodes) -> str:
-        return str(sum(one.failure == failure for one in own if not one.solved))
+        return str(
+            sum(episode.failure == failure for episode in own if not episode.solved)
+        )
 
     def angles(own: Episodes) -> str:
         known = EPISODE_MEASURES["final_angle_deg"].values(own)
@@ -264,7 +274,7 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
         columns[f"to {angle}°"] = opened, meaning
     measured = dict(_COLUMNS)
     for metrics, meaning in _DISTURBED.items():
-        if any(one.number(metrics[0]) for one in disturbed):
+        if any(episode.number(metrics[0]) for episode in disturbed):
             measured[metrics] = meaning
     for metrics, meaning in measured.items():
         column = medians(*(EPISODE_MEASURES[metric] for metric in metrics))
@@ -274,7 +284,9 @@ def _columns(conditions: Mapping[str, Runs]) -> dict[str, tuple[Cell, str]]:
         "opened doors with a peak force, tangential or radial, above the limit of ADA "
         "404.2.9 for opening an interior door",
     )
-    for failure in sorted({one.failure for one in episodes if not one.solved}):
+    for failure in sorted(
+        {episode.failure for episode in episodes if not episode.solved}
+    ):
         columns[literal(failure)] = partial(failed, failure), MEANINGS.get(failure, "")
     columns["median angle\nlargest"] = angles, "door angle at the end of the episode"
     return columns
@@ -342,10 +354,10 @@ def _successes(runs: Runs) -> dict[str, dict[Key, bool]]:
 
 
 def _rate(succeeds: Callable[[EpisodeResult], bool], own: Episodes) -> str:
-    return success_rate((one.task.seed, succeeds(one)) for one in own).cell
+    return success_rate((episode.task.seed, succeeds(episode)) for episode in own).cell
 
 
 def _all(conditions: Mapping[str, Runs]) -> list[EpisodeResult]:
     """Return all episodes that count, of all conditions."""
     runs = (own for each in conditions.values() for own in each.values())
-    return [one for own in runs for one in own if one.counts]
+    return [episode for own in runs for episode in own if episode.counts]

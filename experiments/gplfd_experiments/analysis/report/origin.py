@@ -22,7 +22,7 @@ _LEFT_OUT: Final = "Files without a result, left out"
 def say_warnings(lead: Section, results: StudyResults) -> None:
     """Add a paragraph with important warnings, if there are any."""
     warnings = [literal(said) for said in remarks(results.episodes)]
-    if failed := sum(bool(one.error) for one in results.tests):
+    if failed := sum(bool(result.error) for result in results.tests):
         tests = f"{failed} of {len(results.tests)} learning tests ended in an error."
         warnings.append(tests)
     # A file that was edited between two parts of a study.
@@ -74,7 +74,7 @@ def origin_section(results: StudyResults) -> Section:
     """Provenance, counts, errors and what could not be read."""
     section = Section(_TITLE, "origin")
 
-    codes = Counter(one.code for one in results.all)
+    codes = Counter(result.code for result in results.all)
     if len(codes) == 1:
         section.say(f"All results were made by {literal(next(iter(codes)))}.")
     else:
@@ -86,7 +86,7 @@ def origin_section(results: StudyResults) -> Section:
         )
         listed = sorted(codes.items(), key=lambda item: (-item[1], item[0]))
         section.items(f"{n} results: {literal(each)}" for each, n in listed)
-    machines = {one.machine for one in results.all}
+    machines = {result.machine for result in results.all}
     if len(machines) > 1:
         section.say(
             f"These results were made on {len(machines)} kinds of machine: they are "
@@ -107,11 +107,11 @@ def origin_section(results: StudyResults) -> Section:
             section.table(table, folded=title)
 
     # Tasks that only some policies ran.
-    every = {one.pair for one in results.episodes}
+    every = {result.pair for result in results.episodes}
     gaps = [
         f"{code(policy)} {missing}"
         for policy, episodes in by_policy(results.episodes).items()
-        if (missing := len(every - {one.pair for one in episodes}))
+        if (missing := len(every - {result.pair for result in episodes}))
     ]
     if gaps:
         section.say(
@@ -121,8 +121,8 @@ def origin_section(results: StudyResults) -> Section:
             warning=True,
         )
 
-    if failed := [one for one in results.all if one.error]:
-        reasons = grouped(failed, lambda one: one.error)
+    if failed := [result for result in results.all if result.error]:
+        reasons = grouped(failed, lambda result: result.error)
         rows = sorted(reasons.items(), key=lambda item: (-len(item[1]), item[0]))
         text = f"Tasks of {names(by_policy(failed))} that ended in an error:"
         section.say(text, warning=True)
@@ -142,9 +142,11 @@ def origin_section(results: StudyResults) -> Section:
 
 def _sources(results: StudyResults) -> list[tuple[str, str]]:
     """Return every policy with each of its sources, in order."""
-    return list(dict.fromkeys((one.policy, one.policy_source) for one in results.all))
+    return list(
+        dict.fromkeys((result.policy, result.policy_source) for result in results.all)
+    )
 
 
-def _subject(one: TaskResult) -> str:
-    what = one.task.door if isinstance(one, EpisodeResult) else "learning test"
-    return f"{one.policy}, {what}"
+def _subject(result: TaskResult) -> str:
+    what = result.task.door if isinstance(result, EpisodeResult) else "learning test"
+    return f"{result.policy}, {what}"
