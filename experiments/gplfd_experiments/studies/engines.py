@@ -95,6 +95,10 @@ class Engine:
                 results = parallel(calls(numbers))
                 try:
                     for number, result, texts in results:
+                        if number not in unfinished:
+                            # Dask repeats a finished item if its worker dies before
+                            # the result was fetched.
+                            continue
                         unfinished.remove(number)
                         for text in set(texts) - warned:
                             warned.add(text)
