@@ -62,7 +62,7 @@ def test_a_device_or_a_folder_is_no_file(tmp_path):
             read(tmp_path / "nothing")
         with pytest.raises(ValueError, match="is a folder; give a file"):
             read(tmp_path)
-        with pytest.raises(ValueError, match="/dev/zero is a device; give a file"):
+        with pytest.raises(ValueError, match="/dev/zero is no regular file; give"):
             read(Path("/dev/zero"))
 
 

@@ -12,8 +12,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-from gplfd_env.validation.named import nearest_name
-
 TABLE_1_NAME: Final = "table-1"
 """Name that stands for the policies of the paper's Table 1."""
 
@@ -129,6 +127,9 @@ PRESETS: Final[Mapping[str, StudySettings]] = MappingProxyType(
 
 def settings_named(name: str) -> StudySettings:
     """Return the settings of a preset, or those in a file."""
+    # Loads NumPy, which the help of a command does not need.
+    from gplfd_env.validation.named import nearest_name
+
     if name in PRESETS:
         return PRESETS[name]
     path = Path(name)
@@ -143,6 +144,7 @@ def settings_named(name: str) -> StudySettings:
 
 def read_settings(path: Path) -> StudySettings:
     """Read settings; missing ones have the defaults of `StudySettings`."""
+    from gplfd_env.validation.named import nearest_name
     from gplfd_experiments.files.plain_data import (
         check_stamp,
         entry,

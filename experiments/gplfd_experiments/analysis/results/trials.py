@@ -173,9 +173,8 @@ def success_measure(trial: Trial) -> str:
 
 
 def deciding_measure(trial: Trial) -> str:
-    """Return the measure that decides a trial and is not a share."""
-    measures = (*(one.measure for one in trial.contrasts), *trial.measures)
-    numbers = (one for one in measures if not EPISODE_MEASURES[one].share)
+    """Return the first measure of a trial that is not a share."""
+    numbers = (name for name in trial.measures if not EPISODE_MEASURES[name].share)
     return next(numbers, trial.measures[0])
 
 

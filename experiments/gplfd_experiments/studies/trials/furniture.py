@@ -181,7 +181,7 @@ FURNITURE: Final[Mapping[str, Trial]] = {
         question="The hinge sticks at the start and a seal holds the leaf. Is the "
         "door opened?",
         claims=("variable stiffness",),
-        measures=("success", "release_speed", "force_handle_peak"),
+        measures=("success", "force_handle_peak", "release_speed"),
         levels={"breakaway": Level(doors=MEDIUM, disturbance="breakaway")},
         contrasts=contrasts("force_handle_peak", "variable stiffness"),
     ),
