@@ -132,14 +132,12 @@ def settings_named(name: str) -> StudySettings:
 
     if name in PRESETS:
         return PRESETS[name]
-    path = Path(name)
-    if not path.is_file():
+    if not Path(name).is_file():
         raise ValueError(
             f"--config {name}: there is no such file and no such study"
-            f"{nearest_name(name, PRESETS)}; studies: {', '.join(PRESETS)}; or give a "
-            "study.toml"
+            f"{nearest_name(name, PRESETS)}; studies: {', '.join(PRESETS)}, or a file"
         )
-    return read_settings(path)
+    return read_settings(Path(name))
 
 
 def read_settings(path: Path) -> StudySettings:
