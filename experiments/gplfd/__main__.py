@@ -1,4 +1,4 @@
-"""The command ``gplfd``: exit status 130 after Ctrl-C, 141 without a reader."""
+"""The command ``gplfd``: exit status 2 in the small installation, 130 after Ctrl-C."""
 
 import os
 import sys
@@ -12,6 +12,16 @@ def main() -> int:
         status = run()
         sys.stdout.flush()
         return status
+    except ModuleNotFoundError as error:
+        if (error.name or "gplfd").startswith("gplfd"):
+            raise
+        print(
+            f"gplfd: {error.name} is not installed. With NumPy and SciPy alone, agents "
+            "run in Python and there are no commands; `pip install gplfd`, or `pip "
+            "install .` in a checkout, installs all that they need",
+            file=sys.stderr,
+        )
+        return 2
     except KeyboardInterrupt as interruption:
         parts = ("gplfd: interrupted", "finished files are kept", *interruption.args)
         print("; ".join(map(str, parts)), file=sys.stderr)

@@ -1,9 +1,8 @@
 """The subcommands of ``gplfd`` and their exit status.
 
 Exit status: 0 if the command finished (a door that stays closed is a result), 1 if a
-replay differs from its recording, a task of a study ended in an error or a report
-contains only errors, 2 for bad arguments or files. `gplfd` adds 130 for an
-interruption.
+task of a study ended in an error or a report contains only errors, 2 for bad arguments
+or files. `gplfd` adds 130 for an interruption.
 """
 
 import dataclasses

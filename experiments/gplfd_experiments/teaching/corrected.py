@@ -87,22 +87,3 @@ class CorrectionLesson(Lesson):
             return "The door is open"
         angle, why = round(self.state["angle"]), self.over or "you stopped"
         return f"The door is not open, at {angle}°: {why}"
-
-
-def replay_correction(
-    method: Method, skill: Skill, task: EpisodeTask, correction: Correction
-) -> Correction:
-    """Lead the hand by recorded inputs; the correction is equal, bit for bit.
-
-    The skill is that of the episode, before this correction.
-
-    Raises:
-        ValueError: The correction has no inputs.
-    """
-    if correction.inputs is None:
-        raise ValueError("this correction was not led on the page: it has no inputs")
-    store = CorrectedSkill(method, skill, Path())
-    lesson = CorrectionLesson(task, store, correction.device, drawn=False)
-    for sample in correction.inputs:
-        lesson.step(sample)
-    return lesson.record()

@@ -22,7 +22,6 @@ from gplfd_experiments.episodes.task import EpisodeTask, episode_task
 from gplfd_experiments.teaching.corrected import (
     CorrectedSkill,
     CorrectionLesson,
-    replay_correction,
 )
 from gplfd_experiments.teaching.lead import Person, View
 from gplfd_experiments.teaching.page import Session
@@ -130,8 +129,7 @@ def lead(lesson: CorrectionLesson, since: float = 2.0) -> None:
         lesson.step(sample)
 
 
-@pytest.mark.bits
-def test_a_person_s_correction_opens_the_door_and_its_inputs_give_it_again(tmp_path):
+def test_a_person_s_correction_opens_the_door(tmp_path):
     """At a flap that stays closed without it."""
     skill, task = skill_of(DOORS["oven"]), task_of(STIFF, "flap")
     assert not open_watched(task, GP.follow(skill)).success
@@ -144,11 +142,6 @@ def test_a_person_s_correction_opens_the_door_and_its_inputs_give_it_again(tmp_p
     assert open_watched(task, GP.follow(better)).success
     (kept,) = better.corrections
     assert (kept.by, kept.device, kept.door) == ("person", "mouse", "flap")
-    again = replay_correction(GP, skill, task, kept)
-    for name in ("times", "poses", "wrenches"):
-        assert_array_equal(getattr(again.motion, name), getattr(kept.motion, name))
-    assert_array_equal(again.led, kept.led)
-    assert again.phase == kept.phase
 
 
 class Somebody:
