@@ -1,4 +1,6 @@
 import math
+import os
+import sys
 
 import mujoco
 import numpy as np
@@ -287,6 +289,15 @@ def test_a_file_has_its_layout_and_few_chunks(record, make_log, tmp_path, forces
         if "ViewBlueprint:space_origin" in chunk.to_record_batch().schema.names
     }
     assert len(views) == 17 + forces  # thirteen of series, two 3-D, lanes and page
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")
+def test_recordings_leave_no_threads_behind(record, make_log):
+    record(make_log())
+    before = len(os.listdir("/proc/self/task"))
+    for _ in range(5):
+        record(make_log())
+    assert len(os.listdir("/proc/self/task")) <= before + 2
 
 
 def test_colours_say_how_stiff_the_hand_is(record, make_log):

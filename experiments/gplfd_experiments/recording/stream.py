@@ -2,7 +2,10 @@
 
 import contextlib
 import errno
+import functools
 import os
+import tempfile
+import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +15,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 import rerun_bindings as bindings
 from numpy.typing import NDArray
-from rerun.chunk import Chunk
+from rerun.chunk import Chunk, RrdReader
 
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
@@ -70,7 +73,12 @@ def recording_file(
         # Wall-clock times of logging are irrelevant.
         stream.set_log_time_enabled(False)
         try:
-            stream.save(temporary, default_blueprint=layout)
+            # `stream.save` makes a blueprint with two threads that are never ended.
+            source = _blueprint_source(os.getpid())
+            blueprint = source.memory_recording().storage
+            source.send_chunks(_as_chunks(layout))
+            recording = stream.to_native()
+            bindings.save(str(temporary), blueprint, recording=recording)
             yield stream
             stream.flush()
         finally:
@@ -81,3 +89,23 @@ def recording_file(
             if not written.read().startswith(_END):
                 message = "cannot be written to its end; is the disk full?"
                 raise OSError(errno.EIO, message)
+
+
+def _as_chunks(layout: rrb.Blueprint) -> tuple[Chunk, ...]:
+    """Return a layout as Rerun writes it."""
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        # On a busy machine, the file has no table of contents yet.
+        warnings.filterwarnings("ignore", "RRD file has no footer")
+        file = Path(folder) / "layout.rbl"
+        layout.save(APPLICATION, file)
+        reader = RrdReader(file)
+        return tuple(reader.stream(store=reader.blueprints()[0]))
+
+
+@functools.cache
+def _blueprint_source(process: int) -> rr.RecordingStream:
+    """Stream of blueprints of this process; one from before a fork is unusable."""
+    native = bindings.new_blueprint(
+        APPLICATION, make_default=False, make_thread_default=False
+    )
+    return rr.RecordingStream._from_native(native)
