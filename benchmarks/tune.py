@@ -96,8 +96,8 @@ def objective(policy: str, trial: optuna.Trial) -> tuple[float, float, float]:
         tasks += doors
         agents += [make() for _ in doors]
     metrics = [episode_metrics(log) for log in open_together(tasks, agents)]
-    closed = sum(not episode.success for episode in metrics)
-    force = statistics.median(episode.force_radial_peak for episode in metrics)
+    closed = sum(not episode["success"] for episode in metrics)
+    force = statistics.median(episode["force_radial_peak"] for episode in metrics)
     return float(np.mean(densities)), float(closed), force
 
 

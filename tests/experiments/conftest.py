@@ -258,7 +258,7 @@ def make_log() -> Callable[..., EpisodeLog]:
 
 @functools.cache
 def measured() -> dict[str, Any]:
-    return episode_metrics(log_by_formula()).as_json()
+    return episode_metrics(log_by_formula())
 
 
 def episode_file(

@@ -4,19 +4,17 @@ import dataclasses
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from gplfd_experiments.cli.main import main
-from gplfd_experiments.studies import jobs, runner, store
+from gplfd_experiments.studies import jobs, runner
 from gplfd_experiments.studies.settings import (
     StudySettings,
     read_settings,
@@ -89,38 +87,6 @@ def test_writes_table_and_settings_and_says_where(tmp_path, ran, capsys):
     assert [(task.policy, task.seed) for task in ran[8:]] == [("oracle", 1)]
 
 
-@pytest.fixture
-def meanwhile(ran, monkeypatch):
-    """Do something before a job with a seed, until the returned function is called."""
-    measured = runner.run_job
-    monkeypatch.setattr("gplfd_experiments.studies.tasks.TOGETHER", 1)
-
-    def begin(seed: int, action: Callable[[], object]) -> Callable[[], None]:
-        def run_job(job: Any, **_: Any) -> list[Any]:
-            if job[0].seed == seed:
-                action()
-            return measured(job)
-
-        monkeypatch.setattr(runner, "run_job", run_job)
-        return lambda: monkeypatch.setattr(runner, "run_job", measured)
-
-    return begin
-
-
-def test_files_that_are_deleted_meanwhile_are_missed(tmp_path, ran, meanwhile, capsys):
-    """Whoever deletes the folder of a study that runs is told what is gone."""
-    out = tmp_path / "out"
-    end = meanwhile(2, lambda: shutil.rmtree(out))
-    assert benchmark(out, *ONE, "4") == 1
-    printed = capsys.readouterr()
-    assert f"gplfd: 2 of 4 tasks have no complete result in {out}/tasks" in printed.err
-    assert "| gp | small | 2/2 |" in printed.out
-    end()
-    assert benchmark(out, *ONE, "4") == 0
-    assert [task.seed for task in ran] == [0, 1, 2, 3, 0, 1]
-    assert (out / "study.json").is_file()
-
-
 @pytest.mark.parametrize("name", ["study.json", "study.toml", "tasks"])
 def test_a_later_version_s_files_are_refused_and_kept(name, tmp_path, ran, capsys):
     assert benchmark(tmp_path, *ONE, "1") == 0
@@ -142,16 +108,8 @@ def test_a_later_version_s_files_are_refused_and_kept(name, tmp_path, ran, capsy
 def test_every_condition_has_a_table_and_as_json_its_rows(
     tmp_path, ran, episode_result, capsys
 ):
-    study = (
-        *ONE,
-        "2",
-        "--teacher-noise",
-        "1",
-        "2",
-        "--randomizations",
-        "none",
-        "hard",
-    )
+    varied = ("--teacher-noise", "1", "2", "--randomizations", "none", "hard")
+    study = (*ONE, "2", *varied)
     assert benchmark(tmp_path, *study) == 0
     printed = capsys.readouterr().out
     assert printed.count("| gp | small | 2/2 |") == 4
@@ -181,34 +139,6 @@ def test_options_win_over_the_saved_study(tmp_path, ran):
     assert read_settings(tmp_path / "out" / "study.toml") == expected
 
 
-def test_warns_of_results_of_other_code_and_machines(
-    tmp_path, ran, monkeypatch, capsys
-):
-    state = {**store.code_state(), "git": {"commit": "a", "dirty": False}}
-    workers = dict(state)
-    monkeypatch.setattr(store, "code_state", lambda: state)
-    monkeypatch.setattr(jobs, "code_state", lambda: workers)
-
-    def warnings(out: Path, seeds: str) -> list[str]:
-        assert benchmark(out, *ONE, seeds) == 0
-        printed = capsys.readouterr().err.splitlines()
-        return [line for line in printed if "warning" in line]
-
-    out = tmp_path / "study"
-    assert warnings(out, "2") == []
-    state["git"] = workers["git"] = {"commit": "b", "dirty": False}
-    (other,) = warnings(out, "3")
-    assert "2 of 3 results were made by other code (another git state" in other
-    assert f"use another --out or delete {out} to have one version" in other
-    state["arithmetic"] = {**workers["arithmetic"], "linear algebra": "abacus"}
-    _, machine = warnings(out, "3")
-    assert "3 of 3 results were made on another machine: they equal" in machine
-    # Workers with another version are noticed when they have run.
-    state["arithmetic"], workers["git"] = workers["arithmetic"], None
-    (theirs,) = warnings(tmp_path / "workers", "1")
-    assert "1 of 1 results were made by other code" in theirs
-
-
 WAITING = """\
 import time
 from pathlib import Path
@@ -221,15 +151,7 @@ def make(training):
 """
 """A policy that learns from as many seeds as a file allows, and waits for more."""
 
-STUDY = [
-    "--policies",
-    "waiting:make",
-    "--doors",
-    "small",
-    "--seeds",
-    "13",
-    "--no-skill",
-]
+STUDY = [*("--policies", "waiting:make", "--doors", "small"), *ONE[-2:], "13"]
 """Two jobs: twelve seeds, and one."""
 
 
@@ -239,11 +161,8 @@ def files(out: Path) -> list[Path]:
 
 def timeless(path: Path) -> Any:
     result = json.loads(path.read_text())
-    metrics = {
-        name: value
-        for name, value in result["metrics"].items()
-        if not name.startswith("latency_")
-    }
+    times = {name for name in result["metrics"] if name.startswith("latency_")}
+    metrics = {n: v for n, v in result["metrics"].items() if n not in times}
     return {"task": result["task"], "metrics": metrics}
 
 

@@ -44,7 +44,7 @@ def test_run_writes_metrics_logs_recordings_and_settings(gplfd, tmp_path, capsys
         ("oracle", "0.42", 0.42),
     ]
     log = EpisodeLog.load(out / "0.42.npz")
-    assert episode_metrics(log).as_json() == metrics[1]
+    assert episode_metrics(log) == metrics[1]
     demonstrations = load_demonstrations(out / "demonstrations.npz")
     assert demonstrations.radii == (0.35, 0.35, 0.50, 0.50, 0.65, 0.65)
     config = json.loads((out / "run.json").read_text())["config"]

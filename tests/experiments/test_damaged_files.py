@@ -66,7 +66,7 @@ def plain_json(folder: Path, _: EpisodeLog) -> Case:
 def result(folder: Path, log: EpisodeLog) -> Case:
     """A damaged result stops no study: its task is run again, the file is named."""
     task = EpisodeTask(policy="gp", door="small", door_config={"radius": 0.35}, seed=0)
-    metrics = episode_metrics(log).as_json()
+    metrics = episode_metrics(log)
     file = result_path(folder, task)
     write_json(file, {**RESULT_STAMP, "task": task.definition, "metrics": metrics})
 

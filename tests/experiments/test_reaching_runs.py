@@ -143,8 +143,8 @@ def test_what_a_policy_says_is_measured_once_it_acts(make_log):
         )
         for name in ("stiffness", "stiffness_rate", "stability_margin")
     }
-    late = episode_metrics(make_log(**unsaid)).as_json()
-    all_along = episode_metrics(plain).as_json()
+    late = episode_metrics(make_log(**unsaid))
+    all_along = episode_metrics(plain)
     names = [name for name in late if name.startswith((*unsaid, "governed_share"))]
     assert len(names) > 1
     for name in names:

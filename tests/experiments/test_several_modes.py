@@ -91,7 +91,7 @@ def test_the_other_kind_is_tried_after_a_bounded_force(door, first, limit):
     assert np.count_nonzero(np.diff(log.decisions.mode)) == 1
     assert log.decisions.mode_probability[0] == pytest.approx(0.5, abs=0.01)
     assert log.decisions.mode_probability[-1] > 0.99
-    assert episode_metrics(log).force_handle_peak < limit
+    assert episode_metrics(log)["force_handle_peak"] < limit
 
 
 def test_a_skill_is_of_one_kind(gplfd, capsys):

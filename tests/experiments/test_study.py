@@ -1,34 +1,21 @@
 """Studies: tasks named by their definition, results kept, nothing done twice."""
 
 import dataclasses
-import errno
 import json
-import os
 import re
 
 import pytest
 
-from gplfd_experiments.analysis.results.measures import (
-    EPISODE_MEASURES,
-    LEARNING_MEASURES,
-    RECORDED_MEASURES,
-)
+from gplfd_experiments.analysis.results.measures import EPISODE_MEASURES
 from gplfd_experiments.data.teacher import synthetic_human
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files import provenance
 from gplfd_experiments.studies import jobs, runner, store
 from gplfd_experiments.studies.engines import Lost
 from gplfd_experiments.studies.runner import run_study
-from gplfd_experiments.studies.store import (
-    FORECAST_METRICS,
-    LEARNING_METRICS,
-    RESULT_STAMP,
-    outcome,
-    stored_results,
-)
+from gplfd_experiments.studies.store import stored_results
 from gplfd_experiments.studies.tasks import (
     TOGETHER,
-    RecordedTask,
     SkillTask,
     jobs_of,
     task_from,
@@ -219,21 +206,11 @@ def test_a_task_that_failed_is_run_again(tmp_path, runs, succeeded, monkeypatch)
 
 DAMAGES = {
     "cut": (lambda text: text[: len(text) // 2], "cannot be read as JSON"),
-    "a metric less": (lambda text: text.replace('"success"', '"x"'), "lacks success"),
     "odd metric": (lambda text: text.replace("true", "7"), "success = 7 must be true"),
-    "odd radius": (
-        lambda text: re.sub(r'"radius": 0.5(?=,\s+"seed")', '"radius": 7.0', text),
-        "radius = 7.0 is outside",
-    ),
     "another format": (
         lambda text: text.replace('"gplfd result"', '"gplfd study"'),
         "it holds gplfd study, not gplfd result",
     ),
-    "strange task": (
-        lambda text: text.replace('"kind": "episode"', '"kind": "dance"'),
-        "not a task of a study",
-    ),
-    "no format": (lambda text: '{"error": ""}', "it lacks format"),
     "other task": (lambda text: text.replace("small", "large"), "of another task"),
 }
 
@@ -245,24 +222,16 @@ def test_a_damaged_result_is_named_and_its_task_run_again(
     study = episodes(("gp",), range(2))
     results = list(run_study(tmp_path, study))
     path = store.result_path(tmp_path, study[0])
-    text = damage(path.read_text())
-    path.write_text(text)
+    path.write_text(damage(path.read_text()))
     (reason,) = stored_results(tmp_path, study).damaged
-    assert reason.startswith(str(path))
-    assert re.search(message, reason)
-    assert stored_results(tmp_path, study).from_other_code == 0
+    assert re.match(f"{path}.*{message}", reason)
     assert list(run_study(tmp_path, study)) == results[:1]
     assert stored_results(tmp_path, study).damaged == ()
 
 
-def test_every_metric_has_a_measure_and_every_result_all_metrics():
-    assert EPISODE_MEASURES.keys() - {"grasp_kept"} <= store._EPISODE_METRICS.keys()
-    assert LEARNING_MEASURES.keys() == LEARNING_METRICS
-    assert RECORDED_MEASURES.keys() == FORECAST_METRICS
-    task = RecordedTask(policy="gp", seed=0, recordings="x")
-    record = {**RESULT_STAMP, "metrics": dict.fromkeys(LEARNING_METRICS, 0.5)}
-    with pytest.raises(ValueError, match="it lacks forecast_10_coverage_95"):
-        outcome(record, task)
+def test_every_measure_is_of_a_metric(episode_result):
+    metrics = episode_result("gp")["metrics"]
+    assert EPISODE_MEASURES.keys() - {"grasp_kept"} <= metrics.keys()
 
 
 class Losing:
@@ -287,21 +256,3 @@ def test_tasks_whose_worker_died_are_run_alone(tmp_path, runs):
     assert opened["metrics"]["success"]
     assert (died["error"], died["task"]["door"]) == ("it died", "large")
     assert died["lost"]
-
-
-@pytest.mark.parametrize("step", ["os.fsync", "pathlib.Path.touch"])
-def test_a_full_disk_ends_a_study_that_goes_on_later(tmp_path, runs, monkeypatch, step):
-    def full(*_, **__):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    study = episodes(("gp",), range(2))
-    results = run_study(tmp_path, study)
-    next(results)
-    with monkeypatch.context() as disk:
-        disk.setattr(step, full)
-        with pytest.raises(OSError, match="No space left on device") as raised:
-            next(results)
-    first, second = (store.result_path(tmp_path, task) for task in study[:2])
-    assert raised.value.filename == str(second)
-    assert list((tmp_path / "tasks").iterdir()) == [first]
-    assert len(list(run_study(tmp_path, study))) == 3

@@ -10,10 +10,8 @@ half a second and, at twice that value, the transient force. Errors of forecasts
 `gplfd_experiments.episodes.forecast_error`.
 """
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -45,133 +43,14 @@ _AFTER: Final = 1.0
 """Time after a disturbance in which the release speed is measured [s]."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class EpisodeMetrics:
-    """Measures of one episode. SI units unless the name says otherwise.
-
-    "Opening motion" means the steps from the door's first degree to its largest angle
-    less one degree; all steps when the door never moved by a degree.
-    """
-
-    policy: str
-    """Name of the policy."""
-    door: str
-    """Name of the door."""
-    radius: float
-    """Distance from hinge to handle [m]."""
-    seed: int
-    """Seed of the environment's reset."""
-    success: bool
-    """Whether the task was solved."""
-    failure: str
-    """Failure; empty on success."""
-    reason: str
-    """Cause of the failure, see `gplfd_env.task.stages`; empty on success."""
-    capability: int
-    """Furthest stage that was reached: index into `gplfd_env.task.stages.STAGES`."""
-    stage: str
-    """Its name."""
-    duration: float
-    """Simulated duration of the episode [s]."""
-    final_angle_deg: float
-    """Door angle at the end [deg]."""
-    time_to_15_deg: float | None
-    """Time until the door first reached 15 degrees [s]; None if never."""
-    time_to_30_deg: float | None
-    """Time until the door first reached 30 degrees [s]; None if never."""
-    time_to_60_deg: float | None
-    """Time until the door first reached 60 degrees [s]; None if never."""
-    force_tangential_peak: float
-    """Largest magnitude of the force along the handle's motion [N]."""
-    force_tangential_p95: float
-    """Its 95th percentile over the episode [N]."""
-    force_radial_peak: float
-    """Largest magnitude of the force along the radius, which does no work [N]."""
-    force_radial_p95: float
-    """Its 95th percentile over the episode [N]."""
-    work: float
-    """Work of the hand on the door, ∫ F_t r dφ [J]."""
-    slip_max_mm: float
-    """Largest distance of the hand from where it grasped the handle [mm]."""
-    prediction_error_position: float | None
-    """Mean of E[ε²] summed over x, y, z during the opening motion [m²]; None for
-    policies without predictions."""
-    prediction_error_rotation: float | None
-    """The same over the rotation vector [rad²]."""
-    log_dimensionless_jerk: float | None
-    """Smoothness of the hand's path; less negative is smoother. None if the opening
-    motion is too short to differentiate."""
-    stiffness_min: tuple[float, float, float] | None
-    """Smallest stiffness along the columns of the log's `frame` [N/m]; None in policies
-    without stiffness."""
-    stiffness_max: tuple[float, float, float] | None
-    """Largest stiffness along them [N/m]; None in policies without stiffness."""
-    stability_margin_translation: float | None
-    """Smallest distance to the stability bound over translations [N/(m s)]; None in
-    policies without stiffness."""
-    stability_margin_rotation: float | None
-    """The same over the rotations [N m/(rad s)]."""
-    governed_share: float | None
-    """Share of the decisions in which the stability bound limited the stiffness; None
-    in policies without stiffness."""
-    forecast_progress: tuple[float, ...]
-    """Door angles at which forecasts are scored, as shares of the angle to which the
-    demonstrated doors were opened."""
-    forecast_error_mm: tuple[float | None, ...]
-    """Root mean square distance of the handle's remaining path from the forecast path
-    at each progress [mm]; None without a forecast."""
-    force_handle_peak: float
-    """Largest force of the hand on the handle in any direction [N]."""
-    door_acceleration_peak: float | None
-    """Largest angular acceleration of the door [rad/s²]; like the next two an indicator
-    of the EUROBENCH benchmark of robots at doors. None in episodes below 0.2 s."""
-    door_smoothness: float | None
-    """1 / √Σ φ̈² over the control steps [s²/rad]; larger is smoother."""
-    time_to_move: float | None
-    """Time until the door has moved by a degree [s]; None if it never did."""
-    person_force_peak: float
-    """Largest force on the person [N]; 0 without one. ISO/TS 15066 allows a transient
-    force of 280 N at hands and fingers."""
-    person_force_sustained: float
-    """Largest force on the person sustained for half a second [N]; ISO/TS 15066 allows
-    140 N."""
-    person_energy: float
-    """Work done on the person [J]."""
-    stop_force_peak: float
-    """Largest force of the door on what stops it [N]."""
-    stop_force_sustained: float
-    """Largest force on it sustained for half a second [N]."""
-    push_displacement_mm: float | None
-    """Largest change of the hand's distance from the policy's path since a push began
-    [mm]; None without a push."""
-    release_speed: float | None
-    """Largest speed of the door in the second after a disturbance ended [rad/s]; None
-    if none did."""
-    recovery_time: float | None
-    """Time from the end of the last disturbance until the door was 5 degrees further
-    open [s]; None if none ended or it never was."""
-    latency_median_ms: float
-    """Median CPU time of a decision [ms]."""
-    latency_p95_ms: float
-    """95th percentile of the CPU time of a decision [ms]."""
-    latency_wall_median_ms: float | None
-    """Median wall time of a decision [ms]; like the next one, None in older logs
-    without it."""
-    latency_wall_p95_ms: float | None
-    """95th percentile of the wall time of a decision [ms]."""
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain numbers, strings, lists and None by name."""
-        return {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in dataclasses.asdict(self).items()
-        }
-
-
 def episode_metrics(
     log: EpisodeLog, *, demonstrated_angle: float = DEMONSTRATED_ANGLE
-) -> EpisodeMetrics:
-    """Compute all measures of one episode.
+) -> dict[str, Any]:
+    """Return all measures of one episode by name, as plain data for JSON.
+
+    SI units unless the name says otherwise. "Opening motion" means the steps from the
+    door's first degree to its largest angle less one degree; all steps when the door
+    never moved by a degree. A measure that an episode or a policy lacks is None.
 
     Args:
         log: The episode.
@@ -179,91 +58,88 @@ def episode_metrics(
             standard teacher's mean by default.
     """
     opening, forces, agent = log.opening, log.forces, log.decisions
-    angle = opening.door_angle
+    angle, stage = opening.door_angle, int(opening.capability[-1])
     rows = opening_motion(log)
     errors = prediction_errors(log)[rows]
     stiffness = _known_rows(agent.stiffness)
     margin = _known_rows(agent.stability_margin)
-    tangential, radial = forces.force_tangential, forces.force_radial
+    along = {"tangential": forces.force_tangential, "radial": forces.force_radial}
     acceleration, smoothness = door_acceleration(angle, log.dt), None
     if acceleration is not None and acceleration.any():
         smoothness = 1.0 / math.sqrt(float(np.sum(acceleration**2)))
-    moved = np.abs(angle - angle[0]) >= _MOVED
     speed, recovered = recovery(log)
-    return EpisodeMetrics(
-        policy=log.policy,
-        door=log.door,
-        radius=log.radius,
-        seed=log.seed,
-        success=log.success,
-        failure=log.failure,
-        reason=log.reason,
-        capability=int(opening.capability[-1]),
-        stage=STAGES[int(opening.capability[-1])],
-        duration=float(log.times[-1] - log.times[0]),
-        final_angle_deg=math.degrees(angle[-1]),
-        time_to_15_deg=_first(log, angle >= math.radians(15.0)),
-        time_to_30_deg=_first(log, angle >= math.radians(30.0)),
-        time_to_60_deg=_first(log, angle >= math.radians(60.0)),
-        force_tangential_peak=_peak(tangential),
-        force_tangential_p95=_p95(tangential),
-        force_radial_peak=_peak(radial),
-        force_radial_p95=_p95(radial),
-        work=work_on_door(log),
-        slip_max_mm=1e3 * _peak(opening.slip),
-        prediction_error_position=_mean_where_finite(errors[:, :3].sum(axis=1)),
-        prediction_error_rotation=_mean_where_finite(errors[:, 3:].sum(axis=1)),
-        log_dimensionless_jerk=log_dimensionless_jerk(
+    names = ("policy", "door", "radius", "seed", "success", "failure", "reason")
+    return {
+        **{name: getattr(log, name) for name in names},
+        # Furthest stage: index into `gplfd_env.task.stages.STAGES`, and name.
+        "capability": stage,
+        "stage": STAGES[stage],
+        "duration": float(log.times[-1] - log.times[0]),
+        "final_angle_deg": math.degrees(angle[-1]),
+        **{
+            f"time_to_{degrees}_deg": _first(log, angle >= math.radians(degrees))
+            for degrees in (15, 30, 60)
+        },
+        # Force along the motion of the handle, and along the radius, where it does no
+        # work [N]: largest magnitude, and 95th percentile over the episode.
+        **{
+            f"force_{name}_{kind}": statistic(np.abs(force))
+            for name, force in along.items()
+            for kind, statistic in (("peak", _largest), ("p95", _p95))
+        },
+        "work": work_on_door(log),
+        # Distance of the hand from where it grasped the handle.
+        "slip_max_mm": 1e3 * _largest(np.abs(opening.slip)),
+        # Mean of E[ε²] during the opening motion, over x, y, z [m²] and over the
+        # rotation vector [rad²].
+        "prediction_error_position": _mean_where_finite(errors[:, :3].sum(axis=1)),
+        "prediction_error_rotation": _mean_where_finite(errors[:, 3:].sum(axis=1)),
+        # Of the path of the hand in the opening motion.
+        "log_dimensionless_jerk": log_dimensionless_jerk(
             log.motion.ee_pose[rows, :3], log.dt
         ),
-        stiffness_min=_xyz(stiffness.min(axis=0)),
-        stiffness_max=_xyz(stiffness.max(axis=0)),
-        stability_margin_translation=_finite(margin[:, :3].min()),
-        stability_margin_rotation=_finite(margin[:, 3:].min()),
-        governed_share=governed_share(log),
-        forecast_progress=PROGRESS,
-        forecast_error_mm=tuple(
+        # Along the columns of the log's `frame` [N/m].
+        "stiffness_min": _xyz(stiffness.min(axis=0)),
+        "stiffness_max": _xyz(stiffness.max(axis=0)),
+        # Smallest distance to the stability bound, over translations [N/(m s)] and
+        # rotations [N m/(rad s)].
+        "stability_margin_translation": _finite(margin[:, :3].min()),
+        "stability_margin_rotation": _finite(margin[:, 3:].min()),
+        "governed_share": governed_share(log),
+        # Door angles at which forecasts are scored, as shares of the demonstrated
+        # angle, and rms distance of the handle's remaining path from the forecast path.
+        "forecast_progress": list(PROGRESS),
+        "forecast_error_mm": [
             None if error is None else 1e3 * error
             for error in forecast_errors(log, demonstrated_angle)
+        ],
+        # In any direction [N].
+        "force_handle_peak": _largest(
+            np.linalg.norm((*along.values(), forces.force_vertical), axis=0)
         ),
-        force_handle_peak=_peak(
-            np.linalg.norm((tangential, radial, forces.force_vertical), axis=0)
-        ),
-        door_acceleration_peak=None if acceleration is None else _peak(acceleration),
-        door_smoothness=smoothness,
-        time_to_move=_first(log, moved),
-        person_force_peak=float(forces.person_force.max()),
-        person_force_sustained=sustained(forces.person_force, log.dt),
-        person_energy=float(forces.person_energy[-1]),
-        stop_force_peak=float(forces.stop_force.max()),
-        stop_force_sustained=sustained(forces.stop_force, log.dt),
-        push_displacement_mm=push_displacement_mm(log),
-        release_speed=speed,
-        recovery_time=recovered,
-        latency_median_ms=1e3 * float(np.median(agent.latency_s)),
-        latency_p95_ms=1e3 * float(np.percentile(agent.latency_s, 95)),
-        latency_wall_median_ms=_finite(1e3 * np.median(agent.latency_wall_s)),
-        latency_wall_p95_ms=_finite(1e3 * np.percentile(agent.latency_wall_s, 95)),
-    )
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class FailedEpisode:
-    """An episode in which the policy raised an error: the door was not opened."""
-
-    policy: str
-    door: str
-    radius: float
-    """Distance from hinge to handle [m]."""
-    seed: int
-    error: str
-    """Error of the policy, and its location."""
-    success: bool = field(default=False, init=False)
-    failure: str = field(default="policy_error", init=False)
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain numbers and strings by name."""
-        return dataclasses.asdict(self)
+        # Indicators of the EUROBENCH benchmark: largest |φ̈| [rad/s²], 1 / √Σ φ̈² over
+        # the control steps [s²/rad], larger is smoother, and time to the first degree.
+        "door_acceleration_peak": None
+        if acceleration is None
+        else _largest(np.abs(acceleration)),
+        "door_smoothness": smoothness,
+        "time_to_move": _first(log, np.abs(angle - angle[0]) >= _MOVED),
+        # On a person, and of the door on what stops it [N]: largest, and sustained for
+        # half a second. ISO/TS 15066 allows 280 N and 140 N at hands and fingers.
+        "person_force_peak": _largest(forces.person_force),
+        "person_force_sustained": sustained(forces.person_force, log.dt),
+        "person_energy": float(forces.person_energy[-1]),
+        "stop_force_peak": _largest(forces.stop_force),
+        "stop_force_sustained": sustained(forces.stop_force, log.dt),
+        "push_displacement_mm": push_displacement_mm(log),
+        "release_speed": speed,
+        "recovery_time": recovered,
+        # CPU and wall time of a decision.
+        "latency_median_ms": 1e3 * float(np.median(agent.latency_s)),
+        "latency_p95_ms": 1e3 * _p95(agent.latency_s),
+        "latency_wall_median_ms": _finite(1e3 * np.median(agent.latency_wall_s)),
+        "latency_wall_p95_ms": _finite(1e3 * _p95(agent.latency_wall_s)),
+    }
 
 
 def late_decisions(metrics: Sequence[Mapping[str, Any]]) -> str:
@@ -272,7 +148,7 @@ def late_decisions(metrics: Sequence[Mapping[str, Any]]) -> str:
     The median counts, because other processes on a busy machine delay single decisions.
 
     Args:
-        metrics: Metrics of episodes of one policy, from `EpisodeMetrics.as_json`.
+        metrics: Metrics of episodes of one policy, from `episode_metrics`.
     """
     period = 1e3 * CONTROL_PERIOD
     medians = [m.get("latency_wall_median_ms") or 0.0 for m in metrics]
@@ -302,17 +178,12 @@ def work_on_door(log: EpisodeLog) -> float:
     For a leaf on a hinge, ds = r dφ, where r is the distance of the hand from the
     hinge; on a lever it is smaller than that of the handle.
     """
-    if log.config.motion not in ("hinged", "flap"):
-        path = DoorGeometry.of(log.config).hand_poses(log.opening.door_angle)[:, :3]
-        steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-        signed = np.sign(np.diff(log.opening.door_angle)) * steps
-        middle = 0.5 * (
-            log.forces.force_tangential[1:] + log.forces.force_tangential[:-1]
-        )
-        return float(middle @ signed)
-    return log.config.hand_radius * float(
-        np.trapezoid(log.forces.force_tangential, log.opening.door_angle)
-    )
+    force, angle = log.forces.force_tangential, log.opening.door_angle
+    if log.config.motion in ("hinged", "flap"):
+        return log.config.hand_radius * float(np.trapezoid(force, angle))
+    path = DoorGeometry.of(log.config).hand_poses(angle)[:, :3]
+    steps = np.sign(np.diff(angle)) * np.linalg.norm(np.diff(path, axis=0), axis=1)
+    return float(0.5 * (force[1:] + force[:-1]) @ steps)
 
 
 def share_of_bound(log: EpisodeLog) -> FloatArray:
@@ -358,13 +229,8 @@ def log_dimensionless_jerk(positions: FloatArray, dt: float) -> float | None:
     -ln(720 · 64 / 225) = -5.32 whatever its length and duration. Derivatives come from
     quintics fitted to 0.2 s around each sample.
 
-    Args:
-        positions: Path (N, 3) [m].
-        dt: Sampling period [s].
-
-    Returns:
-        The (dimensionless) smoothness, larger is smoother; None when the path is
-        shorter than the window or does not move.
+    Larger is smoother. None when the path (N, 3) [m], sampled every ``dt`` [s], is
+    shorter than the window or does not move.
     """
     window = 2 * max(3, round(0.5 * _SMOOTHING_TIME / dt)) + 1
     if positions.shape[0] < window:
@@ -389,8 +255,7 @@ def door_acceleration(angle: FloatArray, dt: float) -> FloatArray | None:
     window = 2 * round(0.5 * _SMOOTHING_TIME / dt) + 1
     if angle.size < window:
         return None
-    acceleration: FloatArray = savgol_filter(angle, window, 2, deriv=2, delta=dt)
-    return acceleration
+    return np.asarray(savgol_filter(angle, window, 2, deriv=2, delta=dt))
 
 
 def sustained(force: FloatArray, dt: float) -> float:
@@ -414,29 +279,21 @@ def push_displacement_mm(log: EpisodeLog) -> float | None:
     return 1e3 * float(np.linalg.norm(beside - beside[0], axis=1).max())
 
 
-def release(log: EpisodeLog) -> int | None:
-    """Row after the last force of a push, person or stop; None if none ended."""
-    disturbed = (
-        (log.forces.push_force > 0)
-        | (log.forces.person_force > 0)
-        | (log.forces.stop_force > 0)
-    )
-    rows = np.flatnonzero(disturbed)
-    if rows.size == 0 or rows[-1] + 1 == disturbed.size:
-        return None
-    return int(rows[-1]) + 1
-
-
 def recovery(log: EpisodeLog) -> tuple[float | None, float | None]:
-    """Release speed [rad/s] and recovery time [s] after the last disturbance."""
-    if (released := release(log)) is None:
+    """Release speed [rad/s] and recovery time [s] after the last disturbance.
+
+    Largest speed of the door in the following second, and time until it was 5 degrees
+    further open. None if no push, person or stop ended, or if it never was.
+    """
+    forces, angle = log.forces, log.opening.door_angle
+    disturbances = forces.push_force, forces.person_force, forces.stop_force
+    disturbed = np.flatnonzero(np.any(np.stack(disturbances) > 0, axis=0))
+    if disturbed.size == 0 or disturbed[-1] + 1 == angle.size:
         return None, None
+    released = int(disturbed[-1]) + 1
     stop = released + round(_AFTER / log.dt)
-    speeds = np.gradient(log.opening.door_angle, log.dt)[released:stop]
-    further = (
-        log.opening.door_angle[released:]
-        >= log.opening.door_angle[released] + _RECOVERED
-    )
+    speeds = np.gradient(angle, log.dt)[released:stop]
+    further = angle[released:] >= angle[released] + _RECOVERED
     time = float(np.argmax(further) * log.dt) if further.any() else None
     return float(np.abs(speeds).max()), time
 
@@ -455,12 +312,12 @@ def _known_rows(values: FloatArray) -> FloatArray:
     return values[finite] if finite.any() else values
 
 
-def _peak(values: FloatArray) -> float:
-    return float(np.max(np.abs(values)))
+def _largest(values: FloatArray) -> float:
+    return float(np.max(values))
 
 
 def _p95(values: FloatArray) -> float:
-    return float(np.percentile(np.abs(values), 95))
+    return float(np.percentile(values, 95))
 
 
 def _mean_where_finite(values: FloatArray) -> float | None:
@@ -472,7 +329,5 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _xyz(values: FloatArray) -> tuple[float, float, float] | None:
-    if not np.isfinite(values[:3]).all():
-        return None
-    return (float(values[0]), float(values[1]), float(values[2]))
+def _xyz(values: FloatArray) -> list[float] | None:
+    return values[:3].tolist() if np.isfinite(values[:3]).all() else None

@@ -141,7 +141,7 @@ def _episode_results(
         results = []
         for task, log in zip(tasks, logs, strict=True):
             angle = task.teacher["angle_mean"]
-            metrics = _plain(episode_metrics(log, demonstrated_angle=angle).as_json())
+            metrics = _plain(episode_metrics(log, demonstrated_angle=angle))
             demonstrations = {"demonstrations": demonstrations_hash(task)}
             results.append({**_origin(task), **demonstrations, "metrics": metrics})
         return results

@@ -49,8 +49,6 @@ def run_or_resume(
     write_study(folder, {**provenance(config), PLANNED: total})
     for reason in stored.damaged:
         LOG.warning("warning: %s; its task is run again", reason)
-    others = stored.from_other_code
-    _warn_of_other_code(others, total, folder)
     with (
         contextlib.closing(run_study(folder, study, engine, recordings)) as results,
         counter("task", total, len(stored.finished)) as bar,
@@ -66,15 +64,6 @@ def run_or_resume(
     # Read the files again: the results are the files, not the return values of the
     # engine.
     stored = stored_results(folder, study)
-    # Workers on other machines may have another version of this package.
-    if stored.from_other_code > others:
-        _warn_of_other_code(stored.from_other_code, total, folder)
-    if elsewhere := stored.from_other_machines:
-        LOG.warning(
-            f"warning: {elsewhere} of {total} results were made on another machine: "
-            "they equal results of this machine only up to a tolerance, see "
-            "docs/reproducibility.md"
-        )
     if errors := len(stored.failed):
         LOG.error(
             f"{errors} of {total} tasks ended in errors, kept in {folder / 'tasks'}; "
@@ -139,12 +128,3 @@ def _title(task: Mapping[str, Any]) -> str:
         return f"{task['policy']}, recording {task['seed']} left out"
     what = task["door"] if task["kind"] == "episode" else f"{task['held_out']} left out"
     return f"{task['policy']}, {what}, seed {task['seed']}"
-
-
-def _warn_of_other_code(others: int, total: int, folder: Path) -> None:
-    if others:
-        LOG.warning(
-            f"warning: {others} of {total} results were made by other code (another "
-            "git state or other package versions); use another --out or delete "
-            f"{folder} to have one version"
-        )

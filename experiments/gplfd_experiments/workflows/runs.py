@@ -28,11 +28,7 @@ from gplfd_experiments.episodes.build import (
 )
 from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.episodes.metrics import (
-    EpisodeMetrics,
-    FailedEpisode,
-    episode_metrics,
-)
+from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.episodes.rollout import rollout
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_experiments.files.plain_data import entry, read_json, write_json
@@ -46,6 +42,7 @@ from gplfd_experiments.recording.video import (
     write_video,
 )
 from gplfd_experiments.studies.sources import source_of
+from gplfd_experiments.studies.store import POLICY_ERROR
 from gplfd_experiments.workflows.settings import RunSettings
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -72,12 +69,9 @@ class _Learned(NamedTuple):
     """Name of the file of these demonstrations in the run."""
 
 
-Metrics = EpisodeMetrics | FailedEpisode
-
-
 def open_doors(
     settings: RunSettings, folder: Path, options: Mapping[str, Any]
-) -> tuple[Metrics, ...]:
+) -> list[dict[str, Any]]:
     """Learn, open each door once, and write everything.
 
     Doors of several kinds are opened by several agents. Each learns from demonstrations
@@ -100,7 +94,7 @@ def open_doors(
         agents = {task.door: learned[task.demonstrations_key].make() for task in tasks}
     LOG.info("ready to act (%.1f s)", time.perf_counter() - started)
 
-    metrics: list[Metrics] = []
+    metrics: list[dict[str, Any]] = []
     for task in tasks:
         started = time.perf_counter()
         episode = _episode(task, agents[task.door], policy)
@@ -108,7 +102,7 @@ def open_doors(
             for file in earlier:
                 file.unlink(missing_ok=True)
             _write_origin(settings, folder, tasks, learned, options)
-        if isinstance(episode, FailedEpisode):
+        if isinstance(episode, dict):
             metrics.append(episode)
         else:
             log, model = episode
@@ -122,10 +116,10 @@ def open_doors(
                 _write_video(videos[task.door], log, model)
             seconds = time.perf_counter() - started
             LOG.info("%s: %s (%.1f s)", task.door, _outcome(measured), seconds)
-        write_json(folder / METRICS, [door.as_json() for door in metrics])
+        write_json(folder / METRICS, metrics)
 
     _check_complete(folder, learned, metrics)
-    return tuple(metrics)
+    return metrics
 
 
 def _tasks(settings: RunSettings, policy: Policy) -> list[EpisodeTask]:
@@ -243,8 +237,8 @@ def _learn(
 
 def _episode(
     task: EpisodeTask, agent: Agent, policy: Policy
-) -> tuple[EpisodeLog, mujoco.MjModel] | FailedEpisode:
-    """Open a door; return the log and the scene, or the error of the policy."""
+) -> tuple[EpisodeLog, mujoco.MjModel] | dict[str, Any]:
+    """Open a door; return the log and the scene, or a failure by the policy's error."""
     LOG.debug("%s: opening it with %s", task.door, task.policy)
     try:
         with (
@@ -269,13 +263,15 @@ def _episode(
             return log, env.unwrapped.model  # type: ignore[attr-defined]
     except PolicyError as error:
         LOG.error("%s: %s", task.door, error, exc_info=LOG.isEnabledFor(DEBUG))
-        return FailedEpisode(
-            policy=task.policy,
-            door=task.door,
-            radius=DoorConfig(**task.door_config).radius,
-            seed=task.seed,
-            error=str(error),
-        )
+        return {
+            "policy": task.policy,
+            "door": task.door,
+            "radius": DoorConfig(**task.door_config).radius,
+            "seed": task.seed,
+            "error": str(error),
+            "success": False,
+            "failure": POLICY_ERROR,
+        }
 
 
 def _write_origin(
@@ -322,20 +318,22 @@ def _write_video(file: Path, log: EpisodeLog, model: mujoco.MjModel) -> None:
     LOG.info("wrote %s (%d pictures, %.1f s)", file, number, number / STANDARD.rate)
 
 
-def _outcome(metrics: EpisodeMetrics) -> str:
+def _outcome(metrics: Mapping[str, Any]) -> str:
     """Return how an episode ended, as a text."""
     ended = "opened"
-    if not metrics.success:
-        ended = f"not opened ({why_closed(metrics.failure, metrics.reason)})"
-    angle = round(metrics.final_angle_deg, 1) + 0.0  # not -0.0
-    return f"{ended}, {angle:.1f} deg in {metrics.duration:.1f} s"
+    if not metrics["success"]:
+        ended = f"not opened ({why_closed(metrics['failure'], metrics['reason'])})"
+    angle = round(metrics["final_angle_deg"], 1) + 0.0  # not -0.0
+    return f"{ended}, {angle:.1f} deg in {metrics['duration']:.1f} s"
 
 
 def _check_complete(
-    folder: Path, learned: Mapping[str, _Learned], metrics: Sequence[Metrics]
+    folder: Path,
+    learned: Mapping[str, _Learned],
+    metrics: Sequence[Mapping[str, Any]],
 ) -> None:
     """Raise a FileNotFoundError if files of the run were deleted meanwhile."""
-    opened = [door.door for door in metrics if isinstance(door, EpisodeMetrics)]
+    opened = [row["door"] for row in metrics if "error" not in row]
     names = {CONFIGURATION, METRICS, *(kind.file for kind in learned.values())}
     names |= {f"{door}{end}" for door in opened for end in (".npz", ".rrd")}
     if gone := sorted(name for name in names if not (folder / name).is_file()):

@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -23,11 +23,7 @@ from gplfd_experiments.analysis.results.reading import (
 )
 from gplfd_experiments.analysis.results.statistics import success_rate
 from gplfd_experiments.episodes.failures import why_closed
-from gplfd_experiments.episodes.metrics import (
-    EpisodeMetrics,
-    FailedEpisode,
-    late_decisions,
-)
+from gplfd_experiments.episodes.metrics import late_decisions
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_experiments.files.table import Table, markdown_table
 from gplfd_experiments.studies.settings import Condition, StudySettings
@@ -136,24 +132,23 @@ def study_table(episodes: Sequence[EpisodeResult]) -> Table:
     return Table(columns=columns, rows=tuple(rows))
 
 
-def run_table(metrics: Iterable[EpisodeMetrics | FailedEpisode]) -> Table:
+def run_table(metrics: Sequence[Mapping[str, Any]]) -> Table:
     """Return the main metrics of a run, a row per door."""
-    metrics = tuple(metrics)
-    any_closed = not all(one.success for one in metrics)
+    any_closed = not all(row["success"] for row in metrics)
 
-    def text(measure: Measure, one: EpisodeMetrics | FailedEpisode) -> str:
-        value = getattr(one, measure.metric, None)
+    def text(measure: Measure, row: Mapping[str, Any]) -> str:
+        value = row.get(measure.metric)
         return measure.text(None if value is None else measure.convert(value))
 
     heads = (measure.column.replace(" [", "\n[") for measure in _OF_RUN)
     rows = (
         (
-            one.door,
-            "yes" if one.success else "no",
-            *(text(measure, one) for measure in _OF_RUN),
-            *([why_closed(one.failure, getattr(one, "reason", ""))] * any_closed),
+            row["door"],
+            "yes" if row["success"] else "no",
+            *(text(measure, row) for measure in _OF_RUN),
+            *([why_closed(row["failure"], row.get("reason", ""))] * any_closed),
         )
-        for one in metrics
+        for row in metrics
     )
     why = ("not opened because",) if any_closed else ()
     return Table(columns=("door", "opened", *heads, *why), rows=tuple(rows))

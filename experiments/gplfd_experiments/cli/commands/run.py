@@ -57,15 +57,14 @@ class Run(RunSettings):
         )
         # Output of a policy is kept out of the table or JSON on standard output.
         with contextlib.redirect_stdout(sys.stderr):
-            metrics = open_doors(self, folder, recorded(self))
-        rows = [door.as_json() for door in metrics]
+            rows = open_doors(self, folder, recorded(self))
         if late := late_decisions(rows):
             LOG.warning("warning: %s: %s", self.policy, late)
         status = FAILED if any("error" in row for row in rows) else 0
         if self.json:
             print(json_text(rows))
             return status
-        print(text_table(run_table(metrics)))
+        print(text_table(run_table(rows)))
         doors = [row["door"] for row in rows if "error" not in row]
         if doors:
             door = "medium" if "medium" in doors else doors[0]
