@@ -4,6 +4,7 @@ A data set is written and read by Minari's storage. It also has the versions and
 kind of processor that computed it.
 """
 
+import copy
 import dataclasses
 import math
 import re
@@ -40,7 +41,6 @@ _METADATA: Final = "data/metadata.json"
 _REPRODUCING: Final = ("gplfd", "mujoco", "gymnasium", "numpy", "scipy")
 """Distributions whose versions can change what an environment computes."""
 _ID: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]*-v[0-9]+")
-_NAMESPACE: Final = "gplfd/"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -48,9 +48,8 @@ class RecordedEpisode:
     """What an environment was given and returned in one episode of T steps."""
 
     seed: int
-    """Seed of the reset."""
     options: Mapping[str, Any]
-    """Options of the reset."""
+    """Seed and options of the reset."""
     observations: Mapping[str, NDArray[Any]]
     """Observations by name, (T + 1, ...); the first is from the reset."""
     actions: NDArray[Any]
@@ -58,30 +57,24 @@ class RecordedEpisode:
     rewards: NDArray[Any]
     """Rewards of the steps, (T,)."""
     terminations: NDArray[Any]
-    """Whether the task ended at this step, (T,)."""
     truncations: NDArray[Any]
-    """Whether the episode was truncated at this step, (T,)."""
+    """Whether the task ended, or the episode was truncated, at this step, (T,)."""
     infos: Mapping[str, Any]
     """The environment's infos by name, (T + 1, ...), and `PHYSICS_STATE`, (T + 1, S):
     MuJoCo's state [SI] after the reset and after every step."""
 
-    def __len__(self) -> int:
-        """Return the number of steps T."""
-        return len(self.rewards)
-
     @property
     def states(self) -> NDArray[Any]:
         """Physics states, (T + 1, S)."""
-        states: NDArray[Any] = self.infos[PHYSICS_STATE]
-        return states
+        return np.asarray(self.infos[PHYSICS_STATE])
 
     @property
     def outcome(self) -> str:
         """How it ended: "opened", "stalled", "time limit", ..."""
         if self.infos["success"][-1]:
             return "opened"
-        failure = self.infos["failure"][-1]
-        text = failure.decode() if isinstance(failure, bytes) else str(failure)
+        failure = self.infos["failure"][-1]  # Bytes in HDF5.
+        text = failure.decode() if isinstance(failure, bytes) else failure
         return text.replace("_", " ") or "time limit"
 
 
@@ -95,20 +88,18 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
         self._reset: dict[str, Any] = {}
-        self._observations: list[Mapping[str, Any]] = []
-        self._infos: list[Mapping[str, Any]] = []
-        self._actions: list[NDArray[Any]] = []
-        self._results: list[tuple[float, bool, bool]] = []
+        self._seen: list[dict[str, Any]] = []
+        self._steps: list[dict[str, Any]] = []
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environment with a seed and begin a new recording."""
-        given = dict(options or {})
-        observation, info = self.env.reset(seed=seed, options=given or None)
-        self._reset = {"seed": seed, "options": _storable(given)}
-        for rows in (self._observations, self._infos, self._actions, self._results):
-            rows.clear()
+        observation, info = self.env.reset(
+            seed=seed, options=dict(options or {}) or None
+        )
+        self._reset = {"seed": seed, "options": _storable(options or {})}
+        self._seen, self._steps = [], []
         self._keep(observation, info)
         return observation, info
 
@@ -116,48 +107,32 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         """Step the environment and store a row."""
         taken = np.array(action, dtype=np.float64)
         observation, reward, terminated, truncated, info = self.env.step(action)
-        self._actions.append(taken)
-        self._results.append((float(reward), terminated, truncated))
+        results = {"terminations": terminated, "truncations": truncated}
+        self._steps.append({"actions": taken, "rewards": float(reward), **results})
         self._keep(observation, info)
         return observation, reward, terminated, truncated, info
 
     @property
     def episode(self) -> RecordedEpisode:
         """Everything since the last reset, of at least one step."""
-        rewards, terminations, truncations = zip(*self._results, strict=True)
         return RecordedEpisode(
-            **self._reset,
-            observations=_stacked(self._observations),
-            actions=np.array(self._actions),
-            rewards=np.array(rewards),
-            terminations=np.array(terminations),
-            truncations=np.array(truncations),
-            infos=_stacked(self._infos),
+            **self._reset, **_stacked(self._seen), **_stacked(self._steps)
         )
 
     def _keep(self, observation: Mapping[str, Any], info: Mapping[str, Any]) -> None:
         inner: Any = self.unwrapped
         state = np.empty(mujoco.mj_stateSize(inner.model, STATE))
         mujoco.mj_getState(inner.model, inner.data, state, STATE)
-        self._observations.append(_copied(observation))
-        self._infos.append(_copied(info) | {PHYSICS_STATE: state})
+        infos = {**info, PHYSICS_STATE: state}
+        self._seen.append(copy.deepcopy({"observations": observation, "infos": infos}))
 
 
-def _copied(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        name: _copied(value) if isinstance(value, Mapping) else np.copy(value)[()]
-        for name, value in values.items()
-    }
-
-
-def _stacked(rows: list[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return one array per name, nested as the rows are."""
-    return {
-        name: _stacked([row[name] for row in rows])
-        if isinstance(first, Mapping)
-        else np.array([row[name] for row in rows])
-        for name, first in rows[0].items()
-    }
+def _stacked(rows: list[Any]) -> Any:
+    """Return one array per name, nested as the rows are; texts as HDF5 stores them."""
+    if isinstance(rows[0], Mapping):
+        return {name: _stacked([row[name] for row in rows]) for name in rows[0]}
+    array = np.array(rows)
+    return array.tolist() if array.dtype.kind == "U" else array
 
 
 def _storable(value: Any) -> Any:
@@ -210,11 +185,7 @@ def write_dataset(
         doors = set()
         for number, episode in enumerate(episodes):
             doors.add(repr(episode.options.get("door")))
-            parts = {
-                field.name: getattr(episode, field.name)
-                for field in dataclasses.fields(episode)
-            }
-            parts["infos"] = _with_texts(episode.infos)
+            parts = dataclasses.asdict(episode)
             storage.update_episodes([EpisodeBuffer(id=number, **parts)])
         if not doors:
             raise ValueError("a data set needs at least one episode; none was added")
@@ -225,30 +196,17 @@ def write_dataset(
                 "reset it with the options of an episode to have that episode's door."
             )
         origin = provenance(config)
-        installed = origin["versions"]
-        requirements = [f"{name}=={installed[name]}" for name in _REPRODUCING]
+        versions = origin["versions"]
         storage.update_metadata(
             {
                 "dataset_id": target.name,
                 "algorithm_name": policy,
                 "description": description,
                 "minari_version": minari.__version__,
-                "requirements": requirements,
+                "requirements": [f"{name}=={versions[name]}" for name in _REPRODUCING],
                 _KIND: origin,
             }
         )
-
-
-def _with_texts(infos: Mapping[str, Any]) -> dict[str, Any]:
-    """Return infos with lists of texts, as HDF5 stores them."""
-    return {
-        name: _with_texts(values)
-        if isinstance(values, Mapping)
-        else values.tolist()
-        if values.dtype.kind == "U"
-        else values
-        for name, values in infos.items()
-    }
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -256,15 +214,13 @@ class Dataset:
     """A data set on disk; episodes are read on request."""
 
     path: Path
-    """Folder of the data set."""
     stored: Any
     """The data set as Minari opens it."""
     policy: str
     """Name of the policy that acted."""
     environment: str
-    """Id of the environment."""
     arguments: Mapping[str, Any]
-    """Arguments of ``gym.make`` besides the id."""
+    """Id of the environment, and the other arguments of ``gym.make``."""
     origin: Mapping[str, Any]
     """Versions, processor, command, settings and source state of the recording."""
 
@@ -288,22 +244,8 @@ class Dataset:
                 f"{dict(self.arguments)!s:.200}: {error!s:.300}"
             ) from error
 
-    def __str__(self) -> str:
-        """The data set in one line."""
-        arguments = ", ".join(
-            f"door of {value['radius']:g} m"
-            if name == "door" and isinstance(value, Mapping) and "radius" in value
-            else f"{name}={value!r}"
-            for name, value in self.arguments.items()
-        )
-        return (
-            f"{self.stored.id}: policy {self.policy} in {self.environment}"
-            f"{f' ({arguments})' if arguments else ''}, {self.n_episodes} episodes"
-        )
-
     def contents(self) -> str:
         """Return the origin of the data set, and a line per episode."""
-        origin, git = self.origin, self.origin["git"]
         rows = []
         for number in range(self.n_episodes):
             episode = self.episode(number)
@@ -311,24 +253,21 @@ class Dataset:
                 "episode": str(number),
                 "radius [m]": f"{episode.infos['door_radius'][-1]:.3f}",
                 "seed": str(episode.seed),
-                "steps": str(len(episode)),
+                "steps": str(len(episode.rewards)),
                 "time [s]": f"{episode.observations['time'][-1, 0]:.2f}",
                 "angle [deg]": f"{math.degrees(episode.infos['door_angle'][-1]):.1f}",
                 "outcome": episode.outcome,
                 "return": f"{episode.rewards.sum():.3f}",
             }
             rows.append(row)
-        recorded = f"recorded {origin['created']} by `{' '.join(origin['command'])}`"
-        if git:
-            edited = " with edits" if git.get("dirty") else ""
-            recorded += f" at git {str(git.get('commit'))[:10]}{edited}"
-        made_by = origin["versions"] | origin["arithmetic"]
+        origin = self.origin
         return "\n".join(
             [
-                str(self),
+                f"{self.stored.id}: policy {self.policy} in {self.environment}, "
+                f"{self.n_episodes} episodes",
                 self.stored.storage.metadata["description"],
-                recorded,
-                ", ".join(f"{name} {value}" for name, value in made_by.items()),
+                f"recorded {origin['created']} by `{' '.join(origin['command'])}`",
+                ", ".join(f"{name} {v}" for name, v in origin["versions"].items()),
                 "",
                 text_table(Table.of(rows)),
             ]
@@ -368,18 +307,13 @@ def _plain(value: Any) -> Any:
 
 
 def open_dataset(path: str | Path) -> Dataset:
-    """Open a data set that ``gplfd demos record`` wrote.
-
-    Args:
-        path: Folder of the data set, or the folder ``data`` in it.
+    """Open a data set that ``gplfd demos record`` wrote, by its folder.
 
     Raises:
         FileNotFoundError: There is no data set.
         ValueError: It is damaged or of another kind.
     """
     folder = Path(path)
-    if not (folder / _METADATA).is_file() and (folder / "metadata.json").is_file():
-        folder = folder.absolute().parent
     if not (folder / _METADATA).is_file():
         raise FileNotFoundError(
             f"{path} is not a data set: there is no {_METADATA} in it; give the folder "
@@ -393,20 +327,15 @@ def open_dataset(path: str | Path) -> Dataset:
                 "physics states"
             )
         origin = entry(metadata, _KIND, dict[str, Any])
-        for name, kind in (
-            ("created", str),
-            ("command", tuple[str, ...]),
-            ("versions", dict[str, str]),
-            ("arithmetic", dict[str, str]),
-            ("git", dict[str, Any] | None),
-        ):
+        kinds = {"created": str, "command": tuple[str, ...], "versions": dict[str, str]}
+        for name, kind in kinds.items():
             entry(origin, name, kind)
         # Without spaces, Minari makes the environment, which can be any code.
         for name in ("observation_space", "action_space"):
             entry(metadata, name, str)
         spec = parsed_json(entry(metadata, "env_spec", str))
         environment = entry(spec, "id", str)
-        if not (environment.startswith(_NAMESPACE) and environment in gym.registry):
+        if not (environment.startswith("gplfd/") and environment in gym.registry):
             raise ValueError(
                 f"the data set was recorded in {environment}, which is no environment "
                 "of gplfd"
@@ -420,11 +349,11 @@ def open_dataset(path: str | Path) -> Dataset:
             stored = minari.MinariDataset(folder / "data")
         except Exception as error:
             raise ValueError(f"Minari cannot open it: {error!s:.300}") from error
-        return Dataset(
-            path=folder,
-            stored=stored,
-            policy=entry(metadata, "algorithm_name", str),
-            environment=environment,
-            arguments=arguments,
-            origin=origin,
-        )
+    return Dataset(
+        path=folder,
+        stored=stored,
+        policy=entry(metadata, "algorithm_name", str),
+        environment=environment,
+        arguments=arguments,
+        origin=origin,
+    )

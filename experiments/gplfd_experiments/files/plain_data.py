@@ -1,36 +1,29 @@
-"""Plain data in untrusted text files, JSON and TOML, with one error for all damage.
+"""Plain data in text files, JSON and TOML, with one error for all damage.
 
-A file may be truncated, edited by hand, or malicious. Data that is read has a limited
-size and depth, finite numbers, and text that can be written again. Other properties are
-checked when `entry` returns a value as the required type.
+A file may be truncated or edited by hand. The types of its values are checked when
+`entry` returns them.
 """
 
 import contextlib
 import json
-import sys
+import math
 import tomllib
 import types
 import typing
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from gplfd_policies.arrays.storage import complete_or_absent, regular_file
 
-_LARGEST: Final = 2**24  # Largest size of a file [bytes]; a result has a few thousand.
-_DEEPEST: Final = 32  # Largest nesting of lists and tables; a study has four levels.
 _SHOWN: Final = 60  # Largest number of characters of an invalid value in an error.
-_KINDS: Final[Mapping[Any, str]] = types.MappingProxyType(
-    {
-        str: "a text",
-        int: "a whole number",
-        float: "a number",
-        bool: "true or false",
-        types.NoneType: "null",
-    }
-)
+_KINDS: Final[Mapping[Any, str]] = {
+    str: "a text",
+    int: "a whole number",
+    float: "a number",
+    bool: "true or false",
+    types.NoneType: "null",
+}
 
 
 class NewerFormatError(ValueError):
@@ -48,16 +41,13 @@ def check_stamp(entries: Mapping[str, Any], kind: str, version: int) -> None:
     Raises NewerFormatError for a later version, and ValueError for another kind or
     without a version.
     """
-    if (found := entry(entries, "format", str)) != kind:
-        raise ValueError(f"it holds {found:.{_SHOWN}}, not {kind}")
-    found_version: int = entry(entries, "format_version", int)
-    if found_version > version:
+    if (stated := entry(entries, "format", str)) != kind:
+        raise ValueError(f"it holds {stated:.{_SHOWN}}, not {kind}")
+    if (later := entry(entries, "format_version", int)) > version:
         raise NewerFormatError(
-            f"it has version {found_version} of {kind}, and this program reads up to "
+            f"it has version {later} of {kind}, and this program reads up to "
             f"version {version}; use the gplfd that wrote it, or a later one"
         )
-    if found_version < 1:
-        raise ValueError(f"format_version = {found_version} must be 1 or more")
 
 
 def refuse_newer(read: Callable[[Path], object], path: Path) -> None:
@@ -97,31 +87,38 @@ def json_text(value: Any, *, indent: int | None = 2) -> str:
 
 
 def read_json(path: str | Path) -> dict[str, Any]:
-    """Read a file that holds one JSON object.
-
-    Raises ValueError if it is not an object, or has a repeated key, NaN, infinite
-    numbers, deep nesting, or many megabytes.
-    """
+    """Read a file that holds one JSON object; raises ValueError for anything else."""
     return _read(Path(path), "JSON", parsed_json)
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file; raises what `read_json` raises."""
-    return _read(Path(path), "TOML", partial(_parsed, tomllib.loads))
+    """Read a TOML file; raises ValueError for anything else."""
+    return _read(Path(path), "TOML", tomllib.loads)
+
+
+def _read(
+    path: Path, language: str, parse: Callable[[str], dict[str, Any]]
+) -> dict[str, Any]:
+    content = regular_file(path).read_bytes()
+    try:
+        return parse(content.decode())
+    except ValueError as error:
+        raise ValueError(f"{path} cannot be read as {language}: {error}") from error
 
 
 def parsed_json(text: str) -> dict[str, Any]:
-    """Parse one JSON object; raises the ValueError that `read_json` raises."""
+    """Parse one JSON object; raises ValueError for anything else, and for NaN."""
 
-    def once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        # Otherwise the last value of a repeated name would be used.
-        values = dict(pairs)
-        if len(values) < len(pairs):
-            twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
-            raise ValueError(f"it holds {twice!r:.{_SHOWN}} twice")
-        return values
+    def no_number(name: str) -> float:
+        raise ValueError(f"it holds {name}, which is no number of JSON")
 
-    return _parsed(partial(json.loads, object_pairs_hook=once_each), text)
+    try:
+        values = json.loads(text, parse_constant=no_number)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    if not isinstance(values, dict):
+        raise ValueError(f"it holds {values!r:.{_SHOWN}}, not an object in {{braces}}")
+    return values
 
 
 def entry(entries: Mapping[str, Any], name: str, kind: Any) -> Any:
@@ -129,77 +126,34 @@ def entry(entries: Mapping[str, Any], name: str, kind: Any) -> Any:
 
     The type is str, int, float, bool, Any, None, a Literal of strings, or of these
     ``tuple[kind, ...]`` or Sequence for a list, ``dict[str, kind]`` or Mapping, or a
-    union. A whole number is a float, too.
+    union. A whole number is a float, too; a float is finite.
     """
     if name not in entries:
         raise ValueError(f"it lacks {name}, which must be {_described(kind)}")
     try:
         return _as(entries[name], kind)
-    except TypeError:
+    except (TypeError, OverflowError):
         raise ValueError(
             f"{name} = {entries[name]!r:.{_SHOWN}} must be {_described(kind)}"
         ) from None
-
-
-def _read(
-    path: Path, language: str, parse: Callable[[str], dict[str, Any]]
-) -> dict[str, Any]:
-    with regular_file(path).open("rb") as stream:
-        content = stream.read(_LARGEST + 1)
-    try:
-        if len(content) > _LARGEST:
-            raise ValueError(f"it is larger than {_LARGEST:,} bytes")
-        return parse(content.decode())
-    except ValueError as error:
-        raise ValueError(f"{path} cannot be read as {language}: {error}") from error
-
-
-def _parsed(parse: Callable[[str], Any], text: str) -> dict[str, Any]:
-    try:
-        values = parse(text)
-    # Both parsers follow nesting by recursion.
-    except RecursionError:
-        raise ValueError("it is nested too deeply") from None
-    if not isinstance(values, dict):
-        raise ValueError(f"it holds {values!r:.{_SHOWN}}, not an object in {{braces}}")
-    _check(values, _DEEPEST)
-    return values
-
-
-def _check(value: Any, depth: int) -> None:
-    """Raise ValueError unless `write_json` could have written this."""
-    if depth == 0:
-        raise ValueError(f"it is nested deeper than {_DEEPEST} levels")
-    if isinstance(value, str):
-        value.encode()  # half a surrogate pair is an error
-    elif isinstance(value, int | float):
-        if not abs(value) <= sys.float_info.max:
-            raise ValueError("it holds a number that is infinite or not a number")
-    elif isinstance(value, dict):
-        for name, part in value.items():
-            _check(name, depth)
-            _check(part, depth - 1)
-    elif isinstance(value, list):
-        for part in value:
-            _check(part, depth - 1)
 
 
 def _as(value: Any, kind: Any) -> Any:
     """Return plain data as a type, or raise TypeError."""
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin is types.UnionType:
-        for one in inner:
+        for alternative in inner:
             with contextlib.suppress(TypeError):
-                return _as(value, one)
+                return _as(value, alternative)
     if origin is typing.Literal and type(value) is str and value in inner:
         return value
     if origin in (tuple, Sequence) and type(value) is list:
         return tuple(_as(part, inner[0]) for part in value)
     if origin in (dict, Mapping) and type(value) is dict:
         return {name: _as(part, inner[1]) for name, part in value.items()}
-    if kind is float and type(value) is int:
+    if kind is float and type(value) in (int, float) and math.isfinite(value):
         return float(value)
-    if kind is Any or type(value) is kind:
+    if kind is Any or (type(value) is kind and kind is not float):
         return value
     raise TypeError
 
@@ -213,6 +167,6 @@ def _described(kind: Any) -> str:
     if origin in (tuple, Sequence):
         return f"a list in [brackets], each of it {_described(inner[0])}"
     if origin in (dict, Mapping):
-        each = "" if inner[1] is Any else f", each of it {_described(inner[1])}"
-        return f"an object in {{braces}}{each}"
+        parts = "" if inner[1] is Any else f", each of it {_described(inner[1])}"
+        return f"an object in {{braces}}{parts}"
     return _KINDS[kind]

@@ -1,5 +1,6 @@
 """Provenance of a result: versions, source state, machine, command, settings."""
 
+import contextlib
 import functools
 import hashlib
 import importlib.metadata
@@ -62,13 +63,11 @@ def code_state() -> Mapping[str, Any]:
 @functools.cache
 def versions() -> Mapping[str, str]:
     """Installed versions of `PACKAGES` by name; "unknown" when not installed."""
-    found = {}
+    installed = dict.fromkeys(PACKAGES, "unknown")
     for name in PACKAGES:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "unknown"
-    return MappingProxyType(found)
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            installed[name] = importlib.metadata.version(name)
+    return MappingProxyType(installed)
 
 
 @functools.cache
@@ -78,6 +77,10 @@ def arithmetic() -> Mapping[str, str]:
     MuJoCo, the C library's sine, NumPy's vectors and the linear algebra library choose
     their code by the processor, and round differently; see docs/reproducibility.md.
     """
+
+    def digest(values: Any) -> str:
+        return hashlib.sha256(np.array(values).tobytes()).hexdigest()[:16]
+
     # Libraries are visible after they are loaded, and SciPy has its own.
     importlib.import_module("scipy.linalg")
     kernels = {
@@ -88,45 +91,38 @@ def arithmetic() -> Mapping[str, str]:
     numbers = np.linspace(-3.0, 3.0, 1001)
     alone = [(math.sin(x), math.cos(x), math.exp(x), math.atan(x)) for x in numbers]
     together = [np.sin(numbers), np.cos(numbers), np.exp(numbers), np.arctan(numbers)]
-    found = {
+    properties = {
         "system": platform.system(),
         "machine": platform.machine(),
         "C library": " ".join(platform.libc_ver()).strip(),
-        "elementary functions": _digest(alone),
-        "vector functions": _digest(together),
+        "elementary functions": digest(alone),
+        "vector functions": digest(together),
         "linear algebra": ", ".join(sorted(kernels)),
     }
-    return MappingProxyType(found)
-
-
-def _digest(values: Any) -> str:
-    return hashlib.sha256(np.array(values).tobytes()).hexdigest()[:16]
+    return MappingProxyType(properties)
 
 
 def git_state(folder: Path) -> dict[str, Any] | None:
     """``commit`` (None before the first) and ``dirty``: whether tracked files differ.
 
-    None where ``folder`` is no root of a checkout, as in an installed package.
+    None where ``folder`` is no root of a checkout, as in an installed package, and
+    where git is missing, slow or refuses.
     """
     if not (folder / ".git").exists():
         return None
-    status = _git(folder, "status", "--porcelain", "--untracked-files=no")
-    if status is None:
-        return None
-    commit = _git(folder, "rev-parse", "--verify", "--quiet", "HEAD")
-    return {"commit": commit or None, "dirty": bool(status)}
 
-
-def _git(folder: Path, *arguments: str) -> str | None:
-    """Output of a git command; None when git is missing, slow or refuses."""
-    try:
-        finished = subprocess.run(
+    def git(*arguments: str, check: bool) -> str:
+        return subprocess.run(
             ["git", "-C", str(folder), *arguments],
             capture_output=True,
             text=True,
             timeout=_GIT_TIMEOUT,
-            check=True,
-        )
+            check=check,
+        ).stdout.strip()
+
+    try:
+        status = git("status", "--porcelain", "--untracked-files=no", check=True)
+        commit = git("rev-parse", "--verify", "--quiet", "HEAD", check=False)
     except (OSError, subprocess.SubprocessError):
         return None
-    return finished.stdout.strip()
+    return {"commit": commit or None, "dirty": bool(status)}

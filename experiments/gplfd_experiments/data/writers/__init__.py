@@ -26,11 +26,11 @@ class Rows:
     states: FloatArray
     """Position [m] and quaternion, the scalar last, (N, 7)."""
     actions: FloatArray
-    """Action: the state at the next sample; the last one is repeated, (N, 7)."""
+    """The state to be reached at the next sample, (N, 7)."""
     wrenches: FloatArray | None
     """Forces and moments of the environment on the hand, in the frame of the states and
     about the position of the hand [N, N m], (N, 6); or none."""
-    signals: Mapping[str, FloatArray]
+    signals: Mapping[str, FloatArray] = field(default_factory=dict)
     """Other recorded signals, (N, d) each."""
     pictures: Mapping[str, Sequence[bytes]] = field(default_factory=dict)
     """PNG files by the name of their camera, N each, all of the same size."""
@@ -49,38 +49,33 @@ def demonstration_rows(labelled: LabelledDemonstrations) -> list[Rows]:
         times, wrenches = demonstration.times, demonstration.wrenches
         steps = np.diff(times)
         rate = len(steps) / float(times[-1] - times[0])
-        if np.abs(steps * rate - 1.0).max() > _EQUAL:
+        usual = rows[0].rate if rows else rate
+        if np.abs(steps * usual - 1.0).max() > _EQUAL:
             raise ValueError(
-                f"demonstration {number} is not sampled at equal steps; import it with "
-                "--rate 100"
-            )
-        if rows and abs(rate / rows[0].rate - 1.0) > _EQUAL:
-            raise ValueError(
-                f"demonstration {number} has {rate:.4g} samples per second, and the "
-                f"first {rows[0].rate:.4g}; import them with --rate 100"
+                f"demonstration {number} is not sampled at equal steps of "
+                f"{1.0 / usual:.4g} s; import all with --rate 100"
             )
         states = states_of(demonstration.poses)
-        actions = np.vstack([states[1:], states[-1:]])
-        signals = labelled.signals[number] if labelled.signals else {}
         rows.append(
             Rows(
                 rate=rate,
                 states=states,
-                actions=actions,
+                actions=np.vstack([states[1:], states[-1:]]),
                 # As the environment observes them: of the opposite sign.
                 wrenches=None if wrenches is None else -wrenches,
-                signals=signals,
+                signals=labelled.signals[number] if labelled.signals else {},
             )
         )
     return rows
 
 
 def states_of(poses: FloatArray) -> FloatArray:
-    """Return poses [m, rad], (N, 6), as positions and quaternions, scalar last."""
+    """Return poses [m, rad], (N, 6), as positions and quaternions, scalar last.
+
+    Successive quaternions have consistent signs, as actions are learned from states.
+    """
     rotations = Rotation.from_rotvec(poses[:, 3:].copy())
     states = np.hstack([poses[:, :3], rotations.as_quat()])
-    # Successive quaternions have consistent signs, because actions are learned from
-    # states.
     flips = np.sum(states[1:, 3:] * states[:-1, 3:], axis=1) < 0.0
     states[1:, 3:] *= np.cumprod(np.where(flips, -1.0, 1.0))[:, None]
     return states
@@ -94,7 +89,7 @@ def export_demonstrations(
     cameras: Sequence[str] = (),
     size: tuple[int, int] = (320, 240),
 ) -> int:
-    """Write demonstrations or a data set of episodes as a data set of LeRobot.
+    """Write a set of demonstrations or a data set of episodes for LeRobot.
 
     Args:
         source: The set or data set.

@@ -36,8 +36,8 @@ def episode_rows(
         numbers = range(dataset.n_episodes)
         for number in progress_bar(numbers, desc="exporting", unit="episode"):
             episode = dataset.episode(number)
-            steps = np.arange(0, len(episode), _CONTROL_RATE // rate)
-            following = np.append(steps[1:], len(episode)) - 1
+            steps = np.arange(0, len(episode.rewards), _CONTROL_RATE // rate)
+            following = np.append(steps[1:], len(episode.rewards)) - 1
             seen = episode.observations["ee_pose"][steps]
             commanded = episode.actions[following, :6]
             # In one sequence, so that the signs of a state and its action agree.
