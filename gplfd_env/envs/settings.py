@@ -46,8 +46,8 @@ class Common:
     reward: Reward = "dense"
     """``"dense"`` or ``"sparse"`` (1 on success, else 0)."""
     robot: RobotSpec = "tiago-like"
-    """``"tiago-like"``, ``"panda-like"``, ``"ur5e-like"``, the path of the URDF of an
-    arm, or a `RobotConfig` (`gplfd_env.robot.urdf.robot_of_urdf`)."""
+    """``"tiago-like"``, ``"panda-like"``, ``"ur5e-like"``, the path of a .json with the
+    arguments of `gplfd_env.robot.urdf.robot_of_urdf`, or a `RobotConfig`."""
     base: Base | None = None
     """``"fixed"``, or ``"mobile"``: the base follows the hand
     (`gplfd_env.robot.whole_body`) and collides with door and walls. None for the base

@@ -1,11 +1,15 @@
 """Configuration of a robot: URDF, hand, and pose in front of a door."""
 
+import csv
 import dataclasses
+import itertools
+import math
 from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from gplfd_env.conventions.assets import asset_path
 from gplfd_env.conventions.constants import Array, Base
 from gplfd_env.doors.config import DoorConfig, Handle, HingeSide, Swing
 from gplfd_env.validation.fields import check_choice
@@ -164,6 +168,49 @@ class RobotConfig:
         )
 
 
+EVERY_GROUP: Final = tuple(
+    StanceGroup(*group)
+    for group in itertools.product(
+        get_args(Base),
+        get_args(Swing),
+        (*get_args(Handle), "level-bar"),
+        get_args(HingeSide)[:2],
+    )
+)
+"""All groups of doors that can share a stance."""
+
+
+def tabulated_stances(robot: str) -> tuple[tuple[StanceGroup, Stance], ...]:
+    """Return the stances of a robot from ``assets/stances.csv``; later rows override.
+
+    "any" stands for every value of a column, "other" for everything held but a bar.
+    """
+    stances: dict[StanceGroup, Stance] = {}
+    with asset_path("stances.csv").open(encoding="utf-8") as file:
+        rows = [row for row in list(csv.reader(file))[1:] if row[0] == robot]
+    for _, base, swing, held, side, *numbers, posture in rows:
+        x, y, door_yaw, grasp_yaw, quarters, below, radius, height = map(float, numbers)
+        stance = Stance(
+            handle_xy_w=(x, y),
+            door_yaw=door_yaw,
+            grasp_yaw=grasp_yaw,
+            roll=quarters * math.pi / 2,
+            below_handle=below,
+            closed_posture=tuple(map(float, posture.split())),
+            radius=radius,
+            height=height,
+        )
+        stances |= {
+            group: stance
+            for group in EVERY_GROUP
+            if base in ("any", group.base)
+            and swing in ("any", group.swing)
+            and side in ("any", group.hinge_side)
+            and held in (group.held, "other" if group.held != "bar" else "")
+        }
+    return tuple(stances.items())
+
+
 def grasp_axes(approach: Vector, closing: Vector) -> Array:
     """Return the axes of a grasp frame as columns, (3, 3), from two unit vectors."""
     back = -np.array(approach)
@@ -173,8 +220,3 @@ def grasp_axes(approach: Vector, closing: Vector) -> Array:
 
 BASE_RADIUS: Final = 0.27
 """Radius of the base's outline [m]."""
-
-HELD: Final[tuple[Held, ...]] = (
-    "bar", "lever", "knob", "paddle", "touch-bar", "handleset", "level-bar",
-)  # fmt: skip
-"""All things that a hand can hold."""

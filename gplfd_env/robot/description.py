@@ -75,56 +75,27 @@ def urdf_path(urdf: str) -> Path:
 def read_urdf(path: str) -> Any:
     """Return a URDF as yourdfpy's object, without its meshes.
 
-    Raises a ValueError if the file is not a URDF or has mistakes.
+    Raises a ValueError if the file is not a URDF, or a revolute joint has no limits in
+    radians, which neither yourdfpy nor MuJoCo explains.
     """
     import yourdfpy
 
     try:
-        _check_urdf(ET.parse(path).getroot())
-        return yourdfpy.URDF.load(path, load_meshes=False, load_collision_meshes=False)
+        urdf = yourdfpy.URDF.load(path, load_meshes=False, load_collision_meshes=False)
     except Exception as error:
         raise ValueError(f"{path} is not a URDF of an arm: {error}") from error
-
-
-def _check_urdf(tree: ET.Element) -> None:
-    """Raise a ValueError for mistakes that yourdfpy and MuJoCo do not explain."""
-    joints = tree.findall("joint")
-    names = {
-        kind: [e.get("name") for e in tree.findall(kind)] for kind in ("link", "joint")
-    }
-    if not joints:
-        raise ValueError("it has no joints")
-    for kind, of_kind in names.items():
-        if twice := [name for name in of_kind if of_kind.count(name) > 1]:
-            raise ValueError(f"two {kind}s are named {twice[0]!r}; rename one")
-    ends = [
-        [end.get("link") for end in (*e.findall("parent"), *e.findall("child"))]
-        for e in joints
-    ]
-    children = [end[-1] for end in ends]
-    reached = {name for name in names["link"] if name not in children}
-    wrong = set(reached) if len(reached) != 1 else set()
-    for _ in ends:
-        reached |= {end[-1] for end in ends if end[0] in reached}
-    wrong |= reached.symmetric_difference(names["link"])
-    wrong |= {name for name in children if children.count(name) > 1}
-    if wrong:
-        raise ValueError(
-            "its joints must lead from one root link to each other link, once; this "
-            f"does not hold for {', '.join(sorted(map(str, wrong)))}"
-        )
-    for joint in joints:
-        limit = joint.find("limit")
-        limits = {} if limit is None else limit.attrib
-        low, high = (float(limits.get(end, 0.0)) for end in ("lower", "upper"))
-        turns = joint.get("type") == "revolute"
+    for joint in urdf.joint_map.values():
+        limit = joint.limit
+        low, high = (limit and limit.lower) or 0.0, (limit and limit.upper) or 0.0
+        turns = joint.type == "revolute"
         if turns and (not low < high or max(-low, high) > _MOST_TURNED):
             raise ValueError(
-                f"the revolute joint {joint.get('name')} has the limits {low:g} to "
+                f"{path}: the revolute joint {joint.name} has the limits {low:g} to "
                 f"{high:g}; give <limit lower=... upper=...> in radians, not degrees, "
                 "from lower to upper and within two turns, or "
                 'type="continuous" if it has none'
             )
+    return urdf
 
 
 def _completed(robot: RobotConfig) -> str:
@@ -161,14 +132,6 @@ def _completed(robot: RobotConfig) -> str:
         mounts.append(("gripper", robot.flange, "gripper_link", axes))
     for part, parent, child, axes in mounts:
         added = ET.parse(asset_path(f"{part}.urdf")).getroot()
-        for kind in ("link", "joint"):
-            names_of_robot = {element.get("name") for element in tree.findall(kind)}
-            for name in (str(element.get("name")) for element in added.findall(kind)):
-                if name in names_of_robot:
-                    raise ValueError(
-                        f"{path}: the {kind} {name} has the name of a part of the "
-                        f"{part} that carries or completes the arm; rename it"
-                    )
         tree.extend(added)
         # A fixed joint with a rotation.
         attributes = {"name": f"{child}_mount", "type": "fixed"}
@@ -177,16 +140,15 @@ def _completed(robot: RobotConfig) -> str:
         ET.SubElement(joint, "child", {"link": child})
         ET.SubElement(joint, "origin", _origin(np.zeros(3), axes))
     links = {str(link.get("name")): link for link in tree.findall("link")}
-    ends = {
-        str(joint.get("name")): joint.find("child") for joint in tree.findall("joint")
+    moved = {
+        str(joint.get("name")): str(child.get("link"))
+        for joint in tree.findall("joint")
+        for child in joint.findall("child")
     }
     for side, outwards, finger in zip(
         ("right", "left"), (1.0, -1.0), robot.fingers, strict=True
     ):
-        end = ends[finger]
-        if end is None:
-            raise ValueError(f"{path.name}: the joint {finger} has no child")
-        body = str(end.get("link"))
+        body = moved[finger]
         place, axes = np.array([outwards * _PAD[0] / 2, 0.0, PAD_BEHIND]), np.eye(3)
         if not robot.flange:
             closed = urdf.get_transform(robot.tool, body)
@@ -215,8 +177,7 @@ def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]
     """
     import trimesh
 
-    meshes = []
-    urdf = read_urdf(path)
+    meshes, urdf = [], read_urdf(path)
     for link in urdf.robot.links:
         for number, visual in enumerate(link.visuals):
             mesh = visual.geometry.mesh
@@ -239,21 +200,18 @@ def _meshes(path: str) -> tuple[tuple[str, dict[str, Any], dict[str, Any]], ...]
                 continue
             name = f"{link.name}_{number}"
             pose = np.eye(4) if visual.origin is None else visual.origin
-            scale = 1.0 if mesh.scale is None else mesh.scale
-            colour = getattr(getattr(visual.material, "color", None), "rgba", _GREY)
-            vertices, faces = (shape.vertices * scale).ravel(), shape.faces.ravel()
             geom = {
                 "meshname": name,
                 "pos": pose[:3, 3],
                 "quat": Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True),
-                "rgba": colour,
+                "rgba": getattr(getattr(visual.material, "color", None), "rgba", _GREY),
             }
+            scale = 1.0 if mesh.scale is None else mesh.scale
             fields = {
                 "name": name,
-                "uservert": vertices,
-                "userface": faces,
-                # The geom has no mass, but MuJoCo rejects flat meshes, which have no
-                # volume.
+                "uservert": (shape.vertices * scale).ravel(),
+                "userface": shape.faces.ravel(),
+                # MuJoCo rejects flat meshes, which have no volume, unless as shells.
                 "inertia": mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
             }
             meshes.append((link.name, fields, geom))

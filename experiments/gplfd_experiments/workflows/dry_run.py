@@ -1,7 +1,7 @@
 """Simulates an exported path with a robot at a door: expected forces and margins."""
 
 import contextlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,16 +13,13 @@ from matplotlib.figure import Figure
 
 from gplfd_env import IMPEDANCE_ENVIRONMENT_ID
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.robot.posture import at_task_frame
 from gplfd_env.robot.robots import RobotSpec, robot_named
 from gplfd_env.robot.stance import base_for
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_policies.agents.commanded_path import commanded_path
-from gplfd_policies.arrays.shapes import Pose
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.registry.catalogue import method_and_skill
 
-_APART: Final = 10  # Number of samples between two poses that are checked for reach.
 _POSTURES: Final = 6  # Of the arm in the picture.
 _WORKSPACE: Final = 4000  # Random postures that show the workspace in the picture.
 
@@ -65,38 +62,17 @@ class DryRun:
         ]
 
 
-def dry_run(
-    skill: Path,
-    policy: str,
-    robot: RobotSpec,
-    door: str,
-    task: Pose | None = None,
-) -> DryRun:
+def dry_run(skill: Path, policy: str, robot: RobotSpec, door: str) -> DryRun:
     """Play the commanded path of a skill with a robot at a door, without adaptation.
 
-    The first arguments are those of `gplfd export`. ``task`` is the pose of the task
-    frame in the robot's base frame [m, rad], where the base then stands still; None for
-    the robot's own stance.
-
-    Raises:
-        ValueError: The robot cannot hold the handle of the door or does not reach the
-            path, or a name is unknown.
+    The arguments are those of `gplfd export`. The robot stands where its own posture
+    holds the handle. Raises a ValueError if it cannot, or a name is unknown.
     """
     [(name, config)] = named_doors([door], robot=robot).items()
     body = robot_named(robot)
     method, learned = method_and_skill(policy, skill)
     path = commanded_path(method.open_loop(CONTROL_PERIOD).follow(learned))
-    if task is None:
-        body = body.on(base_for(config, body))
-    else:
-        if not body.stand:
-            config = replace(config, handle_height=float(task[2]))
-        demonstrated = path.times <= learned.aligned.end * learned.aligned.duration
-        poses, times = (
-            path.path[demonstrated][::_APART],
-            path.times[demonstrated][::_APART],
-        )
-        body = at_task_frame(body, config, task, poses, times)
+    body = body.on(base_for(config, body))
     commands = np.hstack([path.poses, path.stiffness])
     made: Any = gym.make(
         IMPEDANCE_ENVIRONMENT_ID, robot=body, door=config, max_episode_steps=-1

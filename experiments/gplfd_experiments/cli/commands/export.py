@@ -45,10 +45,10 @@ class Export:
     """Policy whose stiffness law is used; the policy that learned the skill."""
 
     robot: Annotated[str | None, tyro.conf.arg(metavar="ROBOT")] = None
-    """Also simulate the motion with this robot, placed by --frame; print the expected
+    """Also simulate the motion with this robot in its own stance; print the expected
     force, speed, stiffness and joint margins, and draw the path in the robot's
-    workspace, FILE-workspace.png: tiago-like, panda-like, ur5e-like, a .urdf, or a
-    .json with the arguments of gplfd_env.robot.urdf.robot_of_urdf."""
+    workspace, FILE-workspace.png: tiago-like, panda-like, ur5e-like, or a .json with
+    the arguments of gplfd_env.robot.urdf.robot_of_urdf."""
 
     door: str = "medium"
     """With --robot: the door, a name (see `gplfd list`), a radius in metres, or a .json
@@ -57,7 +57,7 @@ class Export:
     def execute(self) -> int:
         """Write the files and print their contents."""
         from gplfd_experiments.workflows.dry_run import draw_dry_run, dry_run
-        from gplfd_experiments.workflows.exports import base_frame, export_skill
+        from gplfd_experiments.workflows.exports import export_skill
 
         outs = [Path(f"{out}.{form}") for out in self.out for form in self.form]
         outs = outs or list(self.out)
@@ -67,8 +67,7 @@ class Export:
             raise ValueError("--door goes with --robot, the robot of the dry run")
         run = None
         if self.robot is not None:
-            task = None if frame is None else base_frame(frame, tool)[0]
-            run = dry_run(self.skill, self.policy, self.robot, self.door, task)
+            run = dry_run(self.skill, self.policy, self.robot, self.door)
         path, about = export_skill(
             self.skill, outs, self.policy, self.rate, frame, tool
         )
