@@ -41,6 +41,6 @@ from gplfd_policies.registry.catalogue import (
     policy_named as policy_named,
 )
 from gplfd_policies.registry.method import Method as Method
+from gplfd_policies.registry.method import Policy as Policy
+from gplfd_policies.registry.method import PolicyOrigin as PolicyOrigin
 from gplfd_policies.registry.method import TrainingInput as TrainingInput
-from gplfd_policies.registry.policy import Policy as Policy
-from gplfd_policies.registry.policy import PolicyOrigin as PolicyOrigin

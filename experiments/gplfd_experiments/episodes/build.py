@@ -37,10 +37,8 @@ from gplfd_policies.agents.reaching import (
 )
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations, hash_of
 from gplfd_policies.movements.prior_mean import PosePath
-from gplfd_policies.registry.method import TrainingInput
-from gplfd_policies.registry.module_files import place_in
-from gplfd_policies.registry.policy import Policy
-from gplfd_policies.registry.user_policies import source_files
+from gplfd_policies.registry.method import Policy, TrainingInput
+from gplfd_policies.registry.user_policies import place_in_source
 
 
 def demonstrations_of(task: EpisodeTask) -> LabelledDemonstrations:
@@ -220,7 +218,7 @@ def _circumstances(task: EpisodeTask) -> dict[str, Any]:
 
 def place_in_policy(error: BaseException, policy: Policy) -> str:
     """Return file, line and function of the user's code that raised an error, or ""."""
-    return place_in(source_files(policy.origin), error) if policy.origin else ""
+    return place_in_source(policy.origin, error) if policy.origin else ""
 
 
 class PolicyError(ValueError):

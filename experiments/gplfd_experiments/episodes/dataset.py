@@ -23,7 +23,7 @@ from gplfd_experiments.episodes.build import (
 )
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task, named_doors
 from gplfd_policies.registry.catalogue import policy_named
-from gplfd_policies.registry.policy import Policy
+from gplfd_policies.registry.method import Policy
 
 
 def record_dataset(

@@ -27,7 +27,7 @@ from gplfd_experiments.studies.store import RESULT_STAMP
 from gplfd_experiments.studies.tasks import Job, Result, SkillTask
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.demonstrations.demonstration import Demonstration
-from gplfd_policies.registry.policy import Policy
+from gplfd_policies.registry.method import Policy
 
 _EXHAUSTED: Final = frozenset(
     {errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errno.ENFILE}

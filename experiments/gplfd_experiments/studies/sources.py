@@ -16,7 +16,7 @@ from typing import Any, Final
 from gplfd_experiments.episodes.task import PolicySource, Task
 from gplfd_policies.arrays.storage import complete_or_absent
 from gplfd_policies.registry.catalogue import policy_named
-from gplfd_policies.registry.policy import Policy
+from gplfd_policies.registry.method import Policy
 
 Files = Mapping[str, bytes]
 """Contents of users' files, when the study was planned, by the name of their policy."""

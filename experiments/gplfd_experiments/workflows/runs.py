@@ -54,7 +54,7 @@ from gplfd_policies.demonstrations.npz import (
     save_demonstrations,
 )
 from gplfd_policies.registry.catalogue import method_and_skill, policy_named
-from gplfd_policies.registry.policy import Policy
+from gplfd_policies.registry.method import Policy
 
 CONFIGURATION: Final = "run.json"
 METRICS: Final = "metrics.json"

@@ -56,14 +56,13 @@ from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.phase.path_phase import PathPhaseConfig
 from gplfd_policies.registry.corrections import add_correction
 from gplfd_policies.registry.method import (
-    FixedProfile,
     Method,
+    Policy,
     TrainingInput,
     demonstrated_phase,
     path_phase,
     profile_of_spread,
 )
-from gplfd_policies.registry.policy import Policy
 
 
 def _positions_alone(demonstrations: Sequence[Demonstration]) -> AlignedDemonstrations:
@@ -99,7 +98,7 @@ PAPER: Final = Method(
     # of the lead. Where the paper gives no details, ours are used: the phase of an
     # observation and its via-point noise (with the clock time, no door opens), and
     # the governor instead of hand tuning.
-    profile=FixedProfile(profile=PAPER_PROFILE),
+    profile=PAPER_PROFILE,
     config=ComplianceConfig(
         load=YieldToAll(),
         dynamics=PAPER_DYNAMICS,
@@ -124,15 +123,8 @@ ONE_SIZE: Final = PathPhaseConfig(
 """Assumes that every door has the demonstrations' mean size."""
 
 TABLE_1: Final = (
-    "dmp",
-    "promp",
-    "gmr",
-    "local-gp",
-    "wishart-gp",
-    "kmp",
-    "gmm-gp",
-    "gp-paper",
-    "gp",
+    *("dmp", "promp", "gmr", "local-gp", "wishart-gp", "kmp", "gmm-gp"),
+    *("gp-paper", "gp"),
 )
 """The methods of the paper's Table 1, the paper's own and ours."""
 
@@ -147,14 +139,12 @@ def _ablation(summary: str, **changes: Any) -> Policy:
     return Policy(summary=summary, make=replace(GP, **changes), kind="ablation")
 
 
-def _constant(translation: int) -> Policy:
+def _constant(translation: int, end: str) -> Policy:
     """Return `GP` with constant stiffness [N/m], in rotation a tenth [N m/rad]."""
     constant = np.repeat([float(translation), 0.1 * translation], 3)
-    profile = replace(DEFAULT_PROFILE, k_min=constant, k_max=constant)
-    end = {100: "minimum", 500: "maximum"}[translation]
     return _ablation(
         f"gp with constant stiffness of {translation} N/m (its {end})",
-        profile=FixedProfile(profile=profile),
+        profile=replace(DEFAULT_PROFILE, k_min=constant, k_max=constant),
     )
 
 
@@ -176,15 +166,15 @@ def _method(
     return Policy(summary=summary, make=Method(fit=fit, **fields))
 
 
+def _untaught(agent: Callable[[], object], training: TrainingInput) -> object:
+    return agent()
+
+
 def _model_based(
     agent: Callable[[], object], summary: str, *, told: bool = False
 ) -> Policy:
     make = partial(_untaught, agent)
     return Policy(summary=summary, make=make, kind="reference", told=told)
-
-
-def _untaught(agent: Callable[[], object], training: TrainingInput) -> object:
-    return agent()
 
 
 AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
@@ -236,7 +226,8 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             summary="the paper's method (Kersting noise, product of Gaussians)",
             make=PAPER,
         ),
-        **{f"gp-constant-{k}": _constant(k) for k in (100, 500)},
+        "gp-constant-100": _constant(100, "minimum"),
+        "gp-constant-500": _constant(500, "maximum"),
         "gp-impedance": Policy(
             summary="gp with stiffness realised by the arm's impedance control",
             make=replace(

@@ -13,14 +13,8 @@ from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.prior_mean import PriorMean
 from gplfd_policies.movements.skill import Skill, fit_skill, load_skill
 from gplfd_policies.registry.built_in import AS_PUBLISHED
-from gplfd_policies.registry.method import (
-    FixedProfile,
-    Method,
-    TrainingInput,
-    profile_of_spread,
-)
-from gplfd_policies.registry.policy import Policy, PolicyOrigin
-from gplfd_policies.registry.tuning_spaces import SPACES, Values, tuned_settings
+from gplfd_policies.registry.method import Method, Policy, PolicyOrigin, TrainingInput
+from gplfd_policies.registry.tuning_spaces import SPACES, tuned, tuned_settings
 from gplfd_policies.registry.user_policies import (
     module_policy,
     packaged_names,
@@ -53,21 +47,13 @@ def make_agent(
         demonstrations=demonstrations, seed=seed, prior_mean=prior_mean
     )
     policy = policy_named(name)
-    if prior_mean is not None and name in POLICIES and not _takes_prior_mean(policy):
-        takers = [
-            other
-            for other, published in AS_PUBLISHED.items()
-            if published.kind == "method" and _takes_prior_mean(published)
-        ]
+    takes = policy.method is not None and policy.method.accepts_prior_mean
+    if prior_mean is not None and name in POLICIES and not takes:
         raise ValueError(
-            f"{name} does not accept a prior mean; leave it out, or choose one of "
-            f"{', '.join(sorted(takers))}"
+            f"{name} does not accept a prior mean; leave it out, or choose another "
+            "policy, such as gp"
         )
     return as_agent(policy.make(training))
-
-
-def _takes_prior_mean(policy: Policy) -> bool:
-    return policy.method is not None and policy.method.accepts_prior_mean
 
 
 def policy_named(name: str, folder: str | Path | None = None) -> Policy:
@@ -116,23 +102,6 @@ def load_policy(origin: PolicyOrigin) -> Policy:
             f"{origin}, this is {now}"
         )
     return policy
-
-
-def tuned(name: str, values: Values, resolution: float = 1e-4) -> Policy:
-    """Return a policy of `SPACES` in ``tuning_spaces`` with other settings.
-
-    ``resolution`` is that of its stiffness law [m].
-    """
-    method = AS_PUBLISHED[name].method
-    assert method is not None, "spaces are those of methods"
-    profile = method.profile
-    if not isinstance(profile, FixedProfile):
-        profile = partial(profile_of_spread, resolution=(resolution, 3e-2))
-    text = ", ".join(f"{setting} {value}" for setting, value in values.items())
-    return Policy(
-        summary=f"{name}, tuned: {text.replace('_', ' ')}",
-        make=SPACES[name].method(replace(method, profile=profile), values),
-    )
 
 
 POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(

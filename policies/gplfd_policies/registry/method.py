@@ -1,10 +1,10 @@
-"""Record that defines how a movement is learned, adapted and followed."""
+"""Policies, and methods: how a movement is learned, adapted and followed."""
 
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -102,18 +102,6 @@ def profile_of_spread(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class FixedProfile:
-    """The same stiffness profile for every task."""
-
-    profile: StiffnessProfile
-    """The profile."""
-
-    def __call__(self, aligned: AlignedDemonstrations) -> StiffnessProfile:
-        """Return the profile."""
-        return self.profile
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
 class Method:
     """Definition of a method; calling it learns from demonstrations and makes an agent.
 
@@ -146,8 +134,10 @@ class Method:
     phases: Callable[[Movement], PhaseRule] = path_phase
     """Function that makes the rule by which an agent estimates the phase of the
     hand."""
-    profile: Callable[[AlignedDemonstrations], StiffnessProfile] = profile_of_spread
-    """Function that gives the stiffness profile, which replaces that of `config`."""
+    profile: StiffnessProfile | Callable[[AlignedDemonstrations], StiffnessProfile] = (
+        profile_of_spread
+    )
+    """Stiffness profile, or a function that gives it; it replaces that of `config`."""
     phase_stiffness: Callable[[Movement, StiffnessProfile], PhaseStiffness] | None = (
         None
     )
@@ -170,7 +160,7 @@ class Method:
         if self.config.profile is not DEFAULT_PROFILE:
             raise ValueError(
                 "Method.config has a profile, which Method.profile would replace; give "
-                "it as Method(profile=FixedProfile(profile=...))"
+                "it as Method(profile=...)"
             )
 
     def learn(self, training: TrainingInput) -> Movement:
@@ -246,7 +236,9 @@ class Method:
                 handle, are not in metres, or lack necessary wrenches.
         """
         _check_starts(movement.aligned.demonstrated.poses)
-        profile, learned = self.profile(movement.aligned), self.phase_stiffness
+        profile, learned = self.profile, self.phase_stiffness
+        if not isinstance(profile, StiffnessProfile):
+            profile = profile(movement.aligned)
         forces = None
         if isinstance(movement, LearnedMovement) and movement.forces is not None:
             # A single demonstration does not show how repetitions differ.
@@ -325,6 +317,68 @@ class LearnedMode:
     """Indices of the demonstrations of this mode."""
     movement: Movement
     """Movement learned from these demonstrations."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PolicyOrigin:
+    """Origin of a policy: plain data, for files and for other processes.
+
+    `gplfd_policies.load_policy` finds the policy again.
+    """
+
+    name: str
+    """The name under which it was requested."""
+    kind: Literal["built-in", "package", "module"] = "built-in"
+    """An entry of `POLICIES` in ``registry.catalogue``, an installed package's entry
+    point, or an attribute of a user's module."""
+    folder: str = ""
+    """Folder in which the module was searched first."""
+    file: str = ""
+    """Source file of the module."""
+    sha256: str = ""
+    """Hash of that file's content, hexadecimal; if a user's module imports others from
+    its folder, of the content of all of them."""
+    distribution: str = ""
+    """Name of the installed package."""
+    version: str = ""
+    """Version of the installed package."""
+
+    @property
+    def content(self) -> tuple[str, str]:
+        """Data that must be equal if two origins are of the same policy."""
+        return self.version, self.sha256
+
+    def __str__(self) -> str:
+        package = f"{self.distribution} {self.version}, " if self.version else ""
+        return f"{package}{self.file or 'built in'}, sha256 {self.sha256[:12] or '-'}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Policy:
+    """A registered policy: summary, function that makes agents, and origin."""
+
+    summary: str
+    """One line for people."""
+    make: Callable[[TrainingInput], object]
+    """A `Method`, or any function that learns from the training input and returns an
+    agent, or an object that `gplfd_policies.as_agent` accepts."""
+    kind: Literal["method", "ablation", "reference"] = "method"
+    """A method; a method with one part removed or replaced; or a model-based policy,
+    which does not learn and is used for comparison."""
+    told: bool = False
+    """Whether its agents need the true door, by `Agent.inform`."""
+    origin: PolicyOrigin | None = None
+    """Origin; `policy_named` adds it."""
+
+    @property
+    def method(self) -> Method | None:
+        """The method, or None if agents do not follow a learned movement."""
+        return self.make if isinstance(self.make, Method) else None
+
+    @property
+    def correctable(self) -> bool:
+        """Whether the policy learns from corrections."""
+        return self.method is not None and self.method.correct is not None
 
 
 def _check_starts(demonstrated: Iterable[Float[np.ndarray, "_ 6"]]) -> None:

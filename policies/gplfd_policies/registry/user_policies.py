@@ -7,31 +7,37 @@
 
 In both cases the attribute is a function from `gplfd_policies.TrainingInput` to an
 agent, a `gplfd_policies.Method` or a `gplfd_policies.Policy`.
+
+The origin of a policy contains a hash of its module: of its own file and of the files
+in its folder that it imports, and so on. They are found by reading, not by importing,
+so that the hash does not depend on earlier imports of the process.
 """
 
+import ast
 import contextlib
 import dataclasses
+import hashlib
 import importlib
+import importlib.util
 import inspect
 import operator
 import os
 import sys
-from collections.abc import Collection, Sequence
+import traceback
+from collections.abc import Collection, Iterator, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
-from gplfd_policies.registry.module_files import (
-    content_hash,
-    module_file,
-    module_files,
-    place_in,
-)
-from gplfd_policies.registry.policy import Policy, PolicyOrigin
+from gplfd_policies.registry.method import Policy, PolicyOrigin
 
-GROUP: Final = "gplfd_policies"
-"""The entry-point group of packages."""
+_OURS: Final = frozenset({"experiments", "gplfd_env", "policies"})
+"""Packages in the working folder of a checkout that do not belong to a user's
+module."""
+
+_FIRST_SEEN: Final[dict[Path, str]] = {}
+"""Hashes of files when this process first read them: it imports a file only once."""
 
 
 def module_policy(name: str, folder: Path) -> Policy:
@@ -45,35 +51,24 @@ def module_policy(name: str, folder: Path) -> Policy:
     file = first / f"{module_name}.py"
     if name.endswith(f".py:{attribute}") and not file.is_file():
         raise ValueError(f"policy {name!r}: there is no file {file}")
+    importlib.invalidate_caches()
+    sys.path.insert(0, str(first))
     try:
-        # The folder is first on the path for this import only.
-        importlib.invalidate_caches()
-        sys.path.insert(0, str(first))
-        try:
-            module = _imported(module_name, first)
-        finally:
-            with contextlib.suppress(ValueError):  # the module may have removed it
-                sys.path.remove(str(first))
-        expected = module_file(module_name, first)
+        module = _imported(module_name, first)
+        expected = _module_file(module_name, first)
         if expected is not None and expected.resolve() != Path(_file(module)).resolve():
             raise ValueError(
                 f"module {module_name!r} is already {_file(module)}; rename {expected}"
             )
         policy = _policy(module, attribute)
-        source = _source(module, module_files(module_name, first), first)
+        source = _source(module, _module_files(module_name, first), first)
     except ValueError as error:
         raise ValueError(f"policy {name!r}: {error}") from error
+    finally:
+        with contextlib.suppress(ValueError):  # the module may have removed it
+            sys.path.remove(str(first))
     origin = PolicyOrigin(name=name, kind="module", folder=str(folder), **source)
     return dataclasses.replace(policy, origin=origin)
-
-
-def source_files(origin: PolicyOrigin) -> tuple[str, ...]:
-    """Return the files of a policy's module and of its imports from the same folder."""
-    beside: tuple[Path, ...] = ()
-    if origin.kind == "module":
-        module, folder, _ = _place(origin.name, Path(origin.folder))
-        beside = module_files(module, folder)
-    return tuple(map(str, beside)) or (origin.file,)
 
 
 def packaged_names() -> tuple[str, ...]:
@@ -92,16 +87,12 @@ def packaged_policy(name: str) -> Policy | None:
     entry = offers[0]
     try:
         module = _imported(entry.module)
-        policy = _policy(module, entry.attr)
-        origin = PolicyOrigin(
-            name=name,
-            kind="package",
-            distribution=entry.dist.name if entry.dist else "",
-            version=entry.dist.version if entry.dist else "",
-            **_source(module),
-        )
+        policy, source = _policy(module, entry.attr), _source(module)
     except ValueError as error:
         raise ValueError(f"policy {name!r} of {_package(entry)}: {error}") from error
+    if entry.dist:
+        source |= {"distribution": entry.dist.name, "version": entry.dist.version}
+    origin = PolicyOrigin(name=name, kind="package", **source)
     return dataclasses.replace(policy, origin=origin)
 
 
@@ -124,10 +115,19 @@ def packaged_summaries(taken: Collection[str]) -> dict[str, str]:
     return summaries
 
 
+def place_in_source(origin: PolicyOrigin, error: BaseException) -> str:
+    """Return file, line and function of an error in a policy's files, or ""."""
+    files: Sequence[Path] = (Path(origin.file),)
+    if origin.kind == "module":
+        module, folder, _ = _place(origin.name, Path(origin.folder))
+        files = _module_files(module, folder) or files
+    return _place_in(files, error)
+
+
 def _offers() -> list[Any]:
     # Their class is not `importlib.metadata.EntryPoint` once something has imported the
     # backport, as Dask does: the backport then replaces the search.
-    return list(entry_points(group=GROUP))
+    return list(entry_points(group="gplfd_policies"))
 
 
 def _package(entry: Any) -> str:
@@ -155,12 +155,18 @@ def _imported(name: str, folder: Path | None = None) -> ModuleType:
                 f"there is no module {missing!r}, neither in the working folder nor on "
                 "Python's path; give module:function or path/to/file.py:function"
             ) from error
-        files = module_files(name, folder) if folder is not None else ()
-        place = place_in([str(file) for file in files], error)
+        place = _place_in(_module_files(name, folder) if folder else (), error)
         raise ValueError(
             f"importing {name} failed with {type(error).__name__}: {error}"
             + (f" ({place})" if place else "")
         ) from error
+
+
+def _place_in(files: Sequence[Path], error: BaseException) -> str:
+    for place in reversed(traceback.extract_tb(error.__traceback__)):
+        if Path(place.filename) in files:
+            return f"{Path(place.filename).name}, line {place.lineno}, in {place.name}"
+    return ""
 
 
 def _policy(module: ModuleType, attribute: str) -> Policy:
@@ -205,11 +211,66 @@ def _file(module: ModuleType) -> str:
 
 
 def _source(
-    module: ModuleType, files: Sequence[Path] = (), folder: Path | None = None
+    module: ModuleType, files: Sequence[Path] = (), folder: Path = Path()
 ) -> dict[str, str]:
     """Return file and content hash of a module, or of several files of a folder."""
     file = Path(_file(module))
     if not file.is_file():
         return {}
-    sha256 = content_hash(files or (file,), folder or file.parent)
-    return {"file": str(file), "sha256": sha256}
+    contents = {
+        path: hashlib.sha256(path.read_bytes()).hexdigest() for path in files or (file,)
+    }
+    for path, sha256 in contents.items():
+        if _FIRST_SEEN.setdefault(path, sha256) != sha256:
+            raise ValueError(
+                f"{path} has changed since this process imported it; start the "
+                "process (of a cluster: its workers) again"
+            )
+    if len(contents) == 1:
+        return {"file": str(file), "sha256": next(iter(contents.values()))}
+    lines = [
+        f"{path.relative_to(folder).as_posix()} {sha256}"
+        for path, sha256 in contents.items()
+    ]
+    whole = hashlib.sha256("\n".join(lines).encode()).hexdigest()
+    return {"file": str(file), "sha256": whole}
+
+
+def _module_file(name: str, folder: Path) -> Path | None:
+    """Return the source file in a folder for a dotted name, or None."""
+    path = folder.joinpath(*name.split("."))
+    files = (path / "__init__.py", path.with_name(f"{path.name}.py"))
+    return next((file for file in files if file.is_file()), None)
+
+
+def _module_files(name: str, folder: Path) -> tuple[Path, ...]:
+    """Return the files of a module in a folder, sorted; none if it is elsewhere."""
+    files: dict[str, Path | None] = {}
+    waiting = [name]
+    while waiting:
+        name = waiting.pop()
+        package = name.rpartition(".")[0]
+        if not name or name in files or name.partition(".")[0] in _OURS:
+            continue
+        file = files[name] = _module_file(name, folder)
+        waiting.append(package)
+        if file is not None:
+            waiting += _imports(file, name if file.stem == "__init__" else package)
+    return tuple(sorted({file for file in files.values() if file is not None}))
+
+
+def _imports(file: Path, package: str) -> Iterator[str]:
+    """Yield the names that a file may import: ``from a import b`` may import a.b."""
+    try:
+        nodes = list(ast.walk(ast.parse(file.read_bytes())))
+    except (SyntaxError, ValueError):  # the error of the import is clearer
+        return
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            origin = "." * node.level + (node.module or "")
+            with contextlib.suppress(ImportError):  # beyond the topmost package
+                origin = importlib.util.resolve_name(origin, package)
+                yield origin
+                yield from (f"{origin}.{alias.name}" for alias in node.names)
