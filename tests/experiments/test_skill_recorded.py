@@ -136,7 +136,7 @@ def test_a_path_is_judged_ahead_and_without_its_timing():
         mean = late + np.array([0.0, aside, 0.0, 0.0, 0.0, 0.0])
         moments = (GRID, mean, np.ones_like(mean))
         path = GaussianTrajectory.from_moments(*moments, covariance_function=np.empty)
-        return path_distance(Forecast(phase, path, 0.0 * GRID), truth)
+        return path_distance(Forecast(phase, path), truth)
 
     assert distance(0.5) < 1e-4
     assert distance(0.5, aside=0.004) == pytest.approx(0.004, rel=1e-3)

@@ -3,53 +3,30 @@
 They use neither robot nor simulator. `method_metrics` leaves out demonstrations of the
 synthetic human, `recorded_metrics` one of the user's motion files. Both return:
 
-=========================== ==========================================================
-``rmse_position_m``         of the mean, at 200 equal steps of a left-out motion
-``rmse_rotation_rad``       the same of the angle between orientations
-``nlpd``                    negative log predictive density per number, m and rad
-``coverage_50/90/95``       share within the central normal intervals
-``spread_followed``         correlation of std and the learned demonstrations' spread
-``log_dimensionless_jerk``  of the mean, larger is smoother
-``via_...``                 see `adaptation` in the module ``via_points``
-``cpu_fit_s``               to align, learn and predict once
-``cpu_predict_s``           200 phases
-``cpu_adapt_s``             one via-point of those of the first 30 %
-=========================== ==========================================================
+* ``rmse_position_m``, ``rmse_rotation_rad``: of the mean, at 200 equal steps of a
+  left-out motion
+* ``nlpd``: negative log predictive density per number, m and rad
+* ``coverage_50/90/95``: share within the central normal intervals
+* ``spread_followed``: correlation of std and the learned demonstrations' spread
+* ``log_dimensionless_jerk``: of the mean, larger is smoother
+* ``via_...``: see `adaptation` in the module ``via_points``
+* ``cpu_fit_s``, ``cpu_predict_s``, ``cpu_adapt_s``: CPU time to align, learn and
+  predict once; for 200 phases; for a via-point of those of the first 30 %
 
-Tests with demonstrations of the synthetic human also return the following. They need
-additional movements. To save time, the first two are measured only with
-"demonstration" left out, and the others only with "radius".
+Tests with demonstrations of the synthetic human also return the scores of the module
+``synthetic``, which need additional movements: those of `beyond` with "demonstration"
+left out, and those of `tumbling` with "radius".
 
-=========================== ==========================================================
-``uncertainty_growth``      see `beyond` in the module ``synthetic``
-``prior_mean_used``         see `prior_mean_used` there
-``outputs_nlpd_change``     see `tumbling` there
-``tumbling_error``          the same
-=========================== ==========================================================
-
-Tests on motion files also return the following, after 10, 25 and 50 % of the left-out
-recording were observed as via-points. Densities and coverage are over the outputs that
+Tests on motion files also return errors in position and rotation, NLPD and coverage of
+the rest after 10, 25 and 50 % of the left-out recording were observed as via-points
+(``forecast_10_...``), and the same if the method's agent watches the recording and
+finds the phase from the samples so far (``online_10_...``, with ``path_m``, the rms
+distance of the rest of the path). Densities and coverage are over the outputs that
 move, so that recordings of positions alone are scored by positions.
 
-============================= ========================================================
-``forecast_10_position_m``    root mean square error of the rest
-``forecast_10_rotation_rad``  the same of the angle between orientations
-``forecast_10_nlpd``          negative log predictive density per number of the rest
-``forecast_10_coverage_95``   share of the rest within central normal intervals
-``online_10_...``             the same four if the method's agent watches the recording
-                              and finds the phase from the samples so far
-``online_10_path_m``          rms distance of the rest of the path from the forecast one
-============================= ========================================================
-
-With demonstrated forces, the following are measured for force and moment, in the axes
-of the hand, at known phases: before any force was measured, and
-(``forecast_10_force_...``) for the rest after 10, 25 and 50 % were measured:
-
-============================= ========================================================
-``force_error_n``             root mean square error of the force [N]
-``force_nlpd``                negative log predictive density per number, N and N m
-``force_coverage_95``         share within central normal intervals
-============================= ========================================================
+With demonstrated forces, ``force_error_n`` (rms [N]), ``force_nlpd`` (N and N m) and
+``force_coverage_95`` are of force and moment in the axes of the hand at known phases,
+before any force was measured, and ``forecast_10_force_...`` after shares were measured.
 
 A number is None if a method does not have it.
 """
@@ -197,17 +174,13 @@ def prediction_scores(
 
 def _movement_scores(movement: Movement) -> Mapping[str, float | None]:
     """Return smoothness, agreement with the demonstrations' spread, and speed."""
-    phases = np.linspace(0.0, 1.0, _SAMPLES)
-    step = movement.duration / (_SAMPLES - 1)
-    aligned = movement.aligned
+    aligned, step = movement.aligned, movement.duration / (_SAMPLES - 1)
     grown = aligned.times > _GROWN
     std = movement.predict(aligned.times).std
     # Different phases each time, so that no result is cached.
     asked = [np.linspace(1e-6 * n, 1.0, _SAMPLES) for n in range(1, 1 + _REPEATS)]
-    seconds = [
-        cpu_seconds(partial(movement.predict, repeated))[1] for repeated in asked
-    ]
-    path = movement.predict(phases).mean[:, :3]
+    seconds = [cpu_seconds(partial(movement.predict, phases))[1] for phases in asked]
+    path = movement.predict(np.linspace(0.0, 1.0, _SAMPLES)).mean[:, :3]
     return {
         "log_dimensionless_jerk": log_dimensionless_jerk(path, step),
         "spread_followed": spread_followed(std[grown], aligned.poses[:, grown]),

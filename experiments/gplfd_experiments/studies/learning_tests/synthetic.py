@@ -1,10 +1,8 @@
 """Learning tests for rows of Table 1 that left-out demonstrations cannot show.
 
 `beyond` predicts after the end of the demonstrations, with and without a prior mean.
-`tumbling` learns a synthetic task with a known distribution: the outputs of a hand that
-tumbles along a line vary independently by known amounts, and its orientation turns by
-more than π about changing axes. It shows whether learning several outputs together
-reduces accuracy, and whether large rotations are learned.
+`tumbling` learns a synthetic task with a known distribution: the outputs of a hand
+along a line vary independently by known amounts, while it turns by more than π.
 """
 
 import math

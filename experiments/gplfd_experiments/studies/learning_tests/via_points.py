@@ -10,6 +10,7 @@ from gplfd_env.spatial.se3 import into_axes
 from gplfd_experiments.episodes.forecast_error import squared_distances
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.learning_tests.accuracy import (
+    accuracy,
     averaged,
     none_if_nan,
     rms_distance,
@@ -29,7 +30,7 @@ from gplfd_policies.registry.method import Method
 
 GRID: Final = np.linspace(0.0, 1.0, 100)
 """Phases of an adaptation, as many as in the agents."""
-_PLACES: Final = (25, 50, 74)
+_PLACES: Final = [25, 50, 74]
 """Places of the via-points on the grid."""
 # Standard deviations of a via-point, and of one that outweighs the demonstrations.
 _STD, _STRICT_STD = 1e-3, 1e-4  # [m, rad]
@@ -40,17 +41,14 @@ FORECASTS: Final = (0.10, 0.25, 0.50)
 _AGENTS_NOISE: Final = np.repeat(POSE_ERROR, 3)
 _BEHIND: Final = 0.03
 """The path ahead begins this much before the estimated phase of an agent."""
-_VIA_POINT_SCORES: Final = (
-    *("via_error_position_m", "via_error_rotation_rad"),
-    *("via_error_strict_position_m", "via_error_strict_rotation_rad"),
-    *("via_far_change", "via_far_error"),
-)
-"""Scores that a method without via-points lacks."""
+
+Scores = dict[str, float | None]
+"""Numbers by name; None for those that a method does not have."""
 
 
 def adaptation(
     method: Method, movement: Movement, left_out: Sequence[OnPhases]
-) -> dict[str, float | None]:
+) -> Scores:
     """Adapt to left-out demonstrations; return averages by name.
 
     * Three via-points in one adaptation: distance of the mean from them, with standard
@@ -64,54 +62,52 @@ def adaptation(
     For methods without via-points all are None.
     """
     form, learned = method.adaptation, movement.predict(GRID)
-    scores: list[dict[str, float | None]] = []
+    if form is None:
+        kinds = ("error_position_m", "error_rotation_rad", "far_change", "far_error")
+        strict = ("error_strict_position_m", "error_strict_rotation_rad")
+        names = [f"via_{name}" for name in (*kinds, *strict)]
+        return dict.fromkeys([*names, "cpu_adapt_s"])
+    scores: list[Scores] = []
     for demonstration in left_out:
-        score: dict[str, float | None] = dict.fromkeys(_VIA_POINT_SCORES)
-        if form is not None:
-            demanded = demonstration.at(GRID[list(_PLACES)])
-            for name, std in (("via_error", _STD), ("via_error_strict", _STRICT_STD)):
-                adapted = begin_adaptation(movement, form, GRID)
-                for place, pose in zip(_PLACES, demanded, strict=True):
-                    phase = float(GRID[place])
-                    adapted.observe(ViaPoint(phase=phase, pose=pose, std=std))
-                passed = adapted.mean[list(_PLACES)]
-                score[f"{name}_position_m"] = rms_distance(passed, demanded)
-                score[f"{name}_rotation_rad"] = rms_rotation(passed, demanded)
-            truth = demonstration.at(GRID)
-            changes: list[FloatArray] = []
-            for place in _PLACES:
-                phase, pose = float(GRID[place]), demonstration.at(GRID[[place]])[0]
-                adapted = begin_adaptation(movement, form, GRID)
-                adapted.observe(ViaPoint(phase=phase, pose=pose, std=_STRICT_STD))
-                far = np.abs(GRID - phase) > _FAR
-                differences = (
-                    np.abs(adapted.mean - learned.mean),
-                    adapted.mean - truth,
-                    learned.mean - truth,
-                )
-                changes.append(
-                    np.stack([(d / learned.std)[far].ravel() for d in differences])
-                )
-            mean, after, before = np.concatenate(changes, axis=1)
-            error, error_before = np.sqrt(
-                np.mean(np.stack([after, before]) ** 2, axis=1)
+        score: Scores = {"via_far_error": None}
+        demanded = demonstration.at(GRID[_PLACES])
+        for name, std in (("via_error", _STD), ("via_error_strict", _STRICT_STD)):
+            adapted = begin_adaptation(movement, form, GRID)
+            for phase, pose in zip(GRID[_PLACES], demanded, strict=True):
+                adapted.observe(ViaPoint(phase=float(phase), pose=pose, std=std))
+            passed = adapted.mean[_PLACES]
+            score[f"{name}_position_m"] = rms_distance(passed, demanded)
+            score[f"{name}_rotation_rad"] = rms_rotation(passed, demanded)
+        truth = demonstration.at(GRID)
+        far_off: list[FloatArray] = []
+        for phase, pose in zip(GRID[_PLACES], demanded, strict=True):
+            adapted = begin_adaptation(movement, form, GRID)
+            adapted.observe(ViaPoint(phase=float(phase), pose=pose, std=_STRICT_STD))
+            far = np.abs(GRID - phase) > _FAR
+            differences = (
+                np.abs(adapted.mean - learned.mean),
+                adapted.mean - truth,
+                learned.mean - truth,
             )
-            score["via_far_change"] = float(mean.mean())
-            if error_before:
-                score["via_far_error"] = float(error / error_before)
+            far_off.append(
+                np.stack([(d / learned.std)[far].ravel() for d in differences])
+            )
+        change, after, before = np.concatenate(far_off, axis=1)
+        error, error_before = np.sqrt(np.mean(np.stack([after, before]) ** 2, axis=1))
+        score["via_far_change"] = float(change.mean())
+        if error_before:
+            score["via_far_error"] = float(error / error_before)
         _, _, score["cpu_adapt_s"] = observed(form, movement, demonstration, _SEEN)
         scores.append(score)
     return averaged(scores)
 
 
-def forecasts(
-    method: Method, movement: Movement, left_out: OnPhases
-) -> dict[str, float | None]:
+def forecasts(method: Method, movement: Movement, left_out: OnPhases) -> Scores:
     """Return the accuracy of the rest after the shares `FORECASTS` were observed.
 
     A method without via-points does not adapt the movement.
     """
-    scores: dict[str, float | None] = {}
+    scores: Scores = {}
     for share in FORECASTS:
         rest, _, _ = observed(method.adaptation, movement, left_out, share)
         scores |= _rest_scores(f"forecast_{100 * share:.0f}", rest, left_out)
@@ -120,7 +116,7 @@ def forecasts(
 
 def online_forecasts(
     method: Method, movement: Movement, left_out: OnPhases, period: float
-) -> dict[str, float | None]:
+) -> Scores:
     """Return the scores of `forecasts` for the method's agent with a period [s].
 
     The truth is compared at the same phases, which follow from its whole path and are
@@ -132,9 +128,9 @@ def online_forecasts(
     watched: Mapping[int, Forecast] = {}
     if method.adaptation is not None:
         watched = watch(method, movement, left_out.poses, counts, period)
-    scores: dict[str, float | None] = {}
+    scores: Scores = {}
     for share, count in zip(FORECASTS, counts, strict=True):
-        forecast = watched.get(count) or Forecast(share, learned, np.zeros(GRID.size))
+        forecast = watched.get(count) or Forecast(share, learned)
         rest, name = forecast.trajectory[share < GRID], f"online_{100 * share:.0f}"
         scores |= _rest_scores(name, rest, left_out)
         truth = left_out.at(rest.times)[:, :3]
@@ -142,16 +138,14 @@ def online_forecasts(
     return scores
 
 
-def _rest_scores(
-    name: str, rest: GaussianTrajectory, left_out: OnPhases
-) -> dict[str, float | None]:
+def _rest_scores(name: str, rest: GaussianTrajectory, left_out: OnPhases) -> Scores:
     truth = left_out.at(rest.times)
-    scored = left_out.scored(truth)
+    scores = accuracy(rest, truth, left_out.scored(truth))
     return {
-        f"{name}_position_m": rms_distance(rest.mean, truth),
-        f"{name}_rotation_rad": rms_rotation(rest.mean, truth),
-        f"{name}_nlpd": none_if_nan(rest.nlpd(scored)),
-        f"{name}_coverage_95": none_if_nan(rest.coverage(scored, normal=True)),
+        f"{name}_position_m": scores["rmse_position_m"],
+        f"{name}_rotation_rad": scores["rmse_rotation_rad"],
+        f"{name}_nlpd": scores["nlpd"],
+        f"{name}_coverage_95": scores["coverage_95"],
     }
 
 
@@ -161,8 +155,6 @@ class Forecast(NamedTuple):
     phase: float
     """Estimated phase of the hand."""
     trajectory: GaussianTrajectory
-    horizontal_covariance: FloatArray
-    """Covariance of x and z [m²]; zero for a form without it."""
 
 
 def watch(
@@ -188,10 +180,7 @@ def watch(
     for count, pose in enumerate(poses[: max(counts)], start=1):
         step = agent.act({"ee_pose": pose, "wrench": np.zeros(6)})
         if count in counts:
-            form = agent.movement.distribution
-            level = getattr(form, "horizontal_covariance", np.zeros(GRID.size))
-            phase = float(step.observed_phase)
-            watched[count] = Forecast(phase, agent.forecast(), level)
+            watched[count] = Forecast(float(step.observed_phase), agent.forecast())
     return watched
 
 
@@ -210,9 +199,8 @@ def observed(
 ) -> tuple[GaussianTrajectory, FloatArray, float | None]:
     """Adapt to the first share of a demonstration, like an agent that opens a door.
 
-    The noise of its via-points is six standard deviations.
-
-    Returns prediction and truth of the rest, and the CPU time of a via-point [s].
+    The noise of its via-points is six standard deviations. Returns prediction and truth
+    of the rest, and the CPU time of a via-point [s].
     """
     adapted = begin_adaptation(movement, form, GRID)
     cpu_s = None
@@ -238,14 +226,12 @@ def observed(
 
 def force_scores(
     method: Method, movement: Movement, left_out: OnPhases, demonstration: Demonstration
-) -> dict[str, float | None]:
+) -> Scores:
     """Return the accuracy of the force at a demonstration with its phases.
 
     The wrenches are in the axes of the hand, as in
-    `gplfd_policies.movements.movement.LearnedMovement.forces`. The first scores are for
-    the whole demonstration, before any force was measured; the others for the rest,
-    after a share of `FORECASTS` was measured. Empty if no forces were learned or
-    recorded.
+    `gplfd_policies.movements.movement.LearnedMovement.forces`. Empty if no forces were
+    learned or recorded.
     """
     learned = movement.forces if isinstance(movement, LearnedMovement) else None
     if learned is None or demonstration.wrenches is None:
@@ -254,21 +240,17 @@ def force_scores(
     apart = into_axes(rotations, demonstration.wrenches.reshape(-1, 2, 3))
     felt = OnPhases(phases=left_out.phases, poses=apart.reshape(-1, 6))
     asked = felt.thinned(200)
-    scores = _force_accuracy("force", learned.predict(asked.phases), asked.poses)
+    predictions = {"force": (learned.predict(asked.phases), asked.poses)}
     form = method.force_adaptation or method.adaptation
     noise = np.repeat(np.array(ComplianceConfig().force_std), 3)
     for share in FORECASTS:
         rest, truth, _ = observed(form, learned, felt, share, noise)
-        scores |= _force_accuracy(f"forecast_{100 * share:.0f}_force", rest, truth)
+        predictions[f"forecast_{100 * share:.0f}_force"] = rest, truth
+    scores: Scores = {}
+    for name, (predicted, truth) in predictions.items():
+        scores[f"{name}_error_n"] = rms_distance(predicted.mean, truth)
+        scores[f"{name}_nlpd"] = none_if_nan(predicted.nlpd(truth))
+        scores[f"{name}_coverage_95"] = none_if_nan(
+            predicted.coverage(truth, normal=True)
+        )
     return scores
-
-
-def _force_accuracy(
-    name: str, predicted: GaussianTrajectory, truth: np.ndarray
-) -> dict[str, float | None]:
-    error = np.linalg.norm((predicted.mean - truth)[:, :3], axis=1)
-    return {
-        f"{name}_error_n": root_mean_square(error),
-        f"{name}_nlpd": none_if_nan(predicted.nlpd(truth)),
-        f"{name}_coverage_95": none_if_nan(predicted.coverage(truth, normal=True)),
-    }
