@@ -322,12 +322,18 @@ def test_colours_say_how_stiff_the_hand_is(record, make_log):
     assert times[1] == pytest.approx(3.0, abs=0.25)
 
 
-def test_who_has_no_stiffness_has_the_colours_of_hand_and_policy(record, make_log):
-    recording = record(make_log(stiffness=np.full((601, 6), np.nan)))
+def test_without_stiffness_and_uncertainty_colours_and_tube_are_plain(record, make_log):
+    log = make_log(
+        stiffness=np.full((601, 6), np.nan), forecast_std=np.full((3, 21, 6), np.nan)
+    )
+    recording = record(log)
     _, tints = recording["/world/task/hand/trail", "LineStrips3D:colors"]
     assert set(tints[-1]) == {packed(colours.HAND)}
     _, tubes = recording["/world/task/policy_now", "Mesh3D:albedo_factor"]
     assert {tint[0] | 0xFF for tint in tubes} == {packed(colours.ADAPTED)}
+    _, tubes = recording["/world/task/policy_now", "Mesh3D:vertex_positions"]
+    assert len(tubes) == 3
+    assert np.isfinite(tubes).all()
     assert {"/stage/stiffness", "/world/task/hand/stiffness"}.isdisjoint(
         recording.entities
     )

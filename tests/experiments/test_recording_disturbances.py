@@ -85,7 +85,7 @@ def test_limits_are_drawn_only_near_them(make_log, peak, limits, shown):
 
 def test_the_layout_has_room_only_for_what_happens(make_log, titles_of):
     plain, disturbed = (
-        titles_of(layout(kinds_of(log)).root_container)
+        titles_of(layout(kinds_of(log)))
         for log in (make_log(), make_log(person_force=held(33.0)))
     )
     assert set(disturbed) - set(plain) == {"From outside: person [N]", "From outside"}

@@ -10,12 +10,12 @@ from gplfd_env.doors.config import DOORS, door_config
 from gplfd_env.robot.mobile_base import BASE_JOINTS
 from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene
-from gplfd_experiments.recording.episode import episode_chunks, static_chunks
+from gplfd_experiments.recording.episode import episode_chunks
 from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.mechanism import (
     ARM,
     LATCH,
-    PANELS,
+    TITLES,
     bolt_states,
     mechanism_of,
 )
@@ -50,12 +50,12 @@ def log(make_log, model):
 
 @pytest.fixture
 def shown(columns):
-    return lambda log, model: columns(episode_chunks(log, model))
+    return lambda log, model: columns(episode_chunks(log, model, []))
 
 
 def test_nothing_is_made_of_a_plain_bar_door(make_log, door_model, shown):
     entities = {entity for entity, _ in shown(make_log(), door_model)}
-    assert not any(f"/plots/{name}/" in path for path in entities for name in PANELS)
+    assert not any(f"/plots/{name}/" in path for path in entities for name in TITLES)
     assert not {LATCH, ARM} & entities
 
 
@@ -119,7 +119,7 @@ def test_the_true_arc_is_that_of_the_model_s_handle(make_log, swing, hinge_side)
     log = make_log(door_config=door.as_dict(), qpos=np.zeros((601, model.nq)))
     arc = next(
         chunk.to_record_batch().column("LineStrips3D:strips").to_pylist()[0][0]
-        for chunk in static_chunks(log, model, [])
+        for chunk in episode_chunks(log, model, [])
         if chunk.entity_path == "/world/task/true_arc"
     )
     data = mujoco.MjData(model)
@@ -133,10 +133,7 @@ def test_the_true_arc_is_that_of_the_model_s_handle(make_log, swing, hinge_side)
 
 def test_the_layout_has_room_for_what_there_is_and_is_mirrored(titles_of, log):
     assert log.config == DOORS["heavy-fire"]
-    plain = titles_of(layout(()).root_container)
-    full = titles_of(layout((), tuple(PANELS), "left").root_container)
-    assert set(full) - set(plain) == {
-        *(panel.title for panel in PANELS.values()),
-        "From above: door at the top, hinge left",
-    }
-    assert len(full) == len(plain) + len(PANELS)
+    plain, full = titles_of(layout()), titles_of(layout((), tuple(TITLES), "left"))
+    above = "From above: door at the top, hinge left"
+    assert set(full) - set(plain) == {*TITLES.values(), above}
+    assert len(full) == len(plain) + len(TITLES)

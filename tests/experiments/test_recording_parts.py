@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.recording.motion import policy_motion
 from gplfd_experiments.recording.scene import (
     drawn_scene,
     entity_of_body,
@@ -81,15 +80,6 @@ def test_every_body_moves_by_its_own_joint(make_log, columns):
         times, places = moved[f"/world/scene/{name}", "Transform3D:translation"]
         np.testing.assert_allclose([places[0][0], places[-1][0]], [[0.0] * 3, end])
         assert np.diff(times).max() <= 1.0 / 30.0
-
-
-def test_policy_without_uncertainty_is_drawn_as_its_mean(make_log, columns):
-    """Its tube has no width, and no corner that a viewer could not draw."""
-    unsure = make_log(forecast_std=np.full((3, 21, 6), np.nan))
-    found = columns(policy_motion(unsure))
-    _, tubes = found["/world/task/policy_now", "Mesh3D:vertex_positions"]
-    assert len(tubes) == 3
-    assert np.isfinite(tubes).all()
 
 
 # --- Tubes -------------------------------------------------------------------

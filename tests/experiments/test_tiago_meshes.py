@@ -11,11 +11,8 @@ import trimesh
 
 from gplfd_env.conventions.assets import asset_path
 from gplfd_experiments.recording import tiago_meshes
-from gplfd_experiments.recording.tiago_meshes import (
-    mesh_chunks,
-    tiago_looks,
-    without_geoms,
-)
+from gplfd_experiments.recording.scene import drawn_scene, visual_geoms
+from gplfd_experiments.recording.tiago_meshes import tiago_looks
 
 SHARE = "cmeel.prefix/share/example-robot-data/robots/tiago_description"
 URDF = """<?xml version="1.0"?>
@@ -123,17 +120,16 @@ def test_a_mesh_goes_to_the_nearest_body_of_ours_in_its_frame(installed):
     )
 
 
-def test_bodies_with_meshes_are_bare_and_the_others_stay(installed):
-    bare = without_geoms(MODEL, tiago_looks(names(MODEL)))
-    drawn = bare.geom_bodyid[bare.geom_group <= 2]  # MuJoCo draws groups 0 to 2.
-    assert {bare.body(int(body)).name for body in drawn} == {"arm_1_link", "door"}
-
-
-def test_meshes_are_drawn_where_the_bodies_are(installed, columns):
-    chunks = columns(mesh_chunks(MODEL, tiago_looks(names(MODEL))))
+def test_meshes_are_drawn_where_their_bodies_are_in_place_of_geoms(installed, columns):
+    looks = tiago_looks(names(MODEL))
+    # Bodies without meshes keep their geoms.
+    geoms = [geom for geoms in visual_geoms(MODEL, looks).values() for geom in geoms]
+    bodies = {MODEL.body(MODEL.geom_bodyid[geom]).name for geom in geoms}
+    assert bodies == {"arm_1_link", "door"}
+    chunks = columns(drawn_scene(MODEL, looks))
     base = "/world/scene/world/tiago_base_link_0"
     head = "/world/scene/torso_lift_link/tiago_head_1_link_0"
-    assert chunks.entities == {base, head}
+    assert {entity for entity in chunks.entities if "tiago" in entity} == {base, head}
     # The base never moves and lies in the world: from (1, 2, 0.1), turned by 73.7
     # degrees (cos 0.28, sin 0.96), a cube of 0.2 that is 0.5 up.
     fixed = np.array(chunks[base, "Mesh3D:vertex_positions"][1][0])

@@ -18,22 +18,14 @@ from rerun.chunk import Chunk
 from gplfd_env.conventions.constants import SUCCESS_ANGLE
 from gplfd_experiments.episodes.failures import SHORT, failure_name
 from gplfd_experiments.episodes.log import EpisodeLog
-from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours, motion
 from gplfd_experiments.recording.colours import Colour
 from gplfd_experiments.recording.disturbances import balls
-from gplfd_experiments.recording.episode import check_model, static_chunks
-from gplfd_experiments.recording.layout import (
-    TEXT,
-    Eye,
-    Plot,
-    only,
-    series_view,
-    view_3d,
-)
-from gplfd_experiments.recording.panels import Line, line_style
-from gplfd_experiments.recording.scene import moved_scene, task_frame
-from gplfd_experiments.recording.stream import moving, recording_file, static
+from gplfd_experiments.recording.episode import check_model
+from gplfd_experiments.recording.layout import Plot, series_view, view_3d
+from gplfd_experiments.recording.panels import Line, series
+from gplfd_experiments.recording.scene import drawn_scene, moved_scene, task_frame
+from gplfd_experiments.recording.stream import TEXT, page, static, write_recording
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 COLOURS: Final[tuple[Colour, ...]] = (
@@ -45,23 +37,20 @@ COLOURS: Final[tuple[Colour, ...]] = (
     (255, 120, 150),
 )
 """Colours of policies, in order; their number limits the number of policies."""
-
 SPACING: Final = 1.5
 """Distance between neighbouring robots [m]."""
 
+# Angle between the view and the robots' heading, about the world's z axis. From this
+# direction no robot hides its hand, and the row is across the view.
 _TURN: Final = math.radians(35.0)
-"""Angle between the view and the robots' heading, about the world's z axis. From this
-direction no robot hides its hand, and the row is across the view."""
 ROW: Final = np.array([-math.sin(_TURN), -math.cos(_TURN), 0.0])
 """Direction of the row in the world; each robot stands slightly behind the last."""
 
 _PLOTS: Final = "/plots"
-_ANGLE: Final = f"{_PLOTS}/angle"
+# Entity of the common door with the paths of all policies.
 _OVERLAY: Final = "/overlay"
-"""Entity of the common door with the paths of all policies."""
-_TRAIL: Final = f"{motion.ROOT}/hand/trail"
+# Position of a robot's name, behind the robot, in its task frame [m].
 _LABEL: Final = (1.15, -0.8, -0.2)
-"""Position of a robot's name, behind the robot, in its task frame [m]."""
 
 
 def record_comparison(
@@ -89,6 +78,17 @@ def record_comparison(
                 "shows one door"
             )
         check_model(log, model)
+    name = f"{logs[0].door} door, {len(logs)} policies"
+    chunks = _chunks(logs, model, demonstrations)
+    write_recording(path, name, _layout(logs, model), chunks)
+
+
+def _chunks(
+    logs: Sequence[EpisodeLog],
+    model: mujoco.MjModel,
+    demonstrations: Sequence[Demonstration],
+) -> Iterator[Chunk]:
+    """Return the page, the common door, and each policy's robot and curves."""
     first = logs[0]
     rows = "\n".join(
         f"| {log.policy} | "
@@ -97,7 +97,7 @@ def record_comparison(
         f"{float(np.abs(log.forces.force_radial).max()):.1f} N |"
         for log in logs
     )
-    text = f"""\
+    yield page(f"""\
 ### {len(logs)} policies at the {first.door} door
 
 | policy | outcome | widest | radial peak |
@@ -108,50 +108,43 @@ All policies learned from the same demonstrations and open the same door (handle
 {first.radius:g} m, seed {first.seed}), on one clock. **Radial force** does no work; a \
 large value means that the path does not fit the door. The tube is the policy's \
 forecast of the rest of the motion, ±1.96 σ; green is the true arc of the handle.
-"""
-    page = rr.TextDocument(text, media_type="text/markdown")
-    with recording_file(path, _layout(logs, model)) as stream:
-        stream.send_recording_name(f"{first.door} door, {len(logs)} policies")
-        stream.send_chunks(static(TEXT, page))
-        door = motion.door_frame(model, first.config, demonstrations)
-        stream.send_chunks(_moved_to(_OVERLAY, door))
-        # The angle from which a door counts as opened.
-        angle = math.degrees(SUCCESS_ANGLE)
-        line = Line(f"opened: {angle:.0f}", colours.MARK, 1.0)
-        ends = np.array([0.0, max(log.times[-1] for log in logs)])
-        stream.send_chunks(_curve(f"{_ANGLE}/opened", line, ends, np.full(2, angle)))
-        for number, (log, colour) in enumerate(zip(logs, COLOURS, strict=False)):
-            stream.send_chunks(_robot(number, log, colour, model))
-            for panel, values in (
-                (_ANGLE, np.degrees(log.opening.door_angle)),
-                (f"{_PLOTS}/radial", np.abs(log.forces.force_radial)),
-            ):
-                entity, line = _below(panel, log.policy), Line(log.policy, colour, 1.5)
-                stream.send_chunks(_curve(entity, line, log.times, values))
-
-
-def _curve(
-    entity: str, line: Line, times: FloatArray, values: FloatArray
-) -> list[Chunk]:
-    data = moving(entity, times, rr.Scalars.columns(scalars=values))
-    return [line_style(entity, line), data]
+""")
+    door = motion.door_frame(model, first.config, demonstrations)
+    yield from _moved_to(_OVERLAY, door)
+    # The angle from which a door counts as opened.
+    angle = math.degrees(SUCCESS_ANGLE)
+    mark = {Line(f"opened: {angle:.0f}", colours.MARK, 1.0): np.full(2, angle)}
+    ends = np.array([0.0, max(log.times[-1] for log in logs)])
+    yield from series(f"{_PLOTS}/angle/opened", ends, mark)
+    for number, (log, colour) in enumerate(zip(logs, COLOURS, strict=False)):
+        yield from _robot(number, log, colour, model)
+        line, policy = Line(log.policy, colour, 1.5), _part(log)
+        angles, radial = log.opening.door_angle, np.abs(log.forces.force_radial)
+        for plot, values in (("angle", np.degrees(angles)), ("radial", radial)):
+            yield from series(f"{_PLOTS}/{plot}{policy}", log.times, {line: values})
 
 
 def _robot(
     number: int, log: EpisodeLog, colour: Colour, model: mujoco.MjModel
 ) -> Iterator[Chunk]:
     """A robot at its door, and its path at the common door."""
-    root = _below("/robots", log.policy)
-    overlay = _below(f"{_OVERLAY}{motion.ROOT}/paths", log.policy)
-    hand = motion.hand_motion(log)
+    root = f"/robots{_part(log)}"
+    overlay = f"{_OVERLAY}{motion.ROOT}/paths{_part(log)}"
     yield static(f"{root}/world", rr.Transform3D(translation=SPACING * number * ROW))
-    scene = [*static_chunks(log, model, []), *moved_scene(model, log)]
-    yield from _moved_to(root, [*scene, *motion.policy_motion(log), *hand])
-    yield from _moved_to(root, balls(log))
+    hand = list(motion.hand_motion(log))
+    for chunks in (
+        drawn_scene(model),
+        motion.door_frame(model, log.config, []),
+        moved_scene(model, log),
+        motion.policy_motion(log),
+        hand,
+        balls(log),
+    ):
+        yield from _moved_to(root, chunks)
     for chunk in hand:
-        if chunk.entity_path == _TRAIL:
+        if chunk.entity_path == motion.TRAIL:
             yield chunk.with_entity_path(overlay)
-    for entity in (f"{root}{_TRAIL}", overlay):
+    for entity in (f"{root}{motion.TRAIL}", overlay):
         yield static(entity, rr.LineStrips3D.from_fields(colors=colour, radii=0.007))
     ended = SHORT.get(log.failure, failure_name(log.failure, ""))
     outcome = "opened" if log.success else f"{ended} at {_widest(log):.0f}°"
@@ -171,9 +164,9 @@ def _moved_to(root: str, chunks: Iterable[Chunk]) -> Iterator[Chunk]:
         yield chunk.with_entity_path(f"{root}{chunk.entity_path}")
 
 
-def _below(entity: str, policy: str) -> str:
-    """The entity of a policy below another, valid for any policy name."""
-    return f"{entity}/{rr.escape_entity_path_part(policy)}"
+def _part(log: EpisodeLog) -> str:
+    """The last part of an entity of a policy, valid for any policy name."""
+    return f"/{rr.escape_entity_path_part(log.policy)}"
 
 
 def _widest(log: EpisodeLog) -> float:
@@ -181,28 +174,28 @@ def _widest(log: EpisodeLog) -> float:
     return math.degrees(float(log.opening.door_angle.max()))
 
 
-def _layout(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> rrb.Blueprint:
+def _layout(logs: Sequence[EpisodeLog], model: mujoco.MjModel) -> rrb.Container:
     """All robots, from behind and above; their curves and paths are below."""
     handle, _ = task_frame(model)
     middle = handle + 0.5 * SPACING * (len(logs) - 1) * ROW + [-0.2, 0.0, -0.2]
     away = max(2.2, 0.35 * SPACING * len(logs))
     back = np.array([-math.cos(_TURN), math.sin(_TURN), 0.45])
-    plans = [f"- {_below('/robots', log.policy)}{motion.PLAN}/**" for log in logs]
+    plans = [f"- /robots{_part(log)}{motion.PLAN}/**" for log in logs]
     robots = view_3d(
         "Each policy at a copy of the same door",
         "/",
         ["/robots/**", *plans],
-        Eye(middle + away * back, middle, (0.0, 0.0, 1.0)),
+        (middle + away * back, middle, (0.0, 0.0, 1.0)),
     )
     above, target = np.multiply(logs[0].radius, [[-0.5, -0.55, 1.45], [-0.5, -0.55, 0]])
     paths = view_3d(
         "All paths at one door, from above",
         f"{_OVERLAY}{motion.VIEW}",
         [f"{_OVERLAY}/**"],
-        Eye(above, target, (1.0, 0.0, 0.0)),
+        (above, target, (1.0, 0.0, 0.0)),
     )
     angle = series_view(Plot("angle", "Door angle [deg]", "LeftTop"), _PLOTS)
     curves = series_view(Plot("radial", "Radial force [N]: against the hinge"), _PLOTS)
     about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     panels = rrb.Horizontal(angle, curves, paths, about, column_shares=[3, 3, 2.4, 3])
-    return only(rrb.Vertical(robots, panels, row_shares=[5, 4]))
+    return rrb.Vertical(robots, panels, row_shares=[5, 4])

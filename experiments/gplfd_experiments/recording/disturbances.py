@@ -22,22 +22,22 @@ LOG: Final = "/outside/log"
 """Entity of the text about beginnings and ends."""
 PANEL: Final = "outside"
 """Entity of the time series, below `gplfd_experiments.recording.panels.ROOT`."""
-LIMITS: Final = (140.0, 280.0)
-"""Quasi-static and transient force on a hand allowed by ISO/TS 15066 [N]."""
 
+# Quasi-static and transient force on a hand allowed by ISO/TS 15066 [N].
+_LIMITS: Final = (140.0, 280.0)
+# Position of the ball above the hand and the ball of the stiffness, task frame [m].
 _ABOVE: Final = (0.0, 0.30, 0.0)
-"""Position of the ball above the hand and the ball of the stiffness, task frame [m]."""
+# Radius of the ball at 1 N [m]; it grows with the square root of the force.
 _BALL: Final = 0.008
-"""Radius of the ball at 1 N [m]; it grows with the square root of the force."""
 
 
 class Kind(NamedTuple):
-    """A kind of disturbance: its strength (T,), unit and texts."""
+    """A kind of disturbance: texts, its strength (T,), and its unit."""
 
-    curve: Callable[[EpisodeLog], FloatArray]
-    unit: str
     begins: str
     ends: str
+    curve: Callable[[EpisodeLog], FloatArray]
+    unit: str = "N"
 
     def acts(self, log: EpisodeLog) -> NDArray[np.bool_]:
         """Whether it acts, (T,): a non-zero force, or an increasing displacement."""
@@ -48,26 +48,19 @@ class Kind(NamedTuple):
 
 
 KINDS: Final[Mapping[str, Kind]] = {
-    "push": Kind(
-        lambda log: log.forces.push_force, "N", "a push begins", "the push ends"
-    ),
+    "push": Kind("a push begins", "the push ends", lambda log: log.forces.push_force),
     "person": Kind(
+        *("contact with a person", "the person lets go"),
         lambda log: log.forces.person_force,
-        "N",
-        "contact with a person",
-        "the person lets go",
     ),
     "stop": Kind(
+        *("the door meets a stop", "the stop is gone"),
         lambda log: log.forces.stop_force,
-        "N",
-        "the door meets a stop",
-        "the stop is gone",
     ),
     "bump": Kind(
+        *("the base moves", "the base stops"),
         lambda log: 1e3 * log.motion.base_shift,
         "mm",
-        "the base moves",
-        "the base stops",
     ),
 }
 """Disturbances in a log, by the names of `gplfd_env.doors.disturbance.Disturbance`."""
@@ -84,11 +77,11 @@ def disturbance_chunks(log: EpisodeLog) -> Iterator[Chunk]:
     root = f"{panels.ROOT}/{PANEL}"
     for name in kinds_of(log):
         curve = {panels.Line(name, colours.OUTSIDE): KINDS[name].curve(log)}
-        yield from panels.lines(log, f"{root}/{name}", curve)
+        yield from panels.series(f"{root}/{name}", log.times, curve)
         rows, texts = zip(*events(log, name), strict=True)
         columns = rr.TextLog.columns(text=texts)
         yield moving(f"{LOG}/{name}", log.times[list(rows)], columns)
-    for limit in LIMITS:
+    for limit in _LIMITS:
         if (log.forces.person_force >= 0.5 * limit).any():
             path = f"{root}/allowed_{limit:g}"
             yield from panels.levels(log, path, (limit,), colours.LIMIT)
@@ -105,9 +98,8 @@ def balls(log: EpisodeLog) -> Iterator[Chunk]:
             radii=_BALL * np.sqrt(values[acts]),
             labels=[f"{name} {value:.0f} {kind.unit}" for value in values[acts]],
         )
-        yield static(
-            path, rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
-        )
+        look = rr.Points3D.from_fields(colors=colours.OUTSIDE, show_labels=True)
+        yield static(path, look)
         yield moving(path, log.times[rows], columns.partition(acts.astype(int)))
 
 
@@ -116,9 +108,9 @@ def events(log: EpisodeLog, name: str) -> list[tuple[int, str]]:
     kind = KINDS[name]
     edges = np.diff(kind.acts(log), prepend=False, append=False).nonzero()[0]
     texts = []
-    for first, end in edges.reshape(-1, 2):
-        texts.append((int(first), kind.begins))
+    for first, end in edges.reshape(-1, 2).tolist():
+        texts.append((first, kind.begins))
         if end < log.times.size:
             most = kind.curve(log)[first:end].max()
-            texts.append((int(end), f"{kind.ends}: {most:.0f} {kind.unit} at most"))
+            texts.append((end, f"{kind.ends}: {most:.0f} {kind.unit} at most"))
     return texts

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from statistics import geometric_mean
-from typing import Any
+from typing import Any, Final
 
 import mujoco
 import numpy as np
-import rerun as rr
 from rerun.chunk import Chunk
 
 from gplfd_experiments.data.preparation.frames import find_hinge
@@ -16,7 +16,7 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.provenance import versions
 from gplfd_experiments.recording.disturbances import disturbance_chunks, kinds_of
 from gplfd_experiments.recording.lanes import stage_lane, stiffness_lane
-from gplfd_experiments.recording.layout import TEXT, layout
+from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.mechanism import mechanism, mechanism_of
 from gplfd_experiments.recording.motion import (
     door_frame,
@@ -25,14 +25,19 @@ from gplfd_experiments.recording.motion import (
     policy_motion,
 )
 from gplfd_experiments.recording.panels import panels
-from gplfd_experiments.recording.scene import drawn_scene, moved_scene
-from gplfd_experiments.recording.stream import recording_file, static
-from gplfd_experiments.recording.tiago_meshes import (
-    BodyMeshes,
-    mesh_chunks,
-    without_geoms,
-)
+from gplfd_experiments.recording.scene import BodyMeshes, drawn_scene, moved_scene
+from gplfd_experiments.recording.stream import page, write_recording
 from gplfd_policies.demonstrations.demonstration import Demonstration
+
+_FORCE_NOTE: Final = """\
+- **panel 4**: force that the policy expected before it measured the force; outside \
+the band the door differs from the demonstrations and the forces so far, or somebody \
+is in the way
+"""
+_MODE_NOTE: Final = """\
+- **modes** (tab *Unsmoothed, rates*, last panel): the demonstrations contain several \
+kinds of motion; shows the active one and its probability
+"""
 
 
 def record_episode(
@@ -51,15 +56,10 @@ def record_episode(
     check_model(log, model)
     parts = mechanism_of(model, log.config)
     forces = bool(np.isfinite(log.decisions.expected_force).any())
-    arrangement = layout(kinds_of(log), parts, log.config.hinge_side, forces=forces)
-    with recording_file(path, arrangement) as stream:
-        name = f"{log.door} door, {log.policy}, seed {log.seed}"
-        stream.send_recording_name(name)
-        # Chunks are made one by one while the previous one is written.
-        stream.send_chunks(static_chunks(log, model, demonstrations, looks))
-        stream.send_chunks(episode_chunks(log, model, mean_radius(demonstrations)))
-        stream.send_chunks(stage_lane(log))
-        stream.send_chunks(page(log, len(demonstrations)))
+    views = layout(kinds_of(log), parts, log.config.hinge_side, forces=forces)
+    chunks = episode_chunks(log, model, demonstrations, looks)
+    name = f"{log.door} door, {log.policy}, seed {log.seed}"
+    write_recording(path, name, views, chunks)
 
 
 def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:
@@ -73,39 +73,31 @@ def check_model(log: EpisodeLog, model: mujoco.MjModel) -> None:
         )
 
 
+def episode_chunks(
+    log: EpisodeLog,
+    model: mujoco.MjModel,
+    demonstrations: Sequence[Demonstration],
+    looks: BodyMeshes | None = None,
+) -> Iterator[Chunk]:
+    """Return all chunks: scene, demonstrations, policy, time series, lanes and page."""
+    yield from drawn_scene(model, looks)
+    yield from door_frame(model, log.config, demonstrations)
+    yield from moved_scene(model, log)
+    for chunks_of in (policy_motion, hand_motion, hand_stiffness, stiffness_lane):
+        yield from chunks_of(log)
+    yield from panels(log, mean_radius(demonstrations))
+    yield from disturbance_chunks(log)
+    yield from mechanism(log, model)
+    yield from stage_lane(log)
+    yield _page(log, len(demonstrations))
+
+
 def mean_radius(demonstrations: Sequence[Demonstration]) -> float:
     """Return the geometric mean of the radii of demonstrated arcs [m]; NaN of none."""
     try:
         return geometric_mean(find_hinge(d.poses[:, :3]).radius for d in demonstrations)
     except ValueError:  # no circle, or no demonstration
         return math.nan
-
-
-def static_chunks(
-    log: EpisodeLog,
-    model: mujoco.MjModel,
-    demonstrations: Sequence[Demonstration],
-    looks: BodyMeshes | None = None,
-) -> Iterator[Chunk]:
-    """Return the static chunks: robot, door, demonstrations."""
-    yield from drawn_scene(without_geoms(model, looks) if looks else model)
-    yield from mesh_chunks(model, looks or {})
-    yield from door_frame(model, log.config, demonstrations)
-
-
-def episode_chunks(
-    log: EpisodeLog, model: mujoco.MjModel, demonstrated_radius: float = math.nan
-) -> Iterator[Chunk]:
-    """Return the chunks that move: scene, forecasts and time series.
-
-    ``demonstrated_radius`` is the mean radius of the demonstrated paths [m].
-    """
-    yield from moved_scene(model, log)
-    for chunks_of in (policy_motion, hand_motion, hand_stiffness, stiffness_lane):
-        yield from chunks_of(log)
-    yield from panels(log, demonstrated_radius)
-    yield from disturbance_chunks(log)
-    yield from mechanism(log, model)
 
 
 def _described(fields: Mapping[str, Any], part: str = "") -> Iterator[str]:
@@ -118,45 +110,25 @@ def _described(fields: Mapping[str, Any], part: str = "") -> Iterator[str]:
             yield f"{part}{name.replace('_', ' ')} {text}"
 
 
-def page(log: EpisodeLog, n_demonstrations: int) -> Chunk:
+def _page(log: EpisodeLog, n_demonstrations: int) -> Chunk:
     """Return the page beside the scene: the run and how to read the view."""
     opened = "**opened**" if log.success else f"**not opened** ({log.failure})"
     angle = math.degrees(log.opening.door_angle[-1])
-    end = f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s"
-    door = ", ".join(_described(log.door_config))
-    notes = ""
-    if np.isfinite(log.decisions.expected_force).any():
-        notes += (
-            "- **panel 4**: force that the policy expected before it measured the "
-            "force; outside the band the door differs from the demonstrations and the "
-            "forces so far, or somebody is in the way\n"
-        )
-    if np.isfinite(log.decisions.mode).any():
-        notes += (
-            "- **modes** (tab *Unsmoothed, rates*, last panel): the demonstrations "
-            "contain several kinds of motion; shows the active one and its "
-            "probability\n"
-        )
+    notes = _FORCE_NOTE * bool(np.isfinite(log.decisions.expected_force).any())
+    notes += _MODE_NOTE * bool(np.isfinite(log.decisions.mode).any())
     if outside := ", ".join(kinds_of(log)):
         notes += f"- **from outside** (white, a ball above the hand): {outside}\n"
-    text = f"""\
-### {log.door} door, policy `{log.policy}`: {end}
-
-**Small σ means stiff, large σ means soft.** Where the policy's σ is small, the hand \
-is stiff (**yellow**, 500 N/m); where σ is large, it is soft (**violet**, 100 N/m) and \
-follows the door. The ball above the hand, its trail, the tube and the lane \
-*stiffness* have this colour: violet 100, pink 300, yellow 500 N/m, mean of along and \
-across the path.
-
-- **tube**: the policy's present forecast, ±1.96 σ per axis (normal quantile; with few \
-demonstrations less than 95 %); **grey-blue tube**: forecast before the door moved; \
-**grey lines**: demonstrations; **green**: true arc of the handle
-- **red arrow**: force of the door on the hand, 10 cm per 10 N
-- σ, stiffness and colours are means of the last 0.25 s; the tab *Unsmoothed, rates* \
-has the controller's values; it is stable below 100 % of the bound
-- **door**: {door} (SI)
-- **demonstrations**: {n_demonstrations}; **seed**: {log.seed}; **control period**: \
-{1e3 * log.dt:g} ms
-{notes}- {", ".join(f"{name} {version}" for name, version in versions().items())}
-"""
-    return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+    text = files(__package__).joinpath("episode.md").read_text(encoding="utf-8")
+    return page(
+        text.format(
+            door=log.door,
+            policy=log.policy,
+            end=f"{opened}, {angle:.1f}° in {log.times[-1]:.1f} s",
+            parts=", ".join(_described(log.door_config)),
+            demonstrations=n_demonstrations,
+            seed=log.seed,
+            milliseconds=1e3 * log.dt,
+            notes=notes,
+            versions=", ".join(f"{name} {of}" for name, of in versions().items()),
+        )
+    )

@@ -23,28 +23,22 @@ from gplfd_policies.arrays.resolution import interpolated
 
 ROOT: Final = "/stage"
 """Entity of the stages, above that of every other lane."""
-STIFFNESS: Final = f"{ROOT}/stiffness"
 SCALE: Final[Mapping[float, Colour]] = {
     100.0: (120, 90, 255),
     300.0: (235, 85, 160),
     500.0: (255, 236, 120),
 }
 """Colour by stiffness [N/m], interpolated linearly: violet is soft, yellow is stiff."""
-LEVELS: Final[Mapping[str, Colour]] = {
-    "soft, < 200 N/m": SCALE[100.0],
-    "medium": SCALE[300.0],
-    "stiff, > 400 N/m": SCALE[500.0],
-}
+LEVELS: Final[Mapping[str, Colour]] = dict(
+    zip(("soft, < 200 N/m", "medium", "stiff, > 400 N/m"), SCALE.values(), strict=True)
+)
 """States of the lane of the stiffness, and their colours."""
-AVERAGED: Final = 0.25
-"""Averaging time of displayed values [s]. σ grows between via-points and drops at each,
-three to ten times per second."""
 
-_EDGES: Final = (200.0, 400.0)
-"""Thresholds between the states of the stiffness [N/m]."""
+_EDGES: Final = (200.0, 400.0)  # Between the states of the stiffness [N/m].
 _MOVED: Final = math.radians(1.0)
-_ROOM: Final = 1.02
-"""End of the lane of stages, in durations of the episode."""
+# σ grows between via-points and drops at each, three to ten times per second.
+_AVERAGED: Final = 0.25  # Averaging time of displayed values [s].
+_ROOM: Final = 1.02  # End of the lane of stages, in durations of the episode.
 _STAGES: Final = {
     "reach": (150, 140, 255),
     "grasp": BEFORE,
@@ -56,21 +50,29 @@ _STAGES: Final = {
 }
 
 
-def lane_style(entity: str, states: Mapping[str, Colour], failure: str = "") -> Chunk:
-    """Return the colours of a lane's states; the label contains the failure."""
-    labels = [f"failure: {failure}" if name == "failure" else name for name in states]
-    colours = np.array([*states.values()], dtype=np.uint8)
-    style = rr.StateConfiguration(values=[*states], labels=labels, colors=colours)
-    return static(entity, style)
+def lane(
+    entity: str,
+    looks: Mapping[str, Colour],
+    states: Sequence[tuple[float, str]],
+    failure: str = "",
+) -> list[Chunk]:
+    """Return a lane of states that begin at times [s], in their colours.
+
+    The label of the state ``failure`` contains the failure.
+    """
+    labels = [f"failure: {failure}" if name == "failure" else name for name in looks]
+    tints = np.array([*looks.values()], dtype=np.uint8)
+    style = rr.StateConfiguration(values=[*looks], labels=labels, colors=tints)
+    times, names = zip(*states, strict=True)
+    changes = rr.StateChange.columns(state=names)
+    return [static(entity, style), moving(entity, np.array(times), changes)]
 
 
 def stage_lane(log: EpisodeLog) -> list[Chunk]:
-    """Return the stages of an episode, with their colours."""
-    rows, names = zip(*stages(log), strict=True)
-    # The last stage gets a visible width.
-    times = np.append(log.times[list(rows)], _ROOM * log.times[-1])
-    columns = rr.StateChange.columns(state=[*names, names[-1]])
-    return [lane_style(ROOT, _STAGES, log.failure), moving(ROOT, times, columns)]
+    """Return the stages of an episode; the last one gets a visible width."""
+    began = [(float(log.times[row]), name) for row, name in stages(log)]
+    began.append((_ROOM * float(log.times[-1]), began[-1][1]))
+    return lane(ROOT, _STAGES, began, log.failure)
 
 
 def stages(log: EpisodeLog) -> list[tuple[int, str]]:
@@ -81,11 +83,7 @@ def stages(log: EpisodeLog) -> list[tuple[int, str]]:
     ``stuck`` after the last progress of a stalled door, ``success`` from the first
     solved step or ``failure`` in the last.
     """
-    angle, last, taken = (
-        log.opening.door_angle,
-        log.times.size - 1,
-        log.opening.capability > 0,
-    )
+    angle, taken = log.opening.door_angle, log.opening.capability > 0
     stalled = log.failure in ("stalled", "latched") and angle.max() < SUCCESS_ANGLE
     conditions = {
         "reach": ~taken & ~taken[0],
@@ -96,45 +94,36 @@ def stages(log: EpisodeLog) -> list[tuple[int, str]]:
         "success": log.opening.solved.astype(bool),
     }
     began = [
-        (int(np.argmax(held)), name) for name, held in conditions.items() if held.any()
+        (int(np.argmax(holds)), name)
+        for name, holds in conditions.items()
+        if holds.any()
     ]
     if not log.opening.solved.any() and not log.success:
-        began.append((last, "failure"))
+        began.append((log.times.size - 1, "failure"))
     # A stage that did not begin before its successor did not happen.
-    return [
-        stage
-        for stage, following in zip(began, [*began[1:], (last + 1, "")], strict=True)
-        if stage[0] < following[0]
-    ]
+    followed = zip(began, [*began[1:], (log.times.size, "")], strict=True)
+    return [stage for stage, following in followed if stage[0] < following[0]]
 
 
 def stiffness_lane(log: EpisodeLog) -> list[Chunk]:
     """Return when the hand became soft or stiff; empty for policies without σ."""
-    stiffness = shown_stiffness(log)
+    stiffness = mean_stiffness(log)
     finite = np.isfinite(stiffness)
     if not finite.any():
         return []
     level = np.where(finite, np.digitize(stiffness, _EDGES), -1)
-    rows = np.flatnonzero(np.diff(level, prepend=-1))
-    states = [(int(row), list(LEVELS)[level[row]]) for row in rows if finite[row]]
-    return [lane_style(STIFFNESS, LEVELS), state_changes(log, STIFFNESS, states)]
-
-
-def state_changes(
-    log: EpisodeLog, entity: str, states: Sequence[tuple[int, str]]
-) -> Chunk:
-    """Return a lane of states that begin at rows of a log."""
-    rows, names = zip(*states, strict=True)
-    columns = rr.StateChange.columns(state=names)
-    return moving(entity, log.times[list(rows)], columns)
+    changes = np.flatnonzero((np.diff(level, prepend=-1) != 0) & finite)
+    names = [*LEVELS]
+    states = [(float(log.times[row]), names[level[row]]) for row in changes]
+    return lane(f"{ROOT}/stiffness", LEVELS, states)
 
 
 def recent_mean(values: FloatArray, dt: float) -> FloatArray:
-    """Mean over the last `AVERAGED` seconds up to every row of (T, ...).
+    """Mean over the last 0.25 s up to every row of (T, ...).
 
     Rows that are not finite are ignored, and have no mean.
     """
-    window = max(1, round(AVERAGED / dt))
+    window = max(1, round(_AVERAGED / dt))
     finite = np.isfinite(values)
     start = np.zeros((window, *values.shape[1:]))
     sums = np.cumsum(np.concatenate([start, np.where(finite, values, 0.0)]), axis=0)
@@ -144,7 +133,7 @@ def recent_mean(values: FloatArray, dt: float) -> FloatArray:
     return mean
 
 
-def shown_stiffness(log: EpisodeLog) -> FloatArray:
+def mean_stiffness(log: EpisodeLog) -> FloatArray:
     """Return the mean stiffness along and across, averaged over time, (T,) [N/m]."""
     return recent_mean(log.decisions.stiffness[:, [0, 2]].mean(axis=1), log.dt)
 

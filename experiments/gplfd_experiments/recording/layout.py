@@ -10,27 +10,17 @@ from numpy.typing import ArrayLike
 from gplfd_env.doors.config import HingeSide
 from gplfd_experiments.recording import disturbances, lanes, mechanism, motion, panels
 from gplfd_experiments.recording.colours import BACKGROUND
-from gplfd_experiments.recording.stream import TIMELINE
+from gplfd_experiments.recording.stream import TEXT
 
 Corner = Literal["LeftTop", "LeftBottom", "RightTop", "RightBottom"]
-
-TEXT: Final = "/about"
-"""Entity of the page that explains the run and the view."""
-
-
-class Eye(NamedTuple):
-    """Position, target and up direction of a 3-D view [m]."""
-
-    position: ArrayLike
-    target: ArrayLike
-    up: ArrayLike
+Eye = tuple[ArrayLike, ArrayLike, ArrayLike]
+"""Position, target and up direction of a 3-D view [m]."""
 
 
 class Plot(NamedTuple):
     """A panel of all time series below an entity."""
 
     entity: str
-    """Entity below `gplfd_experiments.recording.panels.ROOT`."""
     title: str
     legend: Corner | None = None
     """Corner of the legend, without curves; None for no legend."""
@@ -41,13 +31,13 @@ class Plot(NamedTuple):
 
 
 # Seen from the hinge side, the hand is in front of the leaf at any door angle.
-_SCENE_EYE: Final = Eye((-0.62, -1.95, 0.85), (-0.46, -0.2, -0.07), (0.0, 0.0, 1.0))
+_SCENE_EYE: Final = ((-0.62, -1.95, 0.85), (-0.46, -0.2, -0.07), (0.0, 0.0, 1.0))
+_PLAN_EYE: Final = ((-0.3, -0.3, 1.0), (-0.3, -0.3, 0.0), (1.0, 0.0, 0.0))
 # A mobile robot needs space, and its doors are higher.
-_WIDE_EYE: Final = Eye((-0.8, -3.2, 1.3), (-0.7, -0.3, -0.15), (0.0, 0.0, 1.0))
-_PLAN_EYE: Final = Eye((-0.3, -0.3, 1.0), (-0.3, -0.3, 0.0), (1.0, 0.0, 0.0))
-_WIDE_PLAN_EYE: Final = Eye((-0.45, -0.4, 1.5), (-0.45, -0.4, 0.0), (1.0, 0.0, 0.0))
+_WIDE_EYE: Final = ((-0.8, -3.2, 1.3), (-0.7, -0.3, -0.15), (0.0, 0.0, 1.0))
+_WIDE_PLAN_EYE: Final = ((-0.45, -0.4, 1.5), (-0.45, -0.4, 0.0), (1.0, 0.0, 0.0))
 
-PLOTS: Final = {
+_PLOTS: Final = {
     "Uncertainty and stiffness": (
         Plot("angle", "Door angle [deg], lines at 15, 30, 60", limits=(-3.0, 75.0)),
         Plot("uncertainty", "1. Uncertainty σ of the policy [mm]", "LeftTop", True),
@@ -78,20 +68,18 @@ PLOTS: Final = {
     ),
 }
 """Panels of every recording, by tab."""
-
-EXPECTED_FORCE: Final = Plot(
+_EXPECTED_FORCE: Final = Plot(
     "expected", "4. Force along the path [N]: expected ±1.96 σ, measured", "LeftTop"
 )
-"""Additional panel of the first tab if the policy expects forces."""
 
 
 def layout(
-    kinds: tuple[str, ...],
-    parts: tuple[str, ...] = (),
+    kinds: Sequence[str] = (),
+    parts: Sequence[str] = (),
     hinge: HingeSide = "right",
     *,
     forces: bool = False,
-) -> rrb.Blueprint:
+) -> rrb.Container:
     """Return the layout, equal for all episodes with the same kinds of content.
 
     Both 3-D views are fixed in the task frame, so that every door has the same view,
@@ -103,16 +91,24 @@ def layout(
     scene_eye, plan_eye = _SCENE_EYE, _PLAN_EYE
     if "base" in parts:
         scene_eye, plan_eye = _WIDE_EYE, _WIDE_PLAN_EYE
-    everything = ["/world/**", f"- {motion.PLAN}/**"]
-    scene = view_3d("Scene", motion.VIEW, everything, _seen_from(hinge, scene_eye))
-    # From above, its number would overlap that of a disturbance.
+    mirror = np.array([1.0, -1.0 if hinge == "left" else 1.0, 1.0])
+    # From above, the number of the stiffness would overlap that of a disturbance.
     hidden = [f"- {motion.STIFFNESS}"] if kinds else []
-    plan = view_3d(
-        f"From above: door at the top, hinge {hinge}",
-        motion.VIEW,
-        [f"{motion.ROOT}/**", *hidden],
-        _seen_from(hinge, plan_eye),
+    scene, plan = (
+        view_3d(name, motion.VIEW, contents, (mirror * eye, mirror * target, up))
+        for name, contents, (eye, target, up) in (
+            ("Scene", ["/world/**", f"- {motion.PLAN}/**"], scene_eye),
+            (
+                f"From above: door at the top, hinge {hinge}",
+                [f"{motion.ROOT}/**", *hidden],
+                plan_eye,
+            ),
+        )
     )
+    tabs = dict(_PLOTS)
+    first = next(iter(tabs))
+    if forces:
+        tabs[first] += (_EXPECTED_FORCE,)
     about: rrb.Container | rrb.View
     about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     if kinds:
@@ -121,56 +117,32 @@ def layout(
             origin=disturbances.LOG, name="From outside", columns=columns
         )
         about = rrb.Vertical(events, about, row_shares=[2, 3])
+        units = ", ".join(f"{name} [{disturbances.KINDS[name].unit}]" for name in kinds)
+        title = f"From outside: {units}"
+        tabs[first] += (Plot(disturbances.PANEL, title, from_zero=True),)
+    if parts:
+        tabs["Handle, latch, closer, base"] = tuple(
+            Plot(name, mechanism.TITLES[name], "LeftTop" if name == "base" else None)
+            for name in parts
+        )
     left = rrb.Vertical(
         scene,
         rrb.StateTimelineView(origin=lanes.ROOT, name="Stage and stiffness"),
         rrb.Horizontal(plan, about),
         row_shares=[5, 2.4 if "latch" in parts else 1.9, 4],
     )
-    tabs = dict(PLOTS)
-    first = next(iter(tabs))
-    if forces:
-        tabs[first] = (*tabs[first], EXPECTED_FORCE)
-    if kinds:
-        units = ", ".join(f"{name} [{disturbances.KINDS[name].unit}]" for name in kinds)
-        plot = Plot(disturbances.PANEL, f"From outside: {units}", from_zero=True)
-        tabs[first] = (*tabs[first], plot)
-    if parts:
-        titles = {name: mechanism.PANELS[name].title for name in parts}
-        tabs["Handle, latch, closer, base"] = tuple(
-            Plot(name, title, "LeftTop" if name == "base" else None)
-            for name, title in titles.items()
-        )
-    columns_of_plots = [
-        rrb.Vertical(
-            *(series_view(plot, panels.ROOT) for plot in plots),
-            name=name,
-        )
+    right = (
+        rrb.Vertical(*(series_view(plot, panels.ROOT) for plot in plots), name=name)
         for name, plots in tabs.items()
-    ]
-    views = rrb.Horizontal(
-        left, rrb.Tabs(*columns_of_plots, active_tab=0), column_shares=[6, 5]
     )
-    return only(views)
-
-
-def only(views: rrb.Container) -> rrb.Blueprint:
-    """Arrange views in a window without other panels."""
-    return rrb.Blueprint(
-        views,
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="playing"),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.TopPanel(state="hidden"),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return rrb.Horizontal(left, rrb.Tabs(*right, active_tab=0), column_shares=[6, 5])
 
 
 def view_3d(
     name: str, origin: str, contents: Sequence[str], eye: Eye
 ) -> rrb.Spatial3DView:
     """Return a 3-D view of entities, given by queries, in the frame of ``origin``."""
+    position, target, up = eye
     return rrb.Spatial3DView(
         origin=origin,
         name=name,
@@ -178,15 +150,9 @@ def view_3d(
         background=BACKGROUND,
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
-            position=eye.position, look_target=eye.target, eye_up=eye.up
+            position=position, look_target=target, eye_up=up
         ),
     )
-
-
-def _seen_from(hinge: HingeSide, eye: Eye) -> Eye:
-    """Mirror an eye at the task frame's x-y plane if the hinge is on the left."""
-    sides = np.array([1.0, -1.0 if hinge == "left" else 1.0, 1.0])
-    return Eye(sides * eye.position, sides * eye.target, eye.up)
 
 
 def series_view(plot: Plot, root: str = "") -> rrb.TimeSeriesView:

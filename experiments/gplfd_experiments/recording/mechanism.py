@@ -6,7 +6,7 @@ episode.
 """
 
 from collections.abc import Iterator, Mapping
-from typing import Final, NamedTuple
+from typing import Final
 
 import mujoco
 import numpy as np
@@ -27,57 +27,39 @@ from gplfd_experiments.recording.stream import frames, moving, static
 
 LATCH: Final = f"{lanes.ROOT}/latch"
 """Entity of the lane with the state of the bolt."""
-
 ARM: Final = "/world/scene/closer_arm"
 """Entity of a closer's arm, in the world's axes."""
-
-BOLT_STATES: Final[Mapping[str, colours.Colour]] = {
-    "bolt thrown": colours.MARK,
-    "bolt held back": colours.HAND,
+TITLES: Final[Mapping[str, str]] = {
+    "handle": "Handle [deg]",
+    "latch": "Bolt, retracted by [mm]",
+    "closer": "Closing torque [N m]: closer, seal, stiction",
+    "base": "Base [m, rad]",
 }
+"""Titles of panels by the entity below `gplfd_experiments.recording.panels.ROOT`."""
 
-
-class Panel(NamedTuple):
-    """A panel: its title, and by joint the line and the unit's factor of a curve.
-
-    Without joints it shows the closing torque.
-    """
-
-    title: str
-    joints: Mapping[str, tuple[Line, float]]
-
-
-_BASE_CURVES: Final = (
-    (Line("x, ahead [m]", colours.AXIS_X), 1.0),
-    (Line("y, to the left [m]", colours.AXIS_Z), 1.0),
-    (Line("turn [rad]", colours.ADAPTED), 1.0),
+_BOLT_STATES: Final = {"bolt thrown": colours.MARK, "bolt held back": colours.HAND}
+_BASE_LINES: Final = (
+    Line("x, ahead [m]", colours.AXIS_X),
+    Line("y, to the left [m]", colours.AXIS_Z),
+    Line("turn [rad]", colours.ADAPTED),
 )
-PANELS: Final[Mapping[str, Panel]] = {
-    "handle": Panel(
-        "Handle [deg]", {"handle": (Line("handle", colours.HAND), 180.0 / np.pi)}
-    ),
-    "latch": Panel(
-        "Bolt, retracted by [mm]",
-        {"bolt": (Line("bolt held back", colours.HAND), 1e3)},
-    ),
-    "closer": Panel("Closing torque [N m]: closer, seal, stiction", {}),
-    "base": Panel(
-        "Base [m, rad]",
-        dict(zip(BASE_JOINTS, _BASE_CURVES, strict=True)),
-    ),
+# Joint, line and factor of the unit of the curves of each panel with joints.
+_JOINTS: Final = {
+    "handle": [("handle", Line("handle", colours.HAND), 180.0 / np.pi)],
+    "latch": [("bolt", Line("bolt held back", colours.HAND), 1e3)],
+    "base": [(*curve, 1.0) for curve in zip(BASE_JOINTS, _BASE_LINES, strict=True)],
 }
-"""Panels by the entity below `gplfd_experiments.recording.panels.ROOT`."""
 
 
 def mechanism_of(model: mujoco.MjModel, door: DoorConfig) -> tuple[str, ...]:
-    """Return which of `PANELS` have data for a model and its door."""
+    """Return which panels of `TITLES` have data for a model and its door."""
     joints = {model.joint(index).name for index in range(model.njnt)}
+    present = {
+        name: all(joint in joints for joint, *_ in curves)
+        for name, curves in _JOINTS.items()
+    }
     closing = door.closer != Closer() or door.seal > 0.0 or door.stiction > 0.0
-    return tuple(
-        name
-        for name, panel in PANELS.items()
-        if (panel.joints.keys() <= joints if panel.joints else closing)
-    )
+    return tuple(name for name in TITLES if present.get(name, closing))
 
 
 def mechanism(log: EpisodeLog, model: mujoco.MjModel) -> Iterator[Chunk]:
@@ -86,12 +68,14 @@ def mechanism(log: EpisodeLog, model: mujoco.MjModel) -> Iterator[Chunk]:
     for name in parts:
         curves = {
             line: scale * _positions(log, model, joint)
-            for joint, (line, scale) in PANELS[name].joints.items()
+            for joint, line, scale in _JOINTS.get(name, ())
         } or {Line("closing torque", colours.FORCE): log.forces.closer_torque}
-        yield from panels.lines(log, f"{panels.ROOT}/{name}/motion", curves)
+        yield from panels.series(f"{panels.ROOT}/{name}/motion", log.times, curves)
     if "latch" in parts:
-        yield lanes.lane_style(LATCH, BOLT_STATES)
-        yield lanes.state_changes(log, LATCH, bolt_states(log, model))
+        states = [
+            (float(log.times[row]), name) for row, name in bolt_states(log, model)
+        ]
+        yield from lanes.lane(LATCH, _BOLT_STATES, states)
     # The tendon of a closer's arm, if it has a colour.
     tendons = [model.tendon(index).name for index in range(model.ntendon)]
     if CLOSER_ARM not in tendons:
@@ -102,11 +86,12 @@ def mechanism(log: EpisodeLog, model: mujoco.MjModel) -> Iterator[Chunk]:
     sites = [model.site(f"closer_{end}").id for end in ("spindle", "foot")]
     strips = np.array([data.site_xpos[sites] for data in kinematics(model, log)])
     tint = (255.0 * model.tendon_rgba[arm]).round().astype(np.uint8)
-    radius = model.tendon_width[arm]
-    yield static(ARM, rr.LineStrips3D.from_fields(colors=tint, radii=radius))
+    look = rr.LineStrips3D.from_fields(colors=tint, radii=model.tendon_width[arm])
     columns = rr.LineStrips3D.columns(strips=strips.astype(np.float32))
-    one_per_frame = columns.partition(np.ones(len(strips), int))
-    yield moving(ARM, log.times[frames(log)], one_per_frame)
+    yield static(ARM, look)
+    yield moving(
+        ARM, log.times[frames(log)], columns.partition(np.ones(len(strips), int))
+    )
 
 
 def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]:
@@ -116,9 +101,9 @@ def bolt_states(log: EpisodeLog, model: mujoco.MjModel) -> list[tuple[int, str]]
     """
     throw = model.jnt_range[model.joint("bolt").id, 1]
     back = _positions(log, model, "bolt") >= throw - GAP
-    rows = np.flatnonzero(np.diff(back, prepend=~back[:1]))
-    thrown, held = BOLT_STATES
-    return [(int(row), held if back[row] else thrown) for row in rows]
+    rows = np.flatnonzero(np.diff(back, prepend=~back[:1])).tolist()
+    names = [*_BOLT_STATES]
+    return [(row, names[int(back[row])]) for row in rows]
 
 
 def _positions(log: EpisodeLog, model: mujoco.MjModel, joint: str) -> FloatArray:

@@ -17,7 +17,7 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
-from gplfd_experiments.recording.lanes import colour_of, shown_stiffness
+from gplfd_experiments.recording.lanes import colour_of, mean_stiffness
 from gplfd_experiments.recording.scene import task_frame
 from gplfd_experiments.recording.stream import frames, moving, static
 from gplfd_experiments.recording.tube import tube_triangles, tube_vertices
@@ -25,55 +25,44 @@ from gplfd_policies.demonstrations.demonstration import Demonstration
 
 ROOT: Final = "/world/task"
 """Entity whose transform is the task frame: closed handle, x pull, y up."""
-
 PLAN: Final = f"{ROOT}/plan"
 """Entity that only the view from above shows."""
-
 VIEW: Final = f"{ROOT}/view"
 """Entity of the frame of the views: the closed handle, z up."""
-
-_VIEW_AXES: Final = [[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
-"""Its axes x (away from the robot), y and z as columns, in the task frame."""
-
+TRAIL: Final = f"{ROOT}/hand/trail"
+"""Entity of the path of the hand so far."""
 STIFFNESS: Final = f"{ROOT}/hand/stiffness"
 """Entity of the ball that shows the stiffness of the hand."""
 
-METRES_PER_NEWTON: Final = 0.01
-"""Length of the force arrow: 10 N are 10 cm."""
-
+# Axes of the views, x (away from the robot), y and z as columns, in the task frame.
+_VIEW_AXES: Final = [[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
+_METRES_PER_NEWTON: Final = 0.01  # Length of the force arrow: 10 N are 10 cm.
 _TRUE_ARC_DEG: Final = 75.0
+# Half the widths of lines [m]; the trail is thicker than the lines on it.
 _LINE, _DOT, _TRAIL, _BALL = 0.003, 0.006, 0.009, 0.03
-"""Half the widths of lines [m]; the trail is thicker than the lines on it."""
+# Position of the ball of the stiffness relative to the hand, task frame [m].
 _ABOVE_HAND: Final = (0.0, 0.16, 0.0)
-"""Position of the ball of the stiffness relative to the hand, task frame [m]."""
 _OPACITY_BEFORE, _OPACITY_ADAPTED = 48, 90
+# Travelled distance [m] between points of the trail and between shown via-points.
 _KNOT_SPACING, _DOT_SPACING = 0.01, 0.005
-"""Travelled distance [m] between points of the trail and between shown via-points."""
 
 
 def door_frame(
     model: mujoco.MjModel, door: DoorConfig, demonstrations: Sequence[Demonstration]
 ) -> list[Chunk]:
     """Return static entities in the task frame, and the task frame itself."""
-    side, radius, hinge = (
-        door.hinge_sign,
-        door.radius,
-        -door.hinge_sign * door.hand_radius,
-    )
-    angles = np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
+    side, angles = door.hinge_sign, np.radians(np.linspace(0.0, _TRUE_ARC_DEG, 76))
     if door.motion == "hinged":
-        # About the hinge.
+        # The leaf turns about the hinge.
         path = handle_pose_on_arc(door.hand_radius, angles)[:, :3]
         path = path * [door.swing_sign, 1.0, side]
-        leaf = [[[0.0, 0.0, 0.0], [0.0, 0.0, side * radius]]]
+        hinge = -side * door.hand_radius
+        leaf = [[[0.0, 0.0, 0.0], [0.0, 0.0, side * door.radius]]]
     else:
-        # Relative to the handle, with which it moves.
+        # The leaf moves with the handle.
         path = DoorGeometry.of(door).hand_poses(angles.clip(max=end_angle(door)))[:, :3]
-        far = [
-            0.0,
-            0.0,
-            -side * (door.fold_distance if door.motion == "folding" else radius),
-        ]
+        width = door.fold_distance if door.motion == "folding" else door.radius
+        far = [0.0, 0.0, -side * width]
         if door.motion == "flap":
             far = list(links_of(door)[-1].anchor)
         leaf, hinge = [[far, [0.0, 0.0, 0.0]]], 0.0
@@ -90,7 +79,7 @@ def door_frame(
         PLAN: rr.Transform3D(translation=[0.0, 0.0, hinge]),
         f"{PLAN}/closed": rr.LineStrips3D(leaf, colors=colours.MARK, radii=_LINE / 2),
         f"{PLAN}/leaf": rr.LineStrips3D(leaf, colors=colours.LEAF, radii=2.0 * _LINE),
-        f"{ROOT}/hand/trail": rr.LineStrips3D.from_fields(radii=_TRAIL),
+        TRAIL: rr.LineStrips3D.from_fields(radii=_TRAIL),
         f"{ROOT}/hand/via_points": rr.Points3D.from_fields(
             colors=colours.HAND, radii=_DOT
         ),
@@ -108,98 +97,99 @@ def policy_motion(log: EpisodeLog) -> list[Chunk]:
     # Without uncertainty, the tube is a line.
     stds = np.nan_to_num(forecasts.std[:, :, :3])
     vertices, normals = tube_vertices(paths, stds)
-    means = paths.astype(np.float32)
+    means, triangles = paths.astype(np.float32), tube_triangles()
     tubes = rr.Mesh3D.columns(
         vertex_positions=vertices.reshape(-1, 3), vertex_normals=normals.reshape(-1, 3)
     )
     # Without a stiffness the tube has the policy's colour.
     rows = np.searchsorted(log.times, forecasts.times).clip(max=log.times.size - 1)
-    tints = colour_of(shown_stiffness(log)[rows], colours.ADAPTED)
+    tints = colour_of(mean_stiffness(log)[rows], colours.ADAPTED)
     opacity = np.full((len(tints), 1), _OPACITY_ADAPTED, np.uint8)
     columns = [
         *tubes.partition(np.full(len(vertices), vertices.shape[1])),
         *rr.Mesh3D.columns(albedo_factor=np.hstack([tints, opacity])),
         *rr.LineStrips3D.columns(strips=means),
     ]
-    now = moving(f"{ROOT}/policy_now", forecasts.times, columns)
-    triangles = tube_triangles()
-    before = static(
-        f"{ROOT}/policy_before",
-        rr.Mesh3D(
-            vertex_positions=vertices[0],
-            vertex_normals=normals[0],
-            triangle_indices=triangles,
-            albedo_factor=(*colours.BEFORE, _OPACITY_BEFORE),
-        ),
-        rr.LineStrips3D(means[:1], colors=colours.BEFORE, radii=_LINE),
+    first = rr.Mesh3D(
+        vertex_positions=vertices[0],
+        vertex_normals=normals[0],
+        triangle_indices=triangles,
+        albedo_factor=(*colours.BEFORE, _OPACITY_BEFORE),
     )
-    look = static(
-        f"{ROOT}/policy_now",
+    line = rr.LineStrips3D(means[:1], colors=colours.BEFORE, radii=_LINE)
+    look = (
         rr.Mesh3D.from_fields(triangle_indices=triangles),
         rr.LineStrips3D.from_fields(colors=colours.ADAPTED, radii=_LINE),
     )
-    return [before, look, now]
+    return [
+        static(f"{ROOT}/policy_before", first, line),
+        static(f"{ROOT}/policy_now", *look),
+        moving(f"{ROOT}/policy_now", forecasts.times, columns),
+    ]
 
 
-def hand_motion(log: EpisodeLog) -> list[Chunk]:
+def hand_motion(log: EpisodeLog) -> Iterator[Chunk]:
     """Return the hand's path, its via-points, the force on it, and the leaf."""
     positions, rows = log.motion.ee_pose[:, :3], frames(log)
-    arrows = rr.Arrows3D.columns(
-        origins=positions[rows], vectors=METRES_PER_NEWTON * log.forces.wrench[rows, :3]
-    )
+    vectors = _METRES_PER_NEWTON * log.forces.wrench[rows, :3]
+    arrows = rr.Arrows3D.columns(origins=positions[rows], vectors=vectors)
+    yield moving(f"{ROOT}/hand/force", log.times[rows], arrows)
     # Not with the handle, which may rotate in the leaf.
     leaf = DoorGeometry.of(log.config).hand_poses(log.opening.door_angle[rows])
-    turns = Rotation.from_rotvec(leaf[:, 3:]).as_quat()
-    transforms = (
-        rr.Transform3D.columns(quaternion=turns)
-        if log.config.motion == "hinged"
-        else rr.Transform3D.columns(translation=leaf[:, :3], quaternion=turns)
-    )
-    chunks = [
-        moving(f"{ROOT}/hand/force", log.times[rows], arrows),
-        moving(f"{PLAN}/leaf", log.times[rows], transforms),
-    ]
-    # The trail so far, a strip per stretch of about `_KNOT_SPACING`.
-    knots = _spaced(positions, np.arange(log.times.size), _KNOT_SPACING)
-    counts = np.arange(1, knots.size)
-    if counts.size:
-        ends = positions.astype(np.float32)
-        strips = np.stack([ends[knots[:-1]], ends[knots[1:]]], axis=1)
-        so_far = np.concatenate([strips[:count] for count in counts])
-        columns = rr.LineStrips3D.columns(strips=so_far).partition(counts)
-        chunks.append(moving(f"{ROOT}/hand/trail", log.times[knots[counts]], columns))
-    # All via-points so far; only the first of coincident ones.
-    rows = _spaced(positions, np.flatnonzero(log.decisions.via_point), _DOT_SPACING)
-    counts = np.arange(1, rows.size + 1)
-    if counts.size:
-        so_far = np.concatenate([positions[rows[:count]] for count in counts])
-        dots = rr.Points3D.columns(positions=so_far).partition(counts)
-        chunks.append(moving(f"{ROOT}/hand/via_points", log.times[rows], dots))
-    return chunks
+    pose: dict[str, Any] = {"quaternion": Rotation.from_rotvec(leaf[:, 3:]).as_quat()}
+    if log.config.motion != "hinged":
+        pose["translation"] = leaf[:, :3]
+    yield moving(f"{PLAN}/leaf", log.times[rows], rr.Transform3D.columns(**pose))
+    # The trail has a strip per stretch.
+    knots = _knots(log)
+    ends = positions.astype(np.float32)
+    strips = np.stack([ends[knots[:-1]], ends[knots[1:]]], axis=1)
+    yield from _so_far(TRAIL, log, knots[1:], rr.LineStrips3D, strips=strips)
+    # Only the first of coincident via-points.
+    dots = _spaced(positions, np.flatnonzero(log.decisions.via_point), _DOT_SPACING)
+    place = f"{ROOT}/hand/via_points"
+    yield from _so_far(place, log, dots, rr.Points3D, positions=positions[dots])
 
 
 def hand_stiffness(log: EpisodeLog) -> Iterator[Chunk]:
     """Return the colour of the hand's trail, and a ball that shows the stiffness."""
-    positions, stiffness = log.motion.ee_pose[:, :3], shown_stiffness(log)
-    knots = _spaced(positions, np.arange(log.times.size), _KNOT_SPACING)
-    counts = np.arange(1, knots.size)
-    if counts.size:
-        tints = colour_of(stiffness[knots[1:]], colours.HAND)
-        so_far = np.concatenate([tints[:count] for count in counts])
-        columns = rr.LineStrips3D.columns(colors=so_far).partition(counts)
-        yield moving(f"{ROOT}/hand/trail", log.times[knots[counts]], columns)
+    stiffness, knots = mean_stiffness(log), _knots(log)[1:]
+    tints = colour_of(stiffness[knots], colours.HAND)
+    yield from _so_far(TRAIL, log, knots, rr.LineStrips3D, colors=tints)
     if not np.isfinite(stiffness).any():
         return
     rows = frames(log)
     finite = np.isfinite(stiffness[rows])
     values = stiffness[rows[finite]]
     columns = rr.Points3D.columns(
-        positions=positions[rows[finite]] + _ABOVE_HAND,
+        positions=log.motion.ee_pose[rows[finite], :3] + _ABOVE_HAND,
         colors=colour_of(values, colours.HAND),
         labels=[f"{value:.0f} N/m" for value in values],
     ).partition(finite.astype(int))
     yield static(STIFFNESS, rr.Points3D.from_fields(radii=_BALL, show_labels=True))
     yield moving(STIFFNESS, log.times[rows], columns)
+
+
+def _so_far(
+    entity: str,
+    log: EpisodeLog,
+    rows: NDArray[np.intp],
+    archetype: Any,
+    **values: NDArray[Any],
+) -> Iterator[Chunk]:
+    """Return what grows by one value at each of some rows (n,); values are (n, ...)."""
+    counts = np.arange(1, rows.size + 1)
+    if rows.size:
+        [(name, array)] = values.items()
+        so_far = {name: np.concatenate([array[:count] for count in counts])}
+        columns = archetype.columns(**so_far).partition(counts)
+        yield moving(entity, log.times[rows], columns)
+
+
+def _knots(log: EpisodeLog) -> NDArray[np.intp]:
+    """Return the rows of the ends of the trail's stretches."""
+    rows = np.arange(log.times.size)
+    return _spaced(log.motion.ee_pose[:, :3], rows, _KNOT_SPACING)
 
 
 def _spaced(

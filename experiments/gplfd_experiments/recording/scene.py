@@ -4,8 +4,8 @@ Bodies that are fixed to each other move together. Their geoms are on the entity
 moving body that carries them, or of the world, which is body 0.
 """
 
-from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
 import mujoco
 import numpy as np
@@ -20,73 +20,99 @@ from gplfd_experiments.recording.stream import frames, moving, static
 ROOT: Final = "/world/scene"
 """Entity above all bodies; the axes are MuJoCo's world axes, z up."""
 
-TASK_SITE: Final = "task_frame"
-"""Site of the model that carries the task frame."""
-
 Pose = tuple[FloatArray, FloatArray]
 """Position (3,) [m] and quaternion (w, x, y, z)."""
 
 _GEOM: Final = mujoco.mjtGeom
+# Rerun's names of MuJoCo's primitives and of their positions.
 _PRIMITIVES: Final[Mapping[int, tuple[Any, str]]] = {
     _GEOM.mjGEOM_BOX: (rr.Boxes3D, "centers"),
     _GEOM.mjGEOM_ELLIPSOID: (rr.Ellipsoids3D, "centers"),
     _GEOM.mjGEOM_CYLINDER: (rr.Cylinders3D, "centers"),
     _GEOM.mjGEOM_CAPSULE: (rr.Capsules3D, "translations"),
 }
-"""Rerun's names of MuJoCo's primitives and of their positions."""
+# MuJoCo's convention: geoms of groups 0 to 2 are drawn, 3 and above collide.
 _LARGEST_VISUAL_GROUP: Final = 2
-"""MuJoCo's convention: geoms of groups 0 to 2 are drawn, 3 and above collide."""
-
-_PLANE_HALF_SIZE: Final = 3.0
-_PLANE_HALF_THICKNESS: Final = 0.005
+_PLANE_HALF_SIZE, _PLANE_HALF_THICKNESS = 3.0, 0.005
+# Colour of geoms with a texture, which only floors have.
 _TEXTURED: Final = (0.42, 0.43, 0.45, 1.0)
-"""Colour of geoms with a texture, which only floors have."""
+# Body without a link of the same name in TIAGo's description: other links draw it.
+_COVERED: Final = "head_link"
 
 
-def drawn_scene(model: mujoco.MjModel) -> list[Chunk]:
+class LinkMesh(NamedTuple):
+    """A mesh of the manufacturer in the frame of one of our bodies."""
+
+    name: str
+    """Link in the manufacturer's description, with the number of the mesh."""
+    vertices: FloatArray
+    """Vertices in the body's frame [m], (3 F, 3), not shared between faces."""
+    normals: FloatArray
+    """Normal of the face at each vertex, (3 F, 3)."""
+    colour: tuple[int, ...]
+    """Red, green, blue, opacity, 0 to 255."""
+
+
+BodyMeshes = Mapping[str, Sequence[LinkMesh]]
+"""Meshes by the name of the body that carries them, in place of its geoms."""
+
+
+def drawn_scene(
+    model: mujoco.MjModel, looks: BodyMeshes | None = None
+) -> Iterator[Chunk]:
     """Return every visible geom: a chunk per moving body, and one per mesh."""
+    looks = looks or {}
     kinds, rows = _solids(model)
-    chunks = [static(ROOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)]
-    for body, geoms in visual_geoms(model).items():
-        entity = entity_of_body(model, body)
-        primitives: dict[int, list[FloatArray]] = {}
+    yield static(ROOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+    for body, geoms in visual_geoms(model, looks).items():
+        entity, shapes = entity_of_body(model, body), []
+        for kind in _PRIMITIVES:
+            solids = [geom for geom in geoms if kinds[geom] == kind]
+            if solids:
+                shapes.append(_shape(kind, rows[solids]))
+        yield static(entity, *shapes)
         for geom in geoms:
-            if kinds[geom] in _PRIMITIVES:
-                primitives.setdefault(kinds[geom], []).append(rows[geom])
-            elif kinds[geom] == _GEOM.mjGEOM_MESH:
-                mesh, row = int(model.geom_dataid[geom]), rows[geom]
-                first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-                face, n_faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-                shape = rr.Mesh3D(
-                    vertex_positions=model.mesh_vert[first : first + count],
-                    triangle_indices=model.mesh_face[face : face + n_faces],
-                    albedo_factor=row[10:],
-                )
-                turn = rr.Quaternion(xyzw=_xyzw(row[6:10]))
-                place = rr.Transform3D(translation=row[3:6], quaternion=turn)
-                chunks.append(static(f"{entity}/mesh_{geom}", shape, place))
-        shapes = [_shape(kind, np.array(solids)) for kind, solids in primitives.items()]
-        chunks.append(static(entity, *shapes))
-    return chunks
+            if kinds[geom] != _GEOM.mjGEOM_MESH:
+                continue
+            mesh, row = int(model.geom_dataid[geom]), rows[geom]
+            first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+            face, n_faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+            shape = rr.Mesh3D(
+                vertex_positions=model.mesh_vert[first : first + count],
+                triangle_indices=model.mesh_face[face : face + n_faces],
+                albedo_factor=row[10:],
+            )
+            turn = rr.Quaternion(xyzw=_xyzw(row[6:10]))
+            place = rr.Transform3D(translation=row[3:6], quaternion=turn)
+            yield static(f"{entity}/mesh_{geom}", shape, place)
+    for name, meshes in looks.items():
+        body = model.body(name).id
+        position, quaternion = _pose_on_carrier(model, body)
+        rotation = Rotation.from_quat(quaternion, scalar_first=True)
+        entity = entity_of_body(model, int(model.body_weldid[body]))
+        for link in meshes:
+            shape = rr.Mesh3D(
+                vertex_positions=rotation.apply(link.vertices) + position,
+                vertex_normals=rotation.apply(link.normals),
+                albedo_factor=link.colour,
+            )
+            yield static(f"{entity}/tiago_{link.name}", shape)
 
 
 def moved_scene(model: mujoco.MjModel, log: EpisodeLog) -> list[Chunk]:
     """Return the poses of all moving bodies, by forward kinematics of ``qpos``."""
-    bodies = [body for body in visual_geoms(model) if body != 0]
-    rows = frames(log)
-    positions = np.empty((rows.size, model.nbody, 3))
-    quaternions = np.empty((rows.size, model.nbody, 4))
-    for frame, data in enumerate(kinematics(model, log)):
-        positions[frame], quaternions[frame] = data.xpos, data.xquat
+    poses = [(data.xpos.copy(), data.xquat.copy()) for data in kinematics(model, log)]
+    positions, quaternions = map(np.array, zip(*poses, strict=True))
     return [
         moving(
             entity_of_body(model, body),
-            log.times[rows],
+            log.times[frames(log)],
             rr.Transform3D.columns(
                 translation=positions[:, body], quaternion=_xyzw(quaternions[:, body])
             ),
         )
-        for body in bodies
+        for body in visual_geoms(model)
+        if body != 0
     ]
 
 
@@ -99,13 +125,20 @@ def kinematics(model: mujoco.MjModel, log: EpisodeLog) -> Iterator[mujoco.MjData
         yield data
 
 
-def visual_geoms(model: mujoco.MjModel) -> dict[int, list[int]]:
-    """Return the ids of the visible geoms by the moving body that carries them."""
-    seen = (model.geom_group <= _LARGEST_VISUAL_GROUP) & (_colours(model)[:, 3] > 0.0)
-    carriers = model.body_weldid[model.geom_bodyid].tolist()
+def visual_geoms(
+    model: mujoco.MjModel, looks: BodyMeshes | None = None
+) -> dict[int, list[int]]:
+    """Return the ids of the visible geoms by the moving body that carries them.
+
+    Bodies that ``looks`` draw have none.
+    """
+    covered = {*looks, _COVERED} if looks else set()
     geoms: dict[int, list[int]] = {}
+    seen = (model.geom_group <= _LARGEST_VISUAL_GROUP) & (_colours(model)[:, 3] > 0.0)
     for geom in np.flatnonzero(seen).tolist():
-        geoms.setdefault(carriers[geom], []).append(geom)
+        body = int(model.geom_bodyid[geom])
+        if model.body(body).name not in covered:
+            geoms.setdefault(int(model.body_weldid[body]), []).append(geom)
     return geoms
 
 
@@ -116,22 +149,21 @@ def entity_of_body(model: mujoco.MjModel, body: int) -> str:
     """
     name = model.body(body).name or f"body_{body}"
     carrier = int(model.body_weldid[body])
-    if carrier in (0, body):
-        return f"{ROOT}/{name}"
-    return f"{entity_of_body(model, carrier)}/{name}"
+    above = ROOT if carrier in (0, body) else entity_of_body(model, carrier)
+    return f"{above}/{name}"
 
 
 def task_frame(model: mujoco.MjModel) -> tuple[FloatArray, Rotation]:
     """Origin (3,) [m] and rotation of the task frame in the world."""
-    site = model.site(TASK_SITE).id
+    site = model.site("task_frame").id
     position, quaternion = _product(
-        pose_on_carrier(model, int(model.site_bodyid[site])),
+        _pose_on_carrier(model, int(model.site_bodyid[site])),
         (model.site_pos[site], model.site_quat[site]),
     )
     return position, Rotation.from_quat(quaternion, scalar_first=True)
 
 
-def pose_on_carrier(model: mujoco.MjModel, body: int) -> Pose:
+def _pose_on_carrier(model: mujoco.MjModel, body: int) -> Pose:
     """Pose of a body on the moving body that carries it."""
     pose = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     carrier = int(model.body_weldid[body])
@@ -155,12 +187,10 @@ def _solids(model: mujoco.MjModel) -> tuple[list[int], FloatArray]:
     """
     kinds, sizes = np.array(model.geom_type), np.array(model.geom_size)
     positions, quaternions = np.array(model.geom_pos), np.array(model.geom_quat)
-    fixed = np.flatnonzero(model.body_weldid != np.arange(model.nbody)).tolist()
-    poses = {body: pose_on_carrier(model, body) for body in fixed}
     for geom, body in enumerate(model.geom_bodyid.tolist()):
-        if body in poses:
+        if model.body_weldid[body] != body:
             positions[geom], quaternions[geom] = _product(
-                poses[body], (positions[geom], quaternions[geom])
+                _pose_on_carrier(model, body), (positions[geom], quaternions[geom])
             )
     balls, planes = kinds == _GEOM.mjGEOM_SPHERE, kinds == _GEOM.mjGEOM_PLANE
     sizes[balls] = sizes[balls, :1]
@@ -198,13 +228,11 @@ def _shape(kind: int, solids: FloatArray) -> Any:
 
 def _colours(model: mujoco.MjModel) -> FloatArray:
     """Colour of every geom, red, green, blue, opacity in [0, 1], (ngeom, 4)."""
-    materials = model.geom_matid
-    painted = materials >= 0
+    painted = np.flatnonzero(model.geom_matid >= 0)
+    materials = model.geom_matid[painted]
     colours: FloatArray = np.array(model.geom_rgba, dtype=np.float64)
-    colours[painted] = model.mat_rgba[materials[painted]]
-    textured = np.zeros(model.ngeom, dtype=bool)
-    textured[painted] = np.any(model.mat_texid[materials[painted]] >= 0, axis=1)
-    colours[textured] = _TEXTURED
+    colours[painted] = model.mat_rgba[materials]
+    colours[painted[np.any(model.mat_texid[materials] >= 0, axis=1)]] = _TEXTURED
     return colours
 
 

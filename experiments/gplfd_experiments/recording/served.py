@@ -10,12 +10,16 @@ import rerun.blueprint as rrb
 
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.recording import colours
-from gplfd_experiments.recording.layout import Plot, only, series_view
-from gplfd_experiments.recording.panels import Line, line_style
-from gplfd_experiments.recording.stream import moving, recording_file
+from gplfd_experiments.recording.layout import Plot, series_view
+from gplfd_experiments.recording.panels import Line, series
+from gplfd_experiments.recording.stream import moving, write_recording
 from gplfd_policies.serving.journal import BEGINNING, read_journal
 
-_COLOURS: Final = {"x": colours.AXIS_X, "y": colours.TRUTH, "z": colours.AXIS_Z}
+_LINES: Final = (
+    Line("x", colours.AXIS_X),
+    Line("y", colours.TRUTH),
+    Line("z", colours.AXIS_Z),
+)
 _PANELS: Final = {
     "pose": "Commanded position [m]",
     "ee_pose": "Measured position [m]",
@@ -52,20 +56,18 @@ def recording_of(file: Path) -> Path:
                 events.append((line["at"], text))
     if not events:
         raise ValueError(f"{file} holds no message yet")
-    views = [series_view(Plot(*panel, "LeftTop")) for panel in _PANELS.items()]
+    panels = [series_view(Plot(*panel, "LeftTop")) for panel in _PANELS.items()]
     log = rrb.TextLogView(origin=_LOG, name="States, reasons and errors")
-    arrangement = rrb.Horizontal(rrb.Vertical(*views), log, column_shares=[3, 2])
+    views = rrb.Horizontal(rrb.Vertical(*panels), log, column_shares=[3, 2])
+    at, texts = map(list, zip(*events, strict=True))
+    start = at[0]
+    columns = rr.TextLog.columns(text=texts)
+    chunks = [moving(_LOG, np.array(at) - start, columns)]
+    for name, samples in curves.items():
+        times, values = map(np.array, zip(*samples, strict=True))
+        lines = dict(zip(_LINES, values.astype(np.float64).T, strict=True))
+        chunks += series(f"/{name}", times - start, lines)
     recording = file.with_name(f"{file.name}.rrd")
     LOG.info("writing %s", recording)
-    with recording_file(recording, only(arrangement)) as stream:
-        start = events[0][0]
-        for name, samples in curves.items():
-            times, values = map(np.array, zip(*samples, strict=True))
-            columns = rr.Scalars.columns(scalars=values.astype(np.float64))
-            lines = [Line(axis, colour) for axis, colour in _COLOURS.items()]
-            style = line_style(f"/{name}", *lines)
-            stream.send_chunks([style, moving(f"/{name}", times - start, columns)])
-        at, texts = zip(*events, strict=True)
-        texts_over_time = rr.TextLog.columns(text=list(texts))
-        stream.send_chunks([moving(_LOG, np.array(at) - start, texts_over_time)])
+    write_recording(recording, recording.stem, views, chunks)
     return recording

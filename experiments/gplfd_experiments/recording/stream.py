@@ -1,12 +1,11 @@
-"""The Rerun stream that a recording is written to, and the chunks it is made of."""
+"""Writes a recording: the chunks that it is made of, its layout and its file."""
 
-import contextlib
 import errno
 import functools
 import os
 import tempfile
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,22 +20,19 @@ from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.storage import complete_or_absent
 
-APPLICATION: Final = "gplfd"
-"""Application id: the viewer groups recordings and keeps layouts by it."""
+TEXT: Final = "/about"
+"""Entity of the page that explains a recording."""
 
-TIMELINE: Final = "sim_time"
-"""The only timeline: simulated time since reset."""
-
-FRAMES_PER_SECOND: Final = 30.0
-"""Frame rate of moving things in the scene, that of a video."""
-
+_APPLICATION: Final = "gplfd"  # The viewer groups recordings and keeps layouts by it.
+_TIMELINE: Final = "sim_time"  # Simulated time since reset.
+_FRAMES_PER_SECOND: Final = 30.0
+# Bytes before the last four bytes of a recording, which are its version.
 _END: Final = b"RRF2FOOT"
-"""Bytes before the last four bytes of a recording, which are its version."""
 
 
 def frames(log: EpisodeLog) -> NDArray[np.intp]:
-    """Return the rows of frames, evenly spaced, and the last row."""
-    every = max(1, round(1.0 / (FRAMES_PER_SECOND * log.dt)))
+    """Return the rows of frames of the scene, evenly spaced, and the last row."""
+    every = max(1, round(1.0 / (_FRAMES_PER_SECOND * log.dt)))
     last = log.times.size - 1
     return np.unique(np.append(np.arange(0, last, every), last))
 
@@ -52,34 +48,39 @@ def static(entity: str, *archetypes: Any) -> Chunk:
 
 def moving(entity: str, times: FloatArray, columns: Iterable[Any]) -> Chunk:
     """Return the data of an entity at simulated times (N,) [s] as one chunk."""
-    index = [rr.TimeColumn(TIMELINE, duration=times)]
+    index = [rr.TimeColumn(_TIMELINE, duration=times)]
     return Chunk.from_columns(entity, index, columns)
 
 
-@contextlib.contextmanager
-def recording_file(
-    path: str | Path, layout: rrb.Blueprint
-) -> Iterator[rr.RecordingStream]:
-    """Open a recording that appears at ``path`` complete or not at all (`OSError`).
+def page(text: str) -> Chunk:
+    """Return the page that explains a recording, in Markdown."""
+    return static(TEXT, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
-    It opens with the given layout.
+
+def write_recording(
+    path: str | Path, name: str, views: rrb.Container, chunks: Iterable[Chunk]
+) -> None:
+    """Write an .rrd that opens with the given views, complete or not at all.
+
+    Raises OSError if it cannot be written.
     """
     # Rerun keeps threads of finished recordings until this function is called.
     bindings.flush_and_cleanup_orphaned_recordings()
     with complete_or_absent(path) as temporary:
         # Data is sent in whole chunks, so batching is not needed.
-        gathering = rr.ChunkBatcherConfig.NEVER()
-        stream = rr.RecordingStream(APPLICATION, batcher_config=gathering)
-        # Wall-clock times of logging are irrelevant.
-        stream.set_log_time_enabled(False)
+        batcher = rr.ChunkBatcherConfig.NEVER()
+        stream = rr.RecordingStream(_APPLICATION, batcher_config=batcher)
+        stream.set_log_time_enabled(False)  # Wall-clock times are irrelevant.
         try:
             # `stream.save` makes a blueprint with two threads that are never ended.
             source = _blueprint_source(os.getpid())
             blueprint = source.memory_recording().storage
-            source.send_chunks(_as_chunks(layout))
+            source.send_chunks(_layout(views))
             recording = stream.to_native()
             bindings.save(str(temporary), blueprint, recording=recording)
-            yield stream
+            stream.send_recording_name(name)
+            # Chunks are made one by one while the previous one is written.
+            stream.send_chunks(chunks)
             stream.flush()
         finally:
             stream.disconnect()
@@ -91,13 +92,22 @@ def recording_file(
                 raise OSError(errno.EIO, message)
 
 
-def _as_chunks(layout: rrb.Blueprint) -> tuple[Chunk, ...]:
-    """Return a layout as Rerun writes it."""
+def _layout(views: rrb.Container) -> tuple[Chunk, ...]:
+    """Return a layout of views without other panels, as Rerun writes it."""
+    layout = rrb.Blueprint(
+        views,
+        rrb.TimePanel(timeline=_TIMELINE, state="collapsed", play_state="playing"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TopPanel(state="hidden"),
+        auto_views=False,
+        auto_layout=False,
+    )
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         # On a busy machine, the file has no table of contents yet.
         warnings.filterwarnings("ignore", "RRD file has no footer")
         file = Path(folder) / "layout.rbl"
-        layout.save(APPLICATION, file)
+        layout.save(_APPLICATION, file)
         reader = RrdReader(file)
         return tuple(reader.stream(store=reader.blueprints()[0]))
 
@@ -106,6 +116,6 @@ def _as_chunks(layout: rrb.Blueprint) -> tuple[Chunk, ...]:
 def _blueprint_source(process: int) -> rr.RecordingStream:
     """Stream of blueprints of this process; one from before a fork is unusable."""
     native = bindings.new_blueprint(
-        APPLICATION, make_default=False, make_thread_default=False
+        _APPLICATION, make_default=False, make_thread_default=False
     )
     return rr.RecordingStream._from_native(native)

@@ -19,10 +19,9 @@ for several outputs together, such a band contains less than 95 %."""
 N_RINGS, N_SIDES = 32, 12
 """Cross-sections along the path, and corners of each."""
 
+# Share of the path's largest speed below which its direction is not used.
 _SLOW: Final = 0.15
-"""Share of the path's largest speed below which its direction is not used."""
-_THINNEST: Final = 0.002
-"""Half-width [m] below which a tube would not be seen."""
+_THINNEST: Final = 0.002  # Half-width [m] below which a tube would not be seen.
 
 
 def tube_vertices(
@@ -34,15 +33,19 @@ def tube_vertices(
     half axes of 1.96 ``std`` in the horizontal and in the vertical direction. The
     variance along the path is not shown.
     """
+    # Path and σ at the rings, interpolated, both (..., rings, 3).
     rows = np.linspace(0.0, mean.shape[-2] - 1.0, N_RINGS)
-    centre, sigma = _at_rows(mean, rows), _at_rows(std, rows)
-
-    # Unit vectors across the path: horizontal and the third one, both (..., M, 3).
+    before = np.minimum(rows.astype(np.intp), mean.shape[-2] - 2)
+    share = (rows - before)[:, None]
+    centre, sigma = (
+        (1.0 - share) * values[..., before, :] + share * values[..., before + 1, :]
+        for values in (mean, std)
+    )
+    # Where a path hardly advances, its direction is noise; use the nearest reliable
+    # one.
     tangent = np.gradient(centre, axis=-2)
     speed = _length(tangent)
     slow = speed <= _SLOW * speed.max(axis=-2, keepdims=True)
-    # Where a path hardly advances, its direction is noise; use the nearest reliable
-    # one.
     rings = np.arange(N_RINGS)
     distance = np.abs(rings[:, None] - rings)
     distance = distance + np.where(slow, N_RINGS, 0).swapaxes(-1, -2)
@@ -50,10 +53,10 @@ def tube_vertices(
     tangent = np.take_along_axis(tangent / np.maximum(speed, 1e-300), nearest, axis=-2)
     # A constant path gets an arbitrary direction.
     tangent = np.where(speed.max(axis=-2, keepdims=True) > 0.0, tangent, [1.0, 0, 0])
-    # The tangent times the upward unit vector (0, 1, 0).
+    # Across the path: horizontally, the tangent times the upward unit vector (0, 1, 0),
+    # which for a vertical path is any horizontal direction; and the third direction.
     side = tangent[..., [2, 1, 0]] * [-1.0, 0.0, 1.0]
     length = _length(side)
-    # For a vertical path, any horizontal direction is across it.
     side = np.where(length > 1e-6, side / np.maximum(length, 1e-6), [0.0, 0.0, 1.0])
     upward = np.cross(side, tangent)
 
@@ -91,12 +94,3 @@ def _length(vectors: NDArray[Any]) -> NDArray[Any]:
     """Lengths of vectors (..., 3), kept as (..., 1)."""
     length: NDArray[Any] = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
     return length[..., None]
-
-
-def _at_rows(values: FloatArray, rows: FloatArray) -> FloatArray:
-    """Values (..., M, 3) at fractional rows (R,), interpolated, (..., R, 3)."""
-    before = np.minimum(rows.astype(np.intp), values.shape[-2] - 2)
-    share = (rows - before)[:, None]
-    first, second = values[..., before, :], values[..., before + 1, :]
-    between: FloatArray = (1.0 - share) * first + share * second
-    return between
