@@ -12,12 +12,14 @@ from scipy.signal import butter, sosfiltfilt
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, align
-from gplfd_policies.demonstrations.completion import task_completion_index
+from gplfd_policies.demonstrations.alignment import (
+    dynamic_time_warping,
+    task_completion_index,
+)
 from gplfd_policies.demonstrations.continuation import continued
-from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 from gplfd_policies.registry.method import TrainingInput
 
-METHODS = ["interpolation", "directions", "dtw", "dtw-euclidean"]
+METHODS = ["interpolation", "dtw", "dtw-euclidean"]
 
 
 def minimum_jerk(time):
@@ -286,54 +288,10 @@ def test_fig3_euclidean_cost_misaligns_two_shelves_and_completion_aligns_them():
         high_when_low_is_lifted[method] = high[np.argmax(low > 0.68)]
     assert gap["interpolation"] < 0.012
     assert gap["dtw"] < 0.02
-    assert gap["directions"] < 0.012
     assert gap["dtw-euclidean"] > 0.2
     # Points half-way up the high path are taken for the top of the low one.
     assert high_when_low_is_lifted["dtw-euclidean"] < 0.4
     assert high_when_low_is_lifted["dtw"] > 0.66
-
-
-def letter(sizes, again=False):
-    """An N in strokes of some sizes; perhaps half of the second is done twice."""
-    strokes = np.array([[0.0, 0.3], [0.2, -0.3], [0.0, 0.3]]) * np.array(sizes)[:, None]
-    corners = np.vstack([np.zeros(2), np.cumsum(strokes, axis=0)])
-    places = [0.0, 1.0, 2.0, 1.5, 2.0, 3.0] if again else [0.0, 1.0, 2.0, 3.0]
-    knots = np.cumsum(np.abs(np.diff(places, prepend=0.0)))
-
-    def stroke(progress):
-        return np.interp(progress, knots / knots[-1], places)
-
-    def path(progress):
-        poses = np.zeros((len(progress), 6))
-        for axis in range(2):
-            column = np.interp(stroke(progress), np.arange(4.0), corners[:, axis])
-            poses[:, axis] = column
-        return poses
-
-    return path, stroke
-
-
-@pytest.mark.parametrize(
-    ("letters", "share"),
-    [
-        ([letter([1, 1, 1]), letter([1.5, 0.8, 1]), letter([0.7, 1.2, 1])], 0.7),
-        ([*[letter([1, 1, 1])] * 3, letter([1, 1, 1], again=True)], 0.85),
-    ],
-    ids=["sizes", "again"],
-)
-@pytest.mark.filterwarnings("ignore:sensor noise")
-def test_directions_tell_strokes_apart_where_completion_does_not(letters, share):
-    recorded = [demonstration(path=path, n=400, duration=3.0) for path, _ in letters]
-    differ = {}
-    for method in ("interpolation", "directions"):
-        aligned = align(recorded, method=method, rotation_weight=0.0)
-        assert aligned.clocks is not None
-        strokes = [
-            np.maximum.accumulate(stroke(minimum_jerk(clock)))
-            for (_, stroke), clock in zip(letters, aligned.clocks, strict=True)
-        ]
-        differ[method] = np.sqrt(np.mean(np.var(strokes, axis=0)))
-    assert differ["directions"] <= share * differ["interpolation"]
 
 
 @pytest.mark.parametrize("method", ["interpolation", "dtw"])

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.spatial.se3 import canonical_rotvec
 from gplfd_policies import AlignedDemonstrations, Demonstration, align
-from gplfd_policies.demonstrations.completion import task_completion_index
+from gplfd_policies.demonstrations.alignment import task_completion_index
 from gplfd_policies.demonstrations.continuation import continued
-from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
+from gplfd_policies.demonstrations.alignment import dynamic_time_warping
 
 SECONDS = np.linspace(0.0, 1.0, 5)
 NUMBERS = st.floats(-2.0, 2.0)
@@ -114,7 +114,7 @@ REFUSED = {
         dynamic_time_warping(lambda row: np.zeros(30_000), 20_000)
     ),
     "at least one demonstration is needed": lambda: align([]),
-    "directions.*dtw-euclidean.*inter": lambda: align([shown()], method="linear"),
+    "dtw.*dtw-euclidean.*inter": lambda: align([shown()], method="linear"),
     "n_samples must be at least 2, got 1": lambda: align([shown()], n_samples=1),
     "rotation_weight must lie in": lambda: align([shown()], rotation_weight=2.0),
     r"\(4,\) and \(2, 5, 6\)": lambda: aligned(times=np.linspace(0, 1, 4)),

@@ -1,11 +1,11 @@
 """Temporal alignment of demonstrations with different timing.
 
-Demonstrations are matched where the same share of the task is completed, by the task
-completion index of `gplfd_policies.demonstrations.completion`. Equation numbers refer
-to Arduengo et al., *Gaussian-Process-based Robot Learning from Demonstration*,
-arXiv:2002.09979.
+Demonstrations are matched where the same share of the task is completed. Equation
+numbers refer to Arduengo et al., *Gaussian-Process-based Robot Learning from
+Demonstration*, arXiv:2002.09979.
 """
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
@@ -14,33 +14,33 @@ import numpy as np
 import scipy
 
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
-from gplfd_env.spatial.se3 import into_axes, pose_distance
+from gplfd_env.spatial.se3 import into_axes, pose_distance, pose_steps
 from gplfd_policies.arrays.resolution import interpolated
-from gplfd_policies.arrays.shapes import Float, Outputs, Times
+from gplfd_policies.arrays.shapes import Float, Int, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.demonstrations.completion import measure_completion, warn_of_noise
 from gplfd_policies.demonstrations.demonstration import (
     Demonstration,
     checked_demonstrations,
 )
-from gplfd_policies.demonstrations.dynamic_time_warping import dynamic_time_warping
 from gplfd_policies.demonstrations.rests import Rest, warn_of_rests, without_rests
 
+_NOISY_LENGTH_RATIO: Final = 1.1
+"""Length of a path over its denoised length above which a warning is issued."""
+_BANDWIDTH: Final = 0.015
+"""Standard deviation of the filter, as a share of the demonstration: 0.1 s in 7 s. This
+is shorter than intended motions of a hand and longer than noise of sensors and their
+filters. It causes a phase error of 0.1 % on clean minimum-jerk motion, and of 0.5 %
+where a clean motion stops abruptly."""
+_REACH: Final = 4.0
+"""Half-width at which the filter's weights are cut off, in standard deviations."""
 _TIME_SHARE: Final = 1e-6
 """Share of normalised time added to the completion index: it orders the samples of a
 rest, where the index is constant, and shifts other matches by no more than this."""
-_STEPS: Final = 100
-"""Number of equal steps of completion at which directions of motion are compared."""
-_HALF_CHORD: Final = 4
-"""Half of the length of chords that define directions, in steps: above sensor noise."""
-_SLOWEST: Final = 0.1
-"""Chords shorter than this share of the median, as at a reversal, have less weight."""
-_TETHER: Final = 0.5
-"""Cost of a difference of completion by one; opposite directions have the cost two."""
-_BLUR: Final = 2.0
-"""Standard deviation, in steps, of the filter that smooths the stepwise correction."""
+LARGEST_TABLE: Final = 10**8
+"""Greatest number of cells: two sequences of 10,000, a few seconds and 100 MB."""
+_DIAGONAL, _UP, _LEFT = np.int8(0), np.int8(1), np.int8(2)
 
-AlignmentMethod = Literal["interpolation", "directions", "dtw", "dtw-euclidean"]
+AlignmentMethod = Literal["interpolation", "dtw", "dtw-euclidean"]
 """Ways to match demonstrations, see `align`."""
 
 Samples = Float[np.ndarray, " N"]
@@ -56,13 +56,6 @@ class _Course:
     poses: Float[np.ndarray, "N 6"]
     completion: Samples
 
-    @property
-    def progress(self) -> Samples:
-        """The completion index, made strictly increasing also during rests."""
-        return np.asarray(
-            (1.0 - _TIME_SHARE) * self.completion + _TIME_SHARE * self.clock
-        )
-
     def at(self, clock: Times) -> Outputs:
         """Return the poses at given normalised times."""
         last = len(self.clock) - 2
@@ -76,8 +69,6 @@ class _Course:
 
 Matched = tuple[Float[np.ndarray, "K M 6"], Float[np.ndarray, "K M"]]
 """Poses of K demonstrations at M phases, and their clocks there."""
-CostRow = Callable[[_Course, int, _Course], Samples]
-"""Costs of matching a sample of the first demonstration with each of the second."""
 
 
 def align(
@@ -94,9 +85,6 @@ def align(
     * ``"interpolation"`` (default) inverts each completion index exactly. The phase at
       a given completion is the mean over the demonstrations of their normalised times
       there, so that the common timing (starting and stopping gently) is kept.
-    * ``"directions"`` does the same with a corrected completion index, so that the
-      hands move in the same directions, see `corrected_completions`: for demonstrations
-      from different starts, with repeated parts, or with parts of different sizes.
     * ``"dtw"`` is the published method: dynamic time warping on |ζ_a - ζ_b| against the
       demonstration with most samples, matches averaged per sample. If ζ rises strictly,
       it finds the same matches to within half a sample, but stepwise.
@@ -143,7 +131,7 @@ def align(
     measured = [
         measure_completion(demo, rotation_weight, denoise) for demo in demonstrations
     ]
-    warn_of_noise([length_ratio for _, length_ratio in measured], denoise)
+    _warn_of_noise([length_ratio for _, length_ratio in measured], denoise)
 
     # Normalise time, and unwrap the rotations from the first demonstration's branch.
     courses = []
@@ -158,29 +146,22 @@ def align(
         clock = (times - times[0]) / (times[-1] - times[0])
         courses.append(_Course(clock=clock, poses=poses, completion=completion))
 
-    def completion_cost(reference: _Course, row: int, other: _Course) -> np.ndarray:
-        return np.asarray(np.abs(other.completion - reference.completion[row]))
-
-    def pose_cost(reference: _Course, row: int, other: _Course) -> np.ndarray:
-        return pose_distance(other.poses, reference.poses[row], rotation_weight)
-
     phases = np.linspace(0.0, 1.0, n_samples)
-    if method == "dtw":
-        aligned, clocks = _warped(courses, phases, completion_cost)
-    elif method == "dtw-euclidean":
-        aligned, clocks = _warped(courses, phases, pose_cost)
-    else:
-        if method == "directions":
-            corrected = corrected_completions(
-                [course.progress for course in courses],
-                [course.poses for course in courses],
-                rotation_weight,
-            )
-            courses = [
-                replace(course, completion=completion)
-                for course, completion in zip(courses, corrected, strict=True)
-            ]
+    if method == "interpolation":
         aligned, clocks = _interpolated(courses, phases)
+    else:
+        weight = rotation_weight if method == "dtw-euclidean" else None
+        aligned, clocks = _warped(courses, phases, weight)
+    wrenches = None
+    if any(demo.wrenches is not None for demo in demonstrations):
+        # At the same shares of the durations, in the hand's axes.
+        wrenches = np.full((*clocks.shape, 6), np.nan)
+        for felt, demo, clock in zip(wrenches, demonstrations, clocks, strict=True):
+            if demo.wrenches is not None:
+                rotvecs = demo.poses[:, None, 3:]
+                turned = into_axes(rotvecs, demo.wrenches.reshape(-1, 2, 3))
+                times = demo.times[0] + clock * (demo.times[-1] - demo.times[0])
+                felt[:] = interpolated(times, demo.times, turned.reshape(-1, 6))
     durations = [float(demo.times[-1] - demo.times[0]) for demo in demonstrations]
     return AlignedDemonstrations(
         times=phases,
@@ -188,50 +169,36 @@ def align(
         duration=float(np.mean(durations)),
         rests=rests,
         clocks=clocks,
-        wrenches=_felt(demonstrations, clocks),
+        wrenches=wrenches,
     )
-
-
-def _felt(
-    demonstrations: Sequence[Demonstration], clocks: Float[np.ndarray, "K M"]
-) -> Float[np.ndarray, "K M 6"] | None:
-    """Return the wrenches at shares of the durations, in the hand's axes."""
-    if all(demo.wrenches is None for demo in demonstrations):
-        return None
-    felt = np.full((*clocks.shape, 6), np.nan)
-    for wrenches, demo, clock in zip(felt, demonstrations, clocks, strict=True):
-        if demo.wrenches is not None:
-            rotvecs = demo.poses[:, None, 3:]
-            turned = into_axes(rotvecs, demo.wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
-            times = demo.times[0] + clock * (demo.times[-1] - demo.times[0])
-            wrenches[:] = interpolated(times, demo.times, turned)
-    return felt
 
 
 def _interpolated(courses: Sequence[_Course], phases: Times) -> Matched:
     """Match demonstrations at equal completion, on their mean clock."""
-    progress = [course.progress for course in courses]
+    progress = [
+        (1.0 - _TIME_SHARE) * course.completion + _TIME_SHARE * course.clock
+        for course in courses
+    ]
+    pairs = list(zip(progress, courses, strict=True))
     # Between these knots every clock is linear in progress, and so is their mean. Thus
     # inversion by linear interpolation is exact.
     knots = np.unique(np.concatenate(progress))
     mean_clock = np.mean(
-        [
-            np.interp(knots, rising, course.clock)
-            for rising, course in zip(progress, courses, strict=True)
-        ],
-        axis=0,
+        [np.interp(knots, rising, course.clock) for rising, course in pairs], axis=0
     )
     wanted = np.interp(phases, mean_clock, knots)
-    clocks = [
-        np.interp(wanted, rising, course.clock)
-        for rising, course in zip(progress, courses, strict=True)
-    ]
+    clocks = [np.interp(wanted, rising, course.clock) for rising, course in pairs]
     poses = [course.at(clock) for clock, course in zip(clocks, courses, strict=True)]
     return np.stack(poses), np.stack(clocks)
 
 
-def _warped(courses: Sequence[_Course], phases: Times, cost_row: CostRow) -> Matched:
-    """Warp demonstrations onto the one with most samples; average the matches."""
+def _warped(
+    courses: Sequence[_Course], phases: Times, rotation_weight: float | None
+) -> Matched:
+    """Warp demonstrations onto the one with most samples; average the matches.
+
+    With a weight of rotations, poses are compared instead of completion indices.
+    """
     reference = max(courses, key=lambda course: len(course.clock))
     aligned, clocks = [], []
     for course in courses:
@@ -240,10 +207,14 @@ def _warped(courses: Sequence[_Course], phases: Times, cost_row: CostRow) -> Mat
             aligned.append(course.at(phases))
             clocks.append(phases)
             continue
-        rows, columns = dynamic_time_warping(
-            lambda row, course=course: cost_row(reference, row, course),  # type: ignore[misc]
-            len(reference.clock),
-        )
+
+        def cost_row(row: int, course: _Course = course) -> Samples:
+            if rotation_weight is None:
+                apart = course.completion - reference.completion[row]
+                return np.asarray(np.abs(apart))
+            return pose_distance(course.poses, reference.poses[row], rotation_weight)
+
+        rows, columns = dynamic_time_warping(cost_row, len(reference.clock))
         matches = np.bincount(rows)
         means = [
             np.bincount(rows, weights=column[columns]) / matches
@@ -255,47 +226,126 @@ def _warped(courses: Sequence[_Course], phases: Times, cost_row: CostRow) -> Mat
     return np.stack(aligned), np.stack(clocks)
 
 
-def corrected_completions(
-    completions: Sequence[Float[np.ndarray, " _"]],
-    poses: Sequence[Float[np.ndarray, "_ 6"]],
-    rotation_weight: float,
-) -> list[Float[np.ndarray, " _"]]:
-    """Return completion indices at which demonstrations move in the same directions.
+def dynamic_time_warping(
+    cost_row: Callable[[int], Float[np.ndarray, " M"]], n_rows: int
+) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"]]:
+    """Match two sequences with steps (1, 0), (0, 1), (1, 1) of equal weight.
 
-    The completion index is comparable only if the parts of the task are equal shares of
-    every path. This fails if a hand starts from farther away or does a part twice.
-    Therefore the directions of each demonstration at equal steps of completion are
-    matched with their mean, by dynamic time warping with the cost
-    ``|u_a - u_b|² + (ζ_a - ζ_b)² / 4``, and the resulting correction is smoothed.
+    Returns the indices of the first and of the second sequence along the match with
+    least cost. They never decrease, and ends are matched to ends.
+
+    The recursion D_ij = c_ij + min(D_{i-1,j}, D_{i-1,j-1}, D_{i,j-1}) runs along each
+    row without a loop: with S the cumulated cost of the row and v_j the cheaper of the
+    two entries above, D_ij - S_j = min over l ≤ j of (v_l - S_{l-1}), a running
+    minimum. Memory is one byte per cell.
     """
-    steps = np.linspace(0.0, 1.0, _STEPS)
-    scale = np.repeat(np.sqrt([1.0 - rotation_weight, rotation_weight]), 3)
-    # Unit vectors along each path, shorter at reversals.
-    directions = []
-    for index, recorded in zip(completions, poses, strict=True):
-        ends = ((_HALF_CHORD, _HALF_CHORD), (0, 0))
-        padded = np.pad(scale * interpolated(steps, index, recorded), ends, mode="edge")
-        chords = padded[2 * _HALF_CHORD :] - padded[: -2 * _HALF_CHORD]
-        lengths = np.linalg.norm(chords, axis=1)
-        least = max(_SLOWEST * float(np.median(lengths)), np.finfo(np.float64).tiny)
-        directions.append(chords / np.maximum(lengths, least)[:, None])
-    common = np.mean(directions, axis=0)
-
-    corrected = []
-    for index, along in zip(completions, directions, strict=True):
-
-        def cost_row(row: int, along: np.ndarray = along) -> np.ndarray:
-            apart = np.sum((common - along[row]) ** 2, axis=1)
-            return np.asarray(apart + (_TETHER * (steps - steps[row])) ** 2)
-
-        rows, columns = dynamic_time_warping(cost_row, len(steps))
-        matches = np.bincount(rows)
-        stairs = np.bincount(rows, weights=steps[columns]) / matches
-        correction = scipy.ndimage.gaussian_filter1d(
-            stairs - steps, _BLUR, mode="nearest"
+    total = np.cumsum(cost_row(0))
+    if n_rows * len(total) > LARGEST_TABLE:
+        raise ValueError(
+            f"dynamic time warping of {n_rows:,} and {len(total):,} samples compares "
+            f"each with each, at most {LARGEST_TABLE:,} pairs: give demonstrations of "
+            '10,000 samples or fewer, or align by method="interpolation" (policy gp), '
+            "which takes any number"
         )
-        # Ends stay matched to ends.
-        correction -= (1.0 - steps) * correction[0] + steps * correction[-1]
-        rising = np.clip(np.maximum.accumulate(steps + correction), 0.0, 1.0)
-        corrected.append(np.interp(index, steps, rising))
-    return corrected
+    above = np.empty_like(total)
+    choices = np.empty((n_rows, len(total)), dtype=np.int8)
+    choices[0] = _LEFT
+    for index in range(1, n_rows):
+        costs = cost_row(index)
+        choice = choices[index, 1:]
+        np.less(total[1:], total[:-1], out=choice.view(np.bool_))  # up or diagonal
+        above[0] = total[0]
+        np.minimum(total[1:], total[:-1], out=above[1:])
+        cumulated = costs.cumsum()
+        total = cumulated + np.minimum.accumulate(above - (cumulated - costs))
+        choices[index, 0] = _UP
+        np.copyto(choice, _LEFT, where=total[:-1] < above[1:])
+    # Follow the choices from the last cell back to the first.
+    row, column = choices.shape[0] - 1, choices.shape[1] - 1
+    path = [(row, column)]
+    while row or column:
+        choice = choices[row, column]
+        row -= choice != _LEFT
+        column -= choice != _UP
+        path.append((row, column))
+    rows, columns = np.array(path[::-1], dtype=np.int64).T
+    return rows, columns
+
+
+def task_completion_index(
+    demonstration: Demonstration, rotation_weight: float = 0.5, denoise: bool = True
+) -> Samples:
+    """Return ζ: the share of the path's length covered up to each sample, Eq. (16).
+
+    Computed from the raw path, as printed, ζ measures mainly noise; therefore the noise
+    is removed first (`test_phase_error_with_noise_stays_below`).
+    """
+    index, length_ratio = measure_completion(demonstration, rotation_weight, denoise)
+    _warn_of_noise([length_ratio], denoise)
+    return index
+
+
+def measure_completion(
+    demonstration: Demonstration, rotation_weight: float, denoise: bool
+) -> tuple[Samples, float]:
+    """Return ζ, and the length of the path over its length without noise, about 1.
+
+    The noise is removed by a Gaussian filter whose width is a fixed share of the
+    demonstration. Rules that estimate the noise from neighbouring samples do not remove
+    noise that motion capture has filtered
+    (`test_phase_error_with_filtered_noise_stays_below`).
+    """
+    poses = demonstration.poses
+    raw = pose_steps(poses, rotation_weight)
+    if np.sum(raw) <= 0.0:
+        raise ValueError(
+            "the demonstration does not move under rotation_weight="
+            f"{rotation_weight}: 0 counts translation only and 1 rotation only; "
+            "choose a weight between"
+        )
+    clean, size = raw, len(poses)
+    bandwidth = _BANDWIDTH * size
+    reach = int(_REACH * bandwidth + 0.5)
+    if reach > 0:
+        path = np.ascontiguousarray(poses.T)
+        # Extended by point reflection at the ends, which keeps the ends in place.
+        before = 2.0 * path[:, :1] - path[:, reach:0:-1]
+        after = 2.0 * path[:, -1:] - path[:, -2 : -reach - 2 : -1]
+        extended = np.concatenate([before, path, after], axis=1)
+        # By Fourier transform: the weights cover an eighth of the demonstration, so a
+        # direct sum would cost O(N²).
+        length = scipy.fft.next_fast_len(extended.shape[1], real=True)
+        half = np.exp(-0.5 * (np.arange(reach + 1) / bandwidth) ** 2)
+        weights = np.zeros(length)
+        weights[: reach + 1] = half
+        weights[-reach:] = half[:0:-1]
+        weights /= weights.sum()
+        # The weights are even, so their spectrum is real.
+        spectrum = scipy.fft.rfft(extended, length) * scipy.fft.rfft(weights).real
+        smooth = scipy.fft.irfft(spectrum, length)[:, reach : reach + size]
+        smoothed = pose_steps(smooth.T, rotation_weight)
+        # If nothing exceeds the noise, only the raw path can be used.
+        clean = smoothed if np.sum(smoothed) > 0.0 else raw
+    index = np.concatenate([[0.0], np.cumsum(clean if denoise else raw)])
+    index /= index[-1]
+    return index, float(np.sum(raw)) / float(np.sum(clean))
+
+
+def _warn_of_noise(ratios: Sequence[float], denoise: bool) -> None:
+    """Warn once if recorded paths are more than 1.1 times as long as denoised ones."""
+    noisy = sum(ratio > _NOISY_LENGTH_RATIO for ratio in ratios)
+    if not noisy:
+        return
+    done = "The task completion index was computed from the denoised path."
+    if not denoise:
+        done = (
+            "The task completion index was computed from the raw path and mostly "
+            "follows the clock where the hand is slow; pass denoise=True."
+        )
+    warnings.warn(
+        f"sensor noise: {noisy} of {len(ratios)} demonstrations have a raw path more "
+        f"than {_NOISY_LENGTH_RATIO} times as long as the denoised one (up to "
+        f"{max(ratios):.2f} times). {done}",
+        UserWarning,
+        stacklevel=3,
+    )

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.demonstrations.completion import measure_completion
+from gplfd_policies.demonstrations.alignment import measure_completion
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.prior_mean import PriorMean

@@ -17,7 +17,7 @@ from gplfd_experiments.data.teacher.random_motion import smooth_functions
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.studies.learning_tests.accuracy import none_if_nan, rms_rotation
 from gplfd_experiments.studies.learning_tests.folds import Fold, learn
-from gplfd_policies.demonstrations.completion import task_completion_index
+from gplfd_policies.demonstrations.alignment import task_completion_index
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.movements.movement import Movement
 from gplfd_policies.movements.prior_mean import PosePath
