@@ -11,7 +11,7 @@ from gplfd_policies.adaptation import (
     ProcessAdaptation,
     ProductAdaptation,
 )
-from gplfd_policies.adaptation.conditioning import ConditionedProcess, Repetition
+from gplfd_policies.adaptation.process import ConditionedProcess, Repetition
 from gplfd_policies.adaptation.product import product_of_gaussians
 from gplfd_policies.gp.deviations import (
     DeviationLikelihood,
@@ -143,15 +143,15 @@ def smooth_repetition():
 
 
 def smooth_process():
-    return ConditionedProcess(smooth_repetition(), TIMES)
+    return ConditionedProcess(smooth_repetition(), None, TIMES)
 
 
 def test_rates_are_the_slopes_of_mean_and_spread():
     fine = np.linspace(0.0, 1.0, 2001)
-    process = ConditionedProcess(smooth_repetition(), fine)
+    process = ConditionedProcess(smooth_repetition(), None, fine)
     pose = np.sin(3.0 * 0.35) + np.zeros(6)
     process.update(process.at(0.4), pose, np.full(6, 1e-4), np.arange(1.0, 7.0))
-    posterior = process.distribution(np.ones(6), None)
+    posterior = process.trajectory()
     for rate, curve in (
         (posterior.mean_rate, posterior.mean),
         (posterior.std_rate, posterior.std),
@@ -199,7 +199,7 @@ def test_shared_error_equals_dense_conditioning(phases, shared):
     along = np.tile(shared, (len(phases), 1))
     mean, covariance = dense_conditioning(phases, poses, along, 1e-4)
     assert_allclose(process.mean, mean, atol=1e-11 if shared.any() else 1e-12)
-    found = process.distribution(np.ones(6), None).covariance
+    found = process.trajectory().covariance
     assert_allclose(found, covariance + 1e-12 * np.eye(60), atol=1e-13)
 
 
@@ -220,12 +220,18 @@ def test_shared_error_leaves_what_is_across_the_path_certain():
 def test_what_is_left_out_of_a_covariance_is_not_seen():
     repetition = smooth_repetition()
     basis = repetition.basis
-    kernel = basis.kernel_matrix(SMOOTH)
+    kernel = SMOOTH(basis.nodes, basis.nodes)
+    root = basis.root_weights[:, None]
     small = Repetition.from_covariance(
-        basis, repetition.mean, np.tile(kernel, (6, 1, 1)), repetition.log_white
+        basis,
+        repetition.mean / root,
+        np.tile(kernel, (6, 1, 1)),
+        repetition.log_white / root,
     )
     assert small.deviations.shape[2] < 20
-    processes = [ConditionedProcess(each, TIMES) for each in (repetition, small)]
+    processes = [
+        ConditionedProcess(prior, None, TIMES) for prior in (repetition, small)
+    ]
     for process in processes:
         for phase in (0.1, 0.3, 0.5):
             here = process.at(phase)

@@ -11,9 +11,11 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.spatial.se3 import canonical_rotvec
 from gplfd_policies import AlignedDemonstrations, Demonstration, align
-from gplfd_policies.demonstrations.alignment import task_completion_index
+from gplfd_policies.demonstrations.alignment import (
+    dynamic_time_warping,
+    task_completion_index,
+)
 from gplfd_policies.demonstrations.continuation import continued
-from gplfd_policies.demonstrations.alignment import dynamic_time_warping
 
 SECONDS = np.linspace(0.0, 1.0, 5)
 NUMBERS = st.floats(-2.0, 2.0)

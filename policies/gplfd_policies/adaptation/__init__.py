@@ -8,14 +8,14 @@ informs the rest of the motion. "similarity", for agents at doors, models that p
 differ in size. Other movements are conditioned by their own ``adapt``.
 """
 
-from gplfd_policies.adaptation.forms import (
-    ADAPTATIONS,
-    AdaptedMovement,
-    NoAdaptation,
-    OwnAdaptation,
-    adapt,
-    begin_adaptation,
-)
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
 from gplfd_policies.adaptation.process import (
     ExactAdaptation,
     ForceAdaptation,
@@ -23,7 +23,21 @@ from gplfd_policies.adaptation.process import (
 )
 from gplfd_policies.adaptation.product import ProductAdaptation
 from gplfd_policies.adaptation.similarity import SimilarityAdaptation
-from gplfd_policies.movements.movement import Adaptation, AdaptationForm
+from gplfd_policies.arrays.shapes import Outputs, Times
+from gplfd_policies.movements.movement import (
+    Adaptable,
+    Adaptation,
+    AdaptationForm,
+    Movement,
+    Predictor,
+)
+from gplfd_policies.movements.prior_mean import ResidualAdaptation, ResidualMovement
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.movements.trajectory import (
+    GaussianTrajectory,
+    ViaPoint,
+    checked_times,
+)
 
 __all__ = [
     "ADAPTATIONS",
@@ -40,3 +54,177 @@ __all__ = [
     "adapt",
     "begin_adaptation",
 ]
+
+ADAPTATIONS: Final[Mapping[str, AdaptationForm]] = MappingProxyType(
+    {
+        "process": ProcessAdaptation,
+        "product": ProductAdaptation,
+        "exact": ExactAdaptation,
+        "similarity": SimilarityAdaptation,
+    }
+)
+"""Forms of a skill's adaptation by name."""
+_APART: Final = 1e-3
+"""Least distance of other phases from a single predicted phase."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class AdaptedMovement:
+    """A movement conditioned on via-points; made by `adapt`."""
+
+    movement: Movement
+    """The learned movement."""
+    via_points: tuple[ViaPoint, ...]
+    """Its via-points."""
+    form: AdaptationForm
+    """The form of adaptation."""
+
+    def predict(self, times: Times) -> GaussianTrajectory:
+        """Return the conditioned distribution at ``times``.
+
+        The form "product" depends on these phases.
+
+        Raises:
+            ValueError: if a via-point or a time is outside what the form can handle.
+        """
+        times = grid = checked_times(times)
+        others = self.movement.aligned.times
+        partial = times.size == 1 or times[0] > others[0]
+        if partial and self.form is SimilarityAdaptation:
+            # This form needs the path from its start; very close phases would make the
+            # rates inaccurate.
+            apart = np.abs(others[:, None] - times).min(axis=1) > _APART
+            grid = np.sort(np.append(others[apart], times))
+        adaptation = begin_adaptation(self.movement, self.form, grid)
+        for via_point in self.via_points:
+            adaptation.observe(via_point)
+        trajectory = adaptation.trajectory()
+        return trajectory if grid is times else trajectory[np.isin(grid, times)]
+
+
+def adapt(
+    movement: Movement,
+    via_points: Sequence[ViaPoint],
+    form: str | AdaptationForm | None = None,
+) -> AdaptedMovement:
+    """Condition a movement on via-points.
+
+    Args:
+        movement: The learned movement.
+        via_points: Poses to be reached, in any order; they are sorted by phase. Without
+            via-points, the movement is predicted as learned.
+        form: For a skill: "process" (default), for phases that are certain; "product"
+            (the paper's Eqs. 19–21) or "exact"; "similarity" (default for a single
+            demonstration), for successive positions on a path of unknown size in the
+            x-z plane; or a callable (movement, grid) → `Adaptation`, such as
+            ``partial(ProductAdaptation, prior_mean="zero")``. Other movements have only
+            their own form, which is the default.
+
+    Returns:
+        The adapted movement, which predicts like the movement.
+
+    Raises:
+        TypeError: if the via-points are not a sequence of via-points.
+        ValueError: if the movement cannot adapt, or not in this form.
+    """
+    several = tuple(via_points) if isinstance(via_points, Iterable) else (None,)
+    if not all(isinstance(point, ViaPoint) for point in several):
+        raise TypeError(
+            "via_points must be a sequence of gplfd_policies.ViaPoint, got "
+            f"{textwrap.shorten(repr(via_points), 80, placeholder=' ...')}; put a "
+            "single one into a list: [via_point]"
+        )
+    if form is None or isinstance(form, str):
+        learned = movement
+        if isinstance(movement, ResidualMovement):
+            learned = movement.residual
+        kind = type(learned).__name__
+        if isinstance(learned, Skill):
+            if form is None:
+                form = "process" if learned.count > 1 else "similarity"
+            if form not in ADAPTATIONS:
+                raise ValueError(
+                    f"Unknown adaptation form {form!r}; choose from "
+                    f"{sorted(ADAPTATIONS)}."
+                )
+            form = ADAPTATIONS[form]
+        elif not isinstance(learned, Adaptable):
+            raise ValueError(
+                f"{kind} has no via-points: it is not a Skill and has no method "
+                "adapt(via_points), so it cannot be conditioned"
+            )
+        elif form is not None:
+            raise ValueError(
+                f"{kind} has its own form of adaptation: leave form={form!r} out, "
+                "which is for a Skill"
+            )
+        else:
+            form = OwnAdaptation
+    # The scale of σ depends on the innovation of each via-point given the earlier ones.
+    ordered = sorted(several, key=lambda point: (point.phase, tuple(point.pose)))
+    return AdaptedMovement(
+        movement=movement,
+        via_points=tuple(ordered),
+        form=form if ordered else NoAdaptation,
+    )
+
+
+def begin_adaptation(
+    movement: Movement, form: AdaptationForm | None, grid: Times
+) -> Adaptation:
+    """Start the adaptation of a movement, around its prior mean if it has one.
+
+    The form None is for a movement without via-points.
+    """
+    if form is None:
+        return NoAdaptation(movement, grid)
+    # The size of a path is defined by the whole motion, including its prior mean.
+    if isinstance(movement, ResidualMovement) and form is not SimilarityAdaptation:
+        return ResidualAdaptation(form, movement, grid)
+    return form(movement, grid)
+
+
+class NoAdaptation:
+    """The learned movement on a grid of phases, without any effect of via-points."""
+
+    def __init__(self, movement: Predictor, grid: Times) -> None:
+        self._trajectory = movement.predict(grid)
+
+    def observe(self, via_point: ViaPoint) -> None:
+        """Ignore a via-point."""
+
+    @property
+    def mean(self) -> Outputs:
+        """Current mean on the grid [m, rad]."""
+        return self.trajectory().mean
+
+    @property
+    def std(self) -> Outputs:
+        """Current standard deviation on the grid [m, rad]."""
+        return self.trajectory().std
+
+    def trajectory(self) -> GaussianTrajectory:
+        """The current distribution on the grid."""
+        return self._trajectory
+
+
+class OwnAdaptation(NoAdaptation):
+    """Adapts a movement by its own ``adapt``, each time with all via-points so far."""
+
+    def __init__(self, movement: Adaptable, grid: Times) -> None:
+        super().__init__(movement, grid)
+        self._movement, self._grid = movement, grid
+        self._via_points: list[ViaPoint] = []
+        self._outdated = False
+
+    def observe(self, via_point: ViaPoint) -> None:
+        """Add a via-point."""
+        self._via_points.append(via_point)
+        self._outdated = True
+
+    def trajectory(self) -> GaussianTrajectory:
+        """The current distribution on the grid."""
+        if self._outdated:
+            adapted = self._movement.adapt(tuple(self._via_points))
+            self._trajectory, self._outdated = adapted.predict(self._grid), False
+        return self._trajectory

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_policies.adaptation.forms import begin_adaptation
+from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.adaptation.similarity import SimilarityAdaptation
 from gplfd_policies.arrays.rows import ALL_ROWS, Numbers, PerRow, Rows
 from gplfd_policies.arrays.shapes import (

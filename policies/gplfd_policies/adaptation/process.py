@@ -1,29 +1,43 @@
-"""Exact Gaussian conditioning on via-points, in two forms.
+"""Exact Gaussian conditioning of six smooth curves together, via-point by via-point.
 
-`ProcessAdaptation` is ours: a repetition of the task deviates smoothly from the mean,
-like the demonstrations (`gplfd_policies.gp.deviations`), so that the observed radius of
-a door informs the rest of the motion. `ExactAdaptation` conditions the paper's model,
-whose deviations are white.
+A repetition of the task is the mean, plus deviations given by a few standard-normal
+numbers z_i per output, which are independent a priori:
+
+    y_i(t) = m_i(t) + φ_i(t)ᵀ z_i + white noise.
+
+A via-point at *any* phase observes all outputs at once, each with its own noise and one
+shared error (`ViaPoint.along`): covariance diag(σ²) + ρ ρᵀ. With H the 6 × n matrix of
+the curves,
+
+    S = H C Hᵀ + diag(σ²) + ρ ρᵀ = L Lᵀ,  B = C Hᵀ L⁻ᵀ,
+    z ← z + B L⁻¹ (y − m − H z),  C ← C − B Bᵀ,
+
+This is exact for any ρ (``test_shared_error_equals_dense_conditioning``); the grid of
+the reported distribution has no influence. If ρ = 0 the outputs stay independent.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import scipy
 
-from gplfd_policies.adaptation.conditioning import (
-    ConditionedProcess,
-    Repetition,
-    basis_for_grid,
-)
 from gplfd_policies.arrays.resolution import thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.gp.deviations import conjugate_share
 from gplfd_policies.gp.exact import factorise
+from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
+_STRONGEST = 1e-8
+"""Least via-point variance, relative to the largest variance of the output: 1e-4 of the
+demonstrated spread, so that σ_v = 0 and repeated or contradictory via-points have a
+solution, their average."""
+_LEFT_OUT = 1e-7
+"""Eigenvectors of a smooth covariance whose eigenvalue is below this share of the
+largest are left out: no via-point can observe them."""
 _SMOOTHING_GRID = 60
 """Samples of a demonstration from which its smooth curve is computed."""
 _OWN_SHARE = 0.5
@@ -34,35 +48,116 @@ Chosen by experiments: with 50 %, intervals are too wide at doors like the demon
 ones."""
 _OWN_SCALE = 0.1
 """Length scale of the varying part of a door's own force, in phase."""
+_OUTPUTS = np.arange(6)[:, None]
+_DIAGONAL = np.diag_indices(6)
+
+Local = tuple[Pose, Pose, Float[np.ndarray, "6 R"]]
+"""m_i, the white variance and φ_i at one phase, before any via-point."""
 
 
-class StudentProcess(ConditionedProcess):
-    """A conditioned process whose scale is estimated from few demonstrations.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Repetition:
+    """The prior of a repetition, before any via-point, in a basis."""
 
-    With ν degrees of freedom, n observations and their squared Mahalanobis distance δ²,
-    the scale of a Student-t process grows to (ν + δ²)/(ν + n) per output. The distance
-    of each observation is computed given the other outputs, so that an error along the
-    path does not count. The scale is at least one: via-points that match with a large
-    σ_v must not make the robot over-confident or stiff. Intervals keep ν degrees of
+    basis: LegendreBasis
+    """Basis of all coefficients."""
+    mean: Float[np.ndarray, "Q 6"]
+    """Coefficients of the mean m_i."""
+    deviations: Float[np.ndarray, "6 Q R"]
+    """Coefficients of the curves φ_i, R of each output."""
+    log_white: Float[np.ndarray, "Q 6"]
+    """Coefficients of the logarithm of the white variance, which is independent from
+    sample to sample and not reduced by via-points."""
+
+    @classmethod
+    def from_covariance(
+        cls,
+        basis: LegendreBasis,
+        mean: Float[np.ndarray, "Q 6"],
+        covariance: Float[np.ndarray, "6 Q Q"],
+        log_white: Float[np.ndarray, "Q 6"],
+    ) -> "Repetition":
+        """Return the prior for moments at the nodes of the basis.
+
+        φ_i are the eigenvectors of the covariance times roots of the eigenvalues.
+        """
+        root = basis.root_weights[:, None]
+        values, vectors = np.linalg.eigh(basis.weigh(covariance))
+        values = np.maximum(values, 0.0)
+        kept = values > _LEFT_OUT * values[..., -1:]
+        most = max(int(np.max(np.sum(kept, axis=-1))), 1)
+        return cls(
+            basis=basis,
+            mean=root * mean,
+            deviations=vectors[..., -most:] * np.sqrt(values[..., None, -most:]),
+            log_white=root * log_white,
+        )
+
+
+def basis_for_grid(
+    times: Float[np.ndarray, " N"], grid: Times, shortest_scale: float
+) -> LegendreBasis:
+    """Return a basis over demonstrations and grid; raise if the grid is impossible."""
+    if len(grid) == 0 or not np.isfinite(grid).all():
+        raise ValueError(f"Adaptation needs finite grid phases, got {grid}.")
+    start = float(min(times[0], np.min(grid)))
+    stop = float(max(times[-1], np.max(grid)))
+    basis = LegendreBasis.for_length_scale(start, stop, shortest_scale)
+    if basis is None:
+        raise ValueError(
+            f"The grid reaches from {np.min(grid)} to {np.max(grid)}, too far beyond "
+            f"the demonstrated [{times[0]}, {times[-1]}]; keep it near that range."
+        )
+    return basis
+
+
+class ConditionedProcess:
+    """Six curves on a grid of phases, conditioned in place.
+
+    With few demonstrations the scale of the process is uncertain. With ν degrees of
+    freedom, n observations and their squared Mahalanobis distance δ², the scale of a
+    Student-t process grows to (ν + δ²)/(ν + n) per output. The distance of each
+    observation is computed given the other outputs, so that an error along the path
+    does not count. The scale is at least one: via-points that match with a large σ_v
+    must not make the robot over-confident or stiff. Intervals keep ν degrees of
     freedom, because the via-points of one repetition all observe the same deviation.
     """
 
-    def __init__(self, prior: Repetition, free: float, grid: Times) -> None:
-        super().__init__(prior, grid)
-        self._free = free
+    def __init__(self, prior: Repetition, free: float | None, grid: Times) -> None:
+        self.grid, self._basis, self._free = grid, prior.basis, free
+        # Coefficients of every curve: m, log white, ṁ, and φ by output.
+        flat = prior.deviations.transpose(1, 0, 2).reshape(prior.basis.size, -1)
+        slope = prior.basis.differentiate(prior.mean)
+        self._table = np.concatenate([prior.mean, prior.log_white, slope, flat], axis=1)
+        self._rows = prior.basis.matrix(grid) @ self._table
+        self._mean, self._white = self._rows[:, :6].copy(), np.exp(self._rows[:, 6:12])
+        self._curves = _curves(self._rows)
+        self._variance = np.sum(self._curves**2, axis=2).T
+        self._floor = _STRONGEST * np.max(self._variance + self._white, axis=0)
+        # Entries of the state that belong to each output.
+        size = 6 * self._curves.shape[2]
+        self._places = np.arange(size).reshape(6, -1)
+        self._state = np.zeros(size)
+        self._covariance = np.asfortranarray(np.eye(size))
+        self._design = np.zeros((6, size))
         self._observed, self._distance = np.zeros(6), np.zeros(6)
         self._sequential, self._log_variance = 0.0, 0.0
 
-    def observe(self, via_point: ViaPoint) -> None:
-        """Condition on one more via-point, in place, in O(n² + M n)."""
-        here, along = self.at(via_point.phase), np.asarray(via_point.along)
-        innovation = self.update(
-            here, via_point.pose, via_point.own_variance + here.white, along
-        )
-        self._observed += innovation.observed
-        self._distance += innovation.given_others
-        self._sequential += innovation.joint
-        self._log_variance += innovation.log_variance
+    @property
+    def mean(self) -> Outputs:
+        """Current mean on the grid, a read-only view."""
+        view: np.ndarray = self._mean.view()
+        view.setflags(write=False)
+        return view
+
+    @property
+    def std(self) -> Outputs:
+        """Current standard deviation on the grid, white part included."""
+        return np.asarray(np.sqrt(self.variance()))
+
+    def variance(self) -> Outputs:
+        """Square of the current standard deviation."""
+        return np.asarray(self._scale() * self._unscaled_variance())
 
     @property
     def log_evidence(self) -> float:
@@ -71,94 +166,133 @@ class StudentProcess(ConditionedProcess):
         With one scale for all outputs it does not depend on the order of the
         via-points.
         """
+        assert self._free is not None
         power = 0.5 * (self._free + float(np.sum(self._observed)))
         distance = np.log1p(self._sequential / self._free)
         return -0.5 * self._log_variance - power * float(distance)
 
-    @property
-    def std(self) -> Outputs:
-        """Current standard deviation on the grid."""
-        return np.asarray(np.sqrt(self.stretched_variance()))
+    def observe(self, via_point: ViaPoint) -> None:
+        """Condition on one more via-point, in place, in O(n² + M n)."""
+        here, along = self.at(via_point.phase), np.asarray(via_point.along)
+        self.update(here, via_point.pose, via_point.own_variance + here[1], along)
 
-    def stretched_variance(self) -> Outputs:
-        """Square of the current standard deviation."""
-        return np.asarray(self._scale() * self.variance())
+    def at(self, phase: float) -> Local:
+        """Return the prior at a phase; raise if it is outside demonstrations and grid.
+
+        Raises:
+            ValueError: if the phase is outside demonstrations and grid.
+        """
+        basis = self._basis
+        if not basis.start <= phase <= basis.stop:
+            raise ValueError(
+                f"The via-point's phase {phase} is outside the range "
+                f"[{basis.start}, {basis.stop}] of demonstrations and "
+                f"grid; clip it, or build the adaptation on a wider grid."
+            )
+        row = basis.row(phase) @ self._table
+        return row[:6], np.exp(row[6:12]), _curves(row[None])[:, 0]
+
+    def update(
+        self, here: Local, pose: Pose, noise_variance: Pose, along: Pose
+    ) -> None:
+        """Condition on a pose.
+
+        Args:
+            here: the repetition at the pose's phase, from `at`.
+            pose: observed pose; outputs with infinite noise are ignored.
+            noise_variance: variance of each output's own noise.
+            along: the error that all outputs share, see `ViaPoint.along`.
+        """
+        mean, _, curves = here
+        observed = np.isfinite(noise_variance)
+        design = self._design
+        design[_OUTPUTS, self._places] = curves * observed[:, None]
+        innovation = np.where(observed, pose - (mean + design @ self._state), 0.0)
+        gain = self._covariance @ design.T
+        error, variance = observed * along, np.maximum(noise_variance, self._floor)
+        covariance = design @ gain + np.multiply.outer(error, error)
+        covariance[_DIAGONAL] += np.where(observed, variance, 1.0)
+        root = np.linalg.cholesky(covariance)
+        inverse_root, _ = scipy.linalg.lapack.dtrtri(root, lower=1)
+        half = gain @ inverse_root.T
+        whitened = inverse_root @ innovation
+        self._state += half @ whitened
+        self._covariance = scipy.linalg.blas.dgemm(
+            -1.0, half, half, trans_b=1, beta=1.0, c=self._covariance, overwrite_c=1
+        )
+        on_grid = self._curves @ half[self._places]
+        self._mean += (on_grid @ whitened).T
+        self._variance -= np.einsum("imk,imk->mi", on_grid, on_grid)
+        # Squared innovation of each output over its variance, given the other five.
+        alone = whitened @ inverse_root
+        precision = np.einsum("ki,ki->i", inverse_root, inverse_root)
+        self._observed += observed
+        self._distance += alone * alone / precision
+        self._sequential += float(whitened @ whitened)
+        self._log_variance += 2.0 * float(np.sum(np.log(root[_DIAGONAL])))
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""
-        return self.distribution(np.sqrt(self._scale()), self._free)
+        blocks = self._covariance[self._places[:, :, None], self._places[:, None, :]]
+        rates = self._basis.matrix(self.grid) @ self._basis.differentiate(self._table)
+        slopes, stretch = _curves(rates), np.sqrt(self._scale())
+        spread = np.sqrt(self._unscaled_variance())
+        smooth_rate = 2.0 * np.sum(slopes @ blocks * self._curves, axis=2).T
+        variance_rate = smooth_rate + self._white * rates[:, 6:12]
+        state = self._state[self._places]
+        return GaussianTrajectory(
+            times=self.grid,
+            mean=self._mean,
+            std=stretch * spread,
+            mean_rate=self._rows[:, 12:18] + np.einsum("imr,ir->mi", slopes, state),
+            std_rate=stretch * variance_rate / (2.0 * spread),
+            covariance_function=partial(
+                _covariance_on_grid, self._curves, blocks, spread**2, stretch
+            ),
+            degrees_of_freedom=self._free,
+        )
+
+    def _unscaled_variance(self) -> Outputs:
+        return np.asarray(np.maximum(self._variance, 0.0) + self._white)
 
     def _scale(self) -> Pose:
         """Factor on the variances, from the innovations of the via-points."""
+        if self._free is None:
+            return np.ones(6)
         scale = (self._free + self._distance) / (self._free + self._observed)
         return np.asarray(np.maximum(scale, 1.0))
 
 
-class MixedProcesses:
-    """Mixture of conditioned processes, weighted by the evidence of the via-points."""
-
-    def __init__(self, parts: Sequence[StudentProcess], prior: Sequence[float]) -> None:
-        """Mix processes with given prior probabilities."""
-        self._parts, self._log_prior = tuple(parts), np.log(prior)
-
-    def observe(self, via_point: ViaPoint) -> None:
-        """Condition on one more via-point, in place."""
-        for part in self._parts:
-            part.observe(via_point)
-
-    @property
-    def shares(self) -> Float[np.ndarray, " P"]:
-        """Probability of each process."""
-        evidence = self._log_prior + [part.log_evidence for part in self._parts]
-        likely = np.exp(evidence - evidence.max())
-        return np.asarray(likely / likely.sum())
-
-    @property
-    def mean(self) -> Outputs:
-        """Current mean on the grid, read-only."""
-        mean: np.ndarray = _mixed(self.shares, [part.mean for part in self._parts])
-        mean.setflags(write=False)
-        return mean
-
-    @property
-    def std(self) -> Outputs:
-        """Current standard deviation on the grid."""
-        shares, means = self.shares, np.stack([part.mean for part in self._parts])
-        variance = _mixed(shares, [part.stretched_variance() for part in self._parts])
-        apart = means - _mixed(shares, means)
-        return np.asarray(np.sqrt(variance + _mixed(shares, apart**2)))
-
-    def trajectory(self) -> GaussianTrajectory:
-        """The current distribution on the grid, with rates and covariance."""
-        shares, parts = self.shares, [part.trajectory() for part in self._parts]
-        means, rates = (
-            np.stack([getattr(part, name) for part in parts])
-            for name in ("mean", "mean_rate")
-        )
-        mean, mean_rate = _mixed(shares, means), _mixed(shares, rates)
-        apart, apart_rate = means - mean, rates - mean_rate
-        variance = _mixed(shares, [part.std**2 for part in parts])
-        std = np.sqrt(variance + _mixed(shares, apart**2))
-        rate = _mixed(shares, [part.std * part.std_rate for part in parts])
-        rate += _mixed(shares, apart * apart_rate)
-        return replace(
-            parts[0],
-            mean=mean,
-            std=std,
-            mean_rate=mean_rate,
-            std_rate=rate / std,
-            covariance_function=partial(_mixed_covariance, shares, apart, parts),
-        )
+def _curves(rows: Float[np.ndarray, "M C"]) -> Float[np.ndarray, "6 M R"]:
+    """Return φ_i, or its derivatives, by output, from rows of the table."""
+    curves = rows[:, 18:].reshape(len(rows), 6, -1)
+    return np.ascontiguousarray(curves.transpose(1, 0, 2))
 
 
-class ProcessAdaptation(StudentProcess):
+def _covariance_on_grid(
+    curves: Float[np.ndarray, "6 M R"],
+    covariance: Float[np.ndarray, "6 R R"],
+    variance: Outputs,
+    stretch: Pose,
+) -> Covariances:
+    """Return the covariance over time of smooth and white part together."""
+    full: np.ndarray = curves @ covariance @ np.swapaxes(curves, 1, 2)
+    diagonal = np.arange(full.shape[1])
+    full[:, diagonal, diagonal] = variance.T
+    return np.asarray(stretch[:, None, None] ** 2 * full)
+
+
+class ProcessAdaptation(ConditionedProcess):
     """Exact Gaussian conditioning of the demonstrated process at registered phases.
+
+    A repetition deviates smoothly from the mean, like the demonstrations
+    (`gplfd_policies.gp.deviations`), so that the observed radius of a door informs the
+    rest of the motion.
 
     * Before any via-point it equals `Skill.predict`.
     * A via-point observes the path with its own noise σ_v, an error along the path that
       all outputs share (`ViaPoint.along`), and the white part of the demonstrations'
       spread, which for smooth demonstrations is negligible.
-    * The size of the spread is uncertain, see `StudentProcess`.
     * Mean and covariance do not depend on the grid; the mean does not depend on the
       order of the via-points. If they share an error along the path, the scale of the
       covariance depends on their order; `gplfd_policies.adapt` sorts them by phase.
@@ -186,30 +320,6 @@ class ProcessAdaptation(StudentProcess):
         super().__init__(prior, float(skill.count - 1), grid)
 
 
-class ForceAdaptation(MixedProcesses):
-    """Conditioning of the force at a door that may differ from all demonstrated doors.
-
-    In addition to the demonstrations' spread, a door's force deviates in one of three
-    ways: not at all; by a constant b on the whole way, like the weight of a leaf or the
-    pull of a closer; or by b + f(s), where f varies over a tenth of the way, like
-    springs of handle and seal. The first is the most probable before any force is
-    measured. The standard deviation of the others is half the root mean square of the
-    demonstrated forces, or moments, along each axis.
-    """
-
-    def __init__(self, skill: Skill, grid: Times) -> None:
-        """Start from at least two demonstrations, with wrenches instead of poses."""
-        square = np.mean(skill.aligned.poses.reshape(-1, 2, 3) ** 2, axis=0)
-        variance = np.repeat(_OWN_SHARE**2 * square.sum(axis=-1), 3)
-        priors = (
-            demonstrated_repetition(skill, grid, own_variance=variances)
-            for variances in (None, (variance, 0.0 * variance), (0.5 * variance,) * 2)
-        )
-        free = float(skill.count - 1)
-        parts = [StudentProcess(prior, free, grid) for prior in priors]
-        super().__init__(parts, _OWN_PRIOR)
-
-
 class ExactAdaptation(ConditionedProcess):
     """p(f | D ∪ V): via-points as data, like demonstrations, Eqs. (10)–(11).
 
@@ -224,29 +334,111 @@ class ExactAdaptation(ConditionedProcess):
         processes, times = skill.processes, skill.aligned.times
         basis = basis_for_grid(times, grid, processes.shortest_length_scale)
         moments = processes.moments(basis.nodes)
-        root = basis.root_weights[:, None]
-        prior = Repetition.from_covariance(
-            basis,
-            mean=root * moments.mean,
-            covariance=basis.weigh(processes.latent_covariance(basis.nodes)),
-            log_white=root * np.log(moments.noise),
-        )
-        super().__init__(prior, grid)
-        self._degrees_of_freedom = skill.degrees_of_freedom
+        covariance = processes.latent_covariance(basis.nodes)
+        log_white = np.log(moments.noise)
+        prior = Repetition.from_covariance(basis, moments.mean, covariance, log_white)
+        super().__init__(prior, skill.degrees_of_freedom, grid)
 
     def observe(self, via_point: ViaPoint) -> None:
         """Condition on one more via-point, in place, in O(n² + M n)."""
         here, along = self.at(via_point.phase), np.asarray(via_point.along)
         self.update(here, via_point.pose, via_point.own_variance, along)
 
+    def _scale(self) -> Pose:
+        return np.ones(6)
+
+
+class ForceAdaptation:
+    """Conditioning of the force at a door that may differ from all demonstrated doors.
+
+    In addition to the demonstrations' spread, a door's force deviates in one of three
+    ways: not at all; by a constant b on the whole way, like the weight of a leaf or the
+    pull of a closer; or by b + f(s), where f varies over a tenth of the way, like
+    springs of handle and seal. The first is the most probable before any force is
+    measured. The standard deviation of the others is half the root mean square of the
+    demonstrated forces, or moments, along each axis. The three processes are weighted
+    by the evidence of the via-points.
+    """
+
+    def __init__(self, skill: Skill, grid: Times) -> None:
+        """Start from at least two demonstrations, with wrenches instead of poses."""
+        square = np.mean(skill.aligned.poses.reshape(-1, 2, 3) ** 2, axis=0)
+        variance = np.repeat(_OWN_SHARE**2 * square.sum(axis=-1), 3)
+        free = float(skill.count - 1)
+        self._parts = [
+            ConditionedProcess(
+                demonstrated_repetition(skill, grid, own_variance=variances), free, grid
+            )
+            for variances in (None, (variance, 0.0 * variance), (0.5 * variance,) * 2)
+        ]
+
+    def observe(self, via_point: ViaPoint) -> None:
+        """Condition on one more via-point, in place."""
+        for part in self._parts:
+            part.observe(via_point)
+
+    @property
+    def shares(self) -> Float[np.ndarray, " P"]:
+        """Probability of each process."""
+        evidence = np.log(_OWN_PRIOR) + [part.log_evidence for part in self._parts]
+        likely = np.exp(evidence - evidence.max())
+        return np.asarray(likely / likely.sum())
+
+    @property
+    def mean(self) -> Outputs:
+        """Current mean on the grid, read-only."""
+        mean: np.ndarray = _mixed(self.shares, [part.mean for part in self._parts])
+        mean.setflags(write=False)
+        return mean
+
     @property
     def std(self) -> Outputs:
-        """Current standard deviation on the grid, spread r(t) included."""
-        return np.asarray(np.sqrt(self.variance()))
+        """Current standard deviation on the grid."""
+        shares, means = self.shares, np.stack([part.mean for part in self._parts])
+        variance = _mixed(shares, [part.variance() for part in self._parts])
+        apart = means - _mixed(shares, means)
+        return np.asarray(np.sqrt(variance + _mixed(shares, apart**2)))
 
     def trajectory(self) -> GaussianTrajectory:
         """The current distribution on the grid, with rates and covariance."""
-        return self.distribution(np.ones(6), self._degrees_of_freedom)
+        shares, parts = self.shares, [part.trajectory() for part in self._parts]
+        means, rates = (
+            np.stack([getattr(part, name) for part in parts])
+            for name in ("mean", "mean_rate")
+        )
+        mean, mean_rate = _mixed(shares, means), _mixed(shares, rates)
+        apart, apart_rate = means - mean, rates - mean_rate
+        variance = _mixed(shares, [part.std**2 for part in parts])
+        std = np.sqrt(variance + _mixed(shares, apart**2))
+        rate = _mixed(shares, [part.std * part.std_rate for part in parts])
+        rate += _mixed(shares, apart * apart_rate)
+        return replace(
+            parts[0],
+            mean=mean,
+            std=std,
+            mean_rate=mean_rate,
+            std_rate=rate / std,
+            covariance_function=partial(_mixed_covariance, shares, apart, parts),
+        )
+
+
+def _mixed(
+    shares: Float[np.ndarray, " P"], values: Sequence[np.ndarray] | np.ndarray
+) -> np.ndarray:
+    # No BLAS product: its order of summation depends on the processor.
+    return np.asarray(
+        sum(share * value for share, value in zip(shares, values, strict=True))
+    )
+
+
+def _mixed_covariance(
+    shares: Float[np.ndarray, " P"],
+    apart: Float[np.ndarray, "P M 6"],
+    parts: Sequence[GaussianTrajectory],
+) -> Covariances:
+    covariance = _mixed(shares, [part.covariance for part in parts])
+    covariance += np.einsum("p,pmi,pni->imn", shares, apart, apart)
+    return covariance
 
 
 def demonstrated_repetition(
@@ -304,29 +496,5 @@ def demonstrated_repetition(
         constant, smooth = (part[:, None, None] for part in own_variance)
         apart = (nodes[:, None] - nodes) / _OWN_SCALE
         covariance += constant + smooth * np.exp(-0.5 * apart**2)
-    root = basis.root_weights[:, None]
-    return Repetition.from_covariance(
-        basis,
-        mean=root * prediction.mean,
-        covariance=basis.weigh(covariance),
-        log_white=root * np.log(white),
-    )
-
-
-def _mixed(
-    shares: Float[np.ndarray, " P"], values: Sequence[np.ndarray] | np.ndarray
-) -> np.ndarray:
-    # No BLAS product: its order of summation depends on the processor.
-    return np.asarray(
-        sum(share * value for share, value in zip(shares, values, strict=True))
-    )
-
-
-def _mixed_covariance(
-    shares: Float[np.ndarray, " P"],
-    apart: Float[np.ndarray, "P M 6"],
-    parts: Sequence[GaussianTrajectory],
-) -> Covariances:
-    covariance = _mixed(shares, [part.covariance for part in parts])
-    covariance += np.einsum("p,pmi,pni->imn", shares, apart, apart)
-    return covariance
+    log_white = np.log(white)
+    return Repetition.from_covariance(basis, prediction.mean, covariance, log_white)

@@ -16,8 +16,10 @@ from gplfd_experiments.analysis.figures.pick_and_place import (
 )
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies import AlignedDemonstrations, align
-from gplfd_policies.demonstrations.alignment import AlignmentMethod
-from gplfd_policies.demonstrations.alignment import task_completion_index
+from gplfd_policies.demonstrations.alignment import (
+    AlignmentMethod,
+    task_completion_index,
+)
 
 TITLE: Final = "Alignment by distance and by task completion"
 DOORS: Final = ()
