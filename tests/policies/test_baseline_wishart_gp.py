@@ -10,13 +10,11 @@ from scipy.stats import multivariate_normal
 from gplfd_policies import AlignedDemonstrations
 from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
-    fit_wishart_gp,
-)
-from gplfd_policies.movements.baselines.wishart_process import (
     WishartLikelihood,
     WishartPosterior,
     WishartPrior,
     elliptical_slice_chain,
+    fit_wishart_gp,
     sample_posterior,
 )
 

@@ -4,15 +4,14 @@ The method of Umlauft, Fanger and Hirche (*Bayesian Uncertainty Modeling for Pro
 by Demonstration*, ICRA 2017). The uncertainty of the mean and the variation of the
 demonstrations are learned separately: the former is the variance of a Gaussian process,
 the latter a covariance matrix of all outputs that changes with time, inferred as a
-generalised Wishart process (`gplfd_policies.movements.baselines.wishart_process`).
+generalised Wishart process.
 
 This is a **reconstruction** from the abstract and descriptions by others, written
 without access to the original. Assumptions:
 
 * The mean of every output is a Gaussian process over the phase, Eqs. (10)–(11), with
   one noise variance by maximum likelihood. The original reportedly drives a dynamic
-  movement primitive by such a process. This is again a Gaussian process over poses with
-  a kernel filtered by a linear system, and for a fixed goal it predicts nearly the same
+  movement primitive by such a process, which for a fixed goal predicts nearly the same
   movement. But it learns from accelerations: for six demonstrations with 2 cm of white
   noise, differenced twice, its error was 25 cm; the error of this mean is 3 mm.
 * The Wishart process is learned from the deviations of the demonstrations from their
@@ -22,26 +21,45 @@ without access to the original. Assumptions:
 * The posterior is sampled by elliptical slice sampling, and its mean is used.
 * Rotations are rotation vectors; a repetition's deviations are white in time.
 
-The method has no via-points.
+The generalised Wishart process is that of Wilson and Ghahramani, UAI 2011. With ν·d
+independent Gaussian processes u_kd(t) of covariance κ(t, t'), κ(t, t) = 1,
+
+    Σ(t) = L [(1 − ε) U(t) U(t)ᵀ + ε ν I] Lᵀ,   U(t) = (u_1(t), …, u_ν(t)),
+
+is Wishart distributed at every t, except for the floor ε that keeps it positive
+definite, and E Σ(t) = ν L Lᵀ (``test_prior_draws_average_to_nu_l_lt``). The weights w
+(ν, d, R) are standard normal a priori, and u_kd(t) = φ(t) · w_kd with features φ (M, R)
+of κ(t, t') = φ(t) · φ(t'). With S_t = Σ_i e_i(t) e_i(t)ᵀ, the scatter of D curves about
+their average, the likelihood is that of D − 1 independent deviations at each time:
+
+    log p = −½ Σ_t [(D − 1) log |Σ(t)| + tr(Σ(t)⁻¹ S_t)] + constant.
+
+It is computed in coordinates where L is the identity. The method has no via-points.
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
+import scipy
 
 from gplfd_env.validation.fields import Quantities, check_quantities, quantity
 from gplfd_policies.arrays.resolution import FINEST, thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.gp.heteroscedastic import MultiOutputGP
+from gplfd_policies.gp.kernels import RBF
+from gplfd_policies.gp.legendre import LegendreBasis
 from gplfd_policies.gp.noise import HomoscedasticNoise
-from gplfd_policies.movements.baselines.wishart_process import (
-    WishartLikelihood,
-    WishartPosterior,
-    WishartPrior,
-    sample_posterior,
-)
+from gplfd_policies.gp.spectral import square_root
 from gplfd_policies.movements.movement import MomentMovement, Moments
+
+_SHRINKAGE: Final = 1e-6
+"""Shrinkage of the pooled correlations to zero, because outputs may be proportional."""
+
+LogLikelihood = Callable[[np.ndarray], float]
+"""x (N,) → log p(y | x), minus infinity where it is impossible."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -64,9 +82,6 @@ class WishartGPConfig(Quantities):
     mode_iterations: int = quantity(50, low=1)
     """Greatest number of iterations of the search for the mode where sampling
     starts."""
-    shrinkage: float = quantity(1e-6, above=0.0, below=1.0)
-    """Shrinkage of the pooled correlations to zero, because outputs may be
-    proportional."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -75,6 +90,215 @@ class WishartGPConfig(Quantities):
                 f"discarded must be less than steps, got {self.discarded} and "
                 f"{self.steps}."
             )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WishartPrior:
+    """The prior of Σ(t) over an interval."""
+
+    degrees: int
+    """Degrees of freedom ν ≥ d; Σ(t) varies less with more of them."""
+    lower: Float[np.ndarray, "d d"]
+    """The scale L, lower triangular."""
+    floor: float
+    """ε in (0, 1), the constant share of E Σ(t)."""
+    basis: LegendreBasis
+    """Basis of the processes u over the interval."""
+    root: Float[np.ndarray, "Q R"]
+    """Coefficients of φ in the basis."""
+
+    @classmethod
+    def over(
+        cls,
+        interval: tuple[float, float],
+        length_scale: float,
+        mean: Float[np.ndarray, "d d"],
+        degrees: int,
+        floor: float,
+    ) -> "WishartPrior":
+        """The prior with a radial basis function κ and the mean ν L Lᵀ = ``mean``."""
+        basis = LegendreBasis.for_length_scale(*interval, length_scale)
+        assert basis is not None, "the least length-scale of WishartGPConfig has one"
+        kernel = RBF(length_scale=length_scale, signal_std=1.0)
+        return cls(
+            degrees=degrees,
+            lower=np.linalg.cholesky(mean / degrees),
+            floor=floor,
+            basis=basis,
+            root=square_root(basis.kernel_matrix(kernel)),
+        )
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Shape of the weights, (ν, d, R)."""
+        return self.degrees, len(self.lower), self.root.shape[1]
+
+    def features(self, times: Times) -> Float[np.ndarray, "M R"]:
+        """φ(t), constant outside the interval."""
+        inside = np.clip(times, self.basis.start, self.basis.stop)
+        return np.asarray(self.basis.matrix(inside) @ self.root)
+
+    def scaled(self, unit: Float[np.ndarray, "M d d"]) -> Float[np.ndarray, "M d d"]:
+        """Σ(t) for U(t) U(t)ᵀ."""
+        inner = (1.0 - self.floor) * unit
+        inner += self.floor * self.degrees * np.eye(len(self.lower))
+        return np.asarray(self.lower @ inner @ self.lower.T)
+
+    def covariance(
+        self, weights: Float[np.ndarray, "nu d R"], times: Times
+    ) -> Float[np.ndarray, "M d d"]:
+        """Σ(t) for the weights."""
+        unit = np.einsum("kdr,mr->mdk", weights, self.features(times))
+        return self.scaled(unit @ unit.swapaxes(1, 2))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WishartLikelihood:
+    """log p of deviations given the weights, in coordinates where L is the identity."""
+
+    features: Float[np.ndarray, "T R"]
+    """φ at the times of the deviations."""
+    scatter: Float[np.ndarray, "T d d"]
+    """L⁻¹ S_t L⁻ᵀ."""
+    free: int
+    """Degrees of freedom of the scatter, D − 1."""
+    prior: WishartPrior
+    """The prior of the weights."""
+
+    @classmethod
+    def of(
+        cls,
+        prior: WishartPrior,
+        times: Float[np.ndarray, " T"],
+        deviations: Float[np.ndarray, "D T d"],
+    ) -> "WishartLikelihood":
+        """The likelihood of D curves' deviations from their average."""
+        columns = deviations.reshape(-1, len(prior.lower)).T
+        white = scipy.linalg.solve_triangular(prior.lower, columns, lower=True).T
+        white = white.reshape(deviations.shape)
+        return cls(
+            features=prior.features(times),
+            scatter=np.einsum("kti,ktj->tij", white, white),
+            free=len(deviations) - 1,
+            prior=prior,
+        )
+
+    def _at(
+        self, flat: Float[np.ndarray, " N"]
+    ) -> tuple[Float[np.ndarray, "T d nu"], Float[np.ndarray, "T d d"]]:
+        """Return U and L⁻¹ Σ L⁻ᵀ for flat weights."""
+        degrees, outputs, rank = self.prior.shape
+        values = self.features @ flat.reshape(-1, rank).T
+        unit = values.reshape(-1, degrees, outputs).swapaxes(1, 2)
+        covariance = (1.0 - self.prior.floor) * (unit @ unit.swapaxes(1, 2))
+        diagonal = np.arange(outputs)
+        covariance[:, diagonal, diagonal] += self.prior.floor * degrees
+        return unit, covariance
+
+    def __call__(self, flat: Float[np.ndarray, " N"]) -> float:
+        """Value at weights of shape (ν·d·R,), without its constant."""
+        _, covariance = self._at(flat)
+        lower = np.linalg.cholesky(covariance)
+        log_root = float(np.sum(np.log(np.diagonal(lower, axis1=1, axis2=2))))
+        solved = np.linalg.solve(covariance, self.scatter)
+        return -self.free * log_root - 0.5 * float(np.einsum("tii->", solved))
+
+    def gradient(self, flat: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
+        """Derivatives of the value: ½ tr((Σ⁻¹ S Σ⁻¹ − (D − 1) Σ⁻¹) dΣ)."""
+        unit, covariance = self._at(flat)
+        inverse = np.linalg.inv(covariance)
+        sensitivity = inverse @ self.scatter @ inverse - self.free * inverse
+        by_process = (1.0 - self.prior.floor) * (sensitivity @ unit)
+        gradient: np.ndarray = np.einsum("tdk,tr->kdr", by_process, self.features)
+        return gradient.ravel()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WishartPosterior:
+    """The posterior mean of Σ(t), made by `sample_posterior`."""
+
+    prior: WishartPrior
+    """The prior of Σ(t)."""
+    moment: Float[np.ndarray, "dR dR"]
+    """Average of Σ_k w_k w_kᵀ over the samples, with w_k = (w_k1, …, w_kd)."""
+
+    def covariance(self, times: Times) -> Float[np.ndarray, "M d d"]:
+        """E[Σ(t)], constant outside the interval."""
+        _, outputs, rank = self.prior.shape
+        tensor = self.moment.reshape(outputs, rank, outputs, rank)
+        features = self.prior.features(times)
+        half = np.einsum("mr,dres->mdes", features, tensor)
+        return self.prior.scaled(np.einsum("mdes,ms->mde", half, features))
+
+
+def elliptical_slice_chain(
+    log_likelihood: LogLikelihood,
+    start: Float[np.ndarray, " N"],
+    steps: int,
+    rng: np.random.Generator,
+) -> Iterator[Float[np.ndarray, " N"]]:
+    """Sample posteriors of standard normal variables; yield the states after ``start``.
+
+    Murray, Adams and MacKay, *Elliptical slice sampling*, AISTATS 2010, their Figure 2.
+    For a prior N(0, I) and any likelihood p(y | x), a step moves x along an ellipse
+    through x and a draw from the prior, to a point drawn uniformly from the part of the
+    ellipse where the likelihood exceeds a random level below the current one. This
+    leaves the posterior invariant (``test_sampler_meets_a_gaussian_posterior``).
+    """
+    state, value = start, log_likelihood(start)
+    for _ in range(steps):
+        other = rng.standard_normal(state.shape)
+        level = value - rng.standard_exponential()
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        low, high = angle - 2.0 * np.pi, angle
+        while True:
+            candidate = np.cos(angle) * state + np.sin(angle) * other
+            value = log_likelihood(candidate)
+            # Equal counts too: rounding may leave the level where the state itself is.
+            if value >= level:
+                break
+            # Angle 0 is the state itself, which is always allowed: shrink towards it.
+            if angle < 0.0:
+                low = angle
+            else:
+                high = angle
+            angle = rng.uniform(low, high)
+        state = candidate
+        yield state
+
+
+def sample_posterior(
+    likelihood: WishartLikelihood,
+    steps: int,
+    discarded: int,
+    rng: np.random.Generator,
+    mode_iterations: int = 50,
+) -> WishartPosterior:
+    """Average over an elliptical slice chain that starts at a mode of the posterior.
+
+    From a draw of the prior, the chain would not have converged after 5000 steps: the
+    likelihood of hundreds of weights is narrow, so steps are short.
+    """
+
+    def objective(flat: np.ndarray) -> tuple[float, np.ndarray]:
+        value = 0.5 * float(flat @ flat) - likelihood(flat)
+        return value, flat - likelihood.gradient(flat)
+
+    prior = likelihood.prior
+    degrees, outputs, rank = prior.shape
+    mode = scipy.optimize.minimize(
+        objective,
+        rng.standard_normal(degrees * outputs * rank),
+        jac=True,
+        method="L-BFGS-B",
+        options={"maxiter": mode_iterations},
+    ).x
+    moment = np.zeros((outputs * rank, outputs * rank))
+    for step, flat in enumerate(elliptical_slice_chain(likelihood, mode, steps, rng)):
+        if step >= discarded:
+            weights = flat.reshape(degrees, -1)
+            moment += weights.T @ weights
+    return WishartPosterior(prior=prior, moment=moment / (steps - discarded))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -129,7 +353,7 @@ def fit_wishart_gp(
     std = np.maximum(std, FINEST)
     scaled = (deviations / std).reshape(-1, 6)
     correlation = scaled.T @ scaled / free
-    correlation *= 1.0 - config.shrinkage
+    correlation *= 1.0 - _SHRINKAGE
     # 1 where the output varies; also where it does not.
     np.fill_diagonal(correlation, 1.0)
     pooled = np.asarray(correlation * np.outer(std, std))
