@@ -102,30 +102,6 @@ def test_posterior_rates_equal_finite_differences():
     assert_allclose(variance_rate, numeric, atol=1e-6)
 
 
-def test_any_prior_mean_is_returned_to_far_from_the_data():
-    times, values, noise = observations()
-
-    def line(t):
-        return 7.0 - 2.0 * t
-
-    fitted = ExactGP(
-        kernel=KERNEL,
-        times=times,
-        values=values,
-        noise_variance=noise,
-        prior_mean=line,
-    )
-    far = np.array([-9.0, 12.0])
-    assert_allclose(fitted.mean(far), line(far), atol=1e-12)
-    shifted = ExactGP(
-        kernel=KERNEL, times=times, values=values - line(times), noise_variance=noise
-    )
-    inside = np.linspace(0.0, 1.0, 9)
-    assert_allclose(
-        fitted.mean(inside), line(inside) + shifted.mean(inside), atol=1e-12
-    )
-
-
 def test_no_jitter_while_the_factorisation_works():
     assert posterior().factor.jitter == 0.0
 

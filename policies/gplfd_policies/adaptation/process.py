@@ -27,7 +27,7 @@ from gplfd_policies.arrays.resolution import thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.gp.deviations import conjugate_share
 from gplfd_policies.gp.exact import factorise
-from gplfd_policies.gp.legendre import LegendreBasis
+from gplfd_policies.gp.kernels import LegendreBasis
 from gplfd_policies.movements.skill import Skill
 from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 

@@ -3,7 +3,6 @@
 Eqs. (1)–(5), (7), and (10)–(11) when the noise differs from point to point.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -72,7 +71,7 @@ def factorise(matrix: Gram) -> CholeskyFactor:
 
 @dataclass(frozen=True, kw_only=True)
 class ExactGP:
-    """A Gaussian process conditioned on noisy observations, Eqs. (3)–(5).
+    """A process of prior mean zero, conditioned on noisy observations, Eqs. (3)–(5).
 
     Raises:
         ValueError: if a noise variance is negative or not finite.
@@ -86,9 +85,6 @@ class ExactGP:
     """Observations y."""
     noise_variance: Curve
     """Noise variance of every observation: constant σ_n² (Eq. 3) or r(t) (Eq. 10)."""
-    prior_mean: Callable[[np.ndarray], np.ndarray] = np.zeros_like
-    """Prior mean m(t), Eq. (1): any function (M,) → (M,); by default zero, the paper's
-    choice without prior knowledge."""
 
     def __post_init__(self) -> None:
         noise = self.noise_variance
@@ -106,17 +102,13 @@ class ExactGP:
         )
 
     @cached_property
-    def _residual(self) -> Curve:
-        return np.asarray(self.values - self.prior_mean(self.times))
-
-    @cached_property
     def weights(self) -> Curve:
-        """K_y⁻¹ (y − m(t))."""
-        return self.factor.solve(self._residual)
+        """K_y⁻¹ y."""
+        return self.factor.solve(self.values)
 
     def log_marginal_likelihood(self) -> float:
         """The log marginal likelihood log p(y | t, Θ), Eq. (7)."""
-        quadratic = float(self._residual @ self.weights)
+        quadratic = float(self.values @ self.weights)
         size = len(self.times)
         return -0.5 * (quadratic + self.factor.log_determinant() + size * LOG_2PI)
 
@@ -134,8 +126,7 @@ class ExactGP:
 
     def mean(self, times: Times) -> Curve:
         """Posterior mean of f, Eqs. (4) and (10)."""
-        prior: np.ndarray = self.prior_mean(times)
-        return np.asarray(prior + self.kernel(times, self.times) @ self.weights)
+        return np.asarray(self.kernel(times, self.times) @ self.weights)
 
     def covariance(self, times: Times) -> Gram:
         """Posterior covariance of f without observation noise, Eq. (5)."""
@@ -150,7 +141,7 @@ class ExactGP:
         )
 
     def rates(self, times: Times) -> tuple[Curve, Curve]:
-        """Time derivatives of mean − prior mean, and of the variance."""
+        """Time derivatives of the mean and of the variance."""
         slope = self.kernel.time_derivative(times, self.times)
         cross = self.kernel(self.times, times)
         mean_rate = slope @ self.weights

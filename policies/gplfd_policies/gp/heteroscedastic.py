@@ -11,13 +11,10 @@ import numpy as np
 from gplfd_policies.arrays.records import short_repr
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.arrays.shapes import Curves, Float, Times
+from gplfd_policies.gp.evidence import Posterior, Replicates, fit_kernel
 from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.hyperparameters import fit_kernel
-from gplfd_policies.gp.kernels import RBF
-from gplfd_policies.gp.legendre import LegendreBasis
+from gplfd_policies.gp.kernels import RBF, LegendreBasis
 from gplfd_policies.gp.noise import NoiseModel, NoiseProfile
-from gplfd_policies.gp.replicates import Replicates
-from gplfd_policies.gp.spectral import SpectralPosterior
 
 Moment = Float[np.ndarray, "M d"]
 """One number per time and output."""
@@ -129,31 +126,32 @@ class MultiOutputGP:
         return min(output.kernel.length_scale for output in self.outputs)
 
     @cached_property
-    def _basis(self) -> LegendreBasis | None:
-        """The common basis; None if a length-scale is too short for every basis."""
+    def _spectral(self) -> tuple[LegendreBasis, list[Posterior]] | None:
+        """The common basis and the posterior of each output in it.
+
+        None if a length-scale is too short for every basis.
+        """
         times = self.outputs[0].replicates.times
-        return LegendreBasis.for_length_scale(
+        basis = LegendreBasis.for_length_scale(
             float(times[0]), float(times[-1]), self.shortest_length_scale
         )
-
-    @cached_property
-    def _posteriors(self) -> tuple[SpectralPosterior, ...]:
-        assert self._basis is not None, "used only with a basis"
-        return tuple(
+        if basis is None:
+            return None
+        return basis, [
             output.replicates.condition_in(
-                self._basis,
+                basis,
                 output.kernel,
                 output.noise.variance(output.replicates.times),
             )
             for output in self.outputs
-        )
+        ]
 
     @cached_property
     def _tables(self) -> tuple[LegendreBasis, Float[np.ndarray, "Q C"]] | None:
         """The basis, and all curves of all outputs and their slopes in it, or None."""
-        coarse = self._basis
-        if coarse is None:
+        if self._spectral is None:
             return None
+        coarse, posteriors = self._spectral
         # A variance is a square: twice the degree of the posterior it comes from.
         basis = LegendreBasis(
             start=coarse.start, stop=coarse.stop, size=2 * coarse.size
@@ -161,9 +159,9 @@ class MultiOutputGP:
         nodes = basis.nodes
         matrix = coarse.matrix(nodes)
         curves = (
-            [matrix @ posterior.weights for posterior in self._posteriors]
+            [matrix @ weights for weights, _ in posteriors]
             + [output.noise.log_variance(nodes) for output in self.outputs]
-            + [np.sum((matrix @ p.factor) ** 2, axis=1) for p in self._posteriors]
+            + [np.sum((matrix @ factor) ** 2, axis=1) for _, factor in posteriors]
         )
         coefficients = basis.root_weights[:, None] * np.stack(curves, axis=1)
         slopes = basis.differentiate(coefficients)
@@ -201,12 +199,12 @@ class MultiOutputGP:
 
     def latent_covariance(self, times: Times) -> Float[np.ndarray, "d M M"]:
         """Covariance of f over time, per output, Eq. (11) without R."""
-        basis = self._basis
-        if basis is None or not basis.covers(times):
+        if self._spectral is None or not self._spectral[0].covers(times):
             unscaled = [output.latent.covariance(times) for output in self.outputs]
         else:
+            basis, posteriors = self._spectral
             matrix = basis.matrix(times)
-            halves = [matrix @ posterior.factor for posterior in self._posteriors]
+            halves = [matrix @ factor for _, factor in posteriors]
             unscaled = [half @ half.T for half in halves]
         scale = np.array([output.scale for output in self.outputs])
         return np.asarray(scale[:, None, None] ** 2 * np.stack(unscaled))

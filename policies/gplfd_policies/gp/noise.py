@@ -15,11 +15,13 @@ import scipy
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.records import short_repr
 from gplfd_policies.arrays.shapes import Curve, Curves, Float, Times
-from gplfd_policies.gp.hyperparameters import fit_kernel, fit_kernel_and_noise
-from gplfd_policies.gp.kernels import RBF
-from gplfd_policies.gp.legendre import LegendreBasis
-from gplfd_policies.gp.replicates import Replicates
-from gplfd_policies.gp.spectral import square_root
+from gplfd_policies.gp.evidence import (
+    Replicates,
+    fit_kernel,
+    fit_kernel_and_noise,
+    square_root,
+)
+from gplfd_policies.gp.kernels import RBF, LegendreBasis
 
 _LEAST_VARIANCE = 1e-10
 """Smallest observation of exp z(t), relative to the variance of the output."""
@@ -236,10 +238,10 @@ class KerstingNoise(Quantities):
                 times[0], times[-1], kernel.length_scale
             )
             assert basis is not None, "fitted length-scales are never so short"
-            posterior = replicates.condition_in(basis, kernel, noise)
+            weights, factor = replicates.condition_in(basis, kernel, noise)
             matrix = basis.matrix(times)
-            mean = matrix @ posterior.weights
-            variance = np.sum((matrix @ posterior.factor) ** 2, axis=1)
+            mean = matrix @ weights
+            variance = np.sum((matrix @ factor) ** 2, axis=1)
             # A process through log-variances that are observed with unknown noise.
             spread = 0.5 * ((samples - mean) ** 2 + variance + noise)
             observed = np.log(np.maximum(spread, _LEAST_VARIANCE))
@@ -247,10 +249,9 @@ class KerstingNoise(Quantities):
             logs = Replicates.from_samples(times, observed - level)
             smooth, scatter = fit_kernel_and_noise(logs, shortest=self.shortest_scale)
             basis = NoiseProfile.basis_over(times)
-            of_logs = logs.condition_in(basis, smooth, np.full(len(times), scatter))
-            profile = NoiseProfile(
-                level=level, basis=basis, coefficients=of_logs.weights
-            )
+            noise = np.full(len(times), scatter)
+            of_logs, _ = logs.condition_in(basis, smooth, noise)
+            profile = NoiseProfile(level=level, basis=basis, coefficients=of_logs)
             noise = profile.variance(times)
             kernel = fit_kernel(times, replicates.mean, noise / replicates.count)
         return profile

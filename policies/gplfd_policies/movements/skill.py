@@ -20,6 +20,7 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.gp.deviations import DeviationProcess, fit_deviations, wobbling
+from gplfd_policies.gp.evidence import Replicates
 from gplfd_policies.gp.heteroscedastic import (
     HeteroscedasticGP,
     MultiOutputGP,
@@ -33,7 +34,6 @@ from gplfd_policies.gp.noise import (
     NoiseModel,
     NoiseProfile,
 )
-from gplfd_policies.gp.replicates import Replicates
 from gplfd_policies.movements.movement import LearnedMovement
 from gplfd_policies.movements.trajectory import GaussianTrajectory, checked_times
 

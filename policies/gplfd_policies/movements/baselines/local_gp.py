@@ -34,10 +34,9 @@ import scipy
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.gp.evidence import Replicates, fit_kernel_and_noise
 from gplfd_policies.gp.heteroscedastic import HeteroscedasticGP, offset_and_scale
-from gplfd_policies.gp.hyperparameters import fit_kernel_and_noise
 from gplfd_policies.gp.noise import NoiseProfile
-from gplfd_policies.gp.replicates import Replicates
 from gplfd_policies.movements.movement import MomentMovement, Moments
 
 _FEWEST_SAMPLES = 4

@@ -48,11 +48,10 @@ from gplfd_env.validation.fields import Quantities, check_quantities, quantity
 from gplfd_policies.arrays.resolution import FINEST, thinned
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.gp.evidence import square_root
 from gplfd_policies.gp.heteroscedastic import MultiOutputGP
-from gplfd_policies.gp.kernels import RBF
-from gplfd_policies.gp.legendre import LegendreBasis
+from gplfd_policies.gp.kernels import RBF, LegendreBasis
 from gplfd_policies.gp.noise import HomoscedasticNoise
-from gplfd_policies.gp.spectral import square_root
 from gplfd_policies.movements.movement import MomentMovement, Moments
 
 _SHRINKAGE: Final = 1e-6
