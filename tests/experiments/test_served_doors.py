@@ -20,6 +20,7 @@ from gplfd_policies import TrainingInput
 from gplfd_policies.registry.catalogue import method_and_skill, skill_method
 from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
 from gplfd_policies.serving.journal import read_journal
+from gplfd_policies.serving.protocol import encode
 
 pytestmark = pytest.mark.slow
 
@@ -102,8 +103,10 @@ def test_a_journal_is_shown_as_a_recording(tmp_path, monkeypatch):
     agent = RemoteAgent([*serve, "--journal", str(journal)], timeout=60.0)
     still = {"time": np.zeros(1), "ee_pose": np.zeros(6), "wrench": np.zeros(6)}
     agent.reset(still)
+    # Fields of one's own may have any names.
+    agent._link.send(encode({"type": "hello", "protocol": 1, "pose": 3}))
     for period in range(3):
-        agent.act({**still, "time": np.array([0.01 * period])})
+        agent.act({**still, "time": np.array([0.01 * period]), "pose": np.ones(1)})
     time.sleep(0.07)
     agent.close()
     said = [one for line in read_journal(journal) for one in line.get("out", [])]

@@ -19,16 +19,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gplfd_env.spatial.se3 import rotation_distance
+from gplfd_policies import POLICIES
 from gplfd_policies.agents.agent import as_agent
+from gplfd_policies.agents.modes import ModesAgent
+from gplfd_policies.agents.reaching import ReachingAgent
 from gplfd_policies.control.steps import AgentStep
-from gplfd_policies.control.stiffness import VirtualDynamics
+from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, VirtualDynamics
+from gplfd_policies.serving import journal as journal_file
 from gplfd_policies.serving.__main__ import main
 from gplfd_policies.serving.client import RefusedError, RemoteAgent, ServerLostError
 from gplfd_policies.serving.journal import Journal, read_journal
-from gplfd_policies.serving.limits import exceeded, exceeds_following_error, limited
 from gplfd_policies.serving.protocol import Link, array, decode, encode, numbers
 from gplfd_policies.serving.server import Server, handle, listening
-from gplfd_policies.serving.session import Session
+from gplfd_policies.serving.session import (
+    Session,
+    exceeded,
+    exceeds_following_error,
+    limited,
+)
 from gplfd_policies.serving.settings import ServeSettings
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -196,11 +204,10 @@ WRONG = {
     "duplicate": ("duplicate", {"seq": 1, "time": 9.0}),
     "clock that goes back": ("order", {"seq": 9, "time": 0.0}),
     "short": ("field", {"ee_pose": [0.0] * 5}),
-    "absent": ("field", {"wrench": None}),
     "far": ("range", {"ee_pose": [11.0] + [0.0] * 5}),
     "type": ("type", {"type": "move"}),
     "not a number": ("range", b'{"seq":2,"time":NaN,"ee_pose":0,"type":"observe"}'),
-    **{repr(line): ("malformed", line) for line in (b"", b"[]")},
+    "no object": ("malformed", b"[]"),
 }
 
 
@@ -219,6 +226,28 @@ def test_a_wrong_message_is_named_and_moves_nothing(name):
     held, error = robot.say(message)
     assert (held["state"], held["pose"], error["code"]) == ("holding", pose, code)
     assert robot.agent.decisions == 1
+
+
+@pytest.mark.parametrize(
+    "flood",
+    [
+        {"type": "heartbeat"},
+        {"type": "observe", "seq": 1, "time": 9.0, "ee_pose": [0] * 6, "wrench": []},
+        {"type": "observe", "seq": 1, "time": 9.0},
+        {"type": "hello", "protocol": 1},
+        b"{",
+    ],
+)
+def test_a_flood_of_messages_puts_off_neither_holding_nor_softening(flood):
+    robot, messages = Robot(), []
+    robot.step()
+    for _ in range(300):
+        messages += robot.wait(0.005) + robot.say(flood)
+    commands = [message for message in messages if message["type"] == "command"]
+    states = [command["state"] for command in commands]
+    assert states.count("holding") in range(44, 47), "one per period"
+    assert states.count("stopped") in range(49, 53)
+    assert commands[-1]["stiffness"] == [100.0] * 3 + [10.0] * 3
 
 
 def test_a_wrong_version_is_refused():
@@ -262,10 +291,20 @@ def test_a_fault_of_the_robot_holds_then_stops_with_the_reason(reason):
     assert soft[-1]["stiffness"][0] == 100.0
 
 
+def raising(error):
+    def act(observation):
+        observation["ee_pose"][:] = 9.0
+        raise error
+
+    return act
+
+
 @pytest.mark.parametrize(
     ("act", "reason"),
     [
-        (lambda _: 1 / 0, "the agent failed with ZeroDivisionError"),
+        (raising(ZeroDivisionError()), "the agent failed with ZeroDivisionError"),
+        (raising(SystemExit(0)), "the agent failed with SystemExit: 0"),
+        (raising(KeyboardInterrupt()), "the agent failed with KeyboardInterrupt"),
         (lambda _: [math.nan] * 6, "the agent failed with ValueError"),
         (lambda _: [0, 0, 0, 1e200, 0, 0], "beyond ±7.0 rad"),
         (lambda _: [0, 0, 0.6, 0, 0, 0], "the agent begins far from the hand"),
@@ -277,26 +316,41 @@ def test_an_agent_that_fails_stops(act, reason):
     reply = robot.step()
     assert (reply["state"], reply["pose"]) == ("stopped", [0.0] * 6)
     assert reason in reply["reason"]
+    assert robot.wait(0.8)[-1]["type"] == "heartbeat", "it has softened"
+    robot.time = robot.clock
     robot.say(robot.message("reset"))
     robot.agent.act = lambda _: [0, 0, 0.4, 0, 0, 0]
     assert robot.step()["pose"] == [0, 0, 0.02, 0, 0, 0], "at the greatest speed"
 
 
-def test_a_reset_beyond_the_limits_or_one_that_fails_moves_nothing():
+def test_a_width_that_is_no_number_stops():
+    robot = Robot()
+    robot.session._agent.gripper_width = math.nan
+    assert robot.step()["state"] == "stopped"
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_reset_beyond_the_limits_moves_nothing_and_one_that_fails_stops(begun):
     robot = Robot()
     pose = robot.step()["pose"]
     (error,) = robot.say(robot.message("reset", wrench=[0, 0, 201.0, 0, 0, 0]))
     assert (error["code"], "measured force" in error["message"]) == ("limit", True)
     assert robot.step()["pose"][0] == 2 * pose[0], "the task was not begun anew"
-    robot.agent.reset = lambda _: 1 / 0
+    robot.agent.reset = raising(SystemExit())
+    if not begun:
+        robot.session.connect(robot.clock)
+        robot.say(HELLO)
     (error,) = robot.say(robot.message("reset"))
     assert (error["code"], error["seq"]) == ("agent", robot.seq)
-    assert (robot.session.state, robot.step()["code"]) == ("idle", "state")
+    soft = [message for message in robot.wait(0.6) if message["type"] == "command"]
+    assert {message["state"] for message in soft} == {"stopped"}
+    assert (len(soft), soft[-1]["stiffness"][0]) == (50, 100.0)
+    assert {tuple(message["pose"]) for message in soft} == {(2 * pose[0], *[0.0] * 5)}
 
 
 def test_a_stop_softens_once_from_the_present_stiffness():
     robot = Robot()
-    assert robot.say({"type": "stop"})[0]["stiffness"] is None, "not yet commanded"
+    assert robot.say({"type": "stop"})[0]["stiffness"] == [500.0] * 3 + [50.0] * 3
     robot = Robot()
     robot.step()
     robot.say({"type": "stop"})
@@ -312,17 +366,36 @@ def test_a_command_names_limits_and_has_damping_and_explanation():
     assert reply["limited"] == ["linear_speed", "stiffness"]
     assert reply["pose"] == [-0.05 * PERIOD, 0, 0, 0, 0, 0]
     assert reply["stiffness"] == [300.0] * 3 + [40.0] * 3
-    assert reply.keys().isdisjoint({"step", "damping"})
-    agent, mass = as_agent(Puller()), np.repeat([4.0, 0.15], 3)
-    agent.config = SimpleNamespace(dynamics=VirtualDynamics(mass=mass))
-    robot.session = Session(agent, SETTINGS, "here")
+    assert "step" not in reply
+    mass = robot.agent.dynamics = VirtualDynamics(mass=np.repeat([4.0, 0.15], 3))
+    robot.session = Session(as_agent(robot.agent), SETTINGS, "here")
     robot.say({**HELLO, "explain": True})
     robot.say(robot.message("reset"))
     reply = robot.step()
-    assert {"step", "damping"} < reply.keys()
+    assert "step" in reply
     assert "limited" not in reply
-    damping = 2 * np.sqrt(mass * reply["stiffness"])
+    damping = 2 * np.sqrt(mass.mass * reply["stiffness"])
     np.testing.assert_allclose(reply["damping"], damping)
+
+
+def test_every_served_agent_sends_stiffness_and_damping(skill):
+    """Whatever wraps it, also while it reaches, and in every state."""
+    agent = POLICIES["gp"].method.follow(skill)
+    for served in (
+        agent,
+        as_agent(ModesAgent([agent], [1])),
+        ReachingAgent(skill, agent),
+        as_agent(SimpleNamespace(act=lambda _: [0.0] * 6)),
+    ):
+        robot = Robot()
+        robot.session = Session(served, SETTINGS, "x")
+        robot.say(HELLO)
+        robot.say(robot.message("reset"))
+        for command in (robot.step(), robot.wait(0.06)[0], robot.wait(0.6)[-1]):
+            damping = (served.dynamics or DEFAULT_DYNAMICS).damping(
+                np.array(command["stiffness"])
+            )
+            assert command["damping"] == damping.tolist()
 
 
 @pytest.fixture
@@ -369,6 +442,12 @@ def test_a_client_that_is_killed_or_silent_for_long_makes_room(served):
         for now[0], greeted in ((29.9, True), (30.1, False)):
             server.step()
             assert session.greeted == greeted
+    with connected(settings) as mute:
+        server.step()
+        for now[0], leaves in ((33.0, False), (33.2, True)):
+            mute.sendall(b"{}\n")
+            server.step()
+            assert (server._link is None) == leaves
     events = [line.get("in") for line in read_journal(settings.journal)]
     assert "the client has gone; the session was active" in events
 
@@ -424,11 +503,15 @@ def test_a_link_keeps_parts_of_lines_and_refuses_endless_ones():
         for _ in range(40):
             link.send(bytes(2**16))
         assert link.closed, "a peer that does not read"
-        link.closed = False
-        for _ in range(3):
-            far.sendall(b"x" * 40000)
-            link.lines()
-        assert link.closed, "a line without end"
+    for last in (b"", b"\nz\n"):
+        near, far = socket.socketpair()
+        with near, far:
+            link, lines = Link(near.fileno(), near.fileno()), []
+            far.sendall(b"a\n" + b"x" * 40000)
+            lines += link.lines()
+            far.sendall(b"x" * 40000 + last)
+            lines += link.lines()
+            assert (lines, link.closed) == ([b"a"], True), "a line that is too long"
 
 
 def test_a_journal_loses_no_more_than_the_last_line_of_a_run(tmp_path):
@@ -443,6 +526,15 @@ def test_a_journal_loses_no_more_than_the_last_line_of_a_run(tmp_path):
     file.write_text("{}\n")
     with pytest.raises(ValueError, match="is not a journal"):
         read_journal(file)
+
+
+def test_a_journal_has_a_greatest_size(tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(journal_file, "LARGEST", 1000)
+    journal = Journal(tmp_path / "journal", {})
+    for _ in range(100):
+        journal.write(0.1, "text", [], 0.0)
+    assert 1000 < (tmp_path / "journal").stat().st_size < 1100
+    assert "the journal ends here: it has 1000 bytes" in capfd.readouterr().err
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a full disk")

@@ -85,7 +85,7 @@ class LedAgent:
                 "a hand is led by its pose, but this policy commands the arm's "
                 "stiffness, too; correct one that commands poses, such as gp"
             )
-        self._agent, self._leader = agent, leader
+        self._agent, self._leader, self.dynamics = agent, leader, agent.dynamics
         self._rows: list[tuple[float, FloatArray, FloatArray, bool, float]] = []
 
     def inform(self, door: DoorGeometry) -> None:

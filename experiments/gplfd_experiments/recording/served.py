@@ -26,6 +26,12 @@ _PANELS: Final = {
     "wrench": "Measured force [N]",
     "stiffness": "Stiffness [N/m]",
 }
+_CURVES: Final = {
+    "reset": ("ee_pose", "wrench"),
+    "observe": ("ee_pose", "wrench"),
+    "command": ("pose", "stiffness"),
+}
+"""Curves by type of message; other fields and messages may contain anything."""
 _LOG: Final = "/events"
 
 
@@ -46,10 +52,8 @@ def recording_of(file: Path) -> Path:
         refused = any(message["type"] == "error" for message in out)
         for message in (line.get("in"), *out):
             fields = message if isinstance(message, dict) else {"type": message}
-            # A rejected observation may contain anything; a stiffness may be unknown.
-            for name in () if refused else _PANELS.keys() & fields.keys():
-                if fields[name] is not None:
-                    curves[name].append((line["at"], fields[name][:3]))
+            for name in () if refused else _CURVES.get(fields["type"], ()):
+                curves[name].append((line["at"], fields[name][:3]))
             words = map(fields.get, ("type", "state", "reason", "limited", "message"))
             text = " ".join(str(word) for word in words if word)
             if text not in ("", "observe", *(last for _, last in events[-1:])):

@@ -17,6 +17,7 @@ from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.handles import HandleConfig, controller_of
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.steps import AgentStep, Observation, measured
+from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 from gplfd_policies.phase.phase_rule import PhaseRule
@@ -29,6 +30,10 @@ class Agent(Protocol):
     @property
     def control(self) -> Control:
         """Kind of command, and thus of environment: poses, or poses and stiffness."""
+
+    @property
+    def dynamics(self) -> VirtualDynamics | None:
+        """Mass and damping at the commanded stiffness; None if unknown."""
 
     def inform(self, door: DoorGeometry) -> None:
         """Receive the door of the next episode; only an oracle uses it."""
@@ -85,6 +90,7 @@ class CheckedAgent:
                 "'pose', or 'impedance' for an agent that also commands stiffness"
             )
         self.control: Control = control
+        self.dynamics: VirtualDynamics | None = getattr(candidate, "dynamics", None)
 
     def inform(self, door: DoorGeometry) -> None:
         """Pass on the door of the next episode."""
@@ -190,6 +196,11 @@ class CompliantAgent:
     def control(self) -> Control:
         """Kind of command, by where the stiffness is realised."""
         return self.config.rendering.control
+
+    @property
+    def dynamics(self) -> VirtualDynamics:
+        """Mass and damping at the commanded stiffness."""
+        return self.config.dynamics
 
     def inform(self, door: DoorGeometry) -> None:
         """Ignore the door: the agent uses only what it learns and observes."""

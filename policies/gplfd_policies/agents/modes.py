@@ -18,6 +18,7 @@ from gplfd_policies.adaptation.gridded import LOOK_AHEAD
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.shapes import Float, Pose
 from gplfd_policies.control.steps import AgentStep, Observation, measured
+from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 _ARM: Final = np.repeat([1.0, 0.1], 3)
@@ -114,6 +115,11 @@ class ModesAgent:
     def control(self) -> Control:
         """Kind of command, the same in all modes."""
         return self.agents[0].control
+
+    @property
+    def dynamics(self) -> VirtualDynamics:
+        """Mass and damping at the commanded stiffness, the same in all modes."""
+        return self.agents[0].dynamics
 
     def inform(self, door: DoorGeometry) -> None:
         """Ignore the door: the agent uses only what it learns and observes."""

@@ -21,6 +21,7 @@ from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Axes, Bool, Pose
 from gplfd_policies.control.rendering import ArmRendering
 from gplfd_policies.control.steps import AgentStep, Observation
+from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
@@ -142,6 +143,11 @@ class ReachingAgent:
     def control(self) -> Control:
         """Kind of command, the same as for the agent that opens the door."""
         return self._then.control
+
+    @property
+    def dynamics(self) -> VirtualDynamics | None:
+        """Mass and damping, the same as for the agent that opens the door."""
+        return self._then.dynamics
 
     def inform(self, door: DoorGeometry) -> None:
         """Pass on the door of the next episode."""

@@ -84,6 +84,7 @@ class RemoteAgent:
             self.close()
             raise
         self.control: Control = self.greeting["control"]
+        self.dynamics = None
 
     def inform(self, door: DoorGeometry) -> None:
         """Ignore the door: only an oracle uses it, and oracles are not served."""
@@ -100,11 +101,9 @@ class RemoteAgent:
             ServerLostError: The server is gone or does not answer.
         """
         command = self.last = self._ask("observe", observation, "command")
-        step = {**command.get("step", {}), "action": command["pose"]}
-        for name in ("stiffness", "frame", "phase"):
-            if command.get(name) is not None:
-                step[name] = command[name]
-        via_point = bool(step.pop("via_point", False))
+        names = {"stiffness", "frame", "phase"} & command.keys()
+        step = {name: command[name] for name in names} | command.get("step", {})
+        step["action"], via_point = command["pose"], bool(step.pop("via_point", False))
         fields = {name: array(value) for name, value in step.items()}
         return AgentStep(**fields, via_point=via_point)
 

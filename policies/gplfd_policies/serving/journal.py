@@ -17,6 +17,9 @@ from gplfd_policies.serving.protocol import encode
 BEGINNING: Final = b'{"journal":1'
 """Beginning of the first line of every run."""
 
+LARGEST: Final = 2**30
+"""Greatest size of a file [bytes]: at least an hour with all quantities explained."""
+
 
 class Journal:
     """Appends to a file that only the user can read; does nothing without a path."""
@@ -40,7 +43,8 @@ class Journal:
         """Add a message with its replies, time and duration [s].
 
         `received` is a line of JSON, which is copied, other text, or None for no
-        message. If the disk is full, the journal ends, but the robot continues.
+        message. If the file has its greatest size, or the disk is full, the journal
+        ends, but the robot continues.
         """
         if self._file is None:
             return
@@ -48,6 +52,8 @@ class Journal:
         text = copied if isinstance(copied, bytes) else copied.encode()
         rest = encode({"at": at, "took": took, "out": list(replies)})
         try:
+            if self._file.tell() > LARGEST:
+                raise OSError(f"it has {LARGEST} bytes")
             self._file.write(b'{"in":%b,%b' % (text, rest[1:]))
         except OSError as error:
             print(f"gplfd: the journal ends here: {error}", file=sys.stderr, flush=True)

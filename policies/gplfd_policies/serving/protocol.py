@@ -4,6 +4,7 @@ Numbers are written as the shortest decimal that is read as the same float64, so
 values are transferred bit for bit. docs/serving.md has the tables of all messages.
 """
 
+import itertools
 import json
 import math
 import os
@@ -60,6 +61,10 @@ class Observed(NamedTuple):
     seq: int
     time: float
     values: dict[str, np.ndarray]  # also time (1,), ee_pose (6,) and wrench (6,)
+
+    def copied(self) -> dict[str, np.ndarray]:
+        """Return copies of the values, which an agent may change."""
+        return {name: value.copy() for name, value in self.values.items()}
 
 
 def encode(message: Mapping[str, Any]) -> bytes:
@@ -142,7 +147,8 @@ class Link:
     def lines(self, timeout: float = 0.0) -> list[bytes]:
         """Return the complete lines that arrive within a time [s].
 
-        A line that is too long, or the end of the stream, sets `closed`.
+        The end of the stream sets `closed`, and so does a line that is too long; it
+        and those after it are not returned.
         """
         try:
             if not select.select([self._reader], [], [], timeout)[0]:
@@ -150,9 +156,11 @@ class Link:
             data = os.read(self._reader, MAX_LINE)
         except OSError:
             data = b""
-        *whole, self._partial = (self._partial + data).split(b"\n")
-        self.closed |= not data or len(self._partial) > MAX_LINE
-        return whole
+        lines = (self._partial + data).split(b"\n")
+        accepted = list(itertools.takewhile(lambda line: len(line) <= MAX_LINE, lines))
+        self.closed |= not data or len(accepted) < len(lines)
+        self._partial = lines[-1]
+        return accepted[: len(lines) - 1]
 
     def send(self, data: bytes = b"") -> None:
         """Send as much as possible without blocking, and keep the rest.

@@ -36,6 +36,9 @@ from gplfd_policies.serving.settings import ServeSettings
 SILENCE: Final = 30.0
 """A client that is silent for this time counts as gone [s]."""
 
+GREETING: Final = 3.0
+"""A client that has not said hello after this time makes room for another [s]."""
+
 
 def served_agent(
     settings: ServeSettings, demonstrations: LabelledDemonstrations | None = None
@@ -94,7 +97,7 @@ class Server:
         self._session, self._journal, self._clock = session, journal, clock
         self._listener, self._link = listener, link
         self._client: socket.socket | None = None
-        self._heard = clock()
+        self._came = self._heard = clock()
         session.connect(self._heard)
 
     def run(self) -> None:
@@ -126,7 +129,8 @@ class Server:
         now = self._clock()
         if replies := session.tick(now):
             self._say(link, now, None, replies)
-        if now - self._heard > SILENCE:
+        waits = self._listener is not None and not session.greeted
+        if now - self._heard > SILENCE or (waits and now - self._came > GREETING):
             link.closed = True
         if session.closed or link.closed:
             return self._leave("bye" if session.closed else "the client has gone")
@@ -160,9 +164,9 @@ class Server:
         if client.family != getattr(socket, "AF_UNIX", None):
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._client, self._link = client, Link(client.fileno(), client.fileno())
-        self._heard = self._clock()
-        self._session.connect(self._heard)
-        self._journal.write(self._heard, "a client has come", [], 0.0)
+        self._came = self._heard = self._clock()
+        self._session.connect(self._came)
+        self._journal.write(self._came, "a client has come", [], 0.0)
         return True
 
     def _leave(self, reason: str) -> bool:

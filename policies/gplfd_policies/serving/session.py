@@ -1,20 +1,20 @@
-"""State of a served agent: checks of messages, watchdog and commands.
+"""State of a served agent: checks of messages, watchdog, limits and commands.
 
 There is no input or output here, and time is an argument, so that every fault can be
 tested without waiting. docs/serving.md defines the states.
 """
 
 import math
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
+from gplfd_env.spatial.se3 import compose_rotvecs, rotation_distance
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.control.steps import STEP_SHAPES, AgentStep
-from gplfd_policies.control.stiffness import VirtualDynamics
+from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS, DEFAULT_PROFILE
 from gplfd_policies.demonstrations.npz import FRAME
-from gplfd_policies.serving.limits import exceeded, exceeds_following_error, limited
 from gplfd_policies.serving.protocol import (
     MOST_TURNED,
     UNITS,
@@ -25,7 +25,7 @@ from gplfd_policies.serving.protocol import (
     numbers,
     observed,
 )
-from gplfd_policies.serving.settings import LIMITS, WATCHDOG, ServeSettings, State
+from gplfd_policies.serving.settings import LIMITS, WATCHDOG, ServeSettings
 
 HEARTBEAT: Final = 0.25
 """Longest silence of the server while a client is connected [s]."""
@@ -48,9 +48,6 @@ class Session:
 
     def __init__(self, agent: Agent, settings: ServeSettings, address: str) -> None:
         self._agent, self._settings = agent, settings
-        self._dynamics: VirtualDynamics | None = getattr(
-            getattr(agent, "config", None), "dynamics", None
-        )
         self._softest = np.repeat(settings.least_stiffness, 3)
         described = settings.described()
         self.greeting: Message = {
@@ -71,16 +68,16 @@ class Session:
 
     def connect(self, now: float) -> None:
         """Begin with a new client; also ends the last session."""
-        self.state: State = "idle"
+        self.state: Literal["idle", "active", "holding", "stopped"] = "idle"
         self.reason = ""
         self.greeted = self.closed = self._explain = False
-        self._spoke = now  # when something was sent last
+        self._spoke = self._commanded = now  # last message, last command
 
     @property
     def due(self) -> float:
         """Time of the next message of `tick`, unless a message arrives before [s]."""
         if self._commands_by_itself:
-            return self._spoke + CONTROL_PERIOD
+            return self._commanded + CONTROL_PERIOD
         beat = self._spoke + HEARTBEAT if self.greeted else math.inf
         if self.state == "active":
             beat = min(beat, self._heard + self._settings.hold_after)
@@ -101,7 +98,11 @@ class Session:
         return replies
 
     def tick(self, now: float) -> list[Message]:
-        """Return unsolicited messages due now [s]: holding, softening, heartbeat."""
+        """Return unsolicited messages due now [s]: holding, softening, heartbeat.
+
+        Only an accepted observation puts off the watchdog, and only a command the next
+        command of holding or softening: other messages, however many, put off neither.
+        """
         settings = self._settings
         if self.state in ("active", "holding"):
             # The same sums as in `due`: differences would round differently.
@@ -113,8 +114,11 @@ class Session:
             return []
         self._spoke = now
         if self._commands_by_itself:
-            return [self._command(now, unsolicited=True)]
+            return [{**self._command(now), "unsolicited": True}]
         return [self._heartbeat()]
+
+    def _heartbeat(self) -> Message:
+        return {"type": "heartbeat", "state": self.state, "reason": self.reason}
 
     def _reply(self, message: Message, now: float) -> Message:
         kind = message["type"]
@@ -149,31 +153,34 @@ class Session:
             return self._command(now)
         return self._observe(observed(message), now)
 
-    def _heartbeat(self) -> Message:
-        return {"type": "heartbeat", "state": self.state, "reason": self.reason}
-
     def _reset(self, observation: Observed, now: float) -> Message:
         pose, wrench = observation.values["ee_pose"], observation.values["wrench"]
         if problem := exceeded(self._settings, pose, wrench):
             raise ProtocolError("limit", f"no reset: {problem}", observation.seq)
+        if self.state == "idle":
+            self._begin(observation, now)
         try:
-            self._agent.reset(observation.values)
-        except Exception as error:  # whatever a user's agent raises
-            self.state, self.reason = "idle", _failure(error)
+            self._agent.reset(observation.copied())
+        except BaseException as error:  # whatever a user's agent raises
+            self.state = "active"  # a reset during a stop that fails is a new fault
+            self._stop(_failure(error), now)
             raise ProtocolError("agent", self.reason, observation.seq) from error
-        self.state, self.reason = "active", ""
-        self._soft, self._heard = False, now
+        self._begin(observation, now)
+        self.state, self.reason, self._heard = "active", "", now
+        return {"type": "ready", "seq": observation.seq, "state": self.state}
+
+    def _begin(self, observation: Observed, now: float) -> None:
+        """Forget what was commanded; the hand is where it is observed."""
         self._seq, self._offset_at = observation.seq, now
         self._offset = now - observation.time
         # The first observation may be the same as in the reset.
         self._time = math.nextafter(observation.time, -math.inf)
         self._next = observation.time - _BURST * CONTROL_PERIOD
         self._fault_since = self._away_since = math.inf
-        self._pose = pose
-        stiffness = self._softest if self._agent.control == "impedance" else np.nan
-        self._stiffness = np.full(6, stiffness)
+        self._pose = observation.values["ee_pose"]
+        soft = self._agent.control == "impedance"
+        self._stiffness = self._softest if soft else DEFAULT_PROFILE.k_max
         self._decided: Message = {}
-        return {"type": "ready", "seq": observation.seq, "state": self.state}
 
     def _observe(self, observation: Observed, now: float) -> Message:
         silent = observation.time - self._time
@@ -200,30 +207,26 @@ class Session:
         An observation is late if its delay exceeds the shortest delay by `hold_after`.
         The shortest delay is increased with the greatest drift of the clocks.
         """
-        if observation.seq <= self._seq or observation.time <= self._time:
-            code = "duplicate" if observation.seq == self._seq else "order"
-            text = (
-                f"seq {observation.seq} at {observation.time} s does not follow seq "
-                f"{self._seq} at {self._time} s"
-            )
-            raise ProtocolError(code, text, observation.seq)
+        seq, time = observation.seq, observation.time
+        if seq <= self._seq or time <= self._time:
+            code = "duplicate" if seq == self._seq else "order"
+            last = f"seq {self._seq} at {self._time} s"
+            text = f"seq {seq} at {time} s does not follow {last}"
+            raise ProtocolError(code, text, seq)
         drift = _DRIFT * (now - self._offset_at)
-        self._offset = min(self._offset + drift, now - observation.time)
+        self._offset = min(self._offset + drift, now - time)
         self._offset_at = now
-        delay = now - observation.time - self._offset
+        delay = now - time - self._offset
         if delay > self._settings.hold_after:
-            text = f"seq {observation.seq} is {delay:.3f} s older than others were"
-            raise ProtocolError("late", text, observation.seq)
-        if observation.time < self._next:
-            text = (
-                f"seq {observation.seq} comes before its time: one per "
-                f"{CONTROL_PERIOD} s"
-            )
-            raise ProtocolError("early", text, observation.seq)
-        earliest = observation.time - _BURST * CONTROL_PERIOD
+            text = f"seq {seq} is {delay:.3f} s older than others were"
+            raise ProtocolError("late", text, seq)
+        if time < self._next:
+            text = f"seq {seq} comes before its time: one per {CONTROL_PERIOD} s"
+            raise ProtocolError("early", text, seq)
+        earliest = time - _BURST * CONTROL_PERIOD
         self._next = max(self._next, earliest) + CONTROL_PERIOD
-        missed = observation.seq - self._seq - 1
-        self._seq, self._time = observation.seq, observation.time
+        missed = seq - self._seq - 1
+        self._seq, self._time = seq, time
         return missed
 
     def _fault(self, observation: Observed) -> str:
@@ -242,9 +245,12 @@ class Session:
     def _decision(self, observation: Observed, now: float) -> AgentStep | None:
         """Return the step of the agent, or stop if it must not be commanded."""
         try:
-            step = self._agent.act(observation.values)
-            finite = np.isfinite(step.command(self._agent.control)).all()
-        except Exception as error:  # whatever a user's agent raises
+            step = self._agent.act(observation.copied())
+            width = getattr(self._agent, "gripper_width", None)
+            width = {} if width is None else {"gripper_width": float(width)}
+            command = step.command(self._agent.control)
+            finite = np.isfinite([*command, *width.values()]).all()
+        except BaseException as error:  # whatever a user's agent raises
             self._stop(_failure(error), now)
             return None
         if not finite or np.abs(step.action[3:]).max() > MOST_TURNED:
@@ -254,54 +260,114 @@ class Session:
         ):
             text = "the agent begins far from the hand"
         else:
+            frame, phase = numbers(step.frame), numbers(step.phase)
+            self._decided = {"frame": frame, "phase": phase, **width}
             return step
         self._stop(text, now)
         return None
 
     def _stop(self, reason: str, now: float) -> None:
         if self.state != "stopped":
-            self.state, self.reason = "stopped", reason
+            self.state, self.reason, self._soft = "stopped", reason, False
             self._stopped_at, self._stiffness_then = now, self._stiffness
 
-    def _command(
-        self, now: float, step: AgentStep | None = None, *, unsolicited: bool = False
-    ) -> Message:
+    def _command(self, now: float, step: AgentStep | None = None) -> Message:
         """Return the command of a step, or the last pose, within the limits."""
         pose, stiffness = self._pose, self._stiffness
         if step is not None:
-            pose, stiffness = step.action, step.stiffness
-            self._decided = {"frame": numbers(step.frame), "phase": numbers(step.phase)}
-            width = getattr(self._agent, "gripper_width", None)
-            if width is not None:
-                self._decided["gripper_width"] = float(width)
+            # An agent without stiffness is followed as one without uncertainty.
+            known = np.isfinite(step.stiffness)
+            stiffness = np.where(known, step.stiffness, DEFAULT_PROFILE.k_max)
+            pose = step.action
         elif self.state == "stopped":
             share = min((now - self._stopped_at) / self._settings.soften_time, 1.0)
             fall = self._softest - self._stiffness_then
             stiffness = self._stiffness_then + share * fall
             self._soft = share == 1.0
+        self._commanded = now
         self._pose, self._stiffness, acted = limited(
             self._settings, pose, stiffness, self._pose
         )
-        rendered = np.isfinite(self._stiffness).all()
+        dynamics = self._agent.dynamics or DEFAULT_DYNAMICS
         command = {
             "type": "command",
             "seq": self._seq,
             "state": self.state,
             "reason": self.reason,
             "pose": numbers(self._pose),
-            "stiffness": numbers(self._stiffness) if rendered else None,
+            "stiffness": numbers(self._stiffness),
+            "damping": numbers(dynamics.damping(self._stiffness)),
             **self._decided,
         }
-        if rendered and self._dynamics is not None:
-            command["damping"] = numbers(self._dynamics.damping(self._stiffness))
         if acted:
             command["limited"] = acted
-        if unsolicited:
-            command["unsolicited"] = True
         if step is not None and self._explain:
             command["step"] = {n: numbers(getattr(step, n)) for n in STEP_SHAPES}
         return command
 
 
-def _failure(error: Exception) -> str:
+def _failure(error: BaseException) -> str:
     return f"the agent failed with {type(error).__name__}: {error}"
+
+
+def limited(
+    settings: ServeSettings, pose: np.ndarray, stiffness: np.ndarray, last: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Return a command within the limits, given the last commanded pose.
+
+    The position is moved to the nearest point of the workspace. A step that exceeds the
+    speed limits is shortened along the straight line and the shortest rotation from the
+    last pose (6,) [m, rad].
+
+    Returns:
+        The pose (6,) [m, rad], the same object if no limit changed it; the stiffness
+        (6,) [N/m, N m/rad], NaN if unknown; and the names of the limits that changed
+        them.
+    """
+    acted = []
+    low, high = np.reshape(settings.workspace, (2, 3))
+    position, rotation = pose[:3], pose[3:]
+    inside = np.minimum(np.maximum(position, low), high)
+    if not np.array_equal(inside, position):
+        acted.append("workspace")
+        position = inside
+    shift = position - last[:3]
+    distance, most = math.hypot(*shift), settings.linear_speed * CONTROL_PERIOD
+    if distance > most:
+        acted.append("linear_speed")
+        position = last[:3] + shift * (most / distance)
+    angle, most = rotation_distance(rotation, last[3:]), settings.angular_speed
+    most *= CONTROL_PERIOD
+    if angle > most:
+        acted.append("angular_speed")
+        turn = compose_rotvecs(rotation, -last[3:])
+        rotation = compose_rotvecs(turn * (most / angle), last[3:])
+    if acted:
+        pose = np.concatenate([position, rotation])
+    bounds = np.repeat((settings.least_stiffness, settings.greatest_stiffness), 3, 1)
+    within = np.minimum(np.maximum(stiffness, bounds[0]), bounds[1])
+    if not np.array_equal(within, stiffness, equal_nan=True):
+        acted.append("stiffness")
+        stiffness = within
+    return pose, stiffness, acted
+
+
+def exceeded(settings: ServeSettings, pose: np.ndarray, wrench: np.ndarray) -> str:
+    """Return the limit that a measured pose or wrench exceeds, or ""."""
+    low, high = np.reshape(settings.workspace, (2, 3))
+    if (pose[:3] < low).any() or (pose[:3] > high).any():
+        return "hand outside the workspace"
+    if math.hypot(*wrench[:3]) > settings.force:
+        return "measured force beyond its limit"
+    if math.hypot(*wrench[3:]) > settings.moment:
+        return "measured moment beyond its limit"
+    return ""
+
+
+def exceeds_following_error(
+    settings: ServeSettings, pose: np.ndarray, command: np.ndarray
+) -> bool:
+    """Return whether the hand is farther from its command than the limits allow."""
+    distance = math.hypot(*(pose[:3] - command[:3]))
+    angle = rotation_distance(pose[3:], command[3:])
+    return bool(distance > settings.follow_distance or angle > settings.follow_angle)

@@ -150,6 +150,3 @@ LIMITS: Final = (
 
 WATCHDOG: Final = ("hold_after", "stop_after", "soften_time")
 """Fields of the watchdog."""
-
-State = Literal["idle", "active", "holding", "stopped"]
-"""State of a session; docs/serving.md describes the transitions."""
