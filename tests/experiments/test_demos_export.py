@@ -18,9 +18,8 @@ from gplfd_env.envs.camera import Camera
 from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.cli import main as cli
 from gplfd_experiments.data.minari import open_dataset
-from gplfd_experiments.data.preparation import Preparation, prepare
+from gplfd_experiments.data.preparation import ImportSettings, prepare
 from gplfd_experiments.data.preparation.samples import Notes, usable
-from gplfd_experiments.data.raw import Selection
 from gplfd_experiments.data.readers.formats import read_here
 from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -46,7 +45,7 @@ def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Demonstratio
     return both
 
 
-AS_RECORDED = Preparation(frame="recorded", trim_rests=False, cutoff=None, rate=None)
+AS_RECORDED = ImportSettings(frame="recorded", keep_rests=True, cutoff=0.0, rate=0.0)
 
 
 def exported(out: str) -> int:
@@ -56,11 +55,11 @@ def exported(out: str) -> int:
 def test_what_was_written_is_read_back(shown):
     apart = 1e-6  # Of float32.
     assert exported("b") == 0
-    again = read_here(Path("b"), Selection())
+    again = read_here(Path("b"), ImportSettings())
     assert len(again) == len(shown)
     for one, recorded in zip(shown, again, strict=True):
         notes = Notes()
-        samples = usable(recorded, None, None, notes)
+        samples = usable(recorded, AS_RECORDED, notes)
         assert len(notes) <= 1
         assert_allclose(samples.times, one.times - one.times[0], atol=1e-9)
         assert_allclose(samples.poses[:, :3], one.poses[:, :3], rtol=0, atol=apart)
@@ -128,7 +127,7 @@ def test_episodes_are_read_back_with_what_was_commanded(episodes):
     out = ["--form", "lerobot", "--out", "b", "--rate", "20"]
     assert cli.main(["demos", "export", str(episodes), *out]) == 0
     dataset = open_dataset(episodes)
-    again = read_here(Path("b"), Selection())
+    again = read_here(Path("b"), ImportSettings())
     assert len(again) == 2
     rows = pyarrow.parquet.read_table("b/data/chunk-000/file-000.parquet").to_pydict()
     for number, one in enumerate(again):
@@ -164,7 +163,7 @@ def test_pictures_show_the_recorded_states(episodes):
     out = ["--form", "lerobot", "--out", "b", "--rate", "10", "--size", "64", "48"]
     pictures = ["--pictures", "overview", "hand_camera"]
     assert cli.main(["demos", "export", str(episodes), *out, *pictures]) == 0
-    assert len(read_here(Path("b"), Selection())) == 2
+    assert len(read_here(Path("b"), ImportSettings())) == 2
     info = json.loads(Path("b/meta/info.json").read_text())
     table = pyarrow.parquet.read_table("b/data/chunk-000/file-000.parquet")
     assert set(table.column_names) == set(info["features"])

@@ -125,7 +125,7 @@ def test_forces_are_imported_as_the_options_say(files):
     assert_allclose(shown.wrenches, expected, atol=1e-12)
     assert "peak force [N]" in Path("set/report.txt").read_text()
     origin = json.loads(Path("set/import.json").read_text())["config"]
-    assert origin["preparation"]["sensor"]["acts_on"] == "object"
+    assert origin["force_on"] == "object"
     rows, columns, _ = read_image("set/before_after.png").shape
     assert rows > 0.8 * columns  # With a third row of panels.
 

@@ -29,10 +29,11 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.data.preparation import Preparation, prepare
-from gplfd_experiments.data.raw import METRES, RawRecording, Selection
+from gplfd_experiments.data.preparation import ImportSettings, prepare
+from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers import read_files, read_recordings
 from gplfd_experiments.data.readers.formats import READERS, read_here
+from gplfd_experiments.data.settings import METRES
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import save_demonstrations
 
@@ -257,7 +258,7 @@ def write_set_folder(path: Path) -> None:
     write_set(path / "demonstrations.npz")
 
 
-ANY = Selection()
+ANY = ImportSettings()
 
 
 @dataclass(frozen=True)
@@ -266,7 +267,7 @@ class Kind:
 
     write: Callable[[Path], Any]
     name: str
-    selection: Selection = ANY
+    selection: ImportSettings = ANY
     damaged: str = ""
     signals: Mapping[str, Any] = field(default_factory=dict)
     forces: bool = True
@@ -279,17 +280,19 @@ GRIPPER = {"gripper": FORCE[:, :2]}
 PARQUET, INFO = "data/chunk-000/file-000.parquet", "meta/info.json"
 METADATA = "data/metadata.json"
 write_minari = partial(shutil.copytree, RECORDED)
-MM, CM = (Selection(quaternions="wxyz", units=unit) for unit in ("mm", "cm"))
+MM, CM = (ImportSettings(quaternions="wxyz", units=unit) for unit in ("mm", "cm"))
 KINDS = {
     "csv": Kind(write_csv, "a.csv"),
     "npz": Kind(write_npz, "a.npz", **FORCELESS),
-    "npy": Kind(write_npy, "a.npy", Selection(columns=COLUMNS, units="m"), **FORCELESS),
+    "npy": Kind(
+        write_npy, "a.npy", ImportSettings(columns=COLUMNS, units="m"), **FORCELESS
+    ),
     "mat": Kind(write_mat, "a.mat", MM),
     "mat-4": Kind(partial(write_mat, format="4"), "a.mat", MM),
     "mat-cells": Kind(write_mat_cells, "b.mat", CM, **FORCELESS),
     "mvnx": Kind(write_mvnx, "a.mvnx", **FORCELESS),
-    "bvh": Kind(write_bvh, "a.bvh", Selection(units="cm"), **FORCELESS),
-    "c3d": Kind(write_c3d, "a.c3d", Selection(body="A,B,C"), **FORCELESS),
+    "bvh": Kind(write_bvh, "a.bvh", ImportSettings(units="cm"), **FORCELESS),
+    "c3d": Kind(write_c3d, "a.c3d", ImportSettings(body="A,B,C"), **FORCELESS),
     "mcap": Kind(write_one_file, "a.mcap"),
     "db3": Kind(partial(write_one_file, **SQLITE), "a.db3"),
     "bag": Kind(
@@ -361,7 +364,7 @@ def recorded() -> tuple[Any, Rotation, Any, Any]:
     return poses[:, :3], rotations, seen["time"][:, 0], seen["wrench"]
 
 
-AS_RECORDED = Preparation(frame="recorded", trim_rests=False, cutoff=None, rate=None)
+AS_RECORDED = ImportSettings(frame="recorded", keep_rests=True, cutoff=0.0, rate=0.0)
 
 
 def test_forces_pass_from_files_to_demonstrations(written):
@@ -448,7 +451,7 @@ def test_errors_of_the_child_are_those_of_the_reader(tmp_path):
 
 # ------------------------------------------------------------------ particular kinds
 def only(path: Path, **selection: Any) -> RawRecording:
-    (one,) = read_here(path, Selection(**selection))
+    (one,) = read_here(path, ImportSettings(**selection))
     return one
 
 
@@ -504,7 +507,7 @@ def test_reads_every_message_with_a_pose_and_joint_states(tmp_path):
         ({"body": "/tf"}, r"say which frame: --body /tf:FRAME, of hand"),
         ({"body": "/tf:palm"}, r"/tf has no frame 'palm': .*, of hand"),
         ({"body": "/joints"}, r"--urdf FILE --link NAME"),
-        ({**robot, "link": "claw"}, r"no link 'claw'; it has base, arm, hand"),
+        ({**robot, "link": "claw"}, r"no link 'claw'; it has arm, base, hand"),
     ):
         with pytest.raises(ValueError, match=message):
             only(bag, **selection)
@@ -614,11 +617,11 @@ def test_what_looks_wrong_in_a_table_is_noted(tmp_path):
     text = "Zeit;X;Ort;Y;Z\n0,0;1;a;2;3\n0,1;1;b;2;3\n"
     message = r"no time stamps: its columns are Zeit, .* --columns t,x,-,y,z\. Otherw"
     with pytest.raises(ValueError, match=message):
-        prepare([table(tmp_path, text)], Preparation())
+        prepare([table(tmp_path, text)], ANY)
     np.savez(tmp_path / "a.npz", pos=POSITIONS, zeit=TIMES)
     message = r"arrays are pos \(60, 3\), zeit \(60,\)\. .* --body POSIT"
     with pytest.raises(ValueError, match=message):
-        prepare(read_here(tmp_path / "a.npz", ANY), Preparation())
+        prepare(read_here(tmp_path / "a.npz", ANY), ANY)
 
 
 # ------------------------------------------------------------------ arrays of people
@@ -653,7 +656,9 @@ BOTH = np.hstack([POSITIONS, WXYZ]).T
 )
 def test_times_and_rotations_stand_beside_positions(tmp_path, content, body, columns):
     scipy.io.savemat(tmp_path / "a.mat", content)
-    for one in read_here(tmp_path / "a.mat", Selection(body=body, columns=columns)):
+    for one in read_here(
+        tmp_path / "a.mat", ImportSettings(body=body, columns=columns)
+    ):
         assert_array_equal(one.positions, POSITIONS)
         assert_array_equal(np.asarray(one.times), TIMES)
         if "qw" in columns:
@@ -670,17 +675,19 @@ def test_cells_and_structures_of_one_name_are_one_set(tmp_path):
     content = {"data": motions, "best": motions[0, 0], "s": structures}
     scipy.io.savemat(path, content | {"e": {"pos": PHASE}, "z": 1j * PHASE, "n": "me"})
     columns = (*XYZ, "t")
-    found = read_here(path, Selection(columns=columns, body="data"))
+    found = read_here(path, ImportSettings(columns=columns, body="data"))
     assert [one.name for one in found] == [f"a.mat: data{{{n}}}" for n in (1, 2, 3)]
     for one, samples in zip(found, (20, 30, 40), strict=True):
         assert_array_equal(one.positions, POSITIONS[:samples])
         assert_array_equal(one.times, TIMES[:samples])
-    assert [len(one.positions) for one in read_here(path, Selection(body="s"))] == [
+    assert [
+        len(one.positions) for one in read_here(path, ImportSettings(body="s"))
+    ] == [
         10,
         50,
     ]
     with pytest.raises(ValueError, match=r"one array of columns; .* best, da"):
-        read_here(path, Selection(columns=columns))
+        read_here(path, ImportSettings(columns=columns))
     with pytest.raises(ValueError, match=r"more than one set of recordings; .* e, s"):
         read_here(path, ANY)
 
@@ -688,7 +695,7 @@ def test_cells_and_structures_of_one_name_are_one_set(tmp_path):
 def test_arrays_of_one_npz_are_put_side_by_side(tmp_path):
     stacked = {"ee_pos": np.stack([POSITIONS] * 3), "ee_quat": np.stack([WXYZ] * 3)}
     np.savez(tmp_path / "a.npz", time=TIMES, of_objects=np.array([{}]), **stacked)
-    both = Selection(body="ee_pos,ee_quat", columns=WITH_QUATERNION)
+    both = ImportSettings(body="ee_pos,ee_quat", columns=WITH_QUATERNION)
     found = read_here(tmp_path / "a.npz", both)
     assert [one.name for one in found] == [f"a.npz[{n}]" for n in range(3)]
     for one in found:
@@ -762,7 +769,7 @@ REFUSED: tuple[tuple[str, Callable[[Path], object], dict[str, Any], str], ...] =
 def test_what_cannot_be_read_is_said(tmp_path, name, write, options, message):
     write(tmp_path / name)
     with pytest.raises(ValueError, match=message):
-        read_here(tmp_path / name, Selection(**options))
+        read_here(tmp_path / name, ImportSettings(**options))
 
 
 def cut(content: bytes) -> bytes:

@@ -1,17 +1,17 @@
 """Makes a set of demonstrations from motion files, with a report and a picture."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from gplfd_env.spatial.se3 import rotation_distance
 from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.console.progress import progress_bar
-from gplfd_experiments.data.preparation import Motion, Preparation, prepare
-from gplfd_experiments.data.raw import RawRecording, Selection
+from gplfd_experiments.data.preparation import ImportSettings, Motion, prepare
+from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers import read_files
 from gplfd_experiments.files.folders import check_replaceable, complete_folder
 from gplfd_experiments.files.plain_data import write_json
@@ -31,35 +31,33 @@ PICTURE: Final = "before_after.png"
 def import_recordings(
     files: Sequence[Path],
     folder: Path,
+    settings: ImportSettings,
     *,
-    selection: Selection,
-    preparation: Preparation,
-    options: Mapping[str, Any],
     overwrite: bool = False,
 ) -> tuple[tuple[Motion, ...], str]:
     """Read motion files, prepare the motions, and write a complete set or nothing.
 
     The set holds the demonstrations (`gplfd_policies.demonstrations.npz`), the report,
-    a picture of the motions before and after, and their origin, with the options of the
-    command.
+    a picture of the motions before and after, and their origin with the settings.
 
     Returns:
         The motions in the set, and the report.
 
     Raises:
-        ValueError: An argument is wrong, or a file cannot be understood or used.
+        ValueError: A setting is wrong, or a file cannot be understood or used.
         OSError: A file cannot be read, or the set not be written.
     """
     check_folder(folder.parent)
     check_replaceable(folder, FILE, "set of demonstrations", overwrite=overwrite)
     recordings: list[RawRecording] = []
     for motions_of_file in progress_bar(
-        read_files(files, selection), desc="reading", unit="file", total=len(files)
+        read_files(files, settings), desc="reading", unit="file", total=len(files)
     ):
         recordings += motions_of_file
-    motions = prepare(recordings, preparation, recorded_rate=selection.recorded_rate)
-    text = report(motions, preparation)
-    origin = provenance({**options, "preparation": asdict(preparation)})
+    motions = prepare(recordings, settings)
+    text = report(motions, settings)
+    urdf = settings.urdf.name if settings.urdf else None
+    origin = provenance(asdict(settings) | {"urdf": urdf})
     origin["files"] = [
         {"name": file.name} | ({"sha256": content_hash(file)} if file.is_file() else {})
         for file in files
@@ -71,7 +69,7 @@ def import_recordings(
             written / FILE,
             [motion.demonstration for motion in motions],
             [motion.radius for motion in motions],
-            frame=frames.get(str(preparation.frame), OTHER),
+            frame=frames.get(str(settings.frame), OTHER),
             signals=[motion.signals for motion in motions],
         )
         (written / "report.txt").write_text(text + "\n", encoding="utf-8")
@@ -80,19 +78,19 @@ def import_recordings(
     return motions, text
 
 
-def report(motions: Sequence[Motion], settings: Preparation) -> str:
+def report(motions: Sequence[Motion], settings: ImportSettings) -> str:
     """Return the settings as text, a row per motion, and every note."""
     frame, cutoff, rate = settings.frame, settings.cutoff, settings.rate
     done = [
         f"frame: {frame if isinstance(frame, str) else 'relative to a given pose'}",
-        "not filtered" if cutoff is None else f"low-pass filter of {cutoff:g} Hz",
-        "rests at the ends cut" if settings.trim_rests else "rests kept",
-        "samples as recorded" if rate is None else f"{rate:g} samples per second",
+        f"low-pass filter of {cutoff:g} Hz" if cutoff else "not filtered",
+        "rests kept" if settings.keep_rests else "rests at the ends cut",
+        f"{rate:g} samples per second" if rate else "samples as recorded",
     ]
     if settings.offset is not None:
         done.append("moved by the offset of the hand")
     forces = any(motion.demonstration.wrenches is not None for motion in motions)
-    rows = []
+    rows, notes = [], []
     for number, motion in enumerate(motions):
         times, poses = motion.demonstration.times, motion.demonstration.poses
         before = motion.recorded
@@ -114,19 +112,10 @@ def report(motions: Sequence[Motion], settings: Preparation) -> str:
                 peak = np.linalg.norm(wrenches[:, :3], axis=1).max()
                 row["peak force [N]"] = f"{peak:.1f}"
         rows.append(row)
-    notes = [
-        f"{'!' if note.warning else ' '} {number}: {note.text}"
-        for number, motion in enumerate(motions)
-        for note in motion.notes
-    ]
-    return "\n".join(
-        ["; ".join(done), "", text_table(Table.of(rows)), "", *notes]
-    ).rstrip()
-
-
-def warnings_in(motions: Sequence[Motion]) -> int:
-    """Return the number of notes that need attention."""
-    return sum(note.warning for motion in motions for note in motion.notes)
+        for note in motion.notes:
+            notes.append(f"{'!' if note.warning else ' '} {number}: {note.text}")
+    table = text_table(Table.of(rows))
+    return "\n".join(["; ".join(done), "", table, "", *notes]).rstrip()
 
 
 def draw(motions: Sequence[Motion], path: Path) -> None:
@@ -139,31 +128,27 @@ def draw(motions: Sequence[Motion], path: Path) -> None:
     """
     from matplotlib.figure import Figure
 
-    number = 2 + any(motion.demonstration.wrenches is not None for motion in motions)
-    figure = Figure(figsize=(11.0, 3.25 * number), layout="constrained")
-    axes = figure.subplots(number, 2)
-    xyz = ("x", "y", "z")
-    panels: tuple[tuple[int, int, str, tuple[str, ...]], ...] = (
-        (0, 0, "recorded: position [m]", xyz),
-        (0, 1, "prepared: position [m]", xyz),
-        (1, 0, "recorded: quaternion", ("w", *xyz)),
-        (1, 1, "prepared: rotation vector [rad]", xyz),
-        (2, 0, "recorded: force [N]", xyz),
-        (2, 1, "prepared: force [N]", xyz),
-    )
-    for row, column, what, names in panels[: 2 * number]:
-        one = axes[row, column]
+    forces = any(motion.demonstration.wrenches is not None for motion in motions)
+    titles = (
+        ("recorded: position [m]", "prepared: position [m]"),
+        ("recorded: quaternion", "prepared: rotation vector [rad]"),
+        ("recorded: force [N]", "prepared: force [N]"),
+    )[: 3 if forces else 2]
+    figure = Figure(figsize=(11.0, 3.25 * len(titles)), layout="constrained")
+    grid = figure.subplots(len(titles), 2)
+    for (row, column), axes in np.ndenumerate(grid):
+        names = ("w", "x", "y", "z") if (row, column) == (1, 0) else ("x", "y", "z")
         for motion in motions:
             drawn = motion.demonstration if column else motion.recorded
-            clock = drawn.times - drawn.times[0]
             values = (drawn.poses[:, :3], drawn.poses[:, 3:], drawn.wrenches)[row]
             if values is None:
                 continue
+            clock = drawn.times - drawn.times[0]
             for place, component in enumerate(values.T[: len(names)]):
-                one.plot(clock, component, color=f"C{place}", linewidth=0.8, alpha=0.7)
-        one.set_title(what, loc="left", fontsize=10)
-        one.legend(one.lines[: len(names)], names)
-        one.grid(alpha=0.3)
+                axes.plot(clock, component, color=f"C{place}", linewidth=0.8, alpha=0.7)
+        axes.set_title(titles[row][column], loc="left", fontsize=10)
+        axes.legend(axes.lines[: len(names)], names)
+        axes.grid(alpha=0.3)
         if row:
-            one.set_xlabel("time since the first sample [s]")
+            axes.set_xlabel("time since the first sample [s]")
     figure.savefig(path, dpi=110)

@@ -14,11 +14,12 @@ from gplfd_experiments.cli.commands.options import (
     recorded,
 )
 from gplfd_experiments.cli.commands.teach import Teach
+from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.workflows.settings import EpisodeSettings
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Import:
+class Import(ImportSettings):
     """Make a set of demonstrations from recorded motions, with a report.
 
     Formats: CSV and TSV, .npz and .npy, MATLAB's .mat, Xsens' .mvnx, .bvh, .c3d, ROS
@@ -36,178 +37,37 @@ class Import:
     out: Annotated[Path, tyro.conf.arg(metavar="SET")]
     """Folder to write."""
 
-    body: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """Moving object: a segment, joint, one or three markers, topic, array, or arrays
-    A,B."""
-
-    columns: Annotated[str | None, tyro.conf.arg(metavar="t,x,y,z,...")] = None
-    """Names of the columns of a table without a header, in order, with - for a column
-    to ignore; known names are t, x, y, z, qw, qx, qy, qz, rx, ry, rz, fx, ...,
-    gripper."""
-
-    units: Literal["m", "cm", "mm", "in"] | None = None
-    """Unit of positions; overrides the unit in the file. Default: that unit, or
-    metres."""
-
-    time_unit: Literal["s", "ms", "us", "ns"] | None = None
-    """Unit of times in tables and arrays; overrides the unit in the file. Default: that
-    unit, or seconds."""
-
-    angles: Literal["rad", "deg"] = "rad"
-    """Unit of rotation vectors rx, ry, rz if the file states none."""
-
-    quaternions: Literal["wxyz", "xyzw"] | None = None
-    """Order of quaternion components without names."""
-
-    recorded_rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
-    """Samples per second of recordings without time stamps."""
-
-    urdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Robot whose joint states were recorded."""
-
-    link: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """Link of this robot that is the hand."""
-
-    wrench: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """Source of the forces: a topic of WrenchStamped, a feature or an observation."""
-
-    force_on: Literal["hand", "object"] = "hand"
-    """Recorded forces are those of the environment on the hand, or of the hand on the
-    object. Data sets of gplfd contain this and all following force options."""
-
-    force_axes: Literal["hand", "recorded"] = "hand"
-    """Axes of forces: those of the sensor, which moves with the hand, or of the
-    poses."""
-
-    force_sensor: Annotated[str, tyro.conf.arg(metavar="POSE")] = "0,0,0,1,0,0,0"
-    """Pose of the force sensor in the frame of the recorded hand, x,y,z,qw,qx,qy,qz
-    [m]. Moments are about its origin."""
-
-    force_rest: Annotated[float, tyro.conf.arg(metavar="S")] = 0.0
-    """Time at the start without contact of the hand [s]; the mean force in this time is
-    the bias that is removed. 0 removes no bias."""
-
-    tool_weight: Annotated[float, tyro.conf.arg(metavar="N")] = 0.0
-    """Weight of the tool on the sensor, which is subtracted [N]."""
-
-    tool_centre: Annotated[str, tyro.conf.arg(metavar="X,Y,Z")] = "0,0,0"
-    """Centre of mass of the tool in the frame of the sensor [m]."""
-
-    gravity: Annotated[str, tyro.conf.arg(metavar="X,Y,Z")] = "0,0,-1"
-    """Direction of gravity in the frame of the recorded poses."""
-
-    frame: Annotated[str, tyro.conf.arg(metavar="FRAME")] = "first-pose"
-    """Frame of the resulting poses: first-pose (the first pose of each motion),
-    recorded, hinge (of a door, estimated from the motion), or a pose x,y,z,qw,qx,qy,qz
-    [m]."""
-
-    offset: Annotated[str | None, tyro.conf.arg(metavar="POSE")] = None
-    """Pose of the object in the frame of the recorded hand, x,y,z,qw,qx,qy,qz [m]."""
-
-    segment: Annotated[str, tyro.conf.arg(metavar="HOW")] = "none"
-    """Repetitions in a recording: none, rests or turns (the motions between them,
-    without motions back), or times since the first sample such as 1.5-4.2,6-9.5 [s]."""
-
-    keep_rests: tyro.conf.FlagCreatePairsOff[bool] = False
-    """Keep rests at both ends."""
-
-    cutoff: Annotated[float, tyro.conf.arg(metavar="HZ")] = 10.0
-    """Cut-off of the low-pass filter; 0 disables the filter."""
-
-    rate: Annotated[float, tyro.conf.arg(metavar="HZ")] = 100.0
-    """Samples per second of the result; 0 keeps the recorded samples."""
-
-    largest_gap: Annotated[float, tyro.conf.arg(metavar="S")] = 0.5
-    """Longest gap between samples that is interpolated [s]."""
-
     overwrite: tyro.conf.FlagCreatePairsOff[bool] = False
     """Replace an existing set."""
 
     quiet: Quiet = False
 
+    def __post_init__(self) -> None:
+        """Check nothing: the settings that `execute` makes do, without the parser."""
+
     def execute(self) -> int:
         """Make the set, print the report and the next commands."""
-        from gplfd_experiments.data.importing import (
-            PICTURE,
-            import_recordings,
-            warnings_in,
-        )
-        from gplfd_experiments.data.preparation import Preparation
-        from gplfd_experiments.data.raw import Selection, WrenchSensor
+        from gplfd_experiments.data.importing import PICTURE, import_recordings
 
         if not self.files:
             raise ValueError("give at least one file to import")
-        chosen = {one.name: getattr(self, one.name) for one in fields(Selection)}
-        columns = self.columns.split(",") if self.columns is not None else []
-        chosen["columns"] = tuple(name.strip() for name in columns)
-        segments: Any = self.segment
-        if "-" in segments:
-            try:
-                parts = [part.split("-") for part in segments.split(",")]
-                segments = tuple((float(start), float(end)) for start, end in parts)
-            except ValueError:
-                raise ValueError(
-                    f"--segment {self.segment!r} must be none, rests, turns, or times "
-                    "such as 1.5-4.2,6-9.5"
-                ) from None
-        frame: Any = self.frame
-        posed, vector = "x,y,z,qw,qx,qy,qz", "x,y,z"
-        sensor = WrenchSensor(
-            acts_on=self.force_on,
-            axes=self.force_axes,
-            pose=numbers("--force-sensor", self.force_sensor, posed),
-            rest=self.force_rest,
-            tool_weight=self.tool_weight,
-            tool_centre=numbers("--tool-centre", self.tool_centre, vector),
-            gravity=numbers("--gravity", self.gravity, vector),
+        settings = ImportSettings(
+            **{
+                field.name: getattr(self, field.name)
+                for field in fields(ImportSettings)
+            }
         )
-        preparation = Preparation(
-            units=self.units,
-            sensor=sensor,
-            frame=numbers("--frame", frame, posed) if "," in frame else frame,
-            offset=numbers("--offset", self.offset, posed),
-            segments=segments,
-            trim_rests=not self.keep_rests,
-            cutoff=self.cutoff or None,
-            rate=self.rate or None,
-            largest_gap=self.largest_gap,
-        )
-        options = recorded(self)
-        options["files"] = [file.name for file in self.files]
-        options["out"] = self.out.name
-        options["urdf"] = self.urdf.name if self.urdf else None
         motions, report = import_recordings(
-            self.files,
-            self.out,
-            selection=Selection(**chosen),
-            preparation=preparation,
-            options=options,
-            overwrite=self.overwrite,
+            self.files, self.out, settings, overwrite=self.overwrite
         )
         print(report)
         number = len(motions)
         print(f"\n{number} demonstration{'s' * (number > 1)} in {self.out}")
-        if warnings := warnings_in(motions):
+        if warnings := sum(note.warning for motion in motions for note in motion.notes):
             print(f"notes marked with ! that need attention: {warnings}")
         print(f"look at them:     {self.out / PICTURE}")
         print(f"learn from them:  {learn_command(self.out)}")
         return 0
-
-
-def numbers(option: str, text: str | None, names: str) -> Any:
-    """Return the numbers of a vector or a pose, one for each name.
-
-    None stands for an option that is not given.
-    """
-    if text is None:
-        return None
-    try:
-        found = tuple(map(float, text.split(",")))
-    except ValueError:
-        found = ()
-    if len(found) != len(names.split(",")):
-        raise ValueError(f"{option} {text!r} must be numbers {names}")
-    return found
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

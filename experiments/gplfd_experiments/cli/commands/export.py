@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from gplfd_experiments.cli.commands.demos import numbers
+from gplfd_experiments.data.settings import POSE, numbers, of_text
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -32,12 +32,14 @@ class Export:
     rate: Annotated[float, tyro.conf.arg(metavar="HZ")] = 100.0
     """Samples per second, 20 to 1000. The simulation uses 100."""
 
-    frame: Annotated[str | None, tyro.conf.arg(metavar="POSE")] = None
+    frame: Annotated[tuple[float, ...] | None, of_text("POSE", numbers(POSE))] = None
     """Pose of the task frame in the frame of the robot's base, x,y,z,qw,qx,qy,qz [m];
     with = if x is negative: --frame=-0.5,... Without this option, all poses are in the
     task frame."""
 
-    tool: Annotated[str | None, tyro.conf.arg(metavar="QUATERNION")] = None
+    tool: Annotated[
+        tuple[float, ...] | None, of_text("QUATERNION", numbers("qw,qx,qy,qz"))
+    ] = None
     """With --frame: orientation qw,qx,qy,qz of the robot's tool frame at the closed
     door, in the task frame."""
 
@@ -61,15 +63,13 @@ class Export:
 
         outs = [Path(f"{out}.{form}") for out in self.out for form in self.form]
         outs = outs or list(self.out)
-        frame = numbers("--frame", self.frame, "x,y,z,qw,qx,qy,qz")
-        tool = numbers("--tool", self.tool, "qw,qx,qy,qz")
         if self.robot is None and self.door != "medium":
             raise ValueError("--door goes with --robot, the robot of the dry run")
         run = None
         if self.robot is not None:
             run = dry_run(self.skill, self.policy, self.robot, self.door)
         path, about = export_skill(
-            self.skill, outs, self.policy, self.rate, frame, tool
+            self.skill, outs, self.policy, self.rate, self.frame, self.tool
         )
         print(
             f"{', '.join(map(str, outs))}: {len(path.times)} samples in the frame of "

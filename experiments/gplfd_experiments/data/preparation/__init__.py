@@ -18,7 +18,8 @@ from gplfd_experiments.data.preparation.samples import (
     usable,
     without_spikes,
 )
-from gplfd_experiments.data.raw import Preparation, RawRecording
+from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
@@ -31,7 +32,7 @@ _MOST_SAMPLES: Final = 10**6
 _MOST_MADE: Final = 20  # Or this multiple of the recorded samples, if that is more.
 _COMPARED: Final = 100  # Number of samples for comparing motions.
 
-__all__ = ["Motion", "Preparation", "prepare"]
+__all__ = ["ImportSettings", "Motion", "prepare"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -53,17 +54,9 @@ class Motion:
 
 
 def prepare(
-    recordings: Sequence[RawRecording],
-    settings: Preparation,
-    *,
-    recorded_rate: float | None = None,
+    recordings: Sequence[RawRecording], settings: ImportSettings
 ) -> tuple[Motion, ...]:
     """Make demonstrations from motions, each with notes on changes and findings.
-
-    Args:
-        recordings: Motions as read from files.
-        settings: Steps of the preparation.
-        recorded_rate: Samples per second of motions without time stamps [Hz].
 
     Raises:
         ValueError: A motion cannot be used; the message names it and says why.
@@ -76,12 +69,11 @@ def prepare(
             raise ValueError(f"{raw.name} has no orientations, which an offset needs")
         # Notes about the whole are those of its first repetition.
         notes = Notes()
-        samples = usable(raw, settings.units, recorded_rate, notes)
-        samples = without_spikes(samples, notes)
-        samples = frames.wrenches_of_the_hand(samples, raw, settings.sensor, notes)
+        samples = without_spikes(usable(raw, settings, notes), notes)
+        samples = frames.wrenches_of_the_hand(samples, raw, settings, notes)
         name = raw.name
         try:
-            parts = timing.repetitions(samples, settings.segments, notes)
+            parts = timing.repetitions(samples, settings.segment, notes)
             for number, part in enumerate(parts, start=1):
                 name = raw.name if len(parts) == 1 else f"{raw.name} #{number}"
                 motions.append(_motion(name, part, settings, notes, left))
@@ -97,11 +89,8 @@ def prepare(
     with warnings.catch_warnings():
         # Warnings about noise; they are issued when the demonstrations are learned.
         warnings.simplefilter("ignore", UserWarning)
-        aligned = align(
-            [motion.demonstration for motion in motions],
-            n_samples=_COMPARED,
-            trim_rests=False,
-        )
+        shown = [motion.demonstration for motion in motions]
+        aligned = align(shown, n_samples=_COMPARED, trim_rests=False)
     unlike = Note("unlike the others: look at it", warning=True)
     for place in timing.outliers(list(aligned.poses)):
         odd = motions[place]
@@ -110,10 +99,9 @@ def prepare(
 
 
 def _motion(
-    name: str, recorded: Samples, settings: Preparation, notes: Notes, most: int
+    name: str, recorded: Samples, settings: ImportSettings, notes: Notes, most: int
 ) -> Motion:
     """Prepare one repetition with a limited number of samples."""
-    timing.check_gaps(recorded, settings.largest_gap, notes)
     samples = timing.bridged(recorded, settings.largest_gap, notes)
     samples = frames.offset_by(samples, settings.offset)
     span = float(np.ptp(samples.poses[:, :3], axis=0).max())
@@ -126,7 +114,7 @@ def _motion(
     if has_orientations and (order := frames.suspicious_order(samples.poses)):
         notes.warn(order)
     samples = timing.filtered(samples, settings.cutoff, notes)
-    if settings.trim_rests:
+    if not settings.keep_rests:
         start, end = moving_span(_demonstration(samples))
         kept = (samples.times >= start) & (samples.times <= end)
         if not kept.all():

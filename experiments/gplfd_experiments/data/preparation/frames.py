@@ -12,7 +12,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.data.preparation.samples import Notes, Samples
-from gplfd_experiments.data.raw import FrameName, RawRecording, Transform, WrenchSensor
+from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.settings import ImportSettings, Pose
 from gplfd_experiments.files.arrays import FloatArray
 
 _STAYS_OPEN: Final = 0.75  # Least final angle of a door, as a share of its widest.
@@ -128,7 +129,9 @@ def suspicious_order(poses: FloatArray) -> str | None:
         return since.as_rotvec(), float(np.sqrt(np.mean(wrong.magnitude() ** 2)))
 
     _, as_given = rotation_and_error(0)
-    rotation, other = min(map(rotation_and_error, (1, -1)), key=lambda found: found[1])
+    rotation, other = min(
+        map(rotation_and_error, (1, -1)), key=lambda other_order: other_order[1]
+    )
     if as_given < _UNLIKE or other > _FAR_BETTER * as_given:
         return None
     # A free hand may rotate about such an axis by chance, but not by the same angle at
@@ -145,7 +148,7 @@ def suspicious_order(poses: FloatArray) -> str | None:
     )
 
 
-def offset_by(samples: Samples, offset: Transform | None) -> Samples:
+def offset_by(samples: Samples, offset: Pose | None) -> Samples:
     """Return the motion of an object with a pose in the frame of the hand recorded.
 
     Moments are then about the position of the object.
@@ -161,9 +164,9 @@ def offset_by(samples: Samples, offset: Transform | None) -> Samples:
 
 
 def in_frame(
-    samples: Samples, frame: FrameName | Transform, notes: Notes
+    samples: Samples, frame: str | Pose, notes: Notes
 ) -> tuple[Samples, float | None]:
-    """Return a motion in a `Preparation.frame`, and the radius of its hinge [m].
+    """Return a motion in an `ImportSettings.frame`, and the radius of its hinge [m].
 
     Forces and moments have the axes of that frame.
     """
@@ -235,7 +238,7 @@ def about(wrenches: FloatArray, shift: FloatArray) -> FloatArray:
 
 
 def wrenches_of_the_hand(
-    samples: Samples, raw: RawRecording, usual: WrenchSensor, notes: Notes
+    samples: Samples, raw: RawRecording, settings: ImportSettings, notes: Notes
 ) -> Samples:
     """Return samples with the wrenches of the hand on the object.
 
@@ -246,36 +249,39 @@ def wrenches_of_the_hand(
 
         f = -(A (f_s - b_f) - W),    m = -(A (m_s - b_m) - R c × W) + p × f.
 
-    Wrenches that cannot be converted are left out, and a note says why. The usual
-    sensor is assumed for files that do not state how forces were recorded.
+    Wrenches that cannot be converted are left out, and a note says why. The settings
+    are those of files that do not state how forces were recorded.
     """
     if samples.wrenches is None:
         return samples
+    if raw.forces_on is not None:
+        settings = ImportSettings(force_on=raw.forces_on, force_axes="recorded")
     wrenches = np.where(np.abs(samples.wrenches) < _LARGEST, samples.wrenches, np.nan)
-    sensor = raw.sensor or usual
     without = replace(samples, wrenches=None)
-    shift, weight = np.array(sensor.pose[:3]), sensor.tool_weight
-    turning = sensor.axes == "hand" or shift.any() or any(sensor.tool_centre)
-    if raw.quaternions is None and turning:
+    pose, weight = np.array(settings.force_sensor), settings.tool_weight
+    shift, in_hand = pose[:3], settings.force_axes == "hand"
+    if raw.quaternions is None and (
+        in_hand or shift.any() or any(settings.tool_centre)
+    ):
         notes.warn(
             "forces left out: they are in the axes of the hand, and it has no "
             "orientations; say --force-axes recorded if they are in those of positions"
         )
         return without
     hand = Rotation.from_quat(samples.poses[:, 3:], scalar_first=True)
-    rotation = hand * Rotation.from_quat(sensor.pose[3:], scalar_first=True)
-    axes = rotation if sensor.axes == "hand" else Rotation.identity()
-    measured = wrenches if sensor.acts_on == "hand" else -wrenches
+    rotation = hand * Rotation.from_quat(pose[3:], scalar_first=True)
+    axes = rotation if in_hand else Rotation.identity()
+    measured = wrenches if settings.force_on == "hand" else -wrenches
     if weight > 0.0:
-        pull = weight * np.array(sensor.gravity) / np.linalg.norm(sensor.gravity)
-        moments = np.cross(rotation.apply(sensor.tool_centre), pull)
+        pull = weight * np.array(settings.gravity) / np.linalg.norm(settings.gravity)
+        moments = np.cross(rotation.apply(settings.tool_centre), pull)
         tool = np.hstack([np.broadcast_to(pull, moments.shape), moments])
         measured = measured - in_axes(tool, axes)
         notes.add(f"weight of {weight:g} N subtracted from the forces")
-    if sensor.rest > 0.0:
-        known = np.isfinite(measured).all(axis=1) & (samples.times <= sensor.rest)
+    if (rest := settings.force_rest) > 0.0:
+        known = np.isfinite(measured).all(axis=1) & (samples.times <= rest)
         if not known.any():
-            notes.warn(f"forces left out: no sample in the first {sensor.rest:g} s")
+            notes.warn(f"forces left out: no sample in the first {rest:g} s")
             return without
         bias = measured[known].mean(axis=0)
         measured = measured - bias
@@ -283,8 +289,8 @@ def wrenches_of_the_hand(
             f"bias of {np.linalg.norm(bias[:3]):.3g} N and "
             f"{np.linalg.norm(bias[3:]):.3g} N m subtracted from the forces"
         )
-    if raw.sensor is None:
-        whose = "sensor" if sensor.axes == "hand" else "poses"
-        notes.add(f"forces are on the {sensor.acts_on}, in the axes of the {whose}")
+    if raw.forces_on is None:
+        whose = "sensor" if in_hand else "poses"
+        notes.add(f"forces are on the {settings.force_on}, in the axes of the {whose}")
     recorded = in_axes(measured, axes.inv())
     return replace(samples, wrenches=-about(recorded, -hand.apply(shift)))

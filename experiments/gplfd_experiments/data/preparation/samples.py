@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from gplfd_experiments.data.raw import METRES, RawRecording
+from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.settings import METRES, ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
 
 _NORM_TOLERANCE: Final = 0.05  # Largest error of the norm of a rotation's quaternion.
@@ -59,7 +59,7 @@ class Samples:
 
     def __getitem__(self, kept: Any) -> "Samples":
         """Return some of the samples, as NumPy indexes."""
-        return replace(self.mapped(lambda one: one[kept]), times=self.times[kept])
+        return replace(self.mapped(lambda array: array[kept]), times=self.times[kept])
 
     def mapped(self, change: Callable[[FloatArray], FloatArray]) -> "Samples":
         """Return samples with every array changed except the times."""
@@ -76,33 +76,33 @@ class Samples:
         return float(np.median(np.diff(self.times)))
 
 
-def usable(
-    raw: RawRecording, units: str | None, recorded_rate: float | None, notes: Notes
-) -> Samples:
+def usable(raw: RawRecording, settings: ImportSettings, notes: Notes) -> Samples:
     """Return the usable samples of a motion, in metres and in order of time.
 
+    Here the settings of unit and rate are combined with what the file states; columns
+    have units of their own, see `readers.tables`, and forces a sensor, see `frames`.
+
     Raises:
-        ValueError: It has no time stamps and no rate is given [Hz], too few samples are
+        ValueError: It has no time stamps and no rate is given, too few samples are
             usable, or the quaternions are invalid.
     """
     for text in raw.notes:
         notes.warn(text)
-    number = len(raw.positions)
-    times = raw.times
+    number, times, units = len(raw.positions), raw.times, settings.units
     if times is None:
-        if recorded_rate is None:
+        if settings.recorded_rate is None:
             raise ValueError(
                 f"{raw.name} has no time stamps{raw.untimed or ';'} say how many "
                 "samples it has per second, --recorded-rate 100"
             )
-        times = np.arange(number) / recorded_rate
-    there = np.abs(times) < _LATEST
-    there &= (np.abs(raw.positions) < _LARGEST_POSITION).all(axis=1)
+        times = np.arange(number) / settings.recorded_rate
+    complete = np.abs(times) < _LATEST
+    complete &= (np.abs(raw.positions) < _LARGEST_POSITION).all(axis=1)
     quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (number, 1))
     if raw.quaternions is not None:
         norms = np.nan_to_num(np.linalg.norm(raw.quaternions, axis=1), posinf=0.0)
-        given = norms > 1e-6
-        wrong = given & (np.abs(norms - 1.0) > _NORM_TOLERANCE)
+        turned = norms > 1e-6
+        wrong = turned & (np.abs(norms - 1.0) > _NORM_TOLERANCE)
         if wrong.any():
             index = int(np.argmax(wrong))
             raise ValueError(
@@ -110,16 +110,16 @@ def usable(
                 f"{norms[index]:.4g}, must be 1; are these the columns of the "
                 "quaternion?"
             )
-        quaternions = raw.quaternions / np.where(given, norms, 1.0)[:, None]
-        there &= given
-    found = np.count_nonzero(there)
-    if found < max(2.0, _LEAST_USABLE * number):
+        quaternions = raw.quaternions / np.where(turned, norms, 1.0)[:, None]
+        complete &= turned
+    left = np.count_nonzero(complete)
+    if left < max(2.0, _LEAST_USABLE * number):
         raise ValueError(
-            f"{raw.name}: only {found} of {number} samples have time, position and "
+            f"{raw.name}: only {left} of {number} samples have time, position and "
             "orientation; look at the recording"
         )
-    if found < number:
-        notes.add(f"{number - found} of {number} samples missing")
+    if left < number:
+        notes.add(f"{number - left} of {number} samples missing")
     if units is not None and raw.unit not in (None, units):
         notes.warn(f"read in {units}, although the file states {raw.unit}")
     elif units is None and raw.unit is None:
@@ -132,33 +132,14 @@ def usable(
             if known.any() and not known.all():
                 column[:] = np.interp(times, times[known], column[known])
         signals[name] = np.nan_to_num(filled)
+    positions = raw.positions * METRES[units or raw.unit or "m"]
     samples = Samples(
         times=times,
-        poses=np.hstack(
-            [raw.positions * METRES[units or raw.unit or "m"], quaternions]
-        ),
+        poses=np.hstack([positions, quaternions]),
         wrenches=raw.wrenches,
         signals=signals,
-    )[there]
-    # In order of time, without repeated stamps.
-    backwards = int(np.count_nonzero(np.diff(samples.times) < 0.0))
-    if backwards:
-        samples = samples[np.argsort(samples.times, kind="stable")]
-        notes.warn(f"time stamps went back {backwards} times: sorted")
-    first = np.concatenate([[True], np.diff(samples.times) > 0.0])
-    if not first.all():
-        notes.add(
-            f"{np.count_nonzero(~first)} samples with a repeated time stamp left out"
-        )
-        samples = samples[first]
-    if len(samples.times) < 2:
-        raise ValueError(f"{raw.name}: all samples have the same time stamp")
-    times = samples.times - samples.times[0]
-    if not times[-1] <= samples.step * max(_MOST_STEPS, 4 * len(times)):
-        raise ValueError(
-            f"{raw.name}: time stamps span {times[-1]:.3g} s in steps of usually "
-            f"{samples.step:.3g} s; look at the first and the last, and at the unit"
-        )
+    )[complete]
+    samples = _in_order(samples, raw.name, notes)
     # The sign of each quaternion that is closer to the sample before.
     quaternions = samples.poses[:, 3:]
     overlap = np.einsum("ij,ij->i", quaternions[1:], quaternions[:-1])
@@ -167,7 +148,27 @@ def usable(
         notes.add(f"{flips} quaternions changed sign")
     signs = np.concatenate([[1.0], np.cumprod(changes)])
     poses = np.hstack([samples.poses[:, :3], quaternions * signs[:, None]])
-    return replace(samples, times=times, poses=poses)
+    return replace(samples, poses=poses)
+
+
+def _in_order(samples: Samples, name: str, notes: Notes) -> Samples:
+    """Return samples in order of time, from 0 and without repeated stamps."""
+    if backwards := int(np.count_nonzero(np.diff(samples.times) < 0.0)):
+        samples = samples[np.argsort(samples.times, kind="stable")]
+        notes.warn(f"time stamps went back {backwards} times: sorted")
+    first = np.concatenate([[True], np.diff(samples.times) > 0.0])
+    if repeated := np.count_nonzero(~first):
+        notes.add(f"{repeated} samples with a repeated time stamp left out")
+        samples = samples[first]
+    if len(samples.times) < 2:
+        raise ValueError(f"{name}: all samples have the same time stamp")
+    times = samples.times - samples.times[0]
+    if not times[-1] <= samples.step * max(_MOST_STEPS, 4 * len(times)):
+        raise ValueError(
+            f"{name}: time stamps span {times[-1]:.3g} s in steps of usually "
+            f"{samples.step:.3g} s; look at the first and the last, and at the unit"
+        )
+    return replace(samples, times=times)
 
 
 def without_spikes(samples: Samples, notes: Notes) -> Samples:
@@ -186,18 +187,19 @@ def without_spikes(samples: Samples, notes: Notes) -> Samples:
     for sizes, limit in ((lengths, _FASTEST), (angles, _FASTEST_TURN)):
         usual = np.median(sizes[sizes > 0.0]) if (sizes > 0.0).any() else 0.0
         jumps |= (sizes > _OUTLYING * usual) & (sizes > limit * steps)
-    kept, left = np.full(len(samples.times), True), list(np.flatnonzero(jumps))
-    for out, back in pairwise(np.flatnonzero(jumps)):
-        if back - out <= _LONGEST_SPIKE and out in left:
-            kept[out + 1 : back + 1] = False
-            left = [jump for jump in left if jump not in (out, back)]
+    kept, stay = np.full(len(samples.times), True), list[int]()
+    for jump in np.flatnonzero(jumps).tolist():
+        if stay and jump - stay[-1] <= _LONGEST_SPIKE:
+            kept[stay.pop() + 1 : jump + 1] = False
+        else:
+            stay.append(jump)
     if not kept.all():
         number = np.count_nonzero(~kept)
         notes.warn(f"{number} samples of short jumps of the tracker left out")
-    if left:
-        first = left[0]
+    if stay:
+        first = stay[0]
         notes.warn(
-            f"{len(left)} jumps of the tracker, at {samples.times[first]:.2f} s by "
+            f"{len(stay)} jumps of the tracker, at {samples.times[first]:.2f} s by "
             f"{lengths[first]:.2g} m and {angles[first]:.2g} rad: cut there (--segment)"
         )
     return samples[kept]

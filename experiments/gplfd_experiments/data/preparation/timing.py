@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
 
 from gplfd_experiments.data.preparation.samples import Notes, Samples
-from gplfd_experiments.data.raw import Segments, likely_time_unit
+from gplfd_experiments.data.settings import Segments, likely_time_unit
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.resolution import interpolated
 
@@ -30,7 +30,7 @@ _OVERSAMPLED: Final = 2.5  # Smallest number of samples per period of the cut-of
 
 
 def repetitions(samples: Samples, how: Segments, notes: Notes) -> list[Samples]:
-    """Divide a motion into repetitions, see `Preparation.segments`.
+    """Divide a motion into repetitions, see `ImportSettings.segment`.
 
     Raises:
         ValueError: There is no motion between the given times, or turns are wanted in a
@@ -83,7 +83,7 @@ def _between_rests(samples: Samples, notes: Notes) -> list[Samples]:
     long = [way >= _LEAST_PATH * max(ways) for way in ways]
     ahead = list(itertools.compress(parts, long))
     displacements = [part.poses[-1] - part.poses[0] for part in ahead]
-    same = [one @ displacements[0] > 0.0 for one in displacements]
+    same = [part @ displacements[0] > 0.0 for part in displacements]
     forth = list(itertools.compress(ahead, same))
     text = f"{len(forth)} repetitions between rests"
     if len(forth) < len(ahead):
@@ -149,27 +149,48 @@ def _smoothed(samples: Samples) -> tuple[FloatArray, FloatArray]:
     return clock, np.asarray(smooth)
 
 
-def check_gaps(samples: Samples, largest: float, notes: Notes) -> None:
-    """Note gaps between samples, or refuse one longer than the largest [s]."""
-    steps = np.diff(samples.times)
-    longest = int(np.argmax(steps))
-    gap, when = float(steps[longest]), float(samples.times[longest])
-    if gap > max(largest, 1.5 * samples.step):
+def bridged(samples: Samples, largest: float, notes: Notes) -> Samples:
+    """Refuse a gap longer than the largest [s], and fill those of the wrenches.
+
+    Missing wrenches are interpolated; with a longer gap all of them are left out.
+    """
+    times, wrenches, step = samples.times, samples.wrenches, samples.step
+    longest = max(largest, 1.5 * step)
+
+    def longest_gap(stamps: FloatArray) -> tuple[float, float]:
+        place = int(np.argmax(np.diff(stamps)))
+        return float(stamps[place]), float(stamps[place + 1] - stamps[place])
+
+    when, gap = longest_gap(times)
+    if gap > longest:
         raise ValueError(
             f"there is no sample for {gap:.2f} s from {when:.2f} s on; cut there "
             "(--segment rests, or times), or bridge it in a straight line with "
             f"--largest-gap {gap + 0.01:.2f}"
         )
-    if gaps := np.count_nonzero(steps > 2.5 * samples.step):
+    if gaps := np.count_nonzero(np.diff(times) > 2.5 * step):
         notes.add(f"{gaps} gaps bridged, the longest of {gap:.2g} s")
+    if wrenches is None or (known := np.isfinite(wrenches).all(axis=1)).all():
+        return samples
+    when, gap = longest_gap(np.concatenate([times[:1], times[known], times[-1:]]))
+    if not known.any() or gap > longest:
+        notes.warn(
+            f"forces left out: there are none for {gap:.2f} s from {when:.2f} s on; "
+            "cut there (--segment), or bridge it with "
+            f"--largest-gap {gap + 0.01:.2f}"
+        )
+        return replace(samples, wrenches=None)
+    notes.add(f"forces of {np.count_nonzero(~known)} samples interpolated")
+    filled = interpolated(times, times[known], wrenches[known])
+    return replace(samples, wrenches=filled)
 
 
-def filtered(samples: Samples, cutoff: float | None, notes: Notes) -> Samples:
+def filtered(samples: Samples, cutoff: float, notes: Notes) -> Samples:
     """Filter poses, wrenches and signals at equal steps, forwards and backwards.
 
-    The cut-off is the frequency whose amplitude is halved [Hz]; None for no filter.
+    The cut-off is the frequency whose amplitude is halved [Hz]; 0 for no filter.
     """
-    if cutoff is None:
+    if cutoff == 0.0:
         return samples
     rate = 1.0 / samples.step
     span = float(samples.times[-1] - samples.times[0])
@@ -183,12 +204,12 @@ def filtered(samples: Samples, cutoff: float | None, notes: Notes) -> Samples:
     return _with_unit_quaternions(even.mapped(low_passed))
 
 
-def at_rate(samples: Samples, rate: float | None, most: int) -> Samples:
+def at_rate(samples: Samples, rate: float, most: int) -> Samples:
     """Return the motion from time 0 at equal steps, with a limited number of samples.
 
-    Without a rate [Hz], it is unchanged.
+    At a rate of 0 [Hz], it is unchanged.
     """
-    if rate is None:
+    if rate == 0.0:
         return samples
     start, end = samples.times[[0, -1]]
     number = max(2, round((end - start) * rate) + 1)
@@ -215,32 +236,6 @@ def _with_unit_quaternions(samples: Samples) -> Samples:
     positions, quaternions = samples.poses[:, :3], samples.poses[:, 3:]
     norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
     return replace(samples, poses=np.hstack([positions, quaternions / norms]))
-
-
-def bridged(samples: Samples, largest: float, notes: Notes) -> Samples:
-    """Return samples with missing wrenches interpolated between known ones.
-
-    If there is a gap longer than the largest gap [s], all wrenches are left out.
-    """
-    wrenches, times = samples.wrenches, samples.times
-    if wrenches is None:
-        return samples
-    known = np.isfinite(wrenches).all(axis=1)
-    if known.all():
-        return samples
-    ends = np.concatenate([times[:1], times[known], times[-1:]])
-    longest = int(np.argmax(np.diff(ends)))
-    gap = float(ends[longest + 1] - ends[longest])
-    if not known.any() or gap > max(largest, 1.5 * samples.step):
-        notes.warn(
-            f"forces left out: there are none for {gap:.2f} s from "
-            f"{ends[longest]:.2f} s on; cut there (--segment), or bridge it with "
-            f"--largest-gap {gap + 0.01:.2f}"
-        )
-        return replace(samples, wrenches=None)
-    notes.add(f"forces of {np.count_nonzero(~known)} samples interpolated")
-    filled = interpolated(times, times[known], wrenches[known])
-    return replace(samples, wrenches=filled)
 
 
 def outliers(ways: Sequence[FloatArray]) -> list[int]:

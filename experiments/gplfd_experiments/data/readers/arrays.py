@@ -6,6 +6,7 @@ The arrays of .mat files are in cells and structures, ``demos{2}.pos``; those of
 name are motions of one set.
 """
 
+import contextlib
 import itertools
 import re
 from collections.abc import Mapping
@@ -15,23 +16,26 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gplfd_experiments.data.raw import DEMONSTRATED, RawRecording, Selection, chosen
+from gplfd_experiments.data.raw import RawRecording, chosen
 from gplfd_experiments.data.readers.tables import (
     FORCE,
     POSITION,
+    QUATERNION,
     ROTATION_VECTOR,
     named_columns,
     quaternions_of,
     recording,
     understood,
 )
+from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.npz import KIND, load_demonstrations
 
 _Any = TypeVar("_Any")
 _Arrays = Mapping[str, FloatArray]
 
-_ORDERS: Final = {"wxyz": ("qw", "qx", "qy", "qz"), "xyzw": ("qx", "qy", "qz", "qw")}
+_XYZW: Final = (*QUATERNION[1:], QUATERNION[0])
+_ORDERS: Final = {"wxyz": QUATERNION, "xyzw": _XYZW}
 _TIMES: Final = ("times", "time", "t", "timestamps")
 _POSITIONS: Final = ("positions", "position", "pos", "p", "xyz")
 _QUATERNIONS: Final = ("quaternions", "quaternion", "quat", "q")
@@ -39,8 +43,8 @@ _GROUPS: Final[tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]] = (
     (_TIMES, ("t",)),
     (_POSITIONS, POSITION),
     (("rotvecs", "rotvec", "rotation_vectors"), ROTATION_VECTOR),
-    (("quaternions_wxyz", "quat_wxyz", "q_wxyz"), _ORDERS["wxyz"]),
-    (("quaternions_xyzw", "quat_xyzw", "q_xyzw"), _ORDERS["xyzw"]),
+    (("quaternions_wxyz", "quat_wxyz", "q_wxyz"), QUATERNION),
+    (("quaternions_xyzw", "quat_xyzw", "q_xyzw"), _XYZW),
     (("force", "forces", "wrench", "wrenches"), FORCE),
     (("gripper",), ("gripper",)),
 )
@@ -50,40 +54,35 @@ _COLUMNS: Final = {name: columns for names, columns in _GROUPS for name in names
 _INDEX: Final = re.compile(r"(\{\d+\}|\(\d+\))")
 
 
-def read(path: Path, selection: Selection) -> list[RawRecording]:
+def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read motions from an .npz or .npy file, or a set of demonstrations."""
     if not path.is_dir():
         with path.open("rb") as stream:
             loaded = np.load(stream, allow_pickle=False)
             if isinstance(loaded, np.ndarray):
-                return recordings(path.name, {"the array": loaded}, selection)
-            arrays = {name: _numbers(loaded, name) for name in loaded.files}
+                return recordings(path.name, {"the array": loaded}, settings)
+            arrays = {}
+            for name in loaded.files:
+                with contextlib.suppress(ValueError):  # NumPy unpickles no objects.
+                    arrays[name] = loaded[name]
         if str(arrays.get("format", "")) != KIND:
-            return recordings(path.name, arrays, selection)
+            return recordings(path.name, arrays, settings)
     return [
         RawRecording(
             name=f"{path.name}[{number}]",
             times=demonstration.times,
             positions=demonstration.poses[:, :3],
             unit="m",
-            quaternions=quaternions_of(demonstration.poses[:, 3:]),
+            quaternions=quaternions_of(ROTATION_VECTOR, demonstration.poses[:, 3:]),
             wrenches=demonstration.wrenches,
-            sensor=DEMONSTRATED,
+            forces_on="object",
         )
         for number, demonstration in enumerate(load_demonstrations(path).demonstrations)
     ]
 
 
-def _numbers(archive: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
-    """Return an array of an archive; an empty one for an array of objects."""
-    try:
-        return archive[name]
-    except ValueError:  # NumPy unpickles no objects.
-        return np.zeros(0)
-
-
 def recordings(
-    name: str, arrays: Mapping[str, NDArray[Any]], selection: Selection
+    name: str, arrays: Mapping[str, NDArray[Any]], settings: ImportSettings
 ) -> list[RawRecording]:
     """Return the motions in the named arrays of a file.
 
@@ -93,10 +92,10 @@ def recordings(
     numbers = {
         key: np.asarray(array, dtype=np.float64)
         for key, array in arrays.items()
-        if np.asarray(array).dtype.kind in "biuf"
+        if array.dtype.kind in "biuf"
     }
-    if selection.columns:
-        return _from_columns(name, numbers, selection)
+    if settings.columns:
+        return _from_columns(name, numbers, settings)
     motions = _motions(numbers)
     if not motions:
         raise ValueError(
@@ -105,10 +104,10 @@ def recordings(
             "say what the columns of an array are, --body NAME --columns t,x,y,z,... "
             "with - for one to leave out; --body A,B takes two arrays side by side"
         )
-    _, group = chosen(selection.body, _sets(motions), "set of recordings", file=name)
+    _, group = chosen(settings.body, _sets(motions), "set of recordings", file=name)
     return [
-        _from_names(name if len(group) == 1 else f"{name}: {key}", one, selection)
-        for key, one in group.items()
+        _from_names(name if len(group) == 1 else f"{name}: {key}", fields, settings)
+        for key, fields in group.items()
     ]
 
 
@@ -121,8 +120,8 @@ def _parted(key: str) -> tuple[str, str, str]:
 def _sets(named: Mapping[str, _Any]) -> dict[str, dict[str, _Any]]:
     """Return the arrays in cells or structures of one name as one set, in order."""
     sets: dict[str, dict[str, _Any]] = {}
-    for key, one in named.items():
-        sets.setdefault(_INDEX.sub("", key), {})[key] = one
+    for key, content in named.items():
+        sets.setdefault(_INDEX.sub("", key), {})[key] = content
     return sets
 
 
@@ -139,39 +138,37 @@ def _motions(arrays: _Arrays) -> dict[str, _Arrays]:
             for field in fields
         )
 
-    found: dict[str, dict[str, dict[str, FloatArray]]] = {}
+    structures: dict[str, dict[str, dict[str, FloatArray]]] = {}
     for key, array in arrays.items():
         where, field, index = _parted(key)
         if array.size > 1:
-            found.setdefault(where, {}).setdefault(index, {})[field] = array
+            structures.setdefault(where, {}).setdefault(index, {})[field] = array
     motions: dict[str, _Arrays] = {}
-    for where, cells in found.items():
+    for where, cells in structures.items():
         shared = cells.pop("", {})
-        own = {
-            index: fields for index, fields in cells.items() if has_positions(fields)
-        }
-        for index, fields in own.items():
+        moving = {index: part for index, part in cells.items() if has_positions(part)}
+        for index, fields in moving.items():
             motions[f"{where}{index}"] = shared | fields
-        if not own and has_positions(shared):
+        if not moving and has_positions(shared):
             # A single cell may contain the times of the only motion.
             single = next(iter(cells.values())) if len(cells) == 1 else {}
             motions[where] = single | shared
     return motions
 
 
-def _from_names(name: str, arrays: _Arrays, selection: Selection) -> RawRecording:
+def _from_names(name: str, arrays: _Arrays, settings: ImportSettings) -> RawRecording:
     """Return the motion in arrays with supported names."""
     columns: dict[str, tuple[FloatArray, str | None]] = {}
     for key, array in arrays.items():
         short, unit = understood(key)
         names = (short,) if short else _COLUMNS.get(key.lower(), ())
         if key.lower() in _QUATERNIONS:
-            if selection.quaternions is None:
+            if settings.quaternions is None:
                 raise ValueError(
                     f"the place of the scalar part of {key!r} is unknown: give "
                     "--quaternions wxyz or --quaternions xyzw"
                 )
-            names = _ORDERS[selection.quaternions]
+            names = _ORDERS[settings.quaternions]
         if not names:
             continue
         # There may be fewer columns, of positions without z.
@@ -189,12 +186,12 @@ def _from_names(name: str, arrays: _Arrays, selection: Selection) -> RawRecordin
         f": its arrays are {_listed(arrays)}. If one of them has the times, name it, "
         "for example --body POSITIONS,TIMES --columns x,y,z,t. Otherwise"
     )
-    return recording(name, columns, selection, untimed)
+    return recording(name, columns, settings, untimed)
 
 
 def _as_rows(key: str, array: FloatArray, width: int) -> FloatArray:
     """Return an array as rows of samples; MATLAB has vectors as rows or columns."""
-    if width == 1 and array.size == max(array.shape, default=0):
+    if width == 1 and _is_vector(array):
         return array.reshape(-1, 1)
     # Positions may lack z, and forces their torques.
     allowed = {3: (2, 3), 6: (3, 6)}.get(width, (width,))
@@ -205,17 +202,21 @@ def _as_rows(key: str, array: FloatArray, width: int) -> FloatArray:
     return array
 
 
+def _is_vector(array: FloatArray) -> bool:
+    return array.size == max(array.shape, default=0)
+
+
 def _listed(arrays: _Arrays) -> str:
-    shown = [
+    names = [
         f"{key} {array.shape}" for key, array in itertools.islice(arrays.items(), 12)
     ]
-    if len(arrays) > len(shown):
-        shown.append(f"{len(arrays) - len(shown)} more")
-    return ", ".join(shown) or "no array of numbers"
+    if len(arrays) > len(names):
+        names.append(f"{len(arrays) - len(names)} more")
+    return ", ".join(names) or "no array of numbers"
 
 
 def _from_columns(
-    file: str, numbers: _Arrays, selection: Selection
+    file: str, numbers: _Arrays, settings: ImportSettings
 ) -> list[RawRecording]:
     """Return the motions in the chosen arrays with the columns of ``--columns``.
 
@@ -223,41 +224,38 @@ def _from_columns(
     or file belong to the columns.
     """
     sets = _sets({key: a for key, a in numbers.items() if 1 <= a.ndim <= 3})
-    body, parts = selection.body, [selection.body]
+    body, heads, parts = settings.body, settings.columns, [settings.body]
     if body is not None and body not in sets and "," in body:
         parts = [part.strip() for part in body.split(",")]
     else:
         sets = {
-            key: one
-            for key, one in sets.items()
-            if all(
-                a.ndim == 3 or (a.ndim == 2 and min(a.shape) > 1) for a in one.values()
-            )
+            key: group
+            for key, group in sets.items()
+            if not any(_is_vector(array) or array.ndim < 2 for array in group.values())
         }
-    groups = [chosen(one, sets, "array of columns", file=file)[1] for one in parts]
+    groups = [chosen(part, sets, "array of columns", file=file)[1] for part in parts]
     if len({len(group) for group in groups}) > 1:
         raise ValueError(
-            f"{body} are of {' and '.join(str(len(one)) for one in groups)} recordings"
+            f"{body} are of {' and '.join(str(len(g)) for g in groups)} recordings"
         )
-    heads = selection.columns
-    found = []
+    motions = []
     for keys in zip(*groups, strict=True):
         label = file if len(groups[0]) == 1 else f"{file}: {keys[0]}"
         where, _, index = _parted(keys[0])
         times = None
         for key, array in numbers.items():
-            there, field, own = _parted(key)
-            is_vector = array.size == max(array.shape, default=0)
-            beside = there == where and own in ("", index)
-            if times is None and beside and is_vector and field.lower() in _TIMES:
+            structure, field, cell = _parted(key)
+            beside = structure == where and cell in ("", index)
+            if beside and _is_vector(array) and field.lower() in _TIMES:
                 times = array.reshape(-1)
+                break
         whole = _side_by_side([numbers[key] for key in keys])
         tables = {label: whole}
         if whole.ndim == 3:
-            tables = {f"{label}[{number}]": one for number, one in enumerate(whole)}
-        for name, one in tables.items():
-            turned = one.shape[1] != len(heads) == one.shape[0]
-            table = one.T if turned else one
+            tables = {f"{label}[{number}]": part for number, part in enumerate(whole)}
+        for name, part in tables.items():
+            turned = part.shape[1] != len(heads) == part.shape[0]
+            table = part.T if turned else part
             if table.shape[1] != len(heads):
                 raise ValueError(
                     f"the array has {table.shape[1]} columns, and --columns names "
@@ -267,8 +265,8 @@ def _from_columns(
             columns = {key: (table[:, at], unit) for key, (at, unit) in places.items()}
             if times is not None and len(times) == len(table):
                 columns.setdefault("t", (times, None))
-            found.append(recording(name, columns, selection))
-    return found
+            motions.append(recording(name, columns, settings))
+    return motions
 
 
 def _side_by_side(arrays: list[FloatArray]) -> FloatArray:

@@ -7,14 +7,14 @@ forces, on the clock of the hand.
 
 from array import array
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.data.raw import RawRecording, Selection, chosen
+from gplfd_experiments.data.raw import RawRecording, chosen
+from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
 from gplfd_policies.arrays.resolution import interpolated
@@ -27,25 +27,6 @@ with optional_libraries("ROS bags need rosbags", "ros"):
 _JOINTS: Final = "sensor_msgs/msg/JointState"
 _WRENCH: Final = "geometry_msgs/msg/WrenchStamped"
 _TRANSFORMS: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-
-_USUAL_TYPES: Final = get_typestore(Stores.ROS2_HUMBLE)
-"""Message types for bags without type descriptions."""
-
-_Row = tuple[float, ...]
-"""Position [m] and quaternion, the scalar first; or force [N] and torque [N m]."""
-
-
-def _pose(message: Any) -> _Row:
-    """Return the pose in a message with any nesting of messages."""
-    while hasattr(message, "pose"):
-        message = message.pose
-    if hasattr(message, "transform"):
-        p, q = message.transform.translation, message.transform.rotation
-    else:
-        p, q = message.position, message.orientation
-    return (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
-
-
 _POSES: Final = (
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -54,13 +35,15 @@ _POSES: Final = (
 )
 """Message types that contain a pose."""
 
+_Row = tuple[float, ...]
+"""Position [m] and quaternion, the scalar first; or force [N] and torque [N m]."""
 
-@dataclass(frozen=True, slots=True)
+
 class _Track:
     """Rows of numbers with their stamps [ns]."""
 
-    stamps: "array[int]" = field(default_factory=lambda: array("q"))
-    values: "array[float]" = field(default_factory=lambda: array("d"))
+    def __init__(self) -> None:
+        self.stamps, self.values = array("q"), array("d")
 
     def add(self, message: Any, logged: int, row: _Row) -> None:
         """Add a row with the stamp of its message, or with the time of logging."""
@@ -75,13 +58,28 @@ class _Track:
         return np.asarray((stamps - stamps[0]) * 1e-9), rows
 
 
-def read(path: Path, selection: Selection) -> list[RawRecording]:
+def _pose(message: Any) -> _Row:
+    """Return the pose in a message with any nesting of messages."""
+    while hasattr(message, "pose"):
+        message = message.pose
+    if hasattr(message, "transform"):
+        p, q = message.transform.translation, message.transform.rotation
+    else:
+        p, q = message.position, message.orientation
+    return (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
+
+
+def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read the motion of a topic, and the wrenches of another."""
     hand, wrench = _Track(), _Track()
     frames: set[str] = set()
-    with AnyReader([path], default_typestore=_USUAL_TYPES) as bag:
+    # With message types for bags without type descriptions.
+    usual_types = get_typestore(Stores.ROS2_HUMBLE)
+    with AnyReader([path], default_typestore=usual_types) as bag:
         # The topic of the hand, and its frame if the topic has several.
-        topics = {one.topic: one.msgtype for one in bag.connections}
+        topics = {
+            connection.topic: connection.msgtype for connection in bag.connections
+        }
         known = {*_POSES, _JOINTS, *_TRANSFORMS}
         moving = {name: kind for name, kind in topics.items() if kind in known}
         if not moving:
@@ -89,42 +87,40 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
             raise ValueError(
                 f"it has no topic of poses or joints, but {listed or 'none'}"
             )
-        wanted, child = selection.body, None
+        wanted, child = settings.body, None
         if wanted is not None and wanted not in moving and ":" in wanted:
             wanted, child = wanted.rsplit(":", 1)
         topic, kind = chosen(wanted, moving, "topic", file=path.name)
-        forces = {name: held for name, held in topics.items() if held == _WRENCH}
+        forces = {name: kind for name, kind in topics.items() if kind == _WRENCH}
         force, notes = next(iter(forces), None), []
-        if selection.wrench is not None:
-            force, _ = chosen(selection.wrench, forces, "force topic", file=path.name)
+        if settings.wrench is not None:
+            force, _ = chosen(settings.wrench, forces, "force topic", file=path.name)
         elif len(forces) > 1:
             force = None
             notes.append(f"forces left out: choose with --wrench: {', '.join(forces)}")
         take: Callable[[Any], _Row] = _pose
         if kind == _JOINTS:
-            take = _forward_kinematics(selection.urdf, selection.link)
-        needed = [one for one in bag.connections if one.topic in (topic, force)]
+            take = _forward_kinematics(settings.urdf, settings.link)
+        needed = [c for c in bag.connections if c.topic in (topic, force)]
         for connection, logged, content in bag.messages(needed):
             message: Any = bag.deserialize(content, connection.msgtype)
             if connection.topic != topic:
                 f, t = message.wrench.force, message.wrench.torque
                 wrench.add(message, logged, (f.x, f.y, f.z, t.x, t.y, t.z))
-                continue
-            posed = [message]
-            if kind in _TRANSFORMS:
-                frames.update(one.child_frame_id for one in message.transforms)
-                posed = [
-                    one for one in message.transforms if one.child_frame_id == child
-                ]
-            for one in posed:
-                hand.add(one, logged, take(one))
+            elif kind not in _TRANSFORMS:
+                hand.add(message, logged, take(message))
+            else:
+                for transform in message.transforms:
+                    frames.add(transform.child_frame_id)
+                    if transform.child_frame_id == child:
+                        hand.add(transform, logged, _pose(transform))
     if not hand.stamps:
         if not frames:
             raise ValueError(f"topic {topic} has no pose")
-        listed = ", ".join(sorted(frames)[:30])
         problem = (
             f"topic {topic} has no frame {child!r}" if child else "say which frame"
         )
+        listed = ", ".join(sorted(frames)[:30])
         raise ValueError(f"{problem}: --body {topic}:FRAME, of {listed}")
     times, poses = hand.arrays()
     wrenches = None
@@ -137,7 +133,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         padded = np.concatenate([[-np.inf], clock, [np.inf]])
         after = np.searchsorted(clock, times) + 1
         nearest = np.minimum(times - padded[after - 1], padded[after] - times)
-        steps = [np.median(np.diff(one)) for one in (times, clock) if len(one) > 1]
+        steps = [np.median(np.diff(t)) for t in (times, clock) if len(t) > 1]
         wrenches[nearest > max(steps, default=0.0)] = np.nan
     return [
         RawRecording(
@@ -164,15 +160,8 @@ def _forward_kinematics(urdf: Path | None, link: str | None) -> Callable[[Any], 
     import yourdfpy
 
     regular_file(urdf, "a URDF file (--urdf)")
-    robot = yourdfpy.URDF.load(
-        str(urdf),
-        build_scene_graph=True,
-        load_meshes=False,
-        load_collision_meshes=False,
-    )
-    if link not in robot.link_map:
-        links = ", ".join(list(robot.link_map)[:40])
-        raise ValueError(f"{urdf.name} has no link {link!r}; it has {links}")
+    robot = yourdfpy.URDF.load(str(urdf), load_meshes=False)
+    chosen(link, robot.link_map, "link", file=urdf.name)
     positions = dict.fromkeys(robot.actuated_joint_names, 0.0)
 
     def pose(message: Any) -> _Row:

@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gplfd_experiments.data.raw import RawRecording, Selection, chosen
+from gplfd_experiments.data.raw import RawRecording, chosen
+from gplfd_experiments.data.settings import ImportSettings
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.files.libraries import optional_libraries
 
@@ -22,7 +23,7 @@ _RIGID: Final = 0.01
 _MOSTLY: Final = 0.5  # Share of the frames with all markers in which this must be true.
 
 
-def read(path: Path, selection: Selection) -> list[RawRecording]:
+def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read the motion of a marker (positions only) or of a rigid body.
 
     The body is given by its markers, ``--body A,B,C``: its origin is their mean, its
@@ -31,7 +32,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     file = ezc3d.c3d(str(path))
     points, parameters = file["data"]["points"], file["parameters"]["POINT"]
     rate = float(file["header"]["points"]["frame_rate"])
-    if not 0.0 < rate < 1e6:
+    if not 0.0 < rate < math.inf:
         raise ValueError(f"its header has the frame rate {rate}")
     # ezc3d corrects the number of frames of a cut file.
     with path.open("rb") as stream:
@@ -46,11 +47,11 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     labels: list[str] = []
     for number in ("", *map(str, range(2, 20))):
         labels += parameters.get(f"LABELS{number}", {}).get("value", [])
-    labels += [str(place + 1) for place in range(len(labels), points.shape[1])]
+    labels += map(str, range(len(labels) + 1, points.shape[1] + 1))
     places = {
         label.strip(): place for place, label in enumerate(labels[: points.shape[1]])
     }
-    body, quaternions = selection.body, None
+    body, quaternions = settings.body, None
     if body is not None and "," in body and body not in places:
         names = [name.strip() for name in body.split(",")]
         columns = [chosen(name, places, "marker", file=path.name)[1] for name in names]
@@ -59,7 +60,7 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
         body, place = chosen(body, places, "marker", file=path.name)
         positions = markers[:, place]
     unit = "".join(parameters.get("UNITS", {}).get("value", [])[:1]).strip().lower()
-    if unit and unit not in _UNITS and selection.units is None:
+    if unit and unit not in _UNITS and settings.units is None:
         raise ValueError(
             f"POINT:UNITS is {unit!r:.40}, known are {', '.join(_UNITS)}; say --units"
         )
@@ -76,28 +77,28 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
 
 def _rigid_body(markers: FloatArray, names: list[str]) -> tuple[FloatArray, FloatArray]:
     """Return mean and orientation of markers, (N, M, 3), by Kabsch's method."""
+    listed = ", ".join(names)
     if len(set(names)) < 3:
-        raise ValueError(f"a rigid body needs three markers, got {', '.join(names)}")
+        raise ValueError(f"a rigid body needs three markers, got {listed}")
     seen = np.isfinite(markers).all(axis=(1, 2))
     if not seen.any():
-        raise ValueError(f"no frame has all of the markers {', '.join(names)}")
+        raise ValueError(f"no frame has all of the markers {listed}")
     means = markers.mean(axis=1)
     arms = markers - means[:, None]
     shape = arms[np.argmax(seen)]
     size = np.linalg.svd(shape, compute_uv=False)
     if size[1] < 1e-3 * size[0]:
-        raise ValueError(f"the markers {', '.join(names)} lie on a line")
+        raise ValueError(f"the markers {listed} lie on a line")
     quaternions = np.full((len(markers), 4), np.nan)
     for frame in np.flatnonzero(seen):
         rotation, distance = Rotation.align_vectors(arms[frame], shape)
         if distance <= math.sqrt(len(names)) * _RIGID * size[0]:
             quaternions[frame] = rotation.as_quat(scalar_first=True)
-    complete = np.count_nonzero(seen)
-    rigid = np.count_nonzero(np.isfinite(quaternions[:, 0]))
+    rigid, complete = np.isfinite(quaternions[:, 0]).sum(), seen.sum()
     if rigid < _MOSTLY * complete:
         raise ValueError(
-            f"the markers {', '.join(names)} keep their distances to {_RIGID:.0%} in "
-            f"{rigid} of {complete} frames that have them all: they are not on a rigid "
-            "body; choose other markers, or one for positions alone"
+            f"the markers {listed} keep their distances to {_RIGID:.0%} in {rigid} of "
+            f"{complete} frames that have them all: they are not on a rigid body; "
+            "choose other markers, or one for positions alone"
         )
     return means, quaternions

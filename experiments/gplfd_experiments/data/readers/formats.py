@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Final
 
 from gplfd_env.validation.named import nearest_name
-from gplfd_experiments.data.raw import RawRecording, Selection
+from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.settings import ImportSettings
 from gplfd_policies.arrays.storage import regular_file
 
 
@@ -14,7 +15,7 @@ from gplfd_policies.arrays.storage import regular_file
 class Reader:
     """How one kind of file is read.
 
-    The module has a function ``read(path, selection)`` that returns the motions in the
+    The module has a function ``read(path, settings)`` that returns the motions in the
     order of the file. Their names begin with the name of the file; units and time
     stamps are those of the file. Any exception means that the file cannot be read, and
     its text says why.
@@ -73,7 +74,7 @@ def reader_of(path: Path) -> Reader:
     )
 
 
-def read_here(path: Path, selection: Selection) -> list[RawRecording]:
+def read_here(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read all motions in a file, in this process and without limits.
 
     Raises what `gplfd_experiments.data.readers.read_recordings` raises.
@@ -81,7 +82,7 @@ def read_here(path: Path, selection: Selection) -> list[RawRecording]:
     reader = reader_of(path)
     module = importlib.import_module(f"gplfd_experiments.data.readers.{reader.module}")
     try:
-        recordings: list[RawRecording] = module.read(path, selection)
+        recordings: list[RawRecording] = module.read(path, settings)
         if not recordings:
             raise ValueError("it holds no recording")
     # Libraries raise errors of every kind for damaged files.

@@ -18,8 +18,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from gplfd_experiments.data.raw import RawRecording, Selection
+from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers.formats import read_here, reader_of
+from gplfd_experiments.data.settings import ImportSettings
 
 try:
     import resource
@@ -37,12 +38,12 @@ _WAITING: Final = 3.0
 _CHILD: Final = "from gplfd_experiments.data.readers.guard import child; child()"
 
 
-def read_recordings(path: str | Path, selection: Selection) -> list[RawRecording]:
+def read_recordings(path: str | Path, settings: ImportSettings) -> list[RawRecording]:
     """Read all motions in a file or folder.
 
     Args:
         path: The file or folder; its name determines its kind.
-        selection: What to read, and properties that the file does not state.
+        settings: What to read, and properties that the file does not state.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -51,18 +52,18 @@ def read_recordings(path: str | Path, selection: Selection) -> list[RawRecording
         ValueError: It is damaged, of unknown kind, too large, or lacks the selected
             item. The message names file, line or field, and says what to do.
     """
-    (recordings,) = read_files([path], selection)
+    (recordings,) = read_files([path], settings)
     return recordings
 
 
 def read_files(
-    paths: Sequence[str | Path], selection: Selection
+    paths: Sequence[str | Path], settings: ImportSettings
 ) -> Iterator[list[RawRecording]]:
     """Yield the motions of each file in turn; raises what `read_recordings` raises."""
     files = [Path(path) for path in paths]
     readers = [reader_of(path) for path in files]
     with tempfile.TemporaryDirectory() as scratch, _started(scratch) as process:
-        pickle.dump((files, selection), process.stdin)
+        pickle.dump((files, settings), process.stdin)
         process.stdin.close()
         for path, reader in zip(files, readers, strict=True):
             seconds = _limits(path)[2]
@@ -132,7 +133,7 @@ def child() -> None:
     # Libraries may print.
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)
-        paths, selection = pickle.load(sys.stdin.buffer)
+        paths, settings = pickle.load(sys.stdin.buffer)
         for path in paths:
             memory, written, seconds = _limits(path)
             if resource is not None:
@@ -147,7 +148,7 @@ def child() -> None:
                     resource.setrlimit(kind, (limit, hardest))
             outcome: list[RawRecording] | Exception
             try:
-                outcome = read_here(path, selection)
+                outcome = read_here(path, settings)
             except (OSError, ValueError, ModuleNotFoundError) as error:
                 # Only these have arguments that can be passed on.
                 outcome = type(error)(*error.args)

@@ -8,11 +8,12 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from gplfd_experiments.data.raw import RawRecording, Selection
+from gplfd_experiments.data.raw import RawRecording
 from gplfd_experiments.data.readers.arrays import recordings
+from gplfd_experiments.data.settings import ImportSettings
 
 
-def read(path: Path, selection: Selection) -> list[RawRecording]:
+def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read motions from arrays, with the same rules as for an .npz file.
 
     Texts, objects and sparse matrices are left out.
@@ -20,14 +21,11 @@ def read(path: Path, selection: Selection) -> list[RawRecording]:
     with path.open("rb") as stream:
         if stream.read(10) == b"MATLAB 7.3":
             raise ValueError("it is of version 7.3; save it again: save(..., '-v7')")
-    content = scipy.io.loadmat(path, appendmat=False)
-    arrays = {
-        name: array
-        for variable, value in content.items()
-        if not variable.startswith("__")
-        for name, array in numeric_arrays(value, variable)
-    }
-    return recordings(path.name, arrays, selection)
+    arrays: dict[str, NDArray[Any]] = {}
+    for variable, value in scipy.io.loadmat(path, appendmat=False).items():
+        if not variable.startswith("__"):
+            arrays.update(numeric_arrays(value, variable))
+    return recordings(path.name, arrays, settings)
 
 
 def numeric_arrays(value: Any, name: str) -> Iterator[tuple[str, NDArray[Any]]]:

@@ -3,27 +3,27 @@
 from pathlib import Path
 
 from gplfd_experiments.data.minari import open_dataset
-from gplfd_experiments.data.raw import OBSERVED, RawRecording, Selection
-from gplfd_experiments.data.readers.tables import quaternions_of
+from gplfd_experiments.data.raw import RawRecording
+from gplfd_experiments.data.readers.tables import ROTATION_VECTOR, quaternions_of
+from gplfd_experiments.data.settings import ImportSettings
 
 
-def read(path: Path, selection: Selection) -> list[RawRecording]:
+def read(path: Path, settings: ImportSettings) -> list[RawRecording]:
     """Read the observed poses of the hand, in the task frame, and the wrenches."""
-    del selection  # No choice is open.
+    del settings  # No choice is open.
     dataset = open_dataset(path)
-    recordings = []
-    for number in range(dataset.n_episodes):
-        observations = dataset.episode(number).observations
-        poses = observations["ee_pose"]
-        recordings.append(
-            RawRecording(
-                name=f"{path.name}: episode {number}",
-                times=observations["time"][:, 0],
-                positions=poses[:, :3],
-                unit="m",
-                quaternions=quaternions_of(poses[:, 3:]),
-                wrenches=observations["wrench"],
-                sensor=OBSERVED,
-            )
+    seen = (
+        dataset.episode(number).observations for number in range(dataset.n_episodes)
+    )
+    return [
+        RawRecording(
+            name=f"{path.name}: episode {number}",
+            times=observations["time"][:, 0],
+            positions=observations["ee_pose"][:, :3],
+            unit="m",
+            quaternions=quaternions_of(ROTATION_VECTOR, observations["ee_pose"][:, 3:]),
+            wrenches=observations["wrench"],
+            forces_on="hand",
         )
-    return recordings
+        for number, observations in enumerate(seen)
+    ]

@@ -1,0 +1,264 @@
+"""Settings with which motion files are read and prepared, and units.
+
+They are the options of ``gplfd demos import``; there are no slow imports, for
+``--help``.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+import tyro
+
+METRES: Final[Mapping[str, float]] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
+SECONDS: Final[Mapping[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+RADIANS: Final[Mapping[str, float]] = {"rad": 1.0, "deg": math.pi / 180.0}
+"""Units by name, in metres, seconds and radians."""
+
+Pose = tuple[float, ...]
+"""x, y, z [m] and a quaternion qw, qx, qy, qz, the scalar first."""
+Segments = Literal["none", "rests", "turns"] | tuple[tuple[float, float], ...]
+
+POSE: Final = "x,y,z,qw,qx,qy,qz"
+_FRAMES: Final = ("first-pose", "recorded", "hinge")
+_CHOICES: Final[Mapping[str, Any]] = {
+    "units": METRES,
+    "time_unit": SECONDS,
+    "angles": RADIANS,
+    "quaternions": ("wxyz", "xyzw"),
+    "force_on": ("hand", "object"),
+    "force_axes": ("hand", "recorded"),
+}
+_NORM_TOLERANCE: Final = 0.05  # Largest error of the norm of a rotation's quaternion.
+_GREATEST: Final = 1e5  # Largest rate or cut-off [Hz], and largest gap [s].
+
+_USUAL_STEP: Final = (9e-4, 0.9)
+"""Time between two samples of a hand [s]: 1.1 Hz to 1.1 kHz. The range spans a factor
+of 1,000, as units of time do, so that at most one unit fits."""
+
+
+def likely_time_unit(step: float) -> str | None:
+    """Return the unit in which a step between time stamps is plausible for a hand."""
+    shortest, longest = _USUAL_STEP
+    fits = (unit for unit, s in SECONDS.items() if shortest <= step * s < longest)
+    return next(fits, None)
+
+
+def of_text(metavar: str, read: Callable[[str], Any]) -> Any:
+    """Return how a value is read from one argument of the command line."""
+
+    def written(value: Any) -> list[str]:
+        plain = value is None or isinstance(value, str)
+        return [str(value) if plain else ",".join(f"{part:g}" for part in value)]
+
+    return tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=metavar,
+        instance_from_str=lambda words: read(words[0]),
+        is_instance=lambda value: True,
+        str_from_instance=written,
+    )
+
+
+def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
+    """Return a function that reads numbers, one for each name, from a text."""
+
+    def read(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(map(float, text.split(",")))
+        except ValueError:
+            values = ()
+        if len(values) != len(names.split(",")):
+            raise ValueError(f"{text!r} must be numbers {names}")
+        return values
+
+    return read
+
+
+def _frame(text: str) -> Any:
+    return numbers(POSE)(text) if "," in text else text
+
+
+def _segments(text: str) -> Any:
+    try:
+        parts = [part.split("-") for part in text.split(",")]
+        return tuple((float(start), float(end)) for start, end in parts)
+    except ValueError:
+        return text
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(","))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ImportSettings:
+    """What is read from motion files, what they do not state, and how it is prepared.
+
+    The defaults suit a hand recorded at 50 Hz or more.
+
+    Raises:
+        ValueError: A value is outside its range, or is not a pose.
+    """
+
+    body: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """Moving object: a segment, joint, one or three markers, topic, array, or arrays
+    A,B."""
+
+    columns: Annotated[tuple[str, ...], of_text("t,x,y,z,...", _names)] = ()
+    """Names of the columns of a table without a header, in order, with - for a column
+    to ignore; known names are t, x, y, z, qw, qx, qy, qz, rx, ry, rz, fx, ...,
+    gripper."""
+
+    units: Literal["m", "cm", "mm", "in"] | None = None
+    """Unit of positions; overrides the unit in the file. Default: that unit, or
+    metres."""
+
+    time_unit: Literal["s", "ms", "us", "ns"] | None = None
+    """Unit of times in tables and arrays; overrides the unit in the file. Default: that
+    unit, or seconds."""
+
+    angles: Literal["rad", "deg"] = "rad"
+    """Unit of rotation vectors rx, ry, rz if the file states none."""
+
+    quaternions: Literal["wxyz", "xyzw"] | None = None
+    """Order of quaternion components without names."""
+
+    recorded_rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
+    """Samples per second of recordings without time stamps."""
+
+    urdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Robot whose joint states were recorded."""
+
+    link: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """Link of this robot that is the hand."""
+
+    wrench: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """Source of the forces: a topic of WrenchStamped, a feature or an observation."""
+
+    force_on: Literal["hand", "object"] = "hand"
+    """Recorded forces are those of the environment on the hand, or of the hand on the
+    object. Data sets of gplfd contain this and all following force options."""
+
+    force_axes: Literal["hand", "recorded"] = "hand"
+    """Axes of forces: those of the sensor, which moves with the hand, or of the
+    poses."""
+
+    force_sensor: Annotated[Pose, of_text("POSE", numbers(POSE))] = (
+        0.0,
+        0.0,
+        0.0,
+        1.0,
+        0.0,
+        0.0,
+        0.0,
+    )
+    """Pose of the force sensor in the frame of the recorded hand, x,y,z,qw,qx,qy,qz
+    [m]. Moments are about its origin."""
+
+    force_rest: Annotated[float, tyro.conf.arg(metavar="S")] = 0.0
+    """Time at the start without contact of the hand [s]; the mean force in this time is
+    the bias that is removed. 0 removes no bias."""
+
+    tool_weight: Annotated[float, tyro.conf.arg(metavar="N")] = 0.0
+    """Weight of the tool on the sensor, which is subtracted [N]."""
+
+    tool_centre: Annotated[tuple[float, ...], of_text("X,Y,Z", numbers("x,y,z"))] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    """Centre of mass of the tool in the frame of the sensor [m]."""
+
+    gravity: Annotated[tuple[float, ...], of_text("X,Y,Z", numbers("x,y,z"))] = (
+        0.0,
+        0.0,
+        -1.0,
+    )
+    """Direction of gravity in the frame of the recorded poses."""
+
+    frame: Annotated[str | Pose, of_text("FRAME", _frame)] = "first-pose"
+    """Frame of the resulting poses: first-pose (the first pose of each motion),
+    recorded, hinge (of a door, estimated from the motion), or a pose x,y,z,qw,qx,qy,qz
+    [m]."""
+
+    offset: Annotated[Pose | None, of_text("POSE", numbers(POSE))] = None
+    """Pose of the object in the frame of the recorded hand, x,y,z,qw,qx,qy,qz [m]."""
+
+    segment: Annotated[Segments, of_text("HOW", _segments)] = "none"
+    """Repetitions in a recording: none, rests or turns (the motions between them,
+    without motions back), or times since the first sample such as 1.5-4.2,6-9.5 [s]."""
+
+    keep_rests: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Keep rests at both ends."""
+
+    cutoff: Annotated[float, tyro.conf.arg(metavar="HZ")] = 10.0
+    """Cut-off of the low-pass filter; 0 disables the filter."""
+
+    rate: Annotated[float, tyro.conf.arg(metavar="HZ")] = 100.0
+    """Samples per second of the result; 0 keeps the recorded samples."""
+
+    largest_gap: Annotated[float, tyro.conf.arg(metavar="S")] = 0.5
+    """Longest gap between samples that is interpolated [s]."""
+
+    def __post_init__(self) -> None:
+        for name, known in _CHOICES.items():
+            value = getattr(self, name)
+            if value is not None and value not in known:
+                raise ValueError(f"{name} {value!r} must be one of {', '.join(known)}")
+        for name, low in (
+            *dict.fromkeys(
+                ("cutoff", "rate", "force_rest", "tool_weight"), 0.0
+            ).items(),
+            *dict.fromkeys(("recorded_rate", "largest_gap"), 1.0 / _GREATEST).items(),
+        ):
+            value = getattr(self, name)
+            if value is not None and not low <= value <= _GREATEST:
+                raise ValueError(f"{name} = {value:g} must be {low:g} to {_GREATEST:g}")
+        for name in ("force_sensor", "offset", "frame"):
+            pose = getattr(self, name)
+            if pose is not None and not isinstance(pose, str):
+                object.__setattr__(self, name, unit_pose(name, pose))
+        for name in ("tool_centre", "gravity"):
+            vector = getattr(self, name)
+            if len(vector) != 3 or not math.isfinite(sum(vector)):
+                raise ValueError(f"{name} = {vector} must be three numbers x,y,z")
+        if not any(self.gravity):
+            raise ValueError("gravity = 0,0,0 has no direction; 0,0,-1 is downwards")
+        if self.force_axes == "recorded" and any(self.force_sensor[4:]):
+            raise ValueError(
+                "the sensor is turned in the hand, and its forces are in the axes of "
+                "the recorded poses; give its position alone, x,y,z,1,0,0,0"
+            )
+        if isinstance(self.frame, str) and self.frame not in _FRAMES:
+            raise ValueError(
+                f"frame {self.frame!r} must be one of {', '.join(_FRAMES)}, or a pose "
+                f"{POSE}"
+            )
+        if isinstance(self.segment, str):
+            if self.segment not in ("none", "rests", "turns"):
+                raise ValueError(
+                    f"segment {self.segment!r} must be none, rests, turns, or times "
+                    "such as 1.5-4.2,6-9.5 [s]"
+                )
+            return
+        for start, end in self.segment:
+            if not start < end:
+                raise ValueError(f"a segment from {start} to {end} s ends too early")
+
+
+def unit_pose(name: str, pose: Pose) -> Pose:
+    """Return a pose with its quaternion normalised; the name is for messages.
+
+    Raises:
+        ValueError: It is not seven finite numbers, or the quaternion is no rotation.
+    """
+    norm = math.hypot(*pose[3:])
+    valid = len(pose) == 7 and abs(norm - 1.0) < _NORM_TOLERANCE
+    if not valid or not math.isfinite(sum(pose)):
+        raise ValueError(
+            f"{name} = {pose} must be x,y,z [m] and a unit quaternion qw,qx,qy,qz"
+        )
+    return (*pose[:3], *(part / norm for part in pose[3:]))
