@@ -78,9 +78,8 @@ def arcs(envs: Any, rng: np.random.Generator) -> Any:
     """Follow the true arcs of the doors to random angles within 3 s."""
     doors = [variation.door for variation in envs.unwrapped.variations]
     angles = np.radians(rng.uniform(20.0, 66.0, len(doors)))
-    mirrored = np.array(
-        [(door.way, 1, door.side, 1, door.way * door.side, 1) for door in doors]
-    )
+    signs = [(door.swing_sign, door.hinge_sign) for door in doors]
+    mirrored = np.array([(pull, 1, side, 1, pull * side, 1) for pull, side in signs])
     radii = np.array([door.radius for door in doors])
 
     def script(step: int, hands: Any) -> Any:
