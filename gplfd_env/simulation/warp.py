@@ -1,7 +1,7 @@
 """n doors of one structure on MuJoCo Warp, which can run on a GPU (experimental).
 
-Tests compare its results on Warp's CPU backend with MuJoCo; it has not been tried on a
-GPU. Only this module needs the extra ``warp``.
+Tests compare its results on Warp's CPU backend with MuJoCo. Only this module needs the
+extra ``warp``.
 """
 
 from typing import Any, Final
