@@ -14,13 +14,14 @@ from gplfd_env.doors.disturbance import DisturbanceSpec
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.randomization import RandomizationSpec
 from gplfd_env.doors.variation import Variation
-from gplfd_env.envs.settings import Settings, Sources
+from gplfd_env.envs.camera import Camera, require_display
+from gplfd_env.envs.sources import Sources, commanded_robot
 from gplfd_env.robot.model import Grasp
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.robot.robots import RobotSpec
 from gplfd_env.simulation.command import COMMANDS, DRIVEN, GRIPPING
 from gplfd_env.simulation.single import DoorSimulation
-from gplfd_env.task.episode import Episode, Reward
+from gplfd_env.task.episode import REWARDS, Episode, Reward
 from gplfd_env.task.info import info_of
 from gplfd_env.task.observation import Observation, observation_space
 from gplfd_env.validation.fields import check_choice
@@ -46,8 +47,30 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     Args:
         door: A preset's name, a radius [m], a mapping of `DoorConfig` fields, or a
             `DoorConfig`.
-        grasp: The other arguments are the fields of
-            `gplfd_env.envs.settings.Common`, which documents them.
+        grasp: ``"contact"`` (friction between pads and bar) or ``"weld"``.
+        randomization: What every reset draws anew: ``"none"``, ``"mild"``, ``"hard"``,
+            ..., a mapping of `DoorRandomization` fields, or a `DoorRandomization`.
+        disturbance: External events: a name of
+            `gplfd_env.doors.disturbance.DISTURBANCES`, a mapping of `Disturbance`
+            fields, or a `Disturbance`.
+        reward: ``"dense"`` or ``"sparse"`` (1 on success, else 0).
+        robot: ``"tiago-like"``, ``"panda-like"``, ``"ur5e-like"``, the path of a .json
+            with the arguments of `gplfd_env.robot.urdf.robot_of_urdf`, or a
+            `RobotConfig`.
+        base: ``"fixed"``, or ``"mobile"``: the base follows the hand
+            (`gplfd_env.robot.whole_body`) and collides with door and walls. None for
+            the base of the robot's configuration, ``"fixed"`` for the named robots.
+        start: ``"grasped"``, or ``"approach"``: the episode begins with the open hand
+            10 to 20 cm in front of the handle. If actions do not command the gripper,
+            it closes when the hand is at the handle or, if the handle's position is
+            uncertain, when the hand rests near it (`gplfd_env.robot.gripper`).
+        render_mode: None, ``"human"``, ``"rgb_array"``, ``"depth_array"`` or
+            ``"rgbd_tuple"``.
+        width: Width of rendered images [px].
+        height: Height of rendered images [px].
+        camera_name: ``"overview"``, ``"top"``, ``"head"`` or ``"hand_camera"``.
+        effects: Shadows, reflections and smooth edges in images; windows always have
+            them. Without a graphics card an image takes ten times as long.
 
     Raises:
         ValueError: An unknown door, grasp, start, randomisation, reward, camera or
@@ -57,7 +80,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
     """
 
     metadata = {  # noqa: RUF012 - Gymnasium declares it as an instance variable
-        "render_modes": [*Settings.render_modes],
+        "render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"],
         "render_fps": round(1 / CONTROL_PERIOD),
     }
     command = COMMANDS["pose"]
@@ -80,30 +103,27 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         camera_name: str = "overview",
         effects: bool = False,
     ) -> None:
-        settings = Settings(
+        check_choice("reward", reward, REWARDS)
+        modes = self.metadata["render_modes"]
+        check_choice("render_mode", render_mode, (None, *modes))
+        if render_mode == "human":
+            require_display()
+        self.render_mode, self._reward = render_mode, reward
+        self._robot = commanded_robot(self.command, robot, base, grasp, start)
+        self._sources = Sources.of(
+            None,
+            self._robot.config,
+            start,
             door=door,
-            grasp=grasp,
             randomization=randomization,
             disturbance=disturbance,
-            reward=reward,
-            robot=robot,
-            base=base,
-            start=start,
-            render_mode=render_mode,
-            width=width,
-            height=height,
-            camera_name=camera_name,
-            effects=effects,
         )
-        self._settings, self.render_mode = settings, settings.render_mode
-        self._sources = Sources.of(settings)
-        (door,) = self._sources.doors
-        self._robot = settings.commanded(self.command)
-        self._simulation = DoorSimulation(self._robot, Variation(door=door))
-        self._camera = settings.camera(self.model)
+        (config,) = self._sources.doors
+        self._simulation = DoorSimulation(self._robot, Variation(door=config))
+        self._camera = Camera(self.model, width, height, camera_name, effects=effects)
         self._sensed = np.empty(0)
         self._episode: Episode | None = None
-        self.observation_space = observation_space(self.command, settings.robot_config)
+        self.observation_space = observation_space(self.command, self._robot.config)
         self.action_space: spaces.Space[Any] = self.command.space
 
     @property
@@ -162,7 +182,7 @@ class DoorOpeningEnv(gym.Env[Observation, Array]):
         drawn = sources.draw(0, self.np_random)
         self._simulation.restart(drawn.variation)
         self._episode = episode = Episode.begin(
-            drawn, self._robot, self._settings.reward, self._sense()
+            drawn, self._robot, self._reward, self._sense()
         )
         if self.render_mode == "human":
             self.render()

@@ -24,17 +24,18 @@ from gplfd_env.doors.disturbance import DisturbanceSpec
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.doors.randomization import RandomizationSpec
 from gplfd_env.doors.variation import Variation
-from gplfd_env.envs.settings import Sources, VectorSettings
+from gplfd_env.envs.camera import Camera
+from gplfd_env.envs.sources import Sources, commanded_robot
 from gplfd_env.robot.model import Grasp
 from gplfd_env.robot.placement import door_geometry
 from gplfd_env.robot.robots import RobotSpec
 from gplfd_env.simulation.batch import DoorBatch, SameStructureBatch
 from gplfd_env.simulation.command import COMMANDS, DRIVEN, GRIPPING
-from gplfd_env.task.episode import Episode, Reward
+from gplfd_env.task.episode import REWARDS, Episode, Reward
 from gplfd_env.task.episodes import Episodes
 from gplfd_env.task.info import infos_of
 from gplfd_env.task.observation import Observation, observation_space
-from gplfd_env.validation.fields import check_choice
+from gplfd_env.validation.fields import Range, check_choice, checked_count
 
 
 class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
@@ -47,9 +48,17 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
 
     Args:
         num_envs: Number of simulations n.
-        door: As for the single environment, or a sequence of n of these.
-        grasp: The other arguments are the fields of
-            `gplfd_env.envs.settings.VectorSettings`, which documents them.
+        door: As for the single environment, or a sequence of n of these; likewise
+            `randomization` and `disturbance`. Arguments that the single environment has
+            mean the same.
+        render_mode: None or ``"rgb_array"``.
+        max_episode_steps: Control periods after which an episode is truncated; None or
+            -1 for no limit.
+        autoreset_mode: ``"NextStep"`` (the step after an episode's end resets it),
+            ``"SameStep"`` (its last observation and info are in ``final_obs`` and
+            ``final_info``) or ``"Disabled"`` (ended simulations stand still, at no
+            cost, until ``reset(options={"reset_mask": ...})``).
+        num_threads: Threads that step the simulations; 0 for one per core.
 
     Raises:
         ValueError: As the single environment, and for an unknown autoreset mode.
@@ -82,48 +91,47 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         num_threads: int = 0,
     ) -> None:
-        settings = VectorSettings(
-            num_envs=num_envs,
-            door=door,
-            grasp=grasp,
-            randomization=randomization,
-            disturbance=disturbance,
-            reward=reward,
-            robot=robot,
-            base=base,
-            start=start,
-            render_mode=render_mode,
-            width=width,
-            height=height,
-            camera_name=camera_name,
-            effects=effects,
-            max_episode_steps=max_episode_steps,
-            autoreset_mode=autoreset_mode,
-            num_threads=num_threads,
-        )
-        self._settings, self.render_mode = settings, settings.render_mode
-        self.num_envs = n = int(settings.num_envs)
-        self.autoreset_mode = AutoresetMode(settings.autoreset_mode)
+        check_choice("reward", reward, REWARDS)
+        check_choice("render_mode", render_mode, (None, "rgb_array"))
+        checked_count("num_envs", num_envs, Range(low=1))
+        checked_count("num_threads", num_threads, Range(low=0))
+        self._limit = np.inf
+        if max_episode_steps not in (None, -1):
+            steps = Range(low=1)
+            self._limit = checked_count("max_episode_steps", max_episode_steps, steps)
+        mode = getattr(autoreset_mode, "value", autoreset_mode)
+        check_choice("autoreset_mode", mode, [other.value for other in AutoresetMode])
+        self.render_mode, self._reward = render_mode, reward
+        self.num_envs = n = int(num_envs)
+        self.autoreset_mode = AutoresetMode(mode)
         self.metadata = {
-            "render_modes": [*settings.render_modes],
+            "render_modes": ["rgb_array"],
             "render_fps": round(1 / CONTROL_PERIOD),
             "autoreset_mode": self.autoreset_mode,
         }
-        self.single_observation_space = observation_space(
-            self.command, settings.robot_config
+        self._robot = commanded_robot(self.command, robot, base, grasp, start)
+        self._sources = Sources.of(
+            n,
+            self._robot.config,
+            start,
+            door=door,
+            randomization=randomization,
+            disturbance=disturbance,
         )
+        observed = observation_space(self.command, self._robot.config)
+        self.single_observation_space = observed
         self.single_action_space = self.command.space
-        self.observation_space = batch_space(self.single_observation_space, n)
+        self.observation_space = batch_space(observed, n)
         self.action_space = batch_space(self.single_action_space, n)
-        self._sources = Sources.of(settings)
-        self._robot = settings.commanded(self.command)
         self._batch = DoorBatch(
             self._robot,
             [Variation(door=door) for door in self._sources.doors],
-            settings.num_threads,
+            num_threads,
             self.physics,
         )
-        self._camera = settings.camera(self.models[0])
+        self._camera = Camera(
+            self.models[0], width, height, camera_name, effects=effects
+        )
         self._episodes: Episodes | None = None
         self._random: list[tuple[np.random.Generator, int]] = []
         self._everyone = np.ones(n, dtype=bool)
@@ -234,7 +242,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             episodes.mark_diverged(diverged)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and resting is not None:
             self._restart(resting)
-        rewards, terminations, truncations = episodes.outcome(self._settings.limit)
+        rewards, terminations, truncations = episodes.outcome(self._limit)
         self._ended = terminations | truncations
         infos = masked(infos_of(episodes), self._everyone)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
@@ -267,7 +275,7 @@ class DoorOpeningVectorEnv(gym.vector.VectorEnv[Observation, Array, Any]):
             self._batch.load(row, drawn[row].variation)
         self._batch.restart(chosen)
         self._sensed = self._batch.read(chosen, self._sensed)
-        reward, values = self._settings.reward, self._sensed
+        reward, values = self._reward, self._sensed
         begun = {
             row: Episode.begin(episode, self._robot, reward, values[row].tolist())
             for row, episode in drawn.items()
