@@ -10,6 +10,7 @@ from typing import Final
 
 import mujoco
 
+from gplfd_env.conventions.constants import DRY_FRICTION
 from gplfd_env.robot.config import RobotConfig
 
 BASE_JOINTS: Final = ("base_x_joint", "base_y_joint", "base_yaw_joint")
@@ -78,12 +79,7 @@ def add_mobile_base(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
         finger = spec.joint(name)
         finger.solref_limit, finger.solimp_limit = HARD_STOP, _RIGID
     for name, (ahead, left, turn) in WHEELS.items():
-        slip = spec.add_tendon(
-            name=name,
-            frictionloss=WHEEL_FORCE,
-            solref_friction=[0.004, 1.0],
-            solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
-        )
+        slip = spec.add_tendon(name=name, frictionloss=WHEEL_FORCE, **DRY_FRICTION)
         for base, drive, way in zip(
             BASE_JOINTS, BASE_DRIVES, (ahead, left, WHEEL_LEVER * turn), strict=True
         ):

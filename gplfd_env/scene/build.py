@@ -56,6 +56,20 @@ SCENE_FIELDS: Final = (
 )  # fmt: skip
 """Fields of the model in which the geometry of two scenes can differ."""
 
+_PLAIN: Final = DoorConfig(panel_mass=NOMINAL_MASS)
+_WRITTEN_LATER: Final = {
+    "": (
+        *("panel_mass", "hinge_friction", "hinge_damping"),
+        *("stiction", "seal", "seal_angle", "closer"),
+    ),
+    "lockset": (
+        *("handle_preload", "handle_stiffness"),
+        *("bolt_preload", "bolt_stiffness"),
+    ),
+    "mechanism": ("strut_stiffness", "strut_dead_angle", "roller_friction"),
+}
+"""Fields of a door and its parts that `set_door_physics` writes into a scene."""
+
 _SETTLING_TIME: Final = 0.4
 _BAR_INDENTATION: Final = 7.3e-5
 """Penetration of the bar's soft contact under the fingers' 16 N [m]."""
@@ -139,34 +153,12 @@ def load_scene(
 
 
 def _nominal(door: DoorConfig) -> DoorConfig:
-    """Return a door of the same geometry, with defaults of what is written later.
-
-    `set_door_physics` writes it into the compiled scene.
-    """
-    plain = DoorConfig()
-    return dataclasses.replace(
-        door,
-        panel_mass=NOMINAL_MASS,
-        hinge_friction=plain.hinge_friction,
-        hinge_damping=plain.hinge_damping,
-        stiction=plain.stiction,
-        seal=plain.seal,
-        seal_angle=plain.seal_angle,
-        closer=plain.closer,
-        lockset=dataclasses.replace(
-            door.lockset,
-            handle_preload=None,
-            handle_stiffness=None,
-            bolt_preload=plain.lockset.bolt_preload,
-            bolt_stiffness=plain.lockset.bolt_stiffness,
-        ),
-        mechanism=dataclasses.replace(
-            door.mechanism,
-            strut_stiffness=plain.mechanism.strut_stiffness,
-            strut_dead_angle=plain.mechanism.strut_dead_angle,
-            roller_friction=plain.mechanism.roller_friction,
-        ),
-    )
+    """Return a door of the same geometry, with defaults of what is written later."""
+    fields = {name: getattr(_PLAIN, name) for name in _WRITTEN_LATER[""]}
+    for part in ("lockset", "mechanism"):
+        plain = {n: getattr(getattr(_PLAIN, part), n) for n in _WRITTEN_LATER[part]}
+        fields[part] = dataclasses.replace(getattr(door, part), **plain)
+    return dataclasses.replace(door, **fields)
 
 
 @lru_cache(maxsize=32)

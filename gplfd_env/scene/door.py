@@ -1,11 +1,12 @@
 """The door as MuJoCo bodies: frame, leaf, hinge, and mounted parts."""
 
-from typing import Any, Final, NamedTuple
+import math
+from typing import Final, NamedTuple
 
 import mujoco
 import numpy as np
 
-from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array
+from gplfd_env.conventions.constants import DRY_FRICTION, UNDRAWN, Array
 from gplfd_env.doors.config import OVERHANG, DoorConfig, Handle, Motion
 from gplfd_env.doors.geometry import ROCKERS
 from gplfd_env.doors.motion import Link, end_angle, has_tendons, links_of
@@ -22,19 +23,18 @@ from gplfd_env.robot.placement import (
 from gplfd_env.scene.arena import DOOR_HEIGHT, FLAP_WIDTH
 from gplfd_env.scene.closer import add_closer, set_closer
 from gplfd_env.scene.handle import (
-    STEEL,
     add_bar,
     add_rocker,
     add_turning_handle,
     set_spring,
 )
 from gplfd_env.scene.latch import add_latch
+from gplfd_env.scene.shapes import STEEL, add_box, add_rod
 from gplfd_env.scene.visuals import (
-    add_casing,
+    add_building_visuals,
     add_closer_visuals,
     add_far_handle,
     add_lock_plate,
-    add_panels,
     show_closer,
 )
 
@@ -46,9 +46,6 @@ _GAP: Final = 0.004
 """Gap between a leaf and the parts beside it [m]."""
 _WOOD: Final = (0.78, 0.63, 0.46, 1.0)
 _FRAME: Final = (0.88, 0.87, 0.85, 1.0)
-
-_BOX: Final = mujoco.mjtGeom.mjGEOM_BOX
-_CYLINDER: Final = mujoco.mjtGeom.mjGEOM_CYLINDER
 
 
 class Structure(NamedTuple):
@@ -104,19 +101,24 @@ def add_door(
     _add_frame(frame, door, hinge_z, lock_z)
 
     leaf = _add_joints(spec, frame, door, robot)
+    top = DOOR_HEIGHT - door.handle_height
     if door.motion == "flap":
         _add_flap(frame, leaf, door)
     elif door.motion == "folding":
         inner = spec.body("inner_door")
-        _add_leaf(inner, "inner_leaf", door, edges[0], -door.fold_distance)
+        _add_leaf(inner, "inner_leaf", door, (edges[0], -door.fold_distance))
         _add_hinges(inner, door)
-        _add_leaf(leaf, "leaf", door, -door.fold_distance, edges[1])
+        _add_leaf(leaf, "leaf", door, (-door.fold_distance, edges[1]))
         if structure.rollers:
             _add_rollers(spec, frame, leaf, door)
     else:
-        _add_leaf(leaf, "leaf", door, *edges)
+        _add_leaf(leaf, "leaf", door, edges)
         if door.motion in ("sliding", "parallel-sliding"):
-            _add_rail(frame, door, hinge_z, lock_z)
+            # The rail on which the leaf hangs, above and beside the opening.
+            far = hinge_z - door.hinge_sign * door.clear_width
+            place = [-door.leaf.handle_standoff, top + 0.025, (far + lock_z) / 2]
+            size = [door.leaf.thickness, 0.02, abs(lock_z - far) / 2]
+            add_box(frame, "rail", place, size, STEEL)
         else:
             _add_hinges(leaf, door)
     foot = -door.leaf.handle_standoff + door.leaf.thickness / 2
@@ -130,14 +132,12 @@ def add_door(
         add_latch(spec, frame, leaf, door, lock_z, robot.base)
     add_closer(spec, door, tendons=structure.closer)
 
-    top = DOOR_HEIGHT - door.handle_height
     if structure.closer:
         add_closer_visuals(spec, frame, leaf, door, top)
     if structure.latched:
         add_lock_plate(leaf, door)
     if door.handle != "bar":
-        add_casing(frame, door, (hinge_z, lock_z), top)
-        add_panels(leaf, door, edges[1] - edges[0])
+        add_building_visuals(frame, leaf, door, (hinge_z, lock_z), top)
     if door.handle in ("lever", "knob"):
         add_far_handle(leaf, spec.body("handle"), door)
 
@@ -151,23 +151,23 @@ def _add_joints(
     of the leaf has this coordinate, ``hinge`` belongs to a body without a shape.
     Equality constraints couple the other joints to it.
     """
-    links = links_of(door)
+    links, leaf = links_of(door), frame
     origin = np.array([0.0, 0.0, -door.hinge_sign * door.hand_radius])
     if door.motion == "flap":
         origin = np.array(links[-1].anchor)
     if door.motion == "folding":
-        inner = frame.add_body(name="inner_door", pos=origin)
-        _add_joint(spec, inner, links[0], origin)
-        leaf, links = inner.add_body(name="door"), links[1:]
+        leaf = leaf.add_body(name="inner_door", pos=origin)
+        _add_joint(spec, leaf, links[0], origin)
+        leaf, links = leaf.add_body(name="door"), links[1:]
     else:
-        leaf = frame.add_body(name="door", pos=origin)
-    bearer = leaf
+        leaf = leaf.add_body(name="door", pos=origin)
+    bearer, axis = leaf, links[-1].axis
     if links[-1].name != "hinge":
         bearer = frame.add_body(name="coordinate", mass=1e-3, inertia=3 * [1e-6])
+        axis = (0.0, door.hinge_sign, 0.0)
     for link in links:
         if link.name != "hinge":
             _add_joint(spec, leaf, link, origin)
-    axis = links[-1].axis if bearer is leaf else [0.0, door.hinge_sign, 0.0]
     hinge = bearer.add_joint(
         name="hinge",
         type=mujoco.mjtJoint.mjJNT_HINGE,
@@ -176,20 +176,14 @@ def _add_joints(
         limited=True,
         damping=[door.hinge_damping + door.closer.damping, 0, 0],
         frictionloss=door.friction,
-        # With MuJoCo's soft defaults a hinge creeps at loads below its friction.
-        solref_friction=[0.004, 1.0],
-        solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
         armature=0.01,
+        **DRY_FRICTION,
     )
     if robot.base == "mobile":
         # The limit of the hinge itself, which disturbances move, stays softer.
         hinge.solref_limit = SOFT_STOP
-        end = spec.add_tendon(
-            name="hinge_end",
-            limited=True,
-            range=[0.0, end_angle(door)],
-            solref_limit=HARD_STOP,
-        )
+        stop = {"range": [0.0, end_angle(door)], "solref_limit": HARD_STOP}
+        end = spec.add_tendon(name="hinge_end", limited=True, **stop)
         end.wrap_joint("hinge", 1.0)
     return leaf
 
@@ -221,139 +215,72 @@ def _add_frame(
     frame: mujoco.MjsBody, door: DoorConfig, hinge_z: float, lock_z: float
 ) -> None:
     """Add jambs and lintel around the leaf's edges, task-frame z [m]."""
-    across = (hinge_z + lock_z) / 2
     upright = [0.06, DOOR_HEIGHT / 2, _JAMB / 2]
     level = [0.06, _JAMB / 2, abs(lock_z - hinge_z) / 2 + _JAMB]
     middle, out = -door.handle_height + DOOR_HEIGHT / 2, door.hinge_sign * _JAMB / 2
-    behind = -door.leaf.handle_standoff
+    x, above = -door.leaf.handle_standoff, -door.handle_height + DOOR_HEIGHT + _JAMB / 2
     if door.motion == "sliding":
         # The leaf slides in front of the wall.
-        behind -= upright[0] + door.leaf.thickness / 2 + _GAP
+        x -= upright[0] + door.leaf.thickness / 2 + _GAP
     for name, y, z, size in (
         ("jamb_hinge", middle, hinge_z - out, upright),
         ("jamb_lock", middle, lock_z + out, upright),
-        ("lintel", -door.handle_height + DOOR_HEIGHT + _JAMB / 2, across, level),
+        ("lintel", above, (hinge_z + lock_z) / 2, level),
     ):
-        frame.add_geom(
-            name=name,
-            type=_BOX,
-            pos=[behind, y, z],
-            size=size,
-            rgba=_FRAME,
-            **INTANGIBLE,
-        )
+        add_box(frame, name, [x, y, z], size, _FRAME, mass=math.nan)
 
 
 def _add_leaf(
-    body: mujoco.MjsBody,
-    name: str,
-    door: DoorConfig,
-    hinge_edge: float,
-    lock_edge: float,
+    body: mujoco.MjsBody, name: str, door: DoorConfig, edges: tuple[float, float]
 ) -> None:
-    """Add a leaf between its edges, from the handle's axis [m]."""
+    """Add a leaf between its edges at hinge and lock, from the handle's axis [m]."""
+    hinge, lock = edges
     whole = door.leaf.backset + door.radius + door.overhang
-    share = (lock_edge - hinge_edge) / whole if door.motion == "folding" else 1.0
-    body.add_geom(
-        name=name,
-        type=_BOX,
-        pos=[
-            -door.leaf.handle_standoff,
-            DOOR_HEIGHT / 2 - door.handle_height,
-            door.hinge_sign * ((hinge_edge + lock_edge) / 2 + door.radius),
-        ],
-        size=[door.leaf.thickness / 2, DOOR_HEIGHT / 2, (lock_edge - hinge_edge) / 2],
-        rgba=_WOOD,
-        mass=share * door.panel_mass,
-        **INTANGIBLE,
-    )
+    share = (lock - hinge) / whole if door.motion == "folding" else 1.0
+    y = DOOR_HEIGHT / 2 - door.handle_height
+    z = door.hinge_sign * ((hinge + lock) / 2 + door.radius)
+    size = [door.leaf.thickness / 2, DOOR_HEIGHT / 2, (lock - hinge) / 2]
+    place = [-door.leaf.handle_standoff, y, z]
+    add_box(body, name, place, size, _WOOD, mass=share * door.panel_mass)
 
 
 def _add_hinges(leaf: mujoco.MjsBody, door: DoorConfig) -> None:
     """Add the two visible hinges of a leaf."""
-    steel: dict[str, Any] = {"rgba": STEEL, "mass": 0.0, **INTANGIBLE}
-    for name, height in (("hinge_upper", 0.55), ("hinge_lower", -0.55)):
-        leaf.add_geom(
-            name=name,
-            type=_CYLINDER,
-            fromto=[0, height - 0.05, 0, 0, height + 0.05, 0],
-            size=[0.012, 0, 0],
-            **steel,
-        )
-        leaf.add_geom(
-            name=f"{name}_arm",
-            type=_BOX,
-            pos=[-door.leaf.handle_standoff / 2, height, 0],
-            size=[door.leaf.handle_standoff / 2, 0.03, 0.004],
-            **steel,
-        )
-
-
-def _add_rail(
-    frame: mujoco.MjsBody, door: DoorConfig, hinge_z: float, lock_z: float
-) -> None:
-    """Add the rail on which a leaf hangs, above and beside the opening."""
-    far = hinge_z - door.hinge_sign * door.clear_width
-    top = DOOR_HEIGHT - door.handle_height
-    frame.add_geom(
-        name="rail",
-        type=_BOX,
-        pos=[-door.leaf.handle_standoff, top + 0.025, (far + lock_z) / 2],
-        size=[door.leaf.thickness, 0.02, abs(lock_z - far) / 2],
-        rgba=STEEL,
-        mass=0.0,
-        **INTANGIBLE,
-    )
+    x = door.leaf.handle_standoff / 2
+    for name, y in (("hinge_upper", 0.55), ("hinge_lower", -0.55)):
+        add_rod(leaf, name, [0, y - 0.05, 0, 0, y + 0.05, 0], 0.012)
+        add_box(leaf, f"{name}_arm", [-x, y, 0], [x, 0.03, 0.004], STEEL)
 
 
 def _add_rollers(
     spec: mujoco.MjSpec, frame: mujoco.MjsBody, leaf: mujoco.MjsBody, door: DoorConfig
 ) -> None:
     """Add the friction of the guided edge on its rail, as a tendon from the jamb."""
+    friction = door.mechanism.roller_friction
+    rail = spec.add_tendon(name="rollers", frictionloss=friction, **DRY_FRICTION)
     for name, body, z in (
         ("jamb_pivot", frame, -door.radius),
         ("rollers", leaf, door.radius + door.leaf.backset),
     ):
         body.add_site(name=name, pos=[0.0, 0.0, door.hinge_sign * z], **UNDRAWN)
-    rail = spec.add_tendon(
-        name="rollers",
-        frictionloss=door.mechanism.roller_friction,
-        solref_friction=[0.004, 1.0],
-        solimp_friction=[0.999, 0.999, 0.001, 0.5, 2.0],
-    )
-    rail.wrap_site("jamb_pivot")
-    rail.wrap_site("rollers")
+        rail.wrap_site(name)
 
 
 def _add_flap(frame: mujoco.MjsBody, leaf: mujoco.MjsBody, door: DoorConfig) -> None:
     """Add a leaf with a level hinge, and the front of its cabinet below and above."""
     to_handle = -float(leaf.pos[1]) / door.radius
     edge, x = door.radius + door.leaf.backset, -door.leaf.handle_standoff
-    size = [door.leaf.thickness / 2, (edge + OVERHANG) / 2, FLAP_WIDTH / 2]
-    leaf.add_geom(
-        name="leaf",
-        type=_BOX,
-        pos=[x, to_handle * (edge - OVERHANG) / 2, 0.0],
-        size=size,
-        rgba=_WOOD,
-        mass=door.panel_mass,
-        **INTANGIBLE,
-    )
-    middle = float(leaf.pos[1]) + to_handle * (edge - OVERHANG) / 2
-    floor = -door.handle_height
-    for name, low, high in (
-        ("front_below", floor, middle - size[1] - _GAP),
-        ("front_above", middle + size[1] + _GAP, floor + DOOR_HEIGHT),
+    thick, high, wide = door.leaf.thickness / 2, (edge + OVERHANG) / 2, FLAP_WIDTH / 2
+    y = to_handle * (edge - OVERHANG) / 2
+    place, size = [x, y, 0.0], [thick, high, wide]
+    add_box(leaf, "leaf", place, size, _WOOD, mass=door.panel_mass)
+    middle, floor = float(leaf.pos[1]) + y, -door.handle_height
+    for name, bottom, top in (
+        ("front_below", floor, middle - high - _GAP),
+        ("front_above", middle + high + _GAP, floor + DOOR_HEIGHT),
     ):
-        frame.add_geom(
-            name=name,
-            type=_BOX,
-            pos=[x, (low + high) / 2, 0.0],
-            size=[size[0], max((high - low) / 2, 0.001), size[2]],
-            rgba=_FRAME,
-            mass=0.0,
-            **INTANGIBLE,
-        )
+        size = [thick, max((top - bottom) / 2, 0.001), wide]
+        add_box(frame, name, [x, (bottom + top) / 2, 0.0], size, _FRAME)
 
 
 def set_hinge(model: mujoco.MjModel, stop: float, friction: float) -> bool:
@@ -377,9 +304,8 @@ def set_door_physics(
     if door.handle != "bar":
         set_spring(model, "handle", *door.handle_spring)
     if door.latch == "spring":
-        set_spring(
-            model, "bolt", door.lockset.bolt_preload, door.lockset.bolt_stiffness
-        )
+        bolt = door.lockset
+        set_spring(model, "bolt", bolt.bolt_preload, bolt.bolt_stiffness)
     more = door.panel_mass - NOMINAL_MASS
     if door.motion == "folding":
         width = door.leaf.backset + door.radius + door.overhang
@@ -392,10 +318,9 @@ def set_door_physics(
     set_closer(model, door)
     if has_tendons(door):
         show_closer(model, door)
-    if door.mechanism.roller_friction > 0.0:
-        model.tendon_frictionloss[model.tendon("rollers").id] = (
-            door.mechanism.roller_friction
-        )
+    rolling = door.mechanism.roller_friction
+    if rolling > 0.0:
+        model.tendon_frictionloss[model.tendon("rollers").id] = rolling
 
 
 def _add_leaf_mass(model: mujoco.MjModel, of: str, geom: str, mass: float) -> None:

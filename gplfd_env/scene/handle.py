@@ -6,9 +6,10 @@ from typing import Any, Final
 
 import mujoco
 
-from gplfd_env.conventions.constants import INTANGIBLE, UNDRAWN, Array
+from gplfd_env.conventions.constants import UNDRAWN, Array
 from gplfd_env.doors.config import BAR_RADIUS, KNOB_RADIUS, DoorConfig
 from gplfd_env.doors.geometry import handle_axis
+from gplfd_env.scene.shapes import STEEL, add_box, add_rod
 
 BAR_HALF_LENGTH: Final = 0.10
 
@@ -20,8 +21,6 @@ _TOUCH_BAR: Final = 0.65
 
 _ROCKER_DAMPING: Final = 0.15
 """Damping: about critical for the spring and inertia of a touch bar [N m s/rad]."""
-
-STEEL: Final = (0.55, 0.57, 0.60, 1.0)
 
 _HELD: Final[dict[str, Any]] = {
     "name": "handle_bar",
@@ -38,6 +37,8 @@ _HELD: Final[dict[str, Any]] = {
 short time constant keeps the creep under a sustained pull below a millimetre; it must
 exceed two physics steps."""
 
+_BALL: Final = {**_HELD, "type": mujoco.mjtGeom.mjGEOM_SPHERE}
+
 
 def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) -> None:
     """Add a bar: the geom ``handle_bar`` and the site ``handle``.
@@ -53,26 +54,17 @@ def add_bar(leaf: mujoco.MjsBody, door: DoorConfig, foot: float, height: float) 
     def point(x: float, along: float) -> list[float]:
         return [x, reach, along] if level else [x, along, reach]
 
-    leaf.add_geom(
-        fromto=point(0, -BAR_HALF_LENGTH) + point(0, BAR_HALF_LENGTH),
-        size=[BAR_RADIUS, 0, 0],
-        mass=0.3,
-        **_HELD,
-    )
+    top, bottom = point(0, BAR_HALF_LENGTH), point(0, -BAR_HALF_LENGTH)
+    leaf.add_geom(fromto=bottom + top, size=[BAR_RADIUS, 0, 0], mass=0.3, **_HELD)
     for name, end in (
         ("handle_post_upper", BAR_HALF_LENGTH),
         ("handle_post_lower", -BAR_HALF_LENGTH),
     ):
-        _add_rod(leaf, name, point(0.0, end) + point(foot, end), 0.009)
+        add_rod(leaf, name, point(0.0, end) + point(foot, end), 0.009, mass=0.05)
     leaf.add_site(name="handle", pos=point(0.0, height), **UNDRAWN)
     if level:
-        half = math.sqrt(0.5)
-        leaf.add_site(
-            name="leaf_axes",
-            pos=point(0.0, 0.0),
-            quat=[half, -up * half, 0.0, 0.0],
-            **UNDRAWN,
-        )
+        turn = [math.sqrt(0.5), -up * math.sqrt(0.5), 0.0, 0.0]
+        leaf.add_site(name="leaf_axes", pos=point(0.0, 0.0), quat=turn, **UNDRAWN)
 
 
 def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
@@ -86,18 +78,16 @@ def add_turning_handle(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> N
     axis = [-door.hinge_sign, 0, 0]
     body = _add_turned_body(leaf, door, [0.0, 0.0, reach], axis, damping=0.02)
     if door.handle == "lever":
-        end = door.hinge_sign * (door.lockset.handle_length - BAR_RADIUS)
-        body.add_geom(
-            fromto=[0, 0, 0, 0, 0, -end], size=[BAR_RADIUS, 0, 0], mass=0.2, **_HELD
-        )
+        end = -door.hinge_sign * (door.lockset.handle_length - BAR_RADIUS)
+        lever = {"fromto": [0, 0, 0, 0, 0, end], "size": [BAR_RADIUS, 0, 0]}
+        body.add_geom(mass=0.2, **lever, **_HELD)
     else:
-        ball = {**_HELD, "type": mujoco.mjtGeom.mjGEOM_SPHERE}
-        body.add_geom(size=[KNOB_RADIUS, 0, 0], mass=0.3, **ball)
-    _add_rod(body, "handle_neck", [0.0, 0.0, 0.0, foot, 0.0, 0.0], 0.009)
+        body.add_geom(size=[KNOB_RADIUS, 0, 0], mass=0.3, **_BALL)
+    add_rod(body, "handle_neck", [0.0, 0.0, 0.0, foot, 0.0, 0.0], 0.009, mass=0.05)
     body.add_site(name="handle", pos=[0.0, 0.0, -grip], **UNDRAWN)
     leaf.add_site(name="leaf_axes", pos=[0.0, 0.0, reach - grip], **UNDRAWN)
     rose = [foot, 0.0, reach, foot + 0.008, 0.0, reach]
-    _add_rod(leaf, "handle_rose", rose, 0.026)
+    add_rod(leaf, "handle_rose", rose, 0.026, mass=0.05)
 
 
 def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
@@ -117,34 +107,21 @@ def add_rocker(leaf: mujoco.MjsBody, door: DoorConfig, foot: float) -> None:
     if door.handle == "touch-bar":
         towards_hinge = _TOUCH_BAR * (door.radius + door.leaf.backset)
     ends = [x, y, door.hinge_sign * _ROD, x, y, -door.hinge_sign * towards_hinge]
-    ball = {**_HELD, "type": mujoco.mjtGeom.mjGEOM_SPHERE}
-    body.add_geom(pos=[x, y, 0.0], size=[BAR_RADIUS, 0, 0], mass=0.3, **ball)
-    _add_rod(body, "handle_rod", ends, 0.8 * BAR_RADIUS)
+    body.add_geom(pos=[x, y, 0.0], size=[BAR_RADIUS, 0, 0], mass=0.3, **_BALL)
+    add_rod(body, "handle_rod", ends, 0.8 * BAR_RADIUS, mass=0.05)
     body.add_site(name="handle", pos=[x, y, 0.0], **UNDRAWN)
     leaf.add_site(name="leaf_axes", pos=[0.0, 0.0, reach], **UNDRAWN)
     # The plate between rod and axis, its mount on the leaf, and a handleset's grip.
     middle, half = (ends[2] + ends[5]) / 2.0, abs(ends[2] - ends[5]) / 2.0
-    box: dict[str, Any] = {
-        "type": mujoco.mjtGeom.mjGEOM_BOX,
-        "rgba": STEEL,
-        "mass": 0.05,
-        **INTANGIBLE,
-    }
-    body.add_geom(
-        name="handle_plate",
-        pos=[x / 2.0, y / 2.0, middle],
-        size=[max(abs(x) / 2.0, 0.004), max(abs(y) / 2.0, 0.004), 0.9 * half],
-        **box,
-    )
-    leaf.add_geom(
-        name="handle_mount",
-        pos=[(foot + spindle[0]) / 2.0, spindle[1], reach + middle],
-        size=[max((spindle[0] - foot) / 2.0, 0.004), 0.012, half],
-        **box,
-    )
+    thick, high = max(abs(x) / 2.0, 0.004), max(abs(y) / 2.0, 0.004)
+    place, size = [x / 2.0, y / 2.0, middle], [thick, high, 0.9 * half]
+    add_box(body, "handle_plate", place, size, STEEL, mass=0.05)
+    place = [(foot + spindle[0]) / 2.0, spindle[1], reach + middle]
+    size = [max((spindle[0] - foot) / 2.0, 0.004), 0.012, half]
+    add_box(leaf, "handle_mount", place, size, STEEL, mass=0.05)
     if door.handle == "handleset":
         grip = [-0.01, -0.04, reach, -0.01, -0.24, reach]
-        _add_rod(leaf, "handle_grip", grip, BAR_RADIUS)
+        add_rod(leaf, "handle_grip", grip, BAR_RADIUS, mass=0.05)
 
 
 def _add_turned_body(
@@ -169,20 +146,6 @@ def _add_turned_body(
         armature=1e-3,
     )
     return body
-
-
-def _add_rod(
-    body: mujoco.MjsBody, name: str, ends: Sequence[float], radius: float
-) -> None:
-    body.add_geom(
-        name=name,
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        fromto=ends,
-        size=[radius, 0, 0],
-        rgba=STEEL,
-        mass=0.05,
-        **INTANGIBLE,
-    )
 
 
 def set_spring(

@@ -14,7 +14,7 @@ import numpy as np
 
 from gplfd_env.conventions.constants import INTANGIBLE, Base
 from gplfd_env.doors.config import DoorConfig
-from gplfd_env.scene.handle import STEEL
+from gplfd_env.scene.shapes import STEEL, add_rod
 
 _NOSE: Final = 0.003
 """Radius of the bolt's nose [m]."""
@@ -86,15 +86,8 @@ def add_latch(
         damping=[2.0, 0, 0],
     )
     tip = side * (door.lockset.bolt_throw - _NOSE)
-    bolt.add_geom(
-        name="bolt_nose",
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=[0.0, 0.0, tip - side * 0.03, 0.0, 0.0, tip],
-        size=[_NOSE, 0, 0],
-        rgba=STEEL,
-        mass=_BOLT_MASS,
-        **INTANGIBLE,
-    )
+    ends, kind = [0.0, 0.0, tip - side * 0.03, 0.0, 0.0, tip], mujoco.mjtGeom
+    add_rod(bolt, "bolt_nose", ends, _NOSE, type=kind.mjGEOM_CAPSULE, mass=_BOLT_MASS)
     # The strike is a wedge, in the plane of the leaf's motion.
     corners = [
         (0.0, 0.0),
