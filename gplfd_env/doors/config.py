@@ -164,7 +164,7 @@ class DoorConfig:
 
     def _contradiction(self) -> str:
         """Return a message about contradictory fields; empty if there are none."""
-        motion = self.motion
+        motion, leaf, lockset = self.motion, self.leaf, self.lockset
         for name in changed_fields(self.mechanism):
             if motion not in _OF_MOTIONS[name]:
                 motions = " or ".join(_OF_MOTIONS[name])
@@ -190,14 +190,14 @@ class DoorConfig:
             )
         if abs(self.overhang) > _DISAGREEMENT:
             return (
-                f"leaf.width = {self.leaf.width:g} minus leaf.backset = "
-                f"{self.leaf.backset:g} is not radius = {self.radius:g} within "
-                f"{_DISAGREEMENT:g} m; with leaf.width None it is computed"
+                f"leaf.width = {leaf.width:g} minus leaf.backset = {leaf.backset:g} is "
+                f"not radius = {self.radius:g} within {_DISAGREEMENT:g} m; with "
+                "leaf.width None it is computed"
             )
-        if self.lockset.dead_travel > 0.5 * self.handle_travel:
+        if lockset.dead_travel > 0.5 * self.handle_travel:
             return (
-                f"lockset.dead_travel = {self.lockset.dead_travel:g} is more than half "
-                f"of handle_travel = {self.handle_travel:g}"
+                f"lockset.dead_travel = {lockset.dead_travel:g} is more than half of "
+                f"handle_travel = {self.handle_travel:g}"
             )
         return ""
 
@@ -212,11 +212,8 @@ class DoorConfig:
         """
         door = self
         if "radius" in fields:
-            door = dataclasses.replace(
-                door,
-                radius=fields["radius"],
-                leaf=dataclasses.replace(door.leaf, width=None),
-            )
+            leaf = dataclasses.replace(door.leaf, width=None)
+            door = dataclasses.replace(door, radius=fields["radius"], leaf=leaf)
         return with_fields(door, fields, "door")
 
     @property
@@ -224,33 +221,26 @@ class DoorConfig:
         """Distance from the handle's axis to the hand, towards the hinge [m]."""
         return self.lockset.handle_length - 0.03 if self.handle == "lever" else 0.0
 
+    def _lockset(self, field: str) -> float:
+        """Return a field of the lockset; typical of the handle if it is None."""
+        usual = TURNING["lever" if self.handle == "bar" else self.handle]
+        value = getattr(self.lockset, f"handle_{field}")
+        return float(getattr(usual, field) if value is None else value)
+
     @property
     def handle_spring(self) -> tuple[float, float]:
-        """Preload [N m] and stiffness [N m/rad] of the handle's return spring.
-
-        Values that are not given are typical of the handle (`TURNING`).
-        """
-        preload, stiffness = self.lockset.handle_preload, self.lockset.handle_stiffness
-        return (
-            self._turning.preload if preload is None else preload,
-            self._turning.stiffness if stiffness is None else stiffness,
-        )
+        """Preload [N m] and stiffness [N m/rad] of the handle's return spring."""
+        return self._lockset("preload"), self._lockset("stiffness")
 
     @property
     def handle_travel(self) -> float:
         """Angle at which the handle meets its stop [rad]."""
-        travel = self.lockset.handle_travel
-        return self._turning.travel if travel is None else travel
+        return self._lockset("travel")
 
     @property
     def handle_arm(self) -> float:
         """Distance from axis to hand of a paddle, touch bar or handleset [m]."""
-        arm = self.lockset.handle_arm
-        return self._turning.arm if arm is None else arm
-
-    @property
-    def _turning(self) -> "Turning":
-        return TURNING["lever" if self.handle == "bar" else self.handle]
+        return self._lockset("arm")
 
     @property
     def hand_radius(self) -> float:
@@ -264,9 +254,7 @@ class DoorConfig:
         Without `motion` if it is hinged.
         """
         kind = {name: getattr(self, name) for name in _CHOICES}
-        if self.motion == "hinged":
-            del kind["motion"]
-        return kind
+        return {n: value for n, value in kind.items() if value != "hinged"}
 
     @property
     def hinge_sign(self) -> float:
@@ -302,13 +290,8 @@ class DoorConfig:
 
         Without the parts that fade near the closed door.
         """
-        strut = self.mechanism.strut_stiffness
-        if strut == 0.0:
-            return self.closer.preload, self.closer.stiffness
-        return (
-            self.closer.preload + strut * self.mechanism.strut_dead_angle,
-            self.closer.stiffness - strut,
-        )
+        strut, dead = self.mechanism.strut_stiffness, self.mechanism.strut_dead_angle
+        return self.closer.preload + strut * dead, self.closer.stiffness - strut
 
     @property
     def friction(self) -> float:
@@ -317,19 +300,13 @@ class DoorConfig:
 
 
 _PARTS: Final[Mapping[str, type[Leaf | Lockset | Closer | Mechanism]]] = {
-    "leaf": Leaf,
-    "lockset": Lockset,
-    "closer": Closer,
-    "mechanism": Mechanism,
-}
+    "leaf": Leaf, "lockset": Lockset, "closer": Closer, "mechanism": Mechanism,
+}  # fmt: skip
 
 _CHOICES: Final = {
-    "handle": Handle,
-    "latch": Latch,
-    "swing": Swing,
-    "hinge_side": HingeSide,
+    "handle": Handle, "latch": Latch, "swing": Swing, "hinge_side": HingeSide,
     "motion": Motion,
-}
+}  # fmt: skip
 
 _OF_MOTIONS: Final[Mapping[str, tuple[Motion, ...]]] = {
     "clear_width": ("sliding", "parallel-sliding"),
@@ -345,23 +322,24 @@ _PULLED: Final = ("sliding", "parallel-sliding", "folding", "flap", "concealed-h
 
 
 def _room(
-    width: float,
-    construction: str = "tubular-strips",
-    *,
-    closer: Closer = _CLOSER,
-    lockset: Lockset = _LOCKSET,
+    width: float, construction: str = "tubular-strips", **parts: Any
 ) -> DoorConfig:
     """Return a door by DIN 18101, with a lever and a latch."""
-    return DoorConfig(
-        handle="lever",
-        latch="spring",
-        handle_height=1.05,
-        seal=1.5,
-        hinge_damping=0.2,
-        closer=closer,
-        lockset=lockset,
-        **hardware.leaf(width, construction),
-    )
+    fields = hardware.leaf(width, construction) | parts
+    kind: dict[str, Any] = {"handle": "lever", "latch": "spring"}
+    return DoorConfig(handle_height=1.05, seal=1.5, hinge_damping=0.2, **kind, **fields)
+
+
+def _moved(mass: float, friction: float, damping: float) -> dict[str, Any]:
+    """Return mass [kg], friction [N m] and damping [N m s/rad] of a leaf."""
+    return {
+        "panel_mass": mass, "hinge_friction": friction, "hinge_damping": damping,
+    }  # fmt: skip
+
+
+def _board(width: float | None, backset: float) -> Leaf:
+    """Return a leaf of furniture, 19 mm thick."""
+    return Leaf(width=width, backset=backset, thickness=0.019)
 
 
 DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
@@ -369,24 +347,12 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
         "small": DoorConfig(radius=0.35),
         "medium": DoorConfig(radius=0.50),
         "large": DoorConfig(radius=0.65),
-        "heavy": DoorConfig(
-            radius=0.50, hinge_friction=2.0, closer=Closer(preload=5.0)
-        ),
+        "heavy": DoorConfig(hinge_friction=2.0, closer=Closer(preload=5.0)),
         "cabinet": DoorConfig(
-            radius=0.36,
-            leaf=Leaf(width=0.40, backset=0.04, thickness=0.019),
-            panel_mass=4.5,
-            hinge_friction=0.1,
-            hinge_damping=0.1,
-            stiction=1.5,
+            radius=0.36, leaf=_board(0.40, 0.04), stiction=1.5, **_moved(4.5, 0.1, 0.1)
         ),
         "wardrobe": DoorConfig(
-            radius=0.44,
-            leaf=Leaf(width=0.50, backset=0.05, thickness=0.019),
-            panel_mass=12.0,
-            hinge_friction=0.2,
-            hinge_damping=0.2,
-            stiction=2.0,
+            radius=0.44, leaf=_board(0.50, 0.05), stiction=2.0, **_moved(12.0, 0.2, 0.2)
         ),
         "room-584": _room(0.584, "honeycomb"),
         "room-709": _room(0.709, "honeycomb"),
@@ -394,18 +360,13 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
         "room-959": _room(0.959, "tubular-core"),
         "office-closer-2": _room(0.834, "tubular-core", closer=hardware.en1154(2)),
         "heavy-fire": _room(
-            0.959,
-            "fire",
-            closer=hardware.en1154(4),
-            lockset=Lockset(bolt_preload=8.0),
+            0.959, "fire", closer=hardware.en1154(4), lockset=Lockset(bolt_preload=8.0)
         ),
         "bifold-closet": DoorConfig(
             motion="folding",
             radius=0.60,
             leaf=Leaf(backset=0.16, thickness=0.035),
-            panel_mass=12.0,
-            hinge_friction=2.0,
-            hinge_damping=1.0,
+            **_moved(12.0, 2.0, 1.0),
         ),
         "barn-door": DoorConfig(
             motion="sliding",
@@ -430,20 +391,18 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
             motion="flap",
             hinge_side="bottom",
             radius=0.42,
-            panel_mass=6.5,
-            hinge_friction=1.0,
             closer=Closer(preload=4.0, stiffness=12.0),
+            **_moved(6.5, 1.0, 0.5),
         ),
         "overhead-flap": DoorConfig(
             motion="flap",
             hinge_side="top",
             radius=0.34,
-            leaf=Leaf(backset=0.04, thickness=0.019),
+            leaf=_board(None, 0.04),
             handle_height=1.15,
-            panel_mass=4.5,
-            hinge_friction=0.5,
             closer=Closer(preload=3.0),
             mechanism=Mechanism(strut_stiffness=8.0),
+            **_moved(4.5, 0.5, 0.5),
         ),
         "rising-butt": DoorConfig(
             motion="rising-butt", **hardware.leaf(0.762, "tubular-core", backset=0.06)
@@ -451,11 +410,9 @@ DOORS: Final[Mapping[str, DoorConfig]] = MappingProxyType(
         "kitchen-cupboard": DoorConfig(
             motion="concealed-hinge",
             radius=0.40,
-            leaf=Leaf(width=0.45, backset=0.05, thickness=0.019),
-            panel_mass=5.0,
-            hinge_friction=0.2,
-            hinge_damping=0.3,
+            leaf=_board(0.45, 0.05),
             closer=Closer(boost=1.2),
+            **_moved(5.0, 0.2, 0.3),
         ),
     }
 )

@@ -38,6 +38,7 @@ Profile = Literal["half_sine", "constant"]
 """How a push grows and fades."""
 
 _ANGLES: Final[Any] = {"unit": "rad", "low": 0.0, "high": math.radians(95.0)}
+_FORCES: Final[Any] = {"unit": "N", "low": -100.0, "high": 100.0}
 _TIMES: Final[Any] = {"unit": "s", "low": 0.0, "high": 1000.0}
 _DURATIONS: Final[Any] = {"unit": "s", "above": 0.0, "high": 1000.0}
 
@@ -51,11 +52,11 @@ class Push:
     ``"door"`` at the handle, where only `along` has an effect."""
     profile: Profile = "half_sine"
     """``"half_sine"``, or ``"constant"``."""
-    along: Number = quantity(0.0, unit="N", low=-100.0, high=100.0)
+    along: Number = quantity(0.0, **_FORCES)
     """Greatest force along the opening motion."""
-    outward: Number = quantity(0.0, unit="N", low=-100.0, high=100.0)
+    outward: Number = quantity(0.0, **_FORCES)
     """Greatest force away from the hinge."""
-    upward: Number = quantity(0.0, unit="N", low=-100.0, high=100.0)
+    upward: Number = quantity(0.0, **_FORCES)
     """Greatest force upwards."""
     start_angle: Number = quantity(0.0, **_ANGLES)
     """It begins when the door is open by this angle."""
@@ -197,14 +198,9 @@ class Disturbance:
         One uniform number is drawn for every number of each record, also for fixed
         ones, so that disturbances that differ in one range share all other values.
         """
-        return dataclasses.replace(
-            self,
-            **{
-                name: draw_ranges(cause, rng)
-                for name in CAUSES
-                if (cause := getattr(self, name)) is not None
-            },
-        )
+        causes = {name: getattr(self, name) for name in CAUSES}
+        drawn = {n: draw_ranges(cause, rng) for n, cause in causes.items() if cause}
+        return dataclasses.replace(self, **drawn)
 
 
 CAUSES: Final[Mapping[str, Any]] = MappingProxyType(
@@ -212,23 +208,21 @@ CAUSES: Final[Mapping[str, Any]] = MappingProxyType(
 )
 """Record of each field of `Disturbance`, by its name."""
 
+_PUSH: Final = Push(along=(-15.0, 15.0), outward=(-15.0, 15.0), start_angle=(0.2, 0.8))
+_PERSON: Final = Person(start_angle=(0.35, 0.6))
+_BUMP: Final = Bump(forward=(-0.01, 0.01), left=(-0.01, 0.01), start_angle=(0.2, 0.8))
+
 DISTURBANCES: Final[Mapping[str, Disturbance]] = MappingProxyType(
     {
         "none": Disturbance(),
-        "push": Disturbance(
-            push=Push(
-                along=(-15.0, 15.0), outward=(-15.0, 15.0), start_angle=(0.2, 0.8)
-            )
-        ),
-        "person": Disturbance(person=Person(start_angle=(0.35, 0.6))),
+        "push": Disturbance(push=_PUSH),
+        "person": Disturbance(person=_PERSON),
         "person-behind": Disturbance(
-            person=Person(on="door", one_sided=True, start_angle=(0.35, 0.6))
+            person=dataclasses.replace(_PERSON, on="door", one_sided=True)
         ),
         "stop": Disturbance(stop=Stop(angle=(0.35, 0.6), duration=2.5)),
         "locked": Disturbance(stop=Stop()),
-        "bump": Disturbance(
-            bump=Bump(forward=(-0.01, 0.01), left=(-0.01, 0.01), start_angle=(0.2, 0.8))
-        ),
+        "bump": Disturbance(bump=_BUMP),
         "breakaway": Disturbance(
             breakaway=Breakaway(stiction=(2.0, 6.0), seal=(1.0, 3.0))
         ),

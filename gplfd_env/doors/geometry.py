@@ -27,11 +27,9 @@ ROCKERS: Final = ("paddle", "touch-bar", "handleset")
 """Handles with a horizontal axis in the leaf, `DoorConfig.handle_arm` from the hand."""
 
 _TURN: Final = 0.5
-"""Rotation of a hand per rotation of the leaf when it pushes a handle that it can hold
-from any side."""
-
 _LEVEL_TURN: Final = 0.25
-"""The same for a flap."""
+"""Rotation of a hand per rotation of the leaf when it pushes a handle that it can hold
+from any side, and for a flap."""
 
 _LEVEL: Final = 0.5
 """The hinge axis counts as level if its upward component is below this."""
@@ -153,10 +151,9 @@ class DoorGeometry:
         """Return the same door in a frame with its origin at a position, (3,) [m]."""
         origin = np.asarray(position, dtype=np.float64)
         spindle = None if self.spindle is None else self.spindle - origin
-        links = tuple(
-            link._replace(anchor=tuple((link.anchor - origin).tolist()))
-            for link in self.links
-        )
+        moved = [tuple((link.anchor - origin).tolist()) for link in self.links]
+        pairs = zip(self.links, moved, strict=True)
+        links = tuple(link._replace(anchor=anchor) for link, anchor in pairs)
         return replace(self, hinge=self.hinge - origin, spindle=spindle, links=links)
 
     def hand_poses(self, angle: ArrayLike, turn: ArrayLike = 0.0) -> Array:
@@ -216,16 +213,14 @@ class DoorGeometry:
         share = 1.0
         if is_round and abs(self.axis[1]) < _LEVEL:
             share = _LEVEL_TURN
-        elif is_round and (self.pull[0] < 0.0 or self._folds):
+        # A folding leaf is hinged to another leaf that turns.
+        elif is_round and (
+            self.pull[0] < 0.0 or sum(not link.slides for link in self.links) > 1
+        ):
             share = _TURN
         if share < 1.0:
             poses[..., 3:] = self.hand_poses(share * np.asarray(angle), turn)[..., 3:]
         return poses
-
-    @property
-    def _folds(self) -> bool:
-        """Whether the leaf is hinged to another leaf that turns."""
-        return sum(not link.slides for link in self.links) > 1
 
     def direction(self, angle: float) -> Array:
         """Return the hand's direction of motion at an angle [rad], a unit vector."""

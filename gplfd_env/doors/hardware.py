@@ -4,7 +4,6 @@ assets/README.md names the clause or table of every number.
 """
 
 import math
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from gplfd_env.conventions.constants import SUCCESS_ANGLE
@@ -25,14 +24,12 @@ class CloserSize(NamedTuple):
     heaviest: float  # Greatest mass of the leaf [kg].
 
 
-EN_1154: Final = MappingProxyType(
-    {
-        1: CloserSize((9.0, 13.0), 3.0, 26.0, 0.50, 0.75, 20.0),
-        2: CloserSize((13.0, 18.0), 4.0, 36.0, 0.50, 0.85, 40.0),
-        3: CloserSize((18.0, 26.0), 6.0, 47.0, 0.55, 0.95, 60.0),
-        4: CloserSize((26.0, 37.0), 9.0, 62.0, 0.60, 1.10, 80.0),
-    }
-)
+EN_1154: Final = {
+    1: CloserSize((9.0, 13.0), 3.0, 26.0, 0.50, 0.75, 20.0),
+    2: CloserSize((13.0, 18.0), 4.0, 36.0, 0.50, 0.85, 40.0),
+    3: CloserSize((18.0, 26.0), 6.0, 47.0, 0.55, 0.95, 60.0),
+    4: CloserSize((26.0, 37.0), 9.0, 62.0, 0.60, 1.10, 80.0),
+}
 """Rows by power size."""
 
 _FADED: Final = math.radians(30.0)
@@ -42,20 +39,13 @@ assumption."""
 LEAF_HEIGHT: Final = 1.972
 """Height of a leaf by DIN 18101 [m]."""
 
-CONSTRUCTIONS: Final = MappingProxyType(
-    {
-        "honeycomb": 8.0,
-        "tubular-strips": 12.0,
-        "tubular-core": 15.0,
-        "chipboard": 23.0,
-        "fire": 34.0,
-    }
-)
+CONSTRUCTIONS: Final = {
+    "honeycomb": 8.0, "tubular-strips": 12.0, "tubular-core": 15.0, "chipboard": 23.0,
+    "fire": 34.0,
+}  # fmt: skip
 """Mass of a leaf per area, by its core [kg/m²]."""
 
-BEARINGS: Final = MappingProxyType(
-    {"ball": 0.04, "plain": 0.12, "worn": 0.25, "rusty": 0.55}
-)
+BEARINGS: Final = {"ball": 0.04, "plain": 0.12, "worn": 0.25, "rusty": 0.55}
 """Coefficient of friction of a hinge."""
 
 CLEAR_WAY: Final = 0.85

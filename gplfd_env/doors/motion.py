@@ -82,14 +82,13 @@ class Link(NamedTuple):
 def links_of(door: DoorConfig) -> tuple[Link, ...]:
     """Return the joints of a door, from the frame to the leaf."""
     side, way, origin = door.hinge_sign, door.swing_sign, (0.0, 0.0, 0.0)
-    hinge = Link(
-        "hinge", False, (0.0, side * way, 0.0), (0.0, 0.0, -side * door.hand_radius),
-        (1.0,),
-    )  # fmt: skip
     inwards, outwards, up = (0.0, 0.0, -side), (way, 0.0, 0.0), (0.0, 1.0, 0.0)
+    upright = (0.0, side * way, 0.0)
+    hinge = Link("hinge", False, upright, (0.0, 0.0, -side * door.hand_radius), (1.0,))
     if door.motion == "sliding":
-        gain = sliding_gain(door.clear_width)
-        return (Link("along", True, inwards, origin, (gain,)),)
+        return (
+            Link("along", True, inwards, origin, (sliding_gain(door.clear_width),)),
+        )
     if door.motion == "parallel-sliding":
         u = _ALONG_AT_SUCCESS / SUCCESS_ANGLE
         w, s = door.mechanism.offset, door.clear_width
@@ -100,27 +99,23 @@ def links_of(door: DoorConfig) -> tuple[Link, ...]:
             Link("along", True, inwards, origin, along),
         )
     if door.motion == "folding":
-        middle = -side * door.fold_distance
+        middle = (0.0, 0.0, -side * door.fold_distance)
         return (
-            Link("fold", False, hinge.axis, hinge.anchor, (_FOLD_GAIN,)),
-            Link("unfold", False, hinge.axis, (0.0, 0.0, middle), (-2.0 * _FOLD_GAIN,)),
+            Link("fold", False, upright, hinge.anchor, (_FOLD_GAIN,)),
+            Link("unfold", False, upright, middle, (-2.0 * _FOLD_GAIN,)),
         )
     if door.motion == "flap":
         down = -1.0 if door.hinge_side == "bottom" else 1.0
-        return (
-            Link(
-                "hinge", False, (0.0, 0.0, down), (0.0, down * door.radius, 0.0), (1.0,)
-            ),
-        )
+        anchor = (0.0, down * door.radius, 0.0)
+        return (Link("hinge", False, (0.0, 0.0, down), anchor, (1.0,)),)
     if door.motion == "rising-butt":
-        return Link(
-            "rise", True, up, origin, (door.mechanism.rise / (math.pi / 2.0),)
-        ), hinge
+        rise = door.mechanism.rise / (math.pi / 2.0)
+        return Link("rise", True, up, origin, (rise,)), hinge
     if door.motion == "concealed-hinge":
-        inwards_gains = tuple(-gain for gain in _FOUR_BAR_ALONG)
+        back = tuple(-gain for gain in _FOUR_BAR_ALONG)
         return (
             Link("out", True, outwards, origin, _FOUR_BAR_OUT),
-            Link("along", True, inwards, origin, inwards_gains),
+            Link("along", True, inwards, origin, back),
             hinge,
         )
     return (hinge,)

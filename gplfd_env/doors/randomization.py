@@ -5,8 +5,9 @@ also for parameters that are not varied. Two randomisations that differ in one r
 therefore draw the same values for all others.
 """
 
+import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Literal, get_args
@@ -33,10 +34,31 @@ Doors = Literal["given", "standard"]
 """The door to which the ranges apply: the given one, or one drawn by the standards."""
 
 
+_LIMITS: Final = "limits"
+"""Key of a field's metadata: the ranges of both numbers of a pair."""
+
+
 def _half_width(name: str) -> Any:
     """Declare the half-width of the range of a field of `Placement`."""
     allowed = allowed_range(Placement, name)
     return quantity(0.0, unit=allowed.unit, low=0.0, high=allowed.high)
+
+
+def _range(record: type, name: str) -> Any:
+    """Declare a range that replaces a field of a door or its closer, or None."""
+    limits = 2 * (allowed_range(record, name),)
+    return dataclasses.field(default=None, metadata={_LIMITS: limits})
+
+
+def _stds(record: type, first: str, second: str) -> Any:
+    """Declare two standard deviations, which are fields of a record."""
+    limits = allowed_range(record, first), allowed_range(record, second)
+    return dataclasses.field(default=(0.0, 0.0), metadata={_LIMITS: limits})
+
+
+def _delay() -> Any:
+    most = allowed_range(Variation, "delay").high
+    return quantity(0, unit="control periods", low=0, high=most)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -53,19 +75,19 @@ class DoorRandomization:
         TypeError: A field is not a number, or not of numbers.
     """
 
-    radius: Pair | None = None
+    radius: Pair | None = _range(DoorConfig, "radius")
     """Handle-to-hinge distance [m]."""
-    hinge_friction: Pair | None = None
+    hinge_friction: Pair | None = _range(DoorConfig, "hinge_friction")
     """Coulomb friction of the hinge [N m]."""
-    hinge_damping: Pair | None = None
+    hinge_damping: Pair | None = _range(DoorConfig, "hinge_damping")
     """Viscous friction of the hinge [N m s/rad]."""
-    closer_stiffness: Pair | None = None
+    closer_stiffness: Pair | None = _range(Closer, "stiffness")
     """Closing torque that grows with the angle [N m/rad]."""
-    closer_preload: Pair | None = None
+    closer_preload: Pair | None = _range(Closer, "preload")
     """Constant closing torque [N m]."""
-    panel_mass: Pair | None = None
+    panel_mass: Pair | None = _range(DoorConfig, "panel_mass")
     """Mass of the leaf [kg]."""
-    handle_height: Pair | None = None
+    handle_height: Pair | None = _range(DoorConfig, "handle_height")
     """Height of the handle above the floor [m]."""
     base_position: float = _half_width("base_x")
     """Placement error of the base in x and y, each within ± this [m]."""
@@ -75,22 +97,18 @@ class DoorRandomization:
     """Error of the grasped point along the bar within ± this [m]."""
     grasp_depth: float = _half_width("grasp_depth")
     """Error of the bar's position between the finger pads within ± this [m]."""
-    pose_noise: Pair = (0.0, 0.0)
+    pose_noise: Pair = _stds(SensorNoise, "position", "rotation")
     """Standard deviation of the observed position [m] and rotation vector [rad]."""
-    wrench_noise: Pair = (0.0, 0.0)
+    wrench_noise: Pair = _stds(SensorNoise, "force", "torque")
     """Standard deviation of the observed force [N] and torque [N m]."""
-    perception: Pair = (0.0, 0.0)
+    perception: Pair = _stds(Perception, "position", "rotation")
     """Standard deviations of the error of the believed grasp: position [m] and rotation
     vector [rad], per axis, Gaussian, truncated at three standard deviations. Only with
     ``start="approach"``."""
-    shortest_delay: int = quantity(
-        0, unit="control periods", low=0, high=allowed_range(Variation, "delay").high
-    )
+    shortest_delay: int = _delay()
     """Commands take effect after this many control periods or more, at most
     `longest_delay`."""
-    longest_delay: int = quantity(
-        0, unit="control periods", low=0, high=allowed_range(Variation, "delay").high
-    )
+    longest_delay: int = _delay()
     """Commands take effect after `shortest_delay` to this many control periods."""
     doors: Doors = "given"
     """``"given"``: the door of the environment, changed by the ranges above;
@@ -99,40 +117,24 @@ class DoorRandomization:
     def __post_init__(self) -> None:
         check_choice("DoorRandomization.doors", self.doors, get_args(Doors))
         check_quantities(self)
-        for name, (record, field) in _DOOR_FIELDS.items():
-            bounds = getattr(self, name)
-            if bounds is None:
+        for field in dataclasses.fields(self):
+            values, limits = getattr(self, field.name), field.metadata.get(_LIMITS)
+            if values is None or limits is None:
                 continue
-            low, high = self._check_pair(name, record, field, field)
-            if low > high:
+            label = f"DoorRandomization.{field.name}"
+            if not isinstance(values, Collection) or len(values) != 2:
+                raise ValueError(f"{label} = {values!r} must be a pair of numbers")
+            low, high = map(checked_number, (label, label), values, limits)
+            if field.default is None and low > high:
                 raise ValueError(
-                    f"DoorRandomization.{name} = {bounds} must be (low, high) with "
-                    "low <= high"
+                    f"{label} = {values} must be (low, high) with low <= high"
                 )
+            object.__setattr__(self, field.name, (low, high))
         if self.shortest_delay > self.longest_delay:
             raise ValueError(
                 f"DoorRandomization.shortest_delay = {self.shortest_delay} must not be "
                 f"above longest_delay = {self.longest_delay}"
             )
-        self._check_pair("pose_noise", SensorNoise, "position", "rotation")
-        self._check_pair("wrench_noise", SensorNoise, "force", "torque")
-        self._check_pair("perception", Perception, "position", "rotation")
-
-    def _check_pair(self, name: str, record: type, first: str, second: str) -> Pair:
-        """Store a pair as floats after checking it against a record; return it."""
-        label, values = f"DoorRandomization.{name}", getattr(self, name)
-        try:
-            before, after = values
-        except (TypeError, ValueError):
-            raise ValueError(
-                f"{label} = {values!r} must be a pair of numbers"
-            ) from None
-        pair = (
-            checked_number(label, before, allowed_range(record, first)),
-            checked_number(label, after, allowed_range(record, second)),
-        )
-        object.__setattr__(self, name, pair)
-        return pair
 
     @property
     def idle(self) -> bool:
@@ -161,55 +163,44 @@ class DoorRandomization:
         The number of draws is always the same, plus one if doors are drawn by the
         standards.
         """
-        draws = iter(rng.random(len(_DOOR_FIELDS) + 6).tolist())
+        ranges = {
+            field.name: getattr(self, field.name)
+            for field in dataclasses.fields(self)
+            if field.default is None
+        }
+        draws = iter(rng.random(len(ranges) + 6).tolist())
         if self.doors == "standard":
             door = standard_door(np.random.default_rng(int(rng.integers(2**63))))
         fields: dict[str, Any] = {"closer": {}}
-        for name, (record, field) in _DOOR_FIELDS.items():
-            share, bounds = next(draws), getattr(self, name)
+        for name, bounds in ranges.items():
+            share = next(draws)
             if bounds is not None:
-                part = fields["closer"] if record is Closer else fields
-                part[field] = bounds[0] + share * (bounds[1] - bounds[0])
-
-        def within(width: float) -> float:
-            error: float = (2.0 * next(draws) - 1.0) * width
-            return error
-
-        placement = Placement(
-            base_x=within(self.base_position),
-            base_y=within(self.base_position),
-            base_yaw=within(self.base_yaw),
-            grasp_height=within(self.grasp_height),
-            grasp_depth=within(self.grasp_depth),
-        )
-        position, rotation = self.pose_noise
-        force, torque = self.wrench_noise
+                of_closer = name.startswith("closer_")
+                part = fields["closer"] if of_closer else fields
+                value = bounds[0] + share * (bounds[1] - bounds[0])
+                part[name.removeprefix("closer_")] = value
+        errors = {
+            name: (2.0 * next(draws) - 1.0) * width
+            for name, width in (
+                ("base_x", self.base_position),
+                ("base_y", self.base_position),
+                ("base_yaw", self.base_yaw),
+                ("grasp_height", self.grasp_height),
+                ("grasp_depth", self.grasp_depth),
+            )
+        }
+        (position, rotation), (force, torque) = self.pose_noise, self.wrench_noise
+        span = self.longest_delay - self.shortest_delay + 1
+        delay = self.shortest_delay + int(next(draws) * span)
         return Variation(
             door=door.replaced(fields),
-            placement=placement,
+            placement=Placement(**errors),
             noise=SensorNoise(
                 position=position, rotation=rotation, force=force, torque=torque
             ),
-            delay=min(
-                self.shortest_delay
-                + int(next(draws) * (self.longest_delay - self.shortest_delay + 1)),
-                self.longest_delay,
-            ),
+            delay=min(delay, self.longest_delay),
         )
 
-
-_DOOR_FIELDS: Final[Mapping[str, tuple[type, str]]] = MappingProxyType(
-    {
-        "radius": (DoorConfig, "radius"),
-        "hinge_friction": (DoorConfig, "hinge_friction"),
-        "hinge_damping": (DoorConfig, "hinge_damping"),
-        "closer_stiffness": (Closer, "stiffness"),
-        "closer_preload": (Closer, "preload"),
-        "panel_mass": (DoorConfig, "panel_mass"),
-        "handle_height": (DoorConfig, "handle_height"),
-    }
-)
-"""Ranges that replace a value of the door or its closer, in the order of the draws."""
 
 RandomizationSpec = str | Mapping[str, Any] | DoorRandomization
 """What `door_randomization` accepts."""

@@ -34,20 +34,14 @@ class Placement(Quantities):
     grasp_depth: float = quantity(0.0, unit="m", low=-0.008, high=0.008)
     """The bar lies this far towards the finger tips."""
     belief_x: float = quantity(0.0, unit="m", low=-0.09, high=0.09)
-    """Error of the believed grasp along the pulling direction. The task frame is at the
-    believed grasp."""
     belief_y: float = quantity(0.0, unit="m", low=-0.09, high=0.09)
-    """Error of the believed grasp upwards."""
     belief_z: float = quantity(0.0, unit="m", low=-0.09, high=0.09)
-    """Error of the believed grasp to the left of someone facing the door."""
+    """Error of the believed grasp, at which the task frame is: along the pulling
+    direction, upwards, to the left of someone facing the door."""
     belief_rx: float = quantity(0.0, unit="rad", low=-0.3, high=0.3)
-    """Rotation vector from the true to the believed grasp: component along the pulling
-    direction.
-    """
     belief_ry: float = quantity(0.0, unit="rad", low=-0.3, high=0.3)
-    """Component of this rotation vector upwards."""
     belief_rz: float = quantity(0.0, unit="rad", low=-0.3, high=0.3)
-    """Component of this rotation vector to the left."""
+    """Rotation vector from the true to the believed grasp, along the same axes."""
 
     @property
     def belief(self) -> tuple[float, ...]:
@@ -83,11 +77,10 @@ class Standoff(Quantities):
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Standoff:
         """Return a standoff with every field drawn uniformly from its range."""
-        ranges = {
-            field_.name: allowed_range(cls, field_.name)
-            for field_ in dataclasses.fields(cls)
-        }
-        return cls(**{name: rng.uniform(r.low, r.high) for name, r in ranges.items()})
+        names = [declared.name for declared in dataclasses.fields(cls)]
+        ranges = [allowed_range(cls, name) for name in names]
+        drawn = [rng.uniform(allowed.low, allowed.high) for allowed in ranges]
+        return cls(**dict(zip(names, drawn, strict=True)))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
