@@ -12,6 +12,7 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_policies import Demonstration, align
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.handles import HandleConfig, HandleLoad, HandleMovements
+from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import ContactState, LearnedLoad
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
@@ -222,7 +223,7 @@ def contact(force):
 
 @pytest.fixture
 def load():
-    return HandleLoad(LearnedLoad(), DEFAULT_PROFILE, compensation(), PERIOD)
+    return HandleLoad(ComplianceConfig(control_period=PERIOD), compensation())
 
 
 def test_the_spring_of_a_lever_is_carried_while_the_door_is_pulled(load):

@@ -40,7 +40,7 @@ def step(
     force=AT_REST,
 ):
     """Set-point of a hand that yields to a wrench and compensates a force."""
-    return renderer.step(
+    return renderer.command(
         desired, velocity, stiffness, compliant_wrench=wrench, compensated_force=force
     )
 

@@ -26,8 +26,7 @@ from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Vectors
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.expected_force import ForceForecast
-from gplfd_policies.control.load import ContactState, LoadResponse, LoadRule
-from gplfd_policies.control.stiffness import StiffnessProfile
+from gplfd_policies.control.load import ContactState, Load, LoadResponse
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
 from gplfd_policies.movements.trajectory import ViaPoint
 from gplfd_policies.phase.phase_rule import PhaseRule
@@ -82,10 +81,9 @@ def controller_of(
         load = config.load.begin(config.profile, paths.numbers.shape)
         return ComplianceController(paths, phases, load, config, forecast)
     turning = HandleMovements(movements, handles, handle_config)
-    handle_load = HandleLoad(
-        config.load, config.profile, turning, config.control_period
+    return ComplianceController(
+        turning, phases, HandleLoad(config, turning), config, forecast
     )
-    return ComplianceController(turning, phases, handle_load, config, forecast)
 
 
 class HandleMovements(GriddedMovements):
@@ -149,9 +147,8 @@ class HandleMovements(GriddedMovements):
         for number, row in zip(self._of(rows), geared.reshape(-1, 6), strict=True):
             handle, gear = self._handles[number], self._gears[number]
             if gear != 1.0:
-                pose = row.tolist()
-                _, turn = handle.swing_twist(pose[3:])
-                row[:] = handle.with_turn(pose, gear**power * turn)
+                _, turn = handle.swing_twist(row[3:].tolist())
+                row[:] = handle.with_turn(row.tolist(), gear**power * turn)
         return geared
 
     def axis_positions(
@@ -190,34 +187,37 @@ class HandleMovements(GriddedMovements):
         A handle is turned further if the door resists along its path with a load [N]
         and has not moved, and the handle has reached the commanded angle.
         """
-        config = self._config
-        turned = np.zeros(np.shape(load), dtype=np.bool_)
-        numbers = poses.reshape(-1, 6), direction.reshape(-1, 3), np.ravel(load)
-        for index, (number, pose, path, force) in enumerate(
-            zip(self._of(rows), *(array.tolist() for array in numbers), strict=True)
+        config, turned = self._config, []
+        for number, pose, path, force in zip(
+            self._of(rows),
+            poses.reshape(-1, 6).tolist(),
+            direction.reshape(-1, 3).tolist(),
+            np.ravel(load).tolist(),
+            strict=True,
         ):
             handle, gear = self._handles[number], self._gears[number]
-            if force < config.latched_force or gear >= config.max_gear:
-                continue
-            along = sum(
-                p * u for p, u in zip(handle.axis_displacement(pose), path, strict=True)
-            )
-            follows = config.following_share * gear * handle.travel
-            if handle.arm > 0.0:
-                lag = _SERVO_LAG / handle.arm
-                follows = min(follows, gear * handle.travel - lag)
-            if along < config.closed_distance and handle.turned(pose) >= follows:
+            turns = force >= config.latched_force and gear < config.max_gear
+            if turns:
+                displacement = handle.axis_displacement(pose)
+                along = sum(p * u for p, u in zip(displacement, path, strict=True))
+                follows = config.following_share * gear * handle.travel
+                if handle.arm > 0.0:
+                    lag = _SERVO_LAG / handle.arm
+                    follows = min(follows, gear * handle.travel - lag)
+                closed = along < config.closed_distance
+                turns = closed and handle.turned(pose) >= follows
+            if turns:
                 gear = min(gear + config.gear_rate * period, config.max_gear)
                 self._gears[number] = gear
-                turned.flat[index] = True
-        return turned
+            turned.append(turns)
+        return np.reshape(np.array(turned, dtype=np.bool_), np.shape(load))
 
     def _of(self, rows: Rows) -> list[int]:
         numbers: list[int] = np.ravel(self.numbers[rows]).tolist()
         return numbers
 
 
-class HandleLoad:
+class HandleLoad(Load):
     """A load rule applied twice: to the spring of the handle, and to the door.
 
     While the door opens, the force of a lever's spring is across the path. If the hand
@@ -226,16 +226,11 @@ class HandleLoad:
     of the door along the path of the axis.
     """
 
-    def __init__(
-        self,
-        rule: LoadRule,
-        profile: StiffnessProfile,
-        movements: HandleMovements,
-        period: float,
-    ) -> None:
-        self._movements, self._period = movements, period
-        self._door = rule.begin(profile, movements.numbers.shape)
-        self._handle = rule.begin(profile, movements.numbers.shape)
+    def __init__(self, config: ComplianceConfig, movements: HandleMovements) -> None:
+        self._movements, self._period = movements, config.control_period
+        shape = movements.numbers.shape
+        self._door = config.load.begin(config.profile, shape)
+        self._handle = config.load.begin(config.profile, shape)
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget these rows' doors."""
@@ -254,12 +249,8 @@ class HandleLoad:
             expected_ahead=None,
         )
         of_handle = self._handle.update(turning, rows)
-        opening = replace(
-            contact,
-            wrench=of_handle.compliant_wrench,
-            pose=axes,
-            hook_grasp=True,
-        )
+        wrench = of_handle.compliant_wrench
+        opening = replace(contact, wrench=wrench, pose=axes, hook_grasp=True)
         response = self._door.update(opening, rows)
         turned = self._movements.turn_further(
             poses, contact.direction, response.compensated_load, self._period, rows

@@ -54,8 +54,6 @@ class Admittance:
         and D is a function of K. The mass must be the same along x, y and z; then the
         step decouples along the columns.
         """
-        if not dt > 0.0:
-            raise ValueError(f"dt must be positive [s], got {dt}")
         mass, before = self._dynamics.mass, self._displacement[rows]
         held, speed, force = before, self._velocity[rows], wrench
         if frame is not None:

@@ -19,15 +19,10 @@ from gplfd_env.spatial.se3 import into_axes
 from gplfd_env.validation.fields import check_choice, check_quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements, look_ahead
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
-from gplfd_policies.arrays.shapes import Axes, Bool, Float, Frames, Vectors
-from gplfd_policies.control.expected_force import ExpectedForce, ForceForecast
+from gplfd_policies.arrays.shapes import Axes, Bool, Frames, Vectors
+from gplfd_policies.control.expected_force import ForceForecast
 from gplfd_policies.control.frame import directional_std, path_frame, product
-from gplfd_policies.control.load import (
-    ContactState,
-    LearnedLoad,
-    Load,
-    LoadRule,
-)
+from gplfd_policies.control.load import ContactState, LearnedLoad, Load
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
 from gplfd_policies.control.rendering import Rendering, VirtualRendering
 from gplfd_policies.control.stability import GovernedStiffness, StiffnessGovernor
@@ -53,7 +48,7 @@ stiffness does not turn while the path stands still."""
 class ComplianceConfig:
     """How an agent moves through the task, yields, and uses via-points."""
 
-    load: LoadRule = field(default_factory=LearnedLoad)
+    load: Load = field(default_factory=LearnedLoad)
     """Rule that compensates the load of the door."""
     profile: StiffnessProfile = DEFAULT_PROFILE
     """Stiffness as a function of uncertainty, Eq. (24)."""
@@ -88,10 +83,10 @@ class ComplianceConfig:
 
     def __post_init__(self) -> None:
         check_quantities(self)
-        if not isinstance(self.load, LoadRule):
+        if not isinstance(self.load, Load):
             raise ValueError(
-                "ComplianceConfig.load must be a load rule, with begin(profile, shape) "
-                f"(gplfd_policies.control.load.LoadRule), got {self.load!r}"
+                "ComplianceConfig.load must be a load rule "
+                f"(gplfd_policies.control.load.Load), got {self.load!r}"
             )
         lowest, highest = np.repeat(self.rendering.stiffness_range, 3, axis=0).T
         asked = self.profile
@@ -130,31 +125,6 @@ class ComplianceConfig:
                 "ComplianceConfig.via_std must be two finite numbers >= 0, position "
                 f"[m] and rotation [rad], got {self.via_std}"
             )
-
-
-@dataclass(frozen=True, slots=True)
-class _Observation:
-    """What the controller knows of some hands before it adapts their movements."""
-
-    estimate: PhaseEstimate
-    phase: PerRow
-    mean: Axes
-    """Expected poses at these phases, and their σ [m, rad]."""
-    std: Axes
-    direction: Vectors
-    """Unit vectors along the path ahead."""
-    force: ExpectedForce | None
-    """Expected forces here, and at the end of the path ahead."""
-    force_ahead: ExpectedForce | None
-
-    def similarity(self) -> Float[np.ndarray, "*N 4"]:
-        """Return size, σ of its logarithm, heading and its σ [rad]; NaN for none."""
-        inferred = np.full((*self.mean.shape[:-1], 4), np.nan)
-        for row, similarity in enumerate(self.estimate.sizes):
-            log_size, log_size_std = similarity.log_size
-            numbers = math.exp(log_size), log_size_std, *similarity.heading
-            inferred.reshape(-1, 4)[row] = numbers
-        return inferred
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -222,41 +192,62 @@ class ComplianceController:
 
         Axes [m, rad] and wrenches [N, N m] of the hands are in the task frame.
         """
+        movements, forces = self._movements, self._forces
         # A copy, because a phase rule may return the command phase, which changes.
         command_phase: PerRow = self._command_phase[rows].copy()
-        seen = self._observe(poses, wrenches, command_phase, rows)
-        due, command_phase, direction = self._adapt(seen, poses, command_phase, rows)
-        response = self._load.update(
-            ContactState(
-                expected=seen.force,
-                expected_ahead=seen.force_ahead,
-                wrench=wrenches,
-                direction=direction,
-                pose=poses,
-                displacement=self._renderer.displacement(poses[..., :3], rows),
-            ),
+        estimate = self._phases.update(
+            movements.movement_poses(poses, rows),
+            self._observed_phase[rows],
+            command_phase,
             rows,
         )
-        target = self._advance(seen.phase, command_phase, response.pace, rows)
+        phase = self._observed_phase[rows] = estimate.phase
+        mean, mean_std, direction = movements.ahead(phase, rows)
+        force, force_ahead = None, None
+        if forces is not None:
+            axes = into_axes(poses[..., None, 3:], _UNITS)
+            force, force_ahead = forces.expect(phase, axes, rows)
+            forces.measure(wrenches, axes, rows)
+
+        due = self._due(phase, rows)
+        if due.any():
+            command_phase = self._adapt(due, estimate, poses, command_phase, rows)
+            _, _, direction = movements.ahead(phase, rows)
+        contact = ContactState(
+            expected=force,
+            expected_ahead=force_ahead,
+            wrench=wrenches,
+            direction=direction,
+            pose=poses,
+            displacement=self._renderer.displaced(poses[..., :3], rows),
+        )
+        response = self._load.update(contact, rows)
+        target = self._advance(phase, command_phase, response.pace, rows)
         std, std_rate, frame, governed = self._stiffen(
             target, response.path_lag, direction, rows
         )
-        compliant = response.compliant_wrench
-        action = self._renderer.step(
+        action = self._renderer.command(
             target.desired,
             target.velocity,
             governed.stiffness,
-            compliant_wrench=compliant,
-            compensated_force=(compliant - wrenches)[..., :3],
+            compliant_wrench=response.compliant_wrench,
+            compensated_force=(response.compliant_wrench - wrenches)[..., :3],
             rows=rows,
             frame=frame,
         )
+
         directions = np.eye(3) if frame is None else frame
-        inferred = seen.similarity()
+        # Size, σ of its logarithm, heading and its σ [rad].
+        inferred = np.full((*poses.shape[:-1], 4), np.nan)
+        for row, similarity in enumerate(estimate.sizes):
+            log_size, log_size_std = similarity.log_size
+            numbers = math.exp(log_size), log_size_std, *similarity.heading
+            inferred.reshape(-1, 4)[row] = numbers
         expectation = {}
-        if seen.force is not None:
-            force, force_std = seen.force.along(directions)
-            expectation = {"expected_force": force, "expected_force_std": force_std}
+        if force is not None:
+            expected, expected_std = force.along(directions)
+            expectation["expected_force"] = expected
+            expectation["expected_force_std"] = expected_std
         return AgentStep(
             action=action,
             desired=target.desired,
@@ -270,59 +261,49 @@ class ComplianceController:
             compensated_load=response.compensated_load,
             path_lag=response.path_lag,
             phase=target.phase,
-            observed_phase=seen.phase,
-            phase_misfit=seen.estimate.misfit,
+            observed_phase=phase,
+            phase_misfit=estimate.misfit,
             path_size=inferred[..., 0],
             path_size_std=inferred[..., 1],
             heading=inferred[..., 2],
             heading_std=inferred[..., 3],
-            predicted_mean=self._movements.hand_poses(seen.mean, rows),
-            predicted_std=seen.std,
+            predicted_mean=movements.hand_poses(mean, rows),
+            predicted_std=mean_std,
             via_point=due,
             **expectation,
         )
 
-    def _observe(
-        self, poses: Axes, wrenches: Axes, command_phase: PerRow, rows: Rows
-    ) -> _Observation:
-        """Estimate the phases of the hands, and what is expected there."""
-        estimate = self._phases.update(
-            self._movements.movement_poses(poses, rows),
-            self._observed_phase[rows],
-            command_phase,
-            rows,
-        )
-        phase = self._observed_phase[rows] = estimate.phase
-        mean, std, direction = self._movements.ahead(phase, rows)
-        force, force_ahead = None, None
-        if self._forces is not None:
-            axes = into_axes(poses[..., None, 3:], _UNITS)
-            force, force_ahead = self._forces.expect(phase, axes, rows)
-            self._forces.measure(wrenches, axes, rows)
-        return _Observation(estimate, phase, mean, std, direction, force, force_ahead)
+    def _due(self, phase: PerRow, rows: Rows) -> Bool[np.ndarray | np.bool_, "*N"]:
+        """Return the rows whose observed pose becomes a via-point.
 
-    def _adapt(
-        self, seen: _Observation, poses: Axes, command_phase: PerRow, rows: Rows
-    ) -> tuple[Bool[np.ndarray | np.bool_, "*N"], PerRow, Vectors]:
-        """Condition movements on the observed poses of the rows that are due.
-
-        Due are rows that have moved on by `via_spacing`, or whose phase has fallen so
-        far that the phase of the last via-point was wrong. Returns which are due, and
-        the command phases and directions of the adapted paths.
+        They have moved on by `via_spacing`, or their phase has fallen so far that the
+        phase of the last via-point was wrong.
         """
-        config, movements, phase = self._config, self._movements, seen.phase
-        last_via = self._last_via[rows]
+        config, last_via = self._config, self._last_via[rows]
         lost = phase < last_via - config.phase_drop
         due = (phase >= last_via + config.via_spacing) | lost
-        if not due.any():
-            return due, command_phase, seen.direction
-        before = self._set_point(command_phase, phase, rows)
         self._last_via[rows] = np.where(due, phase, last_via)
+        return due
+
+    def _adapt(
+        self,
+        due: Bool[np.ndarray | np.bool_, "*N"],
+        estimate: PhaseEstimate,
+        poses: Axes,
+        command_phase: PerRow,
+        rows: Rows,
+    ) -> PerRow:
+        """Condition due movements on the observed poses; return the command phases.
+
+        The set-point stays where it is: along the path, whose phases may shift, by the
+        command phase, and otherwise by an offset that decays.
+        """
+        movements, phase = self._movements, estimate.phase
+        before = self._set_point(command_phase, phase, rows)
         # A phase error displaces all outputs together along the path.
-        rate = self._phases.rate(phase, rows)
-        along = rate * np.asarray(seen.estimate.std)[..., None]
+        along = self._phases.rate(phase, rows) * np.asarray(estimate.std)[..., None]
         # Indexed by `due`, the arrays of one hand have a leading axis, too.
-        sizes = seen.estimate.sizes or (None,) * np.size(due)
+        sizes = estimate.sizes or (None,) * np.size(due)
         for number, via_phase, pose, error, index in zip(
             movements.numbers[rows][due].tolist(),
             np.asarray(phase)[due].tolist(),
@@ -341,9 +322,6 @@ class ComplianceController:
             movements.observe(number, via_point)
         if self._forces is not None:
             self._forces.learn(due, phase, rows)
-        _, _, direction = movements.ahead(phase, rows)
-        # The set-point stays where it is: along the path, whose phases may shift, by
-        # the command phase, and otherwise by an offset that decays.
         (after, begin, end), _ = movements.at(
             look_ahead(command_phase, command_phase), rows
         )
@@ -354,8 +332,8 @@ class ComplianceController:
         shifted = np.minimum(np.maximum(command_phase + shift, 0.0), 1.0)
         command_phase = np.where(due, shifted, command_phase)
         jump = before - self._set_point(command_phase, phase, rows)
-        self._offset[rows] += np.where(due[..., None], jump, 0.0)
-        return due, command_phase, direction
+        self._offset[rows] += np.where(np.asarray(due)[..., None], jump, 0.0)
+        return command_phase
 
     def _set_point(self, phase: PerRow, observed_phase: PerRow, rows: Rows) -> Axes:
         """Return the means of these rows' movements, with limited lead in rotation."""

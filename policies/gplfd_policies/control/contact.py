@@ -15,43 +15,26 @@ where e⁻, e, e' are successive displacements and e_q is the displacement q = �
 before e. docs/method.md derives the consequences.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
-from gplfd_env.validation.fields import check_quantities, quantity
-from gplfd_policies.arrays.records import freeze
 from gplfd_policies.arrays.shapes import Axes, SixAxes
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ContactLoop:
-    """Admittance, delay, servo and a rigidly held hand, axis by axis; read-only."""
+    """Admittance, delay, servo and a rigidly held hand, axis by axis."""
 
     stiffness: SixAxes
     """k_s: force per displacement of the command [N/m, N m/rad]."""
     delay: float
     """τ: longest time from a command to its effect on the measured force, beyond the
     control period of the command [s]."""
-    period: float = quantity(CONTROL_PERIOD, above=0.0, unit="s")
+    period: float = CONTROL_PERIOD
     """h: time between two commands [s]."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-        freeze(self, "stiffness")
-        held = self.stiffness
-        if held.shape != (6,) or not (np.isfinite(held) & (held > 0.0)).all():
-            raise ValueError(
-                "ContactLoop.stiffness must be six positive finite numbers [N/m, "
-                f"N m/rad], got {held}"
-            )
-        if not 0.0 <= self.delay < math.inf:
-            raise ValueError(
-                f"ContactLoop.delay must be finite and >= 0 [s], got {self.delay}"
-            )
 
     @property
     def sufficient_damping(self) -> SixAxes:

@@ -8,7 +8,7 @@ equally heavy a centimetre ago.
 """
 
 from dataclasses import dataclass
-from typing import Final, Protocol, runtime_checkable
+from typing import Final
 
 import numpy as np
 
@@ -63,30 +63,28 @@ class LoadResponse:
     in addition to the policy's own [m]."""
 
 
-@runtime_checkable
-class Load(Protocol):
-    """State of a load rule: what it has learned about the doors of some rows."""
+class Load:
+    """State of a load rule: what it has learned about the doors of some rows.
+
+    Rules without state are used as their own state.
+    """
+
+    __slots__ = ()
+
+    def begin(self, profile: StiffnessProfile, shape: tuple[int, ...] = ()) -> "Load":
+        """Return a rule's state for one hand, shape (), or for N hands, (N,)."""
+        return self
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget these rows' doors."""
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
         """Update the state from the contact of these rows and return the response."""
-
-
-@runtime_checkable
-class LoadRule(Protocol):
-    """Decides which forces displace the set-point, and the pace of the clock.
-
-    Agents use one rule for all rows of a batch if the rows' rules are equal.
-    """
-
-    def begin(self, profile: StiffnessProfile, shape: tuple[int, ...] = ()) -> Load:
-        """Return the rule's state for one hand, shape (), or for N hands, (N,)."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LearnedLoad:
+class LearnedLoad(Load):
     """Compensates the learned weight of a door, and yields to the rest.
 
     Of the resistance r along the path, the hand compensates at most the expected
@@ -157,14 +155,12 @@ class LearnedLoad:
                 f"{self.limit} [N]"
             )
 
-    def begin(
-        self, profile: StiffnessProfile, shape: tuple[int, ...] = ()
-    ) -> "LoadLearner":
+    def begin(self, profile: StiffnessProfile, shape: tuple[int, ...] = ()) -> Load:
         """Return the rule's state before the first step."""
-        return LoadLearner(self, profile, shape)
+        return _LoadLearner(self, profile, shape)
 
 
-class LoadLearner:
+class _LoadLearner(Load):
     """State of `LearnedLoad`."""
 
     def __init__(
@@ -187,7 +183,7 @@ class LoadLearner:
         """Update the expected resistance of these rows, and return the response."""
         rule, direction = self._rule, contact.direction
         gain = rule.hook_grasp_gain if contact.hook_grasp else 1.0
-        resistance = _resistance(contact.wrench, direction)
+        resistance = np.maximum(-_along(direction, contact.wrench), 0.0)
 
         # Expected resistance r̂: follows the maximum between two marks on the path.
         position = contact.pose[..., :3]
@@ -211,14 +207,17 @@ class LoadLearner:
         # Compensated: at most r̂, and the force that the remaining stiffness can hold.
         lag = np.maximum(-_along(direction, contact.displacement), 0.0)
         std = np.repeat(np.asarray(lag)[..., None], 6, axis=-1)
-        stiffness = _stretched(self._profile.stiffness(std, rows=rows), direction)
-        reserve = gain * rule.reach * stiffness
+        stiffness = self._profile.stiffness(std, rows=rows)[..., :3]
+        reserve = gain * rule.reach * _along(direction, stiffness * direction)
         bound: PerRow = np.minimum(expected, reserve)
         if contact.expected is not None and contact.expected_ahead is not None:
-            here, ahead = (
-                _upper(force, direction, rule.interval)
-                for force in (contact.expected, contact.expected_ahead)
-            )
+            ends = []
+            for force in (contact.expected, contact.expected_ahead):
+                mean, std = force.along(direction[..., None])
+                # For a method without standard deviations, use the mean.
+                end = mean + rule.interval * np.where(np.isnan(std), 0.0, std)
+                ends.append(end[..., 0])
+            here, ahead = ends
             # Before the door moves, the phase at which it resists is uncertain.
             demonstrated = here + (1.0 - known) * np.maximum(ahead - here, 0.0)
             largest = rule.shown_share * np.asarray(contact.expected.largest)
@@ -230,29 +229,20 @@ class LoadLearner:
 
         # Pace: from the lag, and from the lag that the force will cause at a known
         # door. A path without direction has no stiffness along it, and no resistance.
-        softest = np.maximum(_stretched(self._profile.k_min, direction), _NO_STIFFNESS)
-        coming = known * (resistance - compensated) / softest
+        softest = _along(direction, self._profile.k_min[:3] * direction)
+        coming = known * (resistance - compensated) / np.maximum(softest, _NO_STIFFNESS)
+        compliant = contact.wrench.copy()
+        compliant[..., :3] += compensated[..., None] * direction
         return LoadResponse(
-            compliant_wrench=_without(contact.wrench, compensated, direction),
+            compliant_wrench=compliant,
             compensated_load=compensated,
             pace=_pace(np.maximum(lag, coming) / rule.lag),
             path_lag=lag,
         )
 
 
-class _Stateless(Load):
-    """Base of rules without state, which are used as their own state."""
-
-    def begin(self, profile: StiffnessProfile, shape: tuple[int, ...] = ()) -> Load:
-        """Return itself."""
-        return self
-
-    def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Do nothing."""
-
-
 @dataclass(frozen=True, kw_only=True, slots=True)
-class CarriedLoad(_Stateless, Quantities):
+class CarriedLoad(Load, Quantities):
     """Compensates resistance along the path up to a limit; yields to everything else.
 
     The pace of the clock is 1 without load, 0 at the limit, and -1 from 1.19 times the
@@ -269,10 +259,12 @@ class CarriedLoad(_Stateless, Quantities):
 
     def compensate(self, wrench: Axes, direction: Vectors) -> LoadResponse:
         """Return the response to wrenches on hands that move along directions."""
-        resistance = _resistance(wrench, direction)
-        compensated = np.minimum(resistance, self.limit)
+        resistance = np.asarray(np.maximum(-_along(direction, wrench), 0.0))
+        compensated = np.asarray(np.minimum(resistance, self.limit))
+        compliant = wrench.copy()
+        compliant[..., :3] += compensated[..., None] * direction
         return LoadResponse(
-            compliant_wrench=_without(wrench, compensated, direction),
+            compliant_wrench=compliant,
             compensated_load=compensated,
             pace=_pace(resistance / self.limit),
             path_lag=np.zeros_like(compensated),
@@ -280,7 +272,7 @@ class CarriedLoad(_Stateless, Quantities):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class YieldToAll(_Stateless):
+class YieldToAll(Load):
     """Every force displaces the set-point; the clock never waits, as in Eq. (22)."""
 
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
@@ -294,34 +286,10 @@ class YieldToAll(_Stateless):
         )
 
 
-def _upper(expected: ExpectedForce, direction: Vectors, interval: float) -> PerRow:
-    """Return the upper end of the interval of the resistance along the path [N]."""
-    mean, std = expected.along(direction[..., None])
-    # For a method without standard deviations, use the mean.
-    return np.asarray(mean + interval * np.where(np.isnan(std), 0.0, std))[..., 0]
-
-
 def _along(direction: Vectors, vectors: Float[np.ndarray, "*N V"]) -> PerRow:
     """Return the component of the first three numbers along a direction."""
     # Not `vecdot`: see `gplfd_policies.control.compliance`.
     return np.asarray(np.add.reduce(direction * vectors[..., :3], axis=-1))
-
-
-def _stretched(stiffness: Float[np.ndarray, "*#N 6"], direction: Vectors) -> PerRow:
-    """Return the stiffness against a displacement along a direction [N/m]."""
-    return _along(direction, stiffness[..., :3] * direction)
-
-
-def _resistance(wrench: Axes, direction: Vectors) -> PerRow:
-    """Return the force along the path that holds the hands back [N]."""
-    return np.asarray(np.maximum(-_along(direction, wrench), 0.0))
-
-
-def _without(wrench: Axes, load: PerRow, direction: Vectors) -> Axes:
-    """Return the wrenches without the load that is compensated."""
-    left = wrench.copy()
-    left[..., :3] += np.asarray(load)[..., None] * direction
-    return left
 
 
 def _pace(share: PerRow) -> PerRow:

@@ -42,30 +42,25 @@ class VirtualRendering:
         return VirtualRenderer(dynamics, period, shape)
 
 
-class VirtualRenderer:
-    """An `Admittance` around the desired poses."""
+class VirtualRenderer(Admittance):
+    """An admittance around the desired poses."""
 
     def __init__(
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
     ) -> None:
-        self._admittance = Admittance(dynamics, shape)
-        self._dynamics, self._period = dynamics, period
-        self._held = replace(HELD_HAND, period=period)
+        super().__init__(dynamics, shape)
+        self._period, self._held = period, replace(HELD_HAND, period=period)
 
-    def reset(self, rows: Rows = ALL_ROWS) -> None:
-        """Begin at rest at the desired poses."""
-        self._admittance.reset(rows)
-
-    def displacement(self, hands: Vectors, rows: Rows = ALL_ROWS) -> Vectors:
+    def displaced(self, hands: Vectors, rows: Rows = ALL_ROWS) -> Vectors:
         """Return how far hands have been displaced from their desired positions [m]."""
-        return self._admittance.displacement[rows][..., :3]  # e of Eq. (22)
+        return self._displacement[rows][..., :3]  # e of Eq. (22)
 
     def contact_margin(self, stiffness: Axes) -> Axes:
         """Return the delay that a held hand tolerates beyond the longest one [s]."""
         damping = self._dynamics.damping(stiffness)
         return self._held.margin(stiffness, damping, self._dynamics.mass)
 
-    def step(
+    def command(
         self,
         desired: Axes,
         velocity: Vectors,
@@ -78,9 +73,7 @@ class VirtualRenderer:
     ) -> Axes:
         """Return desired poses [m, rad] displaced by the compliant wrench [N, N m]."""
         # The stiff arm exerts the compensated force without a lead.
-        offset = self._admittance.step(
-            stiffness, compliant_wrench, self._period, rows, frame
-        )
+        offset = self.step(stiffness, compliant_wrench, self._period, rows, frame)
         action: Axes = desired + offset
         action[..., 3:] = compose_rotvecs(offset[..., 3:], desired[..., 3:])
         return action
@@ -116,21 +109,16 @@ class ArmRendering(Quantities):
         self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
     ) -> "ArmRenderer":
         """Return the renderer for one hand, shape (), or for N hands, (N,)."""
-        share = period / (period + self.smoothing)
-        return ArmRenderer(dynamics, share, self.stiffness_range[0][1], shape)
+        return ArmRenderer(dynamics, period / (period + self.smoothing), shape)
 
 
 class ArmRenderer:
     """Computes set-points that lead the desired poses."""
 
     def __init__(
-        self,
-        dynamics: VirtualDynamics,
-        share: float,
-        stiffest: float,
-        shape: tuple[int, ...],
+        self, dynamics: VirtualDynamics, share: float, shape: tuple[int, ...]
     ) -> None:
-        self._dynamics, self._share, self._stiffest = dynamics, share, stiffest
+        self._dynamics, self._share = dynamics, share
         self._velocity = np.zeros((*shape, 3))
         self._rest = np.zeros((*shape, 3))  # where the load alone would hold the hand
 
@@ -139,15 +127,15 @@ class ArmRenderer:
         self._velocity[rows] = 0.0
         self._rest[rows] = 0.0
 
-    def displacement(self, hands: Vectors, rows: Rows = ALL_ROWS) -> Vectors:
+    def displaced(self, hands: Vectors, rows: Rows = ALL_ROWS) -> Vectors:
         """Return how far hands have been displaced from their desired positions [m]."""
         return np.asarray(hands - self._rest[rows])
 
     def contact_margin(self, stiffness: Axes) -> Axes:
-        """Return the delay that a held hand tolerates beyond the longest one [s]."""
-        return np.full(stiffness.shape, np.inf)  # there is no loop through the command
+        """Return infinity: there is no loop through the command."""
+        return np.full(stiffness.shape, np.inf)
 
-    def step(
+    def command(
         self,
         desired: Axes,
         velocity: Vectors,
@@ -163,12 +151,11 @@ class ArmRenderer:
         `ComplianceConfig` does not allow a frame with this rendering.
         """
         before = self._velocity[rows]
-        smooth = before + self._share * (velocity - before)
-        self._velocity[rows] = smooth
+        smooth = self._velocity[rows] = before + self._share * (velocity - before)
         damping = self._dynamics.damping(stiffness)[..., :3]
         pull = compensated_force + damping * smooth
-        rest = desired[..., :3] - compensated_force / self._stiffest
-        self._rest[rows] = rest
+        stiffest = ArmRendering.stiffness_range[0][1]
+        rest = self._rest[rows] = desired[..., :3] - compensated_force / stiffest
         action = desired.copy()
         action[..., :3] = rest + pull / stiffness[..., :3]
         return action

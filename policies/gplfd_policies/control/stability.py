@@ -134,8 +134,6 @@ class StiffnessGovernor:
         With a frame, the first three numbers are along its columns; then mass, least
         damping and k_min must be the same along x, y and z.
         """
-        if not dt > 0.0:
-            raise ValueError(f"dt must be positive [s], got {dt}")
         wished = np.maximum(target, self._k_min)
         previous = self._stiffness[rows]
         previous = np.where(np.isnan(previous), wished, previous)

@@ -23,7 +23,6 @@ Poses = Float[np.ndarray, "*N 6"]
 Vectors = Float[np.ndarray, "*N 3"]
 
 _NAN: Final[Any] = math.nan
-_UNITS: Final = {"ee_pose": "[m, rad]", "wrench": "[N, N m]"}
 
 
 def measured(observation: Observation) -> tuple[Pose, Pose]:
@@ -34,24 +33,24 @@ def measured(observation: Observation) -> tuple[Pose, Pose]:
     Raises:
         ValueError: If one of them is missing, or is not six finite numbers.
     """
-    return _six(observation, "ee_pose"), _six(observation, "wrench")
-
-
-def _six(observation: Observation, name: str) -> Pose:
-    value: object = observation
-    wanted = f"an observation must be a mapping with {name!r},"
-    try:
-        value = observation[name]
-        wanted = f"observation[{name!r}] must be"
-        numbers = np.asarray(value, dtype=np.float64)
-        if numbers.shape == (6,) and all(map(math.isfinite, numbers.tolist())):
-            return numbers
-    except (KeyError, IndexError, TypeError, ValueError):
-        pass
-    raise ValueError(
-        f"{wanted} six finite numbers {_UNITS[name]}, got "
-        f"{textwrap.shorten(repr(value), 100, placeholder=' ...')}"
-    )
+    read = []
+    for name, units in (("ee_pose", "[m, rad]"), ("wrench", "[N, N m]")):
+        value: object = observation
+        wanted = f"an observation must be a mapping with {name!r},"
+        try:
+            value = observation[name]
+            wanted = f"observation[{name!r}] must be"
+            numbers = np.asarray(value, dtype=np.float64)
+            usable = numbers.shape == (6,) and all(map(math.isfinite, numbers.tolist()))
+        except (KeyError, IndexError, TypeError, ValueError):
+            usable = False
+        if not usable:
+            raise ValueError(
+                f"{wanted} six finite numbers {units}, got "
+                f"{textwrap.shorten(repr(value), 100, placeholder=' ...')}"
+            )
+        read.append(numbers)
+    return read[0], read[1]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
