@@ -33,6 +33,7 @@ from gplfd_experiments.studies.tasks import task_from
 from gplfd_experiments.studies.trials import plan
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import (
+    CONSTANT,
     EVERYWHERE,
     PARTS,
     SEEDS,
@@ -41,7 +42,7 @@ from gplfd_experiments.studies.trials.protocol import (
     VERSION,
     ProtocolPart,
 )
-from gplfd_experiments.studies.trials.records import CONSTANT, Contrast, Side
+from gplfd_experiments.studies.trials.records import Contrast, Side
 from gplfd_policies.registry.catalogue import POLICIES
 
 pytestmark = pytest.mark.slow

@@ -184,8 +184,8 @@ def open_together(
 
     There is an agent and a log per task; forecasts have the given period [s].
     """
-    each = [_circumstances(task) for task in tasks]
-    varied: dict[str, Any] = {name: [one[name] for one in each] for name in each[0]}
+    every = [_circumstances(task) for task in tasks]
+    varied: dict[str, Any] = {name: [own[name] for own in every] for name in every[0]}
     together, first = batch_agents(agents), tasks[0]
     envs: Any = gym.make_vec(
         ENVIRONMENT_IDS[together.control],

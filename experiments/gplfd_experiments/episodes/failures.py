@@ -25,7 +25,6 @@ MEANINGS: Final[Mapping[str, str]] = {
 }
 """Explanations by `failure_name`."""
 
-
 _WORDS: Final = {
     "grasp_lost": "hand lost the handle",
     "base_blocked": "base was blocked",

@@ -29,9 +29,8 @@ _LONGEST: Final = 120.0
 _SERVO: Final = 2000.0
 """Stiffness of the arm under pose commands [N/m]."""
 _DEVIATION: Final = 0.02
-"""Distance of the command from the handle's path at which the corrector takes the hand,
-and distance from the leading command below which it hands over [m]: 40 N of the servo,
-at which a friction grasp slips."""
+"""Distance of the command from the path at which the corrector takes the hand, and from
+the leading command below which it hands over [m]: 40 N, at which a grasp slips."""
 _STALL_TIME: Final = 3.0
 """Time without `_PROGRESS` after which the corrector takes the hand [s]."""
 _PROGRESS: Final = math.radians(2.0)
@@ -71,11 +70,7 @@ class Leader(Protocol):
 
 
 class LedAgent:
-    """An agent with a leader.
-
-    The agent continues to act while it is led, and so observes the led motion; only its
-    command is replaced.
-    """
+    """An agent that observes the led motion; only its command is replaced."""
 
     control: Control = "pose"
 

@@ -22,11 +22,8 @@ Number = Float[np.ndarray, " T"]
 Pose = Float[np.ndarray, "T 6"]
 Flag = Bool[np.ndarray, " T"]
 
-KIND: Final = "a gplfd episode log"
-"""Kind of the file, stated in it."""
-
-VERSION: Final = 1
-"""Version of the layout of the file."""
+# Kind of the file, stated in it, and version of its layout.
+KIND, VERSION = "a gplfd episode log", 1
 
 
 class _Arrays:
@@ -157,13 +154,10 @@ class Forecasts(_Arrays):
     std: Float[np.ndarray, "S M 6"]
     """Its standard deviation [m, rad]."""
 
-    def first(
-        self, phases: Number
-    ) -> tuple[Float[np.ndarray, "T 6"], Float[np.ndarray, "T 6"]]:
+    def first(self, phases: Number) -> tuple[Pose, Pose]:
         """Mean and standard deviation of the first forecast at some phases.
 
-        Raises:
-            IndexError: The policy makes no forecasts.
+        Raises an IndexError if the policy makes no forecasts.
         """
         return (
             interpolated(phases, self.phases, self.mean[0]),
@@ -180,10 +174,7 @@ class EpisodeLog:
     computed but not executed. Poses are in the task frame [m, rad], T is the number of
     rows, J of joints of the arm, S of forecasts, M of phases in a forecast, nq of joint
     positions. Quantities that a policy does not compute (uncertainty, stiffness,
-    prediction) are NaN.
-
-    Raises:
-        ValueError: An array has the wrong shape.
+    prediction) are NaN. An array of another shape raises a ValueError.
     """
 
     policy: str
@@ -199,11 +190,9 @@ class EpisodeLog:
     success: bool
     """Whether the task was solved."""
     failure: str
-    """Failure: "" | "grasp_lost" | "base_blocked" | "stalled" | "latched" |
-    "not_grasped" | "simulation_error" | "time_limit"."""
+    """Failure of `gplfd_env.task.stages`, or "time_limit"; "" for none."""
     reason: str
-    """Cause of the failure: "" | "handle_lost" | "blocked" | "out_of_reach" |
-    "too_heavy", or the same (`gplfd_env.task.stages`)."""
+    """Cause of the failure, as there: such as "out_of_reach", or the failure."""
 
     times: Number
     """Simulated time since reset [s]."""
@@ -240,10 +229,8 @@ class EpisodeLog:
     def __repr__(self) -> str:
         """Return the episode and its end in one line."""
         ended = "opened" if self.success else self.failure or "not opened"
-        return (
-            f"EpisodeLog({self.policy} on {self.door}, seed {self.seed}, "
-            f"{len(self.times)} steps, {ended})"
-        )
+        episode = f"{self.policy} on {self.door}, seed {self.seed}"
+        return f"EpisodeLog({episode}, {len(self.times)} steps, {ended})"
 
     @property
     def radius(self) -> float:
@@ -267,13 +254,7 @@ class EpisodeLog:
 
     @classmethod
     def load(cls, path: str | Path) -> "EpisodeLog":
-        """Read what `save` wrote.
-
-        Raises:
-            FileNotFoundError: There is no such file.
-            ValueError: The file is truncated, contains something else or has another
-                version.
-        """
+        """Read what `save` wrote; raises a ValueError for any other file."""
         return read_archive(path, kind=KIND, version=VERSION, build=cls._of)
 
     @classmethod

@@ -44,8 +44,7 @@ def rollout(
     """Let an agent act until the episode ends, and log everything.
 
     Args:
-        env: Door environment of the agent's control, see `gplfd_env.ENVIRONMENT_IDS`;
-            its ``unwrapped`` has the MuJoCo state and the variation.
+        env: Door environment of the agent's control, see `gplfd_env.ENVIRONMENT_IDS`.
         agent: Any object that `gplfd_policies.agents.agent.as_agent` accepts.
         policy: Name of the policy, for the log.
         door: Name of the door, for the log.
@@ -108,11 +107,9 @@ def rollouts(
     seeds: Sequence[int],
     forecast_period: float | None = 0.35,
 ) -> tuple[EpisodeLog, ...]:
-    """Let every agent open its door once, and log each episode.
+    """Let every agent open its door once, and log each episode as `rollout` does.
 
-    An episode's log is that of `rollout` with the single environment and the agent
-    alone, bit for bit, except for ``latency_s`` and ``latency_wall_s``: each agent's
-    share of the batch's decision.
+    ``latency_s`` and ``latency_wall_s`` are each agent's share of the batch's decision.
 
     Args:
         envs: N simulations with ``autoreset_mode="Disabled"``, of the agents' control.
@@ -193,8 +190,7 @@ def _row(
     measured: Mapping[str, Any],
 ) -> Arrays:
     """Return copies of all quantities of a control step, of one episode or of N."""
-    values = {**info, **observation, **measured}
-    row = {}
+    values, row = {**info, **observation, **measured}, {}
     for name in ("times", *PER_STEP):
         if name not in values and not hasattr(step, name):
             raise ValueError(
@@ -209,18 +205,15 @@ def _stacked(rows: Sequence[Arrays]) -> Arrays:
 
 
 class ForecastRecorder:
-    """Takes a forecast before the first decision and then periodically.
+    """Takes a forecast before the first decision and then at every period [s], if any.
 
-    Args:
-        ask: Returns the agent's forecast, or None.
-        period: Simulated time between forecasts [s]; None for no forecasts.
+    `ask` returns the agent's forecast, or None.
     """
 
     def __init__(
         self, ask: Callable[[], GaussianTrajectory | None], period: float | None
     ) -> None:
-        self._ask = ask
-        self._period = period
+        self._ask, self._period = ask, period
         self._times: list[float] = []
         self._phases: NDArray[np.float64] = np.empty(0)
         self._moments: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
@@ -250,11 +243,7 @@ class ForecastRecorder:
 
 
 def _timed(decide: Callable[[], StepT]) -> tuple[StepT, float, float]:
-    """Return a decision, its CPU time and its wall time [s].
-
-    CPU time is that of this thread, without other processes on the core. Wall time is
-    the delay for a robot, including other threads and input.
-    """
+    """Return a decision, its CPU time in this thread and its wall time [s]."""
     started, cpu_started = time.perf_counter_ns(), time.thread_time_ns()
     decision = decide()
     cpu = time.thread_time_ns() - cpu_started

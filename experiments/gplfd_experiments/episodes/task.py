@@ -58,8 +58,7 @@ _IN_LOCKSTEP: Final = (
 """Fields that simulations and agents of one lockstep have in common."""
 
 _OF_THE_DOOR: Final = (
-    *("door", "door_config", "trial", "level"),
-    *("randomization", "disturbance"),
+    *("door", "door_config", "trial", "level", "randomization", "disturbance"),
 )
 """Fields of an episode that do not affect learning."""
 
@@ -78,13 +77,11 @@ class Task:
     def definition(self) -> dict[str, Any]:
         """Everything that defines the task, as in a result file."""
         # Not `asdict`, because its copies take most of the start time of a study.
-        values = {
-            one: getattr(self, one.name) for one in dataclasses.fields(type(self))
-        }
         return {
-            one.name: value
-            for one, value in values.items()
-            if "omitted" not in one.metadata or value != one.default
+            item.name: value
+            for item in dataclasses.fields(type(self))
+            if (value := getattr(self, item.name)) != item.default
+            or "omitted" not in item.metadata
         }
 
     @property
@@ -153,11 +150,11 @@ class EpisodeTask(TaughtTask):
         # A file contains a list.
         for name in ("demonstrated_radii", "demonstrated_hardware"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        doors, given = len(self.demonstrated_radii), len(self.demonstrated_hardware)
-        if given not in (0, doors):
+        doors, entries = len(self.demonstrated_radii), len(self.demonstrated_hardware)
+        if entries not in (0, doors):
             raise ValueError(
                 f"demonstrated_hardware must have an entry for each of the {doors} "
-                f"demonstrated doors, or none; got {given}"
+                f"demonstrated doors, or none; got {entries}"
             )
 
     @property
@@ -208,22 +205,22 @@ def episode_task(door: str, config: DoorConfig, **fields: Any) -> EpisodeTask:
     robot = robot_named(fields.get("robot", "tiago-like"))
     fields = {"base": base_for(config, robot)} | fields
     if config.kind != DoorConfig().kind:
-        given: dict[str, Any] = {
-            "demonstrated_radii": [one.radius for one in doors_like(config)],
+        doors, shapes = doors_like(config), []
+        for like in doors:
+            # Fields beside radius and kind.
+            kind: dict[str, Any] = like.kind
+            plain = DoorConfig(radius=like.radius, **kind).as_dict().items()
+            shapes.append(
+                {n: v for n, v in like.as_dict().items() if (n, v) not in plain}
+            )
+        demonstrated: dict[str, Any] = {
+            "demonstrated_radii": [like.radius for like in doors],
             "demonstrated_kind": config.kind,
         }
-        shapes = [_shape(one) for one in doors_like(config)]
         if any(shapes):
-            given["demonstrated_hardware"] = shapes
-        fields = given | fields
+            demonstrated["demonstrated_hardware"] = shapes
+        fields = demonstrated | fields
     return EpisodeTask(door=door, door_config=config.as_dict(), **fields)
-
-
-def _shape(door: DoorConfig) -> dict[str, Any]:
-    """Return the fields of a demonstrated door beside its radius and kind."""
-    kind: dict[str, Any] = door.kind
-    plain = DoorConfig(radius=door.radius, **kind).as_dict()
-    return {name: own for name, own in door.as_dict().items() if plain.get(name) != own}
 
 
 def named_doors(
@@ -239,14 +236,14 @@ def named_doors(
         )
     configs: dict[str, DoorConfig] = {}
     body = robot_named(robot)
-    for given in doors:
-        if given.endswith(".json"):
-            name, config = _door_of_file(Path(given))
+    for door in doors:
+        if door.endswith(".json"):
+            name, config = _door_of_file(Path(door))
         else:
             try:
-                radius = float(given)
+                radius = float(door)
             except ValueError:
-                name, config = given, door_config(given)
+                name, config = door, door_config(door)
             else:
                 name, config = f"{radius:g}", door_config(radius)
         if name in configs:

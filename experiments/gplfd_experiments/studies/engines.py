@@ -63,14 +63,12 @@ class Engine:
 
         The death of a worker ends all that runs beside it. These items are run again,
         one at a time, so that only the item whose worker dies again is lost. Closing
-        the generator ends running items.
+        the generator ends running items. An OSError says that the scheduler of the
+        cluster does not answer.
 
         Args:
             work: Called once per item, possibly in another process; never raises.
             items: Small records.
-
-        Raises:
-            OSError: The scheduler of the cluster does not answer.
         """
         if self.engine == "serial":
             for item in items:
@@ -80,8 +78,8 @@ class Engine:
 
         # No worker imports a file such as `re.py` from the working folder.
         os.environ["PYTHONSAFEPATH"] = "1"
-        unfinished, started = set(range(len(items))), set[int]()
-        warned = set[str]()
+        unfinished = set(range(len(items)))
+        started, warned = set[int](), set[str]()
 
         def calls(numbers: Iterable[int]) -> Iterator[Any]:
             for number in numbers:

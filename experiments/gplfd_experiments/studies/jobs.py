@@ -1,9 +1,7 @@
 """Run a job: learn once, open all its doors in lockstep, or do a learning test."""
 
 import errno
-import json
 import math
-import numbers
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
@@ -33,6 +31,11 @@ _EXHAUSTED: Final = frozenset(
     {errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errno.ENFILE}
 )
 """Errors of a machine with a full disk, memory or table of open files."""
+
+_MEASURED_BY: Final = (
+    *("seed", "demonstrations_per_door", "teacher", "demonstrated_forces", "held_out"),
+)
+"""Fields of a learning test that are arguments of `method_metrics`."""
 
 FORECAST_PERIOD: Final = 0.05
 """Simulated time between forecasts [s]; at most a degree of a demonstrated opening."""
@@ -97,18 +100,11 @@ def _learning_result(
         raise ValueError(
             f"policy {task.policy!r} learns no movement, so there is nothing to measure"
         )
-    metrics = (
-        method_metrics(
-            method,
-            seed=task.seed,
-            demonstrations_per_door=task.demonstrations_per_door,
-            teacher=task.teacher,
-            demonstrated_forces=task.demonstrated_forces,
-            held_out=task.held_out,
-        )
-        if isinstance(task, SkillTask)
-        else recorded_metrics(method, recordings, task.seed)
-    )
+    if isinstance(task, SkillTask):
+        fields = {name: getattr(task, name) for name in _MEASURED_BY}
+        metrics = method_metrics(method, **fields)
+    else:
+        metrics = recorded_metrics(method, recordings, task.seed)
     return {**_origin(task), "metrics": _plain(metrics)}
 
 
@@ -160,9 +156,6 @@ def _plain(value: Any) -> Any:
         return {str(name): _plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(part) for part in value]
-    if isinstance(value, numbers.Real) and not isinstance(value, bool):
-        if isinstance(value, numbers.Integral):
-            return int(value)
+    if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
-    json.dumps(value)
     return value

@@ -133,7 +133,7 @@ def _trial_section(
     deciding = EPISODE_MEASURES[trial.measures[0]]
     title = deciding.title
     section = Section(f"Trial: {name}", f"trial-{name}")
-    section.say(f"{trial.question} Tests: {', '.join(trial.claims)}.")
+    section.say(f"{trial.question}")
     section.table(trial_table(trial, levels))
     section.picture(
         f"trial_{name}",

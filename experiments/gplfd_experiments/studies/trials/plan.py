@@ -61,35 +61,30 @@ def trial_tasks(
             everywhere = trial.only_policies
         competing = (*everywhere, *variants, *(tuned if trial.tuned else ()), *policies)
         every = dict.fromkeys(only or competing)
-        for policy, title in itertools.product(every, trial.levels):
-            level = trial.levels[title]
+        for policy, (title, level) in itertools.product(every, trial.levels.items()):
             competitors = [chosen(competitor) for competitor in only or (policy,)]
             methods = [competitor.method for competitor in competitors]
-            take_prior_mean = all(
+            if level.prior_radius is not None and not all(
                 method and method.accepts_prior_mean for method in methods
-            )
-            if level.prior_radius is not None and not take_prior_mean:
-                continue
-            if level.corrections and not all(
-                competitor.correctable for competitor in competitors
             ):
                 continue
-            opened, practice = doors[name, title], None
+            if level.corrections and not all(one.correctable for one in competitors):
+                continue
+            opened = doors[name, title]
+            # The demonstrated doors have their defaults without fields of the level.
+            fields: dict[str, Any] = {}
+            if level.demonstrated_radii is not None:
+                fields["demonstrated_radii"] = level.demonstrated_radii
+                fields["demonstrated_hardware"] = level.demonstrated_hardware
+            if level.demonstrated_kind is not None:
+                fields["demonstrated_kind"] = level.demonstrated_kind
             if level.corrections:
-                practice = {
+                fields["practice"] = {
                     "corrections": level.corrections,
                     "doors": [config.as_dict() for config in opened.values()],
                     "randomization": level.randomization,
                     "demonstrated": level.demonstrated,
                 }
-            # Fields of the demonstrated doors from the level; others have their
-            # defaults.
-            demonstrated: dict[str, Any] = {}
-            if level.demonstrated_radii is not None:
-                demonstrated["demonstrated_radii"] = level.demonstrated_radii
-                demonstrated["demonstrated_hardware"] = level.demonstrated_hardware
-            if level.demonstrated_kind is not None:
-                demonstrated["demonstrated_kind"] = level.demonstrated_kind
             tasks += [
                 episode_task(
                     door,
@@ -100,15 +95,14 @@ def trial_tasks(
                     teacher=standard_teacher() | dict(level.teacher),
                     randomization=level.randomization,
                     disturbance=level.disturbance,
-                    **demonstrated,
                     start=level.start,
                     robot=robot,
                     habits=level.habits,
                     demonstrated_forces=level.demonstrated_forces,
                     prior_radius=level.prior_radius,
-                    practice=practice,
                     trial=name,
                     level=title,
+                    **fields,
                 )
                 for door, config in opened.items()
             ]

@@ -1,8 +1,8 @@
 """Protocol v9: trials, policies, and rules for contrasts.
 
-Frozen under its version: a change of a door, a draw, a demonstration, a measure or a
-policy that takes part makes another version. The criteria were settled before the
-trials were run.
+The trials are in ``protocol.toml``. The protocol is frozen under its version: a change
+of a door, a draw, a demonstration, a measure or a policy that takes part makes another
+version. The criteria were settled before the trials were run.
 
 All random draws of a seed are equal for all policies, so policies are compared per
 seed. A policy's number is its mean over the doors and levels of a seed. For the
@@ -13,15 +13,14 @@ differences' standard deviation is found in 78 of 100 repetitions, one 1.2 times
 large in 90 (1,500 simulated each).
 """
 
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
-from gplfd_experiments.studies.trials.forces import FORCES
-from gplfd_experiments.studies.trials.furniture import FURNITURE
-from gplfd_experiments.studies.trials.other_doors import OTHER_DOORS
-from gplfd_experiments.studies.trials.records import Trial
+from gplfd_experiments.studies.trials.records import Contrast, Level, Side, Trial
 from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.tuning_spaces import tuned_settings
 
@@ -80,8 +79,79 @@ PARTS: Final[Mapping[ProtocolPart, PartPlan]] = MappingProxyType(
 small part is a first look at the strongest contrasts of docs/results/trials-v9.json,
 with the smallest number of seeds that gives an interval; it decides nothing."""
 
+_OPENED: Final = ("success", "force_handle_peak")
+"""Measures of an opening, of trials that state none."""
+
+CONSTANT: Final = tuple(f"gp-constant-{k}" for k in (100, 500))
+"""`gp` at constant stiffnesses."""
+
+_LACKING: Final[Mapping[str, tuple[str, ...]]] = {
+    "via-points": ("gp-fixed",),
+    "size and phase together": ("gp-one-size",),
+    "forecast with size": ("gp-process",),
+    "progress beyond the demonstrations": ("gp-within-demonstrations",),
+    "task variability": ("gp-homoscedastic",),
+    "heteroscedastic noise": ("gp-homoscedastic",),
+    "rotations": ("gp-position-only",),
+    "variable stiffness": CONSTANT,
+    "learned load": ("gp-carried-load",),
+    "demonstrated forces": ("gp-without-forces",),
+    "damping for contact": ("gp-undamped",),
+    "several modes": ("gp-one-mode",),
+}
+"""Variants of `gp` that lack an idea."""
+
+
+def _contrasts(
+    measure: str,
+    ideas: Sequence[str],
+    level: str = "",
+    having: str = "",
+    lacking: str = "",
+) -> Iterator[Contrast]:
+    """Compare two levels of `gp`, or `gp` with the variants that lack an idea."""
+    for idea in ideas:
+        for policy in ("gp",) if having else _LACKING[idea]:
+            yield Contrast(
+                idea=idea,
+                measure=measure,
+                having=Side(policy="gp", level=having or level),
+                lacking=Side(policy=policy, level=lacking or level),
+            )
+
+
+def _trials(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Trial]]:
+    """Yield the trials of the file by name."""
+    for name, entries in protocol["trials"].items():
+        trial = dict(entries)
+        shared = trial.pop("every", {})
+        levels: dict[str, Level] = {}
+        for title, own in trial.pop("levels").items():
+            fields = shared | own
+            if fields.pop("like_opened", False):
+                fields["demonstrated_radii"] = None
+            if "shape" in fields:
+                fields["door"] = protocol["shapes"][fields.pop("shape")]
+            levels[title] = Level(**fields)
+        compared = trial.pop("contrasts", [])
+        yield (
+            name,
+            Trial(
+                question=trial["question"],
+                measures=tuple(trial.get("measures", _OPENED)),
+                levels=levels,
+                contrasts=tuple(c for entry in compared for c in _contrasts(**entry)),
+                extra_policies=tuple(trial.get("extra_policies", ())),
+                only_policies=tuple(
+                    protocol["policies"].get(trial.get("only_policies"), ())
+                ),
+                tuned=trial.get("tuned", False),
+            ),
+        )
+
+
 TRIALS: Final[Mapping[str, Trial]] = MappingProxyType(
-    {**FURNITURE, **OTHER_DOORS, **FORCES}
+    dict(_trials(tomllib.loads(Path(__file__).with_name("protocol.toml").read_text())))
 )
 """Every trial by its name."""
 
