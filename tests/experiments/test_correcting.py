@@ -146,5 +146,5 @@ def test_doors_that_corrections_gain_and_forget_are_counted(
     one = next(each for each in answers if each["with"] == "gp, oven, 1")
     assert (one["gained"], one["forgotten"], one["opened before"]) == (6, 3, 6)
     page = page_of(results)
-    assert "Doors: 6 gained, 3 forgotten, 6 opened before." in page
+    assert "doors: 6 gained, 3 forgotten, 6 opened before" in page
     assert "Cannot be corrected: `promp`." in page

@@ -207,7 +207,7 @@ def test_a_study_keeps_the_source_in_every_file_and_reports_it(module):
     config = json.loads(Path("study/study.json").read_text())["config"]
     assert config["policy_sources"] == {name: source}
     page = report(read_results(Path("study")), "oracle")
-    text = f"`{name}`: `kind module, file {module}.py, sha256"
+    text = f"`{name}` | `kind module, file {module}.py, sha256"
     assert text in markdown_page(page)
     # From its own settings it is the same study again: nothing is left to do.
     before = {p: p.read_bytes() for p in Path("study/tasks").iterdir()}

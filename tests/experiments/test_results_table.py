@@ -5,16 +5,17 @@ import pytest
 from gplfd_env.doors.config import DOORS
 from gplfd_experiments.analysis.results.measures import (
     EPISODE_MEASURES,
-    by_door_kind,
     counted,
-    numbers,
     ranked,
 )
 from gplfd_experiments.analysis.results.reading import read_results
-from gplfd_experiments.analysis.results.statistics import (
-    success_rate,
+from gplfd_experiments.analysis.results.statistics import success_rate
+from gplfd_experiments.analysis.results.table import (
+    remarks,
+    run_table,
+    study_rows,
+    study_table,
 )
-from gplfd_experiments.analysis.results.table import remarks, run_table, study_table
 from gplfd_experiments.episodes.metrics import episode_metrics
 from gplfd_experiments.files.table import Table, markdown_table, text_table
 
@@ -25,7 +26,7 @@ LOST = {"error": "its worker died", "traceback": "", "lost": True}
 """Of one whose worker was killed."""
 
 
-def test_text_is_aligned_and_a_second_line_stands_below():
+def test_columns_are_aligned_as_text_and_apart_in_markdown():
     assert text_table(SMALL).splitlines() == [
         "name   a|b",
         "       [m]",
@@ -33,9 +34,6 @@ def test_text_is_aligned_and_a_second_line_stands_below():
         "long   2.5",
         "      more",
     ]
-
-
-def test_cells_stay_apart_in_markdown():
     assert markdown_table(SMALL).splitlines() == [
         "| name | a\\|b<br>[m] |",
         "| :-- | --: |",
@@ -54,87 +52,69 @@ def episodes_of(write_study):
     return lambda *results: read_results(write_study(results)).episodes
 
 
-@pytest.fixture
-def rows(episodes_of):
-    """The table of some results, by policy: cells by column."""
-
-    def tabulate(*results):
-        table = study_table(episodes_of(*results))
-        cells = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
-        return {each["policy"]: each for each in cells}
-
-    return tabulate
+def cells(episodes):
+    """The table of episodes, by policy: cells by column."""
+    table = study_table(study_rows(episodes))
+    return {row[0]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
 
 
-def test_forces_are_medians_over_successes(rows, episode_result):
-    closed = episode_result("gp", 3, opened=False, radial=99.0)
+def test_numbers_are_medians_and_reasons_are_counted(episodes_of, episode_result):
     opened = [
         episode_result("gp", n, radial=force - 0.01 * n)
         for n, force in enumerate((1.0, 3.0, 8.0))
     ]
+    closed = [episode_result("gp", n, opened=False, radial=99.0) for n in range(3, 6)]
+    closed[1]["metrics"] |= {"failure": "grasp_lost", "reason": "out_of_reach"}
+    rows = cells(episodes_of(*opened, *closed, episode_result("kmp")))
     expected = {
-        "opened": "3/4",
-        "95 %": "0.30–0.95",
+        "opened": "3/6",
+        "95 %": success_rate((n, n < 3) for n in range(6)).interval,
         "radial force [N]": "3.0",
         "√E[ε²] [mm]": "10.0",
         "governed [%]": "5.5",
         "CPU time per decision [ms]": "0.20",
+        "not opened because": "2 × door did not move further, "
+        "1 × hand lost the handle: an arm joint was at its limit",
     }
-    assert expected.items() <= rows(*opened, closed)["gp"].items()
+    assert expected.items() <= rows["gp"].items()
+    assert rows["kmp"]["not opened because"] == ""
 
 
-def test_reasons_of_closed_doors_are_counted(rows, episode_result):
-    closed = [episode_result("gp", seed, opened=False) for seed in range(3)]
-    closed[1]["metrics"] |= {"failure": "grasp_lost", "reason": "out_of_reach"}
-    found = rows(*closed, episode_result("gp", 3), episode_result("kmp"))
-    assert found["gp"]["not opened because"] == (
-        "2 × door did not move further, "
-        "1 × hand lost the handle: an arm joint was at its limit"
-    )
-    assert found["kmp"]["not opened because"] == ""
-
-
-def test_an_error_of_the_policy_is_a_door_not_opened(rows, episodes_of, episode_result):
+def test_an_error_of_the_policy_is_a_door_not_opened(episodes_of, episode_result):
     # One policy opens what it tries and raises at the other doors; one tries them all.
-    results = [
+    episodes = episodes_of(
         *(episode_result("picky", seed, radial=1.0) for seed in range(4)),
         *({**episode_result("picky", seed), **RAISED} for seed in range(4, 8)),
         *(episode_result("tries", seed, radial=9.0) for seed in range(6)),
         *(episode_result("tries", seed, opened=False) for seed in range(6, 8)),
         {**episode_result("broken"), **RAISED},
-    ]
-    table = rows(*results)
+    )
+    table = cells(episodes)
     interval = success_rate((seed, seed < 4) for seed in range(8)).interval
     heads = ("opened", "95 %", "errors", "radial force [N]")
     assert [table["picky"][head] for head in heads] == ["4/8", interval, "4", "1.0"]
     assert [table["tries"][head] for head in ("opened", "errors")] == ["6/8", "0"]
     assert [table["broken"][head] for head in heads[::3]] == ["0/1", "–"]
-    episodes = episodes_of(*results)
     assert remarks(episodes) == [
         "5 of 17 episodes ended in an error of the policy and count as not opened: "
         "broken 1, picky 4."
     ]
     assert [*ranked(episodes)] == ["tries", "picky", "broken"]
-    one = next(one for one in episodes if one.policy == "broken")
-    assert (one.solved, one.opened(15)) == (False, False)
+    broken = next(episode for episode in episodes if episode.policy == "broken")
+    assert (broken.solved, broken.opened(15)) == (False, False)
+    assert broken.metrics["failure"] == "policy_error"
     # There is no force where nothing was felt.
-    felt = numbers(ranked(episodes), EPISODE_MEASURES["force_radial_peak"])
-    assert {policy: len(own) for policy, own in felt.items()} == {
-        "tries": 6,
-        "picky": 4,
-        "broken": 0,
-    }
-    assert one.metrics["failure"] == "policy_error"
+    force = EPISODE_MEASURES["force_radial_peak"]
+    assert len(force.values(episodes)) == 10
 
 
-def test_what_the_machine_lost_counts_nowhere(rows, episodes_of, episode_result):
+def test_what_the_machine_lost_counts_nowhere(episodes_of, episode_result):
     lost = [{**episode_result(policy, 1), **LOST} for policy in ("gp", "kmp")]
-    results = [episode_result("gp"), *lost]
-    table = rows(*results)
+    episodes = episodes_of(episode_result("gp"), *lost)
+    table = cells(episodes)
     assert [table[policy]["opened"] for policy in ("gp", "kmp")] == ["1/1", "0/0"]
-    episodes = episodes_of(*results)
-    (said,) = remarks(episodes)
-    assert said.startswith("2 of 3 episodes were lost, because the machine failed, and")
+    (remark,) = remarks(episodes)
+    assert remark.startswith("2 of 3 episodes were lost, because the machine failed,")
     assert [*ranked(episodes)] == ["gp", "kmp"]
     assert counted({"gp": episodes[:2]}) == {"gp": [episodes[0]]}
 
@@ -147,11 +127,8 @@ def test_doors_are_in_groups_of_their_kind(episodes_of, episode_result):
         for policy in ("gp", "kmp")
         for radius, task in ((0.5, {}), (room.radius, door))
     ]
-    episodes = episodes_of(*results)
-    kinds = by_door_kind(episodes)
-    assert [*kinds] == ["bar, pull", "lever with spring latch, pull"]
-    assert [len(own) for own in kinds.values()] == [2, 2]
-    assert [row[:2] for row in study_table(episodes).rows] == [
+    table = study_table(study_rows(episodes_of(*results)))
+    assert [row[:2] for row in table.rows] == [
         ("**bar, pull**", ""),
         ("gp", "0.5"),
         ("kmp", "0.5"),

@@ -211,7 +211,7 @@ def test_the_command_reports_and_goes_on(folder, capsys):
     }
     page = Path("out/report.md").read_text()
     assert "6 recordings left out of 2 policies" in page
-    assert "**Online 25 %:**" in page
+    assert "| online 25 % [mm] |" in page
     assert "Doors opened" not in page
     # Another method is added; what is there is kept.
     before = {path: path.stat().st_mtime_ns for path in Path("out/tasks").iterdir()}

@@ -9,8 +9,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from gplfd_experiments.analysis.report.document import Section
-from gplfd_experiments.analysis.report.trials import add_tiers, aggregate_table
+from gplfd_experiments.analysis.report.trials import aggregate_table, tier_tables
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.trials import (
     deciding_measure,
@@ -83,9 +82,7 @@ def test_the_table_has_the_best_first_and_the_reference_against_all(heavy):
 
 
 def test_a_table_per_tier_has_successes_and_radial_force(heavy):
-    section = Section()
-    add_tiers(section, read_results(heavy))
-    title, table = section.blocks
+    title, table = tier_tables(read_results(heavy))
     assert title.text == "**Tier furniture**, 2 of 7 trials"
     assert [row[:3] for row in table.rows] == [
         ("`gp`", "method", "16/16\n0.81–1.00"),

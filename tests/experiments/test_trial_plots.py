@@ -6,7 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from gplfd_experiments.analysis.report.plots import deciding_numbers, ideas, kind_of
+from gplfd_experiments.analysis.report.document import kind_of
+from gplfd_experiments.analysis.report.plots import deciding_numbers, ideas
 from gplfd_experiments.analysis.report.trials import ordered, trial_table
 from gplfd_experiments.analysis.results.reading import read_results
 from gplfd_experiments.analysis.results.statistics import Shift
@@ -118,7 +119,7 @@ def answer(policy, low, high, measure=FORCE):
     sides = {"having": Side(policy="gp"), "lacking": Side(policy=policy)}
     contrast = Contrast(idea="softness", measure=measure, **sides)
     shift = Shift(estimate=middle, low=low, high=high, n=20)
-    return Answer(contrast=contrast, shift=shift)
+    return Answer(contrast=contrast, shift=shift, changes={})
 
 
 def test_what_helps_is_on_the_right_and_first():

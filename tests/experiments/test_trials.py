@@ -246,7 +246,7 @@ def test_shares_and_missing_numbers_are_summed_up(write_study, episode_result):
     for result in results[:2]:
         del result["metrics"]
         result["error"] = "ValueError: no"
-    own = of_trial(read_results(write_study(results)).episodes, "stop")["gp"]["stop"]
+    own = of_trial(read_results(write_study(results)).episodes, "stop")["stop"]["gp"]
     assert summary(own, "recovery_time").n == 6
     rate = summary(own, "success")
     assert (rate.successes, rate.trials) == (5, 8)
@@ -261,7 +261,7 @@ def test_an_error_of_the_policy_is_a_failure_in_every_share(
         result.update(error="ValueError: no", traceback="Traceback ...")
     results[8].update(error="its worker died", lost=True)
     found = read_results(write_study(results))
-    rate = summary(of_trial(found.episodes, "stop")["gp"]["stop"], share)
+    rate = summary(of_trial(found.episodes, "stop")["stop"]["gp"], share)
     assert (rate.successes, rate.trials) == (7, 15)
     assert rate == success_rate((seed, seed >= 8) for seed in range(15))
     entry = trial_answers(found)["trials"]["stop"]["stop"]["gp"]

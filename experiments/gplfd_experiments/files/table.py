@@ -14,6 +14,8 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     """Cells, one per heading; text after a line break is small. A row with only its
     first cell is the heading of the rows below."""
+    title: str = ""
+    """Title of a table that a page shows folded."""
     note: str = ""
     """Explanation of the table."""
     left: bool = False

@@ -1,37 +1,45 @@
 """The report of a study: `report` returns a document, `write_report` writes it."""
 
+import shlex
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
 from gplfd_experiments.analysis.figures.style import paper_style, write_figure
-from gplfd_experiments.analysis.report import (
-    doors,
-    origin,
-    predictions,
-    trials,
-)
+from gplfd_experiments.analysis.report import doors, predictions, trials
 from gplfd_experiments.analysis.report.document import (
     FIGURES,
+    Block,
     Document,
     Section,
+    Text,
     code,
     html_page,
+    literal,
     markdown_page,
 )
 from gplfd_experiments.analysis.results.measures import (
     PRIVILEGED,
     by_condition,
+    by_policy,
     counted,
+    grouped,
     ranked,
 )
-from gplfd_experiments.analysis.results.reading import StudyResults
+from gplfd_experiments.analysis.results.reading import StudyResults, TaskResult
+from gplfd_experiments.analysis.results.table import remarks
 from gplfd_experiments.analysis.results.trials import FILE as ANSWERS
 from gplfd_experiments.analysis.results.trials import trial_answers
 from gplfd_experiments.files.plain_data import write_json
+from gplfd_experiments.files.table import Table
+from gplfd_experiments.studies.store import PLANNED
 from gplfd_policies.arrays.storage import complete_or_absent
 
 HTML: Final = "report.html"
 MARKDOWN: Final = "report.md"
+_ORIGIN: Final = "What was run"
+_LEFT_OUT: Final = "Files without a result, left out"
 
 
 def write_report(
@@ -46,10 +54,10 @@ def write_report(
     folder = study if out is None else out
     document = report(results, reference)
     images: dict[str, bytes] = {}
-    for picture in document.pictures:
+    for plot in document.plots:
         with paper_style():
-            write_figure(picture.draw(), folder / FIGURES, picture.name)
-        images[picture.name] = (folder / FIGURES / f"{picture.name}.svg").read_bytes()
+            write_figure(plot.draw(), folder / FIGURES, plot.name)
+        images[plot.name] = (folder / FIGURES / f"{plot.name}.svg").read_bytes()
     for name, text in (
         (MARKDOWN, markdown_page(document)),
         (HTML, html_page(document, images)),
@@ -64,38 +72,166 @@ def write_report(
 
 def report(results: StudyResults, reference: str) -> Document:
     """Return the report of a study."""
-    episodes = [one for one in results.episodes if not one.task.trial]
-    shown = {str(title): ranked(own) for title, own in by_condition(episodes).items()}
-    ran = {title: counted(runs) for title, runs in shown.items()}
-    first = next(iter(ran.values()), {})
-    policies = sorted({one.policy for one in results.all})
-
-    lead = Section()
-    origin.say_warnings(lead, results)
-    trials.add_tiers(lead, results)
-    if shown:
-        lead.table(doors.summary_table(ran))
+    episodes = [episode for episode in results.episodes if not episode.task.trial]
+    conditions = {str(c): ranked(group) for c, group in by_condition(episodes).items()}
+    counting = {title: counted(runs) for title, runs in conditions.items()}
+    lead = [*_warnings(results), *trials.tier_tables(results)]
+    if conditions:
+        lead.append(doors.summary_table(conditions))
+    policies = sorted({result.policy for result in results.all})
     if reference not in policies:
-        ranking = [*first, *policies]
-        best = next((one for one in ranking if one not in PRIVILEGED), ranking[0])
-        lead.say(
-            f"{code(reference)} is not in this study; {code(best)} takes its place."
-        )
+        ranking = [*next(iter(conditions.values()), {}), *policies]
+        best = next((p for p in ranking if p not in PRIVILEGED), ranking[0])
+        text = f"{code(reference)} is not in this study; {code(best)} takes its place."
+        lead.append(Text(text))
         reference = best
-    origin.say_command(lead, results)
+
+    # The number of results, and the command that made them.
+    parts = (
+        (results.episodes, "episodes"),
+        (results.tests, "learning tests"),
+        (results.recorded, "recordings left out"),
+    )
+    done = " and ".join(f"{len(some)} {what}" for some, what in parts if some)
+    created, command = results.study.get("created"), results.study.get("command")
+    started = f", started {literal(created)}" if isinstance(created, str) else ""
+    lead += [
+        Text(
+            f"{done} of {len(policies)} policies{started}. Every number on this page "
+            "is computed from the result files of"
+        ),
+        Text(
+            shlex.join(map(str, command))
+            if isinstance(command, list) and command
+            else "(study.json with the command is missing)",
+            "verbatim",
+        ),
+    ]
 
     sections = trials.trial_sections(results, reference)
-    if first:
-        sections += [
-            doors.doors_section(shown, reference),
-            doors.tests_section(ran, reference),
-        ]
+    if conditions:
+        sections.append(doors.doors_section(conditions, reference))
+        tests = [doors.paired_tests(t, r, reference) for t, r in counting.items()]
+        sections.append(Section("Paired tests", "tests", tests))
     if results.recorded:
         sections.append(predictions.recorded_section(results.recorded, reference))
     if results.tests:
         sections.append(predictions.table_one_section(results.tests))
         sections.append(predictions.learning_section(results.tests, reference))
+    sections.append(Section(_ORIGIN, "origin", _origin(results)))
     robot = bool(results.episodes or results.tests)
-    sections.append(origin.origin_section(results))
     title = f"{'Opening doors' if robot else 'Recordings'}: the policies compared"
     return Document(title, lead, sections)
+
+
+def unfinished(results: StudyResults) -> str:
+    """Return the number of planned tasks without a result; empty if there is none."""
+    planned = results.study.get(PLANNED)
+    if not isinstance(planned, int) or len(results.all) >= planned:
+        return ""
+    missing = planned - len(results.all)
+    return f"{missing} of {planned} tasks have no result: run the study again"
+
+
+def _warnings(results: StudyResults) -> list[Block]:
+    """Return a paragraph with important warnings, if there are any."""
+    warnings = [literal(text) for text in remarks(results.episodes)]
+    if failed := sum(bool(result.error) for result in results.tests):
+        tests = f"{failed} of {len(results.tests)} learning tests ended in an error."
+        warnings.append(tests)
+    # A file that was edited between two parts of a study.
+    sources = Counter(policy for policy, _ in _sources(results))
+    if mixed := sorted(policy for policy, number in sources.items() if number > 1):
+        warnings.append(
+            f"Results of {_names(mixed)} come from more than one source file or "
+            "version."
+        )
+    if missing := unfinished(results):
+        warnings.append(f"{missing}.")
+    if results.unreadable:
+        warnings.append(f"{_LEFT_OUT}: {len(results.unreadable)}.")
+    if not warnings:
+        return []
+    text = f"{' '.join(warnings)} The reasons are under “{_ORIGIN}”."
+    return [Text(text, "warning")]
+
+
+def _origin(results: StudyResults) -> list[Block]:
+    """Return provenance, counts, errors and what could not be read."""
+    blocks: list[Block] = []
+    codes = Counter(result.code for result in results.all)
+    if len(codes) == 1:
+        blocks.append(Text(f"All results were made by {literal(next(iter(codes)))}."))
+    else:
+        text = (
+            "These results were not all made by the same code; differences between "
+            "policies may be differences between versions. Use another --out, or "
+            "delete the folder, to have one version."
+        )
+        listed = sorted(codes.items(), key=lambda item: (-item[1], item[0]))
+        lines = "\n".join(f"{number} results: {name}" for name, number in listed)
+        blocks += [Text(text, "warning"), Text(lines, "verbatim")]
+    machines = {result.machine for result in results.all}
+    if len(machines) > 1:
+        text = (
+            f"These results were made on {len(machines)} kinds of machine: they are "
+            "equal only up to a tolerance, see `docs/reproducibility.md`."
+        )
+        blocks.append(Text(text))
+    if foreign := [(policy, source) for policy, source in _sources(results) if source]:
+        rows = tuple((code(policy), code(source)) for policy, source in foreign)
+        columns = ("policy of others", "source")
+        blocks.append(Table(columns=columns, rows=rows, left=True))
+    for title, key in (
+        ("Machine", "platform"),
+        ("Settings of the last command", "config"),
+    ):
+        if isinstance(entries := results.study.get(key), dict):
+            rows = tuple((literal(name), literal(entries[name])) for name in entries)
+            columns = ("name", "value")
+            blocks.append(Table(columns=columns, rows=rows, left=True, title=title))
+
+    # Tasks that only some policies ran.
+    every = {result.pair for result in results.episodes}
+    gaps = [
+        f"{code(policy)} {missing}"
+        for policy, episodes in by_policy(results.episodes).items()
+        if (missing := len(every - {result.pair for result in episodes}))
+    ]
+    if gaps:
+        text = (
+            f"Of the {len(every)} episodes that any policy ran, some have none: "
+            f"{', '.join(gaps)}. Rates count what was run; tests compare what both ran."
+        )
+        blocks.append(Text(text, "warning"))
+
+    if failed := [result for result in results.all if result.error]:
+        reasons = grouped(failed, lambda result: result.error)
+        order = sorted(reasons.items(), key=lambda item: (-len(item[1]), item[0]))
+        text = f"Tasks of {_names(by_policy(failed))} that ended in an error:"
+        lines = "\n".join(
+            f"{len(group)} × {'; '.join(dict.fromkeys(map(_subject, group)))}: {reason}"
+            for reason, group in order
+        )
+        blocks += [Text(text, "warning"), Text(lines, "verbatim")]
+    else:
+        blocks.append(Text("No task ended in an error."))
+    if results.unreadable:
+        lines = "\n".join(results.unreadable)
+        blocks += [Text(f"{_LEFT_OUT}:", "warning"), Text(lines, "verbatim")]
+    return blocks
+
+
+def _names(policies: Iterable[str]) -> str:
+    return ", ".join(map(code, policies))
+
+
+def _sources(results: StudyResults) -> list[tuple[str, str]]:
+    """Return every policy with each of its sources, in order."""
+    return list(
+        dict.fromkeys((result.policy, result.policy_source) for result in results.all)
+    )
+
+
+def _subject(result: TaskResult) -> str:
+    return f"{result.policy}, {getattr(result.task, 'door', 'learning test')}"

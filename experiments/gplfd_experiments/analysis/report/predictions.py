@@ -10,142 +10,82 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
+from gplfd_experiments.analysis.report import plots
 from gplfd_experiments.analysis.report.document import (
-    Cell,
+    Block,
+    Column,
+    Plot,
     Section,
+    Text,
     code,
-    medians,
+    median_column,
     policy_table,
 )
-from gplfd_experiments.analysis.report.plots import LeftOut, coverage, prediction_scores
 from gplfd_experiments.analysis.results.measures import (
     FORCE_MEASURES,
     LEARNING_HEADLINES,
     LEARNING_MEASURES,
     RECORDED_MEASURES,
-    Measure,
     by_condition,
     by_policy,
 )
-from gplfd_experiments.analysis.results.reading import (
-    LearningTestResult,
-    RecordedResult,
-)
+from gplfd_experiments.analysis.results.reading import TaskResult
 from gplfd_experiments.files.table import Table, text_table
 from gplfd_experiments.studies.learning_tests.criteria import CRITERIA, mark
 from gplfd_policies.registry.built_in import TABLE_1
 
-Tests = Sequence[LearningTestResult]
-Results = Sequence[RecordedResult]
+Results = Sequence[TaskResult]
 
 _LEFT_OUT: Final = {
     "demonstration": "One demonstration left out",
     "radius": "The middle radius left out",
 }
-_MEASURES: Final[Mapping[str, Measure]] = {
-    **LEARNING_MEASURES,
-    **RECORDED_MEASURES,
-    **FORCE_MEASURES,
-}
+_MEASURES: Final = {**LEARNING_MEASURES, **RECORDED_MEASURES, **FORCE_MEASURES}
 _SUMMARY: Final = (
     *(*LEARNING_HEADLINES, "coverage_95"),
     *("forecast_25_nlpd", "forecast_25_position_m"),
     *("online_25_nlpd", "online_25_position_m", "online_25_coverage_95"),
 )
-"""Measures in the summary."""
-_FORCES: Final = tuple(FORCE_MEASURES)
-_TABLES: Final[Mapping[str, tuple[str, ...]]] = {
-    "A recording that was not seen": tuple(
-        name for name in LEARNING_MEASURES if name != "via_far_change"
-    ),
-    "Its rest, once a part has been seen": tuple(
-        name for name in RECORDED_MEASURES if name.startswith("forecast")
-    ),
-    "The same online": tuple(
-        name for name in RECORDED_MEASURES if name.startswith("online")
-    ),
-    "Its force, and that of its rest once a part has been felt": _FORCES,
-}
-"""Columns of the tables of recordings by their title."""
-
-_FORCE_NOTE: Final = (
-    "Force and moment of what is left out, before any force was measured and of the "
-    "rest once a part was, at known phases. NLPD in newtons and newton metres."
+"""Measures in the summary of recordings."""
+_NOTE: Final = (
+    "Medians. NLPD: negative log predictive density, in natural units of metres and "
+    "radians, of forces in newtons and newton metres; less is better. Inside: share of "
+    "the left-out numbers within the stated intervals. After a part: errors of the "
+    "rest, at known phases; online: with the phase estimated from the samples so far."
 )
 _SIGN: Final = {True: "✓", False: "✗", None: "?"}
-_TUNED: Final = tuple(f"{policy}-tuned" for policy in TABLE_1)
 _TINY: Final = 1e-3
 """Smaller numbers are shown as less than this."""
 
-Metrics = dict[str, list[Mapping[str, Any]]]
-"""Metrics of every learning test, by policy."""
 
-
-def learning_section(tests: Tests, reference: str) -> Section:
-    """All learning tests in one table; plots of the first condition."""
-    section = Section("What was learned, without a robot", "learning")
-    ran = [one for one in tests if not one.error]
-    if not ran:
-        section.say(
-            "This study has no learning test with a result: `gplfd benchmark` makes "
-            "them unless it is given `--no-skill`."
-        )
-        return section
+def learning_section(tests: Results, reference: str) -> Section:
+    """Learning tests without a robot; plots of the first condition."""
     groups = {
-        f"{left_out}: {condition.teaching}": by_policy(own)
+        f"{left_out}: {condition.teaching}": here
         for condition, those in by_condition(tests).items()
         for held_out, left_out in _LEFT_OUT.items()
-        if (own := [test for test in those if test.task.held_out == held_out])
+        if (here := [test for test in those if test.left_out == held_out])
     }
-    note = (
-        "What is left out is predicted and compared with what was done: medians over "
-        "the seeds. NLPD in natural units of metres and radians; inside: share of the "
-        "left-out numbers within the stated intervals."
-    )
-    table = policy_table(groups, _columns(LEARNING_MEASURES), note)
-    section.table(table, folded="All measures of the learning tests")
-    if any(one.number("force_error_n") is not None for one in ran):
-        table = policy_table(groups, _columns(_FORCES), _FORCE_NOTE)
-        section.table(table, folded="Forces of the learning tests")
-
-    standard = next(iter(by_condition(ran).values()))
-    _add_plots(section, standard, reference)
-    return section
+    ran = [test for test in tests if not test.error]
+    standard = next(iter(by_condition(ran).values()), [])
+    blocks: list[Block] = [_all_measures(groups), *_plots(standard, reference)]
+    return Section("What was learned, without a robot", "learning", blocks)
 
 
 def recorded_section(results: Results, reference: str) -> Section:
-    """All methods on recordings, each left out in turn: tables and plots."""
-    section = Section("What was learned from the recordings", "recorded")
-    runs = by_policy(results)
-    section.say(
+    """All methods on recordings, each left out in turn."""
+    introduction = (
         "Each recording is left out in turn and predicted from the others. The phase "
         "is the share of the path that the hand has covered; **online**, the method "
-        "estimates it from the samples so far, as on a robot. Less is better. NLPD is "
-        "over the outputs that move, in metres and radians."
+        "estimates it from the samples so far, as on a robot."
     )
-    section.table(_summary(results))
-    _add_plots(section, [one for one in results if not one.error], reference)
-    felt = any(one.number("force_error_n") is not None for one in results)
-    for title, metrics in _TABLES.items():
-        if metrics is _FORCES and not felt:
-            continue
-        columns = _columns(metrics)
-        note = f"Medians over recordings. {_FORCE_NOTE if metrics is _FORCES else ''}"
-        table = policy_table({"": runs}, columns, note.strip())
-        section.table(table, folded=title)
-
-    nlpd = _MEASURES["nlpd"]
-    scores = [{one.task.seed: nlpd.of(one) for one in own} for own in runs.values()]
-    table = Table(
-        columns=("left out", *map(code, runs)),
-        rows=tuple(
-            (str(number), *(nlpd.text(own.get(number)) for own in scores))
-            for number in sorted({one.task.seed for one in results})
-        ),
-        note="Recordings are numbered from 0 in the order of the file.",
-    )
-    section.table(table, folded="NLPD recording by recording")
-    return section
+    blocks: list[Block] = [
+        Text(introduction),
+        _summary(results),
+        *_plots([result for result in results if not result.error], reference),
+        _all_measures({"": results}),
+    ]
+    return Section("What was learned from the recordings", "recorded", blocks)
 
 
 def overview(results: Results) -> str:
@@ -162,97 +102,86 @@ def _summary(results: Results) -> Table:
     """Return the headlines of all methods, ordered by likelihood."""
 
     def likelihood(item: tuple[str, Results]) -> float:
-        middle = _MEASURES["nlpd"].median(one for one in item[1] if not one.error)
-        return math.inf if middle is None else middle
+        median = _MEASURES["nlpd"].median(test for test in item[1] if not test.error)
+        return math.inf if median is None else median
 
     order = sorted(by_policy(results).items(), key=likelihood)
-    note = (
-        "Medians over recordings. **n:** recordings left out, one at a time. "
-        "**NLPD:** negative log predictive density of the outputs that move; less is "
-        "better. **Position, rotation:** error of the prediction. **Inside 95 %:** "
-        "share of the recording inside the stated 95 % intervals, 0.95 is correct. "
-        "**After 25 %:** error and NLPD of the rest once a quarter has been seen. "
-        "**Online 25 %:** the same, with the phase estimated from the samples so far."
-    )
-    return policy_table({"": dict(order)}, _columns(_SUMMARY), note)
+    note = f"**n:** recordings left out, one at a time. {_NOTE}"
+    return policy_table({"": dict(order)}, _columns(_SUMMARY), note=note)
 
 
-def _columns(metrics: Iterable[str]) -> dict[str, Cell]:
+def _columns(metrics: Iterable[str]) -> list[Column]:
     """Return a column with the number of results, and one with each median."""
-    columns: dict[str, Cell] = {"n": lambda own: str(len(own))}
-    for name in metrics:
-        columns |= medians(_MEASURES[name])
-    return columns
+    number = Column("n", lambda own: str(len(own)))
+    return [number, *(median_column(_MEASURES[name]) for name in metrics)]
 
 
-def _add_plots(section: Section, tests: Sequence[LeftOut], reference: str) -> None:
-    """Add plots of coverage and errors of predictions, if there is a test."""
+def _all_measures(groups: Mapping[str, Results]) -> Table:
+    """Return the medians of all measures that any of the tests has."""
+    tests = [test for group in groups.values() for test in group]
+    metrics = [
+        name
+        for name in _MEASURES
+        if any(test.number(name) is not None for test in tests)
+    ]
+    runs = {title: by_policy(group) for title, group in groups.items()}
+    return policy_table(runs, _columns(metrics), title="All measures", note=_NOTE)
+
+
+def _plots(tests: Results, reference: str) -> list[Plot]:
+    """Return plots of coverage and errors of predictions, if there is a test."""
     runs = by_policy(tests)
-    if any(one.number("coverage_95") is not None for one in tests):
-        section.picture(
-            "coverage",
-            partial(coverage, runs, reference),
-            "**Calibration of the predicted uncertainty.** Share of left-out numbers "
-            "inside intervals of nominally 50, 90 and 95 %. Below the grey line the "
-            f"intervals are too narrow. Violet: {code(reference)}.",
-            "Measured against nominal coverage, a panel per policy",
-        )
-    if tests:
-        section.picture(
-            "skill",
-            partial(prediction_scores, runs),
-            "**Errors and likelihood of predictions.** A dot per test, a bar at the "
-            "median; left is better. The policy with the least position error is on "
-            "top.",
-            "Dot plot of NLPD, position and rotation error by policy",
-        )
+    calibration = Plot(
+        "coverage",
+        partial(plots.coverage, runs, reference),
+        "**Calibration of the predicted uncertainty.** Share of left-out numbers "
+        "inside intervals of nominally 50, 90 and 95 %. Below the grey line the "
+        f"intervals are too narrow. Violet: {code(reference)}.",
+        "Measured against nominal coverage, a panel per policy",
+    )
+    errors = Plot(
+        "skill",
+        partial(plots.prediction_scores, runs),
+        "**Errors and likelihood of predictions.** A dot per test, a bar at the "
+        "median; left is better. The policy with the least position error is on top.",
+        "Dot plot of NLPD, position and rotation error by policy",
+    )
+    stated = any(test.number("coverage_95") is not None for test in tests)
+    return [calibration] * stated + [errors] * bool(tests)
 
 
-def table_one_section(tests: Sequence[LearningTestResult]) -> Section:
+def table_one_section(tests: Results) -> Section:
     """The paper's rows and methods, measured marks, and differences."""
-    section = Section("Table 1 of the paper, measured", "table-1")
-    own = dict.fromkeys(one.policy for one in tests if one.policy_source)
-    measured, tuned = _measured(tests, (*TABLE_1, *own)), _measured(tests, _TUNED)
-    if not measured:
-        section.say(
-            "No policy of the paper's Table 1 has a learning test with a result in "
-            "this study, so there is no number behind any mark."
-        )
-        return section
+    ran = [test for test in tests if not test.error]
+    standard = by_policy(next(iter(by_condition(ran).values()), []))
+    foreign = dict.fromkeys(test.policy for test in tests if test.policy_source)
     note = (
         "✓ and ✗: whether the number earns the mark by the limits below; where the "
-        "paper says otherwise, its own mark is given. Means over "
-        f"{max(map(len, measured.values()))} learning tests. "
-        "The paper's column GP is `local-gp` and `wishart-gp`, its last one "
-        "`gp-paper` as published and `gp` as developed here."
+        "paper says otherwise, its own mark is given. Means over the learning tests. "
+        "The paper's column GP is `local-gp` and `wishart-gp`, its last one `gp-paper` "
+        "as published and `gp` as developed here. Tuned: with the settings that "
+        "benchmarks/tune.py found for each method."
     )
-    section.table(_marks(measured, note), folded="Marks with their numbers")
-    section.table(
-        Table(
-            columns=("row", "what is measured"),
-            rows=tuple((item.row, item.sentence) for item in CRITERIA.values()),
-            left=True,
-        ),
-        folded="What the rows mean",
+    blocks: list[Block] = []
+    for title, policies in (
+        ("Marks with their numbers", (*TABLE_1, *foreign)),
+        ("Marks of the tuned methods", [f"{policy}-tuned" for policy in TABLE_1]),
+    ):
+        here = {p: [t.metrics for t in standard[p]] for p in policies if p in standard}
+        if here:
+            blocks.append(_marks(here, title, note))
+    meanings = Table(
+        columns=("row", "what is measured"),
+        rows=tuple((item.row, item.sentence) for item in CRITERIA.values()),
+        title="What the rows mean",
+        left=True,
     )
-    if tuned:
-        note = "The same with the settings that `gplfd tune` found for each method."
-        section.table(_marks(tuned, note), folded="Marks of the tuned methods")
-    return section
+    return Section("Table 1 of the paper, measured", "table-1", [*blocks, meanings])
 
 
-def _measured(tests: Sequence[LearningTestResult], shown: Sequence[str]) -> Metrics:
-    """Metrics of some policies under the standard condition."""
-    ran = (one for one in tests if not one.error and one.policy in shown)
-    standard = by_policy(next(iter(by_condition(ran).values()), []))
-    return {
-        policy: [one.metrics for one in standard[policy]]
-        for policy in shown
-        if policy in standard
-    }
-
-
-def _marks(measured: Metrics, note: str) -> Table:
+def _marks(
+    measured: Mapping[str, Sequence[Mapping[str, Any]]], title: str, note: str
+) -> Table:
     """Return a row per criterion with a mark and a number per policy."""
     rows: list[tuple[str, ...]] = []
     for row, criterion in CRITERIA.items():
@@ -260,15 +189,16 @@ def _marks(measured: Metrics, note: str) -> Table:
         bounded = limit.high < math.inf
         bound = f"≤ {limit.high:g}" if bounded else f"≥ {limit.low:g}"
         cells = [f"{row}\n{limit.symbol} {bound}"]
-        for policy, own in measured.items():
-            found, published = mark(criterion, own), policy in criterion.paper
-            text, value = _SIGN[found.passed], found.value
+        for policy, metrics in measured.items():
+            earned, published = mark(criterion, metrics), policy in criterion.paper
+            text, value = _SIGN[earned.passed], earned.value
             if value is not None and 0.0 < abs(value) < _TINY:
                 text += f" < {_TINY:g}" if value > 0.0 else f" > −{_TINY:g}"
             elif value is not None:
                 text += f" {value:.3g}".replace("-", "−")
-            if policy in TABLE_1 and found.passed not in (None, published):
+            if policy in TABLE_1 and earned.passed not in (None, published):
                 text = f"**{text}**\n(paper {_SIGN[published]})"
             cells.append(text)
         rows.append(tuple(cells))
-    return Table(columns=("", *map(code, measured)), rows=tuple(rows), note=note)
+    columns = ("", *map(code, measured))
+    return Table(columns=columns, rows=tuple(rows), title=title, note=note)

@@ -1,4 +1,4 @@
-"""Groups of results, and the measures by which they are compared."""
+"""The measures by which results are compared, and groups of results."""
 
 import math
 import statistics
@@ -10,12 +10,8 @@ from operator import attrgetter
 from typing import Final, Literal, TypeVar
 
 from gplfd_env.doors.randomization import RANDOMIZATIONS
-from gplfd_experiments.analysis.results.reading import (
-    EpisodeResult,
-    TaskResult,
-    TaughtResult,
-)
-from gplfd_experiments.analysis.results.statistics import Key, Shift
+from gplfd_experiments.analysis.results.reading import EpisodeResult, TaskResult
+from gplfd_experiments.analysis.results.statistics import Rate, Shift, shift
 from gplfd_experiments.episodes.failures import why_closed
 from gplfd_experiments.studies.settings import Condition
 
@@ -33,7 +29,7 @@ class Measure:
     """Name in a column heading."""
     unit: str = ""
     name: str = ""
-    """Name in a sentence and at an axis, if the measure has one."""
+    """What it is, in a sentence and at an axis; "" for measures without either."""
     digits: int = 2
     convert: Callable[[float], float] = float
     if_opened: bool = False
@@ -73,7 +69,19 @@ class Measure:
 
     def median(self, results: Iterable[TaskResult]) -> float | None:
         """Return the median of the results that have this measure; None without any."""
-        return median(self.values(results))
+        values = self.values(results)
+        return statistics.median(values) if values else None
+
+    def seed_means(self, results: Iterable[TaskResult]) -> list[float]:
+        """Return the mean over the results of each seed that have this measure."""
+        seeds = grouped(results, lambda result: result.task.seed).values()
+        by_seed = [values for group in seeds if (values := self.values(group))]
+        return [math.fsum(values) / len(values) for values in by_seed]
+
+    def typical(self, results: Iterable[TaskResult]) -> Shift | None:
+        """Return the typical value of a seed with its interval; None without any."""
+        means = self.seed_means(results)
+        return shift(means, [0.0] * len(means)) if means else None
 
     def text(self, value: float | None, *, unit: bool = False, finer: int = 0) -> str:
         """Format a value, or a dash; optionally with its unit or more decimals."""
@@ -84,6 +92,14 @@ class Measure:
             return number
         return f"{number}{self.unit}" if self.unit == "°" else f"{number} {self.unit}"
 
+    def cell(self, estimate: Rate | Shift | None) -> str:
+        """Format an estimate above its interval, if it has one."""
+        if estimate is None:
+            return "no value"
+        if isinstance(estimate, Rate):
+            return estimate.cell
+        return shift_cell(estimate, self.digits)
+
 
 def number_text(value: float, digits: int, *, signed: bool = False) -> str:
     """Format a number with a typographic minus, and zero without a sign."""
@@ -93,34 +109,29 @@ def number_text(value: float, digits: int, *, signed: bool = False) -> str:
     return f"{rounded:{plus}.{digits}f}".replace("-", "−")
 
 
-def median(values: Iterable[float | None]) -> float | None:
-    """Return the median of the values that are not None; None without any."""
-    known = [value for value in values if value is not None]
-    return statistics.median(known) if known else None
+def interval_text(estimate: Shift, digits: int) -> str:
+    """Format the ends of an interval; "" for too few pairs or too many failures."""
+    ends = estimate.low, estimate.high
+    if any(map(math.isinf, ends)):
+        return ""
+    return " to ".join(number_text(end, digits) for end in ends)
+
+
+def shift_cell(estimate: Shift, digits: int) -> str:
+    """Format an estimate above its interval, if it has one; a dash without a number."""
+    if not math.isfinite(estimate.estimate):
+        return "–"
+    number = number_text(estimate.estimate, digits)
+    return f"{number}\n{interval_text(estimate, digits)}".strip()
+
+
+def _thousandfold(value: float) -> float:
+    return 1e3 * value
 
 
 def _by_metric(*measures: Measure) -> Mapping[str, Measure]:
     """Return measures by their metrics."""
     return {measure.metric: measure for measure in measures}
-
-
-def interval_text(found: Shift, digits: int) -> str:
-    """Format the ends of an interval; "" for too few pairs or too many failures."""
-    if math.isinf(found.low) or math.isinf(found.high):
-        return ""
-    return " to ".join(number_text(end, digits) for end in (found.low, found.high))
-
-
-def shift_cell(found: Shift, digits: int) -> str:
-    """Format an estimate above its interval, if it has one; a dash without a number."""
-    if not math.isfinite(found.estimate):
-        return "–"
-    text = f"{number_text(found.estimate, digits)}\n{interval_text(found, digits)}"
-    return text.strip()
-
-
-def _thousandfold(value: float) -> float:
-    return 1e3 * value
 
 
 _newtons = partial(Measure, unit="N", digits=1)
@@ -137,11 +148,13 @@ EPISODE_MEASURES: Final = _by_metric(
     _share("success", "opened", name="doors opened and held"),
     Measure("final_angle_deg", "angle", "°", "final angle", digits=1, better="more"),
     _of_opened("force_radial_peak", "radial peak", "N", "peak radial force"),
-    _of_opened("force_radial_p95", "radial p95", "N"),
+    _of_opened("force_radial_p95", "radial p95", "N", "its 95th percentile in time"),
     _of_opened(
         "force_tangential_peak", "tangential peak", "N", "peak tangential force"
     ),
-    _of_opened("force_tangential_p95", "tangential p95", "N"),
+    _of_opened(
+        "force_tangential_p95", "tangential p95", "N", "its 95th percentile in time"
+    ),
     _of_opened("force_handle_peak", "handle peak", "N", "peak force at the handle"),
     _share("grasp_kept", "grasps kept", name="grasps kept"),
     _newtons("person_force_peak", "on a person", name="peak force on the person"),
@@ -149,7 +162,7 @@ EPISODE_MEASURES: Final = _by_metric(
         "person_force_sustained", "for 0.5 s", name="force on the person for 0.5 s"
     ),
     Measure("person_energy", "on a person", "J", "work on the person", digits=1),
-    _newtons("stop_force_peak", "on a stop"),
+    _newtons("stop_force_peak", "on a stop", name="peak force on the stop"),
     _newtons("stop_force_sustained", "for 0.5 s", name="force on the stop for 0.5 s"),
     Measure(
         "push_displacement_mm", "moved by a push", "mm", "displacement by the push", 1
@@ -157,23 +170,31 @@ EPISODE_MEASURES: Final = _by_metric(
     Measure("release_speed", "after release", "rad/s", "speed after release"),
     Measure("recovery_time", "to recover", "s", "time to recover"),
     Measure("time_to_60_deg", "to 60°", "s", "time to 60°"),
-    Measure("time_to_30_deg", "to 30°", "s"),
+    Measure("time_to_30_deg", "to 30°", "s", "time to 30°"),
     _of_opened("slip_max_mm", "slip", "mm", "slip in the hand"),
-    _of_opened("work", "work", "J", digits=2),
+    _of_opened("work", "work", "J", "work of the hand on the door", digits=2),
     _millimetres(
         "prediction_error_position",
         "√E[ε²]",
-        name="prediction error √E[ε²]",
+        name="prediction error: root of squared distance and stated variance",
         convert=lambda square_metres: 1e3 * math.sqrt(square_metres),
     ),
-    Measure("stability_margin_translation", "stability margin", "N/(m·s)", digits=0),
+    Measure(
+        "stability_margin_translation",
+        "stability margin",
+        "N/(m·s)",
+        "smallest distance of dk/dt from its bound",
+        digits=0,
+    ),
     Measure("governed_share", "governed", "%", digits=1, convert=lambda x: 100.0 * x),
-    _of_opened("door_acceleration_peak", "door |φ̈|", "rad/s²"),
+    _of_opened(
+        "door_acceleration_peak", "door |φ̈|", "rad/s²", "peak acceleration of the door"
+    ),
     Measure("radius", "radius", "m"),
     Measure(
         "latency_median_ms", "CPU time per decision", "ms", "CPU time of a decision"
     ),
-    Measure(WALL_TIME, "wall time per decision", "ms"),
+    Measure(WALL_TIME, "wall time per decision", "ms", "wall time of a decision"),
     Measure("latency_wall_p95_ms", "wall time\nper decision\np95", "ms"),
 )
 """Measures of episodes by metric; ``grasp_kept`` follows from the failure of an
@@ -181,9 +202,9 @@ episode. Contrasts of trials use them as well; the plot of all contrasts has thi
 order."""
 
 LEARNING_MEASURES: Final = _by_metric(
-    _millimetres("rmse_position_m", "position", name="error of the predicted position"),
-    _degrees("rmse_rotation_rad", "rotation", name="error of the predicted rotation"),
-    Measure("nlpd", "NLPD", name="negative log predictive density"),
+    _millimetres("rmse_position_m", "position"),
+    _degrees("rmse_rotation_rad", "rotation"),
+    Measure("nlpd", "NLPD"),
     *(Measure(f"coverage_{level}", f"inside {level} %") for level in (50, 90, 95)),
     _millimetres("via_error_position_m", "via-point", digits=2),
     Measure("via_far_change", "far change", "σ"),
@@ -192,29 +213,20 @@ LEARNING_MEASURES: Final = _by_metric(
     _milliseconds("cpu_predict_s", "predict"),
     _milliseconds("cpu_adapt_s", "adapt"),
 )
-
 RECORDED_MEASURES: Final = _by_metric(
     *(
         measure
-        for name, after, rest in (
-            *((f"forecast_{n}", f"after {n} %", f"after {n} %") for n in (10, 25, 50)),
-            *(
-                (f"online_{n}", f"online {n} %", f"after {n} %, online")
-                for n in (10, 25, 50)
-            ),
-        )
+        for kind, after in (("forecast", "after"), ("online", "online"))
+        for n in (10, 25, 50)
         for measure in (
-            _millimetres(f"{name}_position_m", after, name=f"error of the rest {rest}"),
-            _degrees(f"{name}_rotation_rad", after),
-            Measure(
-                f"{name}_nlpd", f"NLPD {after}", name=f"likelihood of the rest {rest}"
-            ),
-            Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
+            _millimetres(f"{kind}_{n}_position_m", f"{after} {n} %"),
+            _degrees(f"{kind}_{n}_rotation_rad", f"{after} {n} %"),
+            Measure(f"{kind}_{n}_nlpd", f"NLPD {after} {n} %"),
+            Measure(f"{kind}_{n}_coverage_95", f"inside 95 % {after} {n} %"),
         )
     ),
     *(_millimetres(f"online_{n}_path_m", f"path, online {n} %") for n in (10, 25, 50)),
 )
-
 FORCE_MEASURES: Final = _by_metric(
     *(
         measure
@@ -223,7 +235,7 @@ FORCE_MEASURES: Final = _by_metric(
             *((f"forecast_{n}_force", f"after {n} %") for n in (10, 25, 50)),
         )
         for measure in (
-            Measure(f"{name}_error_n", after, "N", f"error of the {after}"),
+            Measure(f"{name}_error_n", after, "N"),
             Measure(f"{name}_nlpd", f"NLPD {after}"),
             Measure(f"{name}_coverage_95", f"inside 95 % {after}"),
         )
@@ -233,15 +245,8 @@ FORCE_MEASURES: Final = _by_metric(
 
 LEARNING_HEADLINES: Final = ("nlpd", "rmse_position_m", "rmse_rotation_rad")
 """Measures of learning tests in summaries and plots."""
-TESTED: Final = (
-    *("force_radial_peak", "force_radial_p95", "force_tangential_peak"),
-    *("force_tangential_p95", "time_to_60_deg"),
-)
-"""Episode measures with a paired test."""
-
 
 ResultT = TypeVar("ResultT", bound=TaskResult)
-TaughtT = TypeVar("TaughtT", bound=TaughtResult)
 GroupT = TypeVar("GroupT")
 
 Runs = Mapping[str, Sequence[EpisodeResult]]
@@ -259,8 +264,8 @@ def grouped(
 ) -> dict[GroupT, list[ResultT]]:
     """Return results by a group key, groups in the order of their first result."""
     groups: dict[GroupT, list[ResultT]] = {}
-    for one in results:
-        groups.setdefault(group(one), []).append(one)
+    for result in results:
+        groups.setdefault(group(result), []).append(result)
     return groups
 
 
@@ -274,34 +279,39 @@ def by_door_kind(episodes: Iterable[EpisodeResult]) -> dict[str, list[EpisodeRes
     return grouped(episodes, attrgetter("door_kind"))
 
 
-def by_condition(results: Iterable[TaughtT]) -> dict[Condition, list[TaughtT]]:
+def by_condition(results: Iterable[ResultT]) -> dict[Condition, list[ResultT]]:
     """Return results by condition, those with most results first."""
-    known = [*RANDOMIZATIONS]
+    names = [*RANDOMIZATIONS]
 
-    def order(item: tuple[Condition, Sequence[TaughtT]]) -> tuple[float, ...]:
-        condition, own = item
+    def order(item: tuple[Condition, Sequence[ResultT]]) -> tuple[float, ...]:
+        condition, results = item
         name = condition.randomization
         return (
-            -len(own),
-            known.index(name) if name in known else len(known),
+            -len(results),
+            names.index(name) if name in names else len(names),
             abs(condition.teacher_noise - 1.0),
             condition.teacher_noise,
             abs(condition.demonstrations_per_door - 2),
             condition.demonstrations_per_door,
         )
 
-    return dict(sorted(grouped(results, lambda one: one.condition).items(), key=order))
+    groups = grouped((r for r in results if r.condition), attrgetter("condition"))
+    return dict(sorted(groups.items(), key=order))
 
 
-def ranked(episodes: Iterable[EpisodeResult]) -> Runs:
+def ranked(episodes: Iterable[EpisodeResult]) -> dict[str, list[EpisodeResult]]:
     """Return episodes by policy, ordered by doors opened, then by radial force."""
 
     def order(item: tuple[str, Sequence[EpisodeResult]]) -> tuple[float, float, str]:
-        policy, own = item
-        known = [one for one in own if one.counts]
-        rate = sum(one.opened() for one in known) / len(known) if known else -1.0
-        force = EPISODE_MEASURES["force_radial_peak"].median(known)
-        return -rate, math.inf if force is None else force, policy
+        policy, results = item
+        counting = [result for result in results if result.counts]
+        opened = sum(result.opened() for result in counting)
+        force = EPISODE_MEASURES["force_radial_peak"].median(counting)
+        return (
+            -opened / len(counting) if counting else 1.0,
+            math.inf if force is None else force,
+            policy,
+        )
 
     return dict(sorted(by_policy(episodes).items(), key=order))
 
@@ -309,48 +319,29 @@ def ranked(episodes: Iterable[EpisodeResult]) -> Runs:
 def counted(results: Mapping[str, Sequence[ResultT]]) -> dict[str, list[ResultT]]:
     """Return by policy the results that count, as `TaskResult.counts` says."""
     return {
-        policy: [one for one in own if one.counts] for policy, own in results.items()
+        policy: [result for result in group if result.counts]
+        for policy, group in results.items()
     }
 
 
-def of_split(runs: Runs, split: str) -> Runs:
-    """Return the episodes of one of `reading.SPLITS`, by policy."""
-    return {
-        policy: [one for one in own if one.split == split]
-        for policy, own in runs.items()
-    }
-
-
-def numbers(
-    runs: Mapping[str, Iterable[TaskResult]], measure: Measure
-) -> dict[str, dict[Key, float]]:
-    """Return a measure by policy and task; tasks without it are left out."""
-    return {
-        policy: {
-            one.key: value for one in own if (value := measure.of(one)) is not None
-        }
-        for policy, own in runs.items()
-    }
-
-
-def door_name(one: EpisodeResult) -> str:
+def door_name(episode: EpisodeResult) -> str:
     """Return the name of a door with its radius; for a random radius, with its band."""
-    if one.drawn:
-        low = _BAND * math.floor(one.radius / _BAND + 1e-9)
+    if episode.drawn:
+        low = _BAND * math.floor(episode.radius / _BAND + 1e-9)
         return f"{low:.1f}–{low + _BAND:.1f} m"
     try:
-        float(one.task.door)
+        float(episode.task.door)
     except ValueError:
-        return f"{one.task.door} {one.radius:g}"
-    return one.task.door
+        return f"{episode.task.door} {episode.radius:g}"
+    return episode.task.door
 
 
 def closed_because(episodes: Iterable[EpisodeResult]) -> str:
     """Count the reasons why doors stayed closed, the most frequent first."""
     reasons = Counter(
-        why_closed(one.metrics["failure"], one.metrics.get("reason", ""))
-        for one in episodes
-        if one.counts and not one.solved
+        why_closed(episode.metrics["failure"], episode.metrics.get("reason", ""))
+        for episode in episodes
+        if episode.counts and not episode.solved
     )
     order = sorted(reasons.items(), key=lambda item: (-item[1], item[0]))
     return ", ".join(f"{count} × {reason}" for reason, count in order)

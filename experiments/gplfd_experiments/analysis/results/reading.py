@@ -20,13 +20,10 @@ from gplfd_experiments.episodes.failures import failure_name
 from gplfd_experiments.episodes.task import EpisodeTask, Task, TaughtTask
 from gplfd_experiments.files.plain_data import NewerFormatError, entry, read_json
 from gplfd_experiments.studies.settings import Condition
-from gplfd_experiments.studies.store import (
-    POLICY_ERROR,
-    STUDY,
-    outcome,
-    read_study,
-)
-from gplfd_experiments.studies.tasks import KINDS, RecordedTask, SkillTask, task_from
+from gplfd_experiments.studies.store import POLICY_ERROR, STUDY, outcome, read_study
+from gplfd_experiments.studies.tasks import RecordedTask, SkillTask, task_from
+
+TASKS: Final = "tasks"
 
 DEMONSTRATED: Final = "demonstrated radii"
 UNDEMONSTRATED: Final = "new radii"
@@ -35,21 +32,29 @@ NON_STANDARD: Final = "other doors"
 SPLITS: Final = (DEMONSTRATED, UNDEMONSTRATED, NON_STANDARD)
 """Relations of doors to the demonstrated ones of their kind, in display order."""
 
-
-def door_kind(door: DoorConfig) -> str:
-    """Return the kind of a door in words: all properties that determine its motion."""
-    latch = "" if door.latch == "none" else f" with {door.latch} latch"
-    side = "" if door.hinge_side == "right" else f", hinge {_WHERE[door.hinge_side]}"
-    motion = "" if door.motion == "hinged" else f"{door.motion}, "
-    return f"{motion}{door.handle}{latch}, {door.swing}{side}"
-
-
 _WHERE: Final = {"left": "on the left", "bottom": "at the bottom", "top": "at the top"}
+_SAME_RADIUS: Final = 1e-3
+"""Radii that differ by less count as equal [m]."""
+_LONGEST: Final = 200
+"""Largest number of characters of a reason."""
+_NARROWER: Final[Mapping[str, Any]] = {
+    "door_config": dict[str, Any],
+    "habits": dict[str, float] | None,
+}
+"""Types of fields that `EpisodeTask` does not specify."""
+_CLOSED_BY_ERROR: Final[Mapping[str, Any]] = {
+    "success": False,
+    "failure": POLICY_ERROR,
+    "final_angle_deg": 0.0,
+    "forecast_progress": (),
+    "forecast_error_mm": (),
+}
+"""Metrics of an episode in which the policy raised an error."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TaskResult:
-    """The result of one task."""
+    """The result of one task: of an episode, or of a learning test."""
 
     task: Task
     pair: str
@@ -66,6 +71,9 @@ class TaskResult:
     """CPU and libraries that determine the last bits of the result; "" if unknown."""
     policy_source: str
     """Source of a policy that is not part of this project; else ""."""
+    condition: Condition | None
+    """Condition that this task shares with others in the same table; None for a
+    learning test on the user's recordings."""
 
     @property
     def policy(self) -> str:
@@ -82,22 +90,24 @@ class TaskResult:
         """Whether it is part of rates, medians and comparisons."""
         return not self.error
 
+    @property
+    def left_out(self) -> str:
+        """What a learning test left out: demonstration, radius or recording."""
+        return getattr(self.task, "held_out", "recording")
+
     def number(self, name: str) -> float | None:
-        """Return a metric; None where it is missing."""
+        """Return a metric; None where it is missing.
+
+        After an error of the policy, the grasp counts as not kept.
+        """
+        if name == "grasp_kept" and "failure" in self.metrics:
+            return float(self.metrics["failure"] not in ("grasp_lost", POLICY_ERROR))
         value: float | None = self.metrics.get(name)
         return value
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class TaughtResult(TaskResult):
-    """The result of a task whose policy learned from the synthetic human."""
-
-    condition: Condition
-    """Condition that this task shares with others in the same table."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class EpisodeResult(TaughtResult):
+class EpisodeResult(TaskResult):
     """The result of an episode.
 
     If the policy raised an error, in learning or acting, the episode counts as a
@@ -136,28 +146,16 @@ class EpisodeResult(TaughtResult):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LearningTestResult(TaughtResult):
-    """Prediction errors of a policy on left-out demonstrations."""
-
-    task: SkillTask
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class RecordedResult(TaskResult):
-    """Prediction errors of a policy on a left-out recording."""
-
-    task: RecordedTask
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
 class StudyResults:
     """All results of a folder, ordered by policies, conditions, doors, seeds."""
 
     study: Mapping[str, Any]
     """Content of study.json; empty without the file."""
     episodes: tuple[EpisodeResult, ...]
-    tests: tuple[LearningTestResult, ...]
-    recorded: tuple[RecordedResult, ...]
+    tests: tuple[TaskResult, ...]
+    """Learning tests on left-out demonstrations of the synthetic human."""
+    recorded: tuple[TaskResult, ...]
+    """Learning tests on left-out recordings of the user."""
     unreadable: tuple[str, ...]
     """Names of files without a result, with the reason."""
 
@@ -167,42 +165,17 @@ class StudyResults:
         return (*self.episodes, *self.tests, *self.recorded)
 
 
-TASKS: Final = "tasks"
-
-_SAME_RADIUS: Final = 1e-3
-"""Radii that differ by less count as equal [m]."""
-_LONGEST: Final = 200
-"""Largest number of characters of a name, and of a reason."""
-
-_NARROWER: Final[Mapping[str, Any]] = {
-    "door_config": dict[str, Any],
-    "habits": dict[str, float] | None,
-}
-"""Types of fields that `EpisodeTask` does not specify."""
-_CLOSED_BY_ERROR: Final[Mapping[str, Any]] = {
-    "success": False,
-    "failure": POLICY_ERROR,
-    "final_angle_deg": 0.0,
-    "forecast_progress": (),
-    "forecast_error_mm": (),
-}
-"""Metrics of an episode in which the policy raised an error."""
-
-
 def read_results(*folders: Path) -> StudyResults:
     """Read the results of a study, or of several together.
 
     A resumed study runs episodes of an older environment again and keeps the old files;
     these results are excluded. `StudyResults.study` is that of the first folder.
     """
-    results: list[tuple[Path, TaskResult]] = []
-    studies: list[Mapping[str, Any]] = []
+    results: list[TaskResult] = []
+    origins: dict[str, Path] = {}
+    study: Mapping[str, Any] = {}
     unreadable: list[str] = []
     for folder in folders:
-        if folder.is_file():
-            raise ValueError(
-                f"{folder} is a file; give the folder of a study: gplfd report DIR"
-            )
         if not folder.is_dir():
             raise FileNotFoundError(
                 f"there is no folder {folder}; `gplfd benchmark --out {folder}` makes "
@@ -215,63 +188,54 @@ def read_results(*folders: Path) -> StudyResults:
                 f"{folder} is not the folder of a study: it has no {TASKS}/*.json. "
                 "Give the --out of a `gplfd benchmark`"
             )
-        found, problems = read_files(files)
-        if not found:
+        of_folder, problems = read_files(files)
+        if not of_folder:
             raise ValueError(
                 f"none of the {len(files)} files in {folder / TASKS} holds a result; "
                 f"the first: {problems[0]}"
             )
-        results += [(folder, one) for one in found]
+        for result in of_folder:
+            if (other := origins.setdefault(result.task.key, folder)) != folder:
+                raise ValueError(
+                    f"{other} and {folder} both hold results of {result.policy}; "
+                    "leave out one of the folders"
+                )
+        results += of_folder
         unreadable += problems
-        studies.append({})
-        if (folder / STUDY).exists():
-            try:
-                studies[-1] = read_study(folder)
-            except NewerFormatError:
-                raise
-            except (OSError, ValueError) as error:
-                unreadable.append(_reason(folder / STUDY, error))
+        try:
+            about = read_study(folder) if (folder / STUDY).exists() else {}
+        except NewerFormatError:
+            raise
+        except (OSError, ValueError) as error:
+            about = {}
+            unreadable.append(_reason(folder / STUDY, error))
+        study = about if folder == folders[0] else study
 
-    owner: dict[str, Path] = {}
-    for folder, one in results:
-        if (other := owner.setdefault(one.task.key, folder)) != folder:
-            raise ValueError(
-                f"{other} and {folder} both hold results of {one.policy}; leave out "
-                "one of the folders"
-            )
+    def order(result: TaskResult) -> tuple[Any, ...]:
+        place: tuple[float, str] = 0.0, result.left_out
+        if isinstance(result, EpisodeResult):
+            place = result.radius, result.task.door
+        return (result.policy, str(result.condition), *place, result.key)
 
-    every = [one for _, one in results]
-    episodes = [one for one in every if isinstance(one, EpisodeResult)]
-    tests = [one for one in every if isinstance(one, LearningTestResult)]
-    recorded = [one for one in every if isinstance(one, RecordedResult)]
-    recorded.sort(key=lambda one: (one.policy, one.key))
-    tests.sort(
-        key=lambda one: (one.policy, str(one.condition), one.task.held_out, one.key)
-    )
-    episodes.sort(
-        key=lambda one: (
-            *(one.policy, str(one.condition), one.radius, one.task.door),
-            one.key,
-        )
-    )
+    results.sort(key=order)
     return StudyResults(
-        study=studies[0],
-        episodes=tuple(episodes),
-        tests=tuple(tests),
-        recorded=tuple(recorded),
+        study=study,
+        episodes=tuple(r for r in results if isinstance(r, EpisodeResult)),
+        tests=tuple(r for r in results if isinstance(r.task, SkillTask)),
+        recorded=tuple(r for r in results if isinstance(r.task, RecordedTask)),
         unreadable=tuple(unreadable),
     )
 
 
 def read_files(files: Iterable[Path]) -> tuple[list[TaskResult], list[str]]:
     """Read results, and list files without a result, with the reason."""
-    found, unreadable = list[TaskResult](), list[str]()
+    results, unreadable = list[TaskResult](), list[str]()
     for file in files:
         try:
-            found.append(_result(read_json(file)))
+            results.append(_result(read_json(file)))
         except (OSError, ValueError, TypeError) as error:
             unreadable.append(_reason(file, error))
-    return found, unreadable
+    return results, unreadable
 
 
 def _reason(file: Path, error: Exception) -> str:
@@ -283,8 +247,11 @@ def _reason(file: Path, error: Exception) -> str:
 
 def _result(record: Mapping[str, Any]) -> TaskResult:
     """Return the result in a file; raise an error if it is invalid."""
-    task = _task(entry(record, "task", dict[str, Any]))
-    source = task.policy_source or {}
+    fields = entry(record, "task", dict[str, Any])
+    task = task_from(fields)
+    types = {**typing.get_type_hints(type(task)), **_NARROWER}
+    for name in fields:
+        entry(fields, name, types[name])
     metrics = outcome(record, task)
     code = "unknown code"
     if "versions" in record:
@@ -294,6 +261,7 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         if git is not None:
             edited = " with edits" if git.get("dirty") else ""
             code = f"commit {str(git.get('commit'))[:12]}{edited}, {code}"
+    source = task.policy_source or {}
     shared: dict[str, Any] = {
         "task": task,
         "pair": dataclasses.replace(task, policy="", policy_source=None).key,
@@ -303,59 +271,36 @@ def _result(record: Mapping[str, Any]) -> TaskResult:
         "code": code,
         "machine": str(record.get("arithmetic", "")),
         "policy_source": ", ".join(f"{k} {v}" for k, v in source.items()),
+        "condition": _condition(task) if isinstance(task, TaughtTask) else None,
     }
-    if not isinstance(task, TaughtTask):
-        return RecordedResult(**shared)
-    shared["condition"] = _condition(task)
     if not isinstance(task, EpisodeTask):
-        return LearningTestResult(**shared)
+        return TaskResult(**shared)
 
+    disturbance_named(task.disturbance)
+    Habits(**(task.habits or {}))
     door = door_config(dict(task.door_config))
     if shared["error"]:
         shared["metrics"] = {} if shared["lost"] else _CLOSED_BY_ERROR
     radius = shared["metrics"].get("radius", door.radius)
-    shown: dict[str, Any] = dict(task.demonstrated_kind or {})
-    if door != DoorConfig(radius=door.radius, **shown):
+    demonstrated: dict[str, Any] = dict(task.demonstrated_kind or {})
+    if door != DoorConfig(radius=door.radius, **demonstrated):
         split = NON_STANDARD
-    elif any(abs(radius - each) < _SAME_RADIUS for each in task.demonstrated_radii):
+    elif any(abs(radius - shown) < _SAME_RADIUS for shown in task.demonstrated_radii):
         split = DEMONSTRATED
     else:
         split = UNDEMONSTRATED
+    # All properties of the door that determine its motion.
+    latch = "" if door.latch == "none" else f" with {door.latch} latch"
+    side = "" if door.hinge_side == "right" else f", hinge {_WHERE[door.hinge_side]}"
+    motion = "" if door.motion == "hinged" else f"{door.motion}, "
     return EpisodeResult(
         radius=radius,
         demonstrations=str(record.get("demonstrations", "")),
         drawn=door_randomization(task.randomization).radius is not None,
         split=split,
-        door_kind=door_kind(door),
+        door_kind=f"{motion}{door.handle}{latch}, {door.swing}{side}",
         **shared,
     )
-
-
-def _task(fields: Mapping[str, Any]) -> Task:
-    """Return the task of a file after a check of every field."""
-    kind = entry(fields, "kind", str)
-    if kind not in KINDS:
-        raise ValueError(f"kind = {kind[:_LONGEST]!r} must be one of {[*KINDS]}")
-    types = {**typing.get_type_hints(KINDS[kind]), **_NARROWER}
-    for one in dataclasses.fields(KINDS[kind]):
-        # Most files omit such a field.
-        optional = "omitted" in one.metadata
-        if optional and one.name not in fields:
-            continue
-        name, type_ = one.name, types[one.name]
-        value = entry(fields, name, type_)
-        if type_ is str and not optional:
-            if not (value.isprintable() and 0 < len(value) <= _LONGEST):
-                text = value[:_LONGEST]
-                raise ValueError(f"{name} = {text!r} is not a name in one line")
-        elif type_ is int and value < 0:
-            raise ValueError(f"{name} = {value} must be 0 or more")
-    task = task_from(fields)
-    if isinstance(task, EpisodeTask):
-        door_randomization(task.randomization)
-        disturbance_named(task.disturbance)
-        Habits(**(task.habits or {}))
-    return task
 
 
 def _condition(task: TaughtTask) -> Condition:

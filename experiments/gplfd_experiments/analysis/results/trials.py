@@ -6,7 +6,7 @@ trials.json contains every number of a trial, so that the result files are not n
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -16,7 +16,6 @@ from gplfd_experiments.analysis.results.measures import (
     EPISODE_MEASURES,
     Runs,
     by_policy,
-    grouped,
 )
 from gplfd_experiments.analysis.results.reading import EpisodeResult, StudyResults
 from gplfd_experiments.analysis.results.statistics import (
@@ -32,7 +31,6 @@ from gplfd_experiments.analysis.results.statistics import (
 from gplfd_experiments.episodes.build import demonstrations_hash
 from gplfd_experiments.episodes.task import EpisodeTask
 from gplfd_experiments.files.arrays import FloatArray
-from gplfd_experiments.studies.store import POLICY_ERROR
 from gplfd_experiments.studies.trials.plan import named_trials, trial_tasks
 from gplfd_experiments.studies.trials.protocol import TIERS, TRIALS, VERSION
 from gplfd_experiments.studies.trials.records import Contrast, Side, Trial
@@ -43,8 +41,14 @@ FILE: Final = "trials.json"
 Verdict = Literal["shows", "harms", "open"]
 """Better with the idea, worse with the idea, or no significant difference."""
 
-ByLevel = Mapping[str, Mapping[str, Sequence[EpisodeResult]]]
-"""Episodes of a trial by policy and level."""
+ByLevel = Mapping[str, Runs]
+"""Episodes of a trial by level and policy, including errors."""
+
+MEASURES: Final = {
+    name: replace(m, if_opened=False, digits=1 if m.unit == "s" else m.digits)
+    for name, m in EPISODE_MEASURES.items()
+}
+"""Measures of episodes by metric; in trials, closed doors have forces too."""
 
 _DIGITS: Final = 5
 """Significant digits in trials.json."""
@@ -59,128 +63,101 @@ class Answer:
     contrast: Contrast
     shift: Shift | None
     """The measure with the idea minus without it; None without common values."""
+    changes: Mapping[str, int]
+    """Number of doors that are opened with the idea only ("gained"), without it only
+    ("forgotten"), and without it ("opened before"). Empty if the sides are not two
+    levels that are compared by the opened doors."""
 
     @property
     def verdict(self) -> Verdict:
         """Whether the interval of the difference excludes zero, and its sign."""
         if self.shift is None or self.shift.low <= 0.0 <= self.shift.high:
             return "open"
-        less_is_better = EPISODE_MEASURES[self.contrast.measure].better == "less"
+        less_is_better = MEASURES[self.contrast.measure].better == "less"
         return "shows" if (self.shift.high < 0.0) == less_is_better else "harms"
 
 
-def of_trials(results: StudyResults) -> dict[str, ByLevel]:
-    """Return the episodes of every trial in a study, including errors."""
-    found = {name: of_trial(results.episodes, name) for name in TRIALS}
-    return {name: own for name, own in found.items() if own}
-
-
-def of_trial(episodes: Sequence[EpisodeResult], trial: str) -> ByLevel:
-    """Return the episodes of a trial by policy and level, including errors."""
-    policies = by_policy(one for one in episodes if one.task.trial == trial)
-    return {
-        policy: grouped(own, lambda one: one.task.level)
-        for policy, own in policies.items()
+def of_trial(episodes: Sequence[EpisodeResult], name: str) -> ByLevel:
+    """Return the episodes of a trial by level and policy, in the order of the trial."""
+    ran = [episode for episode in episodes if episode.task.trial == name]
+    levels = {
+        level: by_policy(episode for episode in ran if episode.task.level == level)
+        for level in dict.fromkeys((*TRIALS[name].levels, *(r.task.level for r in ran)))
     }
+    return {level: runs for level, runs in levels.items() if runs}
 
 
-def answered(contrast: Contrast, episodes: ByLevel) -> Answer:
+def of_trials(results: StudyResults) -> dict[str, ByLevel]:
+    """Return the episodes of every trial in a study."""
+    trials = {name: of_trial(results.episodes, name) for name in TRIALS}
+    return {name: levels for name, levels in trials.items() if levels}
+
+
+def answered(contrast: Contrast, levels: ByLevel) -> Answer:
     """Compare both sides of a contrast seed by seed in the episodes of its trial."""
-    pairs = contrast_pairs(contrast, episodes)
-    if not pairs.seeds:
-        return Answer(contrast=contrast, shift=None)
-    share = EPISODE_MEASURES[contrast.measure].share
+    pairs = contrast_pairs(contrast, levels)
+    share = MEASURES[contrast.measure].share
     estimate = mean_shift if share else shift
-    return Answer(contrast=contrast, shift=estimate(*pairs.per_seed()))
+    both = list(zip(pairs.first, pairs.second, strict=True))
+    changes = {
+        "gained": sum(having > lacking for having, lacking in both),
+        "forgotten": sum(having < lacking for having, lacking in both),
+        "opened before": sum(lacking > 0.0 for _, lacking in both),
+    }
+    return Answer(
+        contrast=contrast,
+        shift=estimate(*pairs.per_seed()) if pairs.seeds else None,
+        changes=changes
+        if contrast.measure == "success" and contrast.lacking.level
+        else {},
+    )
 
 
-def contrast_pairs(contrast: Contrast, episodes: ByLevel) -> Pairs:
+def contrast_pairs(contrast: Contrast, levels: ByLevel) -> Pairs:
     """Return the values of both sides of a contrast at their common tasks."""
 
     def numbers(side: Side) -> dict[Key, float]:
         """Return the measure by seed and door, and by level if levels are pooled."""
         # Levels of a comparison have the same doors.
         return {
-            (one.task.seed, f"{'' if side.level else level} {one.task.door}"): value
-            for level, own in episodes.get(side.policy, {}).items()
+            (
+                episode.task.seed,
+                f"{'' if side.level else level} {episode.task.door}",
+            ): value
+            for level, runs in levels.items()
             if side.level in ("", level)
-            for one in own
-            if (value := _value(one, contrast.measure)) is not None
+            for episode in runs.get(side.policy, ())
+            if (value := MEASURES[contrast.measure].of(episode)) is not None
         }
 
     return paired(numbers(contrast.having), numbers(contrast.lacking))
 
 
-def changes(contrast: Contrast, episodes: ByLevel) -> dict[str, int]:
-    """Count the doors that a level of a policy gains and forgets against another.
-
-    Gained doors are opened with the idea, but not without it. Forgotten doors are
-    opened without it, but not with it. Empty if the sides are not two levels that are
-    compared by the opened doors.
-    """
-    if contrast.measure != "success" or not contrast.lacking.level:
-        return {}
-    pairs = contrast_pairs(contrast, episodes)
-    both = list(zip(pairs.first, pairs.second, strict=True))
-    return {
-        "gained": sum(having > lacking for having, lacking in both),
-        "forgotten": sum(having < lacking for having, lacking in both),
-        "opened before": sum(lacking > 0.0 for _, lacking in both),
-    }
-
-
-def summary(episodes: Sequence[EpisodeResult], measure: str) -> Rate | Shift | None:
+def summary(episodes: Iterable[EpisodeResult], name: str) -> Rate | Shift | None:
     """Return a rate, or the typical value of a seed with its 95 % interval."""
-    if EPISODE_MEASURES[measure].share:
-        outcomes = _by_seed(episodes, measure).items()
-        rate = success_rate((seed, bool(one)) for seed, own in outcomes for one in own)
-        return rate if rate.trials else None
-    means = seed_means(episodes, measure)
-    return shift(means, [0.0] * len(means)) if means else None
-
-
-def seed_means(episodes: Sequence[EpisodeResult], measure: str) -> list[float]:
-    """Return the mean of a measure over the episodes of each seed that have it."""
-    by_seed = _by_seed(episodes, measure).values()
-    return [math.fsum(own) / len(own) for own in by_seed]
-
-
-def _by_seed(episodes: Sequence[EpisodeResult], measure: str) -> dict[int, list[float]]:
-    values: dict[int, list[float]] = {}
-    for one in episodes:
-        if (value := _value(one, measure)) is not None:
-            values.setdefault(one.task.seed, []).append(value)
-    return values
-
-
-def _value(one: EpisodeResult, measure: str) -> float | None:
-    """Return a measure of an episode that counts; None if it is missing.
-
-    After an error of the policy, the grasp counts as not kept.
-    """
-    if not one.counts:
-        return None
-    if measure == "grasp_kept":
-        return float(one.metrics["failure"] not in ("grasp_lost", POLICY_ERROR))
-    value = one.number(measure)
-    return None if value is None else float(value)
+    measure = MEASURES[name]
+    if not measure.share:
+        return measure.typical(episodes)
+    values = [(episode.task.seed, measure.of(episode)) for episode in episodes]
+    outcomes = [(seed, bool(value)) for seed, value in values if value is not None]
+    return success_rate(outcomes) if outcomes else None
 
 
 def success_measure(trial: Trial) -> str:
     """Return the success measure of a trial."""
-    shares = (one for one in trial.measures if EPISODE_MEASURES[one].share)
+    shares = (name for name in trial.measures if MEASURES[name].share)
     return next(shares, "success")
 
 
 def deciding_measure(trial: Trial) -> str:
     """Return the first measure of a trial that is not a share."""
-    numbers = (name for name in trial.measures if not EPISODE_MEASURES[name].share)
+    numbers = (name for name in trial.measures if not MEASURES[name].share)
     return next(numbers, trial.measures[0])
 
 
-def succeeded(one: EpisodeResult) -> bool:
+def succeeded(episode: EpisodeResult) -> bool:
     """Return whether an episode of a trial succeeded by the trial's measure."""
-    return bool(_value(one, success_measure(TRIALS[one.task.trial])))
+    return bool(episode.number(success_measure(TRIALS[episode.task.trial])))
 
 
 def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatArray]:
@@ -190,69 +167,77 @@ def scores(episodes: Iterable[EpisodeResult], measure: str) -> dict[str, FloatAr
     than any number; otherwise doing nothing would be best. Levels with a prior mean are
     excluded, because not all policies accept one.
     """
-    less = EPISODE_MEASURES[measure].better == "less"
-    own = [one for one in episodes if one.counts and one.task.prior_radius is None]
-    places = [(one.task.trial, one.task.level, one.task.door) for one in own]
-    seeds, strata = sorted({one.task.seed for one in own}), sorted(set(places))
-    found: dict[str, FloatArray] = {}
-    for one, place in zip(own, places, strict=True):
-        value, score = _value(one, measure), -math.inf
-        if value is not None and not (less and not succeeded(one)):
+    less = MEASURES[measure].better == "less"
+    ran = [e for e in episodes if e.counts and e.task.prior_radius is None]
+    places = [(e.task.trial, e.task.level, e.task.door) for e in ran]
+    seeds, strata = sorted({e.task.seed for e in ran}), sorted(set(places))
+    arrays: dict[str, FloatArray] = {}
+    for episode, place in zip(ran, places, strict=True):
+        value, score = MEASURES[measure].of(episode), -math.inf
+        if value is not None and not (less and not succeeded(episode)):
             score = -value if less else value
         empty = np.full((len(seeds), len(strata)), math.nan)
-        array = found.setdefault(one.policy, empty)
-        array[seeds.index(one.task.seed), strata.index(place)] = score
-    return found
+        array = arrays.setdefault(episode.policy, empty)
+        array[seeds.index(episode.task.seed), strata.index(place)] = score
+    return arrays
 
 
 def interquartile_mean_in_units(array: FloatArray, measure: str) -> Shift:
     """Return the interquartile mean of scores, in the unit of the measure."""
-    found = interquartile_mean(array)
-    if EPISODE_MEASURES[measure].better == "more":
-        return found
-    return Shift(estimate=-found.estimate, low=-found.high, high=-found.low, n=found.n)
+    mean = interquartile_mean(array)
+    if MEASURES[measure].better == "more":
+        return mean
+    return Shift(estimate=-mean.estimate, low=-mean.high, high=-mean.low, n=mean.n)
 
 
 def tier_runs(results: StudyResults) -> dict[str, Runs]:
     """Return each tier's episodes of policies that took part in all its levels."""
-    found: dict[str, Runs] = {}
+    tiers: dict[str, Runs] = {}
     for tier, names in TIERS.items():
-        here = (one for one in results.episodes if one.task.trial in names)
-        runs = by_policy(o for o in here if o.counts and o.task.prior_radius is None)
-        met = {
-            policy: {(one.task.trial, one.task.level) for one in own}
-            for policy, own in runs.items()
+        runs = by_policy(
+            episode
+            for episode in results.episodes
+            if episode.task.trial in names
+            and episode.counts
+            and episode.task.prior_radius is None
+        )
+        levels = {
+            policy: {(episode.task.trial, episode.task.level) for episode in group}
+            for policy, group in runs.items()
         }
-        every = set().union(*met.values())
-        if every:
-            found[tier] = {one: runs[one] for one in runs if met[one] == every}
-    return found
+        if every := set().union(*levels.values()):
+            complete = {name: runs[name] for name in runs if levels[name] == every}
+            tiers[tier] = complete
+    return tiers
 
 
 def trial_answers(results: StudyResults) -> dict[str, Any]:
     """Return every number of trials, seed by seed, and every contrast, for JSON."""
     trials: dict[str, Any] = {}
     contrasts: list[dict[str, Any]] = []
-    for name, policies in of_trials(results).items():
+    for name, levels in of_trials(results).items():
         trial = TRIALS[name]
         trials[name] = {
             level: {
                 policy: {
-                    "episodes": len(own),
-                    "errors": sum(bool(one.error) for one in own if one.counts),
-                    "lost": sum(one.lost for one in own),
+                    "episodes": len(episodes),
+                    "errors": sum(bool(e.error) for e in episodes if e.counts),
+                    "lost": sum(e.lost for e in episodes),
                 }
                 | {
-                    measure: _interval(summary(own, measure))
-                    | {"seeds": list(map(_rounded, seed_means(own, measure)))}
+                    measure: _interval(summary(episodes, measure))
+                    | {
+                        "seeds": [
+                            *map(_rounded, MEASURES[measure].seed_means(episodes))
+                        ]
+                    }
                     for measure in trial.measures
                 }
-                for policy, levels in policies.items()
-                if (own := levels.get(level))
+                for policy, episodes in levels.get(level, {}).items()
             }
             for level in trial.levels
         }
-        for answer in (answered(contrast, policies) for contrast in trial.contrasts):
+        for answer in (answered(contrast, levels) for contrast in trial.contrasts):
             contrasts.append(
                 {
                     "idea": answer.contrast.idea,
@@ -262,23 +247,23 @@ def trial_answers(results: StudyResults) -> dict[str, Any]:
                     "without": str(answer.contrast.lacking),
                     **_interval(answer.shift),
                     "verdict": answer.verdict,
+                    **answer.changes,
                 }
-                | changes(answer.contrast, policies)
             )
     return {
         "protocol": VERSION,
-        "code": sorted({one.code for one in results.episodes if one.task.trial}),
+        "code": sorted({e.code for e in results.episodes if e.task.trial}),
         "trials": trials,
         "contrasts": contrasts,
     }
 
 
-def _interval(found: Rate | Shift | None) -> dict[str, Any]:
+def _interval(estimate: Rate | Shift | None) -> dict[str, Any]:
     """Return an estimate and its 95 % interval; None for unknown values."""
     names = ("estimate", "low", "high")
-    if found is None:
+    if estimate is None:
         return dict.fromkeys(names)
-    return {name: _rounded(getattr(found, name)) for name in names}
+    return {name: _rounded(getattr(estimate, name)) for name in names}
 
 
 def _rounded(value: float) -> float | None:
@@ -292,46 +277,47 @@ def protocol_problems(results: StudyResults) -> list[str]:
     which it took part. Its demonstrations must equal those of the protocol to a
     micrometre. All episodes must be from one version of the code.
     """
-    trials = [one for one in results.episodes if one.task.trial]
+    trials = [episode for episode in results.episodes if episode.task.trial]
     if not trials:
         return ["there is no episode of a trial; `gplfd trials` makes them"]
     problems = [f"not a result: {reason}" for reason in results.unreadable]
 
-    ran = [one for one in trials if not one.error]
-    known = {one.task.demonstrations_key: one.task for one in ran}
-    hashes = {shown: demonstrations_hash(task) for shown, task in known.items()}
+    ran = [episode for episode in trials if not episode.error]
+    taught = {episode.task.demonstrations_key: episode.task for episode in ran}
+    hashes = {key: demonstrations_hash(task) for key, task in taught.items()}
     if differing := [
-        one.task
-        for one in ran
-        if one.demonstrations != hashes[one.task.demonstrations_key]
+        episode.task
+        for episode in ran
+        if episode.demonstrations != hashes[episode.task.demonstrations_key]
     ]:
         problems.append(
             f"{len(differing)} episodes used other demonstrations, or do not state "
             f"which: {_listed(differing)}"
         )
 
-    for policy, own in by_policy(trials).items():
+    for policy, episodes in by_policy(trials).items():
         # Comparison with the episodes that the protocol plans.
+        names = tuple(dict.fromkeys(episode.task.trial for episode in episodes))
         try:
-            names = tuple(dict.fromkeys(one.task.trial for one in own))
-            planned = trial_tasks(named_trials(names), policies=[policy])
+            tasks = trial_tasks(named_trials(names), only=[policy])
         except ValueError as error:
             problems.append(f"{policy}: {error}")
             continue
-        expected = {_draw_of(task): task for task in planned if task.policy == policy}
-        found = {_draw_of(one.task) for one in own}
-        missing = [task for draw, task in expected.items() if draw not in found]
-        strange = [one.task for one in own if _draw_of(one.task) not in expected]
-        gone = [one.task for one in own if one.lost]
-        for tasks, said in (
-            (missing, f"of {len(expected)} are missing"),
+        planned = {_draw_of(task): task for task in tasks}
+        drawn = {_draw_of(episode.task): episode.task for episode in episodes}
+        missing = [task for draw, task in planned.items() if draw not in drawn]
+        strange = [task for draw, task in drawn.items() if draw not in planned]
+        lost = [episode.task for episode in episodes if episode.lost]
+        for deviating, text in (
+            (missing, f"of {len(planned)} are missing"),
             (strange, "are not the protocol's"),
-            (gone, "episodes were lost by the machine"),
+            (lost, "episodes were lost by the machine"),
         ):
-            if tasks:
-                problems.append(f"{policy}: {len(tasks)} {said}: {_listed(tasks)}")
+            if deviating:
+                listed = _listed(deviating)
+                problems.append(f"{policy}: {len(deviating)} {text}: {listed}")
         made = f"{policy}: they were made by"
-        codes = list(dict.fromkeys(one.code for one in own))
+        codes = list(dict.fromkeys(episode.code for episode in episodes))
         if len(codes) > 1:
             problems.append(f"{made} {len(codes)} versions of the code")
         if edited := [code for code in codes if "with edits" in code]:
@@ -348,6 +334,6 @@ def _draw_of(task: EpisodeTask) -> str:
 
 
 def _listed(tasks: Sequence[EpisodeTask]) -> str:
-    first = [f"{one.trial}, {one.level}, {one.door}, seed {one.seed}" for one in tasks]
-    more = f"; and {len(first) - _LISTED} more" if len(first) > _LISTED else ""
-    return "; ".join(first[:_LISTED]) + more
+    texts = [f"{t.trial}, {t.level}, {t.door}, seed {t.seed}" for t in tasks]
+    more = f"; and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
+    return "; ".join(texts[:_LISTED]) + more

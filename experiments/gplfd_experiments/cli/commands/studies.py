@@ -52,10 +52,7 @@ class Benchmark:
 
     def execute(self) -> int:
         """Run the study, print its tables, and return `FAILED` if a task failed."""
-        from gplfd_experiments.analysis.results.table import (
-            study_rows,
-            write_tables,
-        )
+        from gplfd_experiments.analysis.results.table import write_tables
         from gplfd_experiments.console.arguments import check_folder
         from gplfd_experiments.files.plain_data import json_text, naming
         from gplfd_experiments.studies.runner import run_or_resume
@@ -73,8 +70,8 @@ class Benchmark:
         check_folder(self.out)
         write_settings(self.out / "study.toml", settings)
         errors = run_or_resume(tasks(settings), options, self.out, self.where)
-        tables = write_tables(self.out, settings)
-        print(json_text(study_rows(self.out, settings)) if self.json else tables)
+        tables, rows = write_tables(self.out, settings)
+        print(json_text(rows) if self.json else tables)
         if not self.json:
             report = next_command("report", self.out)
             print(f"\nresults are in {self.out}; compare them:  {report}")
@@ -224,8 +221,7 @@ class Report:
 
     def execute(self) -> int:
         """Write the pages, print their location; `FAILED` if all tasks failed."""
-        from gplfd_experiments.analysis.report.origin import unfinished
-        from gplfd_experiments.analysis.report.page import write_report
+        from gplfd_experiments.analysis.report.page import unfinished, write_report
         from gplfd_experiments.analysis.results.reading import read_results
         from gplfd_experiments.analysis.results.table import write_rows
         from gplfd_experiments.console.arguments import check_folder
