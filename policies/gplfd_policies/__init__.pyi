@@ -15,6 +15,8 @@ from gplfd_policies.demonstrations.npz import (
 from gplfd_policies.demonstrations.npz import (
     save_demonstrations as save_demonstrations,
 )
+from gplfd_policies.movements.movement import GaussianTrajectory as GaussianTrajectory
+from gplfd_policies.movements.movement import ViaPoint as ViaPoint
 from gplfd_policies.movements.prior_mean import PosePath as PosePath
 from gplfd_policies.movements.prior_mean import PriorMean as PriorMean
 from gplfd_policies.movements.skill import (
@@ -26,8 +28,6 @@ from gplfd_policies.movements.skill import (
 from gplfd_policies.movements.skill import (
     load_skill as load_skill,
 )
-from gplfd_policies.movements.trajectory import GaussianTrajectory as GaussianTrajectory
-from gplfd_policies.movements.trajectory import ViaPoint as ViaPoint
 from gplfd_policies.registry.catalogue import (
     POLICIES as POLICIES,
 )

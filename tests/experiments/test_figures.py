@@ -35,7 +35,7 @@ from gplfd_experiments.workflows import figures as module
 from gplfd_experiments.workflows.figures import material
 from gplfd_policies.control.stiffness import DEFAULT_PROFILE
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.movement import GaussianTrajectory
 from gplfd_policies.registry.catalogue import make_agent
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("small_plots")]

@@ -49,12 +49,12 @@ from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
     fit_wishart_gp,
 )
-from gplfd_policies.movements.skill import fit_skill
-from gplfd_policies.movements.trajectory import (
+from gplfd_policies.movements.movement import (
     GaussianTrajectory,
     ViaPoint,
     white_covariance,
 )
+from gplfd_policies.movements.skill import fit_skill
 from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.catalogue import POLICIES
 from gplfd_policies.registry.method import Method, TrainingInput

@@ -24,7 +24,7 @@ from gplfd_experiments.episodes.rollout import (
 )
 from gplfd_policies.agents.lockstep import batch_agents
 from gplfd_policies.control.steps import AgentStep
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.movement import GaussianTrajectory
 from gplfd_policies.registry.catalogue import POLICIES
 from gplfd_policies.registry.method import TrainingInput
 

@@ -31,7 +31,7 @@ from gplfd_policies.demonstrations.npz import (
     load_demonstrations,
     save_demonstrations,
 )
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.movement import GaussianTrajectory
 from gplfd_policies.phase.phase_rule import ClockPhase, PhaseEstimate
 from gplfd_policies.registry.method import Method
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm, t
 
 from gplfd_policies import GaussianTrajectory
-from gplfd_policies.movements.trajectory import CSV_COLUMNS, white_covariance
+from gplfd_policies.movements.movement import CSV_COLUMNS, white_covariance
 
 TIMES = np.linspace(0.0, 1.0, 50)
 

@@ -20,7 +20,7 @@ from gplfd_policies.agents.agent import Agent
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.demonstrations.correction import Correction, Who
 from gplfd_policies.demonstrations.demonstration import Demonstration
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.movement import GaussianTrajectory
 
 _PATH: Final = np.radians(np.linspace(-2.0, 90.0, 185))
 """Door angles of the true path with which a command is compared [rad]."""

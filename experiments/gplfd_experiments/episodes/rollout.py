@@ -25,7 +25,7 @@ from gplfd_experiments.episodes.log import (
 )
 from gplfd_policies.agents.agent import as_agent
 from gplfd_policies.agents.lockstep import AgentBatch
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.movement import GaussianTrajectory
 
 Arrays = dict[str, NDArray[Any]]
 StepT = TypeVar("StepT")

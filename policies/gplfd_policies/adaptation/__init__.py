@@ -28,16 +28,14 @@ from gplfd_policies.movements.movement import (
     Adaptable,
     Adaptation,
     AdaptationForm,
+    GaussianTrajectory,
     Movement,
     Predictor,
-)
-from gplfd_policies.movements.prior_mean import ResidualAdaptation, ResidualMovement
-from gplfd_policies.movements.skill import Skill
-from gplfd_policies.movements.trajectory import (
-    GaussianTrajectory,
     ViaPoint,
     checked_times,
 )
+from gplfd_policies.movements.prior_mean import ResidualAdaptation, ResidualMovement
+from gplfd_policies.movements.skill import Skill
 
 __all__ = [
     "ADAPTATIONS",

@@ -19,8 +19,12 @@ from gplfd_policies.arrays.shapes import (
     Pose,
     Vectors,
 )
-from gplfd_policies.movements.movement import AdaptationForm, Movement
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.movement import (
+    AdaptationForm,
+    GaussianTrajectory,
+    Movement,
+    ViaPoint,
+)
 
 LOOK_AHEAD: Final = 0.05
 """Length of the chord that defines the direction of the path, in phase."""

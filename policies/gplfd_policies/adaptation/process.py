@@ -28,8 +28,8 @@ from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Time
 from gplfd_policies.gp.deviations import conjugate_share
 from gplfd_policies.gp.exact import factorise
 from gplfd_policies.gp.kernels import LegendreBasis
+from gplfd_policies.movements.movement import GaussianTrajectory, ViaPoint
 from gplfd_policies.movements.skill import Skill
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 _STRONGEST = 1e-8
 """Least via-point variance, relative to the largest variance of the output: 1e-4 of the

@@ -8,8 +8,8 @@ import numpy as np
 from gplfd_policies.arrays.shapes import Curve, Gram, Outputs, Times
 from gplfd_policies.gp.exact import ExactGP, factorise
 from gplfd_policies.gp.kernels import RBF
+from gplfd_policies.movements.movement import GaussianTrajectory, ViaPoint
 from gplfd_policies.movements.skill import Skill
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 _STRONGEST = 1e-8
 """Least via-point variance relative to the prior's, so that σ_v = 0 and repeated

@@ -26,8 +26,7 @@ from gplfd_policies.demonstrations.path_similarity import (
     gradient,
 )
 from gplfd_policies.demonstrations.turned_handle import seen_at, turned_handle
-from gplfd_policies.movements.movement import Movement
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.movement import GaussianTrajectory, Movement, ViaPoint
 
 _LEVEL: Final = [0, 2]
 """Indices of x and z, which depend on the size."""

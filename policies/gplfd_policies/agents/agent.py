@@ -19,7 +19,7 @@ from gplfd_policies.control.compliance import ComplianceConfig, ComplianceContro
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle, turned_handle
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.movement import GaussianTrajectory
 from gplfd_policies.phase.phase_rule import PhaseRule
 
 

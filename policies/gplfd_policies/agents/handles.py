@@ -28,7 +28,7 @@ from gplfd_policies.control.compliance import ComplianceConfig, ComplianceContro
 from gplfd_policies.control.expected_force import ForceForecast
 from gplfd_policies.control.load import ContactState, Load, LoadResponse
 from gplfd_policies.demonstrations.turned_handle import TurnedHandle
-from gplfd_policies.movements.trajectory import ViaPoint
+from gplfd_policies.movements.movement import ViaPoint
 from gplfd_policies.phase.phase_rule import PhaseRule
 
 _SERVO_LAG: Final = 0.012

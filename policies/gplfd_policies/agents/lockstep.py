@@ -19,7 +19,7 @@ from gplfd_policies.arrays.rows import Rows, rows_of
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
 from gplfd_policies.control.steps import AgentStep, Observation
 from gplfd_policies.control.stiffness import StiffnessProfile, VirtualDynamics
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.movement import GaussianTrajectory
 
 Mask = np.ndarray
 """Boolean mask, (N,); it is checked."""

@@ -19,7 +19,7 @@ from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.shapes import Float, Pose
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.control.stiffness import VirtualDynamics
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.movement import GaussianTrajectory
 
 _ARM: Final = np.repeat([1.0, 0.1], 3)
 """Lever arm by which a rotation counts as a distance, and a moment as a force [m]."""

@@ -25,9 +25,8 @@ from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
-from gplfd_policies.movements.movement import Movement
+from gplfd_policies.movements.movement import GaussianTrajectory, Movement, ViaPoint
 from gplfd_policies.movements.skill import fit_skill
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 GRASPED: Final = "grasped"
 """Signal of demonstrations, (N, 1): 1 while the hand holds the handle, else 0."""

@@ -33,7 +33,7 @@ from gplfd_policies.control.stiffness import (
     StiffnessProfile,
     VirtualDynamics,
 )
-from gplfd_policies.movements.trajectory import ViaPoint
+from gplfd_policies.movements.movement import ViaPoint
 from gplfd_policies.phase.phase_rule import POSE_ERROR, PhaseEstimate, PhaseRule
 
 _PULL: Final = np.array([1.0, 0.0, 0.0])

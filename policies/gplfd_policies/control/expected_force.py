@@ -17,7 +17,7 @@ from gplfd_policies.adaptation.gridded import LOOK_AHEAD, GriddedMovements
 from gplfd_policies.arrays.rows import ALL_ROWS, PerRow, Rows
 from gplfd_policies.arrays.shapes import Axes, Bool, Float, Vectors
 from gplfd_policies.control.frame import product
-from gplfd_policies.movements.trajectory import ViaPoint
+from gplfd_policies.movements.movement import ViaPoint
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -18,8 +18,13 @@ import scipy
 from gplfd_policies.arrays.records import freeze, short_repr
 from gplfd_policies.arrays.shapes import Float, Outputs, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.movement import AdaptationForm, LearnedMovement, Movement
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.movement import (
+    AdaptationForm,
+    GaussianTrajectory,
+    LearnedMovement,
+    Movement,
+    ViaPoint,
+)
 
 
 @runtime_checkable

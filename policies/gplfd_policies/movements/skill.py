@@ -9,6 +9,7 @@ import json
 import warnings
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,8 +35,11 @@ from gplfd_policies.gp.noise import (
     NoiseModel,
     NoiseProfile,
 )
-from gplfd_policies.movements.movement import LearnedMovement
-from gplfd_policies.movements.trajectory import GaussianTrajectory, checked_times
+from gplfd_policies.movements.movement import (
+    GaussianTrajectory,
+    LearnedMovement,
+    checked_times,
+)
 
 NOISE_MODELS: dict[str, NoiseModel] = {
     "map": MapNoise(),
@@ -64,9 +68,21 @@ _CORRECTIONS: Final = "corrections"
 """Prefix of the names of arrays of corrections."""
 _ORIGIN: Final = ("door", "seed", "by", "phase", "device")
 _MOTION: Final = ("times", "poses", "wrenches")
+_LED: Final = ("led", "inputs")
+_ALIGNED: Final = ("times", "poses", "duration", "end", "drift")
 _NO_CLOCKS: Final = np.zeros((0, 0))
 """Stored instead of unknown clocks."""
 _DEVIATION: Final = tuple(field.name for field in fields(DeviationProcess))
+_PARAMETERS: Final = {
+    "offset": attrgetter("offset"),
+    "scale": attrgetter("scale"),
+    "length_scale": attrgetter("kernel.length_scale"),
+    "signal_std": attrgetter("kernel.signal_std"),
+    "noise_level": attrgetter("noise.level"),
+    "noise_floor": attrgetter("noise.floor"),
+    "noise_coefficients": attrgetter("noise.coefficients"),
+}
+"""Parameters of each process by the name of their array."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -152,12 +168,11 @@ class Skill(LearnedMovement):
         times = checked_times(times)
         moments = self.processes.moments(times)
         share = self.smoothness / self.count * moments.noise
+        share_rate = self.smoothness / self.count * moments.noise_rate
         smooth = moments.latent >= share
         variance = np.where(smooth, moments.latent, share) + moments.noise
         variance_rate = moments.noise_rate + np.where(
-            smooth,
-            moments.latent_rate,
-            self.smoothness / self.count * moments.noise_rate,
+            smooth, moments.latent_rate, share_rate
         )
         if self.count == 1:
             displacement = self._unknown_size(moments)
@@ -205,14 +220,13 @@ class Skill(LearnedMovement):
             ValueError: if a user's own noise model does not build on
                 `gplfd_policies.gp.noise.NoiseProfile.basis_over`.
         """
-        arrays = self._arrays()
+        arrays = self._arrays("")
         if isinstance(self.forces, Skill):
-            felt = self.forces._arrays()
-            arrays |= {f"{_FORCES}{name}": array for name, array in felt.items()}
+            arrays |= self.forces._arrays(_FORCES)
             arrays["wrenches"] = np.asarray(self.aligned.wrenches)
         for number, correction in enumerate(self.corrections):
             kept = {name: getattr(correction.motion, name) for name in _MOTION}
-            kept |= {"led": correction.led, "inputs": correction.inputs}
+            kept |= {name: getattr(correction, name) for name in _LED}
             for name, array in kept.items():
                 if array is not None:
                     arrays[f"{_CORRECTIONS}_{number}_{name}"] = array
@@ -224,8 +238,8 @@ class Skill(LearnedMovement):
             arrays[_CORRECTIONS] = np.array(json.dumps({"origins": origins}))
         write_archive(path, kind=_KIND, version=_VERSION, arrays=arrays)
 
-    def _arrays(self) -> dict[str, np.ndarray]:
-        """Return the arrays of the file, without those of the forces."""
+    def _arrays(self, prefix: str) -> dict[str, np.ndarray]:
+        """Return arrays by prefixed name, without those of forces and corrections."""
         aligned, outputs = self.aligned, self.processes.outputs
         basis = NoiseProfile.basis_over(aligned.times)
         if any(output.noise.basis != basis for output in outputs):
@@ -233,26 +247,16 @@ class Skill(LearnedMovement):
                 "this skill cannot be saved: its noise model must return profiles on "
                 "NoiseProfile.basis_over(times)"
             )
-        numbers: dict[str, Any] = {
-            "times": aligned.times,
-            "poses": aligned.poses,
-            "duration": aligned.duration,
-            "end": aligned.end,
-            "drift": aligned.drift,
-            "clocks": _NO_CLOCKS if aligned.clocks is None else aligned.clocks,
-            "offset": [output.offset for output in outputs],
-            "scale": [output.scale for output in outputs],
-            "length_scale": [output.kernel.length_scale for output in outputs],
-            "signal_std": [output.kernel.signal_std for output in outputs],
-            "noise_level": [output.noise.level for output in outputs],
-            "noise_floor": [output.noise.floor for output in outputs],
-            "noise_coefficients": [output.noise.coefficients for output in outputs],
-        }
+        numbers = {name: getattr(aligned, name) for name in _ALIGNED}
+        numbers["clocks"] = _NO_CLOCKS if aligned.clocks is None else aligned.clocks
+        for name, parameter in _PARAMETERS.items():
+            numbers[name] = [parameter(output) for output in outputs]
         deviations = self.deviations if self.count > 1 else ()
         for name in _DEVIATION:
             numbers[name] = [getattr(deviation, name) for deviation in deviations]
         return {
-            name: np.array(values, dtype=np.float64) for name, values in numbers.items()
+            f"{prefix}{name}": np.array(values, dtype=np.float64)
+            for name, values in numbers.items()
         }
 
 
@@ -267,99 +271,76 @@ def load_skill(path: str | Path) -> Skill:
         ValueError: if the file is damaged, contains other data, or has the layout of
             another version.
     """
-    return read_archive(path, kind=_KIND, version=_VERSION, build=_skill_of)
 
-
-def _skill_of(members: Members) -> Skill:
-    """Build a skill from the members of its archive; raise if one is wrong."""
-    others: dict[str, Any] = {}
-    if "wrenches" in members:
-        others["wrenches"] = members["wrenches"]
-        others["forces"] = _part_of(members, _FORCES)
-    corrections = []
-    if _CORRECTIONS in members:
-        for number, origin in enumerate(settings(members[_CORRECTIONS])["origins"]):
+    def build(members: Members) -> Skill:
+        others: dict[str, Any] = {}
+        if "wrenches" in members:
+            others["forces"] = _part_of(members, _FORCES, None)
+        origins = []
+        if _CORRECTIONS in members:
+            origins = settings(members[_CORRECTIONS])["origins"]
+        corrections = []
+        for number, origin in enumerate(origins):
             prefix = f"{_CORRECTIONS}_{number}_"
-            arrays: dict[str, Any] = {
-                name: members[prefix + name]
-                for name in (*_MOTION, "led", "inputs")
-                if prefix + name in members
-            }
-            motion = {name: arrays.pop(name) for name in _MOTION if name in arrays}
-            corrections.append(
-                Correction(motion=Demonstration(**motion), **arrays, **origin)
+            motion, led = (
+                {n: members[prefix + n] for n in names if prefix + n in members}
+                for names in (_MOTION, _LED)
             )
-    return _part_of(members, "", corrections=tuple(corrections), **others)
+            corrections.append(
+                Correction(motion=Demonstration(**motion), **led, **origin)
+            )
+        wrenches, others["corrections"] = members.get("wrenches"), tuple(corrections)
+        return _part_of(members, "", wrenches, **others)
+
+    return read_archive(path, kind=_KIND, version=_VERSION, build=build)
 
 
-def _part_of(members: Members, prefix: str, **others: Any) -> Skill:
+def _part_of(
+    members: Members, prefix: str, wrenches: np.ndarray | None, **others: Any
+) -> Skill:
     """Build the skill of the motion or of the forces, given the prefix of names."""
 
-    def finite(name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
+    def finite(name: str) -> np.ndarray:
         array = members[prefix + name]
         if array.dtype != np.float64 or not np.isfinite(array).all():
             raise ValueError(f"{name!r} must be finite numbers of type float64")
-        if shape is not None and array.shape != shape:
-            raise ValueError(f"{name!r} must have shape {shape}, got {array.shape}")
         return array
 
     clocks = finite("clocks")
     aligned = AlignedDemonstrations(
         times=finite("times"),
         poses=finite("poses"),
-        duration=float(finite("duration", ())),
-        end=float(finite("end", ())),
-        drift=finite("drift", (6,)),
+        duration=float(finite("duration")),
+        end=float(finite("end")),
+        drift=finite("drift"),
         clocks=None if clocks.shape == _NO_CLOCKS.shape else clocks,
-        wrenches=others.pop("wrenches", None),
+        wrenches=wrenches,
     )
-
     basis = NoiseProfile.basis_over(aligned.times)
-    coefficients = finite("noise_coefficients", (6, basis.size))
-    offsets, scales = finite("offset", (6,)), finite("scale", (6,))
-    lengths, signals = finite("length_scale", (6,)), finite("signal_std", (6,))
-    levels, floors = finite("noise_level", (6,)), finite("noise_floor", (6,))
-    if not (scales > 0.0).all():
-        raise ValueError(f"'scale' must be positive, got {scales}")
-    if not (floors >= 0.0).all():
-        raise ValueError(f"'noise_floor' must not be negative, got {floors}")
-    outputs = []
-    for number in range(6):
-        offset, scale = float(offsets[number]), float(scales[number])
-        samples = (aligned.poses[:, :, number] - offset) / scale
-        output = HeteroscedasticGP(
+    columns = [finite(name).tolist() for name in _PARAMETERS]
+    outputs = tuple(
+        HeteroscedasticGP(
             offset=offset,
             scale=scale,
-            replicates=Replicates.from_samples(aligned.times, samples),
-            kernel=RBF(
-                length_scale=float(lengths[number]), signal_std=float(signals[number])
-            ),
+            replicates=Replicates.from_samples(aligned.times, (poses - offset) / scale),
+            kernel=RBF(length_scale=length, signal_std=signal),
             noise=NoiseProfile(
-                level=float(levels[number]),
-                basis=basis,
-                coefficients=coefficients[number],
-                floor=float(floors[number]),
+                level=level, basis=basis, coefficients=np.array(varying), floor=floor
             ),
         )
-        outputs.append(output)
-    processes = MultiOutputGP(outputs=tuple(outputs))
+        for poses, offset, scale, length, signal, level, floor, varying in zip(
+            np.moveaxis(aligned.poses, 2, 0), *columns, strict=True
+        )
+    )
+    processes = MultiOutputGP(outputs=outputs)
     skill = Skill(aligned=aligned, processes=processes, **others)
-
-    deviating = 6 if len(aligned.poses) > 1 else 0
-    columns = [finite(name, (deviating,)) for name in _DEVIATION]
-    deviations = []
-    for values in np.transpose(columns).tolist():
-        deviation = DeviationProcess(**dict(zip(_DEVIATION, values, strict=True)))
-        lengthy = (deviation.wobble, deviation.long_scale, deviation.short_scale)
-        shares = (deviation.varying, deviation.white)
-        if not (min(lengthy) > 0.0 and min(shares) >= 0.0 and max(shares) <= 1.0):
-            raise ValueError(
-                f"no process of deviations has these parameters: {deviation}"
-            )
-        deviations.append(deviation)
-    if deviations:
+    table = np.transpose([finite(name) for name in _DEVIATION])
+    if table.size:
         # Learned on first use otherwise.
-        vars(skill)["deviations"] = tuple(deviations)
+        vars(skill)["deviations"] = tuple(
+            DeviationProcess(**dict(zip(_DEVIATION, values, strict=True)))
+            for values in table.tolist()
+        )
     return skill
 
 
@@ -403,20 +384,20 @@ def fit_skill(
         noise = NOISE_MODELS["homoscedastic" if alone else noise]
     times, poses = aligned.times, aligned.poses
     processes = MultiOutputGP.fit(times, poses, noise, centred=centred)
-    if len(poses) <= _FEW:
-        warning = (
+    if len(poses) == 1:
+        warnings.warn(
             "One demonstration does not show how repetitions differ: they are assumed "
             f"to be larger or smaller by {SIZE_STD:.0%}, with the scatter of its "
-            "samples around a smooth curve. Give 4 or more."
+            "samples around a smooth curve. Give 4 or more.",
+            UserWarning,
+            stacklevel=2,
         )
-        if len(poses) > 1:
-            warning = (
-                f"{len(poses)} demonstrations leave {len(poses) - 1} degree(s) of "
-                "freedom for the spread: where they cross by chance, the uncertainty "
-                "is far too small and the robot is stiff. Intervals use Student-t "
-                "quantiles; the standard deviation itself stays uncertain. Give 4 or "
-                "more."
-            )
-        # Level 2 is the decorator.
-        warnings.warn(warning, UserWarning, stacklevel=3)
+    elif len(poses) <= _FEW:
+        warnings.warn(
+            f"{len(poses)} demonstrations leave {len(poses) - 1} degree(s) of freedom "
+            "for the spread: where they cross by chance, the uncertainty is far too "
+            "small and the robot is stiff. Give 4 or more.",
+            UserWarning,
+            stacklevel=2,
+        )
     return Skill(aligned=aligned, processes=processes)

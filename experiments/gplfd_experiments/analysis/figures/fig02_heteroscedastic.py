@@ -21,8 +21,8 @@ from gplfd_experiments.analysis.figures.pick_and_place import (
 )
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.gp.noise import NoiseModel, NoiseProfile
+from gplfd_policies.movements.movement import GaussianTrajectory
 from gplfd_policies.movements.skill import fit_skill
-from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 TITLE: Final = "One noise level against a local one"
 DOORS: Final = ()

@@ -23,8 +23,8 @@ from gplfd_policies.adaptation import (
     ProductAdaptation,
     adapt,
 )
+from gplfd_policies.movements.movement import GaussianTrajectory, ViaPoint
 from gplfd_policies.movements.skill import fit_skill
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
 
 TITLE: Final = "Strong and weak via-points"
 DOORS: Final = ()

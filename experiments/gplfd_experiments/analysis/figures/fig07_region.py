@@ -17,8 +17,8 @@ from gplfd_experiments.analysis.figures.material import Material
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
+from gplfd_policies.movements.movement import GaussianTrajectory
 from gplfd_policies.movements.skill import Skill, fit_skill
-from gplfd_policies.movements.trajectory import GaussianTrajectory
 
 TITLE: Final = "The policy on the plane of the door"
 DOORS: Final = ()

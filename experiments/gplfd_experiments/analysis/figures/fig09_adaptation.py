@@ -15,7 +15,7 @@ from gplfd_experiments.episodes.metrics import opening_motion, prediction_errors
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.agents.agent import Agent
 from gplfd_policies.control.steps import AgentStep, Observation
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.movement import GaussianTrajectory
 from gplfd_policies.registry.catalogue import make_agent
 
 TITLE: Final = "Adaptation while the door opens"

@@ -18,7 +18,7 @@ from gplfd_policies import Demonstration
 from gplfd_policies.adaptation import ADAPTATIONS
 from gplfd_policies.agents.agent import Agent, as_agent
 from gplfd_policies.arrays.resolution import interpolated
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.movement import GaussianTrajectory
 from gplfd_policies.registry.built_in import GP
 from gplfd_policies.registry.method import TrainingInput
 

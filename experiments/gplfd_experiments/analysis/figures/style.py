@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from gplfd_experiments.files.arrays import FloatArray
 from gplfd_policies.arrays.storage import complete_or_absent
-from gplfd_policies.movements.trajectory import GaussianTrajectory
+from gplfd_policies.movements.movement import GaussianTrajectory
 
 COLUMN: Final = 3.5
 """Width of a journal's column [inch]."""

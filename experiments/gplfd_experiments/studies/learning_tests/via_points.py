@@ -23,8 +23,13 @@ from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.demonstrations.demonstration import Demonstration
-from gplfd_policies.movements.movement import AdaptationForm, LearnedMovement, Movement
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.movement import (
+    AdaptationForm,
+    GaussianTrajectory,
+    LearnedMovement,
+    Movement,
+    ViaPoint,
+)
 from gplfd_policies.phase.phase_rule import POSE_ERROR
 from gplfd_policies.registry.method import Method
 

@@ -30,9 +30,10 @@ from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.shapes import Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.movement import EmpiricalDistribution, LearnedMovement
-from gplfd_policies.movements.trajectory import (
+from gplfd_policies.movements.movement import (
+    EmpiricalDistribution,
     GaussianTrajectory,
+    LearnedMovement,
     checked_times,
     white_covariance,
 )

@@ -31,8 +31,7 @@ from gplfd_policies.movements.baselines.gmr import (
     GMRConfig,
     fit_gmr,
 )
-from gplfd_policies.movements.movement import MomentMovement, Moments
-from gplfd_policies.movements.trajectory import ViaPoint
+from gplfd_policies.movements.movement import MomentMovement, Moments, ViaPoint
 
 # Published values are for letters, which were written over 2 s and vary by 25 cm²:
 # seconds are halved and variances divided by 25.

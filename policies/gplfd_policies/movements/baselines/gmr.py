@@ -19,8 +19,7 @@ from gplfd_policies.arrays.records import freeze
 from gplfd_policies.arrays.resolution import FINEST
 from gplfd_policies.arrays.shapes import Covariances, Float, Outputs, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.movement import MomentMovement, Moments
-from gplfd_policies.movements.trajectory import white_covariance
+from gplfd_policies.movements.movement import MomentMovement, Moments, white_covariance
 
 TOLERANCE: Final = 1e-4
 """Expectation maximisation stops when the mean log-likelihood of a sample gains less

@@ -40,8 +40,7 @@ from gplfd_policies.movements.baselines.gmr import (
     GMRConfig,
     fit_gmr,
 )
-from gplfd_policies.movements.movement import MomentMovement, Moments
-from gplfd_policies.movements.trajectory import ViaPoint
+from gplfd_policies.movements.movement import MomentMovement, Moments, ViaPoint
 
 _STRONGEST = 1e-4
 """Least standard deviation of a via-point, standardised: zero would give infinite

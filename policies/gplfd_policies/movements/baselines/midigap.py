@@ -44,8 +44,13 @@ from gplfd_policies.arrays.shapes import (
     Times,
 )
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.movement import LearnedMovement, MomentMovement, Moments
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.movement import (
+    GaussianTrajectory,
+    LearnedMovement,
+    MomentMovement,
+    Moments,
+    ViaPoint,
+)
 
 _LEAST: Final = 1e-4
 """Least standard deviation of steps and via-points, relative to the output's

@@ -24,9 +24,9 @@ import scipy
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.shapes import Covariances, Float, OutputCurves, Pose, Times
 from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
-from gplfd_policies.movements.movement import LearnedMovement
-from gplfd_policies.movements.trajectory import (
+from gplfd_policies.movements.movement import (
     GaussianTrajectory,
+    LearnedMovement,
     ViaPoint,
     checked_times,
 )

@@ -41,8 +41,11 @@ from gplfd_policies.movements.baselines.gmr import (
     Standardisation,
     warn_of_early_stop,
 )
-from gplfd_policies.movements.movement import LearnedMovement
-from gplfd_policies.movements.trajectory import GaussianTrajectory, ViaPoint
+from gplfd_policies.movements.movement import (
+    GaussianTrajectory,
+    LearnedMovement,
+    ViaPoint,
+)
 
 PLANE = [0, 2]
 """x and z, the plane in which a door turns."""
