@@ -12,11 +12,11 @@ from scipy.signal import butter, sosfiltfilt
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, align
+from gplfd_policies.demonstrations.aligned import continued
 from gplfd_policies.demonstrations.alignment import (
     dynamic_time_warping,
     task_completion_index,
 )
-from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.registry.method import TrainingInput
 
 METHODS = ["interpolation", "dtw", "dtw-euclidean"]

@@ -9,7 +9,7 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations, PosePath, ViaPoint, fit_skill
 from gplfd_policies.adaptation import ProcessAdaptation
 from gplfd_policies.adaptation.gridded import GriddedMovement, GriddedMovements
-from gplfd_policies.demonstrations.continuation import carried_on, continued, drift
+from gplfd_policies.demonstrations.aligned import carried_on, continued, drift
 from gplfd_policies.movements.prior_mean import Stretched
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")

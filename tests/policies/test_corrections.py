@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, Demonstration, TrainingInput, align, load_skill
-from gplfd_policies.demonstrations.continuation import continued
+from gplfd_policies.demonstrations.aligned import continued
 from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.registry.corrections import as_demonstrations, completed
 

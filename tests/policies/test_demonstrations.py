@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_env.spatial.se3 import canonical_rotvec
 from gplfd_policies import AlignedDemonstrations, Demonstration, align
+from gplfd_policies.demonstrations.aligned import continued
 from gplfd_policies.demonstrations.alignment import (
     dynamic_time_warping,
     task_completion_index,
 )
-from gplfd_policies.demonstrations.continuation import continued
 
 SECONDS = np.linspace(0.0, 1.0, 5)
 NUMBERS = st.floats(-2.0, 2.0)
@@ -125,7 +125,7 @@ REFUSED = {
     "duration must be positive": lambda: aligned(duration=0.0),
     "clocks must be None, or of": lambda: aligned(clocks=np.full((2, 5), 1.5)),
     "beyond must be finite and >= 0": lambda: continued(ARC, -0.1),
-    "got phases 0.0 to 0.5": lambda: continued(aligned(times=0.5 * ARC.times), 0.5),
+    "got 0.0 to 0.5": lambda: continued(aligned(times=0.5 * ARC.times), 0.5),
     "are continued already, from": lambda: continued(continued(ARC, 0.5), 0.5),
 }
 

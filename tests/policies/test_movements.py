@@ -344,7 +344,7 @@ def test_too_few_demonstrations_or_phases_are_refused(fit, message, aligned):
         (DMPConfig, "alpha_x", np.nan, r"alpha_x = nan is outside \(0, inf\)"),
         (ProMPConfig, "shrinkage", 1.5, r"shrinkage = 1.5 is outside \[0, 1\]"),
         (GMRConfig, "regularisation", 0.0, r"= 0.0 is outside \(0, inf\)"),
-        (KMPConfig, "same_phase", 2.0, r"= 2.0 is outside \[0, 1\]"),
+        (KMPConfig, "length_scale", 0.0, r"= 0.0 is outside \[0.01, inf\)"),
         (GMMGPConfig, "shortest_length_scale", 3.0, r"= 3.0 is outside \(0, 2.5\]"),
         (LocalGPConfig, "clusters", 0, "clusters = 0 must be a whole number from 1"),
         (KerstingNoise, "shortest_scale", 0.05, r"= 0.05 is outside \[0.1, 1\]"),

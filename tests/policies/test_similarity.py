@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations
-from gplfd_policies.demonstrations.continuation import continued
+from gplfd_policies.demonstrations.aligned import continued
 from gplfd_policies.demonstrations.path_similarity import (
     SimilarityConfig,
     SimilarityModel,

@@ -43,9 +43,8 @@ _SMOOTHING_GRID = 60
 _OWN_SHARE = 0.5
 """Size of a door's own force relative to the demonstrated forces."""
 _OWN_PRIOR = (0.98, 0.01, 0.01)
-"""Probability that a door has no force of its own, a constant one, or a varying one.
-Chosen by experiments: with 50 %, intervals are too wide at doors like the demonstrated
-ones."""
+"""Probability that a door has no force of its own, a constant one, or a varying one;
+with 50 %, intervals are too wide at doors like the demonstrated ones."""
 _OWN_SCALE = 0.1
 """Length scale of the varying part of a door's own force, in phase."""
 _OUTPUTS = np.arange(6)[:, None]
@@ -60,9 +59,8 @@ class Repetition:
     """The prior of a repetition, before any via-point, in a basis."""
 
     basis: LegendreBasis
-    """Basis of all coefficients."""
     mean: Float[np.ndarray, "Q 6"]
-    """Coefficients of the mean m_i."""
+    """Coefficients of the mean m_i in the basis."""
     deviations: Float[np.ndarray, "6 Q R"]
     """Coefficients of the curves φ_i, R of each output."""
     log_white: Float[np.ndarray, "Q 6"]
@@ -116,11 +114,11 @@ class ConditionedProcess:
 
     With few demonstrations the scale of the process is uncertain. With ν degrees of
     freedom, n observations and their squared Mahalanobis distance δ², the scale of a
-    Student-t process grows to (ν + δ²)/(ν + n) per output. The distance of each
-    observation is computed given the other outputs, so that an error along the path
-    does not count. The scale is at least one: via-points that match with a large σ_v
-    must not make the robot over-confident or stiff. Intervals keep ν degrees of
-    freedom, because the via-points of one repetition all observe the same deviation.
+    Student-t process grows to (ν + δ²)/(ν + n) per output. The distance is computed
+    given the other outputs, so that an error along the path does not count. The scale
+    is at least one: via-points that match must not make the robot stiff. Intervals keep
+    ν degrees of freedom, because the via-points of one repetition all observe the same
+    deviation.
     """
 
     def __init__(self, prior: Repetition, free: float | None, grid: Times) -> None:
@@ -161,11 +159,7 @@ class ConditionedProcess:
 
     @property
     def log_evidence(self) -> float:
-        """Log Student-t density of all via-points, up to a constant for their number.
-
-        With one scale for all outputs it does not depend on the order of the
-        via-points.
-        """
+        """Log Student-t density of all via-points, up to a constant of their number."""
         assert self._free is not None
         power = 0.5 * (self._free + float(np.sum(self._observed)))
         distance = np.log1p(self._sequential / self._free)
@@ -177,11 +171,7 @@ class ConditionedProcess:
         self.update(here, via_point.pose, via_point.own_variance + here[1], along)
 
     def at(self, phase: float) -> Local:
-        """Return the prior at a phase; raise if it is outside demonstrations and grid.
-
-        Raises:
-            ValueError: if the phase is outside demonstrations and grid.
-        """
+        """Return the prior at a phase within demonstrations and grid."""
         basis = self._basis
         if not basis.start <= phase <= basis.stop:
             raise ValueError(
@@ -195,13 +185,10 @@ class ConditionedProcess:
     def update(
         self, here: Local, pose: Pose, noise_variance: Pose, along: Pose
     ) -> None:
-        """Condition on a pose.
+        """Condition on a pose; outputs with infinite noise are ignored.
 
-        Args:
-            here: the repetition at the pose's phase, from `at`.
-            pose: observed pose; outputs with infinite noise are ignored.
-            noise_variance: variance of each output's own noise.
-            along: the error that all outputs share, see `ViaPoint.along`.
+        The prior is that of `at`, the noise each output's own, ``along`` as in
+        `ViaPoint`.
         """
         mean, _, curves = here
         observed = np.isfinite(noise_variance)
@@ -287,34 +274,25 @@ class ProcessAdaptation(ConditionedProcess):
 
     A repetition deviates smoothly from the mean, like the demonstrations
     (`gplfd_policies.gp.deviations`), so that the observed radius of a door informs the
-    rest of the motion.
-
-    * Before any via-point it equals `Skill.predict`.
-    * A via-point observes the path with its own noise σ_v, an error along the path that
-      all outputs share (`ViaPoint.along`), and the white part of the demonstrations'
-      spread, which for smooth demonstrations is negligible.
-    * Mean and covariance do not depend on the grid; the mean does not depend on the
-      order of the via-points. If they share an error along the path, the scale of the
-      covariance depends on their order; `gplfd_policies.adapt` sorts them by phase.
-
-    Phases must be estimated from the path, as in the alignment.
+    rest of the motion. Before any via-point it equals `Skill.predict`. A via-point
+    observes the path with its own noise, an error along the path and the white part of
+    the demonstrations' spread. The result does not depend on the grid; the mean does
+    not depend on the order of the via-points, the scale only where they share an error
+    along the path.
     """
 
     def __init__(
         self, skill: Skill, grid: Times, empirical_share: float | None = None
     ) -> None:
-        """Start from the demonstrations.
+        """Start from at least two demonstrations.
 
-        Args:
-            skill: the demonstrated skill, from at least two demonstrations.
-            grid: phases at which the distribution is reported.
-            empirical_share: share of the deviations' covariance taken from the
-                demonstrations' own curves, within [0, 1]; by default it follows from
-                their number (`gplfd_policies.gp.deviations.conjugate_share`).
+        The empirical share, within [0, 1], is the share of the deviations' covariance
+        taken from the demonstrations' own curves; by default it follows from their
+        number (`gplfd_policies.gp.deviations.conjugate_share`).
 
         Raises:
-            ValueError: for a share outside [0, 1], a single demonstration, or a grid
-                that is empty, not finite, or far outside the demonstrations.
+            ValueError: for another share, a single demonstration, or a grid that is
+                empty, not finite, or far outside the demonstrations.
         """
         prior = demonstrated_repetition(skill, grid, empirical_share)
         super().__init__(prior, float(skill.count - 1), grid)
@@ -323,10 +301,9 @@ class ProcessAdaptation(ConditionedProcess):
 class ExactAdaptation(ConditionedProcess):
     """p(f | D ∪ V): via-points as data, like demonstrations, Eqs. (10)–(11).
 
-    Eq. (19) of Arduengo et al., arXiv:2002.09979, approximates this by a product. The
-    spread r(t) stays white, so a via-point only corrects the uncertainty of the *mean*:
-    it bends the policy nearby and does not inform the rest. The result does not depend
-    on the grid (``test_exact_equals_gp_on_demonstrations_and_via_points``).
+    Eq. (19) approximates this by a product. The spread r(t) stays white, so a via-point
+    only corrects the uncertainty of the *mean*: it bends the policy nearby and does not
+    inform the rest (``test_exact_equals_gp_on_demonstrations_and_via_points``).
     """
 
     def __init__(self, skill: Skill, grid: Times) -> None:
@@ -352,12 +329,11 @@ class ForceAdaptation:
     """Conditioning of the force at a door that may differ from all demonstrated doors.
 
     In addition to the demonstrations' spread, a door's force deviates in one of three
-    ways: not at all; by a constant b on the whole way, like the weight of a leaf or the
-    pull of a closer; or by b + f(s), where f varies over a tenth of the way, like
-    springs of handle and seal. The first is the most probable before any force is
-    measured. The standard deviation of the others is half the root mean square of the
-    demonstrated forces, or moments, along each axis. The three processes are weighted
-    by the evidence of the via-points.
+    ways, weighted by the evidence of the via-points: not at all; by a constant b on the
+    whole way, like the weight of a leaf or the pull of a closer; or by b + f(s), where
+    f varies over a tenth of the way, like springs of handle and seal. The standard
+    deviation of the others is half the root mean square of the demonstrated forces, or
+    moments, along each axis.
     """
 
     def __init__(self, skill: Skill, grid: Times) -> None:

@@ -27,15 +27,14 @@ from gplfd_policies.demonstrations.rests import Rest, warn_of_rests, without_res
 _NOISY_LENGTH_RATIO: Final = 1.1
 """Length of a path over its denoised length above which a warning is issued."""
 _BANDWIDTH: Final = 0.015
-"""Standard deviation of the filter, as a share of the demonstration: 0.1 s in 7 s. This
-is shorter than intended motions of a hand and longer than noise of sensors and their
-filters. It causes a phase error of 0.1 % on clean minimum-jerk motion, and of 0.5 %
-where a clean motion stops abruptly."""
+"""Standard deviation of the filter, as a share of the demonstration: 0.1 s in 7 s,
+shorter than intended motions of a hand and longer than noise of sensors. It causes a
+phase error of 0.1 % on clean minimum-jerk motion."""
 _REACH: Final = 4.0
 """Half-width at which the filter's weights are cut off, in standard deviations."""
 _TIME_SHARE: Final = 1e-6
 """Share of normalised time added to the completion index: it orders the samples of a
-rest, where the index is constant, and shifts other matches by no more than this."""
+rest, and shifts other matches by no more than this."""
 LARGEST_TABLE: Final = 10**8
 """Greatest number of cells: two sequences of 10,000, a few seconds and 100 MB."""
 _DIAGONAL, _UP, _LEFT = np.int8(0), np.int8(1), np.int8(2)
@@ -97,11 +96,9 @@ def align(
         method: One of the above.
         n_samples: Number of equally spaced phases from 0 to 1.
         rotation_weight: ω₁ of Eq. (17), within [0, 1].
-        denoise: Whether completion is measured on the denoised paths; the resulting
-            poses are always interpolated from the recorded samples.
+        denoise: Whether completion is measured on the denoised paths.
         trim_rests: Whether periods without motion are left out first, see
-            `gplfd_policies.demonstrations.rests`. If they are kept, rests in all
-            demonstrations become rests of the result.
+            `gplfd_policies.demonstrations.rests`.
 
     Returns:
         The aligned demonstrations with their mean duration, the clock of each, and the
@@ -111,9 +108,8 @@ def align(
         TypeError: If the demonstrations are not a sequence of demonstrations.
         ValueError: If another argument is not as described.
 
-    Warns:
-        UserWarning: If sensor noise makes a path more than 1.1 times longer, or if
-            rests were left out.
+    Warns: UserWarning: If sensor noise makes a path more than 1.1 times longer, or if
+    rests were left out.
     """
     methods = get_args(AlignmentMethod)
     if method not in methods:
@@ -277,8 +273,8 @@ def task_completion_index(
 ) -> Samples:
     """Return ζ: the share of the path's length covered up to each sample, Eq. (16).
 
-    Computed from the raw path, as printed, ζ measures mainly noise; therefore the noise
-    is removed first (`test_phase_error_with_noise_stays_below`).
+    As printed, ζ measures mainly noise, which is therefore removed first
+    (`test_phase_error_with_noise_stays_below`).
     """
     index, length_ratio = measure_completion(demonstration, rotation_weight, denoise)
     _warn_of_noise([length_ratio], denoise)
@@ -290,9 +286,8 @@ def measure_completion(
 ) -> tuple[Samples, float]:
     """Return ζ, and the length of the path over its length without noise, about 1.
 
-    The noise is removed by a Gaussian filter whose width is a fixed share of the
-    demonstration. Rules that estimate the noise from neighbouring samples do not remove
-    noise that motion capture has filtered
+    The noise is removed by a Gaussian filter. Rules that estimate the noise from
+    neighbouring samples do not remove noise that motion capture has filtered
     (`test_phase_error_with_filtered_noise_stays_below`).
     """
     poses = demonstration.poses

@@ -13,7 +13,7 @@ from gplfd_policies.arrays.records import freeze, short_repr
 from gplfd_policies.arrays.shapes import Float
 
 _REST = 1e-9
-"""A motion that stays within this distance of its first pose [m, rad] is at rest."""
+"""A motion that stays this near to its first pose [m, rad] is at rest."""
 _SAME_ROTVEC = 1e-6
 """Unwrapping changes a component by less than this [rad] if there is no jump."""
 
@@ -25,7 +25,7 @@ class Demonstration:
     Raises:
         ValueError: If the shapes are wrong, there are fewer than two samples, an entry
             is not finite, the times do not increase, the rotation vectors jump, or the
-            hand never moves. The message names the sample and the remedy.
+            hand never moves.
     """
 
     times: Float[np.ndarray, " N"]
@@ -35,8 +35,7 @@ class Demonstration:
     vectors are continuous in time."""
     wrenches: Float[np.ndarray, "N 6"] | None = None
     """Forces and moments (f_x, f_y, f_z, m_x, m_y, m_z) of the hand on what it holds
-    [N, N m], in the axes of the task frame and about the position of the hand; None
-    if they were not recorded."""
+    [N, N m], in the axes of the task frame and about the hand; None if not recorded."""
 
     __repr__ = short_repr
 
@@ -113,18 +112,11 @@ class Demonstration:
         order: Literal["wxyz", "xyzw"] = "wxyz",
         wrenches: Float[np.ndarray, "..."] | None = None,
     ) -> "Demonstration":
-        """Build a demonstration from positions and quaternions.
+        """Build a demonstration from positions (N, 3) [m] and quaternions (N, 4).
 
-        Args:
-            times: Time stamps [s], (N,).
-            positions: Hand positions [m], (N, 3).
-            quaternions: Hand orientations, (N, 4); their signs may flip and their
-                norms may be slightly off.
-            order: Position of the scalar part: first ("wxyz") or last ("xyzw").
-            wrenches: Forces and moments as in the class, (N, 6); or None.
-
-        Returns:
-            The demonstration, its rotation vectors unwrapped along the path.
+        Signs of quaternions may flip; ``order`` is the position of the scalar part,
+        first ("wxyz") or last ("xyzw"). Wrenches are (N, 6) as in the class, or None.
+        Rotation vectors are unwrapped along the path.
 
         Raises:
             ValueError: As for the class, and for invalid quaternions.
@@ -143,14 +135,9 @@ class Demonstration:
     def from_positions(
         cls, times: Float[np.ndarray, "..."], positions: Float[np.ndarray, "..."]
     ) -> "Demonstration":
-        """Build a demonstration of a point without orientation.
+        """Build a demonstration of a point, whose rotation vectors are zero.
 
-        Args:
-            times: Time stamps [s], (N,).
-            positions: Positions [m], (N, 3), or (N, 2) in the plane z = 0.
-
-        Returns:
-            The demonstration; its rotation vectors are zero.
+        Positions [m] are (N, 3), or (N, 2) in the plane z = 0.
 
         Raises:
             ValueError: As for the class.
@@ -164,11 +151,7 @@ class Demonstration:
         return cls(times=times, poses=np.pad(positions, missing))
 
     def relative_to_first(self) -> "Demonstration":
-        """Return the motion relative to its first pose, T_0⁻¹ T.
-
-        The first pose becomes zero: the origin and the axes of the result are those of
-        the hand at the start.
-        """
+        """Return the motion relative to its first pose, which becomes zero: T_0⁻¹ T."""
         poses = relative_poses(self.poses, self.poses[0])
         wrenches = self.wrenches
         if wrenches is not None:

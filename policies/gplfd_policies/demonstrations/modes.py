@@ -14,15 +14,14 @@ from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
 
 WITHIN: Final = 0.4
 """s: expected distance of the shape of a demonstration from the mean of its mode. For
-tidy and messy teachers and for the recordings in examples/ it is 0.05 to 0.12; the
-means of two modes are 2.0 to 2.7 apart."""
+teachers and recordings it is 0.05 to 0.12; two modes are 2.0 to 2.7 apart."""
 
 _LEAST: Final = (0.01, 0.1)
 """Least motion with a defined shape, root mean square: position [m], rotation [rad]."""
 
 _ARM: Final = 1.0
-"""A rotation also has no defined shape if it moves a point at this distance [m] by less
-than the hand has moved: the rotation of a hand on a sliding leaf is random."""
+"""A rotation that moves a point at this distance [m] by less than the hand has moved
+has no defined shape: that of a hand on a sliding leaf is random."""
 
 
 def partition(aligned: AlignedDemonstrations) -> tuple[tuple[int, ...], ...]:
@@ -31,15 +30,11 @@ def partition(aligned: AlignedDemonstrations) -> tuple[tuple[int, ...], ...]:
     The shape of a demonstration is its path over the phases, with positions divided by
     their root mean square from the start, and rotations by theirs: doors of different
     radius have the same shape. A rotation that is small relative to the motion of the
-    hand is divided by that motion, over a metre. Ward's method merges the two modes
-    whose union adds least to W, the sum of squared distances of K shapes from the mean
-    shape of their mode. Of its partitions into m modes, the one with the least
-
-        W_m / s² + m log K
-
-    is selected. This is the Bayesian information criterion of m Gaussians with the
-    standard deviation s, per number in a shape. A large W of one mode cannot be
-    explained by a large s, because s is known: `WITHIN`.
+    hand is divided by that motion, over a metre. Of the partitions by Ward's method
+    into m modes of K demonstrations, with W_m the sum of squared distances of shapes
+    from the mean shape of their mode, the one with the least W_m / s² + m log K is
+    selected. This is the Bayesian information criterion of m Gaussians with the
+    standard deviation s, per number in a shape.
 
     Returns:
         Indices of the demonstrations of each mode. The largest mode is first; modes of

@@ -48,8 +48,7 @@ class LabelledDemonstrations:
     """Demonstrations and their doors.
 
     Raises:
-        ValueError: There are no demonstrations, the number of radii differs, or a
-            radius is not positive.
+        ValueError: There are no demonstrations, or other fields do not match them.
     """
 
     demonstrations: tuple[Demonstration, ...]
@@ -100,9 +99,8 @@ def save_demonstrations(
 ) -> None:
     """Write demonstrations and their doors' radii to a file, complete or absent.
 
-    Wrenches are written for demonstrations that have them, in N and N m. The arguments
-    are the fields of `LabelledDemonstrations`; radii are None if all are unknown. An
-    existing file is replaced.
+    The arguments are the fields of `LabelledDemonstrations`; radii are None if all are
+    unknown. Wrenches are written for demonstrations that have them.
 
     Raises:
         ValueError: As for `LabelledDemonstrations`.
@@ -133,10 +131,7 @@ def save_demonstrations(
 
 
 def load_demonstrations(path: str | Path) -> LabelledDemonstrations:
-    """Read a file that `save_demonstrations` wrote.
-
-    Args:
-        path: The file, or a folder with `FILE`, e.g. from `gplfd demos import`.
+    """Read a file that `save_demonstrations` wrote, or that in a folder (`FILE`).
 
     Raises:
         FileNotFoundError: There is no such file.

@@ -1,8 +1,8 @@
 """Size and heading of the observed path, relative to the demonstrated path.
 
 Doors of different radius give paths of different size, and a robot with a heading error
-observes the whole motion rotated about the vertical. Both change the direction from the
-start to the hand, as progress does. The path so far distinguishes them: a heading error
+observes the motion rotated about the vertical. Both change the direction from the start
+to the hand, as progress does. The path so far distinguishes them: a heading error
 rotates all of it, size determines its curvature, and progress moves along it.
 """
 
@@ -46,20 +46,17 @@ class SimilarityConfig(Quantities):
     """How size and heading are estimated."""
 
     size_std: float = quantity(0.35, low=0.0)
-    """Standard deviation of the logarithm of size expected before any demonstration;
-    demonstrations reduce the weight of this prior."""
+    """Standard deviation of the logarithm of size expected before any demonstration."""
     size_weight: float = quantity(12.0, above=0.0)
     """Weight of this prior, in demonstrations."""
     heading_std: float = quantity(math.radians(3.0), low=0.0, unit="rad")
-    """Rotation of the whole motion about the vertical [rad]: heading error of the robot
-    at the door. 0 for no error."""
+    """Heading error of the robot at the door [rad]: rotation about the vertical."""
     position_std: float = quantity(3e-3, above=0.0, unit="m")
     """Independent error of each position across the path [m]."""
     rotation_std: float = quantity(0.15, above=0.0, unit="rad")
     """Error of an observed rotation [rad]."""
     scale_weight: float = quantity(40.0, above=0.0)
-    """ν: weight of the stated errors, in positions; with more positions, the data
-    determine the errors. Tuned."""
+    """ν: weight of the stated errors, in positions; with more, data determine them."""
     spacing: float = quantity(0.004, above=0.0, unit="m")
     """Distance between two used positions [m]."""
     least_std: float = quantity(1e-3, above=0.0, unit="m")
@@ -77,9 +74,7 @@ class SimilarityModel:
     """
 
     config: SimilarityConfig
-    """How size and heading are estimated."""
     phases: Phases
-    """Phases of the mean path."""
     path: Complex[np.ndarray, " M"]
     """Mean path of the demonstrations with equal size and heading, complex [m]."""
     lateral_std: Phases
@@ -87,7 +82,7 @@ class SimilarityModel:
     lag: Phases
     """Standard deviation of demonstrations of equal size along the path [m]."""
     log_sizes: Sizes
-    """Logarithms of the grid of sizes; 0 if the size of the path is not observable."""
+    """Logarithms of the grid of sizes; 0 if the path shows no size."""
     least_scale: float
     """Share of the stated variances caused by the error of the mean path."""
     outward: Float[np.ndarray, "4 F"]
@@ -102,7 +97,7 @@ class SimilarityModel:
     ) -> SimilarityModel:
         """Return the model of demonstrations; for a turning handle, of its axis."""
         similar, log_sizes = normalised(aligned)
-        poses, count = similar.poses, len(aligned.poses)
+        poses, count = similar.poses, len(log_sizes)
         level = poses[..., 0] - 1j * poses[..., 2]
         path = level.mean(axis=0)
         lateral_std = lag = np.full(len(path), config.least_std)
@@ -127,6 +122,8 @@ class SimilarityModel:
         first = first[moved]
         angles = np.unwrap(np.angle(path[first]))
         direction = float(angles[0]) if angles.size else 0.0
+        start = [[0.0], [aligned.times[0]], [direction], [config.least_std]]
+        out = [furthest[moved], aligned.times[first], angles, lateral_std[first]]
         return cls(
             config=config,
             phases=aligned.times,
@@ -135,12 +132,7 @@ class SimilarityModel:
             lag=lag,
             log_sizes=math.sqrt(variance) * visible * _STEPS,
             least_scale=1.0 / (count + 1),
-            outward=np.hstack(
-                [
-                    [[0.0], [aligned.times[0]], [direction], [config.least_std]],
-                    [furthest[moved], aligned.times[first], angles, lateral_std[first]],
-                ]
-            ),
+            outward=np.hstack([start, out]),
         )
 
     def prior(self) -> PathSimilarity:
@@ -194,7 +186,6 @@ class PathSimilarity:
     """
 
     model: SimilarityModel
-    """The demonstrated path."""
     log_variance: Sizes
     """Sum of the logarithms of the innovation variances."""
     squared_innovations: Sizes
@@ -204,7 +195,6 @@ class PathSimilarity:
     mean: Float[np.ndarray, "3 C"]
     """Mean of (ψ [rad], f, df/ds) given each size."""
     covariance: Float[np.ndarray, "3 3 C"]
-    """Covariance of (ψ, f, df/ds) given each size."""
     phase: Sizes
     """Phase of the last position for every size."""
     due: float
@@ -213,7 +203,6 @@ class PathSimilarity:
     """Angle of the path relative to the demonstrated path of each size at the same
     distance, due to heading and deviation [rad]."""
     angle_variance: Sizes
-    """Variance of `angle` [rad²]."""
 
     def updated(self, distance: float, angle: float) -> PathSimilarity:
         """Return the estimate with another position, if the position is far enough.
@@ -272,15 +261,15 @@ class PathSimilarity:
         They are the logarithm of the weight, c, the variance of log c, cosine and sine
         of the angle, and its variance.
         """
-        posterior = self.posterior
+        sizes = self.posterior
         return np.array(
             [
-                np.log(np.maximum(posterior.weights, 1e-300)),
-                np.exp(posterior.log_sizes),
-                np.full(posterior.log_sizes.size, posterior.size_std**2),
-                np.cos(posterior.angle),
-                np.sin(posterior.angle),
-                posterior.angle_variance,
+                np.log(np.maximum(sizes.weights, 1e-300)),
+                np.exp(sizes.log_sizes),
+                np.full(sizes.log_sizes.size, sizes.size_std**2),
+                np.cos(sizes.angle),
+                np.sin(sizes.angle),
+                sizes.angle_variance,
             ]
         )
 
@@ -298,11 +287,8 @@ class PathSimilarity:
         variance = float((weights * (grid - centre) ** 2).sum())
         spacing = float(grid[1] - grid[0])
         reach = _REACH * max(math.sqrt(variance), 0.5 * spacing)
-        sizes = np.linspace(
-            max(centre - reach, float(grid[0])),
-            min(centre + reach, float(grid[-1])),
-            _SIZES,
-        )
+        low, high = max(centre - reach, float(grid[0])), centre + reach
+        sizes = np.linspace(low, min(high, float(grid[-1])), _SIZES)
         # All curves are smooth in log c: cubic interpolation through four sizes.
         position = (sizes - grid[0]) / max(spacing, _NEAREST)
         left = np.maximum(np.minimum(position.astype(np.int64) - 1, grid.size - 4), 0)
@@ -343,24 +329,19 @@ class SizePosterior:
     """Posterior of the size of a path, and of the other quantities given K sizes."""
 
     model: SimilarityModel
-    """The demonstrated path."""
     log_sizes: Float[np.ndarray, " K"]
     """Logarithms of the sizes, log c."""
     weights: Float[np.ndarray, " K"]
     """p(c | path)."""
     phase: Float[np.ndarray, " K"]
-    """Phase of the last position."""
+    """Phase of the last position; angle, mean and covariance as in `PathSimilarity`."""
     angle: Float[np.ndarray, " K"]
-    """Angle of the path relative to the demonstrated path at the same distance, due to
-    heading and deviation [rad]."""
     angle_variance: Float[np.ndarray, " K"]
-    """Variance of `angle` over the sizes that this one represents [rad²]."""
+    """Variance of the angle over the sizes that this one represents [rad²]."""
     size_std: float
     """Standard deviation of log c among the sizes that one size represents."""
     mean: Float[np.ndarray, "3 K"]
-    """Mean of (ψ [rad], f, df/ds)."""
     covariance: Float[np.ndarray, "3 3 K"]
-    """Covariance of (ψ, f, df/ds)."""
     scale: Float[np.ndarray, " K"]
     """Factor on the variance of f, estimated from the innovations."""
 
@@ -417,8 +398,8 @@ def normalised(
     """Return demonstrations of equal size and heading, and their sizes' logarithms.
 
     The size of a demonstration is the root mean square of its displacement from the
-    start. Its heading is the rotation about the vertical that fits the mean to it by
-    least squares. The logarithms have a mean of zero.
+    start, its heading the rotation about the vertical that fits the mean to it by least
+    squares. The logarithms have a mean of zero.
     """
     positions = aligned.poses[..., :3]
     lengths = np.sqrt((positions**2).sum(axis=2).mean(axis=1))
@@ -447,12 +428,12 @@ def size_visibility(
 
     A change of size of a path c p(s), θ(s) displaces its poses by (p, 0), a change of
     phase by (p', θ'). For a straight path without rotation, the two are parallel
-    everywhere: the scaled path is the same path, and its size is not observable. The
-    size is observable by the distance of the mean from a straight line and by its
-    rotation. Each is divided by the deviation of another repetition, σ² + n², with σ
-    the deviation of the demonstrations and n the error of observation. A root mean
-    square of one such deviation along the path may be random and gives 0; from two on
-    the result is 1. The demonstrations are of equal size and heading [m, rad].
+    everywhere, and its size is not observable. It is observable by the distance of the
+    mean from a straight line and by its rotation. Each is divided by the deviation of
+    another repetition, σ² + n², with σ the deviation of the demonstrations and n the
+    error of observation. A root mean square of one such deviation along the path may be
+    random and gives 0; from two on the result is 1. The demonstrations are of equal
+    size and heading [m, rad].
     """
     positions, rotations = poses[..., :3], poses[..., 3:]
     path = positions.mean(axis=0)

@@ -28,12 +28,11 @@ _FAST: Final = 95.0
 _SLOW: Final = 0.05
 """A hand slower than this share of the fast speed may be at rest."""
 _UNMOVED: Final = 0.01
-"""Largest share of the path's length covered during a rest. A slow hand that covers
+"""Largest share of the path's length covered during a rest: a slow hand that covers
 more is unlatching a door or searching for contact."""
 _LONGEST: Final = 0.10
 """Least duration of a rest, as a share of the moving time: shorter ones are starts,
-stops or hesitation. A minimum-jerk motion is that slow for 6 % of its time at each
-end."""
+stops or hesitation."""
 _WORTH_SAYING: Final = 0.02
 """Fraction of trimmed time above which a warning is issued."""
 _KEPT: Final = 0.05
@@ -42,12 +41,10 @@ _KEPT: Final = 0.05
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Rest:
-    """A part of a recording that was left out because there was no motion."""
+    """A part without motion that was left out, by the time stamps [s]."""
 
     start: float
-    """Start of the rest, by the time stamps of the recording [s]."""
     end: float
-    """End of the rest [s]."""
 
 
 def without_rests(
@@ -57,8 +54,8 @@ def without_rests(
 
     A hand is at rest if its speed, from chords of the smoothed path, stays below 5 % of
     the motion's fast speed for more than 10 % of the moving time, and if it covers less
-    than 1 % of the path, because a hand that unlatches a door is slow, too. 5 % of the
-    moving time is kept next to the motion, so that gentle starts and stops are kept.
+    than 1 % of the path. 5 % of the moving time is kept next to the motion, so that
+    gentle starts and stops are kept.
     """
     times, poses = demonstration.times, demonstration.poses
     # Extended by its mirror image, so that a path that ends at rest stays at rest.

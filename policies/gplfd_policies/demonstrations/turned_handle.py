@@ -1,9 +1,8 @@
 """Geometry of a handle that is turned before its door opens.
 
-While a lever is turned, the hand moves on an arc about the lever's axis, centimetres
-away. This arc carries no information about the door. A point on the handle's axis rests
-meanwhile and then moves on the door's circle, independently of the handle's turn. All
-poses are in the task frame.
+While a lever is turned, the hand moves on an arc about the lever's axis, which carries
+no information about the door. A point on the axis rests meanwhile and then moves on the
+door's circle. All poses are in the task frame.
 """
 
 from __future__ import annotations
@@ -34,8 +33,7 @@ _STILL: Final = 0.015
 """Largest root-mean-square motion of the resting point [m]: a sensor beside the handle
 is a centimetre from the grasped point."""
 _LEAST_ARM: Final = 0.03
-"""Below this lever arm [m] the handle is treated as a knob, which is turned by a moment
-and not by a force along the path."""
+"""Lever arm [m] below which the handle counts as a knob, turned by a moment only."""
 _MOVED: Final = 0.01
 """Displacement of the axis above which the door counts as moving [m]."""
 _FIRM: Final = 1e3
@@ -46,9 +44,9 @@ _FIRM: Final = 1e3
 class TurnedHandle:
     """The axis of a handle relative to the hand, at the start.
 
-    With the hand at position p and rotation R, the axis's point is displaced by
-    p + (R - 1) s. Everything is computed in Python floats, so that one hand and many
-    give the same bits. Poses are lists (6,) [m, rad].
+    With the hand at position p and rotation R, the axis's point is displaced by p + (R
+    - 1) s. Everything is in Python floats, so that one hand and many give the same
+    bits. Poses are lists (6,) [m, rad].
     """
 
     point: Vector
@@ -74,11 +72,7 @@ class TurnedHandle:
     def without_handle_motion(
         self, pose: list[float], mean: list[float]
     ) -> list[float]:
-        """Return the hand pose with the handle's own motion removed.
-
-        It is replaced by the expected turn of the handle and the expected motion of the
-        hand along the handle's path.
-        """
+        """Return the hand pose with the expected motion of the handle."""
         _, turn = self.swing_twist(mean[3:])
         x, y, z, *rotation = self.with_turn(pose, turn)
         px, py, pz = self.axis_displacement(pose)
@@ -95,10 +89,7 @@ class TurnedHandle:
         return x + (rx - sx), y + (ry - sy), z + (rz - sz)
 
     def turning_direction(self, pose: list[float]) -> Vector:
-        """Return the hand's direction while the handle turns, R (s × a) / arm.
-
-        Zero for a knob.
-        """
+        """Return the hand's direction of turning, R (s × a) / arm; zero for a knob."""
         lever, arm = self._lever()
         if arm < _LEAST_ARM:
             return 0.0, 0.0, 0.0
@@ -115,7 +106,7 @@ class TurnedHandle:
         """Return the turn of the handle of a closed door [rad].
 
         The hand may rotate relative to a lever, so the apparent displacement of the
-        axis along the handle's path is added; it is zero if the axis is at rest.
+        axis along the handle's path is added.
         """
         _, turn = self.swing_twist(pose[3:])
         _, arm = self._lever()
@@ -153,11 +144,8 @@ def turned_handle(aligned: AlignedDemonstrations) -> TurnedHandle | None:
     """Find the handle that demonstrations turn first; None for a bar.
 
     The hand must turn about one axis first, end turned about another, and have a point
-    s fixed to it that rests during the first turn,
-
-        p + (R - 1) s = 0,
-
-    by least squares over positions p and rotations R of all demonstrations.
+    s fixed to it that rests during the first turn, p + (R - 1) s = 0, by least squares
+    over positions p and rotations R of all demonstrations.
     """
     for turn in _FIRST_TURNS:
         handle = _turned_first(aligned, turn)

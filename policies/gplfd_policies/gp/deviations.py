@@ -55,18 +55,17 @@ _GRID = 60
 _NEGLIGIBLE = 1e-4
 """Where r is below this fraction of its average, deviations are negligible."""
 _LONG = (0.3, 5.0)
-"""Range of L, as a fraction of the time span: from longer than a wobble to practically
-constant. Forecasts hardly depend on it (docs/method.md)."""
+"""Range of L, as a fraction of the time span; forecasts hardly depend on it
+(docs/method.md)."""
 _SHORT = (0.1, 0.5)
-"""Range of S. A shorter correlation cannot be distinguished from white noise, and an
+"""Range of S: a shorter correlation could not be distinguished from white noise, and an
 agent would attribute the noise of its own hand to the door (docs/method.md)."""
 _SHARPNESS = 2.0
 """p, sharpness of the transition of the wobble from the spread's size to its own."""
 _WOBBLE = (1e-6, 1e1)
 """Range of c, relative to the average of r."""
 MODEL_WORTH = Fraction(35, 3)
-"""Weight of the model's covariance, in independent deviations: with this number of
-deviations from demonstrations, both have equal weight. Its influence is small
+"""Weight of the model's covariance, in independent deviations. Its influence is small
 (docs/method.md)."""
 _RELATIVE_JITTER = 1e-6
 """White variance relative to r that keeps C positive definite."""
@@ -81,9 +80,8 @@ _STARTS = (0.2, 0.35, 0.5)
 def conjugate_share(count: int) -> float:
     """Return the demonstrations' share (D − 1)/(w + D − 1) of a deviation's covariance.
 
-    With an inverse-Wishart prior around the model's covariance, of the weight of w
-    independent deviations, the posterior mean of the covariance is
-    (w C_model + S)/(w + D − 1), S = Σ_k e_k e_kᵀ
+    It is that of the posterior mean (w C_model + S)/(w + D − 1) with an inverse-Wishart
+    prior of the weight of w deviations, S = Σ_k e_k e_kᵀ
     (``test_mixed_covariance_is_the_mean_of_the_inverse_wishart_posterior``).
     """
     return float((count - 1) / (MODEL_WORTH + count - 1))
@@ -91,19 +89,17 @@ def conjugate_share(count: int) -> float:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DeviationProcess:
-    """The covariance of one output's deviations."""
+    """The covariance of one output's deviations, in the symbols of the module."""
 
     wobble: float
     """c, the variance of the wobble, in the output's unit squared."""
     varying: float
-    """g, the share of the task's variation that changes over L; the rest is one factor
-    for the whole task, such as the door's radius."""
+    """g, the share of the variation with the task that changes over L."""
     white: float
     """w, the share of the wobble that is white."""
     long_scale: float
-    """L, in the unit of time."""
     short_scale: float
-    """S, in the unit of time."""
+    """S; scales are in the unit of time."""
 
     def split(self, noise: Curve) -> tuple[Curve, Curve]:
         """r(t) as (u(t), v(t)): task variation and wobble."""
@@ -128,16 +124,15 @@ class DeviationProcess:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DeviationLikelihood:
-    """The log-likelihood of θ."""
+    """The log-likelihood of θ from the scatter Σ_k e_k e_kᵀ.
+
+    Times and noise r(t) are those of some samples; D − 1 degrees of freedom are free.
+    """
 
     times: Times
-    """Some of the common times."""
     noise: Curve
-    """r(t) at these times."""
     scatter: Gram
-    """The sum of products Σ_k e_k e_kᵀ."""
     free: int
-    """Degrees of freedom, D − 1."""
 
     @classmethod
     def of(

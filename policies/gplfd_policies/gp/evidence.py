@@ -62,16 +62,15 @@ covariance F Fᵀ."""
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Replicates:
-    """The sufficient statistics of D observations at each of M times."""
+    """Sufficient statistics of D (`count`) observations at each of M times.
+
+    They are the average ȳ and the sum of squared deviations SS from it.
+    """
 
     times: Times
-    """Common times, strictly increasing."""
     mean: Curve
-    """Average ȳ over the demonstrations."""
     within: Curve
-    """Sum of squared deviations SS from the average."""
     count: int
-    """Number of demonstrations D."""
 
     __repr__ = short_repr
 
@@ -112,7 +111,7 @@ class Replicates:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SpectralEvidence:
-    """The evidence from q × q matrices, independent of the number of samples."""
+    """The evidence from q × q matrices; log |N| is the log-determinant of the noise."""
 
     basis: LegendreBasis
     triangle: Float[np.ndarray, "P Q"]
@@ -120,11 +119,10 @@ class SpectralEvidence:
     projected: Float[np.ndarray, " P"]
     """u = Qᵀ N^(−½) y."""
     residual: float
-    """ρ², the part that no polynomial of this basis explains."""
+    """ρ²."""
     size: int
     """Number of samples M."""
     log_noise: float
-    """Log-determinant log |N| of the noise."""
 
     @classmethod
     def reduce(
@@ -204,7 +202,6 @@ class DenseEvidence:
     times: Times
     values: Curve
     noise: Curve
-    """The fixed noise variances N."""
 
     def __call__(self, kernel: RBF, scale: float) -> tuple[float, np.ndarray]:
         """Value and derivatives, as `Evidence`."""

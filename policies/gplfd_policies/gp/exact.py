@@ -45,9 +45,9 @@ class CholeskyFactor:
 def factorise(matrix: Gram) -> CholeskyFactor:
     """Cholesky factor of a covariance, with the least jitter that works.
 
-    Jitter is a model change: 1e-4 of the signal variance already moves the posterior
-    standard deviation of a smooth output by a quarter. So none is added while the
-    plain factorisation works, and the amount is reported when it does not.
+    Jitter changes the model: 1e-4 of the signal variance moves the posterior standard
+    deviation of a smooth output by a quarter. So none is added while the plain
+    factorisation works.
     """
     if not np.isfinite(matrix).all():
         raise ValueError("A covariance must be finite; found NaN or infinity in it.")
@@ -78,11 +78,9 @@ class ExactGP:
     """
 
     kernel: RBF
-    """Prior covariance k(t, t')."""
     times: Curve
-    """Observation times t."""
     values: Curve
-    """Observations y."""
+    """Observations y at the times t."""
     noise_variance: Curve
     """Noise variance of every observation: constant σ_n² (Eq. 3) or r(t) (Eq. 10)."""
 

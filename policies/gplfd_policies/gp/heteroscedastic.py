@@ -33,22 +33,18 @@ def offset_and_scale(samples: Curves, centred: bool) -> tuple[float, float]:
 class HeteroscedasticGP:
     """Mean f(t) and noise variance r(t) of one output, learned from D demonstrations.
 
-    Internally the output is centred, unless it is the residual of a given prior mean
-    (`gplfd_policies.movements.prior_mean`), and scaled to order one; `offset` and
-    `scale` map back. So the prior mean is the demonstrations' average; in the paper it
-    is zero. This only matters outside the demonstrated interval.
+    Replicates, kernel and noise are those of the output minus its offset, over its
+    scale. The offset is the average of the output, or zero for the residual of a given
+    prior mean (`gplfd_policies.movements.prior_mean`). So the prior mean is the
+    demonstrations' average; in the paper it is zero. This only matters outside the
+    demonstrated interval.
     """
 
     offset: float
-    """The prior mean: average of the output, or zero, in its unit."""
     scale: float
-    """Size of the output, in its unit."""
     replicates: Replicates
-    """The scaled demonstrations, reduced."""
     kernel: RBF
-    """Prior covariance of the scaled f."""
     noise: NoiseProfile
-    """Noise variance of the scaled output."""
 
     __repr__ = short_repr
 
@@ -79,20 +75,18 @@ class HeteroscedasticGP:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OutputMoments:
-    """Moments of the mean function f and of the noise at M times."""
+    """Moments of the mean function f and of the noise at M times, per output.
+
+    `mean` is Eq. (10), `latent` the variance of f, Eq. (11) without R, `noise` r(t);
+    rates are time derivatives.
+    """
 
     mean: Moment
-    """Posterior mean of f, Eq. (10), in the unit of each output."""
     mean_rate: Moment
-    """Time derivative of the mean."""
     latent: Moment
-    """Variance of f given the demonstrations, Eq. (11) without R."""
     latent_rate: Moment
-    """Time derivative of that variance."""
     noise: Moment
-    """Noise variance r(t)."""
     noise_rate: Moment
-    """Time derivative of r(t)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +94,6 @@ class MultiOutputGP:
     """Independent heteroscedastic processes on the same demonstrations."""
 
     outputs: tuple[HeteroscedasticGP, ...]
-    """One process per output."""
 
     __repr__ = short_repr
 

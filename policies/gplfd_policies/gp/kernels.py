@@ -125,14 +125,11 @@ def _unit_tables(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LegendreBasis:
-    """Orthonormal polynomials a_i(t) on [start, stop], one per Gauss–Legendre node."""
+    """Orthonormal polynomials a_i(t) on [start, stop], one per node; `size` is q."""
 
     start: float
-    """Left end of the interval."""
     stop: float
-    """Right end of the interval."""
     size: int
-    """Number of nodes q."""
 
     @classmethod
     def for_length_scale(
@@ -175,7 +172,7 @@ class LegendreBasis:
         return table
 
     def row(self, phase: float) -> Float[np.ndarray, " Q"]:
-        """a_i(t) at one time inside the interval; three times faster than `matrix`."""
+        """`matrix` at one time inside the interval, three times faster."""
         nodes, roots, barycentric, _ = _unit_tables(self.size)
         x = (2.0 * phase - (self.start + self.stop)) / (self.stop - self.start)
         distance = x - nodes

@@ -41,17 +41,14 @@ _OFFSET_VARIANCE = 1e2
 class NoiseProfile:
     """A noise variance r(t) = exp z(t) + floor > 0, smooth in time.
 
-    Outside the interval of its basis it keeps the value of the nearer end.
+    z(t) is a constant level plus a varying part, given by coefficients in a basis.
+    Outside the interval of the basis it keeps the value of the nearer end.
     """
 
     level: float
-    """Constant part of z(t)."""
     basis: LegendreBasis
-    """Basis of the varying part."""
     coefficients: Float[np.ndarray, " Q"]
-    """Coefficients of the varying part of z(t)."""
     floor: float = 0.0
-    """Constant added to exp z(t)."""
 
     __repr__ = short_repr
 
@@ -108,12 +105,11 @@ class HomoscedasticNoise:
     """One noise variance σ_n² for the whole task, Eq. (3), by maximum likelihood.
 
     It underestimates the spread where demonstrations differ and overestimates it where
-    they agree (the paper's Fig. 2). With one demonstration it is the scatter of its
-    samples.
+    they agree (Fig. 2). With one demonstration it is the scatter of its samples.
     """
 
     def fit(self, times: Times, samples: Curves) -> NoiseProfile:
-        """Estimate σ_n² from D curves of order one on M common times."""
+        """Estimate σ_n², as `NoiseModel.fit`."""
         _, variance = fit_kernel_and_noise(Replicates.from_samples(times, samples))
         return NoiseProfile.constant(times, variance)
 
@@ -139,7 +135,7 @@ class MapNoise(Quantities):
     """Least standard deviation of repetitions, relative to that of the output."""
 
     def fit(self, times: Times, samples: Curves) -> NoiseProfile:
-        """Estimate r(t) from D ≥ 2 curves of order one on M common times."""
+        """Estimate r(t) from D ≥ 2 curves, as `NoiseModel.fit`."""
         replicates = Replicates.from_samples(times, samples)
         free = replicates.count - 1
         if free < 1:
@@ -224,10 +220,10 @@ class KerstingNoise(Quantities):
     n_iterations: int = quantity(10, low=1)
     """Number of passes."""
     shortest_scale: float = quantity(_SHORTEST_SCALE, low=_LEAST_SCALE, high=1.0)
-    """Shortest length-scale of z(t), as a share of the time span."""
+    """As in `MapNoise`."""
 
     def fit(self, times: Times, samples: Curves) -> NoiseProfile:
-        """Estimate r(t) from D curves of order one on M common times."""
+        """Estimate r(t), as `NoiseModel.fit`."""
         replicates = Replicates.from_samples(times, samples)
         kernel, constant = fit_kernel_and_noise(replicates)
         profile = NoiseProfile.constant(times, constant)

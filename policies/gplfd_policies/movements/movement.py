@@ -64,25 +64,20 @@ def checked_times(times: np.ndarray) -> Times:
 
 @dataclass(frozen=True, kw_only=True)
 class GaussianTrajectory:
-    """A Gaussian distribution over poses at M times, outputs independent.
+    """A Gaussian distribution over poses at M phases, outputs independent.
 
-    Units: times in phase, poses in metres and radians (task frame), rates per unit
-    phase.
+    Poses are in the task frame [m, rad], rates per unit phase.
     """
 
     times: Times
-    """Phases."""
     mean: Outputs
-    """Mean pose."""
     std: Outputs
-    """Standard deviation of a repetition of the task: the uncertainty of the mean and
-    the spread r(t) of the demonstrations together (Eq. 11 of arXiv:2002.09979)."""
+    """Standard deviation of a repetition: the uncertainty of the mean and the spread
+    r(t) of the demonstrations together (Eq. 11 of arXiv:2002.09979)."""
     mean_rate: Outputs
-    """Derivative of the mean."""
     std_rate: Outputs
-    """Derivative of the standard deviation."""
     covariance_function: Callable[[], np.ndarray] = field(repr=False)
-    """Function that computes `covariance`, which few callers need."""
+    """Computes `covariance`, which few callers need."""
     degrees_of_freedom: float | None = None
     """Degrees of freedom of `std`, for Student-t quantiles; None means normal."""
 
@@ -101,8 +96,8 @@ class GaussianTrajectory:
     ) -> "GaussianTrajectory":
         """Return a distribution whose rates are central differences of its moments.
 
-        For methods without derivatives, at increasing times; std is NaN for a method
-        without standard deviations. A single time has rate zero.
+        The times increase; std is NaN for a method without it. A single time has rate
+        zero.
         """
         if (np.diff(times) <= 0.0).any():
             raise ValueError(
@@ -205,15 +200,13 @@ class GaussianTrajectory:
     def to_csv(self, path: str | Path, *, duration: float) -> None:
         """Write the trajectory to a table for a robot, complete or absent.
 
-        `CSV_COLUMNS` are its columns; the lines before the table state the frame. There
-        is one row per time, so predict at the times that the robot needs::
+        `CSV_COLUMNS` are its columns. There is one row per time, so predict at the
+        times that the robot needs::
 
             times = np.arange(0.0, duration, 0.01)
             skill.predict(times / duration).to_csv("opening.csv", duration=duration)
 
-        Args:
-            path: file to write; an existing one is replaced.
-            duration: duration of phases 0 to 1 [s], such as ``skill.duration``.
+        The duration is that of phases 0 to 1 [s], such as ``skill.duration``.
 
         Raises:
             ValueError: if the duration is not positive and finite, the times do not
@@ -275,8 +268,7 @@ class ViaPoint:
     small one is strong. Infinity for unconstrained outputs."""
     along: float | Pose = 0.0
     """Signed effect on each output [m, rad] of one standard deviation of an error that
-    all outputs share. If the phase of an observation has the standard deviation σ_s, it
-    is dμ/ds σ_s: the pose may be displaced along the path."""
+    all outputs share: dμ/ds σ_s for a phase of the standard deviation σ_s."""
     sizes: SizePosterior | None = None
     """Estimate of size and heading from the path so far, if known."""
 
@@ -314,6 +306,18 @@ class ViaPoint:
     def noise_variance(self) -> Pose:
         """Total variance of each output's error, if outputs are treated separately."""
         return np.asarray(self.own_variance + np.asarray(self.along) ** 2)
+
+
+def stacked(
+    via_points: Sequence[ViaPoint],
+) -> tuple[Times, Outputs, Outputs, Outputs]:
+    """Return phases (V,), poses, own variances and shared errors (V, 6)."""
+    phases = np.array([float(point.phase) for point in via_points])
+    poses, variances, along = (
+        np.array([getattr(point, name) for point in via_points]).reshape(-1, 6)
+        for name in ("pose", "own_variance", "along")
+    )
+    return phases, poses, variances, along
 
 
 def _of_outputs(name: str, value: float | Pose) -> Pose:
@@ -363,9 +367,9 @@ class LearnedMovement:
     aligned: AlignedDemonstrations
     """The demonstrations it was learned from."""
     forces: Movement | None = None
-    """Movement learned from the demonstrated forces, over the same phases. Its six
-    outputs are force and moment of the hand on what it holds, in the axes of the hand
-    [N, N m]. None without forces."""
+    """Movement learned from the demonstrated forces, over the same phases; None
+    without. Its outputs are force and moment of the hand on what it holds, in the axes
+    of the hand [N, N m]."""
 
     @property
     def duration(self) -> float:
@@ -409,8 +413,8 @@ class MomentMovement(LearnedMovement, ABC):
 class EmpiricalDistribution:
     """Sample mean and sample standard deviation of aligned demonstrations, by phase.
 
-    For methods without uncertainty. Between the phases of the alignment the
-    demonstrations are interpolated linearly; for a single demonstration σ = 0.
+    For methods without uncertainty. Between phases the demonstrations are interpolated;
+    for a single demonstration σ = 0.
     """
 
     def __init__(self, aligned: AlignedDemonstrations) -> None:

@@ -90,7 +90,6 @@ class Skill(LearnedMovement):
     """The learned policy π(t); made by `fit_skill`, immutable."""
 
     processes: MultiOutputGP
-    """The six processes (x, y, z, θu_x, θu_y, θu_z)."""
     corrections: tuple[Correction, ...] = ()
     """Corrections in order; completed, they are the last demonstrations."""
 
@@ -115,10 +114,9 @@ class Skill(LearnedMovement):
     def degrees_of_freedom(self) -> float | None:
         """Degrees of freedom of the spread; None for a single demonstration.
 
-        Real demonstrations deviate smoothly: M samples of a deviation are not M
-        independent observations of the spread, which leaves D − 1. If they deviate
-        independently, every sample within `_WINDOW` counts. In between, W samples of an
-        autoregressive process count as W (1 − ρ²)/(1 + ρ²)
+        Demonstrations that deviate smoothly leave D − 1. If they deviate independently,
+        every sample within `_WINDOW` counts. In between, W samples of an autoregressive
+        process count as W (1 − ρ²)/(1 + ρ²)
         (``test_degrees_of_freedom_count_independent_looks``).
         """
         if self.count < 2:
@@ -152,15 +150,11 @@ class Skill(LearnedMovement):
         """The distribution of the pose at phases ``times``, Eqs. (10)–(11).
 
         The variance is r(t) plus the variance of the mean; for a single demonstration
-        plus the variance of its size, (γ (m(t) - m(0)))². The model's variance of the
-        mean assumes that samples of a demonstration deviate independently. It is
-        therefore at least ρ r/D, because the demonstrations are smooth
-        (``test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread``).
-
-        Args:
-            times: phases. Outside the demonstrated range the mean returns to the prior
-                mean, the demonstrations' average or zero (see `fit_skill`), and the
-                uncertainty grows.
+        plus the variance of its size, (γ (m(t) - m(0)))². The variance of the mean is
+        at least ρ r/D, because the demonstrations are smooth
+        (``test_uncertainty_of_the_mean_is_at_least_its_share_of_the_spread``). Outside
+        the demonstrated range the mean returns to the prior mean, see `fit_skill`, and
+        the uncertainty grows.
 
         Raises:
             ValueError: if there are no phases, or one is not finite.
@@ -213,8 +207,7 @@ class Skill(LearnedMovement):
         """Save the skill to a file, complete or absent; `load_skill` reads it.
 
         The file is an archive of arrays (.npz): the aligned demonstrations and the
-        parameters of the six processes and of the deviations; the same for demonstrated
-        forces, if there are any. It contains no code. An existing file is replaced.
+        parameters of processes and deviations; the same for forces, if there are any.
 
         Raises:
             ValueError: if a user's own noise model does not build on
@@ -261,15 +254,11 @@ class Skill(LearnedMovement):
 
 
 def load_skill(path: str | Path) -> Skill:
-    """Read a skill that `Skill.save` wrote.
-
-    It predicts and adapts like the saved skill, bit for bit on the same machine
-    (``test_a_loaded_skill_is_the_saved_one_bit_for_bit``).
+    """Read a skill that `Skill.save` wrote; it predicts and adapts with the same bits.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if the file is damaged, contains other data, or has the layout of
-            another version.
+        ValueError: if the file is damaged, or not of this kind or version.
     """
 
     def build(members: Members) -> Skill:
@@ -282,12 +271,14 @@ def load_skill(path: str | Path) -> Skill:
         corrections = []
         for number, origin in enumerate(origins):
             prefix = f"{_CORRECTIONS}_{number}_"
-            motion, led = (
-                {n: members[prefix + n] for n in names if prefix + n in members}
-                for names in (_MOTION, _LED)
-            )
+            arrays: dict[str, Any] = {
+                name: members[prefix + name]
+                for name in (*_MOTION, *_LED)
+                if prefix + name in members
+            }
+            motion = {name: arrays.pop(name) for name in _MOTION if name in arrays}
             corrections.append(
-                Correction(motion=Demonstration(**motion), **led, **origin)
+                Correction(motion=Demonstration(**motion), **arrays, **origin)
             )
         wrenches, others["corrections"] = members.get("wrenches"), tuple(corrections)
         return _part_of(members, "", wrenches, **others)
@@ -355,8 +346,7 @@ def fit_skill(
     Args:
         aligned: D demonstrations on common phases.
         noise: how the spread r(t) is estimated: a name in `NOISE_MODELS` or a noise
-            model object, such as ``KerstingNoise(n_iterations=30)``. For a single
-            demonstration, "map" is replaced by "homoscedastic".
+            model. For a single demonstration, "map" is replaced by "homoscedastic".
         centred: whether the prior mean is the demonstrations' average, or zero; for
             any other see `gplfd_policies.movements.prior_mean.fit_residual`.
 
@@ -364,8 +354,7 @@ def fit_skill(
         TypeError: if the argument is not aligned demonstrations.
         ValueError: for an unknown name, or too few demonstrations for the noise model.
 
-    Warns:
-        UserWarning: for three demonstrations or fewer.
+    Warns: UserWarning: for three demonstrations or fewer.
     """
     if not isinstance(aligned, AlignedDemonstrations):
         raise TypeError(

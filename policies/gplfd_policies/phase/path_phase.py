@@ -1,9 +1,7 @@
 """The phase of an observed pose, estimated from the path.
 
-The agent of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979, takes the phase of its observations from the clock.
-Here the phase of an observation is the one at which the *demonstrations* are nearest to
-it, corrected for the heading error estimated from the path so far.
+The phase of an observation is the one at which the *demonstrations* are nearest to it,
+corrected for the heading error estimated from the path so far.
 """
 
 from __future__ import annotations
@@ -47,20 +45,15 @@ _FEATURES: Final = 6
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PathPhaseConfig:
-    """Settings of the estimation of the phase from the path.
-
-    Raises:
-        ValueError: If a number is outside its range, or the window is not two finite
-            numbers >= 0.
-    """
+    """Settings of the estimation of the phase from the path."""
 
     noise: PhaseNoise = field(default_factory=PhaseNoise)
     """Errors of the observed pose beyond the demonstrations' spread."""
     similarity: SimilarityConfig = field(default_factory=SimilarityConfig)
-    """Settings of the estimation of size and heading error."""
+    """Estimation of size and heading error."""
     distance_share: float = quantity(0.03, low=0.0)
-    """Standard deviation of the distance from the start in addition to that of a
-    position, as a share of the distance. Tuned."""
+    """Additional standard deviation of the distance from the start, as a share of the
+    distance. Tuned."""
     window: tuple[float, float] = (0.02, 0.05)
     """Greatest change of the phase per observation: backward, forward."""
     least_std: float = quantity(0.003, above=0.0)
@@ -68,11 +61,9 @@ class PathPhaseConfig:
     largest_std: float = quantity(0.1, above=0.0)
     """Greatest standard deviation of a phase. Tuned."""
     lost_misfit: float = quantity(3.0, low=0.0)
-    """Misfit above which the phase is searched along the whole task, in standard
-    deviations. Tuned."""
+    """Misfit above which the phase is searched along the whole task. Tuned."""
     clearer_share: float = quantity(0.5, low=0.0, high=1.0)
-    """A phase elsewhere is used if its misfit is less than this share of the nearby
-    misfit."""
+    """A phase elsewhere needs a misfit of less than this share of the nearby one."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -90,23 +81,20 @@ class PathPhase:
     the direction u = v/|v| of that displacement, and the hand's rotation θ. If a handle
     is turned first, v is the displacement of the handle's axis, and θ is the rotation
     of the leaf plus the greatest turn of the handle so far
-    (`gplfd_policies.demonstrations.turned_handle`): the motion of the hand about the
-    axis does not depend on the door, and the handle turns back because the policy
-    commands it. A path that is scaled by c and observed with a rotation α_c has the
-    Mahalanobis distance
+    (`gplfd_policies.demonstrations.turned_handle`): the handle turns back because the
+    policy commands it. A path that is scaled by c and observed with a rotation α_c has
+    the Mahalanobis distance
 
         d²(s, c) = (ρ - c ρ̄)²/(n_v² + (κ ρ̄)² + σ_ρ²) + Σ_i (θ_i - θ̄_i)²/(σ_i² + n_θ²)
                    + |R(-α_c) u - û|²/(ς² + n_v²/ρ² + v_c),
 
     with the demonstrations' means ρ̄(s), û(s), θ̄(s) (ρ̄ and û after normalisation to
     equal size and heading), their variances σ(s)², ς(s)², the errors n of `PhaseNoise`
-    and κ, `PathPhaseConfig.distance_share`. The phase has the least cost
-    -2 log Σ_c w_c exp(-d²(s, c)/2). The weights w_c, angles α_c and variances v_c of
-    the sizes are those of
-    `gplfd_policies.demonstrations.path_similarity.PathSimilarity`. (ρ, u) is the
-    position in other coordinates, so that nothing counts twice. The logarithms that
-    would make it a likelihood are left out, because they favour early phases, where the
-    demonstrations agree, over the hand's progress.
+    and κ, `PathPhaseConfig.distance_share`. The phase has the least cost -2 log Σ_c w_c
+    exp(-d²(s, c)/2). The weights w_c, angles α_c and variances v_c of the sizes are
+    those of `gplfd_policies.demonstrations.path_similarity.PathSimilarity`. The
+    logarithms that would make it a likelihood are left out, because they favour early
+    phases, where the demonstrations agree, over the hand's progress.
 
     The standard deviation of the phase follows from the curvature of the cost. The
     misfit √(E d²/6) at the best phase is about 1 or less if errors are as expected. If
@@ -115,18 +103,9 @@ class PathPhase:
     phase.
 
     The distribution before adaptation is used, so that the policy's adaptation to the
-    robot's own errors does not affect the estimate. The search stays near the last
-    phase.
-
-    Args:
-        demonstrated: Predictor of μ and σ: the learned movement, or for a method
-            without uncertainty
-            `gplfd_policies.movements.movement.EmpiricalDistribution`.
-        aligned: The demonstrations, for û and ς.
-        config: Noise, window and thresholds of the search.
-
-    Raises:
-        ValueError: If the predicted mean or spread is not finite.
+    robot's own errors does not affect the estimate. It is predicted by the learned
+    movement or, for a method without uncertainty, by
+    `gplfd_policies.movements.movement.EmpiricalDistribution`; it must be finite.
     """
 
     def __init__(
@@ -176,14 +155,9 @@ class PathPhase:
         self._numbers: Int[np.ndarray, "*N"] = np.zeros((), dtype=np.int64)
         self._handles: list[TurnedHandle | None] = [handle]
         self._turned = [0.0]
-        self._config = config
+        self.settings = config
         model = SimilarityModel.of(aligned, config.similarity)
         self._similarities: list[PathSimilarity] = [model.prior()]
-
-    @property
-    def settings(self) -> PathPhaseConfig:
-        """Noise, window and thresholds of the search."""
-        return self._config
 
     @classmethod
     def stacked(cls, rules: Sequence[PathPhase]) -> PathPhase:
@@ -211,14 +185,7 @@ class PathPhase:
     def update(
         self, poses: Axes, previous: PerRow, command: PerRow, rows: Rows = ALL_ROWS
     ) -> PhaseEstimate:
-        """Return the phases of observed poses, and their uncertainty.
-
-        Args:
-            poses: Hand poses of these rows, task frame [m, rad].
-            previous: Phases of their last observations: where the search begins.
-            command: Not used: the path is compared, not the clock.
-            rows: The rows of these poses.
-        """
+        """Return the phases of observed poses, whatever those of the commands."""
         numbers = np.ravel(self._numbers[rows]).tolist()
         if not numbers:
             return PhaseEstimate(previous, previous, previous)
@@ -250,7 +217,7 @@ class PathPhase:
             similar = np.stack(similarities, axis=1)
 
         # Search near the previous phases: grid points first to first + size.
-        backward, forward = self._config.window
+        backward, forward = self.settings.window
         windows = []
         for phase in np.ravel(previous).tolist():
             first = math.floor((phase - backward) / _SPACING) - 1
@@ -273,14 +240,14 @@ class PathPhase:
             zip(numbers, *costs, windows, strict=True)
         ):
             best, weights = self._nearest(cost[:size], error, first), near_by
-            if best[2] > self._config.lost_misfit:
+            if best[2] > self.settings.lost_misfit:
                 begin = number * width + edge
                 whole = self._features[:, begin - 1 : begin + _GRID.size + 1]
                 pose_features = features.reshape(7, -1)[:, index]
                 alone = similarities[index]
                 everywhere, errors, others = self._cost(whole, pose_features, alone)
                 anywhere = self._nearest(everywhere, errors, -1)
-                if anywhere[2] < self._config.clearer_share * best[2]:
+                if anywhere[2] < self.settings.clearer_share * best[2]:
                     best, weights = anywhere, others
             estimates.append(best)
             sizes.append(self._similarities[number].posterior.reweighted(weights))
@@ -297,12 +264,11 @@ class PathPhase:
     ) -> tuple[float, float, float]:
         """Return the phase of least cost, between grid points, its std and misfit.
 
-        Phase and standard deviation follow from vertex and curvature of a parabola
-        through the least cost and its neighbours. If a neighbour lies outside the
-        search, they are the grid point and the largest standard deviation. `first` is
-        the first grid point of the search.
+        They follow from a parabola through the least cost and its neighbours; if a
+        neighbour lies outside the search, which begins at grid point `first`, the phase
+        is the grid point and the standard deviation the largest.
         """
-        largest = self._config.largest_std
+        largest = self.settings.largest_std
         best = int(cost.argmin())
         point = _POINTS[min(max(first + best, 0), _GRID.size - 1)]
         misfit = math.sqrt(float(error[best]) / _FEATURES)
@@ -314,7 +280,7 @@ class PathPhase:
             return point, largest, misfit
         std = _SPACING * math.sqrt(2.0 / curvature) * max(misfit, 1.0)
         vertex = point + 0.5 * (before - after) / curvature * _SPACING
-        return vertex, min(max(std, self._config.least_std), largest), misfit
+        return vertex, min(max(std, self.settings.least_std), largest), misfit
 
     def _cost(
         self,
@@ -326,9 +292,8 @@ class PathPhase:
     ]:
         """Return the cost of observed features (7, *N) along ranges of the grid.
 
-        The result is -2 log Σ_c w_c exp(-d²(s, c)/2), the expectation of d² over sizes,
-        and the weights max_s w_c exp(-d²(s, c)/2) of the sizes, up to a factor: the fit
-        of a size at its best phase, not the number of grid points where it fits.
+        Also the expectation of d² over sizes, and the weights max_s w_c exp(-d²(s,
+        c)/2) of the sizes, up to a factor: the fit of a size at its best phase.
         """
         pose, along = observed[..., None], features[:, ..., None, :]
         log_weight, size, size_variance, cosine, sine, variance = sizes[..., None]
@@ -338,15 +303,15 @@ class PathPhase:
         # One term per size c: from ρ - c ρ̄, and from u rotated back by its angle.
         radial = (observed[0][..., None, None] - size * along[0]) ** 2
         radial /= (
-            self._config.noise.position**2
-            + (self._config.distance_share**2 + size_variance) * along[7]
+            self.settings.noise.position**2
+            + (self.settings.distance_share**2 + size_variance) * along[7]
             + along[12]
         )
         x, y, z = (part[..., None, None] for part in observed[4:7])
         sideways = (cosine * x - sine * z - along[4]) ** 2
         sideways += (y - along[5]) ** 2
         sideways += (sine * x + cosine * z - along[6]) ** 2
-        blur = (self._config.noise.position / observed[0][..., None, None]) ** 2
+        blur = (self.settings.noise.position / observed[0][..., None, None]) ** 2
         error = radial + sideways / (along[11] + (blur + variance))
         exponent = log_weight - 0.5 * error
         highest = exponent.max(axis=-2)
@@ -362,16 +327,11 @@ class PathPhase:
 def _directions(
     aligned: AlignedDemonstrations, phases: Float[np.ndarray, " G"]
 ) -> tuple[Float[np.ndarray, "G 3"], Float[np.ndarray, "3 G"]]:
-    """Return the mean direction along the task, and features of the displacement.
+    """Return the mean direction at phases, and features of the displacement.
 
-    Args:
-        aligned: The demonstrations, normalised to equal size and heading.
-        phases: Phases of the result.
-
-    Returns:
-        The direction, and features of the displacement: the square of the mean distance
-        [m²], the variance of the direction out of the plane [rad²] and the variance of
-        the distance [m²].
+    They are the square of the mean distance [m²], the variance of the direction out of
+    the plane [rad²] and the variance of the distance [m²] of demonstrations that are
+    normalised to equal size and heading.
     """
     positions = np.stack(
         [interpolated(phases, aligned.times, pose[:, :3]) for pose in aligned.poses]

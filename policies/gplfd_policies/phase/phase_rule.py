@@ -1,10 +1,8 @@
 """Phase rules: estimation of the phase of an observed pose.
 
-The policy of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979, is a function of time, but a compliant robot lags
-behind the clock. Conditioning on "at clock time t the hand is here" makes the policy
-learn its own lag. Progress is therefore estimated from the path: the phase of an
-observation is the one at which the *demonstrations* are nearest to it.
+The policy of Arduengo et al., arXiv:2002.09979, is a function of time, but a compliant
+robot lags behind the clock. Conditioning on "at clock time t the hand is here" makes
+the policy learn its own lag. Progress is therefore estimated from the path.
 """
 
 from __future__ import annotations
@@ -29,13 +27,11 @@ does, and its rotation alone would indicate a door angle that was not reached.""
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PhaseNoise(Quantities):
-    """Phase observation noise: standard deviations."""
+    """Phase observation noise: standard deviations of position and rotation."""
 
     position: float = quantity(POSE_ERROR[0], low=0.0, unit="m")
-    """Standard deviation of an observed position [m]."""
 
     rotation: float = quantity(POSE_ERROR[1], low=0.0, unit="rad")
-    """Standard deviation of an observed rotation [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +39,11 @@ class PhaseEstimate:
     """Estimated phases of observed poses, one number of each kind per pose."""
 
     phase: PerRow
-    """Phases of the poses, 0..1."""
+    """Phases of the poses, 0..1, and their standard deviations."""
     std: PerRow
-    """Standard deviations of the phases."""
     misfit: PerRow
-    """Deviation of the poses from the demonstrations near these phases: root mean
-    square of the features' errors over their standard deviations. About 1 or less is as
-    expected; NaN for a rule without comparison."""
+    """Root mean square of the features' errors over their standard deviations near
+    these phases: about 1 or less is as expected; NaN for a rule without comparison."""
     sizes: Sequence[SizePosterior] = ()
     """Estimates of size and heading from the paths so far, one per pose; empty for a
     rule that does not estimate them."""
@@ -59,9 +53,8 @@ class PhaseEstimate:
 class PhaseRule(Protocol):
     """Estimates the phases of the observed poses of N rows."""
 
-    @property
-    def settings(self) -> object:
-        """Settings that must be equal for rules to be stacked."""
+    settings: Any
+    """Settings that must be equal for rules to be stacked."""
 
     @classmethod
     def stacked(cls, rules: Sequence[Any]) -> PhaseRule:
@@ -89,15 +82,10 @@ class PhaseRule(Protocol):
 class ClockPhase:
     """The phase of an observation is that of the command, i.e. time, as in the paper.
 
-    Note:
-        A hand that lags behind its command teaches the policy its lag; see
-        `gplfd_policies.phase.path_phase.PathPhase`.
+    A hand that lags behind its command teaches the policy its lag.
     """
 
-    @property
-    def settings(self) -> object:
-        """No settings: all clocks are equal."""
-        return ()
+    settings: object = ()
 
     @classmethod
     def stacked(cls, rules: Sequence[ClockPhase]) -> ClockPhase:

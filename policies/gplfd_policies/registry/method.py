@@ -22,9 +22,8 @@ from gplfd_policies.control.stiffness import (
     StiffnessProfile,
     spread_profile,
 )
-from gplfd_policies.demonstrations.aligned import AlignedDemonstrations
+from gplfd_policies.demonstrations.aligned import AlignedDemonstrations, continued
 from gplfd_policies.demonstrations.alignment import align
-from gplfd_policies.demonstrations.continuation import continued
 from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.demonstrations.demonstration import (
     Demonstration,

@@ -51,31 +51,27 @@ class DMPConfig(Quantities):
     n_basis: int = quantity(30, low=2)
     """Basis functions of the forcing term."""
     alpha: float = quantity(25.0, above=0.0)
-    """Gain α of the transformation system. With β = α/4 it is critically damped; its
-    natural frequency is α/2 per τ."""
+    """Gain α, critically damped with β = α/4; its natural frequency is α/2 per τ."""
     alpha_x: float = quantity(25.0 / 3.0, above=0.0)
     """Decay α_x of the phase variable: x ends at exp(-α_x)."""
     overlap: float = quantity(0.8, above=0.0, below=1.0)
     """Height of a basis function at the centre of the next."""
     spread: bool = False
-    """Whether the demonstrations' spread is used as uncertainty, which the method
-    itself does not have."""
+    """Whether the demonstrations' spread is used as uncertainty."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class DynamicMovementPrimitive(LearnedMovement):
-    """A point attractor shaped by a learned forcing term; made by `fit_dmp`.
+    """A point attractor shaped by a learned forcing term; made by `fit_dmp`, immutable.
 
-    It has no spread: standard deviations and covariances are NaN unless
-    `DMPConfig.spread`. It has no via-points.
+    Standard deviations and covariances are NaN unless `DMPConfig.spread`. It has no
+    via-points.
     """
 
     config: DMPConfig
-    """Constants of the primitive."""
     start: Pose
-    """Pose at the first demonstrated phase [m, rad]."""
     goal: Pose
-    """Pose of the attractor [m, rad]."""
+    """Pose of the attractor [m, rad]; the start is at the first demonstrated phase."""
     start_error: Float[np.ndarray, " 3"]
     """e_0, the rotation vector from start to goal [rad]."""
     weights: Float[np.ndarray, "N 6"]

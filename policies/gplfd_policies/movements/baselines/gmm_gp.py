@@ -31,7 +31,12 @@ from gplfd_policies.movements.baselines.gmr import (
     GMRConfig,
     fit_gmr,
 )
-from gplfd_policies.movements.movement import MomentMovement, Moments, ViaPoint
+from gplfd_policies.movements.movement import (
+    MomentMovement,
+    Moments,
+    ViaPoint,
+    stacked,
+)
 
 # Published values are for letters, which were written over 2 s and vary by 25 cm²:
 # seconds are halved and variances divided by 25.
@@ -41,12 +46,11 @@ LONGEST_LENGTH_SCALE = 5.0
 """Greatest length-scale of the search [phase]; published 10 s."""
 NOISE_RANGE = (4e-5, 2e-3)
 """Allowed variance of the demonstrations' noise, standardised; published [0.001, 0.05]
-cm². Demonstrations that differ by more than the upper limit, as all here do, keep the
-noise at this limit, which determines the length-scales. Without the limit the misfit of
-the mean is also treated as noise, and most length-scales reach their limit."""
+cm². Demonstrations that differ by more, as all here do, keep the noise at the upper
+limit. Without it most length-scales reach theirs."""
 _STRONGEST = 1e-4
-"""Least standard deviation of a via-point, standardised, so that via-points with zero
-tolerance and repeated or contradictory via-points have a solution: the average."""
+"""Least standard deviation of a via-point, standardised, so that contradictory
+via-points have a solution: the average."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,13 +58,12 @@ class GMMGPConfig(Quantities):
     """How prior and length-scales are learned."""
 
     components: int = quantity(6, low=1)
-    """Gaussians of the mixture behind the prior; as published for letters."""
+    """Gaussians of the mixture behind the prior; as published."""
     shortest_length_scale: float = quantity(0.005, above=0.0, high=FIRST_LENGTH_SCALE)
     """Least length-scale [phase]; published 0.01 s."""
     phases: int = quantity(50, low=2)
-    """Number of phases of the demonstrations that enter the likelihood, evenly spread.
-    The cost grows with its cube: 0.2 s for 50, 1 s for 100, where length-scales change
-    by a quarter."""
+    """Number of evenly spread phases that enter the likelihood. The cost grows with its
+    cube: 0.2 s for 50, 1 s for 100, where length-scales change by a quarter."""
     weight_power: float = quantity(1.0, above=0.0)
     """Power of the responsibilities in the kernel; 1 as published."""
 
@@ -70,11 +73,9 @@ class MixtureKernel:
     """K(t, t') = Σ_l h_l(t)^p h_l(t')^p Σ̂_l k_l(t, t'), standardised outputs."""
 
     regression: GaussianMixtureRegression
-    """The regression with h_l and Σ̂_l."""
     length_scales: Float[np.ndarray, " C"]
     """ℓ_l of the Matérn-5/2 correlation k_l [phase]."""
     weight_power: float = 1.0
-    """p; 1 as published."""
 
     def __call__(
         self, a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]
@@ -104,27 +105,24 @@ class MixtureKernel:
 class Evidence:
     """Likelihood of the demonstrations as noisy observations of one function.
 
-    As published, they are D noisy observations of one function with prior mean m(t) and
-    covariance K. Their average, with noise σ²/D, and their scatter, which depends only
-    on σ², are sufficient.
+    The function has the prior mean m(t) and covariance K. The average, with noise σ²/D,
+    and the scatter, which depends only on σ², are sufficient.
     """
 
     regression: GaussianMixtureRegression
     times: Float[np.ndarray, " T"]
-    """Phases of the demonstrations that enter the likelihood."""
     residual: Float[np.ndarray, " P"]
-    """Average demonstration minus m(t), standardised, output by output; P = 6 T."""
+    """Average minus m(t), standardised, output by output; P = 6 T for T phases."""
     scatter: float
-    """Sum of squares about the average."""
+    """Sum of squares about the average of D demonstrations."""
     count: int
-    """Number of demonstrations D."""
     weight_power: float
 
     @classmethod
     def of(
         cls, regression: GaussianMixtureRegression, phases: int, weight_power: float
     ) -> "Evidence":
-        """The evidence of the regression's demonstrations at a number of ``phases``."""
+        """The evidence of the regression's demonstrations at a number of phases."""
         aligned = regression.aligned
         chosen = thinned(len(aligned.times), phases)
         times = aligned.times[chosen]
@@ -182,15 +180,11 @@ class Evidence:
 class GMMGaussianProcess(MomentMovement):
     """A learned movement that via-points adapt; made by `fit_gmm_gp`, immutable."""
 
+    regression: GaussianMixtureRegression
+    """The prior mean."""
     kernel: MixtureKernel
-    """Prior covariance, and the regression that is the prior mean."""
+    """The prior covariance."""
     via_points: tuple[ViaPoint, ...] = ()
-    """Its via-points."""
-
-    @property
-    def regression(self) -> GaussianMixtureRegression:
-        """The regression that is the prior mean."""
-        return self.kernel.regression
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "GMMGaussianProcess":
         """The process conditioned on further via-points, each with its own noise."""
@@ -203,11 +197,9 @@ class GMMGaussianProcess(MomentMovement):
         The indices are among the 6 V outputs of V via-points, output by output.
         """
         standardisation = self.regression.standardisation
-        phases = np.array([float(point.phase) for point in self.via_points])
-        noise = np.array([point.own_variance for point in self.via_points])
-        noise = (noise.reshape(-1, 6) / standardisation.scale**2).T.ravel()
+        phases, poses, noise, along = stacked(self.via_points)
+        noise = (noise / standardisation.scale**2).T.ravel()
         entries = np.flatnonzero(np.isfinite(noise))
-        poses = np.array([point.pose for point in self.via_points]).reshape(-1, 6)
         mean, _ = self.regression.standardised_moments(phases)
         missed = (standardisation.apply(poses) - mean).T.ravel()[entries]
         full = self.kernel(phases, phases).reshape(noise.size, noise.size)
@@ -215,7 +207,6 @@ class GMMGaussianProcess(MomentMovement):
         covariance[np.diag_indices_from(covariance)] += np.maximum(
             noise[entries], _STRONGEST**2
         )
-        along = np.array([point.along for point in self.via_points]).reshape(-1, 6)
         along = (along / standardisation.scale).T.ravel()[entries]
         which = entries % max(len(phases), 1)
         covariance += np.where(which[:, None] == which, np.outer(along, along), 0.0)
@@ -271,4 +262,4 @@ def fit_gmm_gp(
         length_scales=np.exp(result.x[:-1]),
         weight_power=config.weight_power,
     )
-    return GMMGaussianProcess(aligned=aligned, kernel=kernel)
+    return GMMGaussianProcess(aligned=aligned, regression=regression, kernel=kernel)

@@ -31,13 +31,12 @@ class GMRConfig(Quantities):
     """Settings of the fit; it starts from equal bins of time, so nothing is random."""
 
     components: int = quantity(10, low=1)
-    """Number of Gaussians C, at most the number of phases of the demonstrations."""
+    """Number of Gaussians C, at most the number of phases."""
     regularisation: float = quantity(4e-6, above=0.0)
     """Added to the diagonal of every covariance, in squared phase and squared
-    standardised output. Published is 1e-4 for letters written over 2 s, whose outputs
-    vary by 25 cm²: 4e-6 of that variance, and 2.5e-5 in squared phase."""
+    standardised output. Published is 1e-4 for letters that vary by 25 cm²."""
     max_iterations: int = quantity(300, low=1)
-    """Greatest number of iterations; a warning is issued if it is reached."""
+    """Number of iterations after which the fit stops with a warning."""
 
     def check_phases(self, count: int) -> None:
         """Raise a ValueError if demonstrations have fewer phases than components."""
@@ -61,12 +60,10 @@ def warn_of_early_stop(config: GMRConfig) -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Standardisation:
-    """Outputs of order one: centred poses over their standard deviation."""
+    """Outputs of order one: poses minus their average over their standard deviation."""
 
     offset: Pose
-    """Average over demonstrations and phases [m, rad]."""
     scale: Pose
-    """Standard deviation over both [m, rad]."""
 
     def __post_init__(self) -> None:
         freeze(self, "offset", "scale")
@@ -106,13 +103,10 @@ class GaussianMixtureRegression(MomentMovement):
     """
 
     standardisation: Standardisation
-    """Conversion between poses and the outputs of the mixture."""
     weights: Float[np.ndarray, " C"]
-    """Prior π_l of every component."""
     means: Float[np.ndarray, "C 7"]
-    """μ_l."""
     covariances: Float[np.ndarray, "C 7 7"]
-    """Σ_l."""
+    """π_l, μ_l and Σ_l of C components."""
 
     @cached_property
     def slopes(self) -> Float[np.ndarray, "C 6"]:

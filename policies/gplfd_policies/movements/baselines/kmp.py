@@ -2,20 +2,17 @@
 
 Equation numbers refer to Huang, Rozo, Silvério, Caldwell, *Kernelized movement
 primitives*, IJRR 2019: a mixture regression gives a reference of means and covariances,
-Eqs. (21) and (26) smooth it, and a via-point is one more entry of the reference, or
-replaces one. Via-points are poses: the velocity of the time-driven form is left out.
-
-With N phases t_i, standardised means μ_i and covariances Σ_i (D × D, D = 6), K =
+and a via-point is one more entry of the reference, or replaces one. Via-points are
+poses. With N phases t_i, standardised means μ_i and covariances Σ_i (D × D, D = 6), K =
 [k(t_i, t_j) I_D], Σ = blockdiag(Σ_i), μ stacked and k* = [k(t, t_i) I_D], the smoothed
 reference is
 
     mean(t) = k* (K + λ Σ)⁻¹ μ                                              Eq. (21)
     cov(t, t') = (N/λ_c) [k(t, t') I_D − k* (K + λ_c Σ)⁻¹ k*'ᵀ]             Eq. (26)
 
-K is so smooth that k(t, t_i) = φ(t) φ(t_i)ᵀ with a few tens of features, which are
-those of the kernel's power series (`RBF.features`) in an orthonormal basis of the
-reference: eigenvectors of K would leave its small directions to rounding. With
-Λ = Σ_i φ_i φ_iᵀ ⊗ Σ_i⁻¹, A = I + Λ/λ and A_c = I + Λ/λ_c the same equations read
+K is so smooth that k(t, t_i) = φ(t) φ(t_i)ᵀ with a few tens of features, those of the
+kernel's power series (`RBF.features`) in an orthonormal basis of the reference. With Λ
+= Σ_i φ_i φ_iᵀ ⊗ Σ_i⁻¹, A = I + Λ/λ and A_c = I + Λ/λ_c the same equations read
 
     mean(t) = φ(t) A⁻¹ Σ_i (φ_i ⊗ Σ_i⁻¹ μ_i) / λ
     cov(t, t') = (N/λ_c) [k(t, t') − φ(t) φ(t')ᵀ + φ(t) A_c⁻¹ φ(t')ᵀ]
@@ -44,10 +41,11 @@ from gplfd_policies.movements.movement import MomentMovement, Moments, ViaPoint
 
 _STRONGEST = 1e-4
 """Least standard deviation of a via-point, standardised: zero would give infinite
-weight. The resulting error is less than a thousandth of an output's spread."""
+weight."""
+_SAME_PHASE = 0.1
+"""Phases closer than this share of the reference's spacing coincide; as published."""
 _SMALLEST = 1e-10
-"""Directions of the features below this share of the largest leave no digit that
-matters: their share of the kernel is its square."""
+"""Directions of the features below this share of the largest are left out."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -57,28 +55,23 @@ class KMPConfig(Quantities):
     components: int = quantity(8, low=1)
     """Gaussians of the mixture behind the reference; as published."""
     references: int = quantity(400, low=2)
-    """Number N of equally spaced reference phases; as published. The cost of a
-    prediction hardly depends on it."""
+    """Number N of reference phases; as published. The cost hardly depends on it."""
     length_scale: float = quantity(0.144, low=0.01)
     """Length-scale of the kernel [phase]. Published is exp(−6 (t − t')²) over 2 s."""
     mean_regularisation: float = quantity(25.0, above=0.0)
-    """λ. Published is 1 for letters that vary by 25 cm²: λ multiplies covariances in
-    the squared unit of the outputs, so in standardised outputs it is 25. It also pulls
-    the mean towards the average pose where demonstrations differ much: doors of 0.35
-    to 0.65 m by 5 cm at the end of the motion, which a λ of 1 does not."""
+    """λ. Published is 1 for letters that vary by 25 cm², thus 25 in standardised
+    outputs. It also pulls the mean towards the average pose where demonstrations differ
+    much: doors of 0.35 to 0.65 m by 5 cm at the end of the motion, which a λ of 1 does
+    not."""
     covariance_regularisation: float = quantity(1500.0, above=0.0)
-    """λ_c. Published is 60, times 25 for the same reason. The resulting spread is not
-    related to that of the demonstrations; it is calibrated only by λ_c: N/λ_c is the
-    variance far from the reference. The published value is over-confident; with λ_c = N
-    this variance equals that of the demonstrations."""
-    same_phase: float = quantity(0.1, low=0.0, high=1.0)
-    """Phases closer than this share of the reference's spacing coincide; as
-    published."""
+    """λ_c. Published is 60, times 25 for the same reason. The spread is calibrated only
+    by λ_c: N/λ_c is the variance far from the reference. The published value is
+    over-confident; with λ_c = N this variance equals that of the demonstrations."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Reference:
-    """A reference trajectory; read-only."""
+    """A reference trajectory; it is never changed."""
 
     phases: Float[np.ndarray, " N"]
     """t_i; in the order of entry, not of phase."""
@@ -87,28 +80,22 @@ class Reference:
     precisions: Float[np.ndarray, "N 6 6"]
     """Σ_i⁻¹; rows and columns of unconstrained outputs are zero."""
 
-    def __post_init__(self) -> None:
-        for array in (self.phases, self.means, self.precisions):
-            array.setflags(write=False)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SmoothedReference:
     """Mean and covariance of Eqs. (21) and (26) at any phase."""
 
     kernel: RBF
-    """k, of variance one."""
     centre: float
-    """Phase about which the kernel's series is taken."""
+    """Phase about which the series of the kernel, of variance one, is taken."""
     basis: Float[np.ndarray, "F R"]
     """φ(t) = kernel.features(t) basis."""
     weights: Float[np.ndarray, "6 R"]
     """A⁻¹ Σ_i (φ_i ⊗ Σ_i⁻¹ μ_i) / λ."""
     blocks: Float[np.ndarray, "6 R R"]
-    """Blocks of A_c⁻¹ for one output with itself, transposed: as LAPACK leaves them in
-    memory, so that a copy multiplies to the same bits."""
+    """Blocks of A_c⁻¹ for one output with itself, transposed, as LAPACK leaves them."""
     amplitude: float
-    """N/λ_c, the variance far from every reference phase."""
+    """N/λ_c."""
 
     @classmethod
     def fit(cls, reference: Reference, config: KMPConfig) -> "SmoothedReference":
@@ -177,24 +164,21 @@ class KernelizedMovementPrimitive(MomentMovement):
     """
 
     regression: GaussianMixtureRegression
-    """The mixture from which the reference was taken."""
     config: KMPConfig
-    """Length-scale and regularisations."""
     reference: Reference
-    """The reference with via-points, standardised."""
+    """The reference with via-points, standardised, taken from the mixture."""
 
     def adapt(self, via_points: Sequence[ViaPoint]) -> "KernelizedMovementPrimitive":
         """Return the primitive with via-points that replace references at their phase.
 
-        A standard deviation σ enters as the covariance σ²/N, because in Eqs. (21) and
-        (26) every entry has the weight 1/N. Only then does the primitive predict σ at a
-        via-point that dominates its neighbourhood. An error that outputs share counts
-        as independent errors: as a covariance, the primitive followed the sensor noise.
+        A standard deviation σ enters as the covariance σ²/N, because every entry has
+        the weight 1/N. Only then does the primitive predict σ at a via-point that
+        dominates. An error that outputs share counts as independent errors: as a
+        covariance, the primitive followed the sensor noise.
         """
         standardisation = self.regression.standardisation
         count = self.config.references
-        spacing = self.config.same_phase * float(np.ptp(self.aligned.times))
-        tolerance = spacing / (count - 1)
+        tolerance = _SAME_PHASE * float(np.ptp(self.aligned.times)) / (count - 1)
         reference = self.reference
         for via_point in via_points:
             variance = via_point.noise_variance / standardisation.scale**2

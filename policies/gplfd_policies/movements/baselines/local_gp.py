@@ -50,9 +50,9 @@ class LocalGPConfig(Quantities):
     clusters: int = quantity(8, low=1)
     """Number of clusters C; one is a single Gaussian process."""
     width: float = quantity(0.35, low=0.1, high=10.0)
-    """Standard deviation W of a cluster's weight, in distances between neighbouring
-    centres. Small values switch abruptly from process to process; large
-    ones trust a process far from its own samples, where it is over-confident."""
+    """Standard deviation W of a cluster's weight, in distances between centres. Small
+    values switch abruptly from process to process; large ones trust a process far from
+    its own samples, where it is over-confident."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -69,8 +69,7 @@ class LocalGaussianProcesses(MomentMovement):
     width: float
     """Standard deviation W of a cluster's weight, in phase."""
     processes: tuple[tuple[HeteroscedasticGP, ...], ...]
-    """Per cluster the six processes (x, y, z, θu_x, θu_y, θu_z), each with one noise
-    variance."""
+    """Per cluster the six processes, each with one noise variance."""
 
     def weights(self, times: Times) -> Float[np.ndarray, "C M"]:
         """The weights w_k(t) of the clusters, which sum to one."""

@@ -1,22 +1,20 @@
 """Mixture of discrete-time Gaussian processes: a reconstruction; not in Table 1.
 
 Von Hartz et al., *The Unreasonable Effectiveness of Discrete-Time Gaussian Process
-Mixtures for Robot Policy Learning*, arXiv:2505.03296. Only the abstract and summaries
-of the paper were available. According to them, a mode is a sequence of Gaussians on
-R³ × SO(3), independent from step to step, with Fréchet mean and tangent covariance.
-Trajectories are partitioned into modes without labels; the weight of a mode is its
-share of them; evidence (in the paper: constraints) updates Gaussians and weights.
-With the deviations e_i (position and Log(R_i R_μᵀ)) of K demonstrations of a mode,
+Mixtures for Robot Policy Learning*, arXiv:2505.03296, known from abstract and
+summaries. A mode is a sequence of Gaussians on R³ × SO(3), independent from step to
+step, with Fréchet mean and tangent covariance. Trajectories are partitioned into modes
+without labels; the weight of a mode is its share of them; evidence updates Gaussians
+and weights. With the deviations e_i (position and Log(R_i R_μᵀ)) of K demonstrations of
+a mode,
 
     Cov[e(t), e(t')] = exp(-(t - t')²/(2 ℓ²)) Σ_i e_i(t) e_i(t')ᵀ / (K - 1).
 
 Assumptions where the sources give no information or the benchmark needs more:
 
-* Published steps are independent, ℓ → 0: one step has no effect on the next. A greater
-  ℓ tapers the sample covariance between steps; the covariance of each step is
-  unchanged.
+* Published steps are independent, ℓ → 0. A greater ℓ tapers the sample covariance
+  between steps; the covariance of each step is unchanged.
 * Evidence consists of via-points, for which conditioning in the tangent space is exact.
-  Bounds (reach, collision), optimised paths and further task frames are left out.
 * Number of modes: demonstrations are clustered by average linkage of the chords between
   their displacements from the start, of unit norm, with 1 m equal to 1 rad. Thus doors
   of different size belong to the same mode; pushing or pulling and the side of the
@@ -50,11 +48,11 @@ from gplfd_policies.movements.movement import (
     MomentMovement,
     Moments,
     ViaPoint,
+    stacked,
 )
 
 _LEAST: Final = 1e-4
-"""Least standard deviation of steps and via-points, relative to the output's
-greatest."""
+"""Least standard deviation, relative to the output's greatest."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,8 +60,8 @@ class MiDiGaPConfig(Quantities):
     """Constants of a mixture of discrete-time Gaussian processes."""
 
     mode_angle: float = quantity(0.7, above=0.0, high=np.pi)
-    """Least mean angle between the displacements of two modes [rad]. Doors of 0.35 and
-    0.9 m differ by 0.4, a lever that is pressed or lifted by 1."""
+    """Least mean angle between the displacements of two modes [rad]: 0.4 for doors of
+    0.35 and 0.9 m, 1 for a lever that is pressed or lifted."""
     length_scale: float = quantity(1.0, above=0.0)
     """ℓ, the phase over which steps are correlated."""
 
@@ -80,9 +78,7 @@ class DiscreteTimeGP(MomentMovement):
     roots: OutputCurves
     """Deviations e_i / √(K - 1) at every step, in fixed axes [m, rad]."""
     length_scale: float
-    """ℓ [phase]."""
     via_points: tuple[ViaPoint, ...] = ()
-    """Evidence so far."""
 
     def _at(self, times: Times) -> tuple[Outputs, Float[np.ndarray, "M 6 K"]]:
         """Mean, and roots for the rotation vector; constant outside the task."""
@@ -109,13 +105,8 @@ class DiscreteTimeGP(MomentMovement):
     @cached_property
     def _evidence(self) -> tuple[Times, np.ndarray, np.ndarray, np.ndarray]:
         """Phases, indices of constrained outputs, S = L Lᵀ as L, L⁻¹ times errors."""
-        phases = np.array([float(point.phase) for point in self.via_points])
-        noise = np.array([point.own_variance for point in self.via_points]).reshape(
-            -1, 6
-        )
-        along = np.array([point.along for point in self.via_points]).reshape(-1, 6)
+        phases, poses, noise, along = stacked(self.via_points)
         mean, _ = self._at(phases)
-        poses = np.array([point.pose for point in self.via_points]).reshape(-1, 6)
         poses = np.where(np.isfinite(noise), poses, mean)
         turns = compose_rotvecs(poses[:, 3:], -mean[:, 3:])[:, :, None]
         turns = (rotvec_jacobian(mean[:, 3:]) @ turns)[:, :, 0]
@@ -164,9 +155,7 @@ class DiscreteTimeGP(MomentMovement):
 class MixtureOfDiscreteTimeGPs(LearnedMovement):
     """A mixture that predicts its most probable mode; made by `fit_midigap`, immutable.
 
-    An agent's phase rule compares a pose with all demonstrations. For agents that try
-    modes themselves, each mode is a movement in `modes`, with probabilities in
-    `weights`.
+    An agent's phase rule compares a pose with all demonstrations.
     """
 
     modes: tuple[DiscreteTimeGP, ...]
@@ -185,7 +174,7 @@ class MixtureOfDiscreteTimeGPs(LearnedMovement):
         return replace(self, modes=tuple(modes))
 
     def predict(self, times: Times) -> GaussianTrajectory:
-        """The distribution of the most probable mode; the largest if there is a tie."""
+        """The distribution of the most probable mode; of the largest in a tie."""
         return self.modes[int(np.argmax(self.weights))].predict(times)
 
 

@@ -75,7 +75,6 @@ class ProbabilisticDynamicMovementPrimitive(WeightMovement):
     """
 
     config: ProDMPConfig
-    """Constants of the primitive."""
     triangle: Float[np.ndarray, "B B"]
     """R, upper triangular, which makes the responses orthonormal."""
 

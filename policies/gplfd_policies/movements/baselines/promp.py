@@ -29,17 +29,17 @@ from gplfd_policies.movements.movement import (
     LearnedMovement,
     ViaPoint,
     checked_times,
+    stacked,
 )
 
 Basis = tuple[Float[np.ndarray, "M B"], Float[np.ndarray, "M B"]]
 """Basis functions at M phases and their derivatives, per unit phase."""
 
 RIDGE: Final = 1e-8
-"""Penalty on the squared weights of a demonstration; it has an effect only where the
-data are not sufficient."""
+"""Penalty on squared weights; it has an effect only where data are not sufficient."""
 _SINGULAR = 1e-9
-"""Least tolerance of a demand, as a share of its whole variance, so that the demands'
-covariance stays positive definite despite rounding."""
+"""Least tolerance of a demand, as a share of its whole variance, so that the covariance
+of demands stays positive definite."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -51,9 +51,8 @@ class ProMPConfig(Quantities):
     overlap: float = quantity(0.7, above=0.0, below=1.0)
     """Height of a basis function at the distance 1/(2 B) from its centre."""
     shrinkage: float = quantity(1e-6, low=0.0, high=1.0)
-    """λ in Σ = (1 - λ) S + λ diag(S), with S the sample covariance. The default only
-    makes Σ invertible: a floor of a thousandth of the spread. At 1, weights are
-    independent."""
+    """λ in Σ = (1 - λ) S + λ diag(S), with S the sample covariance. The default makes Σ
+    invertible. At 1, weights are independent."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -97,7 +96,6 @@ class WeightMovement(LearnedMovement, ABC):
     def _covariance(
         self, spread: Float[np.ndarray, "6 M B"], basis: Float[np.ndarray, "M B"]
     ) -> Covariances:
-        """Covariance over time, given the covariance of movement and weights."""
         noise = self.noise_variance[:, None, None] * np.eye(len(basis))
         between: np.ndarray = np.einsum("dmj,nj->dmn", spread, basis)
         return between + noise
@@ -105,24 +103,20 @@ class WeightMovement(LearnedMovement, ABC):
     def adapt(self, via_points: Sequence[ViaPoint]) -> "WeightMovement":
         """The movement conditioned on ``via_points``, all of them at once.
 
-        With the demanded values y_v, their covariance V (own variances, and the error
-        that the outputs of a via-point share) and the gain K,
+        With the demanded values y_v, their covariance V and the gain K,
 
             K = Σ Hᵀ (H Σ Hᵀ + V)⁻¹,  μ' = μ + K (y_v - H μ),  Σ' = (I - K H) Σ.
 
         Demands are on the movement φᵀ w itself, without observation noise.
         Contradictory demands without tolerance are met in the least-squares sense.
         """
-        phases = np.array([float(point.phase) for point in via_points])
-        variances = np.array([point.own_variance for point in via_points])
-        which, outputs = np.nonzero(np.isfinite(variances.reshape(-1, 6)))
+        phases, poses, variances, along = stacked(via_points)
+        which, outputs = asked = np.nonzero(np.isfinite(variances))
         if which.size == 0:
             return self
-        along = np.array([point.along for point in via_points])[which, outputs]
         together = which[:, None] == which
-        variance = np.diag(variances[which, outputs])
-        variance += np.where(together, np.outer(along, along), 0.0)
-        demanded = np.array([point.pose for point in via_points])[which, outputs]
+        variance = np.diag(variances[asked])
+        variance += np.where(together, np.outer(along[asked], along[asked]), 0.0)
         basis, _ = self.basis(phases)
         rows = np.zeros((which.size, 6, basis.shape[1]))
         rows[np.arange(which.size), outputs] = basis[which]
@@ -139,7 +133,7 @@ class WeightMovement(LearnedMovement, ABC):
             gain = scipy.linalg.cho_solve(factor, (cross / scale).T).T / scale
         else:
             gain = cross / scale @ scipy.linalg.pinvh(matrix) / scale
-        mean = self.weight_mean + gain @ (demanded - demand @ self.weight_mean)
+        mean = self.weight_mean + gain @ (poses[asked] - demand @ self.weight_mean)
         keep = np.eye(len(mean)) - gain @ demand
         # Joseph's form: never negative, even for strong demands.
         covariance = keep @ self.weight_covariance @ keep.T
@@ -152,7 +146,6 @@ class ProbabilisticMovementPrimitive(WeightMovement):
     """A Gaussian distribution over movements; made by `fit_promp`, immutable."""
 
     config: ProMPConfig
-    """Constants of the primitive."""
 
     def basis(self, times: Times) -> Basis:
         """φ(t) and its derivative."""

@@ -50,22 +50,19 @@ from gplfd_policies.movements.movement import (
 PLANE = [0, 2]
 """x and z, the plane in which a door turns."""
 _ROUNDNESS = 0.5
-"""A path is a circle if its root-mean-square distance from the circle is less than this
-share of that from the nearest straight line."""
+"""A path is a circle if its root-mean-square distance from it is less than this share
+of that from the nearest straight line."""
 _STRONGEST = 1e-4
-"""Least standard deviation of a point of a circle [m], so that contradictory via-points
-without tolerance have a solution."""
+"""Least standard deviation of a point of a circle [m]."""
 _GMR = GMRConfig()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Frame:
-    """A frame {A, b} in which a movement is expressed: ξ = A X + b."""
+    """A frame {A, b} in which a movement is expressed: ξ = A X + b [m, rad]."""
 
     basis: Float[np.ndarray, "6 6"]
-    """A."""
     origin: Pose
-    """b [m, rad]."""
 
     def __post_init__(self) -> None:
         freeze(self, "basis", "origin")
@@ -91,12 +88,10 @@ def hinge_frame(hinge: Float[np.ndarray, " 2"]) -> Frame:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CircleDistribution:
-    """A Gaussian over θ = (c_x, c_z, k) of the circle |p|² = 2 pᵀc + k; read-only."""
+    """A Gaussian over θ = (c_x, c_z, k) [m, m, m²] of the circle |p|² = 2 pᵀc + k."""
 
     mean: Float[np.ndarray, " 3"]
-    """Mean of θ [m, m, m²]."""
     covariance: Float[np.ndarray, "3 3"]
-    """Covariance of θ."""
 
     def __post_init__(self) -> None:
         freeze(self, "mean", "covariance")
@@ -145,11 +140,9 @@ class TaskParameterisedMixture(LearnedMovement):
     """A mixture expressed in several frames; made by `fit_tp_gmm`, immutable."""
 
     weights: Float[np.ndarray, " C"]
-    """π_i."""
     means: Float[np.ndarray, "P C 7"]
-    """μ_ij in the handle's frame, and in the hinge's frame if there is one."""
+    """π_i, and μ_ij and Σ_ij in the frames of the handle and, if any, of the hinge."""
     covariances: Float[np.ndarray, "P C 7 7"]
-    """Σ_ij."""
     circle: CircleDistribution | None
     """The estimate of the hinge; None if there is none."""
 

@@ -72,15 +72,13 @@ class WishartGPConfig(Quantities):
     floor: float = quantity(1e-3, low=1e-8, below=1.0)
     """Share of the pooled covariance below which the variability never falls."""
     times: int = quantity(50, low=2)
-    """Number of phases whose deviations are learned from; all of them if the
-    demonstrations have fewer."""
+    """Number of phases whose deviations are learned from, at most all of them."""
     steps: int = quantity(1500, low=1)
     """Steps of the elliptical slice sampler."""
     discarded: int = quantity(500, low=0)
     """Number of first steps that are discarded, less than ``steps``."""
     mode_iterations: int = quantity(50, low=1)
-    """Greatest number of iterations of the search for the mode where sampling
-    starts."""
+    """Iterations of the search for the mode where sampling starts."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -96,15 +94,14 @@ class WishartPrior:
     """The prior of Σ(t) over an interval."""
 
     degrees: int
-    """Degrees of freedom ν ≥ d; Σ(t) varies less with more of them."""
+    """Degrees of freedom ν ≥ d."""
     lower: Float[np.ndarray, "d d"]
     """The scale L, lower triangular."""
     floor: float
     """ε in (0, 1), the constant share of E Σ(t)."""
     basis: LegendreBasis
-    """Basis of the processes u over the interval."""
     root: Float[np.ndarray, "Q R"]
-    """Coefficients of φ in the basis."""
+    """Coefficients of φ in the basis of the processes u."""
 
     @classmethod
     def over(
@@ -156,13 +153,10 @@ class WishartLikelihood:
     """log p of deviations given the weights, in coordinates where L is the identity."""
 
     features: Float[np.ndarray, "T R"]
-    """φ at the times of the deviations."""
     scatter: Float[np.ndarray, "T d d"]
-    """L⁻¹ S_t L⁻ᵀ."""
+    """L⁻¹ S_t L⁻ᵀ, of D − 1 degrees of freedom, and φ at the same times."""
     free: int
-    """Degrees of freedom of the scatter, D − 1."""
     prior: WishartPrior
-    """The prior of the weights."""
 
     @classmethod
     def of(
@@ -217,7 +211,6 @@ class WishartPosterior:
     """The posterior mean of Σ(t), made by `sample_posterior`."""
 
     prior: WishartPrior
-    """The prior of Σ(t)."""
     moment: Float[np.ndarray, "dR dR"]
     """Average of Σ_k w_k w_kᵀ over the samples, with w_k = (w_k1, …, w_kd)."""
 
@@ -238,11 +231,11 @@ def elliptical_slice_chain(
 ) -> Iterator[Float[np.ndarray, " N"]]:
     """Sample posteriors of standard normal variables; yield the states after ``start``.
 
-    Murray, Adams and MacKay, *Elliptical slice sampling*, AISTATS 2010, their Figure 2.
-    For a prior N(0, I) and any likelihood p(y | x), a step moves x along an ellipse
-    through x and a draw from the prior, to a point drawn uniformly from the part of the
-    ellipse where the likelihood exceeds a random level below the current one. This
-    leaves the posterior invariant (``test_sampler_meets_a_gaussian_posterior``).
+    Murray, Adams and MacKay, *Elliptical slice sampling*, AISTATS 2010. A step moves x
+    along an ellipse through x and a draw from the prior, to a point drawn uniformly
+    from the part of the ellipse where the likelihood exceeds a random level below the
+    current one. This leaves the posterior invariant
+    (``test_sampler_meets_a_gaussian_posterior``).
     """
     state, value = start, log_likelihood(start)
     for _ in range(steps):
@@ -275,8 +268,7 @@ def sample_posterior(
 ) -> WishartPosterior:
     """Average over an elliptical slice chain that starts at a mode of the posterior.
 
-    From a draw of the prior, the chain would not have converged after 5000 steps: the
-    likelihood of hundreds of weights is narrow, so steps are short.
+    From a draw of the prior, the chain would not have converged after 5000 steps.
     """
 
     def objective(flat: np.ndarray) -> tuple[float, np.ndarray]:
@@ -308,9 +300,7 @@ class WishartProcessMovement(MomentMovement):
     """
 
     processes: MultiOutputGP
-    """The mean and its uncertainty."""
     variability: WishartPosterior
-    """Variability of repetitions of the task."""
 
     def aleatoric(self, times: Times) -> Float[np.ndarray, "M 6 6"]:
         """Covariance between repetitions; constant outside the task."""
