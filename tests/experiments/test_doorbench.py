@@ -330,8 +330,12 @@ def test_leaves_of_other_doors_are_refused(spec, problem, read):
     [
         ("schema_version", "2.0", "schema_version is '2.0', not '1.0'"),
         ("operator/model", "hook_lock_slider", "a pull that turns or slides"),
-        ("operator/model", "exit_device", "handle is 'exit_device'"),
-        ("operator/model", "push_button_screen", "a button, which a gripper with two"),
+        ("operator/model", "exit_device", "handle is 'exit_device', which"),
+        (
+            "operator/model",
+            "push_button_screen",
+            "which a gripper with two",
+        ),
         ("operator/model", "pull_t_handle", "a pull that turns or slides"),
         ("hinge/side", "top", "at the 'top'"),
         ("leaf/width", 1.2, "DoorConfig.radius = 1.13 is outside"),

@@ -8,7 +8,6 @@ import importlib
 import json
 import shutil
 import sqlite3
-import struct
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -388,22 +387,6 @@ def test_forces_pass_from_files_to_demonstrations(written):
 
 
 # ------------------------------------------------------------------ the child process
-def deep_cells(path: Path) -> None:
-    """Cells in cells in a MATLAB file, which SciPy follows to the end of the stack."""
-
-    def element(kind: int, data: bytes) -> bytes:
-        return struct.pack("<II", kind, len(data)) + data
-
-    size, parts = 0, []
-    for _ in range(100_000):
-        head = element(6, struct.pack("<II", 1, 0))
-        head += element(5, struct.pack("<ii", 1, 1)) + element(1, b"")
-        parts.append(struct.pack("<II", 14, size + len(head)) + head)
-        size += len(parts[-1])
-    start = b"MATLAB 5.0".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
-    path.write_bytes(start + b"".join(reversed(parts)))
-
-
 def endless_rows(path: Path) -> None:
     """A database whose version is computed without end."""
     write_one_file(path, StoragePlugin.SQLITE3)
@@ -425,8 +408,7 @@ def zeros_without_data(path: Path) -> None:
     ("name", "write", "message"),
     [
         ("a.hdf5", zeros_without_data, r"needs more than \d+ MB of memory"),
-        ("a.mat", deep_cells, r"makes the reader crash \(SIG"),
-        ("a.db3", endless_rows, "makes the reader run for more than 6 s"),
+        ("a.db3", endless_rows, "its reader crashed or ran for more than 6 s"),
     ],
 )
 def test_a_file_that_would_take_the_machine_ends_its_reader_alone(

@@ -16,8 +16,6 @@ from gplfd_env.doors.hardware import CLEAR_WAY, sliding_gain
 from gplfd_env.validation.fields import Range, allowed_range
 from gplfd_experiments.files.plain_data import entry, read_json
 
-SCHEMA: Final = "1.0"
-
 _BACKSET: Final = 0.06  # Of a handle for which none is given, as without a latch [m].
 _BEYOND_GRIP: Final = 0.03  # A lever ends so far beyond the point where it is held [m].
 _BESIDE_EDGE: Final = 0.15
@@ -46,31 +44,25 @@ _HANDLE: Final = {
     "lockset.handle_travel": "physics/latch/operator_travel",
     "lockset.dead_travel": "physics/latch/operator_dead_travel",
 }
-_KINDS: Final[Mapping[str, Handle]] = {
-    "lever": "lever",
-    "knob": "knob",
-    "paddle": "paddle",
-    "handleset": "handleset",
-    "thumb": "handleset",
-    "panic": "touch-bar",
-    "pull": "bar",
-    "push": "bar",
-    "barn": "bar",
-    "bifold": "bar",
-    "hook": "bar",
-    "shoji": "bar",
-    "none": "bar",
-    "cold": "paddle",
-}
-"""Handles by the first word of an operator's model."""
-_NO_BARS: Final = ("pull_ring", "pull_flush_recessed", "pull_finger_cup")
-"""Pulls that a gripper does not hold like a bar."""
 _LATCH: Final = {
     "lockset.bolt_throw": "physics/latch/throw_m",
     "lockset.bolt_preload": "physics/latch/bolt_spring_preload_N",
     "lockset.bolt_stiffness": "physics/latch/bolt_spring_rate_N_per_m",
 }
 """Fields of `DoorConfig` and its parts, and their places in a specification."""
+_KINDS: Final[Mapping[str, Handle]] = {
+    "lever": "lever",
+    "knob": "knob",
+    **dict.fromkeys(("paddle", "cold"), "paddle"),
+    **dict.fromkeys(("handleset", "thumb"), "handleset"),
+    "panic": "touch-bar",
+    **dict.fromkeys(("pull", "push", "barn", "bifold", "hook", "shoji", "none"), "bar"),
+}
+"""Handles by the first word of an operator's model."""
+_NO_BARS: Final = ("pull_ring", "pull_flush_recessed", "pull_finger_cup")
+"""Pulls that a gripper does not hold like a bar."""
+
+_Fields = dict[str, Any]
 
 
 class ImportedDoor(NamedTuple):
@@ -82,6 +74,30 @@ class ImportedDoor(NamedTuple):
     """Properties that cannot be represented, a line each."""
 
 
+class _Specification(NamedTuple):
+    """Entries of a door, and what of them cannot be represented."""
+
+    entries: Mapping[str, Any]
+    lost: list[str]
+
+    def at(self, place: str, kind: Any = float) -> Any:
+        """Return the entry at a path of names, as the required type."""
+        *tables, name = place.split("/")
+        spec = self.entries
+        for table in tables:
+            spec = entry(spec, table, dict[str, Any])
+        return entry(spec, name, kind)
+
+    def all_at(self, places: Mapping[str, str]) -> _Fields:
+        """Return fields from their places."""
+        return {name: self.at(place) for name, place in places.items()}
+
+    def lose(self, value: Any, text: str) -> None:
+        """Note a property that cannot be represented, if its value is not empty."""
+        if value:
+            self.lost.append(text)
+
+
 def read_doorbench(path: str | Path) -> ImportedDoor:
     """Read a ``spec.json``.
 
@@ -90,137 +106,125 @@ def read_doorbench(path: str | Path) -> ImportedDoor:
             that a `DoorConfig` has.
         OSError: The file cannot be read.
     """
-    spec = read_json(path)
-    lost: list[str] = []
+    spec = _Specification(read_json(path), [])
     try:
-        fields = _fields(spec, lost)
-        name = _at(spec, "id", str)
-        door = DoorConfig(**_nested(_within(fields, lost)))
+        fields = _within(_fields(spec), spec.lost)
+        arguments: _Fields = {}
+        for name, value in fields.items():
+            part, _, field = name.rpartition(".")
+            (arguments.setdefault(part, {}) if part else arguments)[field] = value
+        door = DoorConfig(**arguments)
+        return ImportedDoor(spec.at("id", str), door, tuple(spec.lost))
     except ValueError as error:
         raise ValueError(f"{path} cannot be imported as a door: {error}") from error
-    return ImportedDoor(name, door, tuple(lost))
 
 
-def _at(spec: Mapping[str, Any], place: str, kind: Any = float) -> Any:
-    """Return the entry at a path of names, as the required type."""
-    *tables, name = place.split("/")
-    for table in tables:
-        spec = entry(spec, table, dict[str, Any])
-    return entry(spec, name, kind)
-
-
-def _fields(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
-    """Return the fields of a door, and add to `lost` what it cannot represent."""
-    version = _at(spec, "schema_version", str)
-    if version != SCHEMA:
-        raise ValueError(f"its schema_version is {version!r}, not {SCHEMA!r}")
-    family = _at(spec, "family", str)
+def _fields(spec: _Specification) -> _Fields:
+    """Return the fields of a door."""
+    version, family = spec.at("schema_version", str), spec.at("family", str)
+    if version != "1.0":
+        raise ValueError(f"its schema_version is {version!r}, not '1.0'")
     if family not in _FAMILIES:
         reason = _OTHERS.get(family.partition("_")[0], "an unknown one")
         known = ", ".join(_FAMILIES)
         raise ValueError(f"its family is {family!r} ({reason}), none of {known}")
-    fields: dict[str, Any] = {name: _at(spec, place) for name, place in _LEAF.items()}
-    fields["hinge_side"] = side = _at(spec, "hinge/side", str)
+    fields = spec.all_at(_LEAF)
+    fields["hinge_side"] = side = spec.at("hinge/side", str)
     if side not in ("left", "right"):
         raise ValueError(f"its hinge is at the {side!r}, neither left nor right")
-    fields |= _FAMILIES[family](spec, lost)
-    fields |= _operated(spec, fields, lost)
+    fields |= _FAMILIES[family](spec)
+    fields |= _operated(spec, fields)
     fields["radius"] = fields["leaf.width"] - fields["leaf.backset"]
-    if held := _at(spec, "physics/latch/holding_force_N"):
-        lost.append(f"the {held:g} N with which its latch holds it")
-    if _at(spec, "lock/engaged", bool):
-        lost.append("its lock is engaged; the door is left unlocked")
+    held = spec.at("physics/latch/holding_force_N")
+    spec.lose(held, f"the {held:g} N with which its latch holds it")
+    engaged = spec.at("lock/engaged", bool)
+    spec.lose(engaged, "its lock is engaged; the door is left unlocked")
     return fields
 
 
-def _hinged(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
+def _hinged(spec: _Specification) -> _Fields:
     """Return the fields of hinge and closer."""
-    fields: dict[str, Any] = {name: _at(spec, place) for name, place in _HINGED.items()}
-    motion = _at(spec, "kinematics", dict[str, Any])
+    fields = spec.all_at(_HINGED)
+    motion = spec.at("kinematics", dict[str, Any])
     if motion.get("joining_bolt_engaged") is False:
         raise ValueError("its halves are not joined: two leaves, one above the other")
-    if _at(spec, "leaf/count") > 1:
-        lost.append("its other leaf")
-    if motion.get("both_ways"):
-        lost.append("it also opens the other way")
-    if rest := entry({"rest_angle_deg": 0.0} | motion, "rest_angle_deg", float):
-        lost.append(f"it rests open at {rest:g}°; here it is closed")
-    hinge = _at(spec, "hinge", dict[str, Any])
-    if beyond := entry({"pivot_offset_m": 0.0} | hinge, "pivot_offset_m", float):
-        lost.append(f"the {beyond:g} m of its leaf beyond the pivot")
-        fields["leaf.width"] = _at(spec, "leaf/width") - beyond
-    fields["swing"] = "push" if _at(spec, "robot/is_push", bool) else "pull"
-    fields["stop_angle"] = math.radians(_at(spec, "kinematics/max_open_deg"))
-    if tilt := _at(spec, "hinge/axis_tilt_deg"):
-        lost.append(f"its hinge axis is tilted by {tilt:g}°; here it is upright")
-    closing = _at(spec, "physics/closer/damping_closing")
+    spec.lose(spec.at("leaf/count") > 1, "its other leaf")
+    spec.lose(motion.get("both_ways"), "it also opens the other way")
+    rest = entry({"rest_angle_deg": 0.0} | motion, "rest_angle_deg", float)
+    spec.lose(rest, f"it rests open at {rest:g}°; here it is closed")
+    hinge = {"pivot_offset_m": 0.0} | spec.at("hinge", dict[str, Any])
+    if beyond := entry(hinge, "pivot_offset_m", float):
+        spec.lose(beyond, f"the {beyond:g} m of its leaf beyond the pivot")
+        fields["leaf.width"] = spec.at("leaf/width") - beyond
+    fields["swing"] = "push" if spec.at("robot/is_push", bool) else "pull"
+    fields["stop_angle"] = math.radians(spec.at("kinematics/max_open_deg"))
+    tilt = spec.at("hinge/axis_tilt_deg")
+    spec.lose(tilt, f"its hinge axis is tilted by {tilt:g}°; here it is upright")
+    closing = spec.at("physics/closer/damping_closing")
     fields["closer.closing_damping"] = closing - fields["closer.damping"]
-    angle = _at(spec, "physics/closer/backcheck_angle_rad", float | None)
+    angle = spec.at("physics/closer/backcheck_angle_rad", float | None)
     if angle is not None:
         fields["closer.backcheck_angle"] = angle
-    hold = _at(spec, "physics/closer", dict[str, Any]).get("hold_open_rad")
-    if hold is not None:
-        lost.append(f"its closer holds the door open at {hold!r:.20} rad")
-    if (boost := _at(spec, "physics/closer/latch_boost")) != 1.0:
-        lost.append(f"its closer's latch boost of {boost:g}")
+    hold = spec.at("physics/closer", dict[str, Any]).get("hold_open_rad")
+    spec.lose(hold is not None, f"its closer holds the door open at {hold!r:.20} rad")
+    boost = spec.at("physics/closer/latch_boost")
+    spec.lose(boost != 1.0, f"its closer's latch boost of {boost:g}")
     return fields
 
 
-def _rolling(spec: Mapping[str, Any], way: float, lost: list[str]) -> dict[str, Any]:
+def _rolling(spec: _Specification, way: float) -> _Fields:
     """Return the fields of rollers with a travel [m] of the fully open door."""
-    if "soft_close_damper" in _at(spec, "extras", tuple[str, ...]):
-        lost.append("its soft-close damper, for which no force is given")
-    if (closer := _at(spec, "closer/model", str)) != "none":
-        lost.append(f"its closer {closer!r}")
+    soft = "soft_close_damper" in spec.at("extras", tuple[str, ...])
+    spec.lose(soft, "its soft-close damper, for which no force is given")
+    closer = spec.at("closer/model", str)
+    spec.lose(closer != "none", f"its closer {closer!r}")
     gain = sliding_gain(way)
-    friction = _at(spec, "physics/roller/coulomb_force_N")
-    damping = _at(spec, "physics/roller/viscous_damping_N_s_per_m")
-    fields = {"hinge_friction": gain * friction, "hinge_damping": gain**2 * damping}
-    return fields | {"swing": "pull"}
+    friction = spec.at("physics/roller/coulomb_force_N")
+    damping = spec.at("physics/roller/viscous_damping_N_s_per_m")
+    resistance = {"hinge_friction": gain * friction, "hinge_damping": gain**2 * damping}
+    return resistance | {"swing": "pull"}
 
 
-def _sliding(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
+def _sliding(spec: _Specification) -> _Fields:
     """Return the fields of a sliding leaf."""
-    way = _at(spec, "kinematics/travel_m")
-    if _at(spec, "leaf/count") > 1:
-        lost.append("its other leaves, behind which it slides")
+    way = spec.at("kinematics/travel_m")
+    others = spec.at("leaf/count") > 1
+    spec.lose(others, "its other leaves, behind which it slides")
     # The force is that of the rollers also if the travel is limited to its range.
     within = min(way, _range_of("mechanism.clear_width").high)
-    return {
-        "motion": "sliding",
-        "mechanism.clear_width": way,
-        **_rolling(spec, within, lost),
-    }
+    fields = {"motion": "sliding", "mechanism.clear_width": way}
+    return fields | _rolling(spec, within)
 
 
-def _folding(spec: Mapping[str, Any], lost: list[str]) -> dict[str, Any]:
+def _folding(spec: _Specification) -> _Fields:
     """Return the fields of the leaves that fold to one jamb.
 
     The guided edge, which has the handle, moves like that of two leaves of half the
     width, for any number of leaves.
     """
-    panels, motion = _at(spec, "leaf/count"), _at(spec, "kinematics", dict[str, Any])
+    panels, motion = spec.at("leaf/count"), spec.at("kinematics", dict[str, Any])
     stacks = 1 if panels == 2 or motion.get("accordion") else 2
-    if stacks == 2:
-        lost.append("its other leaves, which fold to the other jamb")
-    if panels > 2 * stacks:
-        lost.append(f"its {panels:g} leaves; here two of the same width together")
-    lost.append("its rollers' damping grows from 0; here it has its mean throughout")
-    width = panels / stacks * _at(spec, "leaf/width")
-    fields = _rolling(spec, width, lost)
+    spec.lose(stacks == 2, "its other leaves, which fold to the other jamb")
+    many = panels > 2 * stacks
+    spec.lose(many, f"its {panels:g} leaves; here two of the same width together")
+    spec.lose(
+        True, "its rollers' damping grows from 0; here it has its mean throughout"
+    )
+    width = panels / stacks * spec.at("leaf/width")
+    fields = _rolling(spec, width)
     turn = math.acos(1.0 - CLEAR_WAY) / SUCCESS_ANGLE  # Of the first leaf, per rad.
-    fields["hinge_friction"] = turn * _at(spec, _HINGED["hinge_friction"])
-    fields["mechanism.roller_friction"] = _at(spec, "physics/roller/coulomb_force_N")
-    fields["hinge_damping"] += turn**2 * _at(spec, _HINGED["hinge_damping"])
-    stiction = turn * _at(spec, _HINGED["stiction"])
-    mass = _at(spec, _LEAF["panel_mass"]) / stacks
-    fields |= {"leaf.width": width, "panel_mass": mass, "stiction": stiction}
-    return fields | {"motion": "folding"}
+    fields["hinge_damping"] += turn**2 * spec.at(_HINGED["hinge_damping"])
+    return fields | {
+        "motion": "folding",
+        "leaf.width": width,
+        "panel_mass": spec.at(_LEAF["panel_mass"]) / stacks,
+        "hinge_friction": turn * spec.at(_HINGED["hinge_friction"]),
+        "stiction": turn * spec.at(_HINGED["stiction"]),
+        "mechanism.roller_friction": spec.at("physics/roller/coulomb_force_N"),
+    }
 
 
-_FAMILIES: Final[
-    Mapping[str, Callable[[Mapping[str, Any], list[str]], dict[str, Any]]]
-] = {
+_FAMILIES: Final[Mapping[str, Callable[[_Specification], _Fields]]] = {
     **dict.fromkeys(("swing_single", "swing_double", "pivot", "dutch"), _hinged),
     **dict.fromkeys(("saloon", "stall", "cold_storage", "gate_swing"), _hinged),
     **dict.fromkeys(("sliding_single", "sliding_bypass", "gate_sliding"), _sliding),
@@ -241,87 +245,81 @@ _OTHERS: Final = {
 """Why a family cannot be represented, by the first word of its name."""
 
 
-def _operated(
-    spec: Mapping[str, Any], fields: Mapping[str, Any], lost: list[str]
-) -> dict[str, Any]:
+def _operated(spec: _Specification, fields: Mapping[str, Any]) -> _Fields:
     """Return the fields of handle and latch on the robot's side."""
-    operator = _at(spec, "operator", dict[str, Any])
-    model = _at(spec, "operator/model", str)
-    latched = _at(spec, "physics/latch/throw_m") > 0.0
-    width, backset = fields["leaf.width"], _at(spec, "physics/latch/backset_m")
+    operator = spec.at("operator", dict[str, Any])
+    model = spec.at("operator/model", str)
+    latched = spec.at("physics/latch/throw_m") > 0.0
+    width, backset = fields["leaf.width"], spec.at("physics/latch/backset_m")
     far = operator.get("sides") == "push_side" and fields["swing"] == "pull"
     if far:
         model = str(operator.get("far_side", "none"))
         if model == "none":
             raise ValueError("the pull side has no handle")
     handle = _KINDS.get(model.partition("_")[0])
-    if model == "push_button_screen":
-        raise ValueError(
-            f"its handle is {model!r}: a button, which a gripper with two fingers "
-            "cannot press while it holds the pull"
-        )
-    if handle is None:
+    if handle is None or model == "push_button_screen":
         known = ", ".join(_KINDS)
-        raise ValueError(f"its handle is {model!r}, none that begins with {known}")
+        raise ValueError(
+            f"its handle is {model!r}, which a gripper with two fingers cannot operate "
+            f"or hold; it can hold those that begin with {known}"
+        )
     # Without a backset, the handle is where the robot can hold it.
     nearest = min(width - _REACHED, _range_of("leaf.backset").high)
     if fields.get("motion") == "folding":  # Its path depends on where it is.
         nearest = 0.0
-    found: dict[str, Any] = {
-        "handle": handle,
-        "leaf.backset": backset or round(max(_BACKSET, nearest), 6),
-    }
+    backset = backset or round(max(_BACKSET, nearest), 6)
+    operated: _Fields = {"handle": handle, "leaf.backset": backset}
     if handle == "bar":
-        travel = 0.0 if far else _at(spec, "physics/latch/operator_travel")
+        travel = 0.0 if far else spec.at("physics/latch/operator_travel")
         if travel > 0.0 and model != "pull_ring":
             raise ValueError(f"its handle is {model!r}, a pull that turns or slides")
-        if not model.startswith("pull") or model in _NO_BARS:
-            lost.append(f"its handle {model!r}; here a fixed bar is held")
-        if latched:
-            lost.append("its latch, which its fixed handle does not release")
-        return found
+        other = not model.startswith("pull") or model in _NO_BARS
+        spec.lose(other, f"its handle {model!r}; here a fixed bar is held")
+        spec.lose(latched, "its latch, which its fixed handle does not release")
+        return operated
     if latched:
-        found["latch"] = "spring"
-        found |= {name: _at(spec, place) for name, place in _LATCH.items()}
+        operated |= {"latch": "spring"} | spec.all_at(_LATCH)
     if far:
-        lost.append(f"the spring of {model!r} on this side, whose value is not given")
-        return found
-    found |= {name: _at(spec, place) for name, place in _HANDLE.items()}
-    grip = _at(spec, "physics/latch/operator_grip_offset_m")
+        spec.lose(
+            far, f"the spring of {model!r} on this side, whose value is not given"
+        )
+        return operated
+    operated |= spec.all_at(_HANDLE)
+    grip = spec.at("physics/latch/operator_grip_offset_m")
     if handle == "lever":
-        found["lockset.handle_length"] = grip + _BEYOND_GRIP
+        operated["lockset.handle_length"] = grip + _BEYOND_GRIP
     elif handle == "touch-bar":
-        found["leaf.backset"] = round(max(_BESIDE_EDGE, nearest), 6)
+        operated["leaf.backset"] = round(max(_BESIDE_EDGE, nearest), 6)
         if grip == 0.0:
             # A straight travel [m, N, N/m] as that of an arm.
             grip = _TOUCH_BAR_ARM
-            found["lockset.handle_travel"] /= grip
-            found["lockset.dead_travel"] /= grip
-            found["lockset.handle_preload"] *= grip
-            found["lockset.handle_stiffness"] *= grip**2
+            operated["lockset.handle_travel"] /= grip
+            operated["lockset.dead_travel"] /= grip
+            operated["lockset.handle_preload"] *= grip
+            operated["lockset.handle_stiffness"] *= grip**2
     if handle not in ("lever", "knob"):
-        found["lockset.handle_arm"] = grip
-    return found
+        operated["lockset.handle_arm"] = grip
+    return operated
 
 
-def _within(fields: dict[str, Any], lost: list[str]) -> dict[str, Any]:
+def _within(fields: Mapping[str, Any], lost: list[str]) -> _Fields:
     """Return fields limited to their ranges; add the limited ones to `lost`.
 
     A radius out of range is not limited: it would be another door, and `DoorConfig`
     raises.
     """
-    result = dict(fields)
+    limited = dict(fields)
     for name, value in fields.items():
         if isinstance(value, str) or name in ("radius", "leaf.width"):
             continue
         allowed = _range_of(name)
-        nearest = min(max(value, allowed.low), allowed.high)
-        if nearest != value:
-            lost.append(f"{name} = {value:g} is outside {allowed}; {nearest:g} instead")
-            result[name] = nearest
-    if result["leaf.backset"] != fields["leaf.backset"]:
-        result["leaf.width"] = None
-    return result
+        limited[name] = min(max(value, allowed.low), allowed.high)
+        if limited[name] != value:
+            nearest = f"{limited[name]:g} instead"
+            lost.append(f"{name} = {value:g} is outside {allowed}; {nearest}")
+    if limited["leaf.backset"] != fields["leaf.backset"]:
+        limited["leaf.width"] = None
+    return limited
 
 
 def _range_of(name: str) -> Range:
@@ -330,12 +328,3 @@ def _range_of(name: str) -> Range:
     return allowed_range(
         type(getattr(DoorConfig(), part)) if part else DoorConfig, field
     )
-
-
-def _nested(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of `DoorConfig`, with a mapping for each part."""
-    arguments: dict[str, Any] = {}
-    for name, value in fields.items():
-        part, _, field = name.rpartition(".")
-        (arguments.setdefault(part, {}) if part else arguments)[field] = value
-    return arguments

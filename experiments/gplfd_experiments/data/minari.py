@@ -43,45 +43,20 @@ _REPRODUCING: Final = ("gplfd", "mujoco", "gymnasium", "numpy", "scipy")
 _ID: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]*-v[0-9]+")
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class RecordedEpisode:
-    """What an environment was given and returned in one episode of T steps."""
-
-    seed: int
-    options: Mapping[str, Any]
-    """Seed and options of the reset."""
-    observations: Mapping[str, NDArray[Any]]
-    """Observations by name, (T + 1, ...); the first is from the reset."""
-    actions: NDArray[Any]
-    """Actions that the agent took, (T, A)."""
-    rewards: NDArray[Any]
-    """Rewards of the steps, (T,)."""
-    terminations: NDArray[Any]
-    truncations: NDArray[Any]
-    """Whether the task ended, or the episode was truncated, at this step, (T,)."""
-    infos: Mapping[str, Any]
-    """The environment's infos by name, (T + 1, ...), and `PHYSICS_STATE`, (T + 1, S):
-    MuJoCo's state [SI] after the reset and after every step."""
-
-    @property
-    def states(self) -> NDArray[Any]:
-        """Physics states, (T + 1, S)."""
-        return np.asarray(self.infos[PHYSICS_STATE])
-
-    @property
-    def outcome(self) -> str:
-        """How it ended: "opened", "stalled", "time limit", ..."""
-        if self.infos["success"][-1]:
-            return "opened"
-        failure = self.infos["failure"][-1]  # Bytes in HDF5.
-        text = failure.decode() if isinstance(failure, bytes) else failure
-        return text.replace("_", " ") or "time limit"
+def outcome(episode: EpisodeBuffer) -> str:
+    """How an episode ended: "opened", "stalled", "time limit", ..."""
+    if episode.infos["success"][-1]:
+        return "opened"
+    failure = episode.infos["failure"][-1]  # Bytes in HDF5.
+    text = failure.decode() if isinstance(failure, bytes) else failure
+    return text.replace("_", " ") or "time limit"
 
 
 class Recorder(gym.Wrapper[Any, Any, Any, Any]):
     """Records the data between an agent and an environment of this package.
 
-    Wrap the environment, run an episode, and read `episode` before the next reset.
+    Wrap the environment, run an episode, and read `episode` before the next reset. Its
+    infos include `PHYSICS_STATE`, MuJoCo's state [SI] after the reset and every step.
     (`minari.DataCollector` needs JAX.)
     """
 
@@ -113,11 +88,10 @@ class Recorder(gym.Wrapper[Any, Any, Any, Any]):
         return observation, reward, terminated, truncated, info
 
     @property
-    def episode(self) -> RecordedEpisode:
+    def episode(self) -> EpisodeBuffer:
         """Everything since the last reset, of at least one step."""
-        return RecordedEpisode(
-            **self._reset, **_stacked(self._seen), **_stacked(self._steps)
-        )
+        parts = _stacked(self._seen) | _stacked(self._steps)
+        return EpisodeBuffer(**self._reset, **parts)
 
     def _keep(self, observation: Mapping[str, Any], info: Mapping[str, Any]) -> None:
         inner: Any = self.unwrapped
@@ -146,7 +120,7 @@ def _storable(value: Any) -> Any:
 
 def write_dataset(
     folder: str | Path,
-    episodes: Iterable[RecordedEpisode],
+    episodes: Iterable[EpisodeBuffer],
     *,
     env: gym.Env[Any, Any],
     policy: str,
@@ -185,8 +159,7 @@ def write_dataset(
         doors = set()
         for number, episode in enumerate(episodes):
             doors.add(repr(episode.options.get("door")))
-            parts = dataclasses.asdict(episode)
-            storage.update_episodes([EpisodeBuffer(id=number, **parts)])
+            storage.update_episodes([dataclasses.replace(episode, id=number)])
         if not doors:
             raise ValueError("a data set needs at least one episode; none was added")
         description = "Door opening, recorded by gplfd."
@@ -256,7 +229,7 @@ class Dataset:
                 "steps": str(len(episode.rewards)),
                 "time [s]": f"{episode.observations['time'][-1, 0]:.2f}",
                 "angle [deg]": f"{math.degrees(episode.infos['door_angle'][-1]):.1f}",
-                "outcome": episode.outcome,
+                "outcome": outcome(episode),
                 "return": f"{episode.rewards.sum():.3f}",
             }
             rows.append(row)
@@ -273,8 +246,10 @@ class Dataset:
             ]
         )
 
-    def episode(self, number: int) -> RecordedEpisode:
-        """Read an episode.
+    def episode(self, number: int) -> EpisodeBuffer:
+        """Read an episode of T steps.
+
+        Observations and infos have T + 1 rows; the first is from the reset.
 
         Raises:
             ValueError: It cannot be read, or is incomplete.
@@ -282,7 +257,7 @@ class Dataset:
         try:
             (metadata,) = self.stored.storage.get_episode_metadata([number])
             data = self.stored[number]
-            return RecordedEpisode(
+            return EpisodeBuffer(
                 seed=metadata["seed"],
                 options=_plain(metadata.get("options", {})),
                 observations=data.observations,

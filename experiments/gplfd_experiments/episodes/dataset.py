@@ -15,7 +15,7 @@ from gplfd_experiments.console.arguments import (
     check_least,
 )
 from gplfd_experiments.console.progress import LOG, progress_bar
-from gplfd_experiments.data.minari import RecordedEpisode, Recorder, write_dataset
+from gplfd_experiments.data.minari import Recorder, outcome, write_dataset
 from gplfd_experiments.episodes.build import (
     learned_agents,
     make_environment,
@@ -92,7 +92,7 @@ def record_dataset(
 
 def _recorded(
     env: gym.Env[Any, Any], tasks: Sequence[EpisodeTask], policy: Policy
-) -> Iterator[RecordedEpisode]:
+) -> Iterator[Any]:
     """Run and yield the episode of every task."""
     recorder, inner = Recorder(env), env.unwrapped
     for task in progress_bar(tasks, desc="recording", unit="episode"):
@@ -112,5 +112,5 @@ def _recorded(
                 observation, _, terminated, truncated, _ = recorder.step(action)
                 ended = terminated or truncated
         episode = recorder.episode
-        LOG.info("%s, seed %d: %s", task.door, task.seed, episode.outcome)
+        LOG.info("%s, seed %d: %s", task.door, task.seed, outcome(episode))
         yield episode

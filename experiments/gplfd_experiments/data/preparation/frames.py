@@ -18,21 +18,17 @@ from gplfd_experiments.files.arrays import FloatArray
 
 _STAYS_OPEN: Final = 0.75  # Least final angle of a door, as a share of its widest.
 _SHORTEST: Final = math.radians(10.0)  # Smallest arc for estimating a hinge [rad].
-_ROUND: Final = 0.05
-"""Largest distance (rms) from the circle, as a share of its radius."""
-_LEAST_TURN: Final = math.radians(20.0)
-"""Smallest arc for a check of the order of quaternions [rad]."""
-_UNLIKE: Final = 0.15
-"""Largest difference (rms) between the rotations of a hand and of its door [rad]."""
-_FAR_BETTER: Final = 0.3
-"""The difference with the other order must be less than this share of the given one."""
-_SHARE_TURNED: Final = (0.65, 1.2)
-"""Range of the rotation of a hand on a handle as a share of the opening angle. Openings
-of a box by nine people have 0.70 to 0.98."""
+_ROUND: Final = 0.05  # Largest distance (rms) from the circle per radius.
 _LARGEST: Final = 1e9  # Larger forces and moments count as missing [N, N m].
-_IN_TIME: Final = 0.12
-"""Largest deviation (rms) of the hand's rotation from proportionality to the opening
-angle. The nine people have 0.02 to 0.10."""
+
+# Another order of quaternions is proposed for an arc of this least size [rad], if the
+# hand's and the door's rotation differ by more (rms) [rad], and with the other order by
+# less than this share of it. The hand's rotation as a share of the opening angle is
+# then in a range, and from proportionality to the angle it deviates by less (rms).
+# Openings of a box by nine people have 0.70 to 0.98, and 0.02 to 0.10.
+_LEAST_TURN: Final = math.radians(20.0)
+_UNLIKE, _FAR_BETTER = 0.15, 0.3
+_SHARE_TURNED, _IN_TIME = (0.65, 1.2), 0.12
 
 
 class Hinge(NamedTuple):
@@ -53,13 +49,14 @@ class Hinge(NamedTuple):
 def find_hinge(positions: FloatArray) -> Hinge:
     """Fit a circle to positions of a hand [m], (N, 3), by least squares in a plane.
 
-    Raises: ValueError: The arc has fewer than three samples or is too short, or the
-    motion is not circular.
+    Raises:
+        ValueError: The arc has fewer than three samples or is too short, or the motion
+            is not circular.
     """
+    instead = "give --frame first-pose or a pose"
     if len(positions) < 3:
         raise ValueError(
-            f"no hinge can be found from {len(positions)} samples, at least 3 are "
-            "needed; give --frame first-pose or a pose"
+            f"no hinge can be found from {len(positions)} samples, needs 3; {instead}"
         )
     mean = positions.mean(axis=0)
     _, _, directions = np.linalg.svd(positions - mean, full_matrices=False)
@@ -77,35 +74,27 @@ def find_hinge(positions: FloatArray) -> Hinge:
     arms = flat - fit[:2]
     angles = np.unwrap(np.arctan2(arms[:, 1], arms[:, 0]))
     angles -= angles[0]
-    # A door that is closed again ends at its start, so the largest angle is the open
-    # one.
+    # Positive where the door is widest open: one that is closed again ends at 0.
     if angles[np.argmax(np.abs(angles))] < 0.0:
         angles, normal = -angles, -normal
     # plane[0] × plane[1] may be either normal; angles are positive about this one.
     handed = np.sign(np.cross(plane[0], plane[1]) @ directions[2])
     off_plane = (positions - mean) @ directions[2]
     off_circle = np.linalg.norm(arms, axis=1) - fit[2]
-    hinge = Hinge(
-        centre=mean + fit[:2] @ plane,
-        axis=normal * handed,
-        radius=float(fit[2]),
-        angles=angles,
-        residual=float(np.sqrt(np.mean(off_plane**2 + off_circle**2))),
-    )
-    if np.ptp(angles) < _SHORTEST:
+    residual = float(np.sqrt(np.mean(off_plane**2 + off_circle**2)))
+    radius, arc = float(fit[2]), np.ptp(angles)
+    if arc < _SHORTEST:
         raise ValueError(
-            "no hinge can be found from an arc of "
-            f"{math.degrees(np.ptp(angles)):.1f}°, at least "
-            f"{math.degrees(_SHORTEST):.0f}° are needed; give --frame first-pose or a "
-            "pose"
+            f"no hinge can be found from an arc of {math.degrees(arc):.1f}°, only from "
+            f"{math.degrees(_SHORTEST):.0f}°; {instead}"
         )
-    if hinge.residual > _ROUND * hinge.radius:
+    if residual > _ROUND * radius:
         raise ValueError(
-            f"the motion is {1e3 * hinge.residual:.0f} mm (rms) off a circle of "
-            f"{hinge.radius:.2f} m, so it has no hinge; give --frame first-pose "
-            "or a pose, or part it into repetitions (--segment)"
+            f"the motion is {1e3 * residual:.0f} mm (rms) off a circle of {radius:.2f} "
+            f"m, so it has no hinge; {instead}, or part it into repetitions (--segment)"
         )
-    return hinge
+    centre = mean + fit[:2] @ plane
+    return Hinge(centre, normal * handed, radius, angles, residual)
 
 
 def suspicious_order(poses: FloatArray) -> str | None:
@@ -119,30 +108,29 @@ def suspicious_order(poses: FloatArray) -> str | None:
         return None
     if np.ptp(hinge.angles) < _LEAST_TURN:
         return None
-    turned = hinge.angles[:, None] * hinge.axis
+    turned = Rotation.from_rotvec(hinge.angles[:, None] * hinge.axis)
 
-    def rotation_and_error(shift: int) -> tuple[FloatArray, float]:
+    def error_and_rotation(shift: int) -> tuple[float, FloatArray]:
         quaternions = np.roll(poses[:, 3:], shift, axis=1)
         rotations = Rotation.from_quat(quaternions, scalar_first=True)
         since = rotations * rotations[0].inv()
-        wrong = since.inv() * Rotation.from_rotvec(turned)
-        return since.as_rotvec(), float(np.sqrt(np.mean(wrong.magnitude() ** 2)))
+        wrong = (since.inv() * turned).magnitude()
+        return float(np.sqrt(np.mean(wrong**2))), since.as_rotvec()
 
-    _, as_given = rotation_and_error(0)
-    rotation, other = min(
-        map(rotation_and_error, (1, -1)), key=lambda other_order: other_order[1]
-    )
-    if as_given < _UNLIKE or other > _FAR_BETTER * as_given:
+    error, _ = error_and_rotation(0)
+    other, rotation = min(map(error_and_rotation, (1, -1)), key=lambda pair: pair[0])
+    if error < _UNLIKE or other > _FAR_BETTER * error:
         return None
     # A free hand may rotate about such an axis by chance, but not by the same angle at
     # the same time.
-    about = rotation @ hinge.axis
-    share = float(about @ hinge.angles / (hinge.angles @ hinge.angles))
-    untimely = np.linalg.norm(about - share * hinge.angles) / np.linalg.norm(rotation)
-    if not _SHARE_TURNED[0] <= share <= _SHARE_TURNED[1] or untimely > _IN_TIME:
+    about_axis = rotation @ hinge.axis
+    share = float(about_axis @ hinge.angles / (hinge.angles @ hinge.angles))
+    untimely = np.linalg.norm(about_axis - share * hinge.angles)
+    low, high = _SHARE_TURNED
+    if not low <= share <= high or untimely > _IN_TIME * np.linalg.norm(rotation):
         return None
     return (
-        f"the hand moves about a hinge, but its rotation differs by {as_given:.2g} "
+        f"the hand moves about a hinge, but its rotation differs by {error:.2g} "
         f"rad, and by {other:.2g} rad with the other order of quaternions: is the "
         "order correct?"
     )
@@ -180,8 +168,7 @@ def in_frame(
         return _of_parts(samples, moved, axes.inv() * rotations, axes), None
     hinge = find_hinge(positions)
     # The door's task frame: x pull, y up, z outwards from the hinge.
-    origin = positions[0]
-    outwards = origin - hinge.centre
+    outwards = positions[0] - hinge.centre
     outwards -= hinge.axis * (hinge.axis @ outwards)
     outwards /= np.linalg.norm(outwards)
     pull = np.cross(hinge.axis, outwards)
@@ -192,19 +179,18 @@ def in_frame(
         turned = Rotation.from_rotvec(hinge.angles[:, None] * [0.0, 1.0, 0.0])
         notes.add("no orientations: the hand is assumed to rotate with the door")
     widest = int(np.argmax(hinge.angles))
+    opened, closed = np.degrees([hinge.angles[widest], abs(hinge.angles[-1])])
     if hinge.angles[-1] <= _STAYS_OPEN * hinge.angles[widest]:
         start, end = max(samples.times[0], 0.0), samples.times[widest]
-        opened, closed = np.degrees([hinge.angles[widest], abs(hinge.angles[-1])])
         notes.warn(
             f"opened to {opened:.0f}° after {end:.2f} s, then closed to {closed:.0f}°: "
             f"to learn to open, cut there (--segment {start:.2f}-{end:.2f})"
         )
     notes.add(
-        f"hinge at {hinge.radius:.3f} m, opened to "
-        f"{np.degrees(hinge.angles.max()):.0f}°, {1e3 * hinge.residual:.1f} mm off "
-        "the circle (rms)"
+        f"hinge at {hinge.radius:.3f} m, opened to {opened:.0f}°, "
+        f"{1e3 * hinge.residual:.1f} mm off the circle (rms)"
     )
-    moved = axes.inv().apply(positions - origin)
+    moved = axes.inv().apply(positions - positions[0])
     return _of_parts(samples, moved, turned, axes), hinge.radius
 
 
@@ -220,9 +206,10 @@ def _of_parts(
 ) -> Samples:
     """Return samples with other poses, and wrenches in other axes."""
     poses = np.hstack([positions, rotations.as_quat(scalar_first=True)])
-    if samples.wrenches is None or axes is None:
-        return replace(samples, poses=poses)
-    return replace(samples, poses=poses, wrenches=in_axes(samples.wrenches, axes))
+    wrenches = samples.wrenches
+    if wrenches is not None and axes is not None:
+        wrenches = in_axes(wrenches, axes)
+    return replace(samples, poses=poses, wrenches=wrenches)
 
 
 def in_axes(wrenches: FloatArray, axes: Rotation) -> FloatArray:
@@ -260,9 +247,8 @@ def wrenches_of_the_hand(
     without = replace(samples, wrenches=None)
     pose, weight = np.array(settings.force_sensor), settings.tool_weight
     shift, in_hand = pose[:3], settings.force_axes == "hand"
-    if raw.quaternions is None and (
-        in_hand or shift.any() or any(settings.tool_centre)
-    ):
+    turning = in_hand or shift.any() or any(settings.tool_centre)
+    if raw.quaternions is None and turning:
         notes.warn(
             "forces left out: they are in the axes of the hand, and it has no "
             "orientations; say --force-axes recorded if they are in those of positions"

@@ -58,8 +58,7 @@ def _between(samples: Samples, start: float, end: float) -> Samples:
 
 def _between_rests(samples: Samples, notes: Notes) -> list[Samples]:
     """Return the motions between rests, without motions back and short motions."""
-    # The speed of the smoothed hand in metres and half radians per second: a
-    # quaternion moves by half the angle.
+    # The speed of the smoothed hand in metres and half radians per second.
     clock, smooth = _smoothed(samples)
     reach = max(1, round(_REACH / samples.step))
     padded = np.pad(smooth, ((reach, reach), (0, 0)), mode="edge")
@@ -80,17 +79,19 @@ def _between_rests(samples: Samples, notes: Notes) -> list[Samples]:
     parts = [_between(samples, a - _MARGIN, b + _MARGIN) for a, b in spans]
     # Motions that are long enough, in the direction of the first.
     ways = [np.linalg.norm(np.diff(p.poses, axis=0), axis=1).sum() for p in parts]
-    long = [way >= _LEAST_PATH * max(ways) for way in ways]
-    ahead = list(itertools.compress(parts, long))
-    displacements = [part.poses[-1] - part.poses[0] for part in ahead]
-    same = [part @ displacements[0] > 0.0 for part in displacements]
-    forth = list(itertools.compress(ahead, same))
-    text = f"{len(forth)} repetitions between rests"
-    if len(forth) < len(ahead):
-        text += f", {len(ahead) - len(forth)} motions back left out"
-    if len(ahead) < len(parts):
-        text += f", {len(parts) - len(ahead)} short motions left out"
-    notes.add(text)
+    long = [
+        part
+        for part, way in zip(parts, ways, strict=True)
+        if way >= _LEAST_PATH * max(ways)
+    ]
+    first = long[0].poses[-1] - long[0].poses[0]
+    forth = [part for part in long if (part.poses[-1] - part.poses[0]) @ first > 0.0]
+    back, short = len(long) - len(forth), len(parts) - len(long)
+    notes.add(
+        f"{len(forth)} repetitions between rests"
+        + f", {back} motions back left out" * bool(back)
+        + f", {short} short motions left out" * bool(short)
+    )
     return forth
 
 
@@ -114,12 +115,12 @@ def _between_turns(samples: Samples, notes: Notes) -> list[Samples]:
         _between(samples, clock[first], clock[last])
         for first, last in np.array(spans)[forth]
     ]
-    text = f"{len(parts)} repetitions between turns"
-    if back := np.count_nonzero(whole & ~forth):
-        text += f", {back} motions back left out"
-    if rest := np.count_nonzero(attempt & ~whole):
-        text += f", {rest} incomplete left out"
-    notes.add(text)
+    back, rest = (np.count_nonzero(part) for part in (whole & ~forth, attempt & ~whole))
+    notes.add(
+        f"{len(parts)} repetitions between turns"
+        + f", {back} motions back left out" * bool(back)
+        + f", {rest} incomplete left out" * bool(rest)
+    )
     return parts
 
 
@@ -215,12 +216,11 @@ def at_rate(samples: Samples, rate: float, most: int) -> Samples:
     number = max(2, round((end - start) * rate) + 1)
     if number > most:
         likely = likely_time_unit(samples.step)
-        hint = "" if likely in (None, "s") else f": are times in {likely}? say "
+        hint = f"; are times in {likely}? say --time-unit {likely}"
         raise ValueError(
-            f"it lasts {end - start:.6g} s with a sample every {samples.step:.3g} s"
-            + (f"{hint}--time-unit {likely}. At" if hint else "; at")
-            + f" {rate:g} samples per second these are {number:,} samples, but at most "
+            f"at {rate:g} samples per second it has {number:,} samples, but at most "
             f"{most:,} more are allowed; give a lower --rate, or cut it (--segment)"
+            + ("" if likely in (None, "s") else hint)
         )
     even = _resampled(samples, np.linspace(start, end, number))
     return replace(even, times=even.times - start)
@@ -242,9 +242,8 @@ def outliers(ways: Sequence[FloatArray]) -> list[int]:
     """Return the indices of motions that are far from the others.
 
     Their distance from the median motion is more than 3.5 robust standard deviations
-    (median absolute deviation, scaled as for a normal distribution) above the usual one
-    and more than twice the median distance. The motions are given by poses at the same
-    phases [m, rad], (M, 6) each.
+    above the usual one and more than twice the median distance. The motions are poses
+    at the same phases [m, rad], (M, 6) each.
     """
     stacked = np.stack(ways)
     apart = np.linalg.norm(stacked - np.median(stacked, axis=0), axis=2).mean(axis=1)

@@ -1,9 +1,14 @@
-"""The kinds of motion files, one line each: suffixes or marks, and their reader."""
+"""The kinds of motion files, one line each: suffixes or marks, and their reader.
+
+The module of a reader has a function ``read(path, settings)`` that returns the motions
+in the order of the file. Their names begin with the name of the file; units and time
+stamps are those of the file. Any exception means that the file cannot be read, and its
+text says why.
+"""
 
 import importlib
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from gplfd_env.validation.named import nearest_name
 from gplfd_experiments.data.raw import RawRecording
@@ -11,15 +16,8 @@ from gplfd_experiments.data.settings import ImportSettings
 from gplfd_policies.arrays.storage import regular_file
 
 
-@dataclass(frozen=True, slots=True)
-class Reader:
-    """How one kind of file is read.
-
-    The module has a function ``read(path, settings)`` that returns the motions in the
-    order of the file. Their names begin with the name of the file; units and time
-    stamps are those of the file. Any exception means that the file cannot be read, and
-    its text says why.
-    """
+class Reader(NamedTuple):
+    """How one kind of file is read."""
 
     summary: str
     """Name in a message."""
@@ -54,18 +52,15 @@ def reader_of(path: Path) -> Reader:
         FileNotFoundError: There is no such file.
         ValueError: It is of unknown kind, or no regular file.
     """
-    suffix = path.suffix.lower()
-    if path.is_dir():
-        what = "folder"
-        for reader in READERS:
-            if any((path / mark).is_file() for mark in reader.marks):
-                return reader
-    else:
-        what = f"kind of file {suffix!r}"
+    suffix, folder = path.suffix.lower(), path.is_dir()
+    if not folder:
         regular_file(path, "a recording in a regular file")
-        for reader in READERS:
-            if suffix in reader.suffixes:
-                return reader
+    for reader in READERS:
+        if folder and any((path / mark).is_file() for mark in reader.marks):
+            return reader
+        if not folder and suffix in reader.suffixes:
+            return reader
+    what = "folder" if folder else f"kind of file {suffix!r}"
     suffixes = [suffix for reader in READERS for suffix in reader.suffixes]
     marks = [mark for reader in READERS for mark in reader.marks]
     raise ValueError(

@@ -9,7 +9,6 @@ provides them; elsewhere, time is limited.
 import contextlib
 import os
 import pickle
-import signal
 import subprocess
 import sys
 import tempfile
@@ -27,23 +26,16 @@ try:
 except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
-_MEMORY, _MEMORY_PER_BYTE = 700 * 2**20, 8
-"""Memory of the child [bytes], and per byte of a file."""
-_WRITTEN, _WRITTEN_PER_BYTE = 2**26, 20
-"""Size of a temporary file, for example a decompressed bag."""
-_SECONDS, _SECONDS_PER_BYTE = 6.0, 5e-6
-"""Processor time for a file [s]; forward kinematics takes a second per megabyte."""
+_LIMITS: Final = ((700 * 2**20, 8.0), (2**26, 20.0), (6.0, 5e-6))
+"""Memory of the child [bytes], written bytes, for example of a decompressed bag, and
+processor time [s]: for any file, and in addition per byte of a file."""
 _WAITING: Final = 3.0
 """Longest time for a file, as a multiple of its processor time."""
 _CHILD: Final = "from gplfd_experiments.data.readers.guard import child; child()"
 
 
 def read_recordings(path: str | Path, settings: ImportSettings) -> list[RawRecording]:
-    """Read all motions in a file or folder.
-
-    Args:
-        path: The file or folder; its name determines its kind.
-        settings: What to read, and properties that the file does not state.
+    """Read all motions in a file or folder, whose name determines its kind.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -66,7 +58,7 @@ def read_files(
         pickle.dump((files, settings), process.stdin)
         process.stdin.close()
         for path, reader in zip(files, readers, strict=True):
-            seconds = _limits(path)[2]
+            *_, seconds = _limits(path)
             timer = threading.Timer(_WAITING * seconds, process.kill)
             timer.start()
             try:
@@ -74,9 +66,9 @@ def read_files(
             except (EOFError, pickle.UnpicklingError):
                 # A killed child leaves nothing, or a part.
                 outcome = ValueError(
-                    f"{path} cannot be read as {reader.summary}: it makes the reader "
-                    f"{_ending(process.wait(), seconds)}. It is damaged, or made to "
-                    "fill memory or time"
+                    f"{path} cannot be read as {reader.summary}: its reader crashed or "
+                    f"ran for more than {seconds:.0f} s (exit status {process.wait()})."
+                    " It is damaged, or made to fill memory or time"
                 )
             finally:
                 timer.cancel()
@@ -88,44 +80,26 @@ def read_files(
 @contextlib.contextmanager
 def _started(scratch: str) -> Iterator[Any]:
     """Yield the child; it ends with the block."""
+    paths = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
     threads = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL")}
-    environment = {
-        **os.environ,
-        **threads,
-        "PYTHONPATH": os.pathsep.join(folder or os.getcwd() for folder in sys.path),
-        "TMPDIR": scratch,
-    }
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, "-c", _CHILD],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        env=environment,
-    )
-    with process:
+        env={**os.environ, **threads, "PYTHONPATH": paths, "TMPDIR": scratch},
+    ) as process:
         try:
             yield process
         finally:
             process.kill()
 
 
-def _ending(status: int, seconds: float) -> str:
-    """Return how the child ended, by its exit status."""
-    killed = {-signal.SIGKILL, -signal.SIGXCPU} if resource else {1}
-    if status in killed:
-        return f"run for more than {seconds:.0f} s"
-    return f"crash ({signal.Signals(-status).name if status < 0 else status})"
-
-
-def _limits(path: Path) -> tuple[int, int, float]:
+def _limits(path: Path) -> list[float]:
     """Return memory [bytes], written bytes and processor time [s] for a file."""
     files = path.rglob("*") if path.is_dir() else [path]
     size = sum(file.stat().st_size for file in files if file.is_file())
-    return (
-        _MEMORY + _MEMORY_PER_BYTE * size,
-        _WRITTEN + _WRITTEN_PER_BYTE * size,
-        _SECONDS + _SECONDS_PER_BYTE * size,
-    )
+    return [least + per_byte * size for least, per_byte in _LIMITS]
 
 
 def child() -> None:
@@ -138,14 +112,13 @@ def child() -> None:
             memory, written, seconds = _limits(path)
             if resource is not None:
                 used = resource.getrusage(resource.RUSAGE_SELF)
-                end = int(used.ru_utime + used.ru_stime + seconds) + 1
                 for kind, limit in (
                     (resource.RLIMIT_DATA, memory),
                     (resource.RLIMIT_FSIZE, written),
-                    (resource.RLIMIT_CPU, end),
+                    (resource.RLIMIT_CPU, used.ru_utime + used.ru_stime + seconds + 1),
                 ):
                     hardest = resource.getrlimit(kind)[1]
-                    resource.setrlimit(kind, (limit, hardest))
+                    resource.setrlimit(kind, (int(limit), hardest))
             outcome: list[RawRecording] | Exception
             try:
                 outcome = read_here(path, settings)
@@ -154,8 +127,8 @@ def child() -> None:
                 outcome = type(error)(*error.args)
                 if isinstance(error.__cause__, MemoryError):
                     outcome = ValueError(
-                        f"{path} needs more than {memory >> 20:,} MB of memory. It is "
-                        "damaged, or made to fill the memory"
+                        f"{path} needs more than {memory / 2**20:,.0f} MB of memory. "
+                        "It is damaged, or made to fill the memory"
                     )
             pickle.dump(outcome, answers)
             answers.flush()

@@ -22,7 +22,7 @@ bolt, contact with frame and stop, and the weight of the hand.
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -51,21 +51,19 @@ class ForceConfig(Quantities):
     effort_std: float = quantity(0.03, low=0.0, high=0.5)
     """Variation of the required torque: standard deviation of a factor about 1."""
     across_std: float = quantity(1.0, unit="N", low=0.0, high=50.0)
-    """Pull across the path, towards the hinge and up: standard deviation of each."""
     across_share: float = quantity(0.1, low=0.0, high=2.0)
-    """Additional standard deviation, as a share of the pull along the path."""
+    """Pull across the path, towards the hinge and up: standard deviation of each, and
+    an additional one as a share of the pull along the path."""
     grip_moment_std: float = quantity(0.05, unit="N m", low=0.0, high=5.0)
     """Moment by which the hand twists the handle: standard deviation per axis."""
     variation_time: float = quantity(1.0, unit="s", low=0.05, high=60.0)
     """Correlation time of all of these."""
     bias_force_std: float = quantity(0.3, unit="N", low=0.0, high=20.0)
-    """Sensor's bias, constant in a demonstration: standard deviation per axis."""
     bias_moment_std: float = quantity(0.01, unit="N m", low=0.0, high=2.0)
-    """The same of the moment."""
+    """Sensor's bias, constant in a demonstration: standard deviation per axis."""
     noise_force_std: float = quantity(0.2, unit="N", low=0.0, high=20.0)
-    """Sensor's white noise: standard deviation per axis."""
     noise_moment_std: float = quantity(0.01, unit="N m", low=0.0, high=2.0)
-    """The same of the moment."""
+    """Sensor's white noise: standard deviation per axis."""
 
 
 def hinge_inertia(door: DoorConfig) -> float:
@@ -80,9 +78,7 @@ def hinge_inertia(door: DoorConfig) -> float:
 def hinge_torque(door: DoorConfig, angles: FloatArray, rate: float) -> FloatArray:
     """Return the torques T [N m], (N,), for opening angles [rad] at a rate [Hz]."""
     window = 2 * max(round(0.5 * _SMOOTHED * rate), 1) + 1
-    mode: Literal["interp", "nearest"] = (
-        "interp" if window <= angles.size else "nearest"
-    )
+    mode: Any = "interp" if window <= angles.size else "nearest"
     velocity, acceleration = (
         savgol_filter(angles, window, 2, deriv=order, delta=1.0 / rate, mode=mode)
         for order in (1, 2)
@@ -115,10 +111,8 @@ def inertia_and_gravity(
     far, near = -door.radius - door.overhang, door.leaf.backset
     leaves = [(links, far, near)]
     if door.motion == "folding":
-        leaves = [
-            (links[:1], far, -door.fold_distance),
-            (links, -door.fold_distance, near),
-        ]
+        fold = -door.fold_distance
+        leaves = [(links[:1], far, fold), (links, fold, near)]
     inertia, weight = np.full_like(angles, _ARMATURE), np.zeros_like(angles)
     parts = [
         (moving, low, high, depth, door.panel_mass * (high - low) / (near - far))
@@ -147,11 +141,10 @@ def handle_torque(door: DoorConfig, turns: FloatArray) -> FloatArray:
     preload, stiffness = door.handle_spring
     torque = np.tanh(turns / _AT_STOP) * (preload + stiffness * turns)
     if door.latch == "spring":
-        ratio = door.lockset.bolt_throw / (
-            door.handle_travel - door.lockset.dead_travel
-        )
-        beyond = np.maximum(turns - door.lockset.dead_travel, 0.0)
-        bolt = door.lockset.bolt_preload + door.lockset.bolt_stiffness * ratio * beyond
+        lock = door.lockset
+        ratio = lock.bolt_throw / (door.handle_travel - lock.dead_travel)
+        beyond = np.maximum(turns - lock.dead_travel, 0.0)
+        bolt = lock.bolt_preload + lock.bolt_stiffness * ratio * beyond
         torque += np.tanh(beyond / _AT_STOP) * ratio * bolt
     return torque
 
@@ -165,14 +158,11 @@ def hand_wrenches(
     hand: FloatArray,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Return what a sensor in the hand of a person who opens a door measures.
+    """Return what a sensor in the hand of a person who opens a door measures, (N, 6).
 
-    Times [s] are evenly spaced, (N,), as are angles of door and handle [rad]. Child
-    generators are spawned for person and sensor.
-
-    Returns:
-        Forces and moments of the hand on the handle [N, N m], axes of the task frame,
-        about the position of the recorded hand [m], which is (N, 3); (N, 6).
+    These are forces and moments of the hand on the handle [N, N m], axes of the task
+    frame, about the position of the recorded hand [m], (N, 3). Times [s] are evenly
+    spaced, (N,), as are angles of door and handle [rad].
     """
     human_rng, sensor_rng = rng.spawn(2)
     varied = smooth_functions(times, config.variation_time, 6, human_rng)

@@ -26,9 +26,9 @@ class Habits(Quantities):
     """Each motion is up to this factor faster or slower than the teacher's (uniform in
     the logarithm)."""
     pauses: int = quantity(0, unit="pauses", low=0, high=20)
-    """Number of pauses in the motion, at uniformly drawn places."""
     longest_pause: float = quantity(1.0, unit="s", low=0.1, high=10.0)
-    """Longest pause; the shortest is a fifth of it."""
+    """Number of pauses in the motion, at uniformly drawn places, and the longest; the
+    shortest is a fifth of it."""
     backward: float = quantity(0.0, unit="rad", low=0.0, high=0.3)
     """Largest angle by which the door goes back and forward again in a pause."""
     longest_rest: float = quantity(0.0, unit="s", low=0.0, high=10.0)
@@ -38,9 +38,8 @@ class Habits(Quantities):
     dropped: float = quantity(0.0, unit="", low=0.0, high=0.5)
     """Share of the samples that are lost, in bursts of up to six."""
     outliers: int = quantity(0, unit="outliers", low=0, high=20)
-    """Number of outliers, samples in which the hand is elsewhere."""
     outlier_distance: float = quantity(0.1, unit="m", low=0.0, high=1.0)
-    """Distance of outliers from the hand."""
+    """Number of outliers, samples in which the hand is elsewhere, and how far away."""
 
 
 TIDY: Final = Habits()
@@ -64,9 +63,8 @@ def irregular_timing(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Draw the timing of a motion of a duration [s], with pauses and motions back.
 
-    Returns:
-        Times [s] from 0, the motion's clock at these times in [0, 1], which stops in
-        pauses, and the angle by which the door has gone back [rad], each (N,).
+    Returns times [s] from 0, the motion's clock at these times in [0, 1], which stops
+    in pauses, and the angle by which the door has gone back [rad], each (N,).
     """
     duration *= habits.haste ** rng.uniform(-1.0, 1.0)
     rest = habits.longest_rest * rng.uniform()
@@ -85,13 +83,10 @@ def irregular_timing(
 def lose_samples(
     habits: Habits, poses: FloatArray, rng: np.random.Generator
 ) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Draw the lost samples of a recording, and add outliers to the others.
+    """Return the mask of the remaining samples, (N,), and poses with outliers, (N, 6).
 
     The first and the last sample are kept. The first ten samples have no outlier,
     because a recording is relative to its first sample.
-
-    Returns:
-        Mask of the remaining samples, (N,), and all poses with outliers, (N, 6).
     """
     n = len(poses)
     kept = np.ones(n, dtype=bool)

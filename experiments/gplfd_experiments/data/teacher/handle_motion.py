@@ -40,8 +40,7 @@ _OVERLAP: Final = 0.85
 _RETURN: Final = (math.radians(8.0), math.radians(25.0))
 """Range of opening angles in which the handle returns [rad]."""
 _KEPT: Final = 0.2
-"""Share of its rotation that the handle keeps, because a hand rests on it. Otherwise
-the demonstrated and the learned handle would hit the stop."""
+"""Share of its rotation that the handle keeps, because a hand rests on it."""
 
 # Reaching for the handle.
 _DISTANCE: Final = (0.10, 0.25)  # Smallest and largest distance at the start [m].
@@ -81,10 +80,8 @@ def press_and_opening(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the progress of pressing and of opening, each (N,).
 
-    Args:
-        progress: Progress of the whole motion, from 0 to 1, (N,).
-        press: Motion of the handle.
-        opening_time: Duration of the opening alone [s].
+    They are those at a progress of the whole motion, from 0 to 1, (N,), in which the
+    opening alone takes some time [s].
     """
     if press.time == 0.0:
         return np.zeros_like(progress), progress
@@ -117,11 +114,8 @@ def reach_motion(
     """Return the motion of a hand that reaches the handle and closes, ending at time 0.
 
     A minimum-jerk motion along a gentle arch, unevenly timed, and a rest while the hand
-    closes, sampled at a rate [Hz].
-
-    Returns:
-        Times (N,) [s], positions (N, 3) [m] from the handle, in door axes, and N
-        rotations relative to the grasp.
+    closes, sampled at a rate [Hz]: times (N,) [s], positions (N, 3) [m] from the
+    handle, in door axes, and N rotations relative to the grasp.
     """
     distance = rng.uniform(*_DISTANCE)
     aside, above = rng.uniform(-_DIRECTION, _DIRECTION, 2)

@@ -4,16 +4,10 @@ The teacher replaces the recordings of Arduengo et al., *Gaussian-Process-based
 Robot Learning from Demonstration*, arXiv:2002.09979, Section IV-A: right-hand
 trajectories of a person in an Xsens MVN suit who opens doors of different radii.
 
-Modelled: the handle's arc, a minimum-jerk opening with a random duration and final
-angle, uneven timing (the person hurries and hesitates, always forwards), the hand
-moving a little on the bar, a hand sensor that is not at the bar's centre, slow
-vertical drift of the suit, and the suit's sampling rate and coloured noise.
-
-`Habits` describe irregular motions and recordings: pauses, backward motion, rests,
-dropped samples, outliers. A handle that turns is pressed first, the door moves as soon
-as the latch is free, and the handle returns while the door opens. On request, the
-person first reaches for the handle and grasps it, and the forces of the opening are
-recorded (`ForceConfig`).
+Modelled: a minimum-jerk opening along the handle's arc with a random duration and final
+angle, and the effects of `TeacherConfig`, `Habits` and `ForceConfig`. A handle that
+turns is pressed first, the door moves as soon as the latch is free, and the handle
+returns while the door opens.
 
 Not modelled: release of the handle, a rotation between the axes of suit and door,
 magnetic disturbance, and habits of a person that persist across demonstrations.
@@ -67,14 +61,13 @@ class TeacherConfig(Quantities):
     angle_std: float = quantity(math.radians(1.0), unit="rad", low=0.0, high=0.5)
     """Standard deviation of the final door angle."""
     timing_std: float = quantity(0.25, low=0.0, high=1.0)
-    """Unevenness of the timing: standard deviation of the log of the local speed-up
-    (0 = exactly minimum jerk)."""
+    """Unevenness of the timing, always forwards: standard deviation of the log of the
+    local speed-up."""
     wobble_position_std: float = quantity(0.002, unit="m", low=0.0, high=1.0)
-    """Hand moving on the bar: standard deviation per axis."""
     wobble_rotation_std: float = quantity(
         math.radians(1.0), unit="rad", low=0.0, high=1.0
     )
-    """Hand turning on the bar: standard deviation per axis."""
+    """Hand moving and turning on the bar: standard deviation per axis."""
     wobble_time: float = quantity(1.0, unit="s", low=0.05, high=60.0)
     """Correlation time of the wobble."""
     grasp_offset_std: float = quantity(0.01, unit="m", low=0.0, high=1.0)
@@ -85,11 +78,10 @@ class TeacherConfig(Quantities):
     sampling_rate: float = quantity(60.0, unit="Hz", low=10.0, high=1000.0)
     """Suit's sampling rate."""
     noise_position_std: float = quantity(0.001, unit="m", low=0.0, high=1.0)
-    """Suit's position noise after its filters: standard deviation per axis."""
     noise_rotation_std: float = quantity(
         math.radians(0.3), unit="rad", low=0.0, high=1.0
     )
-    """Suit's orientation noise after its filters: standard deviation per axis."""
+    """Suit's noise after its filters: standard deviation per axis."""
     noise_bandwidth: float = quantity(1.0, unit="Hz", low=0.1, high=500.0)
     """Cut-off frequency of the suit's noise. The sensor fusion follows its smooth
     gyroscopes at short times, and what remains is corrected over about a second."""
@@ -127,16 +119,16 @@ class Teacher:
         The poses are in the task frame and relative to the first sample, which is
         therefore exactly zero: positions subtract the first position, orientations
         are the rotation from the first orientation to the present one, in door axes.
+        A child generator is spawned per effect, so that the draws of an effect do not
+        depend on the other effects.
 
         Args:
             door: The door, or the radius of a door with a bar [m].
-            rng: Random generator. A child generator is spawned per effect, so that the
-                draws of an effect do not depend on the other effects.
+            rng: Random generator.
 
         Returns:
             Times [s] from 0 at the suit's rate, poses (N, 6) [m, rad] and, with
-            `forces`, wrenches (N, 6) [N, N m]. Times and poses do not depend on
-            `forces`.
+            `forces`, wrenches (N, 6) [N, N m].
 
         Raises:
             ValueError: No door has such a radius.
@@ -164,8 +156,7 @@ class Teacher:
             final_angle * random_motion.minimum_jerk(opened) - back, 0.0
         )
         turns = handle_motion.handle_angles(press, share, angles)
-        # The sensor on the hand, which is off the bar's centre and moves slightly on
-        # it.
+        # The sensor on the hand is off the bar's centre and moves slightly on it.
         path = DoorGeometry.of(door).easy_hand_poses(angles, turns)
         handle = Rotation.from_rotvec(path[:, 3:])
         offset = config.grasp_offset_std * hand_rng.standard_normal(3)
@@ -202,10 +193,8 @@ class Teacher:
         Raises:
             ValueError: No door or an impossible one, or ``per_door`` is less than 1.
         """
-        if len(doors) == 0:
-            raise ValueError("doors is empty; give at least one door or radius [m]")
-        if per_door < 1:
-            raise ValueError(f"per_door = {per_door!r} must be at least 1")
+        if len(doors) == 0 or per_door < 1:
+            raise ValueError(f"{len(doors)} doors, per_door = {per_door}: both from 1")
         return tuple(
             self.demonstrate(door, demonstration_rng)
             for door, door_rng in zip(doors, rng.spawn(len(doors)), strict=True)
@@ -217,10 +206,7 @@ class Teacher:
     ) -> tuple[Demonstration, ...]:
         """Return the demonstrations of runs and studies with this seed, at three doors.
 
-        Args:
-            per_door: How often each.
-            seed: Of everything that is drawn.
-            like: Door of whose kind they are; a furniture door with a bar by default.
+        They are of the kind of a door; of a furniture door with a bar by default.
         """
         doors = doors_like(DoorConfig() if like is None else like)
         return self.demonstrate_doors(doors, per_door, rng=np.random.default_rng(seed))
@@ -228,12 +214,9 @@ class Teacher:
     def standard_reaches(
         self, per_door: int = 2, *, seed: int, doors: int = len(DEMONSTRATED_RADII)
     ) -> tuple[Demonstration, ...]:
-        """Reach for the handles of the demonstrated doors of runs with this seed.
+        """Reach for the handles of a number of doors of runs with this seed.
 
-        Args:
-            per_door: How often each.
-            seed: Of everything that is drawn; the openings draw what they would alone.
-            doors: Number of demonstrated doors.
+        The openings draw what they would alone.
         """
         *_, rng = np.random.default_rng(seed).spawn(doors + 1)
         return tuple(map(self.demonstrate_reach, rng.spawn(doors * per_door)))
@@ -241,14 +224,9 @@ class Teacher:
     def demonstrate_reach(self, rng: np.random.Generator) -> Demonstration:
         """Reach for a handle, grasp it, and return the recording of the suit.
 
-        The poses are relative to the last sample, at time 0, in which the hand holds
-        the closed handle: the recording of `demonstrate` continues from there.
-
-        Args:
-            rng: Source of randomness.
-
-        Returns:
-            Times [s] up to 0 at the suit's rate and poses (N, 6) [m, rad], door axes.
+        Times [s] end at 0, and the poses [m, rad], door axes, are relative to the last
+        sample, in which the hand holds the closed handle: the recording of
+        `demonstrate` continues from there.
         """
         motion_rng, suit_rng = rng.spawn(2)
         rate, uneven = self.config.sampling_rate, self.config.timing_std

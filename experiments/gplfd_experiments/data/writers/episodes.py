@@ -12,7 +12,7 @@ from PIL import Image
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.envs.camera import Camera
 from gplfd_experiments.console.progress import progress_bar
-from gplfd_experiments.data.minari import STATE, Dataset
+from gplfd_experiments.data.minari import PHYSICS_STATE, STATE, Dataset
 from gplfd_experiments.data.writers import Rows, states_of
 
 _CONTROL_RATE: Final = round(1.0 / CONTROL_PERIOD)
@@ -52,7 +52,7 @@ def episode_rows(
                 files = pictures[name] = []
                 camera = Camera(inner.model, *size, name, effects=False)
                 with contextlib.closing(camera):
-                    for state in episode.states[steps]:
+                    for state in episode.infos[PHYSICS_STATE][steps]:
                         mujoco.mj_setState(inner.model, inner.data, state, STATE)
                         mujoco.mj_forward(inner.model, inner.data)
                         try:

@@ -27,6 +27,16 @@ with optional_libraries("LeRobot's data sets need pyarrow", "lerobot"):
 _NAMES: Final = ["x", "y", "z", "qx", "qy", "qz", "qw"]
 _SAMPLED: Final = 50  # Number of pictures for the statistics of colours.
 _FILE: Final = "chunk-000/file-000.parquet"
+_ABOUT: Final = {
+    "codebase_version": "v3.0",
+    "robot_type": None,
+    "total_tasks": 1,
+    "chunks_size": 1000,
+    "data_files_size_in_mb": 100,
+    "video_files_size_in_mb": 200,
+    "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+    "video_path": None,
+}
 
 
 class _Column(NamedTuple):
@@ -40,12 +50,11 @@ class _Column(NamedTuple):
 
 def _numbers(values: np.ndarray, names: list[str] | None = None) -> _Column:
     """Return a column of numbers, (N,), or of vectors of them, (N, d)."""
-    arrow, width = pyarrow.array(values.ravel()), 1
+    samples = values.astype(np.float64).reshape(len(values), -1)
+    arrow, width = pyarrow.array(values.ravel()), samples.shape[1]
     if values.ndim == 2:
-        width = values.shape[1]
         arrow = pyarrow.FixedSizeListArray.from_arrays(arrow, width)
     feature = {"dtype": str(values.dtype), "shape": [width], "names": names}
-    samples = values.astype(np.float64).reshape(len(values), -1)
     return _Column(arrow, feature, samples)
 
 
@@ -55,12 +64,9 @@ def _pictures(files: Sequence[bytes]) -> _Column:
     arrow = pyarrow.array([{"bytes": file, "path": None} for file in files], kind)
     some = files[:: max(1, len(files) // _SAMPLED)]
     pixels = [np.asarray(Image.open(io.BytesIO(file))) for file in some]
-    colours = np.concatenate([one.reshape(-1, 3, 1, 1) for one in pixels])
-    feature = {
-        "dtype": "image",
-        "shape": list(pixels[0].shape),
-        "names": ["height", "width", "channels"],
-    }
+    colours = np.concatenate([image.reshape(-1, 3, 1, 1) for image in pixels])
+    names = ["height", "width", "channels"]
+    feature = {"dtype": "image", "shape": list(pixels[0].shape), "names": names}
     return _Column(arrow, feature, colours / 255.0)
 
 
@@ -73,53 +79,52 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
         OSError: It cannot be written.
     """
     rate = round(demonstrations[0].rate)
-    if any(abs(one.rate / max(rate, 1) - 1.0) > 0.01 for one in demonstrations):
+    if any(abs(rows.rate / max(rate, 1) - 1.0) > 0.01 for rows in demonstrations):
         raise ValueError(
             f"LeRobot counts whole samples per second, got {demonstrations[0].rate:.4g}"
             "; import the recordings with --rate 100"
         )
 
-    def stacked(parts: Sequence[np.ndarray], names: list[str] | None = None) -> _Column:
+    def stacked(parts: Sequence[Any], names: list[str] | None = None) -> _Column:
         return _numbers(np.vstack(parts).astype(np.float32), names)
 
     # The columns of all samples, one episode after the other.
-    lengths = np.array([len(one.states) for one in demonstrations])
+    lengths = np.array([len(rows.states) for rows in demonstrations])
+    episode = np.arange(len(lengths))
     frames = np.concatenate([np.arange(length) for length in lengths])
     columns = {
-        STATE: stacked([one.states for one in demonstrations], _NAMES),
-        "action": stacked([one.actions for one in demonstrations], _NAMES),
+        STATE: stacked([rows.states for rows in demonstrations], _NAMES),
+        "action": stacked([rows.actions for rows in demonstrations], _NAMES),
     }
-    shared = set.intersection(*(set(one.signals) for one in demonstrations))
-    for name in sorted(shared):
-        parts = [one.signals[name] for one in demonstrations]
+    for name in sorted(set.intersection(*(set(r.signals) for r in demonstrations))):
+        parts = [rows.signals[name] for rows in demonstrations]
         columns[f"observation.{name}"] = stacked(parts)
-    wrenches = [one.wrenches for one in demonstrations if one.wrenches is not None]
-    if len(wrenches) == len(demonstrations):
+    if all(rows.wrenches is not None for rows in demonstrations):
+        wrenches = [rows.wrenches for rows in demonstrations]
         columns[WRENCH] = stacked(wrenches, list(FORCE))
         columns[WRENCH].feature["info"] = AS_OBSERVED
     for camera in demonstrations[0].pictures:
-        files = [file for one in demonstrations for file in one.pictures[camera]]
+        files = [file for rows in demonstrations for file in rows.pictures[camera]]
         columns[f"observation.images.{camera}"] = _pictures(files)
     columns |= {
         "timestamp": _numbers((frames / rate).astype(np.float32)),
         "frame_index": _numbers(frames),
-        "episode_index": _numbers(np.repeat(np.arange(len(lengths)), lengths)),
+        "episode_index": _numbers(np.repeat(episode, lengths)),
         "index": _numbers(np.arange(len(frames))),
         "task_index": _numbers(np.zeros(len(frames), dtype=np.int64)),
     }
-    # The rows of each episode.
-    ends = np.cumsum(lengths)
-    zeros = np.zeros(len(lengths), dtype=np.int64)
+    ends, zeros = np.cumsum(lengths), np.zeros(len(lengths), dtype=np.int64)
     episodes = {
-        "episode_index": np.arange(len(lengths)),
-        "tasks": [[one.task] for one in demonstrations],
+        "episode_index": episode,
+        "tasks": [[rows.task] for rows in demonstrations],
         "length": lengths,
-        "data/chunk_index": zeros,
-        "data/file_index": zeros,
         "dataset_from_index": ends - lengths,
         "dataset_to_index": ends,
-        "meta/episodes/chunk_index": zeros,
-        "meta/episodes/file_index": zeros,
+        **{
+            f"{part}/{index}_index": zeros
+            for part in ("data", "meta/episodes")
+            for index in ("chunk", "file")
+        },
     }
     tasks = pyarrow.table({"task_index": [0], "task": [demonstrations[0].task]})
     # In this table, pandas uses the task as the index.
@@ -133,36 +138,29 @@ def write(path: Path, demonstrations: Sequence[Rows]) -> None:
     tasks = tasks.replace_schema_metadata({"pandas": json.dumps(index)})
     statistics = {
         name: {
-            statistic: getattr(column.samples, statistic)(axis=0).tolist()
-            for statistic in ("min", "max", "mean", "std")
+            "count": [len(column.arrow)],
+            **{
+                statistic: getattr(column.samples, statistic)(axis=0).tolist()
+                for statistic in ("min", "max", "mean", "std")
+            },
         }
-        | {"count": [len(column.arrow)]}
         for name, column in columns.items()
     }
-    info = {
-        "codebase_version": "v3.0",
-        "robot_type": None,
+    info = _ABOUT | {
         "total_episodes": len(demonstrations),
         "total_frames": len(frames),
-        "total_tasks": 1,
-        "chunks_size": 1000,
-        "data_files_size_in_mb": 100,
-        "video_files_size_in_mb": 200,
         "fps": rate,
         "splits": {"train": f"0:{len(demonstrations)}"},
-        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-        "video_path": None,
         "features": {name: column.feature for name, column in columns.items()},
     }
+    data = pyarrow.table({name: column.arrow for name, column in columns.items()})
     with complete_folder(path) as written:
-        for folder in ("meta/episodes/chunk-000", "data/chunk-000"):
-            (written / folder).mkdir(parents=True)
-        data = pyarrow.table({name: one.arrow for name, one in columns.items()})
         for table, file in (
             (data, f"data/{_FILE}"),
             (pyarrow.table(episodes), f"meta/episodes/{_FILE}"),
             (tasks, "meta/tasks.parquet"),
         ):
+            (written / file).parent.mkdir(parents=True, exist_ok=True)
             pyarrow.parquet.write_table(table, written / file)
         write_json(written / "meta/stats.json", statistics)
         write_json(written / INFO, info, indent=4)
