@@ -66,27 +66,11 @@ def test_without_encoder_or_opengl_nothing_is_written(refused, monkeypatch):
     assert "pip install 'gplfd[video]'" in refused(*command)
 
 
-@pytest.mark.needs("opengl")
-def test_a_video_that_ffmpeg_did_not_finish_replaces_nothing(
-    gplfd, tmp_path, monkeypatch, capsys
-):
-    """As when the disk is full: ffmpeg tells that on its standard error alone."""
-    (tmp_path / "op.mp4").write_text("the last one")
-    monkeypatch.setattr(imageio_ffmpeg, "count_frames_and_secs", lambda _: (3, 0.1))
-    assert gplfd(*ORACLE, "--doors", "small", "--video", "op.mp4", "--out", "o") == 2
-    assert "ffmpeg wrote 3 of" in capsys.readouterr().err
-    assert (tmp_path / "op.mp4").read_text() == "the last one"
-    assert {one.name for one in tmp_path.iterdir()} == {"op.mp4", "o"}
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="EGL is of Linux")
-@pytest.mark.parametrize(
-    ("variables", "expected"),
-    [({}, "egl"), ({"DISPLAY": ":0"}, None), ({"MUJOCO_GL": "osmesa"}, "osmesa")],
-)
-def test_without_a_screen_egl_draws(monkeypatch, variables, expected):
+def test_without_a_screen_egl_draws_unless_the_user_chose(monkeypatch):
     monkeypatch.setattr("ctypes.util.find_library", lambda name: "libEGL.so.1")
-    environment: dict[str, str] = {**variables}
-    monkeypatch.setattr("os.environ", environment)
-    draw_without_screen()
-    assert environment.get("MUJOCO_GL") == expected
+    chosen = {"MUJOCO_GL": "osmesa"}
+    for given, expected in (({}, "egl"), ({"DISPLAY": ":0"}, None), (chosen, "osmesa")):
+        monkeypatch.setattr("os.environ", environment := dict(given))
+        draw_without_screen()
+        assert environment.get("MUJOCO_GL") == expected

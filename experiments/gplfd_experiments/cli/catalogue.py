@@ -1,6 +1,5 @@
 """Doors, policies, environments, randomizations and disturbances by name."""
 
-import re
 from collections.abc import Mapping
 
 from gplfd_env import (
@@ -17,26 +16,7 @@ from gplfd_policies.registry.catalogue import POLICIES
 from gplfd_policies.registry.user_policies import packaged_summaries
 
 
-def catalogue() -> str:
-    """Return doors, policies, environments, randomizations and disturbances as text."""
-    return "\n\n".join(
-        "\n".join(
-            [title, *(f"  {name:<{width}}  {text}" for name, text in lines.items())]
-        )
-        for title, lines in _sections().items()
-        if (width := max(map(len, lines), default=0))
-    )
-
-
-def catalogue_json() -> dict[str, dict[str, str]]:
-    """Return the same as data; the key of a section is the first word of its title."""
-    return {
-        re.split(r"\W", title, maxsplit=1)[0]: dict(lines)
-        for title, lines in _sections().items()
-    }
-
-
-def _sections() -> Mapping[str, Mapping[str, str]]:
+def catalogue() -> dict[str, Mapping[str, str]]:
     """Return a description of each name, by the titles of the sections."""
     radius = allowed_range(DoorConfig, "radius")
     standing = TIAGO_LIKE.stance(DoorConfig()).radius
@@ -86,8 +66,7 @@ def _sections() -> Mapping[str, Mapping[str, str]]:
 
 
 def _policies(kind: str) -> dict[str, str]:
+    kept = {name: POLICIES[name] for name in sorted(POLICIES)}
     return {
-        name: POLICIES[name].summary
-        for name in sorted(POLICIES)
-        if POLICIES[name].kind == kind
+        name: policy.summary for name, policy in kept.items() if policy.kind == kind
     }

@@ -45,8 +45,7 @@ _DRAW: Final = (
     "from OpenGL import GL\n"
     "print(GL.glGetString(GL.GL_RENDERER).decode())\n"
 )
-_PATIENCE: Final = 120.0
-"""Longest time for a rendering [s]."""
+_PATIENCE: Final = 120.0  # Longest time for a rendering [s].
 
 
 def examined() -> dict[str, Any]:
@@ -55,11 +54,6 @@ def examined() -> dict[str, Any]:
     Takes as long as one or two renderings. Returns for each part its purpose, whether
     it is present, and what was found or how to install it.
     """
-    parts: dict[str, dict[str, Any]] = {}
-
-    def part(name: str, purpose: str, present: bool, remark: str) -> None:
-        parts[name] = {"purpose": purpose, "present": present, "remark": remark}
-
     # Try the backends with which MuJoCo may render here.
     chosen = os.environ.get("MUJOCO_GL")
     remark = f"MUJOCO_GL={chosen} does not work here; unset it, or " if chosen else ""
@@ -72,21 +66,19 @@ def examined() -> dict[str, Any]:
     if drawn is not None:
         way, renderer = drawn
         remark = f"with MUJOCO_GL={way}, " * bool(way) + f"drawn by {renderer}"
-    part("pictures", 'render_mode="rgb_array"', drawn is not None, remark)
-
+    rows = [("pictures", 'render_mode="rgb_array"', drawn is not None, remark)]
     display = has_display(sys.platform, os.environ)
-    remark = (
-        "there is a display"
-        if display
-        else "neither DISPLAY nor WAYLAND_DISPLAY names a display; copy recordings to "
-        "a machine with a screen"
-    )
-    part("windows", 'render_mode="human", gplfd view', display, remark)
+    remark = "there is a display"
+    if not display:
+        remark = (
+            "neither DISPLAY nor WAYLAND_DISPLAY names a display; copy recordings to a "
+            "machine with a screen"
+        )
+    rows.append(("windows", 'render_mode="human", gplfd view', display, remark))
     try:
-        part("viewer", "gplfd view", True, viewer())
+        rows.append(("viewer", "gplfd view", True, viewer()))
     except FileNotFoundError as error:
-        part("viewer", "gplfd view", False, str(error))
-
+        rows.append(("viewer", "gplfd view", False, str(error)))
     # Every distribution that an extra requires.
     for name, purpose in EXTRAS.items():
         installed, missing = [], []
@@ -101,7 +93,7 @@ def examined() -> dict[str, Any]:
         remark = ", ".join(installed)
         if missing:
             remark = f"{', '.join(missing)} missing; pip install 'gplfd[{name}]'"
-        part(name, purpose, not missing, remark)
+        rows.append((name, purpose, not missing, remark))
 
     machine = {
         "python": platform.python_version(),
@@ -112,31 +104,30 @@ def examined() -> dict[str, Any]:
         "default_workers": joblib.cpu_count(),
         "installed_in": str(Path(__file__).parents[1]),
     }
+    parts = {
+        name: {"purpose": purpose, "present": present, "remark": remark}
+        for name, purpose, present, remark in rows
+    }
     return {"machine": machine, "packages": dict(versions()), "parts": parts}
 
 
-def text(results: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return the results of `examined` as text."""
+def sections(results: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+    """Return the results of `examined` with one line for each part."""
     parts = {
         name: ("yes  " if part["present"] else "NO   ")
         + f"{part['purpose']}: {part['remark']}"
         for name, part in results["parts"].items()
     }
-    sections = {**results, "parts": parts}
-    width = max(len(name) for lines in sections.values() for name in lines)
-    return "\n\n".join(
-        "\n".join([title, *(f"  {k:<{width}}  {v}" for k, v in lines.items())])
-        for title, lines in sections.items()
-    )
+    return {**results, "parts": parts}
 
 
 def processor() -> str:
     """Return the name of the processor, which `platform` lacks on Linux."""
     try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
-        return platform.processor()
-    names = [line.partition(":")[2].strip() for line in lines if "model name" in line]
+        text = ""
+    names = re.findall(r"model name\s*:\s*(.*)", text)
     return names[0] if names else platform.processor()
 
 
@@ -157,10 +148,9 @@ def drawn_by(way: str) -> str:
             env=os.environ | ({"MUJOCO_GL": way} if way else {}),
             capture_output=True,
             text=True,
-            check=False,
+            check=True,
             timeout=_PATIENCE,
         )
-    except (OSError, subprocess.TimeoutExpired):
+    except (OSError, subprocess.SubprocessError):
         return ""
-    lines = drawn.stdout.splitlines()
-    return lines[-1] if drawn.returncode == 0 and lines else ""
+    return drawn.stdout.strip().rpartition("\n")[2]

@@ -13,6 +13,7 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Union, get_args
 
@@ -128,7 +129,7 @@ def _parse(words: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> 
     first, second = (*words, "", "")[:2]
     for record in (COMMANDS.get(first), SUBCOMMANDS.get(second)):
         if record is not None:
-            _join_lines(record)
+            _prepare(record)
     subcommands = []
     for name, command in commands.items():
         summary = None
@@ -147,18 +148,22 @@ def _parse(words: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> 
     )
 
 
-def _join_lines(record: Any) -> None:
-    """Join the lines of each option's docstring, which tyro breaks as in the source.
+def _prepare(record: Any) -> None:
+    """Join the lines of help texts, which tyro breaks as in the source, in metadata.
 
-    tyro prefers the help in the metadata of a field.
+    An option that may be absent is named by its type alone.
     """
-    options = {field.name: field for field in dataclasses.fields(record)}
-    for part in record.__mro__[:-1]:
-        for docstring in docstring_parser.parse_from_object(part).params:
-            text = " ".join((docstring.description or "").split())
-            options[docstring.arg_name].metadata = MappingProxyType({"help": text})
-    # Options that several commands share are fields of a field.
-    for option in options.values():
-        shared = get_args(option.type)[:1]
-        if shared and dataclasses.is_dataclass(shared[0]):
-            _join_lines(shared[0])
+    texts = {
+        text.arg_name: " ".join((text.description or "").split())
+        for part in reversed(record.__mro__[:-1])
+        for text in docstring_parser.parse_from_object(part).params
+    }
+    for option in dataclasses.fields(record):
+        if option.name in texts:
+            option.metadata = MappingProxyType({"help": texts[option.name]})
+        kind, *_ = parts = (*get_args(option.type), None)
+        if dataclasses.is_dataclass(kind):  # Options that several commands share.
+            _prepare(kind)
+        elif kind in (Path, int, float, str) and type(None) in parts:
+            how = tyro.conf.arg(metavar=kind.__name__.upper())
+            record.__annotations__[option.name] = Annotated[option.type, how]

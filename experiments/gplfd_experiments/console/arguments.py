@@ -23,14 +23,13 @@ def check_circumstances(
 
     The Python interface accepts more than names.
     """
-    for what, name, known in (
+    for what, name, table in (
         ("randomization", randomization, RANDOMIZATIONS),
         ("disturbance", disturbance, DISTURBANCES),
     ):
-        if name not in known:
-            hint = nearest_name(name, known)
-            names = ", ".join(known)
-            raise ValueError(f"unknown {what} {name!r}{hint}; give one of {names}")
+        if name not in table:
+            allowed = f"{nearest_name(name, table)}; give one of {', '.join(table)}"
+            raise ValueError(f"unknown {what} {name!r}{allowed}")
     RANDOMIZATIONS[randomization].check_start(start)
 
 
@@ -38,16 +37,11 @@ def check_folder(folder: Path) -> None:
     """Raise ValueError or OSError if a folder cannot be written to."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"--out {folder} is a file; give a folder")
-    nearest = next(one for one in (folder, *folder.absolute().parents) if one.exists())
+    above = (folder.absolute(), *folder.absolute().parents)
+    nearest = next(path for path in above if path.exists())
+    reason = "" if os.access(nearest, os.W_OK) else "is not writable"
     if not nearest.is_dir():
-        raise NotADirectoryError(
-            errno.ENOTDIR,
-            f"is a file, so --out {folder} cannot be created",
-            str(nearest),
-        )
-    if not os.access(nearest, os.W_OK):
-        raise PermissionError(
-            errno.EACCES,
-            f"is not writable, so --out {folder} cannot be created",
-            nearest,
-        )
+        reason = "is a file"
+    if reason:
+        message = f"{reason}, so {folder} cannot be created"
+        raise OSError(errno.EACCES, message, str(nearest))

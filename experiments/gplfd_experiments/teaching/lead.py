@@ -29,16 +29,11 @@ in the picture from the left and from the top in widths and heights, and six def
 
 SPRING: Final = (300.0, 100.0)
 """Stiffness of the virtual spring [N/m, N m/rad]."""
-_FORCE: Final = 45.0
-"""Largest force of the spring [N]."""
-_ACROSS: Final = 0.1
-"""Share of the stiffness across the motion of a moving hand."""
-_MOVING: Final = 0.05
-"""Speed from which a hand counts as moving [m/s]."""
-_SPEED: Final = 0.3
-"""Speed of the target at full deflection [m/s]."""
-_TURN: Final = 0.1
-"""Deflection of the wrist's spring at full input [rad]: 10 N m."""
+_FORCE: Final = 45.0  # Largest force of the spring [N].
+_ACROSS: Final = 0.1  # Share of the stiffness across the motion of a moving hand.
+_MOVING: Final = 0.05  # Speed from which a hand counts as moving [m/s].
+_SPEED: Final = 0.3  # Speed of the target at full deflection [m/s].
+_TURN: Final = 0.1  # Deflection of the wrist's spring at full input [rad]: 10 N m.
 
 
 def checked_input(values: object) -> Float[np.ndarray, " 9"]:

@@ -1,7 +1,8 @@
-"""An episode that a person leads, and its recording."""
+"""Episodes that a person leads, alone or while a policy acts, and their recording."""
 
 import math
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import Any, ClassVar, Final
 
 import mujoco
@@ -12,15 +13,16 @@ from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.spatial.rotation_paths import unwrap_rotvecs
 from gplfd_experiments.episodes.build import make_environment
+from gplfd_experiments.episodes.leading import LedAgent
 from gplfd_experiments.episodes.practice import LOST
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
-from gplfd_experiments.teaching.lead import SPRING, Lead, View
-from gplfd_experiments.teaching.taught import Taught
+from gplfd_experiments.teaching.lead import SPRING, Lead, Person, View
+from gplfd_experiments.teaching.taught import CorrectedSkill, Taught
+from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.rests import without_rests
 
-SIZE: Final = (480, 360)
-"""Width and height of the pictures [px]."""
+SIZE: Final = (480, 360)  # Width and height of the pictures [px].
 
 
 class Lesson(ABC):
@@ -32,14 +34,10 @@ class Lesson(ABC):
     the side.
     """
 
-    longest: ClassVar[int]
-    """Longest episode in control periods."""
+    longest: ClassVar[int]  # Of an episode, in control periods.
     control: ClassVar[Control]
-    """Kind of command."""
-    invitation: ClassVar[str]
-    """Text for the person before an episode."""
-    request: ClassVar[str]
-    """Text for the person during an episode."""
+    invitation: ClassVar[str]  # Text for the person before an episode.
+    request: ClassVar[str]  # Text for the person during an episode.
 
     def __init__(self, task: EpisodeTask, *, drawn: bool) -> None:
         self.task, self.door = task, DoorConfig(**task.door_config)
@@ -61,9 +59,7 @@ class Lesson(ABC):
         self._observation, self._info = self._env.reset(seed=self.task.reset_seed)
         aspect = SIZE[0] / SIZE[1]
         self.view = View.of(self._env.data, self._camera, aspect, self.door.motion)
-        self.over = ""
-        self._inputs: list[Any] = []
-        self._rows: list[tuple[Any, Any, Any]] = []
+        self.over, self._inputs, self._rows = "", list[Any](), list[Any]()
         self.spring = self._begin()
         self._note()
 
@@ -181,6 +177,61 @@ class DemonstrationLesson(Lesson):
         """Return a text about the result, with the reason of an automatic end."""
         over = self.over and f"It ended: {self.over}. "
         return f"{over}This is your demonstration."
+
+
+class CorrectionLesson(Lesson):
+    """An episode of a policy, which acts while the person does not lead the hand."""
+
+    longest, control = 3000, "pose"
+    invitation = "Press Start: the policy opens the door."
+    request = "Lead the hand where the policy fails; then the policy continues."
+
+    def __init__(
+        self, task: EpisodeTask, store: CorrectedSkill, device: str, *, drawn: bool
+    ) -> None:
+        self._store, self._device = store, device
+        super().__init__(task, drawn=drawn)
+
+    def _begin(self) -> Lead:
+        self._person = Person(self.view)
+        agent = self._store.method.follow(self._store.skill)
+        self._agent = LedAgent(agent, self._person)
+        self._agent.inform(self._env.door_geometry)
+        self._agent.reset(self._observation)
+        return self._person.spring
+
+    def _action(self, sample: Float[np.ndarray, " 9"]) -> Float[np.ndarray, " 6"]:
+        self._person.take(sample, float(self._info["handle_angle"]))
+        return self._agent.act(self._observation).command(self.control)
+
+    def step(self, sample: Float[np.ndarray, " 9"]) -> None:
+        """Simulate one control period, until the door is open."""
+        super().step(sample)
+        if self._info["success"]:
+            self.over = "the door is open"
+
+    def record(self) -> Correction:
+        """Return the correction; raise a ValueError if there is none."""
+        correction = self._agent.correction(door=self.task.door, seed=self.task.seed)
+        if correction is None:
+            raise ValueError(
+                f"{self._ended}. The hand was not led: there is nothing to keep"
+            )
+        if self._info["failure"] in (LOST, "simulation_error"):
+            raise ValueError(f"{self._ended}. This gives no correction")
+        return replace(correction, device=self._device, inputs=np.array(self._inputs))
+
+    def result(self) -> str:
+        """Return how the episode ended, and the time of leading."""
+        seconds = self.record().seconds
+        return f"{self._ended}. You led the hand for {seconds:.1f} s."
+
+    @property
+    def _ended(self) -> str:
+        if self._info["success"]:
+            return "The door is open"
+        angle, why = round(self.state["angle"]), self.over or "you stopped"
+        return f"The door is not open, at {angle}°: {why}"
 
 
 def replay(taught: Taught) -> Taught:

@@ -22,20 +22,18 @@ from PIL import Image
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_experiments.episodes.task import named_doors
 from gplfd_experiments.files.plain_data import parsed_json
-from gplfd_experiments.teaching.corrected import CorrectedSkill
 from gplfd_experiments.teaching.lead import checked_input
 from gplfd_experiments.teaching.lesson import DemonstrationLesson, Lesson
-from gplfd_experiments.teaching.taught import TaughtSet
+from gplfd_experiments.teaching.taught import CorrectedSkill, TaughtSet
 
 PRESSES: Final = ("", "start", "stop", "keep", "repeat", "discard", "next", "finish")
 """Buttons of the page; "" for none."""
 
+# Control periods per request; on a slower computer, the simulation is slower.
 _MOST: Final = 10
-"""Control periods per request; on a slower computer, the simulation is slower."""
 _LARGEST: Final = 10_000  # Largest size of a request [bytes].
-
-LOOPBACK: Final = ("127.0.0.1", "localhost")
-"""Names of this machine that other machines cannot reach."""
+# Names of this machine that other machines cannot reach.
+_LOOPBACK: Final = ("127.0.0.1", "localhost")
 
 
 class Session:
@@ -142,8 +140,10 @@ def teach(
     Takes the options of ``gplfd demos teach``. ValueError: they are wrong. OSError: the
     address is taken, the set cannot be written, or pictures cannot be drawn.
     """
-    given = named_doors(doors).items()
-    lessons = [partial(DemonstrationLesson, *door, drawn=True) for door in given]
+    lessons = [
+        partial(DemonstrationLesson, *door, drawn=True)
+        for door in named_doors(doors).items()
+    ]
     store = TaughtSet(folder, options)
     serve(Session(lessons, store), "teach", device=device, host=host, port=port)
     return len(store.kept)
@@ -171,7 +171,7 @@ def serve(session: Session, task: str, *, device: str, host: str, port: int) -> 
         def do_POST(self) -> None:
             # Another site's page cannot send JSON, nor name this address as its host.
             kind, name = self.headers["Content-Type"], self.headers["Host"] or ""
-            trusted = host not in LOOPBACK or name.rsplit(":", 1)[0] in LOOPBACK
+            trusted = host not in _LOOPBACK or name.rsplit(":", 1)[0] in _LOOPBACK
             length = self.headers["Content-Length"] or ""
             if kind != "application/json" or not trusted:
                 return self.send_error(403)

@@ -1,8 +1,8 @@
-"""Taught demonstrations on disk, in one file each, saved when a person keeps them.
+"""Taught demonstrations and a corrected skill on disk, saved when a person keeps them.
 
-A set is a folder with `demonstrations.npz`, like every set, and the folder `taught`
-with the complete recordings. Demonstrations that are missing in the file are added when
-the set is next opened, so that no kept demonstration is lost.
+A set of demonstrations is a folder with `demonstrations.npz`, like every set, and the
+folder `taught` with the complete recordings. Demonstrations that are missing in the
+file are added when the set is next opened, so that no kept demonstration is lost.
 """
 
 import json
@@ -19,13 +19,15 @@ from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.files.plain_data import entry
 from gplfd_experiments.files.provenance import provenance
 from gplfd_policies.arrays.storage import Members, read_archive, settings, write_archive
+from gplfd_policies.demonstrations.correction import Correction
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import FILE, save_demonstrations
 from gplfd_policies.demonstrations.rests import without_rests
+from gplfd_policies.movements.movement import Movement
+from gplfd_policies.movements.skill import Skill
+from gplfd_policies.registry.method import Method
 
-FOLDER: Final = "taught"
-"""Folder of a set with a file per demonstration."""
-
+_FOLDER: Final = "taught"  # Folder of a set with a file per demonstration.
 _KIND: Final = "a gplfd taught demonstration"
 _VERSION: Final = 1
 
@@ -60,7 +62,11 @@ class TaughtSet:
 
     def __init__(self, folder: Path, options: Mapping[str, Any]) -> None:
         check_folder(folder)
-        if folder.exists() and any(folder.iterdir()) and not (folder / FOLDER).exists():
+        if (
+            folder.exists()
+            and any(folder.iterdir())
+            and not (folder / _FOLDER).exists()
+        ):
             raise ValueError(
                 f"{folder} exists and is no set of gplfd demos teach; give another "
                 "folder"
@@ -81,7 +87,7 @@ class TaughtSet:
             "poses": taught.recorded.poses,
             "wrenches": taught.recorded.wrenches,
         }
-        file = self.place / FOLDER / f"{max(numbers, default=0) + 1:04d}.npz"
+        file = self.place / _FOLDER / f"{max(numbers, default=0) + 1:04d}.npz"
         write_archive(file, kind=_KIND, version=_VERSION, arrays=arrays)
         self.kept.append(taught)
         try:
@@ -111,7 +117,7 @@ def read_taught(folder: Path) -> list[Taught]:
 
 
 def _files(folder: Path) -> list[Path]:
-    return sorted((folder / FOLDER).glob("[0-9]*.npz"))
+    return sorted((folder / _FOLDER).glob("[0-9]*.npz"))
 
 
 def _taught(members: Members) -> Taught:
@@ -122,11 +128,27 @@ def _taught(members: Members) -> Taught:
     times, poses, wrenches = map(members.__getitem__, ("times", "poses", "wrenches"))
     if inputs.shape != (len(times) - 1, 9):
         raise ValueError(f"inputs have shape {inputs.shape} for {len(times)} poses")
-    recorded = Demonstration(times=times, poses=poses, wrenches=wrenches)
     return Taught(
         name=name,
         door=door_config(door),
         inputs=inputs,
-        recorded=recorded,
+        recorded=Demonstration(times=times, poses=poses, wrenches=wrenches),
         among=among,
     )
+
+
+class CorrectedSkill:
+    """A skill that learns from corrections, and its file."""
+
+    def __init__(self, method: Method, skill: Skill, place: Path) -> None:
+        self.method, self.place = method, place
+        self.skill: Movement = skill
+        self.kept: list[Correction] = []
+
+    def keep(self, correction: Correction) -> None:
+        """Learn from a correction, and save skill and correction."""
+        skill = self.method.update(self.skill, correction)
+        if isinstance(skill, Skill):
+            skill.save(self.place)
+        self.skill = skill
+        self.kept.append(correction)

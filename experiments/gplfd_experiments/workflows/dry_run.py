@@ -1,6 +1,7 @@
 """Simulates an exported path with a robot at a door: expected forces and margins."""
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -73,36 +74,30 @@ def dry_run(skill: Path, policy: str, robot: RobotSpec, door: str) -> DryRun:
     method, learned = method_and_skill(policy, skill)
     path = commanded_path(method.open_loop(CONTROL_PERIOD).follow(learned))
     body = body.on(base_for(config, body))
-    commands = np.hstack([path.poses, path.stiffness])
     made: Any = gym.make(
         IMPEDANCE_ENVIRONMENT_ID, robot=body, door=config, max_episode_steps=-1
     )
-    rows, arms = [], []
+    values, arms = [], []
     with contextlib.closing(made) as env:
         observation, info = env.reset(seed=0)
         model, data = env.unwrapped.model, env.unwrapped.data
-        joints = [model.joint(name) for name in body.arm]
+        joints = [model.joint(joint) for joint in body.arm]
         low, high = np.array([joint.range for joint in joints]).T
         moving = [int(joint.dofadr[0]) for joint in joints]
         limits = model.jnt_actfrcrange[[joint.id for joint in joints], 1]
         limits = np.where(limits > 0.0, limits, np.inf)  # A URDF may lack limits.
         links = [int(joint.bodyid[0]) for joint in joints]
-        site = model.site("hand").id
-        # Positions of the hand at seeded random postures, with a constant lift.
-        other, workspace = mujoco.MjData(model), []
-        other.qpos[:] = data.qpos
-        places = [int(joint.qposadr[0]) for joint in joints]
-        for share in np.random.default_rng(0).random((_WORKSPACE, len(joints))):
-            other.qpos[places] = low + share * (high - low)
-            mujoco.mj_kinematics(model, other)
-            workspace.append(other.site_xpos[site].copy())
-        for command in commands:
+        workspace = _workspace(model, data.qpos, body.arm)
+        for command in np.hstack([path.poses, path.stiffness]):
             observation, _, over, _, info = env.step(command)
-            forces = [info[f"force_{name}"] for name in ("tangential", "radial")]
+            forces = [
+                info[f"force_{of}"] for of in ("tangential", "radial", "vertical")
+            ]
             position, twist = observation["joint_pos"], observation["ee_twist"]
-            arms.append(np.vstack([data.xpos[links], data.site_xpos[site]]))
+            hand = data.site("hand").xpos
+            arms.append(np.vstack([data.xpos[links], hand]))
             row = (
-                np.linalg.norm([*forces, info["force_vertical"]]),
+                np.linalg.norm(forces),
                 np.linalg.norm(observation["wrench"][3:]),
                 np.linalg.norm(twist[:3]),
                 np.linalg.norm(twist[3:]),
@@ -110,10 +105,10 @@ def dry_run(skill: Path, policy: str, robot: RobotSpec, door: str) -> DryRun:
                 *-np.minimum(position - low, high - position),
                 *(np.abs(data.qfrc_actuator[moving]) / limits),
             )
-            rows.append(row)
+            values.append(row)
             if over:
                 break
-    force, torque, speed, turning, angle, *greatest = np.max(rows, axis=0).tolist()
+    force, torque, speed, turning, angle, *greatest = np.max(values, axis=0).tolist()
     margins, efforts = np.split(np.array(greatest), 2)
     near, strong = int(margins.argmax()), int(efforts.argmax())
     moments = np.linspace(0, len(arms) - 1, _POSTURES).astype(int)
@@ -132,8 +127,24 @@ def dry_run(skill: Path, policy: str, robot: RobotSpec, door: str) -> DryRun:
         effort_share=(body.arm[strong], float(efforts[strong])),
         hand=np.array(arms)[:, -1],
         arms=np.array(arms)[moments],
-        workspace=np.array(workspace),
+        workspace=workspace,
     )
+
+
+def _workspace(
+    model: mujoco.MjModel, qpos: np.ndarray, arm: Sequence[str]
+) -> Float[np.ndarray, "W 3"]:
+    """Return positions of the hand at seeded random postures, with a constant lift."""
+    data, places = mujoco.MjData(model), []
+    data.qpos[:] = qpos
+    joints = [model.joint(name) for name in arm]
+    low, high = np.array([joint.range for joint in joints]).T
+    shares = np.random.default_rng(0).random((_WORKSPACE, len(joints)))
+    for posture in low + shares * (high - low):
+        data.qpos[[int(joint.qposadr[0]) for joint in joints]] = posture
+        mujoco.mj_kinematics(model, data)
+        places.append(data.site("hand").xpos.copy())
+    return np.array(places)
 
 
 def draw_dry_run(run: DryRun, file: Path) -> None:

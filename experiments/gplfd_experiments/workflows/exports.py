@@ -1,7 +1,6 @@
 """Computes, checks and writes the commanded path of a skill for robots."""
 
 import dataclasses
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -9,12 +8,12 @@ from typing import Any, Final
 import numpy as np
 
 from gplfd_env.spatial.rotation_paths import rotvecs_from_quaternions
+from gplfd_experiments.console.arguments import check_folder
 from gplfd_experiments.console.progress import LOG
 from gplfd_experiments.data.writers.commands import COMMAND_WRITERS, bag_library
 from gplfd_experiments.files.folders import check_replaceable
 from gplfd_experiments.files.provenance import content_hash, provenance
 from gplfd_policies.agents.commanded_path import CommandedPath, commanded_path
-from gplfd_policies.arrays.shapes import Float, Pose
 from gplfd_policies.registry.catalogue import method_and_skill
 
 _AXES: Final = {
@@ -22,21 +21,6 @@ _AXES: Final = {
     "are relative to that of the hand at the closed door",
     "base": "of the robot; orientations are those of its tool frame",
 }
-
-
-def base_frame(
-    frame: Sequence[float], tool: Sequence[float] | None
-) -> tuple[Pose, Float[np.ndarray, "3"]]:
-    """Return the pose of the task frame in the base, and the tool's in the task frame.
-
-    ``frame`` is x, y, z [m] and a quaternion, scalar first; ``tool`` a quaternion, None
-    for the axes of the task frame. Raises ValueError if one is no unit quaternion.
-    """
-    try:
-        rotvecs = rotvecs_from_quaternions((frame[3:], tool or (1, 0, 0, 0)))
-    except ValueError as error:
-        raise ValueError(f"--frame and --tool: {error}") from error
-    return np.array([*frame[:3], *rotvecs[0]]), rotvecs[1]
 
 
 def export_skill(
@@ -49,16 +33,16 @@ def export_skill(
 ) -> tuple[CommandedPath, dict[str, Any]]:
     """Write the commanded path of a skill in the formats of the files' suffixes.
 
-    The options are those of `gplfd export`. Returns the path and the metadata of JSON.
-    Raises ValueError for options, OSError for files, ModuleNotFoundError for rosbags.
+    ``frame`` is the pose of the task frame in the robot's base, x, y, z [m] and a
+    quaternion, scalar first; ``tool`` the quaternion of the tool in the task frame.
+    Returns the path and the metadata of JSON. Raises ValueError for options, OSError
+    for files, ModuleNotFoundError for rosbags.
     """
     for file in files:
         if file.suffix[1:] not in COMMAND_WRITERS:
             ends = ", .".join(COMMAND_WRITERS)
             raise ValueError(f"{file} must end in .{ends}; or give --form")
-        above = next(folder for folder in file.absolute().parents if folder.exists())
-        if not (above.is_dir() and os.access(above, os.W_OK)):
-            raise ValueError(f"{file} cannot be written: {above} is no folder to write")
+        check_folder(file.parent)
         if file.suffix == ".bag":
             bag_library()
             check_replaceable(file, "metadata.yaml", "bag", overwrite=True)
@@ -74,7 +58,12 @@ def export_skill(
     path = commanded_path(method.open_loop(1.0 / rate).follow(learned))
     name, aligned = "task", learned.aligned
     if frame is not None:
-        path, name = path.seen_from(*base_frame(frame, tool)), "base"
+        try:
+            turns = rotvecs_from_quaternions((frame[3:], tool or (1, 0, 0, 0)))
+        except ValueError as error:
+            raise ValueError(f"--frame and --tool: {error}") from error
+        path = path.seen_from(np.array([*frame[:3], *turns[0]]), turns[1])
+        name = "base"
     origin = {"policy": policy, "skill_sha256": content_hash(skill)}
     about = {
         "frame": {"name": name, "axes": _AXES[name]},

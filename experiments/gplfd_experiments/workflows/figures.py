@@ -4,9 +4,8 @@ import contextlib
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import gplfd_env
 import gplfd_policies
@@ -32,9 +31,6 @@ from gplfd_policies.agents.agent import Agent
 from gplfd_policies.demonstrations.npz import load_demonstrations, save_demonstrations
 from gplfd_policies.registry.catalogue import policy_named
 
-DEMONSTRATIONS_PER_DOOR: Final = 2
-"""As in the paper, Section IV-A."""
-
 
 def draw_figures(
     folder: Path, only: Sequence[str], *, seed: int, options: Mapping[str, Any]
@@ -53,58 +49,53 @@ def draw_figures(
     write_json(folder / "figures.json", provenance(options))
     chosen = [name for name in FIGURES if not only or name in only]
     doors = [door for name in chosen for door in FIGURES[name].DOORS]
-    given = material(folder / "logs", doors, seed=seed)
+    runs = material(folder / "logs", doors, seed=seed)
     bar = progress_bar(chosen, desc="figures", unit="figure")
     for name in bar:
         bar.set_postfix_str(name)
-        draw_figure(name, given, folder)
+        draw_figure(name, runs, folder)
     return len(chosen)
 
 
 def material(folder: Path, doors: Iterable[str], *, seed: int) -> Material:
     """Return demonstrations and an episode per door, stored in a folder per setting."""
-    task = partial(
-        episode_task,
-        policy=POLICY,
-        seed=seed,
-        demonstrations_per_door=DEMONSTRATIONS_PER_DOOR,
-    )
-    wanted = list(dict.fromkeys(doors))
-    configs = named_doors(wanted) if wanted else {}
-    # All properties that determine a run, except the door.
-    settings = {
+    options: dict[str, Any] = {
         "policy": POLICY,
         "seed": seed,
+        "demonstrations_per_door": 2,  # As in the paper, Section IV-A.
+    }
+    wanted = list(dict.fromkeys(doors))
+    tasks = [
+        episode_task(*door, **options)
+        for door in (named_doors(wanted) if wanted else {}).items()
+    ]
+    # All properties that determine a run, except the door.
+    settings = options | {
         "radii": list(DEMONSTRATED_RADII),
-        "demonstrations_per_door": DEMONSTRATIONS_PER_DOOR,
         "teacher": standard_teacher(),
         "versions": dict(versions()),
         "source": source_digest(),
     }
     text = json.dumps(settings, sort_keys=True)
-    digest = hashlib.sha256(text.encode()).hexdigest()[:12]
-    kept = folder / f"seed{seed}-{digest}"
+    kept = folder / f"seed{seed}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
     path = kept / "demonstrations.npz"
     if not path.is_file():
-        given = demonstrations_of(task("medium", DoorConfig()))
+        labelled = demonstrations_of(episode_task("medium", DoorConfig(), **options))
         write_json(kept / "settings.json", settings)
-        save_demonstrations(path, given.demonstrations, given.radii)
+        save_demonstrations(path, labelled.demonstrations, labelled.radii)
     demonstrations = load_demonstrations(path)
     logs = {}
     learned: Callable[[], Agent] | None = None
-    for door, config in progress_bar(configs.items(), desc="episodes", unit="door"):
-        path = kept / f"{POLICY}-{door}.npz"
-        if path.is_file():
-            logs[door] = EpisodeLog.load(path)
-            continue
-        one = task(door, config)
-        if learned is None:
-            learned = learned_agents(one, policy_named(POLICY), demonstrations)
-        agent = learned()
-        with contextlib.closing(make_environment(one, agent.control)) as env:
-            log = rollout(env, agent, policy=POLICY, door=door, seed=one.reset_seed)
-        log.save(path)
-        logs[door] = log
+    for task in progress_bar(tasks, desc="episodes", unit="door"):
+        path = kept / f"{POLICY}-{task.door}.npz"
+        if not path.is_file():
+            if learned is None:
+                learned = learned_agents(task, policy_named(POLICY), demonstrations)
+            agent = learned()
+            with contextlib.closing(make_environment(task, agent.control)) as env:
+                names = {"policy": POLICY, "door": task.door}
+                rollout(env, agent, **names, seed=task.reset_seed).save(path)
+        logs[task.door] = EpisodeLog.load(path)
     return Material(seed=seed, demonstrations=demonstrations, episodes=logs)
 
 

@@ -83,7 +83,10 @@ def open_doors(
     """
     policy = policy_named(settings.policy)
     tasks = _tasks(settings, policy)
-    videos = _video_files(settings, tasks)
+    videos: dict[str, Path] = {}
+    if settings.video is not None:
+        videos = video_paths(settings.video, [task.door for task in tasks])
+        check_video()
     check_folder(folder)
     earlier = _files_of_earlier_run(folder)
     looks = _looks(settings)
@@ -107,19 +110,25 @@ def open_doors(
             metrics.append(episode)
         else:
             log, model = episode
-            demonstrations = learned[task.demonstrations_key].labelled.demonstrations
             measured = episode_metrics(log)
             metrics.append(measured)
             log.save(folder / f"{task.door}.npz")
+            demonstrations = learned[task.demonstrations_key].labelled.demonstrations
             recording = folder / f"{task.door}.rrd"
             record_episode(recording, log, model, demonstrations, looks)
-            if task.door in videos:
-                _write_video(videos[task.door], log, model)
+            if video := videos.get(task.door):
+                images = write_video(video, log, model, STANDARD)
+                seconds = images / STANDARD.rate
+                LOG.info("wrote %s (%d pictures, %.1f s)", video, images, seconds)
+            why = why_closed(log.failure, log.reason)
+            ended = f"not opened ({why})" if why else "opened"
+            angle = round(measured["final_angle_deg"], 1) + 0.0  # not -0.0
             seconds = time.perf_counter() - started
-            LOG.info("%s: %s (%.1f s)", task.door, _outcome(measured), seconds)
+            LOG.info(
+                f"{task.door}: {ended}, {angle:.1f} deg in {measured['duration']:.1f} "
+                f"s ({seconds:.1f} s)"
+            )
         write_json(folder / METRICS, metrics)
-
-    _check_complete(folder, learned, metrics)
     return metrics
 
 
@@ -150,17 +159,6 @@ def _tasks(settings: RunSettings, policy: Policy) -> list[EpisodeTask]:
     ]
 
 
-def _video_files(
-    settings: RunSettings, tasks: Sequence[EpisodeTask]
-) -> dict[str, Path]:
-    """Return the video of each door; empty if none is asked for."""
-    if settings.video is None:
-        return {}
-    videos = video_paths(settings.video, [task.door for task in tasks])
-    check_video()
-    return videos
-
-
 def _looks(settings: RunSettings) -> BodyMeshes | None:
     """Return the manufacturer's meshes for recordings, if they are asked for."""
     if settings.looks == "primitives":
@@ -173,10 +171,10 @@ def _looks(settings: RunSettings) -> BodyMeshes | None:
 
 def _check_source(settings: RunSettings, tasks: Sequence[EpisodeTask]) -> None:
     """Raise a ValueError if a file with one kind of motion cannot serve all doors."""
-    option = settings.source
-    if not option:
+    if settings.skill is None and settings.demonstrations is None:
         return
-    if option == "--skill" and settings.start == "approach":
+    option = "--demonstrations" if settings.skill is None else "--skill"
+    if settings.skill is not None and settings.start == "approach":
         raise ValueError(
             "--skill contains no reaching: omit it to learn reaching as well, or omit "
             "--start approach"
@@ -186,14 +184,15 @@ def _check_source(settings: RunSettings, tasks: Sequence[EpisodeTask]) -> None:
             "--demonstrated-forces applies to demonstrations of the synthetic human: "
             f"omit it, or omit {option}"
         )
-    first, *others = (
-        (task.door, {"motion": "hinged"} | DoorConfig(**task.door_config).kind)
+    kinds = {
+        task.door: {"motion": "hinged"} | DoorConfig(**task.door_config).kind
         for task in tasks
-    )
-    for door, kind in others:
-        if differ := [name for name in kind if kind[name] != first[1][name]]:
+    }
+    first = tasks[0].door
+    for door, kind in kinds.items():
+        if differ := [name for name in kind if kind[name] != kinds[first][name]]:
             raise ValueError(
-                f"doors {first[0]} and {door} are of two kinds (they differ in "
+                f"doors {first} and {door} are of two kinds (they differ in "
                 f"{', '.join(differ)}), but {option} contains one kind; use two "
                 f"runs, or omit {option}"
             )
@@ -210,7 +209,8 @@ def _learn(
     for task in tasks:
         kinds.setdefault(task.demonstrations_key, []).append(task)
     learned: dict[str, _Learned] = {}
-    for key, (first, *others) in kinds.items():
+    for key, alike in kinds.items():
+        first = alike[0]
         file = FILE if len(kinds) == 1 else _kept_demonstrations(first.door)
         if settings.skill is not None:
             method, skill = method_and_skill(first.policy, settings.skill)
@@ -228,7 +228,7 @@ def _learn(
             else:
                 labelled = demonstrations_of(first)
             if policy.kind != "reference":
-                doors = ", ".join(task.door for task in (first, *others))
+                doors = ", ".join(task.door for task in alike)
                 number = len(labelled.demonstrations)
                 LOG.info(f"learning from {number} demonstrations for {doors}")
             make = learned_agents(first, policy, labelled)
@@ -295,10 +295,9 @@ def _write_origin(
             frame=labelled.frame,
             signals=labelled.signals,
         )
-    source = None
-    if settings.demonstrations is not None:
-        source = demonstrations_file(settings.demonstrations)
-    skill = settings.skill
+    source, skill = settings.demonstrations, settings.skill
+    if source is not None:
+        source = demonstrations_file(source)
     record = {
         **options,
         "policy_source": tasks[0].policy_source,
@@ -312,36 +311,6 @@ def _write_origin(
         "door_configs": {task.door: task.door_config for task in tasks},
     }
     write_json(folder / CONFIGURATION, provenance(record))
-
-
-def _write_video(file: Path, log: EpisodeLog, model: mujoco.MjModel) -> None:
-    number = write_video(file, log, model, STANDARD)
-    LOG.info("wrote %s (%d pictures, %.1f s)", file, number, number / STANDARD.rate)
-
-
-def _outcome(metrics: Mapping[str, Any]) -> str:
-    """Return how an episode ended, as a text."""
-    ended = "opened"
-    if not metrics["success"]:
-        ended = f"not opened ({why_closed(metrics['failure'], metrics['reason'])})"
-    angle = round(metrics["final_angle_deg"], 1) + 0.0  # not -0.0
-    return f"{ended}, {angle:.1f} deg in {metrics['duration']:.1f} s"
-
-
-def _check_complete(
-    folder: Path,
-    learned: Mapping[str, _Learned],
-    metrics: Sequence[Mapping[str, Any]],
-) -> None:
-    """Raise a FileNotFoundError if files of the run were deleted meanwhile."""
-    opened = [row["door"] for row in metrics if "error" not in row]
-    names = {CONFIGURATION, METRICS, *(kind.file for kind in learned.values())}
-    names |= {f"{door}{end}" for door in opened for end in (".npz", ".rrd")}
-    if gone := sorted(name for name in names if not (folder / name).is_file()):
-        raise FileNotFoundError(
-            f"files of this run were deleted from {folder} while it went on: "
-            f"{', '.join(gone)}; run it again"
-        )
 
 
 def _files_of_earlier_run(folder: Path) -> list[Path]:

@@ -61,10 +61,3 @@ class RunSettings(EpisodeSettings):
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
     """Also write a video of the episode in real time; for several doors, one file per
     door, FILE-DOOR.mp4. Needs pip install 'gplfd[video]'."""
-
-    @property
-    def source(self) -> str:
-        """The option with the file to learn from or follow; "" for the teacher."""
-        if self.skill is not None:
-            return "--skill"
-        return "" if self.demonstrations is None else "--demonstrations"

@@ -32,8 +32,8 @@ RECORDING: Final = "skill.rrd"
 def demonstrated_doors(demonstrations: Path) -> tuple[str, ...]:
     """Return the doors of a `gplfd run` or `demos teach`, as given by ``--doors``.
 
-    They are known for demonstrations in the folder of such a command. For others, and
-    if ``--doors`` would no longer accept one of them, the result is empty.
+    Empty for demonstrations that are not in the folder of such a command, and if
+    ``--doors`` would no longer accept one of the doors.
     """
     file = demonstrations_file(demonstrations)
     record = file.with_name(CONFIGURATION)
@@ -121,14 +121,12 @@ def judge(
     if method is None:
         return errors
     try:
-        movement, _ = learn(method, motions, 0)
-        record_learned(file, movement, reference)
+        record_learned(file, learn(method, motions, 0)[0], reference)
     # Methods raise errors of every kind if they cannot learn.
     except Exception as error:
         LOG.error(
             f"{file} was not written: {reference} cannot learn from these recordings: "
-            f"{type(error).__name__}: {error}. Look at them as they were recorded: "
-            "before_after.png and report.txt of `gplfd demos import` say what is "
-            "unusual"
+            f"{type(error).__name__}: {error}. before_after.png and report.txt of "
+            "`gplfd demos import` say what is unusual"
         )
     return errors

@@ -72,6 +72,27 @@ class Page:
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
 
 
+class Visitor:
+    """Somebody whose page exchanges every 30 ms."""
+
+    def __init__(self, session: Any) -> None:
+        self.session, self.now = session, 0.0
+
+    def __call__(self, press: str = "", sample: Any = (0,) * 9, times: int = 1) -> Any:
+        for _ in range(times):
+            self.now += 0.03
+            request = {"input": sample, "press": press}
+            state, self.picture = self.session.exchange(request, self.now)
+        json.dumps(state)
+        return state
+
+
+@pytest.fixture
+def visitor() -> type[Visitor]:
+    """Give somebody at the page of a session."""
+    return Visitor
+
+
 @contextlib.contextmanager
 def run_browser(folder: Path) -> Iterator[Page]:
     """Run a headless Chromium with a profile in a folder; yield an empty page."""

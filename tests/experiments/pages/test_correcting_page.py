@@ -1,10 +1,5 @@
 """A person corrects a policy: who commands, what is kept, replayed, and the page."""
 
-import json
-import re
-import subprocess
-import sys
-import urllib.request
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,12 +14,10 @@ from gplfd_experiments.data.teacher import Teacher
 from gplfd_experiments.episodes.build import open_watched
 from gplfd_experiments.episodes.leading import LedAgent
 from gplfd_experiments.episodes.task import EpisodeTask, episode_task
-from gplfd_experiments.teaching.corrected import (
-    CorrectedSkill,
-    CorrectionLesson,
-)
 from gplfd_experiments.teaching.lead import Person, View
+from gplfd_experiments.teaching.lesson import CorrectionLesson
 from gplfd_experiments.teaching.page import Session
+from gplfd_experiments.teaching.taught import CorrectedSkill
 from gplfd_policies import Skill, load_skill
 from gplfd_policies.agents.agent import as_agent
 from gplfd_policies.control.steps import AgentStep
@@ -144,31 +137,16 @@ def test_a_person_s_correction_opens_the_door(tmp_path):
     assert (kept.by, kept.device, kept.door) == ("person", "mouse", "flap")
 
 
-class Somebody:
-    """Whose page exchanges every 30 ms."""
-
-    def __init__(self, store: CorrectedSkill, *names: str) -> None:
-        tasks = [task_of(door_config(name), name) for name in names]
-        lessons = [
-            partial(CorrectionLesson, task, store, "mouse", drawn=True)
-            for task in tasks
-        ]
-        self.session, self.now = Session(lessons, store), 0.0
-
-    def __call__(self, press: str = "", sample: Any = IDLE, times: int = 1) -> Any:
-        for _ in range(times):
-            self.now += 0.03
-            request = {"input": sample.tolist(), "press": press}
-            state, _ = self.session.exchange(request, self.now)
-        return state
-
-
 @pytest.mark.needs("opengl")
 def test_the_policy_begins_at_start_is_led_and_goes_on_corrected(
-    bars: Skill, tmp_path: Path
+    bars: Skill, tmp_path: Path, visitor: Any
 ) -> None:
     store = CorrectedSkill(GP, bars, tmp_path / "better.npz")
-    somebody = Somebody(store, "small", "medium")
+    lessons = [
+        partial(CorrectionLesson, task_of(door_config(name), name), store, "mouse")
+        for name in ("small", "medium")
+    ]
+    somebody = visitor(Session([partial(of, drawn=True) for of in lessons], store))
     assert somebody(times=20)["time"] == 0.0
     alone = [somebody("start"), somebody(times=60)][1]
     assert alone["angle"] > 1.0
@@ -177,7 +155,7 @@ def test_the_policy_begins_at_start_is_led_and_goes_on_corrected(
     assert told["phase"] == "ready"
     assert "The hand was not led" in told["message"]
     somebody("start")
-    assert somebody(sample=PULL, times=40)["phase"] == "leading"
+    assert somebody(sample=PULL.tolist(), times=40)["phase"] == "leading"
     told = somebody("stop")
     assert (told["phase"], told["kept"]) == ("shown", 0)
     assert "You led the hand for 1.2 s. Keep it?" in told["message"]
@@ -189,30 +167,3 @@ def test_the_policy_begins_at_start_is_led_and_goes_on_corrected(
     assert (with_it["door"], with_it["angle"] != alone["angle"]) == ("small", True)
     assert somebody("discard")["door"] == "medium"
     assert somebody("finish")["message"] == f"1 in {store.place}."
-
-
-@pytest.mark.needs("opengl")
-def test_a_kept_correction_outlives_a_killed_process(
-    bars: Skill, tmp_path: Path
-) -> None:
-    bars.save(tmp_path / "skill.npz")
-    words = "-m gplfd correct skill.npz --doors small --device mouse --out better.npz"
-    with subprocess.Popen(
-        [sys.executable, *words.split()],
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=tmp_path,
-    ) as process:
-        assert process.stderr is not None
-        address = re.search(r"http://127.0.0.1:\d+", process.stderr.readline())
-        assert address
-        for number in range(32):
-            press = "keep" if number == 30 else ""
-            body = json.dumps({"input": PULL.tolist(), "press": press}).encode()
-            request = urllib.request.Request(
-                f"{address[0]}/exchange", body, {"Content-Type": "application/json"}
-            )
-            urllib.request.urlopen(request).close()
-        process.kill()
-    (kept,) = load_skill(tmp_path / "better.npz").corrections
-    assert (kept.by, kept.device) == ("person", "mouse")

@@ -1,6 +1,9 @@
 """Commands for this machine and this installation: list and doctor."""
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from gplfd_experiments.cli.commands.options import Json
 
@@ -13,10 +16,15 @@ class Catalogue:
 
     def execute(self) -> int:
         """Print the catalogue."""
-        from gplfd_experiments.cli.catalogue import catalogue, catalogue_json
+        from gplfd_experiments.cli.catalogue import catalogue
         from gplfd_experiments.files.plain_data import json_text
 
-        print(json_text(catalogue_json()) if self.json else catalogue())
+        sections = catalogue()
+        if self.json:  # The key of a section is the first word of its title.
+            keys = (re.split(r"\W", title, maxsplit=1)[0] for title in sections)
+            print(json_text(dict(zip(keys, sections.values(), strict=True))))
+        else:
+            print(_text(sections))
         return 0
 
 
@@ -31,9 +39,18 @@ class Doctor:
 
     def execute(self) -> int:
         """Check the installation and print the results."""
-        from gplfd_experiments.cli.doctor import examined, text
+        from gplfd_experiments.cli.doctor import examined, sections
         from gplfd_experiments.files.plain_data import json_text
 
         results = examined()
-        print(json_text(results) if self.json else text(results))
+        print(json_text(results) if self.json else _text(sections(results)))
         return 0
+
+
+def _text(sections: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return names and their texts in two columns below the title of each section."""
+    return "\n\n".join(
+        "\n".join([title, *(f"  {name:<{width}}  {lines[name]}" for name in lines)])
+        for title, lines in sections.items()
+        if (width := max(map(len, lines), default=0))
+    )

@@ -27,7 +27,6 @@ Json = Annotated[
 ]
 """Option of commands that print a table."""
 
-
 Where = Annotated[Engine, tyro.conf.arg(name="")]
 """Option of commands that run a study."""
 
@@ -70,10 +69,7 @@ def next_command(*words: object) -> str:
     Without an activated environment the name is not just ``gplfd``, because the
     program's folder is not on the search path.
     """
-    program, installed = sys.argv[0], shutil.which("gplfd")
-    is_command = Path(program).name in ("gplfd", "gplfd.exe")
-    if not is_command or (
-        installed and Path(installed).resolve() == Path(program).resolve()
-    ):
+    program = sys.argv[0]
+    if Path(program).stem != "gplfd" or shutil.which("gplfd"):
         program = "gplfd"
     return shlex.join([program, *map(str, words)])

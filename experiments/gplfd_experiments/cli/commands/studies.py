@@ -64,17 +64,17 @@ class Benchmark:
         with naming(Path(self.config)) if from_file else contextlib.nullcontext():
             settings = checked(self.study)
         self.where.check()
-        options = recorded(self)
+        options = dataclasses.asdict(settings) | recorded(self)
         del options["study"]
-        options = dataclasses.asdict(settings) | options
         check_folder(self.out)
         write_settings(self.out / "study.toml", settings)
         errors = run_or_resume(tasks(settings), options, self.out, self.where)
         tables, rows = write_tables(self.out, settings)
-        print(json_text(rows) if self.json else tables)
-        if not self.json:
+        if self.json:
+            print(json_text(rows))
+        else:
             report = next_command("report", self.out)
-            print(f"\nresults are in {self.out}; compare them:  {report}")
+            print(f"{tables}\n\nresults are in {self.out}; compare them:  {report}")
         return FAILED if errors else 0
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -30,11 +29,12 @@ class PageOptions:
     port: int = 0
     """Port of the page; 0 selects a free port."""
 
-    def address(self) -> dict[str, Any]:
-        """Return both by their names; raise a ValueError for an invalid port."""
+    def page(self, device: Device) -> dict[str, Any]:
+        """Prepare drawing, and return the page's device, host and port."""
         if not 0 <= self.port <= 65535:
             raise ValueError(f"--port {self.port} must be 0 to 65535")
-        return {"host": self.host, "port": self.port}
+        draw_without_screen()
+        return {"device": device, "host": self.host, "port": self.port}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -59,16 +59,10 @@ class Teach(PageOptions):
 
     def execute(self) -> int:
         """Serve the page until the person finishes, and print the next commands."""
-        draw_without_screen()
+        page = self.page(self.device)
         from gplfd_experiments.teaching.page import teach
 
-        number = teach(
-            self.doors,
-            self.out,
-            device=self.device,
-            options=recorded(self),
-            **self.address(),
-        )
+        number = teach(self.doors, self.out, options=recorded(self), **page)
         print(f"{number} demonstration{'s' * (number != 1)} in {self.out}")
         if number:
             print(f"learn from them:  {learn_command(self.out)}")
@@ -110,20 +104,18 @@ class Correct(PageOptions):
 
     def execute(self) -> int:
         """Correct the skill, and print what changed."""
-        if self.device is not None:
-            draw_without_screen()
+        page = None if self.device is None else self.page(self.device)
         from gplfd_experiments.files.table import Table, text_table
-        from gplfd_experiments.workflows.corrections import (
-            correct_by_hand,
-            correct_skill,
-        )
+        from gplfd_experiments.workflows.corrections import correct_skill
 
         out = self.out or self.skill.with_name(f"{self.skill.stem}-corrected.npz")
-        correct: Any = correct_skill
-        if self.device is not None:
-            correct = partial(correct_by_hand, device=self.device, **self.address())
-        skill, rows = correct(
-            self.skill, out, doors=self.doors, policy=self.policy, seed=self.seed
+        skill, rows = correct_skill(
+            self.skill,
+            out,
+            doors=self.doors,
+            policy=self.policy,
+            seed=self.seed,
+            page=page,
         )
         if rows:
             print(text_table(dataclasses.replace(Table.of(rows), left=True)))
