@@ -69,7 +69,7 @@ def skill(aligned: AlignedDemonstrations) -> Skill:
 
 @pytest.fixture(scope="session")
 def library() -> dict[str, np.ndarray]:
-    """Results of movement_primitives; data/make_movement_primitives.py tells which."""
+    """Results of movement_primitives: data/make_movement_primitives.py at 758cbed."""
     with np.load(Path(__file__).parent / "data/movement_primitives.npz") as stored:
         return dict(stored)
 

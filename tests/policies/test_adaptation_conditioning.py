@@ -145,20 +145,6 @@ def smooth_process():
     return ConditionedProcess(smooth_repetition(), None, TIMES)
 
 
-def test_rates_are_the_slopes_of_mean_and_spread():
-    fine = np.linspace(0.0, 1.0, 2001)
-    process = ConditionedProcess(smooth_repetition(), None, fine)
-    pose = np.sin(3.0 * 0.35) + np.zeros(6)
-    process.update(process.at(0.4), pose, np.full(6, 1e-4), np.arange(1.0, 7.0))
-    posterior = process.trajectory()
-    for rate, curve in (
-        (posterior.mean_rate, posterior.mean),
-        (posterior.std_rate, posterior.std),
-    ):
-        differences = np.gradient(curve, fine, axis=0)
-        assert_allclose(rate[2:-2], differences[2:-2], atol=2e-4)
-
-
 def dense_conditioning(phases, poses, along, variance):
     """One Gaussian over six outputs at all times, (6M, 6M), conditioned at once."""
     six, count = np.eye(6), len(phases)

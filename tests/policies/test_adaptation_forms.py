@@ -99,19 +99,6 @@ def test_adapt_without_via_points_is_the_prediction(skill, form):
     assert_array_equal(adapted.std, predicted.std)
 
 
-@pytest.mark.parametrize("form", INDEPENDENT)
-def test_outputs_may_be_left_free(skill, form):
-    point = via(skill, 0.5, 0.05)
-    pose = point.pose.copy()
-    pose[[1, 3]] = np.nan
-    some = adapt(skill, [ViaPoint(phase=0.5, pose=pose)], form).predict(TIMES)
-    every = adapt(skill, [point], form).predict(TIMES)
-    none = ADAPTATIONS[form](skill, TIMES)
-    assert_allclose(some.mean[:, [0, 2, 4, 5]], every.mean[:, [0, 2, 4, 5]])
-    assert_allclose(some.mean[:, [1, 3]], none.mean[:, [1, 3]], atol=1e-12)
-    assert_allclose(some.std[:, [1, 3]], none.std[:, [1, 3]], rtol=1e-9)
-
-
 @pytest.mark.parametrize("form", GRID_FREE)
 def test_answer_does_not_depend_on_the_grid(skill, form):
     points = [via(skill, phase, 0.05) for phase in (0.1234, 0.2345, 0.4)]

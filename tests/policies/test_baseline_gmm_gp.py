@@ -88,16 +88,6 @@ def test_via_points_condition_it_as_any_gaussian(process):
         assert_allclose(predicted.std[:, output] ** 2, np.diag(block), atol=1e-10)
 
 
-@pytest.mark.parametrize("sigma", [0.0, 1e-6])
-def test_a_strong_via_point_is_hit_with_its_own_std(process, sigma):
-    via_point = shifted(process, 0.6543, 2.0, sigma)
-    here = process.adapt([via_point]).predict(np.array([0.6543]))
-    scale = process.regression.standardisation.scale
-    assert (np.abs(here.mean[0] - via_point.pose) < 1e-3 * scale).all()
-    floor = np.maximum(sigma, 1e-4 * scale)
-    assert_allclose(here.std[0], floor, rtol=0.05)
-
-
 @pytest.mark.parametrize("weight_power", [1.0, 0.5])
 def test_likelihood_gradient_equals_finite_differences(process, weight_power):
     evidence = Evidence.of(process.regression, 15, weight_power)

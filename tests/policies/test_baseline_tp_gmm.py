@@ -102,16 +102,6 @@ def test_from_the_hinge_all_doors_are_one(radius):
     assert_allclose(seen[:, 2], np.cos(angles), atol=1e-12)
 
 
-@pytest.mark.parametrize("centre", [(0.0, -0.5), (0.03, -0.35), (-0.2, 0.6)])
-def test_circle_through_points_of_one(centre):
-    angles = np.linspace(0.0, 0.9, 30)
-    points = np.array(centre) + 0.4 * np.column_stack([np.sin(angles), np.cos(angles)])
-    theta = fit_kasa_circle(points)
-    assert theta is not None
-    assert_allclose(theta[:2], centre, atol=1e-9)
-    assert_allclose(theta @ (*centre, 1.0), 0.4**2, atol=1e-9)
-
-
 def test_demonstrated_hinges_are_where_the_doors_have_them(mixture):
     fitted = [fit_kasa_circle(poses[:, [0, 2]]) for poses in mixture.aligned.poses]
     radii = -np.array(fitted)[:, 1]

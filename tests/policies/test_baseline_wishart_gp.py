@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
@@ -69,21 +67,6 @@ def test_prior_draws_average_to_nu_l_lt():
     correlation = np.corrcoef(variances[:, :, 0].T)
     kappa = np.exp(-0.5 * (np.subtract.outer(times, times) / 0.2) ** 2)
     assert_allclose(correlation, kappa**2, atol=0.03)
-
-
-@given(
-    seed=st.integers(0, 1000),
-    size=st.floats(0.0, 100.0),
-    times=st.lists(st.floats(-2.0, 3.0), min_size=1, max_size=5),
-)
-def test_covariances_are_positive_definite_everywhere(seed, size, times):
-    process = prior()
-    weights = size * np.random.default_rng(seed).standard_normal(process.shape)
-    covariances = process.covariance(weights, np.array(times))
-    assert_allclose(covariances, covariances.swapaxes(1, 2))
-    floor = 1e-3 * np.linalg.eigvalsh(MEAN)[0]
-    largest = np.linalg.eigvalsh(covariances)[:, 1]
-    assert (np.linalg.eigvalsh(covariances)[:, 0] > 0.9 * floor - 1e-12 * largest).all()
 
 
 def likelihood_case():

@@ -84,18 +84,6 @@ def test_the_demonstrated_part_stays_what_it_was():
             assert_allclose(again, np.interp(before, shown.times, first), atol=3e-4)
 
 
-def test_it_goes_on_by_the_share_asked_for_from_rest_to_the_mean_speed():
-    shown = aligned(drawer())
-    assert continued(shown, 0.0) is shown
-    longer = continued(shown, 0.5)
-    assert longer.poses[0, -1, 0] == pytest.approx(0.6, abs=1e-6)
-    speed = np.gradient(longer.poses[0, :, 0], longer.times * longer.duration)
-    # A clock for the whole of the demonstration: its mean speed is 0.4 m in 6 s.
-    assert speed[-10] == pytest.approx(0.4 / 6.0, rel=0.01)
-    after = np.searchsorted(longer.times, longer.end)
-    assert speed[after + 3] < 0.3 * speed[-10]
-
-
 def test_drift_is_nothing_for_arcs_and_what_it_is_for_a_bent_path():
     assert drift(aligned(arc(0.4, 0.9), arc(0.6, 0.9))).max() < 5e-3
     # A straight line that is bent at the end goes elsewhere than it was going.

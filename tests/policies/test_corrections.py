@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies import POLICIES, Demonstration, TrainingInput, align, load_skill
-from gplfd_policies.demonstrations.aligned import continued
+from gplfd_policies import POLICIES, Demonstration, TrainingInput, load_skill
 from gplfd_policies.demonstrations.correction import Correction
-from gplfd_policies.registry.corrections import as_demonstrations, completed
+from gplfd_policies.registry.corrections import completed
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -83,19 +82,6 @@ def test_a_corrected_skill_is_another_one_that_knows_more_doors(skill):
     assert np.abs(np.hypot(shown[:, 0], shown[:, 2] + 0.62) - 0.62).max() < 0.01
     again = GP.update(better, replace(given, seed=1))
     assert (again.count, [one.seed for one in again.corrections]) == (6, [0, 1])
-
-
-def test_demonstrations_of_a_skill_are_those_that_it_was_learned_from(demonstrations):
-    """Also at their end, and with forces turned back into the task's axes."""
-    felt = [
-        replace(one, wrenches=np.tile([3.0, 2.0, 1.0, 0.3, 0.2, 0.1], (200, 1)))
-        for one in demonstrations
-    ]
-    aligned = continued(align(felt), 0.5)
-    for back, one in zip(as_demonstrations(aligned), felt, strict=True):
-        assert_allclose(back.poses[[0, -1]], one.poses[[0, -1]], atol=2e-3)
-        assert_allclose(back.wrenches[0], one.wrenches[0], atol=1e-9)
-        assert_allclose(back.wrenches[-1], one.wrenches[-1], atol=0.02)
 
 
 def test_a_file_keeps_the_corrections_of_a_skill(skill, tmp_path):

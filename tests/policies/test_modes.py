@@ -61,16 +61,6 @@ def test_partition_has_the_least_criterion_of_all_partitions(seed):
     assert [len(m) for m in found] == sorted((len(m) for m in found), reverse=True)
 
 
-@pytest.mark.parametrize("signs", [PUSHED, LEFT, PUSHED * LEFT])
-@pytest.mark.parametrize("counts", [(6, 6), (2, 6), (5, 1), (1, 1)])
-def test_two_kinds_are_two_modes(demonstrations, signs, counts):
-    one, other = counts
-    given = [*demonstrations[:one], *mirrored(demonstrations[:other], signs)]
-    first, second = tuple(range(one)), tuple(range(one, one + other))
-    expected = (first, second) if one >= other else (second, first)
-    assert partition(align(given)) == expected
-
-
 @pytest.mark.filterwarnings("ignore:rests")
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
 def test_one_kind_is_one_mode_at_any_radius_and_length(demonstrations, share):

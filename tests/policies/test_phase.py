@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies.demonstrations.path_similarity import (
@@ -11,7 +11,7 @@ from gplfd_policies.demonstrations.path_similarity import (
     normalised,
 )
 from gplfd_policies.phase.path_phase import PathPhase, PathPhaseConfig
-from gplfd_policies.phase.phase_rule import ClockPhase, PhaseNoise
+from gplfd_policies.phase.phase_rule import PhaseNoise
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -53,14 +53,6 @@ def turned(poses, yaw):
     seen[:, 0] = np.cos(yaw) * x + np.sin(yaw) * z
     seen[:, 2] = np.cos(yaw) * z - np.sin(yaw) * x
     return seen
-
-
-def test_clock_phase_is_the_command_s():
-    clock, now = ClockPhase(), np.float64(0.37)
-    seen = clock.update(np.full(6, 9.0), NOWHERE, now)
-    assert (seen.phase, seen.std) == (0.37, 0.0)
-    assert np.isnan(seen.misfit)
-    assert_array_equal(clock.rate(now), np.zeros(6))
 
 
 def test_phase_std_is_the_size_of_the_errors(skill):

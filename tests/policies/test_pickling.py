@@ -9,7 +9,6 @@ from numpy.testing import assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, ViaPoint
-from gplfd_policies.adaptation import ADAPTATIONS
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -58,15 +57,3 @@ def test_agents_act_on_as_if_nothing_had_happened(name, learned_agent):
     if agent.forecast() is not None:
         assert_equal(agent.forecast(), copy.forecast())
         assert_equal(agent.forecast(), sent(agent.forecast()))
-
-
-@pytest.mark.parametrize("form", sorted(ADAPTATIONS))
-def test_adaptations_go_on_where_they_were(form, skill):
-    adaptation = ADAPTATIONS[form](skill, PHASES)
-    adaptation.observe(VIA_POINT)
-    copy = sent(adaptation)
-    assert_equal(adaptation.trajectory(), copy.trajectory())
-    another = dataclasses.replace(VIA_POINT, phase=0.6)
-    adaptation.observe(another)
-    copy.observe(another)
-    assert_equal(adaptation.trajectory(), copy.trajectory())

@@ -22,7 +22,7 @@ from gplfd_policies.adaptation import (
     begin_adaptation,
 )
 from gplfd_policies.gp.exact import ExactGP
-from gplfd_policies.gp.noise import KerstingNoise, MapNoise
+from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.movements.baselines.local_gp import LocalGPConfig, fit_local_gp
 from gplfd_policies.movements.baselines.wishart_gp import (
     WishartGPConfig,
@@ -105,23 +105,6 @@ def test_prediction_is_that_of_a_process_with_a_prior_mean(movement, doors, outp
     asked = np.linspace(-0.5, 2.0, 21)
     expected = Line().mean(asked)[:, output] + naive.mean(asked)
     assert_allclose(movement.predict(asked).mean[:, output], expected, atol=1e-6)
-
-
-def test_deviations_and_spread_do_not_depend_on_the_prior_mean(demonstrations):
-    doors = align(demonstrations)
-    # The least spread is relative to an output's size, which the prior mean changes.
-    fit = partial(fit_skill, noise=MapNoise(least_spread=0.0))
-    plain, movement = (
-        fit(doors),
-        fit_residual(doors, Line(), partial(fit, centred=False)),
-    )
-    assert movement.residual.smoothness == pytest.approx(plain.smoothness, rel=1e-4)
-    for own, other in zip(movement.residual.deviations, plain.deviations, strict=True):
-        assert own.short_scale == pytest.approx(other.short_scale, rel=0.2)
-    inside = np.linspace(0.1, 1.0, 10)
-    assert_allclose(movement.predict(inside).std, plain.predict(inside).std, rtol=0.03)
-    assert movement.aligned is doors
-    assert movement.duration == doors.duration
 
 
 @pytest.mark.parametrize("form", FORMS)

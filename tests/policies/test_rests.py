@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies import POLICIES, Demonstration, align
+from gplfd_policies import Demonstration, align
 from gplfd_policies.demonstrations.rests import without_rests
 
 MOVING = 5.0
@@ -99,14 +99,6 @@ def test_alignment_says_what_it_left_out():
     whole = align(recorded, trim_rests=False)
     assert whole.rests == ()
     assert whole.duration == pytest.approx(MOVING + 1.0)
-
-
-@pytest.mark.parametrize(("name", "trims"), [("gp", True), ("gp-paper", False)])
-@pytest.mark.filterwarnings("ignore:rests")
-def test_policies_trim_rests_but_those_that_say_not(name, trims):
-    aligned = POLICIES[name].method.align([opening(before=2.0)])
-    assert (aligned.duration < MOVING + 1.0) == trims
-    assert bool(aligned.rests) == trims
 
 
 @pytest.mark.parametrize("creep", [0.02, 0.01])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import AlignedDemonstrations
@@ -12,7 +12,6 @@ from gplfd_policies.demonstrations.path_similarity import (
     SimilarityConfig,
     SimilarityModel,
     advance,
-    gradient,
     normalised,
     size_visibility,
 )
@@ -52,12 +51,6 @@ def seen(similarity, noise):
     for x, z in path + noise * rng.normal(size=path.shape):
         similarity = similarity.updated(np.hypot(x, z), np.arctan2(-z, x))
     return similarity.posterior
-
-
-def test_gradient_is_numpy_s_bit_for_bit():
-    parts = np.random.default_rng(0).normal(size=(2, 50))
-    for values in (parts[0], parts[0] + 1j * parts[1], parts[0, :2]):
-        assert_array_equal(gradient(values), np.gradient(values))
 
 
 def test_demonstrations_are_brought_to_one_size_and_heading():

@@ -8,7 +8,6 @@ from numpy.testing import assert_array_equal
 
 from gplfd_policies import POLICIES, PosePath, ViaPoint, align, fit_skill, load_skill
 from gplfd_policies.adaptation import ADAPTATIONS
-from gplfd_policies.demonstrations.aligned import continued
 from gplfd_policies.gp.noise import KerstingNoise
 from gplfd_policies.movements.prior_mean import fit_residual
 from gplfd_policies.registry.method import TrainingInput
@@ -49,15 +48,6 @@ def test_a_loaded_skill_is_the_saved_one_bit_for_bit(small, saved):
         for adaptation in adaptations:
             adaptation.observe(VIA_POINT)
         assert same_bits(*(adaptation.trajectory() for adaptation in adaptations))
-
-
-def test_a_continuation_is_kept(demonstrations, tmp_path):
-    longer = continued(align(demonstrations, n_samples=20), 0.5)
-    fit_skill(longer).save(tmp_path / "skill.npz")
-    kept = load_skill(tmp_path / "skill.npz").aligned
-    assert kept.end == longer.end < 1.0
-    assert_array_equal(kept.drift, longer.drift)
-    assert_array_equal(kept.clocks, longer.clocks)
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,5 @@
 """Files that are complete or absent, and archives of arrays."""
 
-import os
-import stat
-
 import numpy as np
 import pytest
 
@@ -39,17 +36,13 @@ def archive(tmp_path):
 
 
 def test_content_appears_under_the_name_only_when_complete(tmp_path):
-    """As readable by others as the umask allows; a killed process leaves no result."""
-    target, plain = tmp_path / "new" / "file.json", tmp_path / "plain"
-    plain.touch()
+    target = tmp_path / "new" / "file.json"
     with complete_or_absent(target) as temporary:
         temporary.write_text("half")
         assert [path.suffix for path in target.parent.iterdir()] == [".tmp"]
         temporary.write_text("whole")
     assert target.read_text() == "whole"
     assert list(target.parent.iterdir()) == [target]
-    modes = [stat.S_IMODE(path.stat().st_mode) for path in (target, plain)]
-    assert modes[0] == modes[1]
 
 
 def test_interruption_keeps_the_old_file_and_leaves_no_temporary(tmp_path):
@@ -74,13 +67,11 @@ def test_archive_round_trip_is_exact(archive):
         assert np.array_equal(arrays[name], array)
 
 
-def test_other_files_are_refused_without_waiting(tmp_path):
+def test_a_folder_or_no_file_is_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"there is no file .*nothing\.npz"):
         read(tmp_path / "nothing.npz")
-    os.mkfifo(tmp_path / "pipe.npz")
-    for name, kind in {"": "a folder", "pipe.npz": "no regular file"}.items():
-        with pytest.raises(ValueError, match=rf"{name} is {kind}; give a .* a test"):
-            read(tmp_path / name)
+    with pytest.raises(ValueError, match=r"is a folder; give a .* a test"):
+        read(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -90,15 +81,12 @@ def test_other_files_are_refused_without_waiting(tmp_path):
         (KIND, 4, ARRAYS, "it has version 4, and this program reads version 3"),
         (KIND, 3, {}, "it lacks 'curve'"),
         (KIND, 3, ARRAYS | {"curve": np.array([{}])}, "Object arrays cannot be loaded"),
-        (None, None, ARRAYS, "it holds something else"),
         (None, None, None, ""),
     ],
 )
 def test_a_file_with_other_content_is_refused(archive, kind, version, arrays, reason):
     if kind is not None:
         write_archive(archive, kind=kind, version=version, arrays=arrays)
-    elif arrays is not None:
-        np.savez(archive, **arrays)
     else:
         archive.write_bytes(archive.read_bytes()[:200])
     message = f"archive.npz cannot be read as a test: .*{reason}.*make this one again"

@@ -47,29 +47,24 @@ class Demonstration:
                 "times must have shape (N,) and poses (N, 6) with columns x, y, z, "
                 f"θu_x, θu_y, θu_z, got {times.shape} and {poses.shape}"
             )
-        if times.size == 0:
+        if times.size < 2:
             raise ValueError(
-                "the demonstration is empty; it needs at least two samples"
+                f"a demonstration needs at least two samples, got {times.size}"
             )
-        if times.size == 1:
-            raise ValueError("the demonstration has one sample; it needs at least two")
-        bad = np.flatnonzero(~np.isfinite(times))
-        if bad.size:
-            raise ValueError(f"times[{bad[0]}] = {times[bad[0]]} is not finite")
+        for name, rows in (("times", times[:, None]), ("poses", poses)):
+            bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+            if bad.size:
+                raise ValueError(
+                    f"{name}[{bad[0]}] = {rows[bad[0]]} is not finite; drop or "
+                    "interpolate the sample first"
+                )
         stalled = np.flatnonzero(np.diff(times) <= 0)
         if stalled.size:
             index = int(stalled[0]) + 1
-            what = "repeats" if times[index] == times[index - 1] else "is earlier than"
             raise ValueError(
-                f"times must increase strictly, but times[{index}] = {times[index]} "
-                f"{what} times[{index - 1}] = {times[index - 1]}; sort the samples and "
-                "drop repeated ones"
-            )
-        bad = np.flatnonzero(~np.isfinite(poses).all(axis=1))
-        if bad.size:
-            raise ValueError(
-                f"poses[{bad[0]}] = {poses[bad[0]]} is not finite; drop or interpolate "
-                "the sample first"
+                f"times must increase strictly, but times[{index}] = {times[index]} is "
+                f"not later than {times[index - 1]}; sort the samples and drop "
+                "repeated ones"
             )
         rotvecs = poses[:, 3:]
         moved = np.abs(unwrap_rotvecs(rotvecs) - rotvecs).max(axis=1) > _SAME_ROTVEC
@@ -77,10 +72,9 @@ class Demonstration:
             index = int(np.argmax(moved))
             raise ValueError(
                 f"the rotation vectors jump at sample {index}, from "
-                f"{rotvecs[index - 1]} to {rotvecs[index]}: an equivalent vector is "
-                "nearer; build the demonstration with Demonstration.from_quaternions, "
-                "or pass the rotation vectors through "
-                "gplfd_env.spatial.rotation_paths.unwrap_rotvecs first"
+                f"{rotvecs[index - 1]} to {rotvecs[index]}: build the demonstration "
+                "with Demonstration.from_quaternions, or pass the rotation vectors "
+                "through gplfd_env.spatial.rotation_paths.unwrap_rotvecs first"
             )
         if np.abs(poses - poses[0]).max() <= _REST:
             raise ValueError(
@@ -90,17 +84,11 @@ class Demonstration:
         if self.wrenches is None:
             return
         freeze(self, "wrenches")
-        wrenches = np.asarray(self.wrenches)
-        if wrenches.shape != self.poses.shape:
+        shape = np.shape(self.wrenches)
+        if shape != poses.shape or not np.isfinite(self.wrenches).all():
             raise ValueError(
-                "wrenches must have shape (N, 6), force [N] and moment [N m], one row "
-                f"per pose; got {wrenches.shape} for {len(self.poses)} poses"
-            )
-        bad = np.flatnonzero(~np.isfinite(wrenches).all(axis=1))
-        if bad.size:
-            raise ValueError(
-                f"wrenches[{bad[0]}] = {wrenches[bad[0]]} is not finite; interpolate "
-                "the sample first, or leave out the wrenches of this demonstration"
+                "wrenches must be finite and of shape (N, 6), force [N] and moment "
+                f"[N m], one row per pose; got {shape} for {len(poses)} poses"
             )
 
     @classmethod

@@ -19,26 +19,17 @@ from gplfd_policies.arrays.storage import (
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 KIND: Final = "gplfd demonstrations"
-"""Kind of content, as stored in the file."""
-
 VERSION: Final = 2
-"""Version of the layout below."""
-
 UNITS: Final = "s, m, rad"
-"""Units of times, positions and rotation vectors."""
-
+"""Kind, version of the layout and units, as stored in the file."""
 FRAME: Final = "task: closed handle, x pull, y up, z = x cross y; relative to 1st pose"
 """Frame of the poses (x, y, z, θu_x, θu_y, θu_z) of demonstrations at doors."""
-
 FIRST_POSE: Final = "the first pose of each demonstration"
 """Frame of motions that are relative to their own first pose."""
-
 OTHER: Final = "one frame of all demonstrations"
 """Frame of motions that keep their start poses."""
-
 FRAMES: Final = (FRAME, FIRST_POSE, OTHER)
 """All frames that a file may name."""
-
 FILE: Final = "demonstrations.npz"
 """Name of the file in a folder of demonstrations."""
 
@@ -69,13 +60,9 @@ class LabelledDemonstrations:
                 f"{number} demonstrations and {len(self.radii)} radii; give at least "
                 "one demonstration, and one radius (or None) for each or no radii"
             )
-        if self.signals and len(self.signals) != number:
-            raise ValueError(
-                f"{number} demonstrations and {len(self.signals)} of signals; give one "
-                "mapping for each, or none"
-            )
-        for motion, signals in zip(self.demonstrations, self.signals, strict=False):
-            for name, array in signals.items():
+        signals = self.signals or ({},) * number
+        for motion, arrays in zip(self.demonstrations, signals, strict=True):
+            for name, array in arrays.items():
                 if array.ndim != 2 or len(array) != len(motion.times):
                     raise ValueError(
                         f"signal {name!r:.40} has shape {array.shape}, must be "
@@ -84,8 +71,7 @@ class LabelledDemonstrations:
         for radius in self.radii:
             if radius is not None and not 0.0 < radius < math.inf:
                 raise ValueError(
-                    f"a door's radius is {radius}; it must be positive [m], or None "
-                    "(NaN in a file) where it is unknown"
+                    f"a door's radius is {radius}; it must be positive [m], or None"
                 )
 
 
@@ -186,9 +172,7 @@ def _labelled(members: Members) -> LabelledDemonstrations:
         signals.append({name: array for name, array in arrays.items() if array.size})
     return LabelledDemonstrations(
         demonstrations=tuple(demonstrations),
-        radii=tuple(
-            None if math.isnan(radius) else radius for radius in radii.tolist()
-        ),
+        radii=tuple(None if math.isnan(r) else r for r in radii.tolist()),
         frame=str(members["frame"]),
         signals=tuple(signals) if members["signals"].size else (),
     )
