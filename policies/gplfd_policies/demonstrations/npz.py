@@ -55,12 +55,13 @@ class LabelledDemonstrations:
         number = len(self.demonstrations)
         if self.frame not in FRAMES:
             raise ValueError(f"frame is {self.frame!r:.80}, must be one of {FRAMES}")
-        if number == 0 or number != len(self.radii):
-            raise ValueError(
-                f"{number} demonstrations and {len(self.radii)} radii; give at least "
-                "one demonstration, and one radius (or None) for each or no radii"
-            )
         signals = self.signals or ({},) * number
+        if number == 0 or not number == len(self.radii) == len(signals):
+            raise ValueError(
+                f"{number} demonstrations, {len(self.radii)} radii and {len(signals)} "
+                "signals; give at least one demonstration, a radius (or None) for each "
+                "or no radii, and signals of each or none"
+            )
         for motion, arrays in zip(self.demonstrations, signals, strict=True):
             for name, array in arrays.items():
                 if array.ndim != 2 or len(array) != len(motion.times):
