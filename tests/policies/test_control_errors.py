@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from gplfd_policies import AgentStep
-from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.load import CarriedLoad, LearnedLoad
 from gplfd_policies.control.rendering import ArmRendering
@@ -23,7 +22,7 @@ from gplfd_policies.phase.phase_rule import PhaseNoise
 ONES, NAN, INF = np.ones(6), np.nan, np.inf
 ACTIONS = np.arange(18.0).reshape(3, 6)
 STEP = AgentStep(action=ONES)
-IN_ARM = ComplianceConfig(rendering=ArmRendering(), stiffness_frame="axes")
+IN_ARM = ComplianceConfig(rendering=ArmRendering, stiffness_frame="axes")
 SOFT = replace(DEFAULT_PROFILE, k_min=np.full(6, 5.0))
 UNEVEN = replace(PAPER_DYNAMICS, mass=np.arange(1.0, 7.0))
 NUMBERS = [
@@ -31,8 +30,6 @@ NUMBERS = [
     (LearnedLoad, "step", INF),
     (CarriedLoad, "limit", NAN),
     (ComplianceConfig, "control_period", 0.0),
-    (ArmRendering, "smoothing", -0.1),
-    (HandleConfig, "following_share", 1.1),
     (PhaseNoise, "position", -1e-3),
     (SimilarityConfig, "spacing", 0.0),
     (PathPhaseConfig, "clearer_share", 1.5),
@@ -56,7 +53,7 @@ def test_a_number_outside_its_range_is_refused(record, name, value):
         (ComplianceConfig(), {"via_std": (-1e-3, 0.0)}, r"Config\.via_std must be two"),
         (ComplianceConfig(), {"load": object()}, r"Config\.load must be a load rule"),
         (IN_ARM, {"profile": SOFT}, r"asks for \[5\. 5\..* from \[20\. 20\."),
-        (ComplianceConfig(), {"rendering": ArmRendering()}, "along the task's axes"),
+        (ComplianceConfig(), {"rendering": ArmRendering}, "along the task's axes"),
         (ComplianceConfig(), {"stiffness_frame": "door"}, "'door' is not one of"),
         (ComplianceConfig(), {"dynamics": UNEVEN}, r"dynamics\.mass must be the same"),
         (PAPER_PROFILE, {"k_min": np.full(6, 501.0)}, "0 < k_min <= k_max"),

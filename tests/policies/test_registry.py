@@ -36,7 +36,7 @@ def parts(agent):
     return {
         "form": type(movement.distribution),
         "load": type(config.load),
-        "rendering": type(config.rendering),
+        "rendering": config.rendering,
         "frame": config.stiffness_frame,
         "damped": config.dynamics.least_damping.any(),
         "goes on": movement.learned.aligned.end < 1.0,

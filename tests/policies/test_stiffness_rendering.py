@@ -12,7 +12,6 @@ from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.rendering import (
     ARM_DYNAMICS,
     ArmRendering,
-    Rendering,
     VirtualRendering,
 )
 from gplfd_policies.control.stiffness import DEFAULT_DYNAMICS
@@ -26,8 +25,8 @@ FORCE = np.array([5.0, -3.0, 8.0, 0.5, -0.2, 0.1])
 AT_REST, NOTHING = np.zeros(3), np.zeros(6)
 
 
-def arm(**config):
-    return ArmRendering(**config).renderer(ARM_DYNAMICS, H, ())
+def arm():
+    return ArmRendering(ARM_DYNAMICS, H)
 
 
 def step(
@@ -45,16 +44,15 @@ def step(
     )
 
 
-@pytest.mark.parametrize("rendering", [VirtualRendering(), ArmRendering()])
+@pytest.mark.parametrize("rendering", [VirtualRendering, ArmRendering])
 def test_without_load_at_rest_the_set_point_is_the_desired_pose(rendering):
-    assert isinstance(rendering, Rendering)
-    action = step(rendering.renderer(DEFAULT_DYNAMICS, H, ()))
+    action = step(rendering(DEFAULT_DYNAMICS, H))
     assert_allclose(action, DESIRED, atol=1e-15)
     assert action is not DESIRED
 
 
 def test_virtual_dynamics_displace_the_set_point_by_the_yielded_force_alone():
-    renderer = VirtualRendering().renderer(DEFAULT_DYNAMICS, H, ())
+    renderer = VirtualRendering(DEFAULT_DYNAMICS, H)
     admittance = Admittance(DEFAULT_DYNAMICS)
     for count in range(5):
         moving = {"velocity": np.ones(3), "force": 10.0 * np.ones(3)}

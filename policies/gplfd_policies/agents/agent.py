@@ -14,7 +14,7 @@ import numpy as np
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.adaptation.gridded import GriddedMovement
-from gplfd_policies.agents.handles import HandleConfig, controller_of
+from gplfd_policies.agents.handles import controller_of
 from gplfd_policies.control.compliance import ComplianceConfig, ComplianceController
 from gplfd_policies.control.steps import AgentStep, Observation, measured
 from gplfd_policies.control.stiffness import VirtualDynamics
@@ -165,7 +165,6 @@ class CompliantAgent:
         movement: The movement on a grid of phases, adapted in place.
         phases: Estimates the phase of an observed pose.
         config: Stiffness, load, timing and via-points.
-        handle_config: When and how far a handle is turned beyond the demonstration.
         forces: The movement of the demonstrated forces, adapted in place; None if there
             are none.
         handle: The handle that the demonstrations turn; None for a bar.
@@ -174,7 +173,6 @@ class CompliantAgent:
     movement: GriddedMovement
     phases: PhaseRule
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
-    handle_config: HandleConfig = field(default_factory=HandleConfig)
     forces: GriddedMovement | None = None
     handle: TurnedHandle | None = field(init=False, repr=False, compare=False)
     _controller: ComplianceController = field(init=False, repr=False, compare=False)
@@ -186,7 +184,6 @@ class CompliantAgent:
             self.phases,
             self.config,
             [] if handle is None else [handle],
-            self.handle_config,
             self.forces,
         )
         object.__setattr__(self, "handle", handle)

@@ -11,12 +11,11 @@ The controller of `gplfd_policies.control.compliance` does not model a handle.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.adaptation.gridded import (
     GriddedMovement,
     GriddedMovements,
@@ -37,27 +36,19 @@ servo [m]. This is less than the tuned share of a lever's travel, and half of th
 of a thumb piece."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class HandleConfig(Quantities):
-    """When and how far a handle is turned beyond the demonstrated turn.
-
-    The agent cannot observe whether the bolt is free. If the door does not move under
-    load, the agent turns the handle further, up to a stop.
-    """
-
-    latched_force: float = quantity(10.0, above=0.0, unit="N")
-    """Force along the path above which a door that does not move may be latched [N].
-    Tuned, below the least limit for opening a door, 22.2 N (ADA 404.2.9)."""
-    closed_distance: float = quantity(0.01, above=0.0, unit="m")
-    """A door counts as closed while its handle axis has moved less than this [m]."""
-    following_share: float = quantity(0.8, low=0.0, high=1.0)
-    """Share of the commanded turn above which a handle counts as following; otherwise
-    it is at its stop. Tuned."""
-    gear_rate: float = quantity(0.5, low=0.0, unit="1/s")
-    """Growth rate of the gear ratio while the door does not move [1/s]: 0.4 rad/s if
-    0.8 rad was demonstrated, half of the demonstrated pace."""
-    max_gear: float = quantity(1.6, low=1.0)
-    """Greatest gear ratio: no handle turns further than about 75°."""
+LATCHED_FORCE: Final = 10.0
+"""Force along the path above which a door that does not move may be latched [N]. Tuned,
+below the least limit for opening a door, 22.2 N (ADA 404.2.9)."""
+CLOSED_DISTANCE: Final = 0.01
+"""A door counts as closed while its handle axis has moved less than this [m]."""
+FOLLOWING_SHARE: Final = 0.8
+"""Share of the commanded turn above which a handle counts as following; otherwise it is
+at its stop. Tuned."""
+GEAR_RATE: Final = 0.5
+"""Growth rate of the gear ratio while the door does not move [1/s]: 0.4 rad/s if 0.8
+rad was demonstrated, half of the demonstrated pace."""
+MAX_GEAR: Final = 1.6
+"""Greatest gear ratio: no handle turns further than about 75°."""
 
 
 def controller_of(
@@ -65,7 +56,6 @@ def controller_of(
     phases: PhaseRule,
     config: ComplianceConfig,
     handles: Sequence[TurnedHandle],
-    handle_config: HandleConfig,
     forces: GriddedMovement | Sequence[GriddedMovement] | None = None,
 ) -> ComplianceController:
     """Return the controller of one hand or many, for bars or for turning handles.
@@ -80,7 +70,7 @@ def controller_of(
         paths = GriddedMovements(movements)
         load = config.load.begin(config.profile, paths.numbers.shape)
         return ComplianceController(paths, phases, load, config, forecast)
-    turning = HandleMovements(movements, handles, handle_config)
+    turning = HandleMovements(movements, handles)
     return ComplianceController(
         turning, phases, HandleLoad(config, turning), config, forecast
     )
@@ -104,10 +94,9 @@ class HandleMovements(GriddedMovements):
         self,
         movements: GriddedMovement | Sequence[GriddedMovement],
         handles: Sequence[TurnedHandle],
-        config: HandleConfig,
     ) -> None:
         super().__init__(movements)
-        self._handles, self._config = tuple(handles), config
+        self._handles = tuple(handles)
         self._gears = [1.0] * len(self._handles)
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
@@ -184,10 +173,11 @@ class HandleMovements(GriddedMovements):
     ) -> np.ndarray:
         """Turn handles further if their doors do not move; return which, bool (*N).
 
-        A handle is turned further if the door resists along its path with a load [N]
-        and has not moved, and the handle has reached the commanded angle.
+        The agent cannot observe whether the bolt is free. A handle is turned further if
+        the door resists along its path with a load [N] and has not moved, and the
+        handle has reached the commanded angle; up to a stop.
         """
-        config, turned = self._config, []
+        turned = []
         for number, pose, path, force in zip(
             self._of(rows),
             poses.reshape(-1, 6).tolist(),
@@ -196,18 +186,18 @@ class HandleMovements(GriddedMovements):
             strict=True,
         ):
             handle, gear = self._handles[number], self._gears[number]
-            turns = force >= config.latched_force and gear < config.max_gear
+            turns = force >= LATCHED_FORCE and gear < MAX_GEAR
             if turns:
                 displacement = handle.axis_displacement(pose)
                 along = sum(p * u for p, u in zip(displacement, path, strict=True))
-                follows = config.following_share * gear * handle.travel
+                follows = FOLLOWING_SHARE * gear * handle.travel
                 if handle.arm > 0.0:
                     lag = _SERVO_LAG / handle.arm
                     follows = min(follows, gear * handle.travel - lag)
-                closed = along < config.closed_distance
+                closed = along < CLOSED_DISTANCE
                 turns = closed and handle.turned(pose) >= follows
             if turns:
-                gear = min(gear + config.gear_rate * period, config.max_gear)
+                gear = min(gear + GEAR_RATE * period, MAX_GEAR)
                 self._gears[number] = gear
             turned.append(turns)
         return np.reshape(np.array(turned, dtype=np.bool_), np.shape(load))

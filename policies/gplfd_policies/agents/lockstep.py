@@ -92,7 +92,6 @@ class _VectorisedBatch(AgentBatch):
             first.phases.stacked([agent.phases for agent in agents]),
             replace(first.config, profile=StiffnessProfile.stacked(profiles)),
             [agent.handle for agent in agents if agent.handle is not None],
-            first.handle_config,
             [agent.forces for agent in agents if agent.forces is not None] or None,
         )
 
@@ -159,7 +158,6 @@ def _shared(agent: CompliantAgent) -> tuple[object, ...]:
         agent.phases.settings,
         agent.handle is None,
         agent.forces is None,
-        agent.handle_config,
         *map(comparable, _values(agent.config)),
     )
 

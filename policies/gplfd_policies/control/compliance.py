@@ -24,7 +24,7 @@ from gplfd_policies.control.expected_force import ForceForecast
 from gplfd_policies.control.frame import directional_std, path_frame, product
 from gplfd_policies.control.load import ContactState, LearnedLoad, Load
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
-from gplfd_policies.control.rendering import Rendering, VirtualRendering
+from gplfd_policies.control.rendering import ArmRendering, VirtualRendering
 from gplfd_policies.control.stability import GovernedStiffness, StiffnessGovernor
 from gplfd_policies.control.steps import AgentStep
 from gplfd_policies.control.stiffness import (
@@ -56,7 +56,7 @@ class ComplianceConfig:
     """Stiffness from demonstrated forces at each phase, in addition to `profile`."""
     dynamics: VirtualDynamics = DEFAULT_DYNAMICS
     """Mass and damping ratio of the virtual dynamics, Eq. (22)."""
-    rendering: Rendering = field(default_factory=VirtualRendering)
+    rendering: type[VirtualRendering] | type[ArmRendering] = VirtualRendering
     """Where compliance is realised: by virtual dynamics, or by the arm itself."""
     stiffness_frame: Literal["path", "axes"] = "path"
     """Directions of the translational stiffness: along the path, up and across it, or
@@ -161,9 +161,7 @@ class ComplianceController:
         self._load, self._config = load, config
         shape = movements.durations.shape
         self._governor = StiffnessGovernor(config.profile, config.dynamics, shape)
-        self._renderer = config.rendering.renderer(
-            config.dynamics, config.control_period, shape
-        )
+        self._renderer = config.rendering(config.dynamics, config.control_period, shape)
         self._via_noise = np.repeat(config.via_std, 3)
         self._command_phase = np.zeros(shape)
         self._observed_phase = np.zeros(shape)

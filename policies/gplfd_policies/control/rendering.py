@@ -7,14 +7,13 @@ measurement.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar, Final
 
 import numpy as np
 
 from gplfd_env.conventions.constants import Control
 from gplfd_env.spatial.se3 import compose_rotvecs
-from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes, Frames, Vectors
 from gplfd_policies.control.admittance import Admittance
@@ -25,28 +24,25 @@ ARM_DYNAMICS: Final = VirtualDynamics(mass=np.repeat([4.0, 0.15], 3), damping_ra
 """Apparent dynamics of the arm of `gplfd_env` at the hand, when it renders a
 stiffness."""
 
+_SMOOTHING: Final = 0.2
+"""Time constant of the velocity for the lead [s]. Near the limit of the load the pace
+falls by 0.16 per newton. At 0.2 m/s the force of the lead then falls by 2.7 N per
+newton: without smoothing it would alternate from period to period."""
+
 Range = tuple[tuple[float, float], tuple[float, float]]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class VirtualRendering:
-    """Virtual dynamics displace the set-point of the arm, which is always stiff."""
+class VirtualRendering(Admittance):
+    """Virtual dynamics displace the set-point of the arm, which is always stiff.
+
+    For one hand, shape (), or for N hands, (N,).
+    """
 
     control: ClassVar[Control] = "pose"
     stiffness_range: ClassVar[Range] = ((0.0, math.inf), (0.0, math.inf))
 
-    def renderer(
-        self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
-    ) -> "VirtualRenderer":
-        """Return the renderer for one hand, shape (), or for N hands, (N,)."""
-        return VirtualRenderer(dynamics, period, shape)
-
-
-class VirtualRenderer(Admittance):
-    """An admittance around the desired poses."""
-
     def __init__(
-        self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
+        self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...] = ()
     ) -> None:
         super().__init__(dynamics, shape)
         self._period, self._held = period, replace(HELD_HAND, period=period)
@@ -79,8 +75,7 @@ class VirtualRenderer(Admittance):
         return action
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ArmRendering(Quantities):
+class ArmRendering:
     """The arm's servo is commanded the stiffness; the set-point is the desired pose.
 
     Two leads are added, without which a soft arm would lag behind the policy:
@@ -99,26 +94,10 @@ class ArmRendering(Quantities):
     control: ClassVar[Control] = "impedance"
     stiffness_range: ClassVar[Range] = ((20.0, 2000.0), (1.0, 100.0))
 
-    smoothing: float = quantity(0.2, low=0.0, unit="s")
-    """Time constant of the velocity for the lead [s]; 0 for no smoothing. Near the
-    limit of the load the pace falls by 0.16 per newton. At 0.2 m/s the force of the
-    lead then falls by 2.7 N per newton: without smoothing it would alternate from
-    period to period."""
-
-    def renderer(
-        self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...]
-    ) -> "ArmRenderer":
-        """Return the renderer for one hand, shape (), or for N hands, (N,)."""
-        return ArmRenderer(dynamics, period / (period + self.smoothing), shape)
-
-
-class ArmRenderer:
-    """Computes set-points that lead the desired poses."""
-
     def __init__(
-        self, dynamics: VirtualDynamics, share: float, shape: tuple[int, ...]
+        self, dynamics: VirtualDynamics, period: float, shape: tuple[int, ...] = ()
     ) -> None:
-        self._dynamics, self._share = dynamics, share
+        self._dynamics, self._share = dynamics, period / (period + _SMOOTHING)
         self._velocity = np.zeros((*shape, 3))
         self._rest = np.zeros((*shape, 3))  # where the load alone would hold the hand
 
@@ -154,12 +133,8 @@ class ArmRenderer:
         smooth = self._velocity[rows] = before + self._share * (velocity - before)
         damping = self._dynamics.damping(stiffness)[..., :3]
         pull = compensated_force + damping * smooth
-        stiffest = ArmRendering.stiffness_range[0][1]
+        stiffest = self.stiffness_range[0][1]
         rest = self._rest[rows] = desired[..., :3] - compensated_force / stiffest
         action = desired.copy()
         action[..., :3] = rest + pull / stiffness[..., :3]
         return action
-
-
-Rendering = VirtualRendering | ArmRendering
-"""Settings of a rendering, from which a renderer is made."""

@@ -233,7 +233,7 @@ AS_PUBLISHED: Final[Mapping[str, Policy]] = MappingProxyType(
             make=replace(
                 GP,
                 config=ComplianceConfig(
-                    rendering=ArmRendering(),
+                    rendering=ArmRendering,
                     dynamics=ARM_DYNAMICS,
                     stiffness_frame="axes",
                 ),

@@ -10,7 +10,6 @@ import numpy as np
 
 from gplfd_policies.adaptation.gridded import GriddedMovement
 from gplfd_policies.agents.agent import CompliantAgent
-from gplfd_policies.agents.handles import HandleConfig
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
 from gplfd_policies.arrays.shapes import Float
 from gplfd_policies.control.compliance import ComplianceConfig
@@ -144,8 +143,6 @@ class Method:
     `gplfd_policies.control.phase_stiffness.stiffness_from_force`; None for none."""
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
     """Other settings for following the movement: load, timing, via-points."""
-    handle_config: HandleConfig = field(default_factory=HandleConfig)
-    """When and how far a handle is turned beyond the demonstrated turn."""
     modes: ModeConfig | None = None
     """Criteria by which an agent abandons a mode. Modes of the demonstrations are found
     and learned separately; None to learn all demonstrations as one mode."""
@@ -252,7 +249,6 @@ class Method:
                 profile=profile,
                 phase_stiffness=learned and learned(movement, profile),
             ),
-            handle_config=self.handle_config,
             forces=forces,
         )
 
@@ -286,7 +282,7 @@ class Method:
         config = replace(
             self.config,
             load=YieldToAll(),
-            rendering=ArmRendering(),
+            rendering=ArmRendering,
             dynamics=ARM_DYNAMICS,
             stiffness_frame="axes",
             control_period=period,

@@ -179,7 +179,6 @@ def watch(
         GriddedMovement(movement, method.adaptation, GRID.size),
         phases=method.phases(movement),
         config=replace(method.config, control_period=period),
-        handle_config=method.handle_config,
     )
     watched = {}
     for count, pose in enumerate(poses[: max(counts)], start=1):
