@@ -5,6 +5,7 @@ Demonstration*, arXiv:2002.09979; `gplfd_policies.control.compliance` implements
 control step.
 """
 
+import contextlib
 import textwrap
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol, get_args, runtime_checkable
@@ -66,15 +67,12 @@ def as_agent(candidate: object) -> Agent:
     """
     if isinstance(candidate, CompliantAgent | CheckedAgent):
         return candidate
-    what = f"an object of {type(candidate)}"
-    if isinstance(candidate, type):
-        what = f"{candidate} itself, not an object of it,"
-    elif callable(getattr(candidate, "act", None)):
-        return CheckedAgent(candidate)
-    raise ValueError(
-        f"{what} is not an agent: an agent is an object with a method "
-        "act(observation) that returns the commanded pose, six numbers [m, rad]"
-    )
+    if isinstance(candidate, type) or not callable(getattr(candidate, "act", None)):
+        raise ValueError(
+            f"{candidate!r} is not an agent: an agent is an object with a method "
+            "act(observation) that returns the commanded pose, six numbers [m, rad]"
+        )
+    return CheckedAgent(candidate)
 
 
 class CheckedAgent:
@@ -106,13 +104,9 @@ class CheckedAgent:
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
         self._step += 1
-        answer = self._candidate.act(observation)
-        try:
+        answer = step = self._candidate.act(observation)
+        with contextlib.suppress(TypeError, ValueError):
             numbers = np.array(answer, dtype=np.float64)
-        except (TypeError, ValueError):
-            step = answer
-        else:
-            step = None
             if self.control == "pose" and numbers.shape == (6,):
                 step = AgentStep(action=numbers)
             elif self.control == "impedance" and numbers.shape == (12,):
@@ -138,8 +132,7 @@ class CheckedAgent:
             return forecast
         raise ValueError(
             f"{type(self._candidate).__name__}.forecast returned {type(forecast)}; it "
-            "must return a gplfd_policies.GaussianTrajectory over the whole task, or "
-            "None"
+            "must return a gplfd_policies.GaussianTrajectory, or None"
         )
 
 
@@ -158,8 +151,7 @@ class CompliantAgent:
     """Follows a learned movement with variable-stiffness admittance control.
 
     The command phase advances with time, at the demonstrations' mean speed, unless the
-    load rule slows it down. `gplfd_policies.agents.lockstep` computes many of these
-    agents together.
+    load rule slows it down.
 
     Attributes:
         movement: The movement on a grid of phases, adapted in place.

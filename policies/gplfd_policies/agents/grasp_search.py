@@ -77,14 +77,12 @@ class GraspSearch:
     Attributes:
         stage: Current stage; ``"held"`` also after the last failed attempt.
         attempt: Number of the present grasp, from 1.
-        elapsed: Time since the beginning [s].
     """
 
     def __init__(self, spread: float, duration: float) -> None:
         self._spread, self._duration = spread, duration
         self.stage: Stage = "reach"
-        self.attempt, self.elapsed = 1, 0.0
-        self._since = 0.0
+        self.attempt, self._since = 1, 0.0
         self._goal, self._from, self._command = np.zeros((3, 6))
         self._forces: list[Vector] = []
 
@@ -96,28 +94,28 @@ class GraspSearch:
     def command(self, observation: Observation, reached: Pose) -> Pose:
         """Return the next commanded pose, given the pose of the learned reach."""
         force, torque = np.split(np.asarray(observation["wrench"]), 2)
-        self.elapsed += CONTROL_PERIOD
         self._since += CONTROL_PERIOD
         since, goal = self._since, self._goal
-        if self.stage == "reach":
-            self._command = reached
-            self._go_on(since >= self._duration, "close")
-        elif self.stage == "back":
-            self._command = self._toward(goal + _BEFORE, since / _BACK_TIME)
-            self._go_on(since >= _BACK_TIME, "in")
-        elif self.stage == "in":
-            self._command = self._toward(goal, since / _IN_TIME)
-            self._go_on(since >= _IN_TIME, "close")
-        elif self.stage == "close":
-            self._command[:3] += force / DAMPING * CONTROL_PERIOD
-            self._go_on(since >= CLOSING, "shake")
-        elif self.stage == "shake":
-            self._command = self._from.copy()
-            if since <= SHAKE[1]:
-                self._forces.append(force)
-                self._command[1:3] += SHAKE[0] * _shake(since / SHAKE[1])
-            elif since >= SHAKE[1] + _REST:
-                self._judge(observation)
+        match self.stage:
+            case "reach":
+                self._command = reached
+                self._go_on(since >= self._duration, "close")
+            case "back":
+                self._command = self._toward(goal + _BEFORE, since / _BACK_TIME)
+                self._go_on(since >= _BACK_TIME, "in")
+            case "in":
+                self._command = self._toward(goal, since / _IN_TIME)
+                self._go_on(since >= _IN_TIME, "close")
+            case "close":
+                self._command[:3] += force / DAMPING * CONTROL_PERIOD
+                self._go_on(since >= CLOSING, "shake")
+            case "shake":
+                self._command = self._from.copy()
+                if since <= SHAKE[1]:
+                    self._forces.append(force)
+                    self._command[1:3] += SHAKE[0] * _shake(since / SHAKE[1])
+                elif since >= SHAKE[1] + _REST:
+                    self._judge(observation)
         squared = float(force @ force)
         moving = self.stage in ("reach", "in") and since > _SETTLED
         if moving and squared > CONTACT_FORCE**2:
@@ -134,21 +132,20 @@ class GraspSearch:
         shares = np.arange(1, len(self._forces) + 1) / len(self._forces)
         forces, waves = np.array(self._forces)[:, 1:], _shake(shares)
         resistance = -2.0 * (forces * waves.T).mean(axis=0)
-        if resistance.min() >= RESISTANCE:
-            self._go_on(True, "held")
-        else:
+        self._go_on(bool(resistance.min() >= RESISTANCE), "held")
+        if self.stage != "held":
             deeper = self._spread * _DEEPER[min(self.attempt, len(_DEEPER)) - 1]
             self._again(observation, np.array([deeper, 0.0, 0.0]))
 
     def _again(self, observation: Observation, beside: Vector) -> None:
         """Start the next grasp, displaced from this one, unless it was the last."""
         self._command = np.array(observation["ee_pose"])
-        if self.attempt == ATTEMPTS:
+        if self.attempt < ATTEMPTS:
+            self.attempt += 1
+            self._goal[:3] += beside
+            self._go_on(True, "back")
+        else:
             self._go_on(True, "held")
-            return
-        self.attempt += 1
-        self._goal[:3] += beside
-        self._go_on(True, "back")
 
     def _go_on(self, done: bool, stage: Stage) -> None:
         """Begin the next stage once the present one is done."""

@@ -5,7 +5,7 @@ the same configuration in lockstep share this cost, and decide as each would alo
 """
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, SupportsIndex
 
@@ -58,26 +58,19 @@ class AgentBatch:
         return self._agents[row].forecast()
 
     def _reset(self, observations: Observation, rows: Rows) -> None:
-        for agent, observation in self._each(observations, rows):
-            agent.reset(observation)
+        for row in np.arange(len(self._agents))[rows].tolist():
+            self._agents[row].reset(_of(observations, row))
 
     def _decide(self, observations: Observation, rows: Rows) -> AgentStep:
         """Return the steps of these rows only."""
+        numbers = np.arange(len(self._agents))[rows].tolist()
         return AgentStep.stacked(
-            [
-                agent.act(observation)
-                for agent, observation in self._each(observations, rows)
-            ]
+            [self._agents[row].act(_of(observations, row)) for row in numbers]
         )
 
-    def _each(
-        self, observations: Observation, rows: Rows
-    ) -> Iterator[tuple[Agent, Observation]]:
-        for row in np.arange(len(self._agents))[rows].tolist():
-            yield (
-                self._agents[row],
-                {name: values[row] for name, values in observations.items()},
-            )
+
+def _of(observations: Observation, row: int) -> Observation:
+    return {name: values[row] for name, values in observations.items()}
 
 
 class _VectorisedBatch(AgentBatch):
@@ -135,9 +128,8 @@ def batch_agents(agents: Sequence[object]) -> AgentBatch:
             "others pose and stiffness (their attribute control); make a batch of each"
         )
     alike = [agent for agent in checked if isinstance(agent, CompliantAgent)]
-    if len(alike) == len(checked) and all(
-        _shared(agent) == _shared(alike[0]) for agent in alike
-    ):
+    shared = [_shared(agent) for agent in alike]
+    if len(alike) == len(checked) and all(parts == shared[0] for parts in shared):
         return _VectorisedBatch(alike)
     return AgentBatch(checked)
 

@@ -11,14 +11,13 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, Control
+from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.validation.fields import Quantities, quantity
 from gplfd_policies.adaptation.gridded import LOOK_AHEAD
 from gplfd_policies.agents.agent import CompliantAgent
-from gplfd_policies.arrays.shapes import Float, Pose
+from gplfd_policies.arrays.shapes import Pose
 from gplfd_policies.control.steps import AgentStep, Observation, measured
-from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.movements.movement import GaussianTrajectory
 
 _ARM: Final = np.repeat([1.0, 0.1], 3)
@@ -99,6 +98,7 @@ class ModesAgent:
         config: ModeConfig = ModeConfig(),
     ) -> None:
         self.agents, self.config = tuple(agents), config
+        self.control, self.dynamics = agents[0].control, agents[0].dynamics
         self._prior = np.log(np.divide(counts, sum(counts)))
         paths = [agent.movement.trajectory() for agent in agents]
         self._means = np.stack([path.mean for path in paths])
@@ -110,16 +110,6 @@ class ModesAgent:
         last = np.repeat(chords[:, -1:], ahead, axis=1)
         self._directions = np.concatenate([chords, last], axis=1)
         self._begin(np.zeros(6))
-
-    @property
-    def control(self) -> Control:
-        """Kind of command, the same in all modes."""
-        return self.agents[0].control
-
-    @property
-    def dynamics(self) -> VirtualDynamics:
-        """Mass and damping at the commanded stiffness, the same in all modes."""
-        return self.agents[0].dynamics
 
     def inform(self, door: DoorGeometry) -> None:
         """Ignore the door: the agent uses only what it learns and observes."""
@@ -142,13 +132,6 @@ class ModesAgent:
         # [s].
         self._trail, self._target, self._rested = [pose], pose, 0.0
         self._offset = np.zeros(6)  # of the set-point from the mode's command
-
-    @property
-    def probabilities(self) -> Float[np.ndarray, " J"]:
-        """Probability of every mode."""
-        weights = np.exp(self._log_weights - self._log_weights.max())
-        probabilities: np.ndarray = weights / weights.sum()
-        return probabilities
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command from ``ee_pose`` [m, rad] and ``wrench`` [N, N m]."""
@@ -225,11 +208,10 @@ class ModesAgent:
         )
 
     def _decided(self, step: AgentStep) -> AgentStep:
-        self._last = replace(
-            step,
-            mode=float(self._mode),
-            mode_probability=float(self.probabilities[self._mode]),
-        )
+        weights = np.exp(self._log_weights - self._log_weights.max())
+        probability = float(weights[self._mode] / weights.sum())
+        mode = float(self._mode)
+        self._last = replace(step, mode=mode, mode_probability=probability)
         return self._last
 
     def forecast(self) -> GaussianTrajectory:

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH, Control
+from gplfd_env.conventions.constants import CONTROL_PERIOD, GRIPPER_WIDTH
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_env.spatial.se3 import compose_rotvecs
 from gplfd_policies.adaptation import adapt
@@ -21,7 +21,6 @@ from gplfd_policies.arrays.resolution import interpolated
 from gplfd_policies.arrays.shapes import Axes, Bool, Pose
 from gplfd_policies.control.rendering import ArmRendering
 from gplfd_policies.control.steps import AgentStep, Observation
-from gplfd_policies.control.stiffness import VirtualDynamics
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.demonstration import Demonstration
 from gplfd_policies.demonstrations.npz import LabelledDemonstrations
@@ -95,15 +94,13 @@ def _parts(
     recorded: LabelledDemonstrations,
 ) -> list[tuple[Demonstration, Demonstration]]:
     """Return reach and opening of each demonstration; empty without the signal."""
-    if not recorded.signals or any(
-        GRASPED not in signals for signals in recorded.signals
-    ):
+    if not all(GRASPED in signals for signals in recorded.signals):
         return []
+    # Without any signals, there are none to pair.
+    pairs = zip(recorded.demonstrations, recorded.signals, strict=False)
     return [
         split_at_grasp(demonstration, signals[GRASPED][:, 0] > 0.5)
-        for demonstration, signals in zip(
-            recorded.demonstrations, recorded.signals, strict=True
-        )
+        for demonstration, signals in pairs
     ]
 
 
@@ -136,17 +133,8 @@ class ReachingAgent:
     ) -> None:
         self._reach, self._then, self._perception = reach, then, perception
         self._door: DoorGeometry | None = None
+        self.control, self.dynamics = then.control, then.dynamics
         self.reset({"ee_pose": np.zeros(6)})
-
-    @property
-    def control(self) -> Control:
-        """Kind of command, the same as for the agent that opens the door."""
-        return self._then.control
-
-    @property
-    def dynamics(self) -> VirtualDynamics | None:
-        """Mass and damping, the same as for the agent that opens the door."""
-        return self._then.dynamics
 
     def inform(self, door: DoorGeometry) -> None:
         """Pass on the door of the next episode."""
@@ -155,7 +143,12 @@ class ReachingAgent:
 
     def reset(self, observation: Observation) -> None:
         """Begin at the current pose of the hand."""
-        self._path, self._elapsed = self._from(observation["ee_pose"]), 0.0
+        start = ViaPoint(phase=0.0, pose=observation["ee_pose"])
+        handle = ViaPoint(phase=1.0, pose=np.zeros(6))
+        adapted = adapt(self._reach, (start, handle), "process").predict(_GRID)
+        self._path = np.hstack([adapted.mean, adapted.std])
+        self._elapsed, self._opens = 0.0, False
+        # The pose at the grasp, if it is not that of the believed handle.
         self._grasp: Pose | None = None
         self._search: GraspSearch | None = None
         if any(self._perception):
@@ -163,50 +156,39 @@ class ReachingAgent:
 
     def act(self, observation: Observation) -> AgentStep:
         """Return the command for the next control period."""
-        if self._search is not None:
-            return self._act_uncertain(observation, self._search)
-        before, whole = self._elapsed, self._reach.duration + CLOSING
+        search = self._search
+        held = self._elapsed >= self._reach.duration + CLOSING
+        if search is not None:
+            held = search.stage == "held"
+        if held:
+            return self._open(observation)
         self._elapsed += CONTROL_PERIOD
-        if before >= whole:
-            if before - CONTROL_PERIOD < whole:
-                self._then.reset(observation)
-            return self._then.act(observation)
-        return self._step(*self._reached(self._elapsed))
+        phase = np.array([min(self._elapsed / self._reach.duration, 1.0)])
+        pose, std = np.split(interpolated(phase, _GRID, self._path)[0], 2)
+        if search is not None:
+            pose = search.command(observation, pose)
+        stiffness = _STIFFEST if self.control == "impedance" else np.full(6, np.nan)
+        return AgentStep(action=pose, desired=pose, std=std, stiffness=stiffness)
 
-    def _act_uncertain(
-        self, observation: Observation, search: GraspSearch
-    ) -> AgentStep:
-        """Return a command of the search, or afterwards of the other agent."""
-        if search.stage != "held":
-            mean, std = self._reached(search.elapsed + CONTROL_PERIOD)
-            return self._step(search.command(observation, mean), std)
-        begins = self._grasp is None
-        if self._grasp is None:
+    def _open(self, observation: Observation) -> AgentStep:
+        """Return a step of the other agent, which begins where the hand holds."""
+        begins, self._opens = not self._opens, True
+        if begins and self._search is not None:
             self._grasp = np.array(observation["ee_pose"])
         grasp = self._grasp
-        relative = dict(observation)
-        relative["ee_pose"] = _moved(observation["ee_pose"], grasp, -1.0)
+        if grasp is not None:
+            pose = _moved(observation["ee_pose"], grasp, -1.0)
+            observation = {**observation, "ee_pose": pose}
         if begins:
-            if self._door is not None:
+            if grasp is not None and self._door is not None:
                 self._then.inform(self._door.seen_from(grasp[:3]))
-            self._then.reset(relative)
-        step = self._then.act(relative)
+            self._then.reset(observation)
+        step = self._then.act(observation)
+        if grasp is None:
+            return step
         poses = ("action", "desired", "predicted_mean")
         moved = {name: _moved(getattr(step, name), grasp, 1.0) for name in poses}
         return dataclasses.replace(step, **moved)
-
-    def _reached(self, time: float) -> tuple[Pose, Pose]:
-        """Return mean and standard deviation of the reach after a time [s]."""
-        phase = np.array([min(time / self._reach.duration, 1.0)])
-        mean, std = (
-            interpolated(phase, _GRID, curves)[0]
-            for curves in (self._path.mean, self._path.std)
-        )
-        return mean, std
-
-    def _step(self, mean: Pose, std: Pose) -> AgentStep:
-        stiffness = _STIFFEST if self.control == "impedance" else np.full(6, np.nan)
-        return AgentStep(action=mean, desired=mean, std=std, stiffness=stiffness)
 
     @property
     def gripper_width(self) -> float:
@@ -222,11 +204,6 @@ class ReachingAgent:
             return forecast
         mean = _moved(forecast.mean, grasp, 1.0)
         return dataclasses.replace(forecast, mean=mean)
-
-    def _from(self, start: Pose) -> GaussianTrajectory:
-        """Return the movement from a pose to the handle."""
-        ends = ViaPoint(phase=0.0, pose=start), ViaPoint(phase=1.0, pose=np.zeros(6))
-        return adapt(self._reach, ends, "process").predict(_GRID)
 
 
 def _moved(pose: Axes, grasp: Pose, way: float) -> Axes:

@@ -1,11 +1,10 @@
 """Compliance control: movement, adaptation, stiffness and admittance, step by step.
 
 Section IV-B of Arduengo et al., *Gaussian-Process-based Robot Learning from
-Demonstration*, arXiv:2002.09979. The same implementation is used for one hand and for
-many hands, whose arrays have a leading axis of rows. The result of a row does not
-depend on the other rows, to the last bit: arithmetic is elementwise, and NumPy sums
-over a direction in a fixed order. BLAS products such as ``vecdot`` are not used across
-rows, because some of them add in an order that depends on the memory address.
+Demonstration*, arXiv:2002.09979. Arrays of many hands have a leading axis of rows. A
+row does not depend on the other rows, to the last bit: arithmetic is elementwise, and
+NumPy sums over a direction in a fixed order. BLAS products such as ``vecdot`` are not
+used across rows, because some add in an order that depends on the memory address.
 """
 
 import math
@@ -89,37 +88,36 @@ class ComplianceConfig:
                 f"(gplfd_policies.control.load.Load), got {self.load!r}"
             )
         lowest, highest = np.repeat(self.rendering.stiffness_range, 3, axis=0).T
-        asked = self.profile
-        if np.any(asked.k_min < lowest) or np.any(asked.k_max > highest):
+        profile, dynamics = self.profile, self.dynamics
+        if np.any(profile.k_min < lowest) or np.any(profile.k_max > highest):
             raise ValueError(
-                f"ComplianceConfig.profile asks for {asked.k_min} to {asked.k_max} "
+                f"ComplianceConfig.profile asks for {profile.k_min} to {profile.k_max} "
                 "[N/m, N m/rad], but its rendering can do from "
                 f"{lowest} to {highest}; choose another profile, or VirtualRendering"
             )
         name = "ComplianceConfig.stiffness_frame"
         check_choice(name, self.stiffness_frame, ("path", "axes"))
-        if self.stiffness_frame == "path":
-            why = 'choose ComplianceConfig(stiffness_frame="axes")'
-            if self.rendering.control == "impedance":
-                raise ValueError(
-                    f"an arm is commanded its stiffness along the task's axes; {why}"
-                )
-            for name, values in {
-                "dynamics.mass": self.dynamics.mass,
-                "dynamics.least_damping": self.dynamics.least_damping,
-                "profile.k_min": self.profile.k_min,
-            }.items():
-                if np.ptp(values[:3]) > 0.0:
-                    raise ValueError(
-                        f"ComplianceConfig.{name} must be the same along x, y and z "
-                        "where the stiffness turns with the path, got "
-                        f"{values[:3]}; or {why}"
-                    )
-        elif self.phase_stiffness is not None:
+        along_path = self.stiffness_frame == "path"
+        why = 'choose ComplianceConfig(stiffness_frame="axes")'
+        if along_path and self.rendering.control == "impedance":
+            raise ValueError(
+                f"an arm is commanded its stiffness along the task's axes; {why}"
+            )
+        if not along_path and self.phase_stiffness is not None:
             raise ValueError(
                 "ComplianceConfig.phase_stiffness has the directions of the path; "
                 'choose stiffness_frame="path", or None'
             )
+        for name, values in {
+            "dynamics.mass": dynamics.mass,
+            "dynamics.least_damping": dynamics.least_damping,
+            "profile.k_min": profile.k_min,
+        }.items():
+            if along_path and np.ptp(values[:3]) > 0.0:
+                raise ValueError(
+                    f"ComplianceConfig.{name} must be the same along x, y and z where "
+                    f"the stiffness turns with the path, got {values[:3]}; or {why}"
+                )
         if len(self.via_std) != 2 or not all(0.0 <= s < math.inf for s in self.via_std):
             raise ValueError(
                 "ComplianceConfig.via_std must be two finite numbers >= 0, position "

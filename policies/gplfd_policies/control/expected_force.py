@@ -52,16 +52,14 @@ class ForceForecast:
         """Start from movements of wrenches, and σ of measured wrenches [N], [N m]."""
         self._movements = movements
         self._noise = np.repeat(measurement_std, 3)
-        self._largest = np.reshape(
-            [_largest_force(poses) for poses in movements.demonstrated()],
-            movements.numbers.shape,
-        )
+        shape = movements.numbers.shape
+        squares = [wrenches[..., :3] ** 2 for wrenches in movements.demonstrated()]
+        largest = [float(np.sqrt(square.sum(axis=-1).max())) for square in squares]
+        self._largest = np.reshape(largest, shape)
         # Measured since the last via-point: sum and number.
-        self._sum = np.zeros((*movements.numbers.shape, 6))
-        self._count = np.zeros(movements.numbers.shape)
+        self._sum, self._count = np.zeros((*shape, 6)), np.zeros(shape)
         # Rows to be conditioned before the next prediction, and their phases.
-        self._due = np.zeros(movements.numbers.shape, dtype=bool)
-        self._phases = np.zeros(movements.numbers.shape)
+        self._due, self._phases = np.zeros(shape, dtype=bool), np.zeros(shape)
 
     def reset(self, rows: Rows = ALL_ROWS) -> None:
         """Forget these rows' doors."""
@@ -110,10 +108,9 @@ class ForceForecast:
         phases: PerRow,
         rows: Rows = ALL_ROWS,
     ) -> None:
-        """Schedule rows that are due to learn from their measurements since last time.
+        """Schedule rows that are due to learn the mean measured since last time.
 
-        Before the next prediction, the force is conditioned on their mean, at these
-        phases.
+        The force is conditioned on it, at these phases, before the next prediction.
         """
         self._due[rows] = due
         self._phases[rows] = phases
@@ -131,7 +128,3 @@ class ForceForecast:
         self._sum[rows] = np.where(np.asarray(due)[..., None], 0.0, total)
         self._count[rows] = np.where(due, 0.0, count)
         self._due[rows] = False
-
-
-def _largest_force(wrenches: Float[np.ndarray, "K M 6"]) -> float:
-    return float(np.sqrt(np.sum(wrenches[..., :3] ** 2, axis=-1).max()))

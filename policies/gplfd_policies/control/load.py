@@ -46,7 +46,7 @@ class ContactState:
     it only by friction."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class LoadResponse:
     """Response to a contact state."""
 
@@ -107,10 +107,9 @@ class LearnedLoad(Load):
 
     If forces were demonstrated, a resistance within the interval expected from them and
     from this door so far is always compensated, up to `shown_limit` and `shown_share`
-    of the largest demonstrated force: a closer resists with the expected force, no
-    matter how far the hand lags. While the door is unknown, the interval at the end of
-    the path ahead may also be used, because the phase at which a closer begins to
-    resist is uncertain.
+    of the largest demonstrated force: a closer resists no matter how far the hand lags.
+    While the door is unknown, the interval at the end of the path ahead may also be
+    used, because the phase at which a closer begins to resist is uncertain.
 
     The clock slows down with the lag of the hand and waits at `lag`. As the door
     becomes known (from 0 to 1 over the same distance as r̂), the lag that the force
@@ -233,12 +232,8 @@ class _LoadLearner(Load):
         coming = known * (resistance - compensated) / np.maximum(softest, _NO_STIFFNESS)
         compliant = contact.wrench.copy()
         compliant[..., :3] += compensated[..., None] * direction
-        return LoadResponse(
-            compliant_wrench=compliant,
-            compensated_load=compensated,
-            pace=_pace(np.maximum(lag, coming) / rule.lag),
-            path_lag=lag,
-        )
+        pace = _pace(np.maximum(lag, coming) / rule.lag)
+        return LoadResponse(compliant, compensated, pace, lag)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -263,12 +258,8 @@ class CarriedLoad(Load, Quantities):
         compensated = np.asarray(np.minimum(resistance, self.limit))
         compliant = wrench.copy()
         compliant[..., :3] += compensated[..., None] * direction
-        return LoadResponse(
-            compliant_wrench=compliant,
-            compensated_load=compensated,
-            pace=_pace(resistance / self.limit),
-            path_lag=np.zeros_like(compensated),
-        )
+        pace, lag = _pace(resistance / self.limit), np.zeros_like(compensated)
+        return LoadResponse(compliant, compensated, pace, lag)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -278,12 +269,7 @@ class YieldToAll(Load):
     def update(self, contact: ContactState, rows: Rows = ALL_ROWS) -> LoadResponse:
         """Return the unchanged wrenches and the normal pace."""
         nothing = np.zeros(contact.wrench.shape[:-1])
-        return LoadResponse(
-            compliant_wrench=contact.wrench,
-            compensated_load=nothing,
-            pace=nothing + 1.0,
-            path_lag=nothing,
-        )
+        return LoadResponse(contact.wrench, nothing, nothing + 1.0, nothing)
 
 
 def _along(direction: Vectors, vectors: Float[np.ndarray, "*N V"]) -> PerRow:

@@ -39,18 +39,15 @@ class PhaseStiffness:
 
     def direction_at(self, phase: PerRow, tangent: Vectors) -> Vectors:
         """Return the first direction of the frame at a phase, or the tangent."""
-        direction = self.direction[self._index(phase)]
+        direction = self.direction[np.rint(phase * (len(self.share) - 1)).astype(int)]
         return np.where(np.isnan(direction), tangent, direction)
 
     def combined(self, stiffness: Axes, phase: PerRow) -> Axes:
         """Return k^(1 - w) k_d^w: means of logarithms with the weights 1 - w and w."""
-        index = self._index(phase)
+        index = np.rint(phase * (len(self.share) - 1)).astype(int)
         # Not `**`: for arrays its last bit depends on the processor.
         gain = np.float_power(self.stiffness[index] / stiffness, self.share[index])
         return np.asarray(stiffness * gain)
-
-    def _index(self, phase: PerRow) -> np.ndarray:
-        return np.asarray(np.rint(phase * (len(self.share) - 1)), dtype=np.intp)
 
 
 def stiffness_from_force(

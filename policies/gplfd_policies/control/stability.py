@@ -106,8 +106,7 @@ class StiffnessGovernor:
         dynamics: VirtualDynamics,
         shape: tuple[int, ...] = (),
     ) -> None:
-        self._k_min = profile.k_min
-        gamma = decay_rate(profile.k_min, dynamics)
+        self._k_min, gamma = profile.k_min, decay_rate(profile.k_min, dynamics)
         # The constants of `rate_bound`, computed once: this runs at every control step.
         self._twice_gamma = 2.0 * gamma
         self._resistance = dynamics.damping_ratio * gamma * np.sqrt(dynamics.mass)

@@ -137,14 +137,13 @@ class AgentStep:
                 continue
             dtype = np.bool_ if name == "via_point" else np.float64
             array: np.ndarray = np.array(getattr(self, name), dtype=dtype)
-            expected = leading + shape
+            expected, single = leading + shape, shape if name == "frame" else ()
+            repeated = array.shape == single and name != "action"
+            if array.shape != expected and not repeated:
+                raise ValueError(
+                    f"AgentStep.{name} must have shape {expected}, got {array.shape}"
+                )
             if array.shape != expected:
-                single = shape if name == "frame" else ()
-                if array.shape != single or name == "action":
-                    raise ValueError(
-                        f"AgentStep.{name} must have shape {expected}, got "
-                        f"{array.shape}"
-                    )
                 array = np.full(expected, array)
             array.setflags(write=False)
             # The empty index turns arrays without axes into NumPy scalars.
@@ -166,12 +165,8 @@ class AgentStep:
         """Return the steps of single agents as one record."""
         if not steps:
             return cls(action=np.empty((0, 6)))
-        return cls(
-            **{
-                name: np.stack([getattr(step, name) for step in steps])
-                for name in STEP_SHAPES
-            }
-        )
+        fields = {name: [getattr(step, name) for step in steps] for name in STEP_SHAPES}
+        return cls(**{name: np.stack(values) for name, values in fields.items()})
 
     def among(self, rows: Rows, last_actions: Poses) -> AgentStep:
         """Return the steps of a whole batch in which only these rows acted.

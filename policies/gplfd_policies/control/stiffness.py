@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from gplfd_env.validation.fields import check_quantities, quantity
-from gplfd_policies.arrays.records import read_only
+from gplfd_policies.arrays.records import freeze, read_only
 from gplfd_policies.arrays.rows import ALL_ROWS, Rows
 from gplfd_policies.arrays.shapes import Axes, Float, Frames, SixAxes
 from gplfd_policies.control.contact import HELD_HAND
@@ -32,12 +32,8 @@ class StiffnessProfile:
     _laws: Float[np.ndarray, "*N 6 4"] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        leading = np.shape(self.alpha)[:-1]
-        for name, shape in {
-            **dict.fromkeys(("k_max", "k_min"), (6,)),
-            **dict.fromkeys(("alpha", "beta"), (*leading, 6)),
-        }.items():
-            object.__setattr__(self, name, _axes(name, getattr(self, name), shape))
+        rows = (*np.shape(self.alpha)[:-1], 6)
+        _check_axes(self, k_max=(6,), k_min=(6,), alpha=rows, beta=rows)
         if np.any(self.k_min <= 0) or np.any(self.k_max < self.k_min):
             raise ValueError(
                 "stiffness must satisfy 0 < k_min <= k_max on every axis, got "
@@ -138,8 +134,7 @@ class VirtualDynamics:
 
     def __post_init__(self) -> None:
         check_quantities(self)
-        for name in ("mass", "least_damping"):
-            object.__setattr__(self, name, _axes(name, getattr(self, name), (6,)))
+        _check_axes(self, mass=(6,), least_damping=(6,))
         if np.any(self.mass <= 0):
             raise ValueError(f"mass must be positive on every axis, got {self.mass}")
         if np.any(self.least_damping < 0):
@@ -154,18 +149,17 @@ class VirtualDynamics:
         return np.asarray(np.maximum(self.damping_ratio * critical, self.least_damping))
 
 
-def _axes(
-    name: str, values: Float[np.ndarray, "..."], shape: tuple[int, ...]
-) -> Float[np.ndarray, "..."]:
-    """Return a read-only float64 copy; raise if shape or numbers are invalid."""
-    array = read_only(np.asarray(values))
-    if array.shape != shape or not np.isfinite(array).all():
-        where = "" if shape == (6,) else f" in each of {shape[0]} rows"
-        raise ValueError(
-            f"{name} must be six finite numbers, x y z and rotations about "
-            f"them{where}, got {values!r}"
-        )
-    return array
+def _check_axes(record: object, **shapes: tuple[int, ...]) -> None:
+    """Make arrays read-only float64 copies; raise if shape or numbers are invalid."""
+    freeze(record, *shapes)
+    for name, shape in shapes.items():
+        array = getattr(record, name)
+        if array.shape != shape or not np.isfinite(array).all():
+            where = "" if shape == (6,) else f" in each of {shape[0]} rows"
+            raise ValueError(
+                f"{name} must be six finite numbers, x y z and rotations about "
+                f"them{where}, got {array!r}"
+            )
 
 
 _STEEPNESS = 6.0

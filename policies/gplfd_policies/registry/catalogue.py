@@ -3,7 +3,6 @@
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
@@ -63,12 +62,10 @@ def policy_named(name: str, folder: str | Path | None = None) -> Policy:
         name: A key of `POLICIES`; a name that an installed package offers in the
             entry-point group ``gplfd_policies``; or ``module:attribute`` or
             ``path/to/file.py:attribute``, see `gplfd_policies.registry.user_policies`.
-        folder: Folder in which modules and files are searched first; by default the
-            working folder.
+        folder: Folder that is searched first; by default the working folder.
 
     Raises:
-        ValueError: An unknown name (the message lists the known names), or a module or
-            package whose policy cannot be used.
+        ValueError: An unknown name, or a module or package that cannot be used.
     """
     if name in POLICIES:
         return replace(POLICIES[name], origin=PolicyOrigin(name=name))
@@ -105,12 +102,10 @@ def load_policy(origin: PolicyOrigin) -> Policy:
 
 
 POLICIES: Final[Mapping[str, Policy]] = MappingProxyType(
-    {
-        **AS_PUBLISHED,
-        **{
-            f"{name}-tuned": tuned(name, values, SPACES[name].resolution)
-            for name, values in tuned_settings().items()
-        },
+    dict(AS_PUBLISHED)
+    | {
+        f"{name}-tuned": tuned(name, values, SPACES[name].resolution)
+        for name, values in tuned_settings().items()
     }
 )
 """The built-in policies: as published, and as tuning found them."""
@@ -120,20 +115,15 @@ def skill_method(policy: str) -> Method:
     """Return the method of a policy that learns and follows skills.
 
     Raises:
-        ValueError: The policy does not learn skills; the message lists those that do.
+        ValueError: The policy does not learn skills.
     """
-
-    def fits(method: Method | None) -> bool:
-        fit = None if method is None else method.fit
-        return (fit.func if isinstance(fit, partial) else fit) is fit_skill
-
     method = policy_named(policy).method
-    if method is not None and fits(method):
+    fit = getattr(method, "fit", None)
+    if method is not None and getattr(fit, "func", fit) is fit_skill:
         return method
-    able = ", ".join(sorted(name for name in POLICIES if fits(POLICIES[name].method)))
     raise ValueError(
         f"policy {policy!r} does not learn a skill that a file can contain; choose "
-        f"one of {able}"
+        "gp, gp-paper or an ablation of gp"
     )
 
 

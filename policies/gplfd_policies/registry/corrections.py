@@ -27,10 +27,8 @@ def add_correction(method: Method, movement: Movement, correction: Correction) -
         raise ValueError(
             f"corrections are added to a Skill, got a {type(movement).__name__}"
         )
-    demonstrations = (
-        *as_demonstrations(movement.aligned),
-        completed(method, movement, correction),
-    )
+    whole = completed(method, movement, correction)
+    demonstrations = (*as_demonstrations(movement.aligned), whole)
     with warnings.catch_warnings():
         # The first learning has already warned about the demonstrations.
         warnings.simplefilter("ignore", UserWarning)
@@ -80,8 +78,6 @@ def as_demonstrations(aligned: AlignedDemonstrations) -> tuple[Demonstration, ..
             forces = interpolated(phases, aligned.times, aligned.wrenches[number])
             forces = forces.reshape(-1, 2, 3)
             wrenches = into_axes(-poses[:, None, 3:], forces).reshape(-1, 6)
-        times = aligned.duration * phases
-        demonstrations.append(
-            Demonstration(times=times, poses=poses, wrenches=wrenches)
-        )
+        motion = {"times": aligned.duration * phases, "poses": poses}
+        demonstrations.append(Demonstration(**motion, wrenches=wrenches))
     return tuple(demonstrations)

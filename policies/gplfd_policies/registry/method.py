@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -45,7 +45,6 @@ _START_TOLERANCE: Final = (0.05, 0.2)
 """Greatest distance of a demonstration's start from the closed handle [m, rad]."""
 _LARGEST_REACH: Final = 3.0
 """Greatest distance of a demonstration from the closed handle [m]."""
-_PATH_PHASE: Final = PathPhaseConfig()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -68,15 +67,15 @@ class TrainingInput:
         object.__setattr__(self, "demonstrations", demonstrations)
 
 
-def path_phase(movement: Movement, config: PathPhaseConfig = _PATH_PHASE) -> PhaseRule:
+def path_phase(movement: Movement, config: PathPhaseConfig | None = None) -> PhaseRule:
     """Return a rule that estimates phases by the movement's mean and spread."""
-    return PathPhase(movement, movement.aligned, config)
+    return PathPhase(movement, movement.aligned, config or PathPhaseConfig())
 
 
 def demonstrated_phase(movement: Movement) -> PhaseRule:
     """Return a rule that uses the demonstrations' mean and spread instead."""
     demonstrated = EmpiricalDistribution(movement.aligned)
-    return PathPhase(demonstrated, movement.aligned, _PATH_PHASE)
+    return PathPhase(demonstrated, movement.aligned, PathPhaseConfig())
 
 
 def clock_phase(movement: Movement) -> PhaseRule:
@@ -108,30 +107,26 @@ class Method:
     """
 
     fit: Callable[..., Movement]
-    """Function that learns a movement from `AlignedDemonstrations`."""
+    """Learns a movement from `AlignedDemonstrations`."""
     fit_forces: Callable[..., Movement] | None = None
-    """Function that learns forces, if `fit` is only for poses; None to use `fit`."""
+    """Learns forces, if `fit` is only for poses; None to use `fit`."""
     seeded: bool = False
     """Whether learning draws random numbers: `fit` then also takes ``seed=``."""
     accepts_prior_mean: bool = False
-    """Whether the method accepts a prior mean: `fit` then also takes
-    ``centred=False``, for a prior mean of zero."""
+    """Whether `fit` also takes ``centred=False``, for a prior mean of zero."""
     align: Callable[[Sequence[Demonstration]], AlignedDemonstrations] = align
-    """Function that aligns demonstrations to common phases."""
+    """Aligns demonstrations to common phases."""
     beyond: float = 0.0
     """Length of the continuation beyond the end of the demonstrations, as a share of
     their path, with increasing uncertainty; 0 for none."""
     adaptation: AdaptationForm | None = None
     """Form of adaptation to via-points; None for a method without adaptation."""
     door_adaptation: AdaptationForm | None = None
-    """Form of adaptation of agents at doors, whose paths differ in size; None for
-    `adaptation`."""
+    """That of agents at doors, whose paths differ in size; None for `adaptation`."""
     force_adaptation: AdaptationForm | None = None
-    """Form of adaptation of the expected force to measured forces; None for
-    `adaptation`."""
+    """That of the expected force to measured forces; None for `adaptation`."""
     phases: Callable[[Movement], PhaseRule] = path_phase
-    """Function that makes the rule by which an agent estimates the phase of the
-    hand."""
+    """Makes the rule by which an agent estimates the phase of the hand."""
     profile: StiffnessProfile | Callable[[AlignedDemonstrations], StiffnessProfile] = (
         profile_of_spread
     )
@@ -139,25 +134,20 @@ class Method:
     phase_stiffness: Callable[[Movement, StiffnessProfile], PhaseStiffness] | None = (
         None
     )
-    """Function that gives an additional stiffness from demonstrated forces, such as
-    `gplfd_policies.control.phase_stiffness.stiffness_from_force`; None for none."""
+    """Gives an additional stiffness from demonstrated forces, such as
+    `gplfd_policies.control.phase_stiffness.stiffness_from_force`."""
     config: ComplianceConfig = field(default_factory=ComplianceConfig)
     """Other settings for following the movement: load, timing, via-points."""
     modes: ModeConfig | None = None
     """Criteria by which an agent abandons a mode. Modes of the demonstrations are found
     and learned separately; None to learn all demonstrations as one mode."""
     correct: Callable[["Method", Movement, Correction], Movement] | None = None
-    """Function that learns from a correction: takes this method, a movement and the
-    correction, and returns another movement, such as
-    `gplfd_policies.registry.corrections.add_correction`; None for a method that cannot
-    be corrected."""
+    """Learns a movement from this method, another one and a correction, such as
+    `gplfd_policies.registry.corrections.add_correction`; None if it cannot."""
 
     def __post_init__(self) -> None:
         if self.config.profile is not DEFAULT_PROFILE:
-            raise ValueError(
-                "Method.config has a profile, which Method.profile would replace; give "
-                "it as Method(profile=...)"
-            )
+            raise ValueError("give the profile as Method(profile=...), not in config")
 
     def learn(self, training: TrainingInput) -> Movement:
         """Learn a movement, around the prior mean if one is given.
@@ -206,7 +196,7 @@ class Method:
         for numbers in modes:
             members = [demonstrations[number] for number in numbers]
             movement = self.learn(replace(training, demonstrations=members))
-            learned.append(LearnedMode(numbers=numbers, movement=movement))
+            learned.append(LearnedMode(numbers, movement))
         return tuple(learned)
 
     def update(self, movement: Movement, correction: Correction) -> Movement:
@@ -235,6 +225,7 @@ class Method:
         profile, learned = self.profile, self.phase_stiffness
         if not isinstance(profile, StiffnessProfile):
             profile = profile(movement.aligned)
+        stiffness = learned and learned(movement, profile)
         forces = None
         if isinstance(movement, LearnedMovement) and movement.forces is not None:
             # A single demonstration does not show how repetitions differ.
@@ -244,11 +235,7 @@ class Method:
         return CompliantAgent(
             GriddedMovement(movement, self.door_adaptation or self.adaptation, _GRID),
             phases=self.phases(movement),
-            config=replace(
-                self.config,
-                profile=profile,
-                phase_stiffness=learned and learned(movement, profile),
-            ),
+            config=replace(self.config, profile=profile, phase_stiffness=stiffness),
             forces=forces,
         )
 
@@ -304,14 +291,11 @@ class Method:
         return self.follow_modes(self.learn_modes(training))
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class LearnedMode:
-    """The movement of one mode, and its demonstrations."""
+class LearnedMode(NamedTuple):
+    """The movement of one mode, and the indices of its demonstrations."""
 
     numbers: tuple[int, ...]
-    """Indices of the demonstrations of this mode."""
     movement: Movement
-    """Movement learned from these demonstrations."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

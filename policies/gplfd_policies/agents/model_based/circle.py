@@ -45,7 +45,7 @@ class CirclePrior:
     """Prior of the circle before the hand moves: means and standard deviations."""
 
     axes: Float[np.ndarray, "3 3"]
-    """E₀: columns are pulling direction, hinge axis, and away from the hinge."""
+    """E₀."""
     radius: float = 0.5
     """1/κ₀ [m]."""
     curvature_std: float = 1.0

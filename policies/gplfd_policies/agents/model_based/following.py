@@ -72,6 +72,14 @@ class HandPath:
         return np.asarray(chord / np.sqrt(chord @ chord))
 
 
+def accelerated(speed: float, left: float, rate: float, most: float) -> float:
+    """Return the next speed, at most ``most``, that can still stop at a place.
+
+    Speeds rise and fall by ``rate`` per second; ``left`` is the rest of the way.
+    """
+    return min(speed + rate * CONTROL_PERIOD, math.sqrt(2.0 * rate * left), most)
+
+
 def turned_towards(direction: Point) -> Point:
     """Return the shortest rotation vector from the pull to a unit vector."""
     _, up, left = direction

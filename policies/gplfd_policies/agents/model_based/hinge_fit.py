@@ -5,7 +5,6 @@ It yields to every force except the door's resistance along the path: a lasting 
 force, which shows that the circle is wrong, displaces the command.
 """
 
-import math
 from typing import Final
 
 import numpy as np
@@ -17,6 +16,7 @@ from gplfd_policies.agents.model_based.following import (
     JUMP_DECAY,
     CompliantSetPoint,
     HandPath,
+    accelerated,
 )
 from gplfd_policies.control.load import CarriedLoad
 from gplfd_policies.control.steps import AgentStep, Observation, measured
@@ -58,11 +58,7 @@ class HingeFitAgent:
         direction = self._door.direction(self._angle)
         load = self._load.compensate(wrench, direction)
         left = max(DEMONSTRATED_ANGLE - self._angle, 0.0)
-        self._speed = min(
-            self._speed + _ACCELERATION * CONTROL_PERIOD,
-            math.sqrt(2.0 * _ACCELERATION * left),
-            _SPEED,
-        )
+        self._speed = accelerated(self._speed, left, _ACCELERATION, _SPEED)
         step = float(load.pace) * self._speed * CONTROL_PERIOD * self._door.radius
         self._travelled = max(self._travelled + step, 0.0)
 

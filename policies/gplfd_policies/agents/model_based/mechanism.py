@@ -79,9 +79,9 @@ class Mechanism:
         errors = (path - self.poses(self.coordinates(path[:, :3]))) / _STD
         density = (1.0 - _OUTLIERS) / np.prod(math.sqrt(2.0 * math.pi) * _STD)
         inliers = math.log(density) - 0.5 * np.add.reduce(errors**2, axis=1)
-        each = np.logaddexp(inliers, math.log(_OUTLIERS / (8.0 * math.pi**2)))
+        points = np.logaddexp(inliers, math.log(_OUTLIERS / (8.0 * math.pi**2)))
         weight = self.parameters + 2 * self.degrees * len(path)
-        return float(-2.0 * each.sum() + weight * math.log(len(path)))
+        return float(-2.0 * points.sum() + weight * math.log(len(path)))
 
 
 class Prismatic(Mechanism):

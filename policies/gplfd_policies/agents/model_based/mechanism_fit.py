@@ -21,6 +21,7 @@ from gplfd_policies.agents.model_based.following import (
     JUMP_DECAY,
     CompliantSetPoint,
     HandPath,
+    accelerated,
 )
 from gplfd_policies.agents.model_based.mechanism import (
     GaussianProcess,
@@ -75,8 +76,8 @@ class MechanismFitAgent:
         hand, wrench = measured(observation)
         if self._path.add(hand):
             path, before = self._path.points, self.model.poses(self._travelled)
-            self._candidates = [each.updated(path) for each in self._candidates]
-            best = min(self._candidates, key=lambda each: each.bic(path))
+            self._candidates = [model.updated(path) for model in self._candidates]
+            best = min(self._candidates, key=lambda model: model.bic(path))
             if best.degrees > 0:
                 self.model = best
                 self._travelled = max(float(best.coordinates(before[:3])), 0.0)
@@ -95,11 +96,7 @@ class MechanismFitAgent:
         if isinstance(self.model, Rotational):
             end = DEMONSTRATED_ANGLE * max(self.model.radius, _LEAST_RADIUS)
             left = max(end - self._travelled, 0.0)
-        self._speed = min(
-            self._speed + _ACCELERATION * CONTROL_PERIOD,
-            math.sqrt(2.0 * _ACCELERATION * left),
-            _SPEED,
-        )
+        self._speed = accelerated(self._speed, left, _ACCELERATION, _SPEED)
         step = self._speed * CONTROL_PERIOD * (-1.0 if stuck else float(load.pace))
         self._travelled = max(self._travelled + step, 0.0)
         self._fading *= JUMP_DECAY

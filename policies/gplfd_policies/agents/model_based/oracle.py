@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import scipy
+from scipy.spatial.transform import Rotation
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_env.doors.geometry import DoorGeometry
@@ -56,11 +56,10 @@ class _HandleTurner:
         return False
 
     def _travel(self, door: DoorGeometry) -> float:
-        """Return the commanded turn of the handle [rad].
+        """Return the commanded turn of the handle, up to its stop [rad].
 
-        It ends at the stop. If the hand holds the handle near its axis, like a thumb
-        piece, it ends beyond the stop, because the servo yields to the spring by a
-        large part of such a short motion.
+        Beyond it if the hand holds the handle near its axis, like a thumb piece: the
+        servo yields to the spring by a large part of such a short motion.
         """
         if door.spindle is None or door.turn is None:
             return door.travel
@@ -125,25 +124,20 @@ class ToldHandleAgent(_HandleTurner):
         # The opener observes and commands the leaf: the hand without the handle's turn.
         kept = self._kept(self._opener.observed_angle)
         handle = door.hand_poses(0.0, kept * self._travel(door))
-        back = scipy.spatial.transform.Rotation.from_rotvec(-handle[3:])
+        back = Rotation.from_rotvec(-handle[3:])
         inverse = np.concatenate([-back.apply(handle[:3]), -handle[3:]])
         leaf = _composed(hand, inverse)
         step = self._opener.act({**observation, "ee_pose": leaf})
-        return replace(
-            step,
-            action=_composed(step.action, handle),
-            desired=_composed(step.desired, handle),
-        )
+        action, desired = (_composed(p, handle) for p in (step.action, step.desired))
+        return replace(step, action=action, desired=desired)
 
 
 def _composed(first: Pose, second: Pose) -> Pose:
     """Return first ∘ second."""
     # Copies, because SciPy rejects read-only arrays.
-    turn = scipy.spatial.transform.Rotation.from_rotvec(first[3:].copy())
-    rotation = (
-        turn * scipy.spatial.transform.Rotation.from_rotvec(second[3:].copy())
-    ).as_rotvec()
-    return np.concatenate([first[:3] + turn.apply(second[:3]), rotation])
+    turn = Rotation.from_rotvec(first[3:].copy())
+    both = turn * Rotation.from_rotvec(second[3:].copy())
+    return np.concatenate([first[:3] + turn.apply(second[:3]), both.as_rotvec()])
 
 
 def _minimum_jerk(progress: float, whole: float = 1.0) -> float:
