@@ -87,9 +87,6 @@ def test_the_hand_is_handed_over_when_the_policy_agrees_again():
     led = correction.led
     assert led.sum() == pytest.approx(100 * (1.5 + 0.4), abs=3)
     np.testing.assert_allclose(commands[led][-1], commands[0], atol=1e-9)
-
-
-def test_a_policy_that_commands_stiffness_is_not_led():
     agent = Held(np.zeros(6))
     agent.control = "impedance"
     with pytest.raises(ValueError, match="commands the arm's stiffness, too"):

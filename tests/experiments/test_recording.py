@@ -14,8 +14,20 @@ from gplfd_experiments.episodes.metrics import share_of_bound
 from gplfd_experiments.recording import colours, record_episode
 from gplfd_experiments.recording.episode import mean_radius
 from gplfd_experiments.recording.lanes import LEVELS, SCALE, recent_mean, stages
-from gplfd_experiments.recording.scene import visual_geoms
-from gplfd_experiments.recording.tube import N_RINGS, N_SIDES
+from gplfd_experiments.recording.motion import (
+    N_RINGS,
+    N_SIDES,
+    QUANTILE,
+    tube_triangles,
+    tube_vertices,
+)
+from gplfd_experiments.recording.scene import (
+    drawn_scene,
+    entity_of_body,
+    moved_scene,
+    task_frame,
+    visual_geoms,
+)
 from gplfd_policies.demonstrations.demonstration import Demonstration
 
 
@@ -67,20 +79,6 @@ def test_every_visible_geom_is_drawn_once_in_its_place_and_colour(
         np.testing.assert_allclose(drawn, expected, atol=1e-6)
 
 
-def test_bodies_move_as_forward_kinematics_says(record, make_log, door_model):
-    log = make_log()
-    recording = record(log)
-    leaf = "/world/scene/leaf"
-    times, quaternions = recording[leaf, "Transform3D:quaternion"]
-    assert times[0] == 0.0
-    assert times[-1] == log.times[-1]
-    data = mujoco.MjData(door_model)
-    data.qpos[:] = log.motion.qpos[-1]
-    mujoco.mj_kinematics(door_model, data)
-    w, x, y, z = data.body("leaf").xquat
-    np.testing.assert_allclose(quaternions[-1][0], [x, y, z, w], atol=1e-6)
-
-
 def test_leaf_in_the_view_from_above_ends_at_the_handle(record, make_log):
     log = make_log()
     recording, plan = record(log), "/world/task/plan"
@@ -91,12 +89,6 @@ def test_leaf_in_the_view_from_above_ends_at_the_handle(record, make_log):
     np.testing.assert_array_equal(start, 0.0)
     handle = hinge[0][0] + Rotation.from_quat(turns[-1][0]).apply(end)
     np.testing.assert_allclose(handle, log.opening.handle_pose[-1, :3], atol=1e-6)
-
-
-def test_log_of_another_model_is_refused(record, make_log, tmp_path):
-    with pytest.raises(ValueError, match=r"has 2 generalised positions .* model has 1"):
-        record(make_log(qpos=np.zeros((601, 2))))
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_policy_tube_is_still_before_and_moves_after(record, make_log):
@@ -184,13 +176,11 @@ def test_curves_and_bands_are_those_of_the_log(record, make_log):
 
 
 def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_log):
-    belief = ("predicted_mean", "predicted_std", "std", "std_rate")
-    rendered = ("stiffness", "stiffness_rate", "stability_margin")
-    forecast = ("forecast_mean", "forecast_std")
+    unknown = ("predicted_mean", "predicted_std", "std", "std_rate", "stiffness")
     recording = record(
         make_log(
-            **dict.fromkeys((*belief, *rendered), np.full((601, 6), np.nan)),
-            **dict.fromkeys(forecast, np.empty((0, 0, 6))),
+            **dict.fromkeys(unknown, np.full((601, 6), np.nan)),
+            **dict.fromkeys(("forecast_mean", "forecast_std"), np.empty((0, 0, 6))),
             **dict.fromkeys(("forecast_times", "forecast_phases"), np.empty(0)),
             path_size=np.full(601, np.nan),
             expected_force=np.full((601, 3), np.nan),
@@ -198,13 +188,9 @@ def test_policy_without_forecasts_or_predictions_can_be_recorded(record, make_lo
         )
     )
     paths = " ".join(recording.entities)
-    assert "policy_now" not in paths
-    assert "belief" not in paths
-    assert "/plots/stiffness" not in paths
-    assert "/plots/size" not in paths
-    assert "/plots/expected" not in paths
-    assert "/plots/angle/door" in recording.entities
-    assert "/world/task/true_arc" in recording.entities
+    for absent in ("policy_now", "belief", "/plots/stiffness", "/plots/size"):
+        assert absent not in paths
+    assert {"/plots/angle/door", "/world/task/true_arc"} <= recording.entities
 
 
 def test_true_size_is_unknown_where_no_arcs_were_demonstrated():
@@ -276,11 +262,9 @@ def test_stages_begin_at_their_angles(make_log, failure, most, expected):
     assert angles == pytest.approx(expected, abs=0.5)
 
 
-@pytest.mark.parametrize("forces", [False, True])
-def test_a_file_has_its_layout_and_few_chunks(record, make_log, tmp_path, forces):
-    unknown = {} if forces else {"expected_force": np.full((601, 3), np.nan)}
+def test_a_file_has_its_layout_and_few_chunks(record, make_log, tmp_path):
     # Time is spent per chunk, 0.1 ms each to make and to write.
-    assert len(record(make_log(**unknown)).chunks) <= 74 + 4 * forces
+    assert len(record(make_log()).chunks) <= 78
     reader = RrdReader(tmp_path / "episode.rrd")
     (blueprint,) = reader.blueprints()
     views = {
@@ -288,7 +272,7 @@ def test_a_file_has_its_layout_and_few_chunks(record, make_log, tmp_path, forces
         for chunk in reader.stream(store=blueprint)
         if "ViewBlueprint:space_origin" in chunk.to_record_batch().schema.names
     }
-    assert len(views) == 17 + forces  # thirteen of series, two 3-D, lanes and page
+    assert len(views) == 18  # fourteen of series, two 3-D, lanes and page
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")
@@ -348,3 +332,106 @@ def test_a_recent_mean_knows_no_future_and_no_missing_rows():
     np.testing.assert_array_equal(np.isnan(whole), np.isnan(values))
     np.testing.assert_allclose(whole[50], np.nanmean(values[26:51], axis=0))
     np.testing.assert_allclose(whole[12], values[10:13].mean(axis=0))
+
+
+FIXED = """
+<mujoco><worldbody>
+  <geom type="box" size="1 1 1" pos="0 0 -1"/>
+  <body name="post" pos="1 2 3" quat="0.8 0 0 0.6">
+    <geom type="box" size="0.1 0.1 0.1" pos="0.5 0 0"/>
+    <site name="task_frame" pos="0.5 0 0" quat="0.6 0.8 0 0"/>
+    <body name="slide" pos="0 0 1"><joint type="slide"/>
+      <body name="hook" pos="0 1 0" quat="0.6 0 0.8 0">
+        <body pos="0 0 1"><geom type="box" size="0.1 0.1 0.1" pos="0 0.5 0"/></body>
+      </body>
+    </body>
+  </body>
+</worldbody></mujoco>
+"""
+
+
+def test_geoms_of_fixed_bodies_are_drawn_where_their_carrier_has_them(columns):
+    """The pose on the carrier, moved by the carrier's, is MuJoCo's own."""
+    model = mujoco.MjModel.from_xml_string(FIXED)
+    data = mujoco.MjData(model)
+    data.qpos[0] = 0.3
+    mujoco.mj_kinematics(model, data)
+    slide = model.body("slide").id
+    assert visual_geoms(model) == {0: [0, 1], slide: [2]}
+    drawn = columns(drawn_scene(model))
+    for body, geoms in visual_geoms(model).items():
+        entity = entity_of_body(model, body)
+        _, (centres,) = drawn[entity, "Boxes3D:centers"]
+        _, (quaternions,) = drawn[entity, "Boxes3D:quaternions"]
+        turn = data.xmat[body].reshape(3, 3)
+        world = data.xpos[body] + np.array(centres) @ turn.T
+        np.testing.assert_allclose(world, data.geom_xpos[geoms], atol=1e-6)
+        turned = turn @ Rotation.from_quat(quaternions).as_matrix()
+        matrices = data.geom_xmat[geoms].reshape(-1, 3, 3)
+        np.testing.assert_allclose(turned, matrices, atol=1e-6)
+    origin, rotation = task_frame(model)
+    site = data.site("task_frame")
+    np.testing.assert_allclose(origin, site.xpos)
+    np.testing.assert_allclose(rotation.as_matrix().ravel(), site.xmat, atol=1e-12)
+
+
+SLIDES = """
+<mujoco><worldbody>
+  <body name="a"><joint type="slide" axis="1 0 0"/><geom size="0.1"/></body>
+  <body name="b"><joint type="slide" axis="0 1 0"/><geom size="0.1"/></body>
+</worldbody></mujoco>
+"""
+
+
+def test_every_body_moves_by_its_own_joint(make_log, columns):
+    """And between frames as in a video."""
+    model = mujoco.MjModel.from_xml_string(SLIDES)
+    log = make_log(qpos=np.outer(np.linspace(0.0, 1.0, 601), [1.0, 2.0]))
+    moved = columns(moved_scene(model, log))
+    for name, end in (("a", [1.0, 0.0, 0.0]), ("b", [0.0, 2.0, 0.0])):
+        times, places = moved[f"/world/scene/{name}", "Transform3D:translation"]
+        np.testing.assert_allclose([places[0][0], places[-1][0]], [[0.0] * 3, end])
+        assert np.diff(times).max() <= 1.0 / 30.0
+
+
+def test_tube_touches_the_ellipse_of_the_normal_quantile():
+    """On a straight path along x the section has half axes 1.96 σ_z and 1.96 σ_y."""
+    mean = np.outer(np.linspace(0.0, 1.0, 30), [1.0, 0.0, 0.0])
+    vertices, normals = tube_vertices(mean, np.tile([9.0, 0.01, 0.02], (30, 1)))
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-6)
+    across = vertices / (QUANTILE * np.array([np.inf, 0.01, 0.02]))
+    np.testing.assert_allclose(np.linalg.norm(across, axis=1), 1.0, rtol=1e-6)
+    triangles = tube_triangles()
+    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
+    outward = np.sum(np.cross(b - a, c - a) * normals[triangles[:, 0]], axis=1)
+    assert np.all(outward > 0.0) or np.all(outward < 0.0)
+
+
+@pytest.mark.parametrize("height", [0.0, 1.0])
+def test_tube_of_a_path_without_a_direction_is_finite(height):
+    """One that stands still, and one straight upwards."""
+    mean = np.outer(np.linspace(0.0, height, 5), [0.0, 1.0, 0.0])
+    vertices, normals = tube_vertices(mean, np.zeros((5, 3)))
+    assert np.isfinite(vertices).all()
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-6)
+
+
+def test_tube_of_a_path_that_waits_keeps_its_direction():
+    """Noise at the end of a path along x does not turn the last section."""
+    mean = np.zeros((40, 3))
+    mean[:20, 0], mean[20:, 0] = np.linspace(0.0, 1.0, 20), 1.0
+    mean[20:, 2] = 1e-4 * np.random.default_rng(0).normal(size=20)
+    vertices, _ = tube_vertices(mean, np.full((40, 3), 0.1))
+    last = vertices[-N_SIDES:]
+    np.testing.assert_allclose(last[:, 0], 1.0, atol=1e-3)
+
+
+def test_tubes_of_many_paths_are_those_of_each():
+    rng = np.random.default_rng(0)
+    means = np.cumsum(rng.normal(size=(3, 40, 3)), axis=1)
+    means[1, 10:20] = means[1, 10]  # it waits for a while
+    stds = rng.uniform(0.01, 0.02, means.shape)
+    together = tube_vertices(means, stds)
+    for number, (mean, std) in enumerate(zip(means, stds, strict=True)):
+        for all_of_them, alone in zip(together, tube_vertices(mean, std), strict=True):
+            np.testing.assert_allclose(all_of_them[number], alone)

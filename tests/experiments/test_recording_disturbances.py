@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from gplfd_experiments.recording.disturbances import (
+from gplfd_experiments.recording.layout import layout
+from gplfd_experiments.recording.parts import (
     KINDS,
     disturbance_chunks,
     events,
     kinds_of,
 )
-from gplfd_experiments.recording.layout import layout
 from gplfd_experiments.recording.stream import frames
 
 SHIFT = 1e-4 * np.clip(np.arange(601.0) - 99.0, 0.0, 120.0)

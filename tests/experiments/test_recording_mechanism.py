@@ -12,7 +12,7 @@ from gplfd_env.robot.tiago import TIAGO_LIKE
 from gplfd_env.scene.build import build_scene
 from gplfd_experiments.recording.episode import episode_chunks
 from gplfd_experiments.recording.layout import layout
-from gplfd_experiments.recording.mechanism import (
+from gplfd_experiments.recording.parts import (
     ARM,
     LATCH,
     TITLES,

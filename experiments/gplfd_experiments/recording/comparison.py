@@ -20,10 +20,10 @@ from gplfd_experiments.episodes.failures import SHORT, failure_name
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.recording import colours, motion
 from gplfd_experiments.recording.colours import Colour
-from gplfd_experiments.recording.disturbances import balls
 from gplfd_experiments.recording.episode import check_model
 from gplfd_experiments.recording.layout import Plot, series_view, view_3d
 from gplfd_experiments.recording.panels import Line, series
+from gplfd_experiments.recording.parts import balls
 from gplfd_experiments.recording.scene import drawn_scene, moved_scene, task_frame
 from gplfd_experiments.recording.stream import TEXT, page, static, write_recording
 from gplfd_policies.demonstrations.demonstration import Demonstration

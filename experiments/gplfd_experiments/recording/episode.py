@@ -14,10 +14,8 @@ from rerun.chunk import Chunk
 from gplfd_experiments.data.preparation.frames import find_hinge
 from gplfd_experiments.episodes.log import EpisodeLog
 from gplfd_experiments.files.provenance import versions
-from gplfd_experiments.recording.disturbances import disturbance_chunks, kinds_of
 from gplfd_experiments.recording.lanes import stage_lane, stiffness_lane
 from gplfd_experiments.recording.layout import layout
-from gplfd_experiments.recording.mechanism import mechanism, mechanism_of
 from gplfd_experiments.recording.motion import (
     door_frame,
     hand_motion,
@@ -25,6 +23,12 @@ from gplfd_experiments.recording.motion import (
     policy_motion,
 )
 from gplfd_experiments.recording.panels import panels
+from gplfd_experiments.recording.parts import (
+    disturbance_chunks,
+    kinds_of,
+    mechanism,
+    mechanism_of,
+)
 from gplfd_experiments.recording.scene import BodyMeshes, drawn_scene, moved_scene
 from gplfd_experiments.recording.stream import page, write_recording
 from gplfd_policies.demonstrations.demonstration import Demonstration

@@ -8,8 +8,9 @@ import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
 
 from gplfd_env.doors.config import HingeSide
-from gplfd_experiments.recording import disturbances, lanes, mechanism, motion, panels
+from gplfd_experiments.recording import lanes, motion, panels
 from gplfd_experiments.recording.colours import BACKGROUND
+from gplfd_experiments.recording.parts import KINDS, LOG, PANEL, TITLES
 from gplfd_experiments.recording.stream import TEXT
 
 Corner = Literal["LeftTop", "LeftBottom", "RightTop", "RightBottom"]
@@ -85,7 +86,7 @@ def layout(
     Both 3-D views are fixed in the task frame, so that every door has the same view,
     mirrored for a hinge on the left. The axes of the panels scale automatically.
     ``kinds`` are names of disturbances, ``parts`` names of panels of
-    `gplfd_experiments.recording.mechanism`, and ``forces`` is whether the policy
+    `gplfd_experiments.recording.parts`, and ``forces`` is whether the policy
     expects forces.
     """
     scene_eye, plan_eye = _SCENE_EYE, _PLAN_EYE
@@ -113,16 +114,14 @@ def layout(
     about = rrb.TextDocumentView(origin=TEXT, name="How to read it")
     if kinds:
         columns = rrb.archetypes.TextLogColumns(text_log_columns=["Body"])
-        events = rrb.TextLogView(
-            origin=disturbances.LOG, name="From outside", columns=columns
-        )
+        events = rrb.TextLogView(origin=LOG, name="From outside", columns=columns)
         about = rrb.Vertical(events, about, row_shares=[2, 3])
-        units = ", ".join(f"{name} [{disturbances.KINDS[name].unit}]" for name in kinds)
+        units = ", ".join(f"{name} [{KINDS[name].unit}]" for name in kinds)
         title = f"From outside: {units}"
-        tabs[first] += (Plot(disturbances.PANEL, title, from_zero=True),)
+        tabs[first] += (Plot(PANEL, title, from_zero=True),)
     if parts:
         tabs["Handle, latch, closer, base"] = tuple(
-            Plot(name, mechanism.TITLES[name], "LeftTop" if name == "base" else None)
+            Plot(name, TITLES[name], "LeftTop" if name == "base" else None)
             for name in parts
         )
     left = rrb.Vertical(

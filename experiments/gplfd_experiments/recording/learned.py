@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.layout import Plot, series_view, view_3d
+from gplfd_experiments.recording.motion import QUANTILE, tube_triangles, tube_vertices
 from gplfd_experiments.recording.panels import Line, bands, series
 from gplfd_experiments.recording.stream import (
     TEXT,
@@ -21,7 +22,6 @@ from gplfd_experiments.recording.stream import (
     static,
     write_recording,
 )
-from gplfd_experiments.recording.tube import QUANTILE, tube_triangles, tube_vertices
 from gplfd_policies.movements.movement import Movement
 
 _SCENE: Final = "/learned"

@@ -14,8 +14,8 @@ from gplfd_experiments.files.arrays import FloatArray
 from gplfd_experiments.recording import colours
 from gplfd_experiments.recording.colours import Colour
 from gplfd_experiments.recording.lanes import recent_mean
+from gplfd_experiments.recording.motion import QUANTILE
 from gplfd_experiments.recording.stream import moving, static
-from gplfd_experiments.recording.tube import QUANTILE
 
 ROOT: Final = "/plots"
 ZERO: Final = f"{ROOT}/zero"
