@@ -28,21 +28,20 @@ def parsed(arguments: Sequence[str] | None = None) -> ServeSettings:
             parser.add_argument(field.name, **options)
             continue
         options["default"] = field.default
-        types = [
-            kind for kind in get_args(field.type) or (field.type,) if kind != NoneType
-        ]
-        if types == [bool]:
+        kinds = [kind for kind in get_args(field.type) if kind != NoneType]
+        kind = (kinds or [field.type])[0]
+        if kind is bool:
             options["action"] = "store_true"
         else:
-            options["type"] = types[0] if callable(types[0]) else str
+            options["type"] = kind if callable(kind) else str
             if get_origin(field.type) is tuple:
-                options["nargs"] = len(types)
+                options["nargs"] = len(kinds)
         parser.add_argument(f"--{field.name.replace('_', '-')}", **options)
-    values: dict[str, Any] = vars(parser.parse_args(arguments))
-    for name, value in values.items():
-        values[name] = tuple(value) if isinstance(value, list) else value
+    values = vars(parser.parse_args(arguments)).items()
     try:
-        return ServeSettings(**values)
+        return ServeSettings(
+            **{k: tuple(v) if isinstance(v, list) else v for k, v in values}
+        )
     except ValueError as error:
         parser.error(str(error))
 

@@ -4,6 +4,7 @@ For robots and for the simulator. Needs only NumPy, the standard library and thi
 package.
 """
 
+import contextlib
 import socket
 import subprocess
 import time
@@ -15,14 +16,8 @@ import numpy as np
 from gplfd_env.conventions.constants import Control
 from gplfd_env.doors.geometry import DoorGeometry
 from gplfd_policies.control.steps import AgentStep, Observation
-from gplfd_policies.serving.protocol import (
-    VERSION,
-    Link,
-    array,
-    decode,
-    encode,
-    numbers,
-)
+from gplfd_policies.serving import protocol
+from gplfd_policies.serving.protocol import Link, array, decode, encode, numbers
 
 
 class ServerLostError(ConnectionError):
@@ -59,26 +54,23 @@ class RemoteAgent:
         explain: bool = False,
     ) -> None:
         self._timeout, self._seq = timeout, 0
-        self._socket: socket.socket | None = None
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: Any = None
         self._waiting: list[bytes] = []
         self.last: dict[str, Any] = {}
         """The last command: state, reason, stiffness, damping, gripper_width, ..."""
         try:
-            if not isinstance(address, str):
-                self._process = subprocess.Popen(
-                    address, stdin=subprocess.PIPE, stdout=subprocess.PIPE
-                )
-                pipes: Any = self._process
-                ends = pipes.stdout.fileno(), pipes.stdin.fileno()
-            else:
+            if isinstance(address, str):
                 self._socket = _connected(address)
                 ends = (self._socket.fileno(),) * 2
+            else:
+                pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+                self._process = subprocess.Popen(address, **pipes)
+                ends = self._process.stdout.fileno(), self._process.stdin.fileno()
         except OSError as error:
             raise ServerLostError(f"nobody serves on {address}: {error}") from error
         self._link = Link(*ends)
         try:
-            hello = {"type": "hello", "protocol": VERSION, "explain": explain}
+            hello = {"type": "hello", "protocol": protocol.VERSION, "explain": explain}
             self.greeting = self._reply(hello, "hello", None)
         except (ConnectionError, ValueError):
             self.close()
@@ -119,14 +111,14 @@ class RemoteAgent:
     def close(self) -> None:
         """Disconnect; a server that was started as a command ends."""
         self._link.send(encode({"type": "bye"}))
-        if self._socket is not None:
+        if self._process is None:
             self._socket.close()
-        if self._process is not None:
-            try:
-                self._process.communicate(timeout=self._timeout)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.communicate()
+            return
+        try:
+            self._process.communicate(timeout=self._timeout)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.communicate()
 
     def _ask(self, kind: str, observation: Observation, reply: str) -> dict[str, Any]:
         """Send an observation as numbers, and return the reply."""
@@ -163,12 +155,10 @@ def _connected(address: str) -> socket.socket:
     """Return a socket connected to ``unix:PATH`` or ``tcp:HOST:PORT``."""
     kind, _, place = address.partition(":")
     if kind == "unix":
-        connection = socket.socket(socket.AF_UNIX)
-        try:
+        with contextlib.ExitStack() as stack:
+            connection = stack.enter_context(socket.socket(socket.AF_UNIX))
             connection.connect(place)
-        except OSError:
-            connection.close()
-            raise
+            stack.pop_all()
         return connection
     host, _, port = place.rpartition(":")
     if kind != "tcp" or not port.isdecimal():

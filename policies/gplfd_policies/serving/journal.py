@@ -48,13 +48,13 @@ class Journal:
         """
         if self._file is None:
             return
-        copied = received if isinstance(received, bytes) else json.dumps(received)
-        text = copied if isinstance(copied, bytes) else copied.encode()
+        if not isinstance(received, bytes):
+            received = json.dumps(received).encode()
         rest = encode({"at": at, "took": took, "out": list(replies)})
         try:
             if self._file.tell() > LARGEST:
                 raise OSError(f"it has {LARGEST} bytes")
-            self._file.write(b'{"in":%b,%b' % (text, rest[1:]))
+            self._file.write(b'{"in":%b,%b' % (received, rest[1:]))
         except OSError as error:
             print(f"gplfd: the journal ends here: {error}", file=sys.stderr, flush=True)
             self.close()

@@ -97,13 +97,13 @@ def observed(message: Mapping[str, Any]) -> Observed:
             raise ProtocolError("field", f"{name} is missing", seq)
         value = message[name]
         entries = value if isinstance(value, list) else [value]
-        if not entries or not {type(entry) for entry in entries} <= {int, float}:
+        size, allowed = _RANGES.get(name, (max(len(entries), 1), _FINITE))
+        numeric = {type(entry) for entry in entries} <= {int, float}
+        if not numeric or len(entries) != size:
             text = f"{name:.40} must be a number or a list of numbers"
-            raise ProtocolError("field", text, seq)
-        size, allowed = _RANGES.get(name, (len(entries), _FINITE))
-        if len(entries) != size:
-            text = f"{name} has {size} numbers, got {len(entries)}"
-            raise ProtocolError("field", text, seq)
+            if name in _RANGES:
+                text = f"{name} must be {size} numbers"
+            raise ProtocolError("field", f"{text}, got {value!r:.80}", seq)
         turned = entries[3:] if name == "ee_pose" else []
         if not all(entry in allowed for entry in entries) or any(
             abs(entry) > MOST_TURNED for entry in turned

@@ -11,12 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from gplfd_policies.agents.agent import Agent
-from gplfd_policies.agents.reaching import (
-    ReachingAgent,
-    learn_reach,
-    openings,
-    reaches,
-)
+from gplfd_policies.agents.reaching import ReachingAgent, learn_reach, openings, reaches
 from gplfd_policies.demonstrations.npz import (
     LabelledDemonstrations,
     load_demonstrations,
@@ -47,7 +42,7 @@ def served_agent(
 
     `demonstrations` replaces that file. Raises a ValueError if it cannot be served.
     """
-    file = Path(settings.source)
+    source, file = settings.source, Path(settings.source)
     if file.suffix == ".npz":
         if settings.demonstrations is not None or settings.start != "grasped":
             raise ValueError(
@@ -56,28 +51,25 @@ def served_agent(
             )
         method, skill = method_and_skill(settings.policy, file)
         return method.follow(skill)
-    policy = policy_named(settings.source)
+    policy = policy_named(source)
     if policy.told:
         raise ValueError(
-            f"policy {settings.source!r} needs the true door, which no message "
-            "contains: it cannot be served"
+            f"policy {source!r} needs the true door, which no message contains: it "
+            "cannot be served"
         )
     if settings.demonstrations is not None:
         demonstrations = load_demonstrations(settings.demonstrations)
-    if demonstrations is None and (
-        policy.kind != "reference" or settings.start == "approach"
-    ):
-        what = "learns" if policy.kind != "reference" else "cannot reach by itself"
-        raise ValueError(
-            f"policy {settings.source!r} {what}: give --demonstrations FILE.npz, or a "
-            "skill file in its place"
-        )
     if demonstrations is None:
-        return make_agent(settings.source, (), seed=settings.seed)
-    agent = make_agent(settings.source, openings(demonstrations), seed=settings.seed)
-    if settings.start == "grasped":
-        return agent
-    return ReachingAgent(learn_reach(reaches(demonstrations)), agent)
+        if policy.kind != "reference" or settings.start == "approach":
+            raise ValueError(
+                f"policy {source!r} learns, or cannot reach by itself: give "
+                "--demonstrations FILE.npz, or a skill file in its place"
+            )
+        return make_agent(source, (), seed=settings.seed)
+    agent = make_agent(source, openings(demonstrations), seed=settings.seed)
+    if settings.start == "approach":
+        return ReachingAgent(learn_reach(reaches(demonstrations)), agent)
+    return agent
 
 
 class Server:
@@ -123,28 +115,25 @@ class Server:
         link.send()
         for line in lines:
             self._heard = began = self._clock()
-            self._say(link, began, *handle(session, line, began))
+            self._say(began, *handle(session, line, began))
             if session.closed:
                 break
         now = self._clock()
         if replies := session.tick(now):
-            self._say(link, now, None, replies)
-        waits = self._listener is not None and not session.greeted
-        if now - self._heard > SILENCE or (waits and now - self._came > GREETING):
+            self._say(now, None, replies)
+        mute = self._listener is not None and not session.greeted
+        if now - self._heard > SILENCE or (mute and now - self._came > GREETING):
             link.closed = True
         if session.closed or link.closed:
             return self._leave("bye" if session.closed else "the client has gone")
         return self._listener is None or self._accept(0.0)
 
     def _say(
-        self,
-        link: Link,
-        began: float,
-        received: bytes | str | None,
-        replies: list[Message],
+        self, began: float, received: bytes | str | None, replies: list[Message]
     ) -> None:
         """Send replies first, and then write the journal, which is slower."""
-        link.send(b"".join(map(encode, replies)))
+        if self._link is not None:
+            self._link.send(b"".join(map(encode, replies)))
         self._journal.write(began, received, replies, self._clock() - began)
 
     def _accept(self, timeout: float | None) -> bool:

@@ -135,10 +135,8 @@ class ServeSettings:
 
     def described(self) -> dict[str, Any]:
         """Return all settings as JSON-compatible values."""
-        return {
-            name: str(value) if isinstance(value, Path) else value
-            for name, value in dataclasses.asdict(self).items()
-        }
+        settings = dataclasses.asdict(self).items()
+        return {k: str(v) if isinstance(v, Path) else v for k, v in settings}
 
 
 LIMITS: Final = (
