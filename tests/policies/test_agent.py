@@ -8,11 +8,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
-from gplfd_policies.adaptation import ProcessAdaptation, SimilarityAdaptation
+from gplfd_policies.adaptation import ProcessAdaptation
 from gplfd_policies.adaptation.gridded import (
     LOOK_AHEAD,
     GriddedMovement,
-    GriddedMovements,
 )
 from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.arrays.rows import ALL_ROWS
@@ -124,19 +123,6 @@ def test_size_and_heading_narrow_to_the_truth(radius, skill):
     assert heading_std[-1] < np.radians(1.5)
 
 
-def test_set_point_settles_on_a_path_that_a_via_point_has_changed(skill):
-    """A via-point changes its velocity by less than a fifth of what a jump does."""
-    kinks = []
-    for seconds in (0.0, 0.1):
-        agent = agent_of(skill, SimilarityAdaptation, settling_time=seconds)
-        steps, _ = ideal_door(agent, 0.65, 600)
-        change = np.diff(stacked(steps, "desired"), n=2, axis=0)
-        at_via = stacked(steps, "via_point")[2:]
-        squares = change[at_via] ** 2
-        kinks.append(np.sqrt([squares[:, :3].mean(), squares[:, 3:].mean()]))
-    assert (kinks[1] < 0.2 * kinks[0]).all()
-
-
 def test_via_point_shifts_the_clock_by_no_more_than_the_path_it_looks_at(
     skill, monkeypatch
 ):
@@ -204,14 +190,6 @@ def test_a_hand_that_is_held_becomes_soft(skill):
     assert stacked(freed, "stability_margin")[:, 0].min() > 0.0
 
 
-def test_rotation_leads_by_less_than_the_pull(skill):
-    agent = agent_of(skill, None, max_turn_lead=0.05)
-    step = held_still(agent, 300)[-1]
-    ahead, _ = GriddedMovements(agent.movement).at(step.observed_phase + 0.05)
-    assert_allclose(step.desired[3:], ahead[3:])
-    assert step.phase > step.observed_phase + 0.2
-
-
 @pytest.mark.parametrize(
     ("config", "expected"),
     [
@@ -255,14 +233,3 @@ def test_unusable_observation_is_refused_and_changes_nothing(skill):
     step, expected = agent.act(observed(pose)), undisturbed.act(observed(pose))
     for name in STEP_SHAPES:
         assert_array_equal(getattr(step, name), getattr(expected, name))
-
-
-def test_policy_without_uncertainty_is_followed_stiffly(learned_agent):
-    steps, angles = ideal_door(learned_agent("dmp"), 0.5, 300)
-    assert angles[-1] > np.radians(20.0)
-    for name in STEP_SHAPES:
-        # Forces and modes were not demonstrated.
-        missing = name.startswith(("std", "predicted_std", "expected_force", "mode"))
-        values = stacked(steps, name)
-        assert np.isnan(values).all() if missing else np.isfinite(values).all(), name
-    assert_allclose(stacked(steps, "stiffness"), len(steps) * [DEFAULT_PROFILE.k_max])

@@ -147,15 +147,3 @@ def test_who_opens_begins_at_zero_where_the_hand_holds(reach):
     assert len(then.begun) == 1
     agent.reset({"ee_pose": START})
     assert agent._search.stage == "reach"
-
-
-def test_who_knows_the_handle_does_not_search(reach):
-    """The path of before, whatever it feels."""
-    agents = [ReachingAgent(reach, Watching(), *more) for more in ([], [(0.0, 0.0)])]
-    observation = {"ee_pose": START, "wrench": np.full(6, 50.0)}
-    for agent in agents:
-        agent.reset(observation)
-    for _ in range(round((reach.duration + CLOSING + 0.1) / CONTROL_PERIOD)):
-        one, other = (agent.act(observation).action for agent in agents)
-        assert np.array_equal(one, other)
-    assert agents[1]._then.begun[0] is START

@@ -52,10 +52,6 @@ def test_demonstrations_tell_where_a_lever_s_axis_is(hinge_side, seed):
     assert_allclose(handle.axis, np.multiply(side, EXACT.axis), atol=0.06)
 
 
-def test_a_bar_is_no_handle_that_turns():
-    assert shown(DoorConfig()) is None
-
-
 def test_the_axis_goes_along_the_door_s_circle_whatever_the_handle_does():
     angles = np.linspace(0.0, 1.2, 13)
     turns = 0.7 * np.sin(5.0 * angles) ** 2
@@ -235,13 +231,6 @@ def test_a_door_behind_a_handle_may_be_heavier_than_a_friction_grasp_holds(load)
     for hand, carried in ((bar, 25.0), (load, 45.0)):
         response = hand.update(contact(-45.0 * PULL))
         assert response.compensated_load == pytest.approx(carried)
-
-
-def test_a_hand_that_turns_the_handle_further_does_not_pull_harder(load):
-    light = load.update(contact(-9.0 * PULL))
-    assert light.pace > 0.9
-    stuck = replace(contact(-15.0 * PULL), pose=GEOMETRY.hand_poses(0.0, 0.8))
-    assert load.update(stuck).pace <= 0.0
 
 
 def test_turning_a_handle_teaches_nothing_of_the_door(load):

@@ -12,7 +12,6 @@ from gplfd_env.doors.config import DoorConfig
 from gplfd_experiments.data.teacher import ForceConfig, Teacher
 from gplfd_policies import POLICIES, AgentStep, batch_agents, make_agent
 from gplfd_policies.agents.agent import CompliantAgent
-from gplfd_policies.agents.model_based.oracle import OracleAgent
 from gplfd_policies.arrays.rows import ALL_ROWS, rows_of
 from gplfd_policies.control.compliance import ComplianceConfig
 
@@ -167,30 +166,6 @@ def test_rows_of_a_batch_are_the_steps_of_its_agents(name, agents_of):
             assert_array_equal(forecasts[row].std, expected.std)
 
 
-@pytest.mark.parametrize("name", ["gp-fixed", "oracle", "levers"])
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_agents_that_do_not_act_hold_still(name, agents_of):
-    """And nothing that was given or returned changes afterwards."""
-    batch, doors = batch_agents(agents_of(name)), Doors(BARS)
-    batch.reset(doors.observe())
-    observations = doors.observe()
-    kept_observations = {name: rows.copy() for name, rows in observations.items()}
-    before = batch.act(observations)
-    for name, rows in kept_observations.items():
-        assert_array_equal(observations[name], rows)
-    kept = {name: getattr(before, name).copy() for name in FIELDS}
-    for rows in observations.values():
-        rows[1] = np.nan  # not read
-    steps = batch.act(observations, np.array([True, False, True]))
-    assert_array_equal(steps.action[1], before.action[1])
-    assert not steps.via_point[1]
-    for name in set(FIELDS) - {"action", "via_point", "frame"}:
-        assert np.isnan(getattr(steps, name)[1]).all()
-    for name in FIELDS:
-        assert_array_equal(getattr(before, name), kept[name])
-        assert not getattr(before, name).flags.writeable
-
-
 @pytest.mark.parametrize(
     "other", ["gp-one-size", "gp-constant-500", "oracle", "levers"]
 )
@@ -206,14 +181,6 @@ def test_agents_of_any_configuration_act_together(other, agents_of):
         agent.reset(row_of(history[0][0], row))
         for observations, steps, _ in history:
             assert_same_row(steps, row, agent.act(row_of(observations, row)))
-
-
-def test_a_batch_needs_agents_that_differ():
-    with pytest.raises(ValueError, match="at least one"):
-        batch_agents([])
-    agent = OracleAgent()
-    with pytest.raises(ValueError, match="given twice"):
-        batch_agents([agent, agent])
 
 
 def test_a_mask_selects_rows():

@@ -207,8 +207,3 @@ def test_doors_of_many_kinds_are_opened_within_a_force(door, last, enough, force
     assert (q > enough * last).sum() > 50
     assert across.max() < force
     assert np.abs(along[-100:]).max() < 25.1
-
-
-def test_a_locked_door_is_tried_with_bounded_force():
-    locked = opened("mechanism-fit", lambda q: 1e-3 * sliding(q), 1e-3)
-    assert np.abs(locked[1:]).max() < 30.0

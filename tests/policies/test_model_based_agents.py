@@ -8,7 +8,6 @@ from gplfd_env import DoorGeometry
 from gplfd_env.doors.config import DoorConfig
 from gplfd_env.task.opening import DEMONSTRATED_ANGLE
 from gplfd_policies import make_agent
-from gplfd_policies.agents.model_based.following import turned_towards
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -63,23 +62,6 @@ def test_hinge_fit_nulls_a_lasting_radial_force():
     moved = acted(make_agent("hinge-fit", ()), 100, force=[0.0, 0.0, 2.0])[-1]
     # 2 N over 100 N s/m for a second, nearly.
     assert (moved.action - moved.desired)[2] == pytest.approx(0.02, rel=0.05)
-
-
-def test_compliant_pull_moves_where_its_force_leads():
-    step = acted(make_agent("compliant-pull", ()), 100, force=[-16.0, 0.0, 3.0])[-1]
-    assert abs(step.action[0]) < 1e-9 < 0.02 < step.action[2]
-
-
-@pytest.mark.parametrize(
-    ("direction", "expected"),
-    [
-        ([1.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
-        ([0.0, 0.0, -1.0], [0.0, np.pi / 2, 0.0]),
-        ([0.0, 1.0, 0.0], [0.0, 0.0, np.pi / 2]),
-    ],
-)
-def test_the_shortest_turn_from_the_pull(direction, expected):
-    assert_allclose(turned_towards(np.array(direction)), expected)
 
 
 LATCHED = DoorGeometry.of(DoorConfig(radius=0.6, handle="lever", latch="spring"))

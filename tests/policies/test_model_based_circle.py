@@ -48,15 +48,6 @@ def test_exact_circles_are_recovered(radius, heading, tilt, slope, length):
     assert error(fit_circle(way(true, length), CERTAIN), true) < 2e-3
 
 
-@given(RADII, HEADINGS, st.integers(0, 9))
-def test_noise_of_a_millimetre_is_averaged(radius, heading, seed):
-    true = door(radius, heading)
-    points = way(true, radius)
-    points += 1e-3 * np.random.default_rng(seed).normal(size=points.shape)
-    found = fit_circle(points).door()
-    assert_allclose(found.radius, radius, rtol=0.05)
-
-
 def test_short_arcs_are_not_pulled_inwards_by_noise():
     """As Kåsa's algebraic fit is, which takes noise for curvature."""
     true, flat = door(0.9), replace(UPRIGHT, radius=0.9, curvature_std=100.0)

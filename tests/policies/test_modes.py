@@ -6,11 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, AlignedDemonstrations, Demonstration, TrainingInput
-from gplfd_policies.agents.agent import CompliantAgent
 from gplfd_policies.agents.modes import ModeConfig, ModesAgent
 from gplfd_policies.demonstrations.alignment import align
 from gplfd_policies.demonstrations.modes import WITHIN, partition
@@ -70,18 +69,6 @@ def test_one_kind_is_one_mode_at_any_radius_and_length(demonstrations, share):
     assert partition(align([demonstrations[0], cut])) == ((0, 1),)
     assert partition(align(demonstrations)) == (tuple(range(6)),)
     assert partition(align([cut])) == ((0,),)
-
-
-def test_one_mode_is_learned_and_followed_as_without_modes(demonstrations):
-    method = POLICIES["gp"].method
-    training = TrainingInput(demonstrations=demonstrations)
-    (mode,) = method.learn_modes(training)
-    phases = np.linspace(0.0, 1.0, 20)
-    expected = method.learn(training).predict(phases)
-    predicted = mode.movement.predict(phases)
-    assert_array_equal(predicted.mean, expected.mean)
-    assert_array_equal(predicted.std, expected.std)
-    assert type(method(training)) is CompliantAgent
 
 
 @pytest.fixture(scope="module")

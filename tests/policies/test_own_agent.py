@@ -88,13 +88,6 @@ def test_what_is_no_command_is_reported_with_its_step(kind, answer, what):
     assert re.search(what, str(error.value))
 
 
-def test_unknown_control_is_reported_at_once():
-    candidate = Counting()
-    candidate.control = "force"  # type: ignore[attr-defined]
-    with pytest.raises(ValueError, match=r"Counting\.control is 'force'; .* 'pose'"):
-        as_agent(candidate)
-
-
 class Whole(Counting):
     """Has every method that an agent may have."""
 
@@ -127,16 +120,6 @@ def test_other_methods_are_called_where_they_exist():
     whole.forecasted = np.zeros((100, 6))
     with pytest.raises(ValueError, match=r"Whole\.forecast returned .*ndarray"):
         agent.forecast()
-
-
-def test_agents_of_ones_own_act_in_a_batch():
-    batch = batch_agents([Counting(), Counting()])
-    observations = {name: np.zeros((2, 6)) for name in OBSERVATION}
-    batch.reset(observations)
-    batch.act(observations, np.array([True, False]))
-    steps = batch.act(observations)
-    assert_array_equal(steps.action[:, 0], [2.0, 1.0])
-    assert batch.forecast(0) is None
 
 
 def test_a_batch_commands_one_thing():

@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 
 from gplfd_env.spatial.se3 import into_axes
 from gplfd_policies import make_agent
-from gplfd_policies.control.compliance import ComplianceConfig
 from gplfd_policies.control.phase_stiffness import PhaseStiffness
 
 LAW = np.repeat([250.0, 25.0], 3)
@@ -82,8 +81,3 @@ def test_learned_stiffness_is_that_of_the_commanded_phase(demonstrations, monkey
     steps = [agent.act(held) for _ in range(20)]
     assert asked == [step.phase for step in steps]
     assert steps[-1].phase > steps[-1].observed_phase + 0.01
-
-
-def test_learned_stiffness_needs_the_frame_of_the_path():
-    with pytest.raises(ValueError, match='choose stiffness_frame="path"'):
-        ComplianceConfig(stiffness_frame="axes", phase_stiffness=table(1.0))

@@ -5,7 +5,7 @@ import pytest
 
 from gplfd_env.conventions.constants import CONTROL_PERIOD
 from gplfd_experiments.data.teacher import ForceConfig, Teacher
-from gplfd_policies import AgentStep, Demonstration, as_agent
+from gplfd_policies import AgentStep, as_agent
 from gplfd_policies.agents.reaching import (
     CLOSING,
     ReachingAgent,
@@ -60,16 +60,6 @@ def test_parts_are_what_they_were_joined_from(forces):
         assert np.array_equal(part.wrenches, given.wrenches)
     if forces is not None:
         assert not whole.wrenches[whole.times < 0.0].any()
-
-
-@pytest.mark.parametrize(
-    "grasped", [[0, 0, 0, 0], [1, 1, 1, 1], [0, 0, 0, 1], [0, 1, 0, 1]]
-)
-def test_who_never_takes_hold_or_lets_go_teaches_no_reach(grasped):
-    poses = np.outer(np.arange(4.0), np.ones(6))
-    shown = Demonstration(times=np.arange(4.0), poses=poses)
-    with pytest.raises(ValueError, match="must begin without the handle, take hold"):
-        split_at_grasp(shown, np.array(grasped, bool))
 
 
 @pytest.mark.parametrize("away", [0.8 * ELSEWHERE, ELSEWHERE, 1.3 * ELSEWHERE])

@@ -111,12 +111,3 @@ def test_motions_of_any_task_are_learned(name):
     assert_allclose(mean[:, 2:], 0.0, atol=1e-3)
     with pytest.raises(ValueError, match=r"demonstration 0 .* closed handle"):
         make_agent(name, shown)
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [("gp-fixd", r"did you mean 'gp-fixed'.*gp-homoscedastic"), ("gp", "at least one")],
-)
-def test_an_unknown_policy_or_no_demonstration_is_an_error(name, message):
-    with pytest.raises(ValueError, match=message):
-        make_agent(name, ())

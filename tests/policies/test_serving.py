@@ -250,15 +250,6 @@ def test_a_flood_of_messages_puts_off_neither_holding_nor_softening(flood):
     assert commands[-1]["stiffness"] == [100.0] * 3 + [10.0] * 3
 
 
-def test_a_wrong_version_is_refused():
-    session = Session(as_agent(Puller()), SETTINGS, "here")
-    (early,) = session.receive({"type": "reset"}, 0.0)
-    assert early["code"] == "state"
-    (error,) = session.receive({"type": "hello", "protocol": 2}, 0.0)
-    assert (error["code"], session.closed) == ("version", True)
-    assert "protocol 1" in error["message"]
-
-
 FAULTS = {
     "measured force beyond its limit": {"force": 250.0},
     "hand outside the workspace": {"pose": [3.0, 0, 0, 0, 0, 0]},
@@ -321,12 +312,6 @@ def test_an_agent_that_fails_stops(act, reason):
     robot.say(robot.message("reset"))
     robot.agent.act = lambda _: [0, 0, 0.4, 0, 0, 0]
     assert robot.step()["pose"] == [0, 0, 0.02, 0, 0, 0], "at the greatest speed"
-
-
-def test_a_width_that_is_no_number_stops():
-    robot = Robot()
-    robot.session._agent.gripper_width = math.nan
-    assert robot.step()["state"] == "stopped"
 
 
 @pytest.mark.parametrize("begun", [False, True])
@@ -450,15 +435,6 @@ def test_a_client_that_is_killed_or_silent_for_long_makes_room(served):
             assert (server._link is None) == leaves
     events = [line.get("in") for line in read_journal(settings.journal)]
     assert "the client has gone; the session was active" in events
-
-
-def test_the_socket_of_a_running_server_is_left_and_that_of_a_dead_one_replaced(served):
-    settings = served[2]
-    with pytest.raises(ValueError, match="another server listens on"):
-        listening(settings)
-    dead = replace(settings, socket=settings.socket.with_name("dead"))
-    for _ in range(2):
-        listening(dead)[0].close()
 
 
 def test_a_server_that_ends_or_refuses_is_an_error_of_the_client(tmp_path):

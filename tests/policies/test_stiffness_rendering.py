@@ -44,13 +44,6 @@ def step(
     )
 
 
-@pytest.mark.parametrize("rendering", [VirtualRendering, ArmRendering])
-def test_without_load_at_rest_the_set_point_is_the_desired_pose(rendering):
-    action = step(rendering(DEFAULT_DYNAMICS, H))
-    assert_allclose(action, DESIRED, atol=1e-15)
-    assert action is not DESIRED
-
-
 def test_virtual_dynamics_displace_the_set_point_by_the_yielded_force_alone():
     renderer = VirtualRendering(DEFAULT_DYNAMICS, H)
     admittance = Admittance(DEFAULT_DYNAMICS)

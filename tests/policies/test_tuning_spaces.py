@@ -8,9 +8,8 @@ from gplfd_env.spatial.arc import handle_pose_on_arc
 from gplfd_policies import POLICIES, ViaPoint, align
 from gplfd_policies.adaptation import begin_adaptation
 from gplfd_policies.gp.noise import KerstingNoise
-from gplfd_policies.registry.built_in import TABLE_1
 from gplfd_policies.registry.method import profile_of_spread
-from gplfd_policies.registry.tuning_spaces import SPACES, tuned, tuned_settings
+from gplfd_policies.registry.tuning_spaces import SPACES, tuned
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unchecked_types")]
 
@@ -42,10 +41,6 @@ def test_published_settings_are_those_of_the_registered_method(
     assert_array_equal(ours.std, theirs.std)
 
 
-def test_every_method_of_the_comparison_has_a_space():
-    assert set(SPACES) == {*TABLE_1, "tp-gmm", "prodmp", "midigap"}
-
-
 @pytest.mark.parametrize("name", SPACES)
 def test_both_ends_of_every_setting_are_a_method(name):
     for end in ("low", "high"):
@@ -59,14 +54,6 @@ def test_a_tuned_policy_has_the_settings_and_says_them():
     assert policy.summary == "gmr, tuned: components 5, regularisation 0.001"
     config = policy.method.fit.keywords["config"]
     assert (config.components, config.regularisation) == (5, 1e-3)
-
-
-def test_tuned_policies_are_those_of_the_file():
-    rows = {name for name in POLICIES if name.endswith("-tuned")}
-    assert rows == {f"{name}-tuned" for name in tuned_settings()}
-    for name, values in tuned_settings().items():
-        expected = tuned(name, values, SPACES[name].resolution)
-        assert repr(POLICIES[f"{name}-tuned"]) == repr(expected)
 
 
 @pytest.mark.parametrize(
