@@ -37,11 +37,10 @@ def parsed(arguments: Sequence[str] | None = None) -> ServeSettings:
             if get_origin(field.type) is tuple:
                 options["nargs"] = len(kinds)
         parser.add_argument(f"--{field.name.replace('_', '-')}", **options)
-    values = vars(parser.parse_args(arguments)).items()
+    values: dict[str, Any] = vars(parser.parse_args(arguments))
+    boxes = {name: tuple(v) for name, v in values.items() if isinstance(v, list)}
     try:
-        return ServeSettings(
-            **{k: tuple(v) if isinstance(v, list) else v for k, v in values}
-        )
+        return ServeSettings(**values | boxes)
     except ValueError as error:
         parser.error(str(error))
 

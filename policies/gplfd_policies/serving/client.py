@@ -63,8 +63,8 @@ class RemoteAgent:
                 self._socket = _connected(address)
                 ends = (self._socket.fileno(),) * 2
             else:
-                pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-                self._process = subprocess.Popen(address, **pipes)
+                pipe = subprocess.PIPE
+                self._process = subprocess.Popen(address, stdin=pipe, stdout=pipe)
                 ends = self._process.stdout.fileno(), self._process.stdin.fileno()
         except OSError as error:
             raise ServerLostError(f"nobody serves on {address}: {error}") from error
